@@ -1,0 +1,1 @@
+"""Drivers for load frames, stages and triggers."""

@@ -1,0 +1,1 @@
+"""Live drift- and distortion-corrected strain measurement inside a scanning electron microscope."""

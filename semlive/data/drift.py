@@ -1,0 +1,121 @@
+"""What the estimator says: drift in time, distortion in space, motion of the specimen per pair."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.grid import Grid
+from semlive.data.scan import ScanTiming
+
+
+@dataclass(frozen=True, slots=True)
+class FrameTime:
+    """When a frame was scanned, on the estimator's time axis.
+
+    Attributes:
+        frame: number of the frame (2 * pair + 0 or 1).
+        start_s: start of the scan, seconds after the start of frame 0.
+        timing: scan timing.
+    """
+
+    frame: int
+    start_s: float
+    timing: ScanTiming
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriftEstimate:
+    """Drift as a function of scan time, relative to the start of frame 0 (gauge F3: d = 0 there).
+
+    Attributes:
+        time_s: (n,) seconds after the start of frame 0, ascending: `rows` samples in every accepted frame.
+        frame: (n,) number of the frame that each sample lies in.
+        drift_px: (n, 2) drift along x and y.
+        sigma_px: (n, 2) standard uncertainty of the drift's change since the middle of its own frame.
+        rate_px_s: (n, 2) drift rate.
+        revision: counts estimates; past drift that is re-estimated is a new value with a higher revision.
+    """
+
+    time_s: NDArray[np.float64]
+    frame: NDArray[np.int64]
+    drift_px: NDArray[np.float64]
+    sigma_px: NDArray[np.float64]
+    rate_px_s: NDArray[np.float64]
+    revision: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DistortionField:
+    """Spatial distortion E at the scan address: an ideal raster would have written pixel R at R - E(R).
+
+    The best affine map over the grid is removed: calibration by unknown translations cannot know it (gauges F1, F2).
+
+    Attributes:
+        grid: where it is sampled (scan addresses).
+        ex_px: (ny, nx) along x.
+        ey_px: (ny, nx) along y.
+        sigma_px: (ny, nx) standard uncertainty, per component.
+        valid: (ny, nx) True where the calibration's translations covered the address.
+    """
+
+    grid: Grid
+    ex_px: NDArray[np.float64]
+    ey_px: NDArray[np.float64]
+    sigma_px: NDArray[np.float64]
+    valid: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """How the specimen lay in one pair, relative to pair 0: ``p = p0 + shift + gradient (p0 - centre)``.
+
+    Attributes:
+        pair: number of the pair.
+        shift_px: (2,) translation.
+        shift_sigma_px: (2,) standard uncertainty (drift across the motion included).
+        gradient: (2, 2) [[du/dx, du/dy], [dv/dx, dv/dy]]; antisymmetric (or zero) in calibration.
+        gradient_sigma: (2, 2) standard uncertainty.
+    """
+
+    pair: int
+    shift_px: NDArray[np.float64]
+    shift_sigma_px: NDArray[np.float64]
+    gradient: NDArray[np.float64]
+    gradient_sigma: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Correction:
+    """What must be subtracted from one disparity map to get displacement.
+
+    Attributes:
+        frame: number of the current frame; the reference is frame 0.
+        u_px: (ny, nx) ``[E(R_n) + d(t_n)] - [E(R_0) + d(t_0)]``, x component.
+        v_px: (ny, nx) likewise, y.
+    """
+
+    frame: int
+    u_px: NDArray[np.float64]
+    v_px: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """One revision of everything the estimator knows.
+
+    Attributes:
+        drift: drift in time.
+        distortion: distortion in space.
+        motions: one for each pair.
+        noise_floor_px: robust standard deviation of what the model leaves unexplained, per component.
+        notes: sentences for the operator (what is not determined, and why).
+    """
+
+    drift: DriftEstimate
+    distortion: DistortionField
+    motions: tuple[Motion, ...]
+    noise_floor_px: float
+    notes: tuple[str, ...]

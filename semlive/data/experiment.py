@@ -1,0 +1,106 @@
+"""The experiment as data: phases, steps, holds, limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Phase(StrEnum):
+    """What a pair is for."""
+
+    CALIBRATION = "calibration"
+    TRANSLATION = "translation"
+    TENSION = "tension"
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One stop of the experiment: get there, hold, take a pair.
+
+    Attributes:
+        step: running number from 0; the step's pair has the same number.
+        phase: what the pair is for.
+        shift_um: commanded stage position (x, y) relative to where the run began.
+        shift_px: the same in pixels (what the plan asked for).
+        load_n: commanded load, or None to leave the load frame alone.
+    """
+
+    step: int
+    phase: Phase
+    shift_um: tuple[float, float]
+    shift_px: tuple[float, float]
+    load_n: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class HoldRule:
+    """When a step may be imaged.
+
+    Attributes:
+        hold_s: rest between "settled" and the first frame of the pair (the paper: 30 s).
+        settle_s: how long load and stage must stay within tolerance to be called settled.
+        load_tolerance_n: allowed distance of the load from its target.
+        load_tolerance_fraction: the same as a fraction of the target; the larger of both holds.
+        stage_tolerance_um: allowed distance of the stage's own reading from its target.
+        motion_timeout_s: a motion not settled after this is a fault.
+        frame_timeout_s: no acceptable frame for this long while imaging is a fault.
+    """
+
+    hold_s: float = 30.0
+    settle_s: float = 5.0
+    load_tolerance_n: float = 10.0
+    load_tolerance_fraction: float = 0.01
+    stage_tolerance_um: float = 5.0
+    motion_timeout_s: float = 900.0
+    frame_timeout_s: float = 900.0
+
+    def load_tolerance(self, target_n: float) -> float:
+        """Allowed distance of the load from `target_n`, in N."""
+        return max(self.load_tolerance_n, self.load_tolerance_fraction * abs(target_n))
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Soft limits, checked on every command and on every sample.
+
+    Attributes:
+        force_min_n: lowest allowed force.
+        force_max_n: highest allowed force.
+        extension_min_mm: lowest allowed crosshead extension.
+        extension_max_mm: highest allowed crosshead extension.
+        force_rate_max_n_s: fastest commanded ramp.
+        force_step_max_n: largest commanded change of load in one step.
+        stage_travel_um: largest allowed distance of the stage from where the run began, per axis.
+        stale_after_s: wall seconds after which the last sample is stale (no decisions on it).
+        lost_after_s: wall seconds after which the link is lost (stop).
+    """
+
+    force_min_n: float
+    force_max_n: float
+    extension_min_mm: float
+    extension_max_mm: float
+    force_rate_max_n_s: float
+    force_step_max_n: float
+    stage_travel_um: float
+    stale_after_s: float = 0.5
+    lost_after_s: float = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A whole experiment.
+
+    Attributes:
+        steps: in order.
+        hold: when a step may be imaged.
+        limits: soft limits.
+        ramp_rate_n_s: rate of load changes.
+        triggered: ask the SEM for each frame; otherwise it scans continuously and exports every frame.
+    """
+
+    steps: tuple[Step, ...]
+    hold: HoldRule
+    limits: Limits
+    ramp_rate_n_s: float
+    triggered: bool = False

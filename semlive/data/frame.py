@@ -1,0 +1,83 @@
+"""Frames: images as the SEM exported them, and what is known of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.scan import ScanTiming, Sourced
+
+
+@dataclass(frozen=True, slots=True)
+class ExportedFile:
+    """One file that the SEM finished writing, as bytes.
+
+    Attributes:
+        export: running number of the exported file in this run, from 0, in order of arrival.
+        name: file name without folder.
+        data: the file's bytes.
+        sha256: their SHA-256, hexadecimal.
+        mtime_ns: the file's modification time, UTC ns.
+        arrival_time_ns: experiment time when the watcher believed it complete, UTC ns.
+    """
+
+    export: int
+    name: str
+    data: bytes
+    sha256: str
+    mtime_ns: int
+    arrival_time_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class FrameInfo:
+    """Everything known of a frame but its pixels.
+
+    Attributes:
+        export: number of the exported file it came from.
+        name: file name.
+        vendor: ``fei``, ``plain``, ...
+        width_px: image width without databar.
+        height_px: image height without databar.
+        databar_rows: rows cropped from below the image.
+        timing: scan timing.
+        start_time_ns: instant of pixel (0, 0), UTC ns.
+        start_sigma_s: standard uncertainty of that instant.
+        pixel_size_m: edge of a pixel on the specimen.
+    """
+
+    export: int
+    name: str
+    vendor: str
+    width_px: int
+    height_px: int
+    databar_rows: int
+    timing: ScanTiming
+    start_time_ns: Sourced[int]
+    start_sigma_s: float
+    pixel_size_m: Sourced[float]
+
+    @property
+    def end_time_ns(self) -> int:
+        """Instant when the scan ended, UTC ns."""
+        return self.start_time_ns.value + round(self.timing.duration_s * 1e9)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """A frame with its pixels.
+
+    Attributes:
+        info: what is known of it.
+        image: (height, width), uint8 or uint16, read-only, databar cropped.
+    """
+
+    info: FrameInfo
+    image: NDArray[np.uint8] | NDArray[np.uint16]
+
+    def __post_init__(self) -> None:
+        if self.image.shape != (self.info.height_px, self.info.width_px):
+            raise ValueError(f"image is {self.image.shape}, info says {(self.info.height_px, self.info.width_px)}")
+        self.image.setflags(write=False)

@@ -1,0 +1,113 @@
+"""What the devices say: samples of load frame and stage, and the load during a frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class MotionState(StrEnum):
+    """Whether a device is moving, by its own word."""
+
+    STOPPED = "stopped"
+    MOVING = "moving"
+    FAULT = "fault"
+
+
+class StopOnLinkLoss(StrEnum):
+    """What is known of a device's own reaction to a lost link."""
+
+    VERIFIED = "verified"
+    ASSUMED = "assumed"
+    ABSENT = "absent"
+
+
+class StageKind(StrEnum):
+    """What a translation moves: the specimen, or the beam."""
+
+    SPECIMEN = "specimen"
+    BEAM = "beam"
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceIdentity:
+    """Who answers at the other end.
+
+    Attributes:
+        name: the device's name, version included if it tells.
+        simulated: the device says it is a simulator.
+        stop_on_link_loss: what is known of the device's own watchdog.
+        force_max_n: the device's own force limit, if it has one.
+    """
+
+    name: str
+    simulated: bool
+    stop_on_link_loss: StopOnLinkLoss
+    force_max_n: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LoadSample:
+    """One reading of the load frame.
+
+    Attributes:
+        sequence: counts readings of this link, from 0.
+        time_ns: experiment time when the answer was received, UTC ns.
+        mono_ns: monotonic clock at the same instant (wall ns).
+        force_n: tension positive.
+        extension_mm: crosshead extension.
+        motion: by the device's own word.
+        target_n: the load that the device is going to or holding.
+        simulator_lag_s: how far a simulator is behind its own clock; None for real devices.
+        raw: the registers as read.
+    """
+
+    sequence: int
+    time_ns: int
+    mono_ns: int
+    force_n: float
+    extension_mm: float
+    motion: MotionState
+    target_n: float
+    simulator_lag_s: float | None = None
+    raw: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class StageSample:
+    """One reading of the specimen stage.
+
+    Attributes:
+        sequence: counts readings of this link, from 0.
+        time_ns: experiment time when the answer was received, UTC ns.
+        mono_ns: monotonic clock at the same instant (wall ns).
+        x_um: the stage's own reading, relative to its zero.
+        y_um: likewise.
+        motion: by the device's own word.
+        raw: the registers as read.
+    """
+
+    sequence: int
+    time_ns: int
+    mono_ns: int
+    x_um: float
+    y_um: float
+    motion: MotionState
+    raw: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class FrameLoad:
+    """The load while one frame was scanned, in N.
+
+    Attributes:
+        before_n: at the start of the scan.
+        after_n: at the end of the scan.
+        mean_n: mean over the scan.
+        sd_n: standard deviation over the scan.
+    """
+
+    before_n: float
+    after_n: float
+    mean_n: float
+    sd_n: float

@@ -1,0 +1,101 @@
+"""Settings of the numerics, as plain values (the configuration file is checked elsewhere and turned into these)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class DicSettings:
+    """How pairs are correlated.
+
+    Attributes:
+        subset_px: edge of the square subset, odd.
+        step_px: distance of neighbouring POI.
+        roi_px: first and last possible subset centres (x0, y0, x1, y1), inclusive; None covers the frame.
+        max_iterations: IC-GN iterations before a POI is given up.
+        tolerance_px: IC-GN stops when the update moves no subset corner by more than this.
+        min_zncc: a POI below this is not believed.
+    """
+
+    subset_px: int = 43
+    step_px: int = 5
+    roi_px: tuple[int, int, int, int] | None = (101, 101, 846, 696)
+    max_iterations: int = 30
+    tolerance_px: float = 1e-3
+    min_zncc: float = 0.7
+
+    def __post_init__(self) -> None:
+        if self.subset_px < 5 or self.subset_px % 2 == 0:
+            raise ValueError(f"subset_px must be odd and at least 5, not {self.subset_px}")
+        if self.step_px < 1:
+            raise ValueError(f"step_px must be at least 1, not {self.step_px}")
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateSettings:
+    """How drift and distortion are estimated.
+
+    Attributes:
+        drift_knots_per_frame: knots of the drift spline in each frame time.
+        distortion_knot_px: knot distance of the distortion spline.
+        window_points: edge of the virtual strain gauge in POI.
+    """
+
+    drift_knots_per_frame: float = 1.0
+    distortion_knot_px: float = 100.0
+    window_points: int = 9
+
+
+@dataclass(frozen=True, slots=True)
+class SpecimenSettings:
+    """What is known of the specimen.
+
+    Attributes:
+        name: free text.
+        area_mm2: cross-section, or None if unknown (no elastic constants then).
+        loading_axis: ``x`` or ``y``, the image axis that is pulled.
+    """
+
+    name: str = ""
+    area_mm2: float | None = None
+    loading_axis: str = "y"
+
+    def __post_init__(self) -> None:
+        if self.loading_axis not in ("x", "y"):
+            raise ValueError(f"loading_axis must be x or y, not {self.loading_axis}")
+        if self.area_mm2 is not None and not self.area_mm2 > 0:
+            raise ValueError(f"area_mm2 must be > 0, not {self.area_mm2}")
+
+
+@dataclass(frozen=True, slots=True)
+class ScanProfile:
+    """What the user says of files whose vendor does not.
+
+    Attributes:
+        start_anchor: what a file's embedded time marks: ``start``, ``end`` or ``save``.
+        start_sigma_s: standard uncertainty of the start time derived from it.
+        dwell_time_s: used when the file has none.
+        row_time_s: used when the file has none.
+        frame_time_s: used when the file has none.
+        pixel_size_m: used when the file has none.
+        databar_rows: used when the file does not tell; None means no databar.
+    """
+
+    start_anchor: str = "end"
+    start_sigma_s: float = 0.3
+    dwell_time_s: float | None = None
+    row_time_s: float | None = None
+    frame_time_s: float | None = None
+    pixel_size_m: float | None = None
+    databar_rows: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AnalysisSettings:
+    """All that the pipeline needs to know."""
+
+    dic: DicSettings = DicSettings()
+    estimate: EstimateSettings = EstimateSettings()
+    specimen: SpecimenSettings = SpecimenSettings()
+    scan: ScanProfile = ScanProfile()

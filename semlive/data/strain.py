@@ -1,0 +1,84 @@
+"""Strain fields, their summary, and the elastic constants."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.grid import Grid
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StrainField:
+    """Engineering small strain of a frame relative to frame 0, positive in tension.
+
+    ``exx = du/dx, eyy = dv/dy, exy = (du/dy + dv/dx) / 2`` (tensor shear).
+
+    Attributes:
+        frame: number of the frame.
+        grid: the POI, in frame 0.
+        window_points: edge of the virtual strain gauge in POI.
+        exx: (ny, nx), zero where not valid.
+        eyy: (ny, nx), zero where not valid.
+        exy: (ny, nx), zero where not valid.
+        valid: (ny, nx) True where the gauge was full enough to fit.
+    """
+
+    frame: int
+    grid: Grid
+    window_points: int
+    exx: NDArray[np.float64]
+    eyy: NDArray[np.float64]
+    exy: NDArray[np.float64]
+    valid: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Tensor2:
+    """Three in-plane components of anything that strain has: mean, sigma, sd."""
+
+    exx: float
+    eyy: float
+    exy: float
+
+
+@dataclass(frozen=True, slots=True)
+class StrainSummary:
+    """Strain of one frame over the valid grid.
+
+    Attributes:
+        frame: number of the frame.
+        mean: mean over the valid grid.
+        mean_sigma: standard uncertainty of the mean.
+        sd: standard deviation over the valid grid, for the gauge in `vsg_px`.
+        vsg_px: edge of the virtual strain gauge.
+    """
+
+    frame: int
+    mean: Tensor2
+    mean_sigma: Tensor2
+    sd: Tensor2
+    vsg_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A number with its standard uncertainty."""
+
+    value: float
+    sigma: float
+
+
+@dataclass(frozen=True, slots=True)
+class ElasticConstants:
+    """Young's modulus and Poisson's ratio from the load steps.
+
+    Attributes:
+        youngs_modulus_gpa: slope of stress over axial strain.
+        poissons_ratio: minus the slope of transverse over axial strain.
+    """
+
+    youngs_modulus_gpa: Measured
+    poissons_ratio: Measured

@@ -1,0 +1,1 @@
+"""Digital image correlation: from two frames to a disparity map."""

@@ -1,0 +1,1 @@
+"""From disparity maps to drift, distortion and motion, with uncertainty."""

@@ -1,0 +1,1 @@
+"""Compiled loops over arrays and scalars; one door, `cast`, checks what comes in."""

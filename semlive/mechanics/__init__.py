@@ -1,0 +1,1 @@
+"""From disparity to displacement, strain and elastic constants."""

@@ -1,0 +1,1 @@
+"""The forward model: named effects that predict where a material point is written."""

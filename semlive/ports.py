@@ -1,0 +1,102 @@
+"""What semlive asks of the world outside: protocols that drivers and the shell fulfil.
+
+Device calls block and are made from one thread only, the link thread that owns the device. A driver is a callable
+``factory(settings, clock) -> LoadFrame | Stage | Trigger``, found by the entry point groups ``semlive.load_frames``,
+``semlive.stages`` and ``semlive.triggers``; `settings` is the driver's part of the configuration, `clock` gives
+experiment time. A factory raises BadConfig for settings it does not understand and LinkRefused if nobody answers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Protocol, runtime_checkable
+
+from semlive.data.loading import DeviceIdentity, LoadSample, StageKind, StageSample
+
+
+@runtime_checkable
+class ClockSource(Protocol):
+    """Experiment time now."""
+
+    def now_ns(self) -> int:
+        """Experiment time, UTC ns; never goes back."""
+        ...
+
+    def mono_ns(self) -> int:
+        """Monotonic wall clock, ns."""
+        ...
+
+
+@runtime_checkable
+class LoadFrame(Protocol):
+    """A machine that pulls the specimen. Every method may raise LinkError."""
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        """Who answers, as read when the link was opened."""
+        ...
+
+    def read(self) -> LoadSample:
+        """One fresh reading."""
+        ...
+
+    def ramp_to(self, force_n: float, rate_n_s: float) -> None:
+        """Start going to a load at a rate; returns when the device has taken the command (read back)."""
+        ...
+
+    def stop(self) -> None:
+        """Stop motion and hold position; safe at any time, any number of times."""
+        ...
+
+    def close(self) -> None:
+        """Close the link; never raises."""
+        ...
+
+
+@runtime_checkable
+class Stage(Protocol):
+    """Something that translates the specimen (or the beam). Every method may raise LinkError."""
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        """Who answers, as read when the link was opened."""
+        ...
+
+    @property
+    def kind(self) -> StageKind:
+        """What it moves."""
+        ...
+
+    def read(self) -> StageSample:
+        """One fresh reading."""
+        ...
+
+    def move_to(self, x_um: float, y_um: float) -> None:
+        """Start going to a position; returns when the device has taken the command (read back)."""
+        ...
+
+    def stop(self) -> None:
+        """Stop motion; safe at any time, any number of times."""
+        ...
+
+    def close(self) -> None:
+        """Close the link; never raises."""
+        ...
+
+
+@runtime_checkable
+class Trigger(Protocol):
+    """Something that makes the SEM scan one frame."""
+
+    def scan_once(self) -> None:
+        """Ask for one frame; returns when the request was taken."""
+        ...
+
+    def close(self) -> None:
+        """Close the link; never raises."""
+        ...
+
+
+LoadFrameFactory = Callable[[Mapping[str, object], ClockSource], LoadFrame]
+StageFactory = Callable[[Mapping[str, object], ClockSource], Stage]
+TriggerFactory = Callable[[Mapping[str, object], ClockSource], Trigger]

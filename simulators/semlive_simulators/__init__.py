@@ -1,0 +1,1 @@
+"""A virtual SEM, load frame and stage."""

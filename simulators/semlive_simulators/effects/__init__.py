@@ -1,0 +1,1 @@
+"""Effects that can be switched on, one file each."""

@@ -1,0 +1,1 @@
+"""The load frame and the stage: dynamics and Modbus server."""
