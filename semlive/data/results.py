@@ -1,0 +1,64 @@
+"""What the pipeline gives back for one pair, and for a whole run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from semlive.data.disparity import DisparityMap
+from semlive.data.displacement import Displacement
+from semlive.data.drift import Estimate
+from semlive.data.pair import PairDecision
+from semlive.data.strain import ElasticConstants, StrainField, StrainSummary
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameResult:
+    """One corrected frame, relative to frame 0.
+
+    Attributes:
+        displacement: corrected for drift and distortion.
+        strain: strain field of the configured virtual strain gauge.
+        summary: mean, its uncertainty and standard deviation over the field.
+    """
+
+    displacement: Displacement
+    strain: StrainField
+    summary: StrainSummary
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairResult:
+    """What one pair changed.
+
+    Attributes:
+        decision: the pair.
+        maps: what DIC measured: within the pair, and from frame 0 to each of its frames.
+        estimate: everything the estimator knows after this pair.
+        frames: the pair's two frames, corrected.
+        elastic: elastic constants so far, or None.
+    """
+
+    decision: PairDecision
+    maps: tuple[DisparityMap, ...]
+    estimate: Estimate
+    frames: tuple[FrameResult, FrameResult]
+    elastic: ElasticConstants | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunResult:
+    """A whole run, every frame corrected with the newest estimate.
+
+    Attributes:
+        decisions: the pairs.
+        estimate: the newest estimate.
+        frames: every accepted frame, frame 0 first.
+        elastic: elastic constants, or None without loads or area.
+        notes: sentences for the operator.
+    """
+
+    decisions: tuple[PairDecision, ...]
+    estimate: Estimate
+    frames: tuple[FrameResult, ...]
+    elastic: ElasticConstants | None
+    notes: tuple[str, ...]

@@ -1,0 +1,144 @@
+"""The spine: what happens to a pair, from exported bytes to strain.
+
+    ExportedFile --read_frame--> Frame \
+    ExportedFile --read_frame--> Frame --Pair--> DisparityMap --> Estimate --> Displacement --> StrainField --> ElasticConstants
+
+The daemon feeds it from the export folder, replay from a log, tests from the simulator. State goes in, state comes out;
+what is already said is never edited: a later pair gives a later revision.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from semlive import dic, estimate, mechanics
+from semlive.data.disparity import DisparityMap
+from semlive.data.drift import FrameTime
+from semlive.data.experiment import Phase
+from semlive.data.frame import Frame, FrameInfo
+from semlive.data.grid import Grid
+from semlive.data.pair import Pair, PairDecision
+from semlive.data.results import FrameResult, PairResult, RunResult
+from semlive.data.settings import AnalysisSettings
+from semlive.data.strain import ElasticConstants
+from semlive.errors import IllPosed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Begun:
+    """A run that has its reference frame, and what its pairs gave so far.
+
+    Attributes:
+        settings: how.
+        grid: the POI, in frame 0.
+        reference: frame 0 made ready for correlation; None where disparity maps come from elsewhere.
+        estimator: what drift, distortion and motion are known from.
+        pairs: the pairs so far.
+        from_frame_0: disparity from frame 0 to every later frame.
+    """
+
+    settings: AnalysisSettings
+    grid: Grid
+    reference: dic.Reference | None
+    estimator: estimate.EstimatorState
+    pairs: tuple[PairDecision, ...]
+    from_frame_0: tuple[DisparityMap, ...]
+
+
+def analyse(settings: AnalysisSettings, begun: Begun | None, pair: Pair) -> tuple[Begun, PairResult]:
+    """Correlate one pair, update the estimate, correct the pair's frames.
+
+    Args:
+        settings: how.
+        begun: what the pairs before gave, None before the first.
+        pair: the next pair; the first pair's first frame is frame 0, the reference of the run.
+
+    Raises:
+        BadInput: the pair does not fit the ones before it, or no point of interest fits the frame.
+    """
+    begun = begun or begin(settings, pair.first)
+    maps = correlate(begun, pair)
+    return update(begun, pair.decision, maps)
+
+
+def begin(settings: AnalysisSettings, first: Frame) -> Begun:
+    """A run that has its reference frame and nothing else."""
+    grid = dic.grid_for(settings.dic, first.info.width_px, first.info.height_px)
+    return replace(begin_from_maps(settings, first.info, grid), reference=dic.prepare(first.image, grid, settings.dic))
+
+
+def begin_from_maps(settings: AnalysisSettings, first: FrameInfo, grid: Grid) -> Begun:
+    """A run whose disparity maps come from a log or from another DIC engine."""
+    return Begun(settings, grid, None, estimate.init(settings.estimate, grid, first.width_px, first.height_px), (), ())
+
+
+def correlate(begun: Begun, pair: Pair) -> tuple[DisparityMap, ...]:
+    """Disparity within the pair, and from frame 0 to each of its frames (frame 0 itself left out)."""
+    settings, reference, k = begun.settings.dic, begun.reference, pair.decision.pair
+    if reference is None:
+        raise IllPosed("this run was begun from disparity maps, without the pixels of frame 0; correlate with the images' own log")
+    if not begun.pairs:
+        return (dic.correlate(reference, pair.second.image, settings, reference_frame=0, current_frame=1),)
+    own = dic.prepare(pair.first.image, begun.grid, settings)
+    return (
+        dic.correlate(own, pair.second.image, settings, reference_frame=2 * k, current_frame=2 * k + 1),
+        dic.correlate(reference, pair.first.image, settings, reference_frame=0, current_frame=2 * k),
+        dic.correlate(reference, pair.second.image, settings, reference_frame=0, current_frame=2 * k + 1),
+    )
+
+
+def update(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> tuple[Begun, PairResult]:
+    """Everything after correlation, so that a log's disparity maps serve as well as its images."""
+    pairs = (*begun.pairs, decision)
+    estimator = estimate.update(begun.estimator, decision.pair, decision.step.phase, frame_times(pairs[0], decision), maps)
+    from_frame_0 = (*begun.from_frame_0, *(one for one in maps if one.reference == 0))
+    begun = replace(begun, estimator=estimator, pairs=pairs, from_frame_0=from_frame_0)
+    solution = estimate.solve(estimator)
+    frames = tuple(_corrected(begun, solution, frame) for frame in (2 * decision.pair, 2 * decision.pair + 1))
+    elastic = _elastic(begun, _tension_frames(begun, solution))
+    return begun, PairResult(decision, maps, estimate.estimate(solution, revision=len(pairs)), (frames[0], frames[1]), elastic)
+
+
+def conclude(begun: Begun) -> RunResult:
+    """The whole run, every frame corrected with the newest estimate."""
+    solution = estimate.solve(begun.estimator)
+    frames = tuple(_corrected(begun, solution, 2 * decision.pair + member) for decision in begun.pairs for member in (0, 1))
+    newest = estimate.estimate(solution, revision=len(begun.pairs))
+    return RunResult(begun.pairs, newest, frames, _elastic(begun, frames), newest.notes)
+
+
+def frame_times(reference: PairDecision, decision: PairDecision) -> tuple[FrameTime, FrameTime]:
+    """When a pair's frames were scanned, seconds after the start of frame 0."""
+    zero_ns = reference.first.start_time_ns.value
+    infos = (decision.first, decision.second)
+    first, second = (
+        FrameTime(2 * decision.pair + member, (info.start_time_ns.value - zero_ns) / 1e9, info.timing) for member, info in enumerate(infos)
+    )
+    return first, second
+
+
+def _corrected(begun: Begun, solution: estimate.Solution, frame: int) -> FrameResult:
+    if frame == 0:
+        displacement = mechanics.no_displacement(begun.grid)
+    else:
+        disparity = next(one for one in begun.from_frame_0 if one.current == frame)
+        displacement = mechanics.displacement(disparity, estimate.correction(solution, disparity))
+    field = mechanics.strain(displacement, begun.settings.estimate.window_points)
+    return FrameResult(displacement, field, mechanics.summary(displacement, field, estimate.gradient_sigma(solution, frame)))
+
+
+def _tension_frames(begun: Begun, solution: estimate.Solution) -> tuple[FrameResult, ...]:
+    tension = [decision.pair for decision in begun.pairs if decision.step.phase is Phase.TENSION]
+    return tuple(_corrected(begun, solution, 2 * pair + member) for pair in tension for member in (0, 1))
+
+
+def _elastic(begun: Begun, frames: tuple[FrameResult, ...]) -> ElasticConstants | None:
+    specimen = begun.settings.specimen
+    loads = {2 * one.pair + m: one.loads[m].mean_n for one in begun.pairs if one.step.phase is Phase.TENSION and one.loads for m in (0, 1)}
+    used = [one.summary for one in frames if one.summary.frame in loads]
+    if specimen.area_mm2 is None or not used:
+        return None
+    try:
+        return mechanics.elastic_constants([loads[one.frame] for one in used], used, specimen.area_mm2, specimen.loading_axis)
+    except IllPosed:
+        return None

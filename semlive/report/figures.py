@@ -1,0 +1,142 @@
+"""Figures of a run, as PNG for the page."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from semlive.data.experiment import Phase
+from semlive.data.pair import PairDecision
+from semlive.data.results import FrameResult, RunResult
+from semlive.data.series import LoadSeries
+
+_X_COLOUR, _Y_COLOUR = "#2563eb", "#d97706"
+_GRID = {"color": "#94a3b8", "alpha": 0.25, "linewidth": 0.6}
+
+
+def png(figure: Figure) -> bytes:
+    """The figure as PNG bytes."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=130, facecolor="white")
+    return stream.getvalue()
+
+
+def load_over_time(series: LoadSeries, result: RunResult) -> Figure:
+    """Load against time, the scans of accepted frames marked."""
+    figure, axes = _axes(9.0, 3.0)
+    zero_ns = _zero_ns(result)
+    axes.plot((series.time_ns - zero_ns) / 60e9, series.force_n, color="#0f172a", linewidth=1.0)
+    for decision in result.decisions:
+        for info in (decision.first, decision.second):
+            start, end = ((t - zero_ns) / 60e9 for t in (info.start_time_ns.value, info.end_time_ns))
+            axes.axvspan(start, end, color=_X_COLOUR, alpha=0.14, linewidth=0)
+    axes.set(xlabel="time since frame 0 (min); shaded: accepted frames", ylabel="load (N)")
+    return figure
+
+
+def drift_over_time(result: RunResult) -> Figure:
+    """Drift against scan time with its band of two standard uncertainties."""
+    figure, axes = _axes(9.0, 3.4)
+    drift = result.estimate.drift
+    minutes = drift.time_s / 60
+    for axis, (name, colour) in enumerate((("x", _X_COLOUR), ("y", _Y_COLOUR))):
+        value, sigma = drift.drift_px[:, axis], drift.sigma_px[:, axis]
+        axes.plot(minutes, value, ".-", color=colour, linewidth=0.9, markersize=2.5, label=f"drift {name}")
+        axes.fill_between(minutes, value - 2 * sigma, value + 2 * sigma, color=colour, alpha=0.25, linewidth=0)
+    axes.set(xlabel="scan time since frame 0 (min)", ylabel="drift (px)")
+    axes.legend(frameon=False)
+    return figure
+
+
+def distortion_fields(result: RunResult) -> Figure:
+    """Both components of the distortion at the scan address."""
+    field = result.estimate.distortion
+    grid = field.grid
+    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    for axes, values, name in zip(figure.subplots(1, 2), (field.ex_px, field.ey_px), ("x", "y"), strict=True):
+        _map(figure, axes, grid.x_px, grid.y_px, values, field.valid, f"distortion {name} (px)", robust=False)
+    return figure
+
+
+def strain_maps(frame: FrameResult, title: str) -> Figure:
+    """The three components of one frame's strain."""
+    figure = Figure(figsize=(11.0, 3.2), layout="constrained")
+    field = frame.strain
+    components = ((field.exx, "exx"), (field.eyy, "eyy"), (field.exy, "exy"))
+    for axes, (values, name) in zip(figure.subplots(1, 3), components, strict=True):
+        _map(figure, axes, field.grid.x_px, field.grid.y_px, values, field.valid, name, robust=True)
+    figure.suptitle(title, fontsize=10)
+    return figure
+
+
+def stress_strain(result: RunResult, area_mm2: float, loading_axis: str) -> Figure | None:
+    """Stress against axial and transverse mean strain, with the fitted lines; None without loads."""
+    points = _stress_points(result, area_mm2, loading_axis)
+    if points.size == 0 or result.elastic is None:
+        return None
+    figure, axes = _axes(7.0, 4.2)
+    stress, axial, transverse = points.T
+    modulus, ratio = result.elastic.youngs_modulus_gpa, result.elastic.poissons_ratio
+    axes.plot(axial * 1e3, stress, "o", color=_Y_COLOUR, label="axial")
+    axes.plot(transverse * 1e3, stress, "s", color=_X_COLOUR, label="transverse")
+    span = np.array([axial.min(), axial.max()])
+    line = stress.mean() + modulus.value * 1e3 * (span - axial.mean())
+    axes.plot(span * 1e3, line, color=_Y_COLOUR, linewidth=0.9)
+    axes.plot((transverse.mean() - ratio.value * (span - axial.mean())) * 1e3, line, color=_X_COLOUR, linewidth=0.9)
+    axes.set(xlabel="mean strain (1e-3)", ylabel="stress (MPa)")
+    axes.set_title(
+        f"E = {modulus.value:.2f} ± {modulus.sigma:.2f} GPa, Poisson's ratio = {ratio.value:.4f} ± {ratio.sigma:.4f}", fontsize=10
+    )
+    axes.legend(frameon=False)
+    return figure
+
+
+def _stress_points(result: RunResult, area_mm2: float, loading_axis: str) -> NDArray[np.float64]:
+    """(n, 3) stress in MPa, axial and transverse mean strain of every tension frame."""
+    frames = {frame.summary.frame: frame.summary.mean for frame in result.frames}
+    rows = []
+    for decision in result.decisions:
+        if decision.step.phase is Phase.TENSION and decision.loads:
+            for member in (0, 1):
+                mean = frames[2 * decision.pair + member]
+                axial, transverse = (mean.eyy, mean.exx) if loading_axis == "y" else (mean.exx, mean.eyy)
+                rows.append((decision.loads[member].mean_n / area_mm2, axial, transverse))
+    return np.array(rows).reshape(-1, 3)
+
+
+def _zero_ns(result: RunResult) -> int:
+    first: PairDecision = result.decisions[0]
+    return first.first.start_time_ns.value
+
+
+def _axes(width: float, height: float) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots()
+    axes.grid(**_GRID)
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def _map(
+    figure: Figure,
+    axes: Axes,
+    x_px: NDArray[np.float64],
+    y_px: NDArray[np.float64],
+    values: NDArray[np.float64],
+    valid: NDArray[np.bool_],
+    title: str,
+    *,
+    robust: bool,
+) -> None:
+    shown = np.ma.masked_array(values, ~valid)
+    inside = values[valid]
+    low, high = (0.0, 1.0) if inside.size == 0 else (np.percentile(inside, (1, 99)) if robust else (inside.min(), inside.max()))
+    image = axes.imshow(shown, extent=(x_px[0], x_px[-1], y_px[-1], y_px[0]), cmap="viridis", vmin=low, vmax=high)
+    axes.set_title(title, fontsize=9)
+    axes.tick_params(labelsize=7)
+    bar = figure.colorbar(image, ax=axes, shrink=0.85)
+    bar.ax.tick_params(labelsize=7)

@@ -1,0 +1,202 @@
+"""The configuration file: YAML, checked by pydantic, turned into the plain values the rest of semlive works with."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from pathlib import Path
+from typing import Annotated, Any
+
+import yaml
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from semlive.data.experiment import HoldRule, Limits, Phase, Plan, Step
+from semlive.data.settings import AnalysisSettings, DicSettings, EstimateSettings, ScanProfile, SpecimenSettings
+from semlive.errors import BadConfig
+
+
+def _known_keys(cls: type, given: object) -> object:
+    """Refuse keys that a dataclass does not have; pydantic ignores them in a standard dataclass."""
+    if isinstance(given, dict):
+        names = [field.name for field in dataclasses.fields(cls)]
+        for key in given:
+            if key not in names:
+                raise PydanticCustomError("unknown_key", "{hint}", {"key": str(key), "hint": _hint(str(key), names)})
+    return given
+
+
+def _hint(key: str, names: list[str]) -> str:
+    close = difflib.get_close_matches(key, names, n=1)
+    return f"did you mean {close[0]}?" if close else f"known keys are {', '.join(names)}"
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_unknown_keys(cls, given: Any) -> Any:
+        if isinstance(given, dict):
+            names = list(cls.model_fields)
+            for key in given:
+                if key not in names:
+                    raise PydanticCustomError("unknown_key", "{hint}", {"key": str(key), "hint": _hint(str(key), names)})
+        return given
+
+
+class RunSection(_Section):
+    """Where the run goes."""
+
+    name: str = Field(default="run", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
+    folder: Path = Path("runs")
+    """Folder in which the log is written, relative to the configuration file."""
+    clock_file: Path | None = None
+    """Clock published by a simulator; without it experiment time is this computer's UTC."""
+
+
+class DriverSection(_Section):
+    """A device and the driver that speaks to it."""
+
+    driver: str
+    settings: dict[str, Any] = {}
+    poll_s: float = Field(default=0.05, gt=0, le=10)
+    """Wall seconds between readings."""
+
+
+class SemSection(_Section):
+    """The SEM's export folder and what its files do not tell."""
+
+    folder: Path
+    pixel_size_um: float = Field(gt=0)
+    """Turns shifts in px into stage motion; a file's own pixel size wins in the analysis."""
+    poll_s: float = Field(default=1.0, gt=0)
+    stable_for_s: float = Field(default=2.0, gt=0)
+    """Wall seconds without change before a file is believed complete."""
+    trigger: DriverSection | None = None
+    profile: Annotated[ScanProfile, BeforeValidator(lambda v: _known_keys(ScanProfile, v))] = ScanProfile()
+
+
+class ProtocolSection(_Section):
+    """What the experiment does."""
+
+    calibration_shifts_px: list[tuple[float, float]] = []
+    translation_shifts_px: list[tuple[float, float]] = []
+    loads_n: list[float] = []
+    ramp_rate_n_s: float = Field(default=20.0, gt=0)
+    hold_s: float = Field(default=30.0, ge=0)
+    settle_s: float = Field(default=5.0, gt=0)
+    load_tolerance_n: float = Field(default=10.0, gt=0)
+    load_tolerance_fraction: float = Field(default=0.01, ge=0, lt=1)
+    stage_tolerance_um: float = Field(default=5.0, gt=0)
+    motion_timeout_s: float = Field(default=900.0, gt=0)
+    frame_timeout_s: float = Field(default=900.0, gt=0)
+
+    @model_validator(mode="after")
+    def _has_steps(self) -> ProtocolSection:
+        if not (self.calibration_shifts_px or self.translation_shifts_px or self.loads_n):
+            raise PydanticCustomError("no_steps", "no calibration_shifts_px, translation_shifts_px or loads_n: the run has nothing to do")
+        return self
+
+
+class Config(_Section):
+    """A whole configuration file."""
+
+    run: RunSection = RunSection()
+    sem: SemSection
+    load_frame: DriverSection | None = None
+    stage: DriverSection | None = None
+    specimen: Annotated[SpecimenSettings, BeforeValidator(lambda v: _known_keys(SpecimenSettings, v))] = SpecimenSettings()
+    protocol: ProtocolSection
+    limits: Annotated[Limits, BeforeValidator(lambda v: _known_keys(Limits, v))] | None = None
+    dic: Annotated[DicSettings, BeforeValidator(lambda v: _known_keys(DicSettings, v))] = DicSettings()
+    estimate: Annotated[EstimateSettings, BeforeValidator(lambda v: _known_keys(EstimateSettings, v))] = EstimateSettings()
+
+    @model_validator(mode="after")
+    def _devices_fit_protocol(self) -> Config:
+        protocol = self.protocol
+        if protocol.loads_n and self.load_frame is None:
+            raise PydanticCustomError("no_frame", "protocol.loads_n needs a load_frame section")
+        if self.load_frame is not None and self.limits is None:
+            raise PydanticCustomError("no_limits", "a load_frame needs a limits section (force, extension, rate)")
+        if any(shift != (0, 0) for shift in protocol.calibration_shifts_px + protocol.translation_shifts_px) and self.stage is None:
+            raise PydanticCustomError("no_stage", "shifts need a stage section (driver: operator asks a hand to move the specimen)")
+        return self
+
+    def analysis_settings(self) -> AnalysisSettings:
+        """What the pipeline needs to know."""
+        return AnalysisSettings(self.dic, self.estimate, self.specimen, self.sem.profile)
+
+    def plan(self) -> Plan:
+        """The experiment as steps: calibration shifts, translations, then loads at shift zero."""
+        protocol, um = self.protocol, self.sem.pixel_size_um
+        unloaded = [(Phase.CALIBRATION, shift) for shift in protocol.calibration_shifts_px]
+        unloaded += [(Phase.TRANSLATION, shift) for shift in protocol.translation_shifts_px]
+        stops = [(phase, shift, None) for phase, shift in unloaded]
+        stops += [(Phase.TENSION, (0.0, 0.0), load) for load in protocol.loads_n]
+        steps = tuple(Step(number, phase, (shift[0] * um, shift[1] * um), shift, load) for number, (phase, shift, load) in enumerate(stops))
+        hold = HoldRule(**{field.name: getattr(protocol, field.name) for field in dataclasses.fields(HoldRule)})
+        limits = self.limits or _NO_MOTION
+        return Plan(steps, hold, limits, protocol.ramp_rate_n_s, triggered=self.sem.trigger is not None)
+
+
+# Without a load frame nothing pulls; the stage keeps a generous travel of 1 mm.
+_NO_MOTION = Limits(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, stage_travel_um=1000.0)
+
+
+def load_config(path: Path) -> Config:
+    """Read and check a configuration file; relative folders in it are relative to the file.
+
+    Raises:
+        BadConfig: the file is missing, is not YAML, or says something semlive does not understand.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadConfig(f"{path}: cannot be read ({_reason(error)}); give the path of a YAML configuration file") from error
+    try:
+        given = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        line = getattr(getattr(error, "problem_mark", None), "line", 0) + 1
+        raise BadConfig(f"{path}: line {line} is not YAML; check its indentation and colons") from error
+    return resolve(parse_config(given, str(path)), path.parent)
+
+
+def parse_config(given: object, where: str) -> Config:
+    """Check what a YAML file said.
+
+    Raises:
+        BadConfig: naming the first key that is wrong, and where.
+    """
+    if not isinstance(given, dict):
+        raise BadConfig(f"{where}: holds no sections; it must begin with keys such as sem: and protocol:")
+    try:
+        return Config.model_validate(given)
+    except ValidationError as error:
+        raise BadConfig(f"{where}: {_sentence(error.errors()[0])}") from error
+
+
+def resolve(config: Config, base: Path) -> Config:
+    """The same configuration with its folders made absolute from `base`."""
+    clock_file = config.run.clock_file
+    run = config.run.model_copy(
+        update={"folder": (base / config.run.folder).resolve(), "clock_file": clock_file and (base / clock_file).resolve()}
+    )
+    sem = config.sem.model_copy(update={"folder": (base / config.sem.folder).resolve()})
+    return config.model_copy(update={"run": run, "sem": sem})
+
+
+def _sentence(detail: ErrorDetails) -> str:
+    place = ".".join(str(part) for part in detail["loc"])
+    if detail["type"] == "unknown_key":
+        context = detail.get("ctx") or {}
+        key = f"{place}.{context['key']}" if place else str(context["key"])
+        return f"unknown key {key}; {context['hint']}"
+    if detail["type"] == "missing":
+        return f"{place} is missing; add it"
+    message = detail["msg"].removeprefix("Value error, ")
+    return f"{place}: {message}; correct it" if place else f"{message}; correct it"
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or type(error).__name__
