@@ -1,0 +1,198 @@
+"""Run semlive, or its checks, from a fresh clone with nothing but Python and pip.
+
+    python3 go.py demo [options]     the simulated experiment (any other semlive command works alike)
+    python3 go.py test [options]     every check; the options go to pytest
+    python3 go.py lint               the checks but for the tests
+
+On Windows: py go.py demo
+
+The first call makes a virtual environment in .venv (or in the folder named by SEMLIVE_VENV) and installs the project
+into it; nothing outside that folder is touched. Later calls start at once: the environment is renewed when
+pyproject.toml or the Python version has changed.
+"""
+
+# Standard library only, and no syntax newer than Python 3.7, so that an older Python can still say what it lacks.
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent
+OLDEST = (3, 11)
+WINDOWS = os.name == "nt"
+
+
+class Refused(Exception):
+    """Set-up cannot go on; the message is one sentence: what, where, what to do."""
+
+
+def main(argv: list[str]) -> int:
+    """Set up what the command needs, then become it; returns the exit code."""
+    if not argv or argv[0] in ("-h", "--help", "help"):
+        print(__doc__)
+        return 0 if argv else 2
+    for name in ("PYTHONPATH", "PYTHONHOME"):  # the environment is to hold what it holds, and nothing of its surroundings
+        os.environ.pop(name, None)
+    command, options = argv[0], argv[1:]
+    checks = command in ("test", "lint")
+    try:
+        venv = Path(os.environ.get("SEMLIVE_VENV") or ROOT / ".venv").absolute()
+        require_python()
+        set_up(venv, "test" if checks else "run")
+    except Refused as refused:
+        print("go.py: " + str(refused), file=sys.stderr)
+        return 2
+    if checks:
+        return check(venv, options if command == "test" else None)
+    return become([str(python_of(venv)), "-m", "semlive", command, *options], os.getcwd())
+
+
+def require_python() -> None:
+    """Raise Refused if this Python cannot carry semlive or cannot make environments."""
+    if sys.version_info < OLDEST:
+        wanted = ".".join(map(str, OLDEST))
+        raise Refused(f"semlive needs Python {wanted} or newer, {sys.executable} is {version()}: install one and start go.py with it.")
+    missing = [name for name in ("venv", "ensurepip") if importlib.util.find_spec(name) is None]
+    if missing:
+        raise Refused(f"{sys.executable} lacks Python's {missing[0]} module: install it (Debian, Ubuntu: apt install python3-venv).")
+
+
+def set_up(venv: Path, kind: str) -> None:
+    """Make `venv` fit for `kind` ("run" or "test"), unless its stamp says that it is."""
+    stamp = venv / "semlive-setup.json"
+    wanted = {
+        "pyproject": hashlib.sha256((ROOT / "pyproject.toml").read_bytes()).hexdigest(),
+        "python": version(),
+        "root": str(ROOT),
+        "kind": kind,
+    }
+    found = read_stamp(stamp)
+    if found.get("kind") == "test":
+        wanted["kind"] = "test"  # it holds all that running needs, and stays what it is
+    if found == wanted and python_of(venv).exists():
+        return
+    say(f"setting up {shown(venv)} (once, about a minute) ...")
+    began = time.monotonic()
+    reusable = python_of(venv).exists() and all(found.get(key) == wanted[key] for key in ("python", "root"))
+    if not reusable:
+        make_environment(venv)
+    stamp.unlink(missing_ok=True)
+    what = str(ROOT) + ("[test]" if wanted["kind"] == "test" else "")
+    log = venv / "semlive-setup.log"
+    pip = [str(python_of(venv)), "-m", "pip", "install", "--disable-pip-version-check", "--no-input", "--editable", what]
+    if run_logged(pip, log) != 0:
+        raise Refused(f"pip could not install semlive ({last_error(log)}): see {log}, then start go.py again.")
+    stamp.write_text(json.dumps(wanted, indent=1) + "\n", encoding="utf-8")
+    say(f"set up in {time.monotonic() - began:.0f} s")
+
+
+def make_environment(venv: Path) -> None:
+    """Make a new virtual environment, in place of an old one but never in place of anything else."""
+    if venv.exists() and not venv.is_dir():
+        raise Refused(f"{venv} is a file, not a folder: remove it or name another folder in SEMLIVE_VENV.")
+    if venv.is_dir() and any(venv.iterdir()) and not (venv / "pyvenv.cfg").exists():
+        raise Refused(f"{venv} holds something that is no virtual environment: name another folder in SEMLIVE_VENV.")
+    try:
+        venv.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise Refused(f"{venv} cannot be made ({error.strerror}): name another folder in SEMLIVE_VENV.") from None
+    made = subprocess.run(
+        [sys.executable, "-m", "venv", "--clear", str(venv)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
+    )
+    if made.returncode != 0 or not python_of(venv).exists():
+        reason = (made.stdout.strip().splitlines() or ["it said nothing"])[-1]
+        raise Refused(f"Python's venv module could not make {venv} ({reason}): mend that or name another folder in SEMLIVE_VENV.")
+
+
+def check(venv: Path, pytest_options: list[str] | None) -> int:
+    """Run every check, the quick ones first, and report all that fail; `pytest_options` None leaves the tests out."""
+    python, scripts = str(python_of(venv)), python_of(venv).parent
+    quick = {
+        "ruff check": [python, "-m", "ruff", "check", "--quiet", "."],
+        "ruff format": [python, "-m", "ruff", "format", "--check", "."],
+        "lint-imports": [str(scripts / ("lint-imports.exe" if WINDOWS else "lint-imports")), "--no-cache", "--no-logo"],
+        "pyright": [python, "-m", "pyright", "--warnings", "--pythonpath", python],
+    }
+    failed = []
+    for name, arguments in quick.items():
+        began = time.monotonic()
+        ran = subprocess.run(arguments, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
+        say(f"{name:<13} {'ok' if ran.returncode == 0 else 'FAILED':<7}{time.monotonic() - began:6.1f} s")
+        if ran.returncode != 0:
+            failed.append(name)
+            print(ran.stdout, flush=True)
+    code = 0
+    if pytest_options is not None:
+        code = become([python, "-m", "pytest", *pytest_options], str(ROOT), replace=False)
+        failed += ["pytest"] if code != 0 else []
+    if failed:
+        say("failed: " + ", ".join(failed))
+    return code or (1 if failed else 0)
+
+
+def become(arguments: list[str], folder: str, replace: bool = True) -> int:
+    """Hand this terminal over to a program: in place of this process where the system can, else by waiting for it."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    if replace and not WINDOWS:
+        os.execv(arguments[0], arguments)
+    # Ctrl-C reaches the child as well: it stops in its own time, and waiting must outlive that.
+    before = signal.signal(signal.SIGINT, lambda *_: None)
+    try:
+        return subprocess.Popen(arguments, cwd=folder).wait()
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def run_logged(arguments: list[str], log: Path) -> int:
+    """Run a program with its output in a file; returns its exit code."""
+    with log.open("w", encoding="utf-8") as output:
+        return subprocess.run(arguments, stdout=output, stderr=subprocess.STDOUT).returncode
+
+
+def last_error(log: Path) -> str:
+    """What pip's log says went wrong, in one line."""
+    lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
+    errors = [line for line in lines if line.lower().startswith("error:")]
+    return (errors or lines or ["it said nothing"])[-1].strip().rstrip(".")
+
+
+def read_stamp(stamp: Path) -> dict[str, str]:
+    """What the environment was set up for; empty if it was not, or not to the end."""
+    try:
+        found = json.loads(stamp.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def python_of(venv: Path) -> Path:
+    """The environment's own Python."""
+    return venv / "Scripts" / "python.exe" if WINDOWS else venv / "bin" / "python"
+
+
+def version() -> str:
+    """The running Python's version, patch left out: an environment outlives patches."""
+    return ".".join(map(str, sys.version_info[:2]))
+
+
+def shown(path: Path) -> str:
+    """A path as short as the reader needs it."""
+    return str(path.relative_to(ROOT)) if ROOT in path.parents else str(path)
+
+
+def say(text: str) -> None:
+    """Tell the person at the terminal; standard output stays the command's own."""
+    print(text, file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
