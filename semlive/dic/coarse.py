@@ -1,0 +1,192 @@
+"""First guesses for IC-GN: one shift of the whole frame, then blocks matched around it, then a smooth field through them.
+
+The frame's shift is the peak of a low-passed phase correlation at half resolution: it is right to a few px whatever the
+distance (up to half the frame), because strain, distortion and drift within a frame only smear the peak. Blocks of 64 px are then
+searched within 32 px of it by ZNCC, which says for each block whether to believe it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from semlive.data.grid import Grid
+
+BLOCK = 32  # edge of a block, in binned pixels
+SEARCH = 16  # search radius around the frame's shift, in binned pixels
+BLOCK_DISTANCE_PX = 100  # roughly one block per this distance; distortion fields are smoother
+MIN_BLOCK_ZNCC = 0.5  # the best of 33 x 33 unrelated positions stays below 0.35 for 7 px speckle
+OUTLIER_PX = 4.0  # distortion leaves 2 px about the affine fit
+LOW_PASS = 0.15  # of the phase correlation, cycles per binned pixel: noise above, speckle below
+CANDIDATES = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CoarseReference:
+    """The reference frame as first guesses need it.
+
+    Attributes:
+        binning: pixels per binned pixel, 2, or 1 for small frames.
+        image: (h, w) binned float32 grey levels.
+        spectrum: spectrum of the windowed, padded image.
+        centres: (n, 2) block centres (x, y) in binned pixels, those with contrast.
+    """
+
+    binning: int
+    image: NDArray[np.float32]
+    spectrum: NDArray[np.complex64]
+    centres: NDArray[np.int64]
+
+
+def prepare_coarse(image: NDArray[np.float32], grid: Grid) -> CoarseReference:
+    """Bin the reference, transform it and lay out blocks over the grid."""
+    binning = 2 if min(image.shape) >= 4 * (BLOCK + SEARCH) else 1
+    binned = _bin(image, binning)
+    height, width = binned.shape
+    x = _lattice(grid.x0_px, grid.x0_px + (grid.nx - 1) * grid.step_px, binning, width)
+    y = _lattice(grid.y0_px, grid.y0_px + (grid.ny - 1) * grid.step_px, binning, height)
+    centres = [(cx, cy) for cy in y for cx in x if np.ptp(_block(binned, cx, cy)) > 0]
+    return CoarseReference(
+        binning=binning, image=binned, spectrum=_spectrum(binned), centres=np.array(centres, dtype=np.int64).reshape(-1, 2)
+    )
+
+
+def first_guess(reference: CoarseReference, image: NDArray[np.float32], grid: Grid) -> NDArray[np.float64] | None:
+    """(ny, nx, 6) affine parameters to start IC-GN from, or None if the frames have nothing in common.
+
+    Args:
+        reference: from `prepare_coarse`.
+        image: (height, width) current frame, float32 grey levels.
+        grid: the POI.
+    """
+    current = _bin(image, reference.binning)
+    enough = max(1, len(reference.centres) // 2)
+    best = np.empty((0, 4))
+    for shift in _candidate_shifts(reference.spectrum, current):
+        matches = _match_blocks(reference, current, shift)
+        if len(matches) > len(best):
+            best = matches
+        if len(best) >= enough:
+            break
+    return _field(best * reference.binning, grid) if len(best) else None
+
+
+def _bin(image: NDArray[np.float32], binning: int) -> NDArray[np.float32]:
+    if binning == 1:
+        return image
+    height, width = (n // binning * binning for n in image.shape)
+    size = (width // binning, height // binning)
+    return np.asarray(cv2.resize(image[:height, :width], size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+
+def _lattice(first_px: int, last_px: int, binning: int, edge: int) -> NDArray[np.int64]:
+    """Centres along one axis in binned pixels, such that blocks lie in the frame."""
+    count = max(2, round((last_px - first_px) / BLOCK_DISTANCE_PX) + 1)
+    centres = np.round(np.linspace(first_px, last_px, count) / binning).astype(np.int64)
+    return np.unique(np.clip(centres, BLOCK // 2, edge - BLOCK // 2)) if edge >= BLOCK else np.empty(0, dtype=np.int64)
+
+
+def _block(image: NDArray[np.float32], cx: int, cy: int) -> NDArray[np.float32]:
+    half = BLOCK // 2
+    return image[cy - half : cy + half, cx - half : cx + half]
+
+
+def _spectrum(image: NDArray[np.float32]) -> NDArray[np.complex64]:
+    """Spectrum of the frame, mean taken off, windowed (a frame's edges would correlate with themselves at zero shift)."""
+    height, width = image.shape
+    window = np.outer(np.hanning(height), np.hanning(width)).astype(np.float32)
+    shape = (fft.next_fast_len(height), fft.next_fast_len(width, real=True))
+    return np.asarray(fft.rfft2((image - image.mean()) * window, s=shape))
+
+
+def _candidate_shifts(spectrum: NDArray[np.complex64], current: NDArray[np.float32]) -> list[tuple[int, int]]:
+    """Whole-frame shifts (x, y) in binned pixels worth trying, best first; no shift at all is the last."""
+    height = fft.next_fast_len(current.shape[0])
+    width = fft.next_fast_len(current.shape[1], real=True)
+    cross = _spectrum(current) * np.conj(spectrum)
+    fy = fft.fftfreq(height).astype(np.float32)[:, None]
+    fx = fft.rfftfreq(width).astype(np.float32)[None, :]
+    low_pass = np.exp(fy**2 * (-0.5 / LOW_PASS**2)) * np.exp(fx**2 * (-0.5 / LOW_PASS**2))
+    cross *= low_pass / (np.abs(cross) + np.float32(1e-20))
+    surface = fft.irfft2(cross, s=(height, width), overwrite_x=True)
+    shifts = []
+    for _ in range(CANDIDATES):
+        y, x = np.unravel_index(int(np.argmax(surface)), surface.shape)
+        shifts.append((int(x) - width * (x > width // 2), int(y) - height * (y > height // 2)))
+        rows = np.arange(y - 4, y + 5) % height
+        columns = np.arange(x - 4, x + 5) % width
+        surface[np.ix_(rows, columns)] = -np.inf
+    return [*shifts, (0, 0)]
+
+
+def _match_blocks(reference: CoarseReference, current: NDArray[np.float32], shift: tuple[int, int]) -> NDArray[np.float64]:
+    """(n, 4) x, y, u, v in binned pixels of the blocks found around a shift."""
+    found = []
+    reach = BLOCK // 2 + SEARCH
+    height, width = current.shape
+    for cx, cy in reference.centres:
+        left, right = max(cx + shift[0] - reach, 0), min(cx + shift[0] + reach + 1, width)
+        top, bottom = max(cy + shift[1] - reach, 0), min(cy + shift[1] + reach + 1, height)
+        if right - left < BLOCK + 2 or bottom - top < BLOCK + 2:
+            continue
+        block = np.ascontiguousarray(_block(reference.image, cx, cy))
+        score = cv2.matchTemplate(np.ascontiguousarray(current[top:bottom, left:right]), block, cv2.TM_CCOEFF_NORMED)
+        y, x = np.unravel_index(int(np.argmax(score)), score.shape)
+        if not MIN_BLOCK_ZNCC <= score[y, x] <= 1.001 or x in (0, score.shape[1] - 1) or y in (0, score.shape[0] - 1):
+            continue
+        half = BLOCK // 2
+        u = left + x + half - cx + _vertex(score[y, x - 1], score[y, x], score[y, x + 1])
+        v = top + y + half - cy + _vertex(score[y - 1, x], score[y, x], score[y + 1, x])
+        # A block of even size is centred half a pixel before cx, cy; the field is smooth enough not to care.
+        found.append((cx, cy, u, v))
+    return np.array(found, dtype=np.float64).reshape(-1, 4)
+
+
+def _vertex(before: float, at: float, after: float) -> float:
+    """Position of a parabola's top about its middle sample."""
+    curvature = float(before) - 2.0 * float(at) + float(after)
+    return 0.5 * (float(before) - float(after)) / curvature if curvature < 0.0 else 0.0
+
+
+def _field(matches: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
+    """A robust affine field through the matches plus what is left of them, smoothed, evaluated at every POI."""
+    x, y = matches[:, 0], matches[:, 1]
+    motion = matches[:, 2:]
+    affine, good = _robust_affine(x, y, motion)
+    residual = motion[good] - _design(x[good], y[good]) @ affine
+    gx = np.exp(-0.5 * ((grid.x_px[:, None] - x[good]) / (0.7 * BLOCK_DISTANCE_PX)) ** 2)
+    gy = np.exp(-0.5 * ((grid.y_px[:, None] - y[good]) / (0.7 * BLOCK_DISTANCE_PX)) ** 2)
+    weight = gy @ gx.T + 1e-3
+    seeds = np.zeros((*grid.shape, 6))
+    for axis in range(2):
+        smooth = (gy * residual[:, axis]) @ gx.T / weight
+        c = affine[:, axis]
+        seeds[:, :, 3 * axis] = c[0] + c[1] * grid.x_px[None, :] + c[2] * grid.y_px[:, None] + smooth
+        seeds[:, :, 3 * axis + 1] = c[1]
+        seeds[:, :, 3 * axis + 2] = c[2]
+    return seeds
+
+
+def _design(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.column_stack([np.ones_like(x), x, y])
+
+
+def _robust_affine(
+    x: NDArray[np.float64], y: NDArray[np.float64], motion: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """(3, 2) affine coefficients of the motion by reweighted least squares (Cauchy), and which matches agree with it."""
+    affine = np.zeros((3, 2))
+    affine[0] = np.median(motion, axis=0)
+    design = _design(x, y)
+    spread = max(float(np.ptp(x)), float(np.ptp(y)))
+    determined = len(x) >= 6 and np.linalg.matrix_rank(design - design.mean(axis=0), tol=1.0) == 2 and spread > BLOCK_DISTANCE_PX
+    for _ in range(10 if determined else 0):
+        distance = np.linalg.norm(motion - design @ affine, axis=1)
+        root = 1.0 / np.sqrt(1.0 + (distance / OUTLIER_PX) ** 2)
+        affine = np.linalg.lstsq(design * root[:, None], motion * root[:, None], rcond=None)[0]
+    good = np.linalg.norm(motion - design @ affine, axis=1) <= OUTLIER_PX
+    return affine, good

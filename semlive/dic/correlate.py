@@ -1,0 +1,151 @@
+"""Disparity from a prepared reference to a current frame."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.disparity import DisparityMap, PoiStatus
+from semlive.data.settings import DicSettings
+from semlive.dic.coarse import first_guess
+from semlive.dic.grid import grid_for
+from semlive.dic.reference import Reference, prepare
+from semlive.dic.uncertainty import noise_variance
+from semlive.errors import BadInput
+from semlive.kernels import cast
+from semlive.kernels.icgn import CHAINED, SEEDED, SKIP
+
+MAX_PASSES = 12  # retries from neighbours; each heals one ring of POI, or a whole row to the right
+MAX_TRAVEL_PX = 8.0  # IC-GN has no business further from its start than a speckle or two
+
+
+def correlate(
+    reference: Reference,
+    image: NDArray[np.uint8] | NDArray[np.uint16],
+    settings: DicSettings,
+    *,
+    reference_frame: int,
+    current_frame: int,
+) -> DisparityMap:
+    """Disparity at every POI of the reference: ``x_current = x_reference + u``.
+
+    IC-GN with an affine shape function and ZNSSD on a cubic B-spline; the result does not depend on the number of threads.
+
+    Args:
+        reference: from `prepare`.
+        image: (height, width) current frame, uint8 or uint16.
+        settings: tolerance, iterations, smallest ZNCC.
+        reference_frame: number of the reference frame.
+        current_frame: number of the current frame.
+
+    Raises:
+        BadInput: the frames differ in size.
+        ValueError: not such an image.
+    """
+    if image.shape != reference.shape:
+        (h0, w0), (h1, w1) = reference.shape, image.shape
+        raise BadInput(
+            f"frame {current_frame} is {w1} x {h1} px but its reference, frame {reference_frame}, is {w0} x {h0} px: "
+            "export all frames with the same size and databar"
+        )
+    current = cast.grey(image)
+    solutions = solve(reference, current, first_guess(reference.coarse, current, reference.grid), settings)
+    valid = solutions.status == PoiStatus.CONVERGED
+    p = solutions.parameters
+    sums = reference.sums
+    variance = noise_variance(p, solutions.zncc, sums.norm, reference.grid.subset_px)
+
+    def where_valid(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.where(valid, values, 0.0)
+
+    return DisparityMap(
+        reference=reference_frame,
+        current=current_frame,
+        grid=reference.grid,
+        u_px=where_valid(p[..., 0]),
+        v_px=where_valid(p[..., 3]),
+        sigma_u_px=where_valid(np.sqrt(2.0 * variance * sums.variance_u)),
+        sigma_v_px=where_valid(np.sqrt(2.0 * variance * sums.variance_v)),
+        zncc=where_valid(solutions.zncc),
+        status=solutions.status,
+    )
+
+
+def solve(reference: Reference, current: NDArray[np.float32], seeds: NDArray[np.float64] | None, settings: DicSettings) -> cast.Solutions:
+    """Affine parameters at every POI: a first pass along rows, then failed POI again from neighbours that converged.
+
+    Args:
+        reference: from `prepare`.
+        current: (height, width) current frame, float32 grey levels.
+        seeds: (ny, nx, 6) first guesses, or None if there are none.
+        settings: tolerance, iterations, smallest ZNCC.
+    """
+    shape = reference.grid.shape
+    status = np.where(reference.status == PoiStatus.CONVERGED, PoiStatus.NO_SEED, reference.status).astype(np.uint8)
+    solutions = cast.Solutions(
+        parameters=np.zeros((*shape, 6)), zncc=np.zeros(shape), status=status, iterations=np.zeros(shape, dtype=np.int32)
+    )
+    if seeds is None:
+        return solutions
+    interpolator = cast.interpolator(current)
+    todo = np.where(status == PoiStatus.NO_SEED, CHAINED, SKIP).astype(np.uint8)
+    fresh = np.ones(shape, dtype=np.bool_)
+    for _ in range(1 + MAX_PASSES):
+        before = status == PoiStatus.CONVERGED
+        cast.correlate(
+            reference.sums,
+            interpolator,
+            todo,
+            seeds,
+            solutions,
+            max_iterations=settings.max_iterations,
+            tolerance_px=settings.tolerance_px,
+            min_zncc=settings.min_zncc,
+            max_travel_px=MAX_TRAVEL_PX,
+        )
+        after = status == PoiStatus.CONVERGED
+        fresh = after & ~before
+        failed = ~after & (status != PoiStatus.LOW_CONTRAST)
+        seeds, reachable = _from_neighbours(solutions, fresh, reference.grid.step_px)
+        todo = np.where(failed & reachable, SEEDED, SKIP).astype(np.uint8)
+        if not todo.any():
+            break
+    return solutions
+
+
+def _from_neighbours(solutions: cast.Solutions, fresh: NDArray[np.bool_], step_px: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """First guesses extrapolated from the best of the eight neighbours among `fresh`, and where there is one."""
+    ny, nx = fresh.shape
+    seeds = np.zeros((ny, nx, 6))
+    best = np.zeros((ny, nx))
+    score = np.where(fresh, solutions.zncc, 0.0)
+    for dy in (-1, 0, 1):
+        for dx in (-1, 0, 1):
+            if dx == dy == 0:
+                continue
+            to = (slice(max(-dy, 0), ny - max(dy, 0)), slice(max(-dx, 0), nx - max(dx, 0)))
+            source = (slice(max(dy, 0), ny - max(-dy, 0)), slice(max(dx, 0), nx - max(-dx, 0)))
+            better = score[source] > best[to]
+            p = solutions.parameters[source][better]
+            p[:, 0] -= step_px * (dx * p[:, 1] + dy * p[:, 2])
+            p[:, 3] -= step_px * (dx * p[:, 4] + dy * p[:, 5])
+            seeds[to][better] = p
+            best[to][better] = score[source][better]
+    return seeds, best > 0.0
+
+
+def warm_up(settings: DicSettings) -> None:
+    """Compile every kernel, or load it from the cache, by correlating a small synthetic pair.
+
+    Args:
+        settings: those to be used; only the sizes are replaced.
+    """
+    y, x = np.mgrid[0:96, 0:96]
+    speckle = np.sin(0.9 * x + 0.3 * np.sin(0.5 * y)) * np.sin(0.8 * y + 0.4 * np.cos(0.4 * x))
+    image = (128.0 + 100.0 * speckle).astype(np.uint8)
+    small = dataclasses.replace(settings, subset_px=21, step_px=20, roi_px=None)
+    reference = prepare(image, grid_for(small, 96, 96), small)
+    current = np.roll(image, 1, axis=1)
+    correlate(reference, current, small, reference_frame=0, current_frame=1)

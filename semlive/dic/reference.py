@@ -1,0 +1,121 @@
+"""What is computed once per reference frame and kept."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.disparity import PoiStatus
+from semlive.data.grid import Grid
+from semlive.data.settings import DicSettings
+from semlive.dic.coarse import CoarseReference, prepare_coarse
+from semlive.errors import BadInput
+from semlive.kernels import cast
+
+SOBEL_VARIANCE = 0.1875  # sum of squares of the Sobel stencil / 8
+SOBEL_SPLINE_COVARIANCE = 0.40192  # its scalar product with the cubic spline's derivative stencil
+MIN_SIGNAL_TO_NOISE = 1.0  # variance of the speckle in a subset, in noise variances; below, ZNCC cannot pass 0.5
+MAX_SIGMA_PX = 0.25  # a subset whose predicted uncertainty is worse has no contrast in some direction
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """A reference frame ready for correlation with any number of current frames.
+
+    Attributes:
+        grid: the POI.
+        shape: (height, width) of the frame.
+        sums: the image, its gradients, and each subset's sums and factored Gauss-Newton matrix.
+        status: (ny, nx) uint8, PoiStatus: CONVERGED where a POI can be correlated, else LOW_CONTRAST.
+        noise_grey: standard deviation of the frame's white noise in grey levels.
+        coarse: half-resolution image and spectrum for first guesses.
+    """
+
+    grid: Grid
+    shape: tuple[int, int]
+    sums: cast.SubsetSums
+    status: NDArray[np.uint8]
+    noise_grey: float
+    coarse: CoarseReference
+
+    def __post_init__(self) -> None:
+        for holder in (self.sums, self.coarse):
+            for field in fields(holder):
+                value = getattr(holder, field.name)
+                if isinstance(value, np.ndarray):
+                    value.setflags(write=False)
+        self.status.setflags(write=False)
+
+
+def noise_of(image: NDArray[np.float32]) -> float:
+    """Standard deviation of white noise in an image, from a second difference both ways (Immerkaer 1996, doi:10.1006/cviu.1996.0060).
+
+    The stencil passes only 0.3 grey of speckle of 40 grey contrast and 6.7 px size, 5 grey of 3.3 px. Constant areas
+    (saturated, masked) are left out; the median spares scratches. Every fourth row is enough.
+    """
+    across = image[:-2:4] - 2.0 * image[1:-1:4] + image[2::4]
+    stencil = np.abs(across[:, :-2] - 2.0 * across[:, 1:-1] + across[:, 2:])
+    stencil = stencil[stencil > 0.0]
+    return float(np.median(stencil)) / (6.0 * 0.6745) if stencil.size else 0.0
+
+
+def gradient_gain(lines: NDArray[np.float32], sobel: NDArray[np.float32], noise_grey: float) -> float:
+    """Factor that makes the Sobel derivative along lines the best guess of the true one (regression, noise taken out).
+
+    The derivative of the interpolating spline is the true one, but passes 7 times the noise: used in IC-GN it raises the
+    displacement noise by 18 % at 7 grey of noise on 40 of contrast, and the steps fall short by 30 %. Sobel smooths instead;
+    the gain makes its steps the right length and its covariance honest.
+
+    Args:
+        lines: (n, length) some lines of an image.
+        sobel: (n, length) its Sobel derivatives along these lines.
+        noise_grey: standard deviation of the image's noise.
+    """
+    derivative = cast.line_derivative(np.ascontiguousarray(lines))
+    smooth = np.ascontiguousarray(sobel[:, 1:-1])
+    overlap = float(np.vdot(smooth, derivative)) / smooth.size - SOBEL_SPLINE_COVARIANCE * noise_grey**2
+    energy = float(np.vdot(smooth, smooth)) / smooth.size
+    return min(max(overlap / energy, 0.1), 3.0) if energy > 0.0 else 1.0
+
+
+def prepare(image: NDArray[np.uint8] | NDArray[np.uint16], grid: Grid, settings: DicSettings) -> Reference:
+    """Prepare a reference frame.
+
+    Args:
+        image: (height, width) uint8 or uint16.
+        grid: the POI, from `grid_for`.
+        settings: as for the grid.
+
+    Raises:
+        BadInput: grid and settings disagree about the subset.
+        ValueError: not such an image, or a grid that leaves it.
+    """
+    if grid.subset_px != settings.subset_px:
+        raise BadInput(f"the grid was made for subsets of {grid.subset_px} px, the settings say {settings.subset_px}: make a new grid")
+    f = cast.grey(image)
+    noise = noise_of(f)
+    gradient_x, gradient_y = cast.gradients(f)
+    gain_x = gradient_gain(f[1:-1:4], gradient_x[1:-1:4], noise)
+    gain_y = gradient_gain(f[:, 1:-1:4].T, gradient_y[:, 1:-1:4].T, noise)
+    gradient_x *= np.float32(gain_x)
+    gradient_y *= np.float32(gain_y)
+    sums = cast.subset_sums(
+        f,
+        gradient_x,
+        gradient_y,
+        x0_px=grid.x0_px,
+        y0_px=grid.y0_px,
+        step_px=grid.step_px,
+        shape=grid.shape,
+        half_px=grid.subset_px // 2,
+    )
+    pixels = grid.subset_px**2
+    variance = noise * noise
+    signal = sums.norm**2 / pixels - variance
+    sssig = sums.sssig - SOBEL_VARIANCE * max(gain_x, gain_y) ** 2 * variance * pixels
+    enough = (signal > MIN_SIGNAL_TO_NOISE * variance) & (sums.variance_u > 0.0) & (sums.variance_v > 0.0)
+    enough &= sssig * MAX_SIGMA_PX**2 > 2.0 * variance
+    status = np.where(enough, PoiStatus.CONVERGED, PoiStatus.LOW_CONTRAST).astype(np.uint8)
+    return Reference(grid=grid, shape=f.shape, sums=sums, status=status, noise_grey=noise, coarse=prepare_coarse(f, grid))

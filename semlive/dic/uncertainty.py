@@ -1,0 +1,65 @@
+"""Standard uncertainty of u and v at each POI from what the correlation left over."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def _cardinal(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The cubic cardinal spline: interpolation weight of a sample at distance x."""
+    pole = np.sqrt(3.0) - 2.0
+    k = np.arange(-40, 41)
+    distance = np.abs(x[..., None] - k)
+    inner = 2.0 / 3.0 - distance**2 + distance**3 / 2.0
+    outer = np.maximum(2.0 - distance, 0.0) ** 3 / 6.0
+    return np.sqrt(3.0) * np.sum(pole ** np.abs(k) * np.where(distance < 1.0, inner, outer), axis=-1)
+
+
+def _noise_harmonics() -> tuple[float, float, float]:
+    """Fourier coefficients of h(t), the part of white noise variance that cubic interpolation passes at sub-pixel phase t."""
+    phase = np.arange(32) / 32.0
+    passed = np.sum(_cardinal(phase[:, None] - np.arange(-30, 31)) ** 2, axis=1)
+    return tuple(float(np.mean(passed * np.cos(2.0 * np.pi * k * phase))) * (1.0 if k == 0 else 2.0) for k in range(3))  # type: ignore[return-value]
+
+
+HARMONICS = _noise_harmonics()  # h = 0.83 on average, 1 at whole pixels, 0.76 ... between
+
+
+def noise_passed(shift_px: NDArray[np.float64], along_x: NDArray[np.float64], along_y: NDArray[np.float64], subset_px: int) -> NDArray:
+    """Part of the current image's noise variance that interpolation passes along one axis, mean over a subset.
+
+    Args:
+        shift_px: displacement of the subset's centre along this axis.
+        along_x: its derivative by x.
+        along_y: its derivative by y.
+        subset_px: edge of the subset.
+    """
+    passed = np.full(shift_px.shape, HARMONICS[0])
+    for k in (1, 2):
+        washed_out = np.sinc(k * along_x * subset_px) * np.sinc(k * along_y * subset_px)
+        passed += HARMONICS[k] * np.cos(2.0 * np.pi * k * shift_px) * washed_out
+    return passed
+
+
+def noise_variance(
+    parameters: NDArray[np.float64], zncc: NDArray[np.float64], norm: NDArray[np.float64], subset_px: int
+) -> NDArray[np.float64]:
+    """(ny, nx) variance of one frame's noise in grey^2 from the residual, both frames' noise taken as equal.
+
+    The residual is noise of the reference plus noise of the current frame smoothed by interpolation: (1 + h_x h_y) of one
+    frame's variance, between 1.57 and 2. Dividing by 2 instead understates sigma by up to 11 % at half-pixel shifts. The
+    displacement feels all of the noise whatever the phase, for gradients of speckle live at low frequencies that
+    interpolation passes.
+
+    Args:
+        parameters: (ny, nx, 6) affine solutions.
+        zncc: (ny, nx) correlation there.
+        norm: (ny, nx) root of each reference subset's centred sum of squares.
+        subset_px: edge of the subset.
+    """
+    p = parameters
+    passed = noise_passed(p[..., 0], p[..., 1], p[..., 2], subset_px) * noise_passed(p[..., 3], p[..., 4], p[..., 5], subset_px)
+    degrees = subset_px**2 - 8  # six affine parameters, offset and contrast
+    residual = 2.0 * np.maximum(1.0 - zncc, 0.0) * norm**2 / degrees
+    return residual / (1.0 + passed)

@@ -1,0 +1,288 @@
+"""The one door to the compiled kernels: checks dtype, shape and contiguity, lays arrays out, spreads rows over threads.
+
+Threads, not numba's own parallel loops: every kernel releases the interpreter lock, a result never depends on how rows were
+dealt out, nothing breaks in a forked process (GNU OpenMP aborts there), and compiling takes half as long.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from semlive.kernels import icgn, spline, subsets
+
+MIN_EDGE_PX = 4
+
+
+def thread_count() -> int:
+    """Threads the kernels use: the processors this process may run on, or NUMBA_NUM_THREADS."""
+    return int(numba.config.NUMBA_NUM_THREADS)
+
+
+def checked(array: object, name: str, dtype: DTypeLike, shape: tuple[int | None, ...]) -> NDArray:
+    """The array itself if it is C-contiguous and of this dtype and shape (None: any length).
+
+    Raises:
+        ValueError: it is not.
+    """
+    if not isinstance(array, np.ndarray):
+        raise ValueError(f"{name} must be an array, not {type(array).__name__}")
+    if array.dtype != np.dtype(dtype):
+        raise ValueError(f"{name} must be {np.dtype(dtype)}, not {array.dtype}")
+    if array.ndim != len(shape) or any(want is not None and have != want for have, want in zip(array.shape, shape, strict=True)):
+        raise ValueError(f"{name} must have shape {tuple('any' if n is None else n for n in shape)}, not {array.shape}")
+    if not array.flags.c_contiguous:
+        raise ValueError(f"{name} must be C-contiguous")
+    return array
+
+
+def grey(image: object) -> NDArray[np.float32]:
+    """An 8 or 16 bit image as float32 grey levels, its mean subtracted (float32 sums of squares lose nothing then).
+
+    Raises:
+        ValueError: not a two-dimensional uint8 or uint16 array of at least 4 x 4 px.
+    """
+    if not isinstance(image, np.ndarray) or image.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f"image must be a uint8 or uint16 array, not {getattr(image, 'dtype', type(image).__name__)}")
+    if image.ndim != 2 or min(image.shape) < MIN_EDGE_PX:
+        raise ValueError(f"image must be (height, width) of at least {MIN_EDGE_PX} px each, not {image.shape}")
+    return np.subtract(image, np.float32(image.mean()), dtype=np.float32)
+
+
+def _spread(work: Callable[[int, int], object], count: int, chunk: int) -> None:
+    """Call work(first, last) over chunks of range(count) in threads."""
+    bounds = [(first, min(first + chunk, count)) for first in range(0, count, chunk)]
+    if thread_count() == 1 or len(bounds) == 1:
+        for first, last in bounds:
+            work(first, last)
+        return
+    with ThreadPoolExecutor(thread_count()) as pool:
+        for done in [pool.submit(work, first, last) for first, last in bounds]:
+            done.result()
+
+
+def coefficients(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Cubic B-spline coefficients of an image, (height, width), boundary mirrored about the outer samples.
+
+    Raises:
+        ValueError: not a C-contiguous float32 image of at least 4 x 4 px.
+    """
+    checked(image, "image", np.float32, (None, None))
+    if min(image.shape) < MIN_EDGE_PX:
+        raise ValueError(f"image must be at least {MIN_EDGE_PX} px each way, not {image.shape}")
+    c = image.copy()
+    _spread(lambda first, last: spline.filter_rows(c, first, last), c.shape[0], 64)
+    _spread(lambda first, last: spline.filter_columns(c, first, last), c.shape[1], 256)
+    return c
+
+
+def interpolator(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Coefficients with the mirrored border and the row padding that `correlate` reads over: (height + 4, width + 12)."""
+    c = coefficients(image)
+    border = icgn.BORDER
+    padded = np.pad(c, ((border, border), (border, border)), mode="reflect")
+    return np.pad(padded, ((0, 0), (0, icgn.LANES)))
+
+
+def line_derivative(lines: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Derivative of each line's interpolating cubic spline at its inner samples: (n, length) to (n, length - 2).
+
+    Raises:
+        ValueError: not C-contiguous float32 lines of at least 4 samples.
+    """
+    checked(lines, "lines", np.float32, (None, None))
+    if lines.shape[1] < MIN_EDGE_PX:
+        raise ValueError(f"lines must have at least {MIN_EDGE_PX} samples, not {lines.shape[1]}")
+    c = lines.copy()
+    _spread(lambda first, last: spline.filter_rows(c, first, last), c.shape[0], 64)
+    return np.float32(0.5) * (c[:, 2:] - c[:, :-2])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SubsetSums:
+    """A reference image and what each of its subsets contributes to every correlation (see `subsets.sum_row`).
+
+    Attributes:
+        width_px: image width; the arrays below are padded along rows.
+        image: (height, width + pad) float32 grey levels.
+        gradient_x: same shape, derivative along x, scaled.
+        gradient_y: same shape, derivative along y, scaled.
+        x0_px: column of the first POI.
+        y0_px: row of the first POI.
+        step_px: distance of neighbouring POI.
+        half_px: half the subset, without its centre.
+        mean: (ny, nx) mean of each subset.
+        norm: (ny, nx) root of its centred sum of squares.
+        gradient_sum: (ny, nx, 6) sums of the derivatives by the affine parameters.
+        gradient_image_sum: (ny, nx, 6) sums of their products with the centred image.
+        lower: (ny, nx, 6, 6) Cholesky factors of the Gauss-Newton matrices (lower triangles).
+        variance_u: (ny, nx) variance of u in px^2 for noise of one grey level; zero where singular.
+        variance_v: (ny, nx) variance of v likewise.
+        sssig: (ny, nx) smaller eigenvalue of the 2x2 sum of squared gradients, (grey/px)^2.
+    """
+
+    width_px: int
+    image: NDArray[np.float32]
+    gradient_x: NDArray[np.float32]
+    gradient_y: NDArray[np.float32]
+    x0_px: int
+    y0_px: int
+    step_px: int
+    half_px: int
+    mean: NDArray[np.float64]
+    norm: NDArray[np.float64]
+    gradient_sum: NDArray[np.float64]
+    gradient_image_sum: NDArray[np.float64]
+    lower: NDArray[np.float64]
+    variance_u: NDArray[np.float64]
+    variance_v: NDArray[np.float64]
+    sssig: NDArray[np.float64]
+
+
+def gradients(image: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Sobel derivatives along x and y in grey per px, (height, width), zero on the frame's edge.
+
+    Raises:
+        ValueError: not a C-contiguous float32 image.
+    """
+    checked(image, "image", np.float32, (None, None))
+    along_x = np.zeros_like(image)
+    along_y = np.zeros_like(image)
+    height, width = image.shape
+    _spread(lambda first, last: subsets.sobel_rows(image, along_x, along_y, first, last, width), height, 64)
+    return along_x, along_y
+
+
+def subset_sums(
+    image: NDArray[np.float32],
+    gradient_x: NDArray[np.float32],
+    gradient_y: NDArray[np.float32],
+    *,
+    x0_px: int,
+    y0_px: int,
+    step_px: int,
+    shape: tuple[int, int],
+    half_px: int,
+) -> SubsetSums:
+    """Prepare every subset of a grid of `shape` = (ny, nx) POI.
+
+    Raises:
+        ValueError: arrays of wrong dtype, shape or layout, or a subset that leaves the image.
+    """
+    checked(image, "image", np.float32, (None, None))
+    height, width = image.shape
+    checked(gradient_x, "gradient_x", np.float32, (height, width))
+    checked(gradient_y, "gradient_y", np.float32, (height, width))
+    ny, nx = shape
+    right = x0_px + (nx - 1) * step_px + half_px
+    bottom = y0_px + (ny - 1) * step_px + half_px
+    if min(ny, nx, step_px) < 1 or min(x0_px, y0_px) < half_px or right > width - 1 or bottom > height - 1:
+        raise ValueError(
+            f"subsets from ({x0_px - half_px}, {y0_px - half_px}) to ({right}, {bottom}) leave the {width} x {height} px image"
+        )
+    pad = ((0, 0), (0, icgn.LANES))
+    result = SubsetSums(
+        width_px=width,
+        image=np.pad(image, pad),
+        gradient_x=np.pad(gradient_x, pad),
+        gradient_y=np.pad(gradient_y, pad),
+        x0_px=x0_px,
+        y0_px=y0_px,
+        step_px=step_px,
+        half_px=half_px,
+        mean=np.zeros(shape),
+        norm=np.zeros(shape),
+        gradient_sum=np.zeros((*shape, subsets.PARAMETERS)),
+        gradient_image_sum=np.zeros((*shape, subsets.PARAMETERS)),
+        lower=np.zeros((*shape, subsets.PARAMETERS, subsets.PARAMETERS)),
+        variance_u=np.zeros(shape),
+        variance_v=np.zeros(shape),
+        sssig=np.zeros(shape),
+    )
+
+    def rows(first: int, last: int) -> None:
+        r = result
+        for j in range(first, last):
+            subsets.sum_row(
+                r.image, r.gradient_x, r.gradient_y, y0_px + j * step_px, x0_px, step_px, half_px, r.mean[j], r.norm[j],
+                r.gradient_sum[j], r.gradient_image_sum[j], r.lower[j], r.variance_u[j], r.variance_v[j], r.sssig[j],
+            )  # fmt: skip
+
+    _spread(rows, ny, 2)
+    return result
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solutions:
+    """State of every POI of a correlation; `correlate` writes into these arrays.
+
+    Attributes:
+        parameters: (ny, nx, 6) affine parameters (u, du/dx, du/dy, v, dv/dx, dv/dy).
+        zncc: (ny, nx) zero-normalised cross-correlation before the last update.
+        status: (ny, nx) uint8, PoiStatus.
+        iterations: (ny, nx) int32 iterations spent on the last attempt.
+    """
+
+    parameters: NDArray[np.float64]
+    zncc: NDArray[np.float64]
+    status: NDArray[np.uint8]
+    iterations: NDArray[np.int32]
+
+
+def correlate(
+    reference: SubsetSums,
+    current: NDArray[np.float32],
+    todo: NDArray[np.uint8],
+    seeds: NDArray[np.float64],
+    solutions: Solutions,
+    *,
+    max_iterations: int,
+    tolerance_px: float,
+    min_zncc: float,
+    max_travel_px: float,
+) -> None:
+    """Run IC-GN on the POI marked in `todo` (icgn.SKIP, SEEDED or CHAINED), writing into `solutions`.
+
+    Args:
+        reference: from `subset_sums`.
+        current: the current image's `interpolator`.
+        todo: (ny, nx) what to do with each POI.
+        seeds: (ny, nx, 6) first guesses.
+        solutions: arrays to write into; POI marked SKIP keep theirs.
+        max_iterations: iterations before a POI is given up.
+        tolerance_px: largest motion of a subset corner in the last update.
+        min_zncc: correlation below which a solution is refused.
+        max_travel_px: distance from the first guess at which a POI is given up.
+
+    Raises:
+        ValueError: arrays of wrong dtype, shape or layout.
+    """
+    r = reference
+    ny, nx = r.mean.shape
+    border, lanes = icgn.BORDER, icgn.LANES
+    checked(current, "current", np.float32, (r.image.shape[0] + 2 * border, r.width_px + 2 * border + lanes))
+    checked(todo, "todo", np.uint8, (ny, nx))
+    checked(seeds, "seeds", np.float64, (ny, nx, subsets.PARAMETERS))
+    s = solutions
+    checked(s.parameters, "parameters", np.float64, (ny, nx, subsets.PARAMETERS))
+    checked(s.zncc, "zncc", np.float64, (ny, nx))
+    checked(s.status, "status", np.uint8, (ny, nx))
+    checked(s.iterations, "iterations", np.int32, (ny, nx))
+    size = 2 * r.half_px + 1
+    mask = np.concatenate([np.ones(size, dtype=np.float32), np.zeros(lanes, dtype=np.float32)])
+    ramp = np.arange(size + lanes, dtype=np.float32)
+
+    def rows(first: int, last: int) -> None:
+        for j in range(first, last):
+            icgn.correlate_row(
+                current, r.image, r.gradient_x, r.gradient_y, mask, ramp, r.width_px, r.y0_px + j * r.step_px, r.x0_px, r.step_px,
+                r.half_px, r.mean[j], r.norm[j], r.gradient_sum[j], r.gradient_image_sum[j], r.lower[j], todo[j], seeds[j],
+                max_iterations, tolerance_px, min_zncc, max_travel_px, s.parameters[j], s.zncc[j], s.status[j], s.iterations[j],
+            )  # fmt: skip
+
+    _spread(rows, ny, 1)

@@ -1,0 +1,78 @@
+"""Cubic B-spline prefilter (Unser, Aldroubi, Eden 1993, doi:10.1109/78.193220): samples to coefficients.
+
+The interpolant ``sum c[k] beta3(x - k)`` passes through the samples; a local 4x4 scheme instead of the recursion leaves
+an S-shaped error of 5e-3 px in the disparity, the recursion 3e-4 px (speckle of 6.7 px, no noise).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+POLE = np.float32(np.sqrt(3.0) - 2.0)
+HORIZON = 16  # |POLE|^16 = 7e-10, below float32
+
+
+@njit(nogil=True, cache=True)
+def filter_line(line):
+    """Coefficients of one line of float32 samples, in place, mirrored about its first and last sample."""
+    n = line.size
+    z = POLE
+    gain = np.float32(6.0)
+    total = line[0]
+    power = z
+    for k in range(1, min(HORIZON, n)):
+        total += power * line[k]
+        power *= z
+    line[0] = gain * total
+    for k in range(1, n):
+        line[k] = gain * line[k] + z * line[k - 1]
+    line[n - 1] = (z / (z * z - np.float32(1.0))) * (line[n - 1] + z * line[n - 2])
+    for k in range(n - 2, -1, -1):
+        line[k] = z * (line[k + 1] - line[k])
+
+
+@njit(nogil=True, cache=True)
+def filter_rows(image, first, last):
+    """Filter rows first..last-1 of an image along x, in place."""
+    for y in range(first, last):
+        filter_line(image[y])
+
+
+@njit(nogil=True, cache=True)
+def _add_scaled(target, source, factor):
+    for x in range(target.size):
+        target[x] += factor * source[x]
+
+
+@njit(nogil=True, cache=True)
+def _forward(target, source, gain, z):
+    for x in range(target.size):
+        target[x] = gain * target[x] + z * source[x]
+
+
+@njit(nogil=True, cache=True)
+def _backward(target, source, z):
+    for x in range(target.size):
+        target[x] = z * (source[x] - target[x])
+
+
+@njit(nogil=True, cache=True)
+def filter_columns(image, first, last):
+    """Filter columns first..last-1 of an image along y, in place, a row at a time so that the loops vectorise."""
+    n = image.shape[0]
+    z = POLE
+    gain = np.float32(6.0)
+    power = z
+    for k in range(1, min(HORIZON, n)):
+        _add_scaled(image[0, first:last], image[k, first:last], power)
+        power *= z
+    for x in range(first, last):
+        image[0, x] *= gain
+    for k in range(1, n):
+        _forward(image[k, first:last], image[k - 1, first:last], gain, z)
+    scale = z / (z * z - np.float32(1.0))
+    for x in range(first, last):
+        image[n - 1, x] = scale * (image[n - 1, x] + z * image[n - 2, x])
+    for k in range(n - 2, -1, -1):
+        _backward(image[k, first:last], image[k + 1, first:last], z)
