@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.errors import BadImage
-from semlive.formats.tiff import check_size
+from semlive.formats.tiff import check_inflation, check_size
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
@@ -53,6 +53,7 @@ def read_pixels(data: bytes, name: str) -> NDArray[np.generic]:
     missing = check_complete(data)
     if missing is not None:
         raise BadImage(f"{name}: not a whole PNG file ({missing}); export it again.")
+    check_inflation(name, width * height, len(data), compressed=True)
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as exc:

@@ -23,6 +23,7 @@ from semlive.errors import BadImage
 
 MAX_SIDE_PX = 20_000
 MAX_IMAGE_BYTES = 512 * 2**20
+_MAX_INFLATION = 200
 _MAX_TAGS = 4096
 _MAX_PAGES = 64
 _TYPE_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 16: 8, 17: 8, 18: 8}
@@ -168,6 +169,16 @@ def check_size(name: str, width: int, height: int, samples: int) -> None:
         raise BadImage(f"{name}: says it is {width} x {height} px with {samples} samples, more than can be read; export a smaller frame.")
 
 
+def check_inflation(name: str, pixel_bytes: int, file_bytes: int, compressed: bool) -> None:
+    """Refuse files that would unpack to far more than a scan can: noise compresses two- or threefold, never a hundredfold.
+
+    Raises:
+        BadImage: the file is too small for what it promises.
+    """
+    if pixel_bytes > file_bytes * (_MAX_INFLATION if compressed else 1):
+        raise BadImage(f"{name}: promises {pixel_bytes} bytes of pixels in a file of {file_bytes}; export it again.")
+
+
 def read_pixels(data: bytes, name: str, directory: Directory) -> NDArray[np.generic]:
     """Pixels of the first image as stored: (height, width) or (height, width, samples).
 
@@ -179,7 +190,9 @@ def read_pixels(data: bytes, name: str, directory: Directory) -> NDArray[np.gene
     if missing is not None:
         raise BadImage(f"{name}: not a whole TIFF file ({missing}); export it again.")
     compression = directory.integer(data, Tag.COMPRESSION, 1)
-    _check_samples(data, name, directory)
+    bits = _check_samples(data, name, directory)
+    samples = max(directory.integer(data, Tag.SAMPLES_PER_PIXEL, 1), 1)
+    check_inflation(name, width * height * samples * bits // 8, len(data), compressed=compression != 1)
     try:
         pixels = _read_plain(data, name, directory) if compression == 1 else _read_compressed(data)
     except BadImage:
@@ -192,18 +205,19 @@ def read_pixels(data: bytes, name: str, directory: Directory) -> NDArray[np.gene
     return pixels
 
 
-def _check_samples(data: bytes, name: str, directory: Directory) -> None:
+def _check_samples(data: bytes, name: str, directory: Directory) -> int:
     bits = set(directory.integers(data, Tag.BITS_PER_SAMPLE)) or {1}
     formats = set(directory.integers(data, Tag.SAMPLE_FORMAT)) or {1}
     if bits not in ({8}, {16}) or formats != {1}:
         raise BadImage(f"{name}: has samples of {sorted(bits)} bit (format {sorted(formats)}); export 8 or 16 bit grey.")
+    return bits.pop()
 
 
 def _read_plain(data: bytes, name: str, directory: Directory) -> NDArray[np.generic]:
     with tifffile.TiffFile(BytesIO(data)) as tiff:
         page = tiff.pages[0]
         # tifffile reads some vendors' files by rules of its own; what it will allocate must be what was checked.
-        if math.prod(page.shape) * 2 > MAX_IMAGE_BYTES or len(page.shape) not in (2, 3):
+        if math.prod(page.shape) > len(data) or len(page.shape) not in (2, 3):
             raise BadImage(f"{name}: is a stack of shape {page.shape}; export single frames.")
         pixels = page.asarray(maxworkers=1)
     if pixels.ndim == 3 and pixels.shape[0] == directory.integer(data, Tag.SAMPLES_PER_PIXEL, 1) != pixels.shape[2]:
