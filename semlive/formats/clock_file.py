@@ -1,0 +1,38 @@
+"""The clock file: how a simulator tells every process of a run what time it is."""
+
+from __future__ import annotations
+
+import json
+
+from semlive.data.clock import Clock
+from semlive.errors import BadInput
+
+_FIELDS = {"utc0_ns": int, "mono0_ns": int, "rate": (int, float), "revision": int}
+
+
+def encode_clock(clock: Clock) -> bytes:
+    """A clock as one JSON object; write it under another name and rename, so that nobody reads half of it."""
+    fields = {"version": 1, "utc0_ns": clock.utc0_ns, "mono0_ns": clock.mono0_ns, "rate": clock.rate, "revision": clock.revision}
+    return (json.dumps(fields) + "\n").encode()
+
+
+def decode_clock(data: bytes) -> Clock:
+    """The clock in a clock file.
+
+    Raises:
+        BadInput: the bytes are not a clock file of version 1.
+    """
+    try:
+        fields = json.loads(data)
+    except ValueError as error:
+        raise BadInput("the clock file is not JSON; let the simulator write it anew") from error
+    if not isinstance(fields, dict) or fields.get("version") != 1:
+        raise BadInput("the clock file is not of version 1; simulator and semlive must be of one release")
+    for name, kind in _FIELDS.items():
+        value = fields.get(name)
+        if isinstance(value, bool) or not isinstance(value, kind):
+            raise BadInput(f"the clock file has no usable {name} ({value!r}); let the simulator write it anew")
+    try:
+        return Clock(fields["utc0_ns"], fields["mono0_ns"], float(fields["rate"]), fields["revision"])
+    except ValueError as error:
+        raise BadInput(f"the clock file is wrong: {error}; let the simulator write it anew") from error

@@ -1,0 +1,180 @@
+"""The bench: virtual SEM, load frame and specimen stage in one process.
+
+It listens on Modbus TCP, publishes experiment time in ``clock.json``, then says what it is in ``ready.json``, exports images
+into ``export/`` and keeps ``truth.json``, which nothing but a score may read.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import gc
+import json
+import os
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from semlive.data.clock import Clock
+from semlive.formats.clock_file import encode_clock
+from semlive_simulators.clockwork import BenchClock
+from semlive_simulators.exporter import ImageFacts, encode_tiff
+from semlive_simulators.kernels.pattern import gaussian
+from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
+from semlive_simulators.machine import Machine
+from semlive_simulators.scenario import BadScenario, Scenario, load_scenario
+from semlive_simulators.sem import Exported, Sem
+from semlive_simulators.specimen import at_rest
+from semlive_simulators.truth import Truth, frame_truth
+
+TICK_S = 0.02
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Replace a file so that a reader sees all of the old or all of the new."""
+    working = path.with_name(path.name + ".new")
+    working.write_bytes(data)
+    os.replace(working, path)
+
+
+class Bench:
+    """All parts wired together."""
+
+    def __init__(self, scenario: Scenario, out: Path, rate: float, port: int, triggered: bool) -> None:
+        self._scenario = scenario
+        self._out = out
+        self._export = out / "export"
+        self._export.mkdir(parents=True, exist_ok=True)
+        self._triggered = triggered
+        self._stop = threading.Event()
+        self._failure: BaseException | None = None
+        _warm_up(scenario)
+        self._clock = BenchClock(rate, self._publish)
+        self._machine = Machine(scenario, self._clock.start_ns)
+        self._truth = Truth(scenario, self._clock.start_ns)
+        self._sem = Sem(scenario, self._clock, self._machine, self._export, triggered, self._frame_exported, self._fail)
+        self._registers = BenchRegisters(scenario, self._clock, self._machine, self._sem)
+        self._modbus = ModbusThread(self._registers, port)
+
+    def _publish(self, clock: Clock) -> None:
+        write_atomically(self._out / "clock.json", encode_clock(clock))
+
+    def _fail(self, error: BaseException) -> None:
+        self._failure = error
+        self._stop.set()
+
+    def stop(self) -> None:
+        """Ask the bench to end; safe in a signal handler and from any thread."""
+        self._stop.set()
+
+    def run(self) -> int:
+        """Serve until stopped; returns the exit code."""
+        port = self._modbus.start()
+        self._clock.begin()
+        write_atomically(self._out / "ready.json", (json.dumps(self._ready(port), indent=2) + "\n").encode())
+        self._sem.start()
+        try:
+            while not self._stop.wait(TICK_S):
+                self._machine.advance_to(self._clock.now_ns())
+                if self._registers.watchdog.expired:
+                    self._machine.expire()
+        finally:
+            self._sem.stop()
+            self._modbus.stop()
+            self._write_truth()
+        if self._failure is not None:
+            sys.stderr.write(f"bench: stopped by {type(self._failure).__name__}: {self._failure}\n")
+            return 1
+        return 0
+
+    def _ready(self, port: int) -> dict[str, object]:
+        return {
+            "host": "127.0.0.1",
+            "port": port,
+            "unit": UNIT,
+            "export_folder": str(self._export),
+            "clock_file": str(self._out / "clock.json"),
+            "truth_file": str(self._out / "truth.json"),
+            "pixel_size_m": self._scenario.scan.pixel_size_um / 1e6,
+            "mode": "triggered" if self._triggered else "continuous",
+            "scenario": self._scenario.name,
+            "experiment": self._scenario.experiment,
+        }
+
+    def _frame_exported(self, item: Exported) -> None:
+        start_s = (item.start_time_ns - self._clock.start_ns) * 1e-9
+        window = self._machine.window(start_s, start_s + self._scenario.scan.frame_time_s)
+        self._truth.add_frame(
+            frame_truth(self._scenario, item.file, item.start_time_ns, start_s, window.motion, window.force_mean_n, window.moving)
+        )
+        self._write_truth()
+
+    def _write_truth(self) -> None:
+        data = self._truth.encode(self._clock.now_ns(), self._clock.stretches, self._clock.worst_lag_s)
+        write_atomically(self._out / "truth.json", data)
+
+
+def _warm_up(scenario: Scenario) -> None:
+    """Compile or load the kernels, and use what is slow the first time, before the clock starts."""
+    column = scenario.column()
+    rows = np.empty((2, scenario.scan.width_px), dtype=np.uint8)
+    column.render_rows(rows, 0, 0.0, at_rest(), 0)
+    encode_tiff(rows, ImageFacts(scenario.scan, 0, 0.0, 0.0, 0), scenario.export.databar_rows)
+    gaussian(scenario.seed, 0, 0)
+    # A full collection over what compiler and libraries left behind takes some 50 ms: 2 s of experiment time at rate 40.
+    gc.collect()
+    gc.freeze()
+    sys.setswitchinterval(5e-4)
+
+
+def _stop_at_end_of_input(bench: Bench) -> None:
+    with contextlib.suppress(OSError, ValueError):
+        while sys.stdin.buffer.read(4096):
+            pass
+    bench.stop()
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="bench", description="Virtual SEM, load frame and specimen stage.")
+    parser.add_argument("--scenario", default="paper_x200", help="name of a scenario, or a path ending in .yaml")
+    parser.add_argument("--out", type=Path, required=True, help="folder for clock.json, ready.json, truth.json and export/")
+    parser.add_argument("--rate", type=float, default=1.0, help="experiment seconds per wall second")
+    parser.add_argument("--port", type=int, default=0, help="TCP port on 127.0.0.1; 0 takes a free one")
+    parser.add_argument("--mode", choices=("continuous", "triggered"), default="continuous")
+    parser.add_argument("--seed", type=int, default=None, help="in place of the scenario's own")
+    parser.add_argument("--exit-with-stdin", action="store_true", help="end when standard input is closed")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the bench until SIGINT or SIGTERM; exit code 0, 1 for a failure on the way, 2 for bad input."""
+    options = _parser().parse_args(argv)
+    if not 0 < options.rate < float("inf"):
+        sys.stderr.write(f"bench: --rate must be a number > 0, not {options.rate}\n")
+        return 2
+    try:
+        scenario = load_scenario(options.scenario, options.seed)
+        bench = Bench(scenario, options.out.resolve(), options.rate, options.port, options.mode == "triggered")
+    except BadScenario as error:
+        sys.stderr.write(f"bench: {error}\n")
+        return 2
+    except OSError as error:
+        sys.stderr.write(f"bench: {options.out}: {error.strerror}; give a folder that can be written\n")
+        return 2
+    for signal_number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(signal_number, lambda *_: bench.stop())
+    if options.exit_with_stdin:
+        threading.Thread(target=_stop_at_end_of_input, args=(bench,), daemon=True).start()
+    try:
+        return bench.run()
+    except RuntimeError as error:
+        sys.stderr.write(f"bench: {error}; choose another --port\n")
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,47 @@
+"""Drift: the beam wanders while the column warms up, and slowly ever after."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import ConfigDict
+
+
+@dataclass(frozen=True, slots=True)
+class AxisDrift:
+    """Drift of one axis: an exponential approach plus a slow quadratic.
+
+    Attributes:
+        warmup_px: what the warm-up moves in all.
+        warmup_s: its time constant.
+        linear_px_s: constant rate.
+        quadratic_px_s2: coefficient of t squared.
+    """
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    warmup_px: float
+    warmup_s: float
+    linear_px_s: float
+    quadratic_px_s2: float
+
+    def at(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Drift in px at seconds since the run began."""
+        return -self.warmup_px * np.expm1(-time_s / self.warmup_s) + (self.linear_px_s + self.quadratic_px_s2 * time_s) * time_s
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """Drift of the image in both axes; positive moves what is seen to the right and down."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    x: AxisDrift
+    y: AxisDrift
+
+    def at(self, time_s: ArrayLike) -> NDArray[np.float64]:
+        """Drift in px at seconds since the run began, (..., 2) for times (...)."""
+        times = np.asarray(time_s, dtype=np.float64)
+        return np.stack([self.x.at(times), self.y.at(times)], axis=-1)

@@ -1,0 +1,103 @@
+"""The bench's register map as bytes: docs/bench-registers.md, in both directions and without IO."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+IDENTITY = 0x5E31
+MAP_VERSION = 1
+_SIMULATOR, _OWN_WATCHDOG = 1, 2
+STOPPED, MOVING, FAULT = 0, 1, 2
+
+
+def f32(value: float) -> list[int]:
+    """A float as two registers, high word first."""
+    return list(struct.unpack(">HH", struct.pack(">f", value)))
+
+
+def u32(value: int) -> list[int]:
+    """A counter as two registers, high word first; wraps."""
+    return [(value >> 16) & 0xFFFF, value & 0xFFFF]
+
+
+def read_f32(registers: list[int]) -> float:
+    """Two registers, high word first, as a float."""
+    return struct.unpack(">f", struct.pack(">HH", *registers))[0]
+
+
+@dataclass(frozen=True, slots=True)
+class LoadFrameInputs:
+    """Input registers 0-15."""
+
+    state: int
+    force_n: float
+    extension_mm: float
+    target_n: float
+    readings: int
+    lag_s: float
+    force_limit_n: float
+
+    def registers(self) -> list[int]:
+        """All sixteen, from address 0."""
+        head = [IDENTITY, MAP_VERSION, _SIMULATOR | _OWN_WATCHDOG, self.state]
+        body = f32(self.force_n) + f32(self.extension_mm) + f32(self.target_n) + u32(self.readings)
+        return head + body + f32(self.lag_s) + f32(self.force_limit_n)
+
+
+@dataclass(frozen=True, slots=True)
+class StageInputs:
+    """Input registers 100-106."""
+
+    state: int
+    x_um: float
+    y_um: float
+    readings: int
+
+    def registers(self) -> list[int]:
+        """All seven, from address 100."""
+        return [self.state, *f32(self.x_um), *f32(self.y_um), *u32(self.readings)]
+
+
+@dataclass(frozen=True, slots=True)
+class SemInputs:
+    """Input registers 200-201."""
+
+    scanning: bool
+    exported: int
+
+    def registers(self) -> list[int]:
+        """Both, from address 200."""
+        return [int(self.scanning), self.exported & 0xFFFF]
+
+
+@dataclass(frozen=True, slots=True)
+class LoadFrameOrders:
+    """Holding registers 0-7."""
+
+    target_n: float
+    rate_n_s: float
+    command: int
+    nonce: int
+    heartbeat: int
+    watchdog_s: float
+
+    @classmethod
+    def decoded(cls, registers: list[int]) -> LoadFrameOrders:
+        """From the eight registers at address 0."""
+        command, nonce, heartbeat, tenths = registers[4:8]
+        return cls(read_f32(registers[0:2]), read_f32(registers[2:4]), command, nonce, heartbeat, tenths * 0.1)
+
+
+@dataclass(frozen=True, slots=True)
+class StageOrders:
+    """Holding registers 100-105."""
+
+    x_um: float
+    y_um: float
+    command: int
+
+    @classmethod
+    def decoded(cls, registers: list[int]) -> StageOrders:
+        """From the six registers at address 100."""
+        return cls(read_f32(registers[0:2]), read_f32(registers[2:4]), registers[4])

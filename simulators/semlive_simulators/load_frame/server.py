@@ -1,0 +1,217 @@
+"""The Modbus TCP server of the bench: live values on every read, orders acted on when they are written."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import threading
+import time
+
+from pymodbus.constants import ExcCodes
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from semlive_simulators.clockwork import BenchClock
+from semlive_simulators.load_frame.registers import (
+    FAULT,
+    MOVING,
+    STOPPED,
+    LoadFrameInputs,
+    LoadFrameOrders,
+    SemInputs,
+    StageInputs,
+    StageOrders,
+)
+from semlive_simulators.machine import Machine, Reading
+from semlive_simulators.scenario import Scenario
+from semlive_simulators.sem import Sem
+
+UNIT = 1
+_READ_HOLDING, _READ_INPUT = 3, 4
+_WRITES = (6, 16)
+_GO, _STOP = 1, 2
+
+
+class Watchdog:
+    """The device's own watchdog, in wall time: fed by a change of the heartbeat register."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._timeout_s = 0.0
+        self._fed_ns = time.monotonic_ns()
+
+    def set(self, timeout_s: float) -> None:
+        """Set the time until it expires, 0 is off; feeds it."""
+        with self._lock:
+            self._timeout_s = timeout_s
+            self._fed_ns = time.monotonic_ns()
+
+    def feed(self) -> None:
+        """The heartbeat changed."""
+        with self._lock:
+            self._fed_ns = time.monotonic_ns()
+
+    @property
+    def expired(self) -> bool:
+        """Whether nothing fed it for too long."""
+        with self._lock:
+            return self._timeout_s > 0 and time.monotonic_ns() - self._fed_ns > self._timeout_s * 1e9
+
+
+class BenchRegisters:
+    """Answers reads and acts on writes; the register map is docs/bench-registers.md."""
+
+    def __init__(self, scenario: Scenario, clock: BenchClock, machine: Machine, sem: Sem) -> None:
+        self._scenario = scenario
+        self._clock = clock
+        self._machine = machine
+        self._sem = sem
+        self.watchdog = Watchdog()
+
+    async def action(
+        self, function: int, start: int, address: int, count: int, registers: list[int], values: list[int] | list[bool] | None
+    ) -> ExcCodes | None:
+        """What pymodbus calls before it answers a request; `registers` is the whole block from `start`."""
+        if function == _READ_INPUT:
+            registers[:] = self._inputs(registers, start)
+            return None
+        if function == _READ_HOLDING:
+            return None
+        if function not in _WRITES or values is None:
+            return ExcCodes.ILLEGAL_FUNCTION
+        written = list(registers)
+        written[address - start : address - start + len(values)] = [int(value) for value in values]
+        touched = range(address, address + len(values))
+        if touched.start < 100:
+            return self._order_load_frame(registers, written, touched)
+        if touched.start < 200:
+            return self._order_stage(written, touched)
+        return self._order_sem(written[200])
+
+    def _inputs(self, registers: list[int], start: int) -> list[int]:
+        reading = self._machine.read(self._clock.now_ns())
+        load_frame = LoadFrameInputs(
+            state=FAULT if reading.load_frame_fault else MOVING if reading.load_frame_moving else STOPPED,
+            force_n=reading.force_n,
+            extension_mm=reading.extension_mm,
+            target_n=reading.target_n,
+            readings=reading.number,
+            lag_s=self._clock.lag_s(),
+            force_limit_n=self._scenario.load_frame.force_limit_n,
+        )
+        stage = StageInputs(_stage_state(reading), reading.encoder_x_um, reading.encoder_y_um, reading.number)
+        block = list(registers)
+        for address, words in ((0, load_frame.registers()), (100, stage.registers()), (200, self._sem_inputs().registers())):
+            block[address - start : address - start + len(words)] = words
+        return block
+
+    def _sem_inputs(self) -> SemInputs:
+        return SemInputs(self._sem.scanning, self._sem.exported)
+
+    def _order_load_frame(self, before: list[int], written: list[int], touched: range) -> ExcCodes | None:
+        orders, old = LoadFrameOrders.decoded(written[0:8]), LoadFrameOrders.decoded(before[0:8])
+        command = orders.command if 4 in touched else 0
+        if command not in (0, _GO, _STOP):
+            return ExcCodes.ILLEGAL_VALUE
+        if command == _GO:
+            limit = self._scenario.load_frame.force_limit_n
+            sound = math.isfinite(orders.target_n) and abs(orders.target_n) <= limit and 0 < orders.rate_n_s < math.inf
+            if not sound:
+                return ExcCodes.ILLEGAL_VALUE
+            if self._machine.overloaded:
+                return ExcCodes.DEVICE_FAILURE
+        if 7 in touched and orders.watchdog_s != old.watchdog_s:
+            self.watchdog.set(orders.watchdog_s)
+        if 6 in touched and orders.heartbeat != old.heartbeat:
+            self.watchdog.feed()
+        self._machine.advance_to(self._clock.now_ns())
+        if command == _GO:
+            self._machine.ramp_to(orders.target_n, orders.rate_n_s)
+        elif command == _STOP:
+            self._machine.stop_load()
+        return None
+
+    def _order_stage(self, written: list[int], touched: range) -> ExcCodes | None:
+        orders = StageOrders.decoded(written[100:106])
+        command = orders.command if 104 in touched else 0
+        if command not in (0, _GO, _STOP):
+            return ExcCodes.ILLEGAL_VALUE
+        travel = self._scenario.stage.travel_um
+        if command == _GO and not (abs(orders.x_um) <= travel and abs(orders.y_um) <= travel):
+            return ExcCodes.ILLEGAL_VALUE
+        self._machine.advance_to(self._clock.now_ns())
+        if command == _GO:
+            self._machine.move_stage(orders.x_um, orders.y_um)
+        elif command == _STOP:
+            self._machine.stop_stage()
+        return None
+
+    def _order_sem(self, word: int) -> ExcCodes | None:
+        if word not in (0, 1):
+            return ExcCodes.ILLEGAL_VALUE
+        if word == 1 and not self._sem.request_scan():
+            return ExcCodes.DEVICE_BUSY
+        return None
+
+
+def _stage_state(reading: Reading) -> int:
+    return MOVING if reading.stage_moving else STOPPED
+
+
+def _device(registers: BenchRegisters) -> SimDevice:
+    def words(address: int, count: int) -> SimData:
+        return SimData(address, count=count, values=0, datatype=DataType.REGISTERS)
+
+    bits = [SimData(0, count=1, values=False, datatype=DataType.BITS)]
+    holding = [words(0, 8), words(100, 6), words(200, 1)]
+    inputs = [words(0, 16), words(100, 7), words(200, 2)]
+    return SimDevice(id=UNIT, simdata=(bits, list(bits), holding, inputs), action=registers.action)
+
+
+class ModbusThread:
+    """The server in a thread of its own, which owns an event loop and nothing else."""
+
+    def __init__(self, registers: BenchRegisters, port: int) -> None:
+        self._registers = registers
+        self._wanted_port = port
+        self._loop = asyncio.new_event_loop()
+        self._listening = threading.Event()
+        self._failure: Exception | None = None
+        self._port = 0
+        self._thread = threading.Thread(target=self._run, name="modbus", daemon=True)
+
+    def start(self) -> int:
+        """Start listening on 127.0.0.1; returns the port.
+
+        Raises:
+            RuntimeError: the port cannot be had.
+        """
+        self._thread.start()
+        self._listening.wait()
+        if self._failure is not None:
+            raise RuntimeError(f"cannot listen on 127.0.0.1:{self._wanted_port} ({self._failure})") from self._failure
+        return self._port
+
+    def stop(self) -> None:
+        """Close the server and end the thread."""
+        self._loop.call_soon_threadsafe(self._server_stop.set)
+        self._thread.join(timeout=5.0)
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_until_complete(self._serve())
+        except Exception as error:
+            self._failure = error
+        finally:
+            self._listening.set()
+            self._loop.close()
+
+    async def _serve(self) -> None:
+        self._server_stop = asyncio.Event()
+        server = ModbusTcpServer(_device(self._registers), address=("127.0.0.1", self._wanted_port))
+        await server.serve_forever(background=True)
+        self._port = server.transport.sockets[0].getsockname()[1]  # type: ignore[union-attr]
+        self._listening.set()
+        await self._server_stop.wait()
+        await server.shutdown()

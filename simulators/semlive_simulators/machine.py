@@ -1,0 +1,162 @@
+"""Load frame, stage and specimen together, advanced in experiment time, with a memory of how the specimen lay."""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+
+from semlive_simulators import stage as stages
+from semlive_simulators.kernels.pattern import gaussian
+from semlive_simulators.load_frame import dynamics
+from semlive_simulators.scenario import Scenario
+from semlive_simulators.specimen import Motion
+
+STEP_NS = 50_000_000
+"""Physics runs in steps of 50 ms on a grid fixed to the start of the run: half a row, 1 um of stage motion."""
+READINGS_PER_S = 100
+_REMEMBERED = 40_000
+_FORCE_STREAM, _EXTENSION_STREAM, _ENCODER_X_STREAM, _ENCODER_Y_STREAM = 1, 2, 3, 4
+
+
+@dataclass(frozen=True, slots=True)
+class Remembered:
+    """How things stood at the end of a physics step."""
+
+    time_s: float
+    force_n: float
+    x_um: float
+    y_um: float
+    yaw_rad: float
+    moving: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What the devices say of themselves at an instant, their own noise included."""
+
+    number: int
+    force_n: float
+    extension_mm: float
+    target_n: float
+    load_frame_moving: bool
+    load_frame_fault: bool
+    encoder_x_um: float
+    encoder_y_um: float
+    stage_moving: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """What truly happened between two instants.
+
+    Attributes:
+        motion: of the specimen.
+        force_mean_n: mean true force.
+        moving: whether load frame or stage moved.
+    """
+
+    motion: Motion
+    force_mean_n: float
+    moving: bool
+
+
+class Machine:
+    """The moving parts of the bench; safe to use from several threads."""
+
+    def __init__(self, scenario: Scenario, start_ns: int) -> None:
+        self._scenario = scenario
+        self._start_ns = start_ns
+        self._lock = threading.Lock()
+        self._steps = 0
+        self._load = dynamics.at_rest(scenario.load_frame, scenario.specimen.stiffness_n_mm)
+        self._stage = stages.StageState()
+        self._memory: list[Remembered] = []
+        self._remember()
+
+    def _remember(self) -> None:
+        x_um, y_um = stages.true_position_um(self._stage, self._scenario.stage)
+        moving = self._stage.moving or self._load.drive is dynamics.Drive.RAMPING
+        time_s = self._steps * STEP_NS * 1e-9
+        self._memory.append(Remembered(time_s, self._load.force_n, x_um, y_um, self._stage.yaw_rad, moving))
+        if len(self._memory) > _REMEMBERED:
+            del self._memory[: _REMEMBERED // 2]
+
+    def advance_to(self, time_ns: int) -> None:
+        """Let time pass up to the first step at or after an instant; never goes back."""
+        goal = -((self._start_ns - time_ns) // STEP_NS)
+        with self._lock:
+            while self._steps < goal:
+                self._load = dynamics.step(self._load, self._scenario.load_frame, STEP_NS * 1e-9)
+                self._stage = stages.step(self._stage, self._scenario.stage, STEP_NS * 1e-9)
+                self._steps += 1
+                self._remember()
+
+    def read(self, time_ns: int) -> Reading:
+        """What the devices say at an instant."""
+        self.advance_to(time_ns)
+        number = max(0, (time_ns - self._start_ns) * READINGS_PER_S // 1_000_000_000)
+        seed, frame, stage = self._scenario.seed, self._scenario.load_frame, self._scenario.stage
+        with self._lock:
+            load, position = self._load, self._stage
+        return Reading(
+            number=number,
+            force_n=load.force_n + frame.cell_noise_n * gaussian(seed, _FORCE_STREAM, number),
+            extension_mm=load.extension_mm + frame.extension_noise_mm * gaussian(seed, _EXTENSION_STREAM, number),
+            target_n=load.target_n,
+            load_frame_moving=load.drive is dynamics.Drive.RAMPING,
+            load_frame_fault=load.faulty,
+            encoder_x_um=position.motor_x_um + stage.encoder_noise_um * gaussian(seed, _ENCODER_X_STREAM, number),
+            encoder_y_um=position.motor_y_um + stage.encoder_noise_um * gaussian(seed, _ENCODER_Y_STREAM, number),
+            stage_moving=position.moving,
+        )
+
+    def window(self, first_s: float, last_s: float) -> Window:
+        """What truly happened between two instants, seconds since the run began; must lie in the recent past."""
+        with self._lock:
+            newest = self._memory[-1].time_s
+            step_s = STEP_NS * 1e-9
+            behind = math.ceil((newest - first_s) / step_s) + 2
+            recent = self._memory[-max(behind, 2) :]
+        kept = [entry for entry in recent if first_s - step_s < entry.time_s < last_s + step_s] or recent[-1:]
+        force = np.array([entry.force_n for entry in kept])
+        yaw = np.array([entry.yaw_rad for entry in kept])
+        position = np.array([(entry.x_um, entry.y_um) for entry in kept])
+        specimen = self._scenario.specimen
+        shift = position / self._scenario.scan.pixel_size_um + specimen.shift_px(force)
+        motion = Motion(np.array([entry.time_s for entry in kept]), shift, specimen.gradient(force, yaw))
+        return Window(motion, float(force.mean()), any(entry.moving for entry in kept))
+
+    def ramp_to(self, force_n: float, rate_n_s: float) -> None:
+        """Start a ramp in load control."""
+        with self._lock:
+            self._load = dynamics.ramp_to(self._load, force_n, rate_n_s)
+
+    def stop_load(self) -> None:
+        """Stop the load frame and hold position."""
+        with self._lock:
+            self._load = dynamics.stop(self._load)
+
+    def move_stage(self, x_um: float, y_um: float) -> None:
+        """Start a motion of the stage."""
+        with self._lock:
+            self._stage = stages.go(self._stage, self._scenario.stage, x_um, y_um, self._scenario.seed)
+
+    def stop_stage(self) -> None:
+        """Stop the stage."""
+        with self._lock:
+            self._stage = stages.stop(self._stage)
+
+    def expire(self) -> None:
+        """The watchdog expired: everything stops and holds, the load frame reports a fault."""
+        with self._lock:
+            self._load = dynamics.expire(self._load)
+            self._stage = stages.stop(self._stage)
+
+    @property
+    def overloaded(self) -> bool:
+        """Whether the load frame stopped at its own force limit."""
+        with self._lock:
+            return self._load.drive is dynamics.Drive.OVERLOAD

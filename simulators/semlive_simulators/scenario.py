@@ -1,0 +1,148 @@
+"""Scenarios: everything that is true in a simulated experiment, read from YAML."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from semlive_simulators.column import Column, Detector, Scan, build_column
+from semlive_simulators.effects.distortion import Distortion
+from semlive_simulators.effects.drift import Drift
+from semlive_simulators.load_frame.dynamics import LoadFrameParameters
+from semlive_simulators.specimen import Specimen, Speckle
+from semlive_simulators.stage import StageParameters
+
+FOLDER = Path(__file__).parent / "scenarios"
+
+
+class BadScenario(Exception):
+    """A scenario is missing or wrong; the message says what, where and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Export:
+    """How the instrument writes its files.
+
+    Attributes:
+        style: ``direct`` writes the final name bit by bit, ``rename`` a temporary name that is renamed.
+        delay_s: from the end of a scan to the first byte.
+        duration_s: from the first byte to the last.
+        chunks: writes in that time.
+        databar_rows: rows of the databar below the image.
+        prefix: of the file names.
+    """
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    style: str
+    delay_s: float
+    duration_s: float
+    chunks: int
+    databar_rows: int
+    prefix: str
+
+    def __post_init__(self) -> None:
+        if self.style not in ("direct", "rename"):
+            raise ValueError(f"style must be direct or rename, not {self.style}")
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A simulated experiment.
+
+    Attributes:
+        name: of the scenario.
+        seed: of everything random but the speckle.
+        first_scan_s: when the first scan begins, seconds after the run.
+        scan: the raster.
+        speckle: the pattern.
+        specimen: what carries it.
+        detector: noise and grey levels; its seed is set from `seed`.
+        drift: true drift.
+        distortion: true distortion.
+        load_frame: the machine.
+        stage: the stage.
+        export: how files are written.
+        experiment: a fragment of the daemon's configuration, handed on as it is.
+    """
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    name: str
+    seed: int
+    first_scan_s: float
+    scan: Scan
+    speckle: Speckle
+    specimen: Specimen
+    detector: Detector
+    drift: Drift
+    distortion: Distortion
+    load_frame: LoadFrameParameters
+    stage: StageParameters
+    export: Export
+    experiment: dict[str, Any]
+
+    def column(self) -> Column:
+        """The column of this scenario."""
+        return build_column(self.scan, self.detector, self.speckle, self.drift, self.distortion)
+
+
+def load_scenario(name: str, seed: int | None = None) -> Scenario:
+    """Read a scenario by its name, or from a YAML file by its path.
+
+    A file may say ``extends: NAME`` and then only what differs; mappings are merged, everything else is replaced.
+
+    Args:
+        name: ``paper_x200``, or a path that ends in ``.yaml``.
+        seed: used in place of the scenario's own.
+
+    Raises:
+        BadScenario: it does not exist or says something that is not understood.
+    """
+    fields = _read(name)
+    if seed is not None:
+        fields["seed"] = seed
+    if isinstance(fields.get("detector"), dict):
+        fields["detector"] = {**fields["detector"], "seed": fields.get("seed", 0)}
+    try:
+        return TypeAdapter(Scenario).validate_python(fields)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise BadScenario(f"scenario {name}: {place}: {first['msg']}; correct it") from error
+
+
+def names() -> list[str]:
+    """The scenarios that come along."""
+    return sorted(path.stem for path in FOLDER.glob("*.yaml"))
+
+
+def _read(name: str, depth: int = 0) -> dict[str, Any]:
+    path = Path(name) if name.endswith(".yaml") else FOLDER / f"{name}.yaml"
+    try:
+        fields = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadScenario(f"scenario {name} does not exist; choose {', '.join(names())} or give a path ending in .yaml") from error
+    except yaml.YAMLError as error:
+        raise BadScenario(f"scenario {name} is not YAML; correct {path.name}") from error
+    if not isinstance(fields, dict):
+        raise BadScenario(f"scenario {name} holds no keys; correct {path.name}")
+    fields.setdefault("name", path.stem)
+    base = fields.pop("extends", None)
+    if base is None:
+        return fields
+    if depth > 4:
+        raise BadScenario(f"scenario {name} extends too many others; correct {path.name}")
+    return _merged(_read(str(base), depth + 1), fields)
+
+
+def _merged(base: dict[str, Any], change: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(base)
+    for key, value in change.items():
+        old = merged.get(key)
+        merged[key] = _merged(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+    return merged

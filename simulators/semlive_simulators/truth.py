@@ -1,0 +1,104 @@
+"""What was true: kept while the bench runs, written for whoever scores the measurement."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+
+from semlive_simulators.scenario import Scenario
+from semlive_simulators.specimen import Motion
+
+DRIFT_EVERY_S = 5.0
+GRID_PX = 25.0
+
+
+def frame_truth(
+    scenario: Scenario, file: str, start_time_ns: int, start_s: float, motion: Motion, load_mean_n: float, moving: bool
+) -> dict[str, Any]:
+    """The truth of one frame.
+
+    Args:
+        scenario: what is simulated.
+        file: name of the exported file.
+        start_time_ns: when the scan began, UTC ns.
+        start_s: the same in seconds since the run began.
+        motion: of the specimen during the scan.
+        load_mean_n: mean true load.
+        moving: whether anything was driven during the scan.
+    """
+    middle = motion.at(np.array([start_s + 0.5 * scenario.scan.frame_time_s]))
+    gradient = middle.gradient[0]
+    return {
+        "file": file,
+        "start_time_ns": start_time_ns,
+        "row_time_s": scenario.scan.row_time_s,
+        "load_mean_n": load_mean_n,
+        "stage_px": middle.shift_px[0].tolist(),
+        "gradient": gradient.tolist(),
+        "strain": {
+            "exx": float(gradient[0, 0]),
+            "eyy": float(gradient[1, 1]),
+            "exy": float(0.5 * (gradient[0, 1] + gradient[1, 0])),
+        },
+        "moving": moving,
+    }
+
+
+def distortion_truth(scenario: Scenario) -> dict[str, Any]:
+    """True distortion on a grid of about 25 px that includes the frame's edges."""
+    scan = scenario.scan
+    x_px = np.linspace(0, scan.width_px - 1, max(2, round(scan.width_px / GRID_PX) + 1))
+    y_px = np.linspace(0, scan.height_px - 1, max(2, round(scan.height_px / GRID_PX) + 1))
+    bend = scenario.distortion.at(*np.meshgrid(x_px, y_px), scan.width_px, scan.height_px)
+    return {"x_px": x_px.tolist(), "y_px": y_px.tolist(), "ex_px": bend[..., 0].tolist(), "ey_px": bend[..., 1].tolist()}
+
+
+def drift_truth(scenario: Scenario, start_ns: int, now_ns: int) -> dict[str, Any]:
+    """True drift every 5 s from the start of the run up to now."""
+    count = max(0, int((now_ns - start_ns) * 1e-9 / DRIFT_EVERY_S)) + 2
+    drift = scenario.drift.at(np.arange(count) * DRIFT_EVERY_S)
+    step_ns = round(DRIFT_EVERY_S * 1e9)
+    return {
+        "time_ns": [start_ns + index * step_ns for index in range(count)],
+        "dx_px": drift[:, 0].tolist(),
+        "dy_px": drift[:, 1].tolist(),
+    }
+
+
+class Truth:
+    """Collects frames; gives the whole truth as JSON."""
+
+    def __init__(self, scenario: Scenario, start_ns: int) -> None:
+        self._scenario = scenario
+        self._start_ns = start_ns
+        self._frames: list[str] = []
+        self._distortion = json.dumps(distortion_truth(scenario))
+
+    def add_frame(self, frame: dict[str, Any]) -> None:
+        """Keep the truth of a frame."""
+        self._frames.append(json.dumps(frame))
+
+    def encode(self, now_ns: int, clock_stretches: int, worst_lag_s: float) -> bytes:
+        """Everything so far."""
+        scenario = self._scenario
+        head = {
+            "version": 1,
+            "scenario": scenario.name,
+            "seed": scenario.seed,
+            "youngs_modulus_gpa": scenario.specimen.youngs_modulus_gpa,
+            "poissons_ratio": scenario.specimen.poissons_ratio,
+            "pixel_size_m": scenario.scan.pixel_size_um / 1e6,
+            "centre_px": scenario.scan.centre_px.tolist(),
+            "start_time_ns": self._start_ns,
+            "clock_stretches": clock_stretches,
+            "worst_lag_s": worst_lag_s,
+        }
+        parts = [
+            json.dumps(head)[:-1],
+            '"frames": [' + ",\n".join(self._frames) + "]",
+            '"drift": ' + json.dumps(drift_truth(scenario, self._start_ns, now_ns)),
+            '"distortion": ' + self._distortion + "}",
+        ]
+        return (",\n".join(parts) + "\n").encode()
