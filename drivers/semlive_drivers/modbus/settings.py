@@ -1,0 +1,67 @@
+"""Settings of the Modbus drivers, checked at the door."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from semlive.data.loading import StageKind, StopOnLinkLoss
+from semlive.errors import BadConfig
+
+
+class ModbusSettings(BaseModel):
+    """What every Modbus driver needs."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    host: str = "127.0.0.1"
+    port: int = Field(default=502, ge=1, le=65_535)
+    unit: int = Field(default=1, ge=0, le=255)
+    timeout_s: float = Field(default=0.3, gt=0, le=5)
+    """Longest wait for one answer, wall time: a stop waits for at most one answer before it."""
+    registers: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    """Points of the register map that differ from the bench's."""
+
+
+class DeviceSettings(ModbusSettings):
+    """What a device that is read continuously needs."""
+
+    identity: int | None = Field(default=0x5E31, ge=0, le=65_535)
+    """What the identity register must hold; None leaves it unchecked."""
+    frozen_after_s: float = Field(default=1.0, gt=0)
+    """A counter of readings that stands still for this long of wall time means a frozen reading."""
+
+
+class LoadFrameSettings(DeviceSettings):
+    """Settings of the load frame."""
+
+    watchdog_s: float = Field(default=2.0, ge=0, le=6_553)
+    """The device stops by itself when it has not been spoken to for this long of wall time; 0 is off."""
+    stop_on_link_loss: StopOnLinkLoss | None = None
+    """What was found out at this machine; None believes the device's own word, which counts as assumed."""
+
+
+class StageSettings(DeviceSettings):
+    """Settings of the stage."""
+
+    kind: StageKind = StageKind.SPECIMEN
+
+
+S = TypeVar("S", bound=BaseModel)
+
+
+def checked(model: type[S], settings: Mapping[str, object], driver: str) -> S:
+    """Settings as values.
+
+    Raises:
+        BadConfig: for the first key or value that is wrong.
+    """
+    try:
+        return model.model_validate(dict(settings))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"]) or "settings"
+        allowed = f"; it has {', '.join(model.model_fields)}" if first["type"] == "extra_forbidden" else ""
+        raise BadConfig(f"{driver}: {key}: {first['msg'][0].lower()}{first['msg'][1:]}{allowed}") from None

@@ -1,0 +1,111 @@
+"""A specimen stage (or beam shift) behind Modbus TCP."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from semlive.data.loading import DeviceIdentity, StageKind, StageSample, StopOnLinkLoss
+from semlive.errors import LinkError
+from semlive.ports import ClockSource
+from semlive_drivers.modbus.client import ModbusLink
+from semlive_drivers.modbus.codec import block_of, decode, decode_int, encode_block
+from semlive_drivers.modbus.device import FrozenCheck, greet, motion_state
+from semlive_drivers.modbus.registers import StageMap, overridden
+from semlive_drivers.modbus.settings import StageSettings, checked
+
+GO, STOP = 1, 2
+
+
+class ModbusStage:
+    """The Stage port over one Modbus link; opened by `open_stage`."""
+
+    def __init__(self, link: ModbusLink, registers: StageMap, settings: StageSettings, clock: ClockSource) -> None:
+        r = registers
+        self._link, self._map, self._clock = link, registers, clock
+        self._kind = settings.kind
+        self._status = block_of((r.motion, r.x, r.y, r.counter))
+        self._order = block_of((r.target_x, r.target_y, r.command, r.nonce))
+        self._frozen = FrozenCheck(link, settings.frozen_after_s)
+        self._sequence = 0
+        self._last_um = (0.0, 0.0)
+        self._nonce = clock.mono_ns() // 1_000_000 % 65_536
+        greeting = greet(link, registers, settings.identity)
+        # The map has no watchdog for the stage: nobody stops it when the link is gone.
+        self._identity = DeviceIdentity(f"stage at {link.where}", greeting.simulated, StopOnLinkLoss.ABSENT)
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        """Who answers, as read when the link was opened."""
+        return self._identity
+
+    @property
+    def kind(self) -> StageKind:
+        """What it moves."""
+        return self._kind
+
+    def read(self) -> StageSample:
+        """One fresh reading.
+
+        Raises:
+            LinkError: if nothing sensible comes back, or the reading is frozen.
+        """
+        r, s = self._map, self._status
+        raw = self._link.read(s)
+        mono_ns = self._clock.mono_ns()
+        self._frozen.check(decode_int(r.counter, raw[s.slice(r.counter)]), mono_ns)
+        sample = StageSample(
+            sequence=self._sequence,
+            time_ns=self._clock.now_ns(),
+            mono_ns=mono_ns,
+            x_um=decode(r.x, raw[s.slice(r.x)]),
+            y_um=decode(r.y, raw[s.slice(r.y)]),
+            motion=motion_state(self._link, decode_int(r.motion, raw[s.slice(r.motion)])),
+            raw=raw,
+        )
+        self._sequence += 1
+        return sample
+
+    def move_to(self, x_um: float, y_um: float) -> None:
+        """Start going to a position; returns when the command was read back.
+
+        Raises:
+            LinkError: if the device did not take it.
+        """
+        self._last_um = (x_um, y_um)
+        self._command(GO)
+
+    def stop(self) -> None:
+        """Stop motion; returns when the command was read back.
+
+        Raises:
+            LinkError: if the device did not take it.
+        """
+        self._command(STOP)
+
+    def close(self) -> None:
+        """Close the link."""
+        self._link.close()
+
+    def _command(self, word: int) -> None:
+        r = self._map
+        self._nonce = (self._nonce + 1) % 65_536
+        values = {r.target_x: self._last_um[0], r.target_y: self._last_um[1], r.command: word, r.nonce: self._nonce}
+        self._link.write_verified(self._order, encode_block(self._order, values))
+
+
+def open_stage(settings: Mapping[str, object], clock: ClockSource) -> ModbusStage:
+    """Open the link and check who answers.
+
+    Raises:
+        BadConfig: for settings that are not understood.
+        LinkRefused: if nobody, or somebody else, answers.
+        LinkError: if the device answers nonsense.
+    """
+    known = checked(StageSettings, settings, "modbus stage")
+    registers = overridden(StageMap(), known.registers, "modbus stage: registers")
+    link = ModbusLink(known.host, known.port, known.unit, known.timeout_s)
+    try:
+        return ModbusStage(link, registers, known, clock)
+    except LinkError:
+        link.close()
+        raise

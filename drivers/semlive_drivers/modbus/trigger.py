@@ -1,0 +1,50 @@
+"""A scan generator that scans one frame when a register is written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from semlive.ports import ClockSource
+from semlive_drivers.modbus.client import ModbusLink
+from semlive_drivers.modbus.codec import encode
+from semlive_drivers.modbus.registers import TriggerMap, overridden
+from semlive_drivers.modbus.settings import ModbusSettings, checked
+
+
+class ModbusTrigger:
+    """The Trigger port over one Modbus link, opened anew for every request: minutes pass between two of them."""
+
+    def __init__(self, registers: TriggerMap, settings: ModbusSettings) -> None:
+        self._map, self._settings = registers, settings
+        self._link().close()
+
+    def scan_once(self) -> None:
+        """Ask for one frame; returns when the request was taken.
+
+        Raises:
+            LinkError: if it was not, for instance because a scan is under way.
+        """
+        link = self._link()
+        try:
+            link.write(self._map.scan.address, encode(self._map.scan, 1))
+        finally:
+            link.close()
+
+    def close(self) -> None:
+        """Nothing stays open."""
+
+    def _link(self) -> ModbusLink:
+        s = self._settings
+        return ModbusLink(s.host, s.port, s.unit, s.timeout_s)
+
+
+def open_trigger(settings: Mapping[str, object], clock: ClockSource) -> ModbusTrigger:
+    """Check that somebody answers.
+
+    Raises:
+        BadConfig: for settings that are not understood.
+        LinkRefused: if nobody answers.
+    """
+    del clock  # a trigger has no samples to stamp
+    known = checked(ModbusSettings, settings, "modbus trigger")
+    return ModbusTrigger(overridden(TriggerMap(), known.registers, "modbus trigger: registers"), known)

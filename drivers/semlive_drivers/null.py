@@ -1,0 +1,103 @@
+"""No load frame, no stage: for work in which nothing is pulled, or nothing is moved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from semlive.data.loading import DeviceIdentity, LoadSample, MotionState, StageKind, StageSample, StopOnLinkLoss
+from semlive.errors import BadConfig, LinkError
+from semlive.ports import ClockSource
+
+
+class NullLoadFrame:
+    """A load of zero that cannot change."""
+
+    def __init__(self, clock: ClockSource) -> None:
+        self._clock = clock
+        self._sequence = 0
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        """Nobody: what does not move cannot fail to stop."""
+        return DeviceIdentity("no load frame", simulated=False, stop_on_link_loss=StopOnLinkLoss.VERIFIED)
+
+    def read(self) -> LoadSample:
+        """Zero."""
+        sequence, self._sequence = self._sequence, self._sequence + 1
+        return LoadSample(sequence, self._clock.now_ns(), self._clock.mono_ns(), 0.0, 0.0, MotionState.STOPPED, 0.0)
+
+    def ramp_to(self, force_n: float, rate_n_s: float) -> None:
+        """Only to zero.
+
+        Raises:
+            LinkError: for any other load.
+        """
+        del rate_n_s
+        if force_n != 0.0:
+            raise LinkError(f"there is no load frame to go to {force_n:g} N; choose a driver, or take the loads out of the plan")
+
+    def stop(self) -> None:
+        """Nothing moves."""
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+class NullStage:
+    """A stage that is at once where it was sent, because nothing is there to be moved."""
+
+    def __init__(self, clock: ClockSource) -> None:
+        self._clock = clock
+        self._sequence = 0
+        self._position_um = (0.0, 0.0)
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        """Nobody."""
+        return DeviceIdentity("no stage", simulated=False, stop_on_link_loss=StopOnLinkLoss.VERIFIED)
+
+    @property
+    def kind(self) -> StageKind:
+        """By convention the specimen."""
+        return StageKind.SPECIMEN
+
+    def read(self) -> StageSample:
+        """The commanded position."""
+        sequence, self._sequence = self._sequence, self._sequence + 1
+        x_um, y_um = self._position_um
+        return StageSample(sequence, self._clock.now_ns(), self._clock.mono_ns(), x_um, y_um, MotionState.STOPPED)
+
+    def move_to(self, x_um: float, y_um: float) -> None:
+        """Take note."""
+        self._position_um = (x_um, y_um)
+
+    def stop(self) -> None:
+        """Nothing moves."""
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def open_load_frame(settings: Mapping[str, object], clock: ClockSource) -> NullLoadFrame:
+    """No load frame.
+
+    Raises:
+        BadConfig: for any setting.
+    """
+    _no_settings(settings)
+    return NullLoadFrame(clock)
+
+
+def open_stage(settings: Mapping[str, object], clock: ClockSource) -> NullStage:
+    """No stage.
+
+    Raises:
+        BadConfig: for any setting.
+    """
+    _no_settings(settings)
+    return NullStage(clock)
+
+
+def _no_settings(settings: Mapping[str, object]) -> None:
+    if settings:
+        raise BadConfig(f"the null driver has no setting {next(iter(settings))!r}; remove it")

@@ -1,0 +1,97 @@
+"""What the engine wants done, in order, by the shell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from semlive.data.pair import PairDecision
+from semlive.engine.states import Cause, State
+
+Guard = tuple[str, float | int | str]
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """The state changed: record it.
+
+    Attributes:
+        time_ns: experiment time.
+        before: the state that was left.
+        cause: why.
+        after: the state that was entered; may be the same.
+        step: index of the step.
+        guards: the values that decided, by name.
+    """
+
+    time_ns: int
+    before: State
+    cause: Cause
+    after: State
+    step: int
+    guards: tuple[Guard, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class RampTo:
+    """Go to a load at a rate."""
+
+    force_n: float
+    rate_n_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class MoveStage:
+    """Go to a position in the stage's own coordinates."""
+
+    x_um: float
+    y_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class StopMotion:
+    """Stop every device and hold position."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class TriggerFrame:
+    """Ask the SEM for one frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class AcceptPair:
+    """Two exported frames are the pair of the step."""
+
+    decision: PairDecision
+
+
+@dataclass(frozen=True, slots=True)
+class RefuseFrame:
+    """An exported file is not part of a pair, and why (one sentence)."""
+
+    export: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Announce:
+    """Tell the operator one sentence."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Finish:
+    """The run is over.
+
+    Attributes:
+        outcome: COMPLETE or ABORTED.
+        text: one sentence.
+    """
+
+    outcome: State
+    text: str
+
+
+Command = Transition | RampTo | MoveStage | StopMotion | TriggerFrame | AcceptPair | RefuseFrame | Announce | Finish

@@ -1,0 +1,179 @@
+"""What happens to a run. Every event carries experiment time, the only time that the engine knows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from semlive.data.frame import FrameInfo
+from semlive.data.loading import DeviceIdentity, LoadSample, StageSample
+
+
+class Device(StrEnum):
+    """Who an event is about."""
+
+    LOAD_FRAME = "load_frame"
+    STAGE = "stage"
+    SEM = "sem"
+
+    @property
+    def words(self) -> str:
+        """The device in a sentence."""
+        return {"load_frame": "load frame", "stage": "stage", "sem": "SEM"}[self.value]
+
+
+class Verb(StrEnum):
+    """What the operator can say."""
+
+    START = "start"
+    PAUSE = "pause"
+    RESUME = "resume"
+    STOP = "stop"
+    ABORT = "abort"
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """The links are being opened."""
+
+    time_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """All links are open and the analysis is warm.
+
+    Attributes:
+        time_ns: experiment time.
+        load_frame: who answers, or None if the run has no load frame.
+        stage: likewise.
+    """
+
+    time_ns: int
+    load_frame: DeviceIdentity | None
+    stage: DeviceIdentity | None
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """Time passes."""
+
+    time_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class LoadReading:
+    """A sample of the load frame arrived."""
+
+    time_ns: int
+    sample: LoadSample
+
+
+@dataclass(frozen=True, slots=True)
+class StageReading:
+    """A sample of the stage arrived."""
+
+    time_ns: int
+    sample: StageSample
+
+
+@dataclass(frozen=True, slots=True)
+class CommandTaken:
+    """A device took the last motion command: written and read back."""
+
+    time_ns: int
+    device: Device
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceStopped:
+    """The link thread stopped a device on its own account."""
+
+    time_ns: int
+    device: Device
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class LinkStale:
+    """The last sample is too old to decide on."""
+
+    time_ns: int
+    device: Device
+
+
+@dataclass(frozen=True, slots=True)
+class LinkLost:
+    """The device has not answered for too long."""
+
+    time_ns: int
+    device: Device
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class LinkBack:
+    """The same device answers again."""
+
+    time_ns: int
+    device: Device
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceFault:
+    """A device refused a command or is in trouble.
+
+    Attributes:
+        time_ns: experiment time.
+        device: which.
+        reason: one sentence.
+        emergency: the emergency stop was pressed.
+    """
+
+    time_ns: int
+    device: Device
+    reason: str
+    emergency: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class FrameScanned:
+    """A frame was exported completely and its header read; `time_ns` is when it was known."""
+
+    time_ns: int
+    info: FrameInfo
+
+
+@dataclass(frozen=True, slots=True)
+class FrameUnreadable:
+    """An exported file cannot be used."""
+
+    time_ns: int
+    export: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Operator:
+    """The operator said something."""
+
+    time_ns: int
+    verb: Verb
+
+
+Event = (
+    Opening
+    | Ready
+    | Tick
+    | LoadReading
+    | StageReading
+    | CommandTaken
+    | DeviceStopped
+    | LinkStale
+    | LinkLost
+    | LinkBack
+    | DeviceFault
+    | FrameScanned
+    | FrameUnreadable
+    | Operator
+)

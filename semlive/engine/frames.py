@@ -1,0 +1,158 @@
+"""Which exported frames are the pair of a step, and why the others are not."""
+
+from __future__ import annotations
+
+from semlive.data.frame import FrameInfo
+from semlive.data.pair import PairDecision
+from semlive.engine.commands import AcceptPair, RefuseFrame, TriggerFrame
+from semlive.engine.history import frame_load
+from semlive.engine.motion import disturbed
+from semlive.engine.states import Cause, State
+from semlive.engine.turn import EngineState, Scanned, Turn
+
+_SAME_WITHIN = 1e-3
+"""Relative difference of dwell, row time or pixel size that is rounding in a header, not another setting."""
+
+_OUTSIDE = {
+    State.RAMPING: "load or stage were being set",
+    State.SETTLING: "load and stage were settling",
+    State.PAUSED: "the run was paused",
+    State.FAULT: "the run was stopped by a fault",
+    State.ESTOPPED: "the emergency stop was pressed",
+    State.RECOVER: "the run was being recovered",
+}
+
+
+def _sigma_ns(info: FrameInfo) -> int:
+    """Three standard uncertainties of the start time: what a frame has to prove it proves beyond that."""
+    return round(3e9 * info.start_sigma_s)
+
+
+def _earliest_ns(info: FrameInfo) -> int:
+    return info.start_time_ns.value - _sigma_ns(info)
+
+
+def _latest_end_ns(info: FrameInfo) -> int:
+    return info.end_time_ns + _sigma_ns(info)
+
+
+def frame_scanned(turn: Turn, info: FrameInfo) -> None:
+    """A frame was exported: let it wait for its verdict, or refuse it at once where no step is imaged."""
+    state = turn.state
+    in_time = state.at is State.HOLDING and _earliest_ns(info) >= state.hold_end_ns
+    if state.at is State.IMAGING or in_time:
+        turn.update(waiting=(*state.waiting, Scanned(info, state.time_ns)))
+    elif state.at is State.HOLDING:
+        turn.commands.append(RefuseFrame(info.export, _too_early(state, info)))
+    else:
+        why = _OUTSIDE.get(state.at, f"no step was being imaged (the run is {state.at})")
+        turn.commands.append(RefuseFrame(info.export, f"{info.name} is not used: {why} when it arrived"))
+
+
+def frame_unreadable(turn: Turn, export: int, reason: str) -> None:
+    """A file cannot be used; in triggered mode another frame is asked for."""
+    turn.commands.append(RefuseFrame(export, reason))
+    _ask_again(turn)
+
+
+def judge(turn: Turn) -> None:
+    """In IMAGING: judge the waiting frames in order, as far as the load is known up to the end of their scans."""
+    if turn.state.stale or disturbed(turn):
+        return
+    while turn.state.at is State.IMAGING and turn.state.waiting:
+        scanned = turn.state.waiting[0]
+        if not _load_known(turn.state, scanned):
+            return
+        turn.update(waiting=turn.state.waiting[1:])
+        reason = _problem(turn.state, scanned)
+        if reason is not None:
+            turn.commands.append(RefuseFrame(scanned.info.export, reason))
+            _ask_again(turn)
+        elif turn.state.first is None:
+            _take_first(turn, scanned.info)
+        else:
+            _take_second(turn, turn.state.first, scanned.info)
+
+
+def _ask_again(turn: Turn) -> None:
+    if turn.state.plan.triggered and turn.state.at is State.IMAGING:
+        turn.commands.append(TriggerFrame())
+
+
+def _load_known(state: EngineState, scanned: Scanned) -> bool:
+    """Whether samples reach beyond the end of the scan (at the latest, it ended when it arrived)."""
+    if state.load_frame is None:
+        return True
+    end_ns = min(_latest_end_ns(scanned.info), scanned.arrival_time_ns)
+    return state.load is not None and state.load.time_ns >= end_ns
+
+
+def _too_early(state: EngineState, info: FrameInfo) -> str:
+    early_s = (state.hold_end_ns - _earliest_ns(info)) / 1e9
+    return (
+        f"{info.name} is not used: its scan may have begun {early_s:.1f} s before the hold of step {state.step.step} ended "
+        f"(its start is known within {3 * info.start_sigma_s:g} s)"
+    )
+
+
+def difference(a: FrameInfo, b: FrameInfo) -> str | None:
+    """What distinguishes two frames that should be of one kind, as words, or None."""
+    if (a.width_px, a.height_px) != (b.width_px, b.height_px):
+        return f"{b.width_px} x {b.height_px} px instead of {a.width_px} x {a.height_px}"
+    if a.timing.integrations.value != b.timing.integrations.value:
+        return f"{b.timing.integrations.value} integrated scans instead of {a.timing.integrations.value}"
+    for what, unit, one, other in (
+        ("dwell time", "s", a.timing.dwell_time_s.value, b.timing.dwell_time_s.value),
+        ("row time", "s", a.timing.row_time_s.value, b.timing.row_time_s.value),
+        ("pixel size", "m", a.pixel_size_m.value, b.pixel_size_m.value),
+    ):
+        if not abs(other - one) <= _SAME_WITHIN * abs(one):
+            return f"{what} {other:g} {unit} instead of {one:g} {unit}"
+    return None
+
+
+def _problem(state: EngineState, scanned: Scanned) -> str | None:
+    """Why a frame is no part of the pair, as a sentence, or None."""
+    info = scanned.info
+    ahead_s = (info.end_time_ns - _sigma_ns(info) - scanned.arrival_time_ns) / 1e9
+    if ahead_s > 0:
+        return (
+            f"{info.name} is not used: by its own time its scan ended {ahead_s:.1f} s after it arrived; "
+            "set the SEM's clock, or start_anchor in the scan profile"
+        )
+    if _earliest_ns(info) < state.hold_end_ns:
+        return _too_early(state, info)
+    if state.reference is not None and (other := difference(state.reference, info)):
+        return f"{info.name} is not used: it has {other} as in the first pair"
+    if state.first is not None:
+        overlap_s = (state.first.end_time_ns - _sigma_ns(state.first) - info.start_time_ns.value - _sigma_ns(info)) / 1e9
+        if overlap_s > 0:
+            return f"{info.name} is not used: it does not follow {state.first.name}, their scans overlap by {overlap_s:.1f} s"
+    return None
+
+
+def _take_first(turn: Turn, info: FrameInfo) -> None:
+    turn.update(first=info, since_ns=turn.state.time_ns)
+    _ask_again(turn)
+
+
+def _take_second(turn: Turn, first: FrameInfo, second: FrameInfo) -> None:
+    """Complete the pair, unless the settings of the SEM changed in between: then the second becomes the first."""
+    if other := difference(first, second):
+        turn.commands.append(RefuseFrame(first.export, f"{first.name} is not used: the frame after it has {other}"))
+        _take_first(turn, second)
+        return
+    state = turn.state
+    loads = None
+    if state.load_frame is not None:
+        one, two = (frame_load(state.history, i.start_time_ns.value, i.end_time_ns) for i in (first, second))
+        if one is None or two is None:
+            turn.drop_frames("the load during its scan is not known any more")
+            _ask_again(turn)
+            return
+        loads = (one, two)
+    turn.commands.append(AcceptPair(PairDecision(state.step.step, state.step, first, second, loads)))
+    rested_s = (first.start_time_ns.value - state.hold_end_ns) / 1e9 + state.plan.hold.hold_s
+    turn.update(first=None, reference=state.reference or first)
+    turn.go(Cause.PAIR_COMPLETE, ("first", first.export), ("second", second.export), ("rested_s", rested_s))
+    turn.drop_frames("the pair of its step was complete")

@@ -1,0 +1,65 @@
+"""The load over the last minutes: what it was while a frame was scanned."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass, replace
+
+from semlive.data.loading import FrameLoad
+
+_CHUNK = 256
+_MAX_CHUNKS = 512
+
+Point = tuple[int, float]
+
+
+@dataclass(frozen=True, slots=True)
+class LoadHistory:
+    """Samples (time_ns, force_n) in order, the oldest dropped.
+
+    Kept in chunks, so that adding one copies at most 256 of them: a run that polls at 50 Hz keeps 90,000.
+
+    Attributes:
+        keep_ns: samples older than this may be dropped.
+        chunks: full chunks, oldest first.
+        tail: the chunk being filled.
+    """
+
+    keep_ns: int
+    chunks: tuple[tuple[Point, ...], ...] = ()
+    tail: tuple[Point, ...] = ()
+
+    def with_sample(self, time_ns: int, force_n: float) -> LoadHistory:
+        """With one sample more; one that is not later than the last is left out."""
+        if self.tail and time_ns <= self.tail[-1][0]:
+            return self
+        tail = (*self.tail, (time_ns, force_n))
+        if len(tail) <= _CHUNK:
+            return replace(self, tail=tail)
+        chunks = (*self.chunks, tail[:-1])
+        oldest = time_ns - self.keep_ns
+        first = max(next((i for i, chunk in enumerate(chunks) if chunk[-1][0] >= oldest), 0), len(chunks) - _MAX_CHUNKS)
+        return replace(self, chunks=chunks[first:], tail=tail[-1:])
+
+    def during(self, start_time_ns: int, end_time_ns: int) -> tuple[Point, ...]:
+        """Samples from the last one not after the start to the first one not before the end, as far as there are any."""
+        points = tuple(p for chunk in (*self.chunks, self.tail) if chunk and chunk[-1][0] >= start_time_ns for p in chunk)
+        # One chunk more to the left may hold the last sample before the start.
+        earlier = [chunk for chunk in self.chunks if chunk[-1][0] < start_time_ns]
+        if earlier:
+            points = (*earlier[-1], *points)
+        first = max(bisect_right(points, start_time_ns, key=lambda p: p[0]) - 1, 0)
+        last = bisect_left(points, end_time_ns, key=lambda p: p[0])
+        return points[first : last + 1]
+
+
+def frame_load(history: LoadHistory, start_time_ns: int, end_time_ns: int) -> FrameLoad | None:
+    """The load while a frame was scanned, or None if no sample is left of that time."""
+    points = history.during(start_time_ns, end_time_ns)
+    if not points:
+        return None
+    forces = [force for _, force in points]
+    mean = math.fsum(forces) / len(forces)
+    sd = math.sqrt(math.fsum((f - mean) ** 2 for f in forces) / len(forces))
+    return FrameLoad(before_n=forces[0], after_n=forces[-1], mean_n=mean, sd_n=sd)

@@ -1,0 +1,70 @@
+"""Soft limits, asked before every command and on every sample; the tighter of configuration and device wins."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from semlive.data.experiment import Limits, Plan
+from semlive.data.loading import DeviceIdentity, LoadSample
+
+
+def tightened(limits: Limits, load_frame: DeviceIdentity | None) -> Limits:
+    """`limits` with the device's own force limit, where that is tighter."""
+    if load_frame is None or load_frame.force_max_n is None:
+        return limits
+    device_n = abs(load_frame.force_max_n)
+    return replace(limits, force_max_n=min(limits.force_max_n, device_n), force_min_n=max(limits.force_min_n, -device_n))
+
+
+def sample_problem(limits: Limits, sample: LoadSample) -> str | None:
+    """Which limit a reading violates, as a sentence, or None. A NaN violates every limit."""
+    if not limits.force_min_n <= sample.force_n <= limits.force_max_n:
+        return f"the load is {sample.force_n:.1f} N, outside the limits {limits.force_min_n:g} to {limits.force_max_n:g} N"
+    if not limits.extension_min_mm <= sample.extension_mm <= limits.extension_max_mm:
+        return (
+            f"the extension is {sample.extension_mm:.4f} mm, outside the limits "
+            f"{limits.extension_min_mm:g} to {limits.extension_max_mm:g} mm"
+        )
+    return None
+
+
+def ramp_problem(limits: Limits, target_n: float, rate_n_s: float, from_n: float, slack_n: float = 0.0) -> str | None:
+    """Why a ramp must not be commanded, as a sentence, or None.
+
+    Args:
+        limits: soft limits.
+        target_n: where to.
+        rate_n_s: how fast, > 0.
+        from_n: from where.
+        slack_n: how far `from_n` may be from its own target, because it was measured.
+    """
+    if not limits.force_min_n <= target_n <= limits.force_max_n:
+        return f"a load of {target_n:g} N is outside the limits {limits.force_min_n:g} to {limits.force_max_n:g} N"
+    if not 0 < rate_n_s <= limits.force_rate_max_n_s:
+        return f"a ramp of {rate_n_s:g} N/s is outside the limit of {limits.force_rate_max_n_s:g} N/s"
+    if not abs(target_n - from_n) <= limits.force_step_max_n + slack_n:
+        return f"a change of load from {from_n:.1f} to {target_n:g} N is more than the limit of {limits.force_step_max_n:g} N in one step"
+    return None
+
+
+def move_problem(limits: Limits, shift_um: tuple[float, float]) -> str | None:
+    """Why a stage motion must not be commanded, as a sentence, or None."""
+    if not max(abs(shift_um[0]), abs(shift_um[1])) <= limits.stage_travel_um:
+        return f"a shift of ({shift_um[0]:g}, {shift_um[1]:g}) um is beyond the limit of {limits.stage_travel_um:g} um"
+    return None
+
+
+def plan_problem(plan: Plan, limits: Limits, first_step: int = 0) -> str | None:
+    """The first step of a plan that breaks its limits, as a sentence, or None.
+
+    The change of load of the first loaded step is left out: where it starts from is known only when the device answers.
+    """
+    load_n: float | None = None
+    for index, step in enumerate(plan.steps[first_step:], start=first_step):
+        problem = move_problem(limits, step.shift_um)
+        if problem is None and step.load_n is not None:
+            problem = ramp_problem(limits, step.load_n, plan.ramp_rate_n_s, step.load_n if load_n is None else load_n)
+            load_n = step.load_n
+        if problem is not None:
+            return f"step {index}: {problem}"
+    return None

@@ -1,0 +1,228 @@
+"""Getting to a step's load and position, and resting there.
+
+Motion commands are given in one place, `_order`, which refuses to work in any state but RAMPING.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from semlive.data.loading import MotionState
+from semlive.engine.commands import MoveStage, RampTo, TriggerFrame
+from semlive.engine.events import Device
+from semlive.engine.limits import move_problem, ramp_problem
+from semlive.engine.states import Cause, State
+from semlive.engine.turn import EngineState, Motion, Turn
+
+MAX_APPROACHES = 3
+"""How often a target is approached again in one step: relaxation needs one or two, a slipping grip never ends."""
+
+
+def _stage_target_um(state: EngineState) -> tuple[float, float]:
+    """Where the stage has to be, in its own coordinates."""
+    x0, y0 = state.origin_um or (0.0, 0.0)
+    dx, dy = state.step.shift_um
+    return x0 + dx, y0 + dy
+
+
+def _load_target_n(state: EngineState) -> float | None:
+    """The load to be kept: the step's, or what it was when settling began."""
+    return state.anchor_n if state.step.load_n is None else state.step.load_n
+
+
+def load_error_n(state: EngineState) -> float:
+    """Distance of the load from its target, N; 0 without a load frame, NaN before the first sample."""
+    target = _load_target_n(state)
+    if state.load_frame is None:
+        return 0.0
+    if state.load is None or target is None:
+        return math.nan
+    return state.load.force_n - target
+
+
+def stage_error_um(state: EngineState) -> float:
+    """Distance of the stage from its target along the worse axis, um; 0 without a stage, NaN before the first sample."""
+    if state.stage is None:
+        return 0.0
+    if state.position is None:
+        return math.nan
+    x, y = _stage_target_um(state)
+    dx_um, dy_um = state.position.x_um - x, state.position.y_um - y
+    return math.nan if math.isnan(dx_um + dy_um) else max(abs(dx_um), abs(dy_um))
+
+
+def _load_within(state: EngineState) -> bool:
+    """Whether the load is within tolerance of its target; False for NaN."""
+    return abs(load_error_n(state)) <= state.plan.hold.load_tolerance(_load_target_n(state) or 0.0)
+
+
+def _stage_within(state: EngineState) -> bool:
+    """Whether the stage is within tolerance of its target; False for NaN."""
+    return stage_error_um(state) <= state.plan.hold.stage_tolerance_um
+
+
+def _at_rest(state: EngineState) -> bool:
+    """Whether every device says that it does not move."""
+    return all(sample is not None and sample.motion is MotionState.STOPPED for sample in map(state.sample, state.devices))
+
+
+def unrest(state: EngineState) -> str | None:
+    """Why this is no rest, as words that follow "because", or None."""
+    for device in state.devices:
+        sample = state.sample(device)
+        if sample is None or sample.motion is not MotionState.STOPPED:
+            return f"the {device.words} moves"
+    if not _stage_within(state):
+        return f"the stage is {stage_error_um(state):.1f} um from its target"
+    if not _load_within(state):
+        return f"the load is {load_error_n(state):+.1f} N from its target"
+    return None
+
+
+def set_out(turn: Turn) -> None:
+    """Begin a step's motion: check it against the limits, then order the first device to move."""
+    state = turn.state
+    step, plan = state.step, state.plan
+    todo: list[Device] = []
+    if step.shift_um != state.shift_at_um or not _stage_within(state):
+        todo.append(Device.STAGE)
+    if step.load_n is not None and (step.load_n != state.load_at_n or not _load_within(state)):
+        todo.append(Device.LOAD_FRAME)
+    missing = [d for d in todo if d not in state.devices]
+    if missing:
+        turn.fault(Cause.LIMIT, f"step {step.step} needs the {missing[0].words}, but the run has none")
+        return
+    problem = move_problem(state.limits, step.shift_um)
+    if problem is None and step.load_n is not None and state.load is not None:
+        known = state.load_at_n
+        from_n = state.load.force_n if known is None else known
+        slack_n = plan.hold.load_tolerance(from_n) if known is None else 0.0
+        problem = ramp_problem(state.limits, step.load_n, plan.ramp_rate_n_s, from_n, slack_n)
+    if problem is not None:
+        turn.fault(Cause.LIMIT, f"step {step.step} is not commanded: {problem}")
+        return
+    turn.update(motion=replace(state.motion, todo=tuple(todo), taken_ns=None, astray_since_ns=None), anchor_n=None)
+    _order(turn)
+
+
+def begin_step(turn: Turn) -> None:
+    """Begin a step with its own time allowance."""
+    turn.update(motion=Motion(began_ns=turn.state.time_ns), hold_end_ns=turn.state.time_ns, steady_since_ns=None)
+    step = turn.state.step
+    load = "load as it is" if step.load_n is None else f"{step.load_n:g} N"
+    x, y = step.shift_um
+    turn.say(f"step {step.step + 1} of {len(turn.state.plan.steps)}: {step.phase}, shift ({x:g}, {y:g}) um, {load}")
+    set_out(turn)
+
+
+def _order(turn: Turn) -> None:
+    """Order the next device to move, or arrive if none is left."""
+    state = turn.state
+    if state.at is not State.RAMPING:
+        raise RuntimeError(f"a motion was to be ordered in state {state.at}")
+    if not state.motion.todo:
+        turn.go(Cause.ARRIVED, ("load_error_n", load_error_n(state)), ("stage_error_um", stage_error_um(state)))
+        return
+    if state.motion.todo[0] is Device.STAGE:
+        turn.update(shift_at_um=None)
+        turn.commands.append(MoveStage(*_stage_target_um(state)))
+    elif state.step.load_n is not None:
+        turn.update(load_at_n=None)
+        turn.commands.append(RampTo(state.step.load_n, state.plan.ramp_rate_n_s))
+
+
+def advance(turn: Turn) -> None:
+    """In RAMPING: go on when the device under way has taken its command, and says that it rests, in tolerance."""
+    state = turn.state
+    motion = state.motion
+    if state.stale or not motion.todo or motion.taken_ns is None:
+        return
+    device = motion.todo[0]
+    sample = state.sample(device)
+    if sample is None or sample.time_ns < motion.taken_ns or sample.motion is not MotionState.STOPPED:
+        turn.update(motion=replace(motion, astray_since_ns=None))
+        return
+    step = state.step
+    if not (_stage_within(state) if device is Device.STAGE else _load_within(state)):
+        _astray(turn)
+        return
+    turn.update(motion=replace(motion, todo=motion.todo[1:], taken_ns=None, astray_since_ns=None))
+    if device is Device.STAGE:
+        turn.update(shift_at_um=step.shift_um)
+        if turn.state.motion.todo:
+            turn.go(Cause.STAGE_ARRIVED, ("stage_error_um", stage_error_um(turn.state)))
+    else:
+        turn.update(load_at_n=step.load_n)
+    _order(turn)
+
+
+def _astray(turn: Turn) -> None:
+    """Everything rests, but out of tolerance: approach again after a while, a few times."""
+    state = turn.state
+    motion = state.motion
+    if motion.astray_since_ns is None:
+        turn.update(motion=replace(motion, astray_since_ns=state.time_ns))
+        return
+    if state.seconds_since(motion.astray_since_ns) < state.plan.hold.settle_s:
+        return
+    guards = (("load_error_n", load_error_n(state)), ("stage_error_um", stage_error_um(state)), ("approaches", motion.approaches))
+    if motion.approaches >= MAX_APPROACHES:
+        turn.fault(Cause.NOT_REACHED, f"step {state.step.step} is not reached after {MAX_APPROACHES} approaches: {unrest(state)}", *guards)
+        return
+    turn.go(Cause.APPROACH_AGAIN, *guards)
+    turn.update(motion=replace(motion, approaches=motion.approaches + 1))
+    set_out(turn)
+
+
+def settle(turn: Turn) -> None:
+    """In SETTLING: go on when everything has been within tolerance, at rest and fresh, for the settle time."""
+    state = turn.state
+    if state.stale:
+        turn.update(steady_since_ns=None)
+        return
+    if state.anchor_n is None and state.load is not None:
+        turn.update(anchor_n=state.load.force_n)
+        state = turn.state
+    if unrest(state) is not None:
+        turn.update(steady_since_ns=None)
+        if state.step.load_n is None:
+            turn.update(anchor_n=None)
+        if _at_rest(state) and (state.step.load_n is not None or not _stage_within(state)):
+            _astray(turn)
+        return
+    since = state.time_ns if state.steady_since_ns is None else state.steady_since_ns
+    turn.update(steady_since_ns=since, motion=replace(state.motion, astray_since_ns=None))
+    steady_s = state.seconds_since(since)
+    if steady_s >= state.plan.hold.settle_s:
+        turn.update(hold_end_ns=state.time_ns + round(state.plan.hold.hold_s * 1e9))
+        turn.go(Cause.SETTLED, ("steady_s", steady_s), ("load_error_n", load_error_n(state)), ("stage_error_um", stage_error_um(state)))
+
+
+def hold(turn: Turn) -> None:
+    """In HOLDING: go on when the hold is over; a disturbance begins settling again."""
+    state = turn.state
+    if state.stale or disturbed(turn):
+        return
+    if state.time_ns >= state.hold_end_ns:
+        turn.go(Cause.HOLD_OVER, ("held_s", state.seconds_since(state.since_ns)), ("load_error_n", load_error_n(state)))
+        if state.plan.triggered:
+            turn.commands.append(TriggerFrame())
+
+
+def disturbed(turn: Turn) -> bool:
+    """In HOLDING and IMAGING: back to SETTLING if this is no rest any more."""
+    state = turn.state
+    reason = unrest(state)
+    if reason is None:
+        return False
+    what = "hold" if state.at is State.HOLDING else "imaging"
+    turn.drop_frames(f"{reason} while step {state.step.step} was imaged")
+    turn.go(Cause.DISTURBED, ("reason", reason), ("load_error_n", load_error_n(state)), ("stage_error_um", stage_error_um(state)))
+    turn.update(
+        motion=Motion(began_ns=state.time_ns, approaches=state.motion.approaches),
+        steady_since_ns=None,
+        anchor_n=None,
+    )
+    turn.say(f"the {what} of step {state.step.step} begins again because {reason}")
+    return True

@@ -1,0 +1,176 @@
+"""The state of a run, and one turn of it: the only way in which a state changes or a command is given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from semlive.data.experiment import Limits, Plan, Step
+from semlive.data.frame import FrameInfo
+from semlive.data.loading import DeviceIdentity, LoadSample, StageSample
+from semlive.engine.commands import Announce, Command, Finish, Guard, RefuseFrame, StopMotion, Transition
+from semlive.engine.events import Device
+from semlive.engine.history import LoadHistory
+from semlive.engine.states import FINAL_STATES, TRANSITIONS, Cause, State, next_state
+
+
+@dataclass(frozen=True, slots=True)
+class Scanned:
+    """A frame that waits to be judged, and when it was known."""
+
+    info: FrameInfo
+    arrival_time_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """How far a step's motion is.
+
+    Attributes:
+        began_ns: when the step's motion (or settling, after a disturbance) began; timeouts count from here.
+        todo: devices that are still to move, the first is under way. The stage comes first, never both at once.
+        taken_ns: when the device took the command; a sample read before that says nothing.
+        astray_since_ns: since when everything rests out of tolerance, or None.
+        approaches: how often the target was approached again.
+    """
+
+    began_ns: int = 0
+    todo: tuple[Device, ...] = ()
+    taken_ns: int | None = None
+    astray_since_ns: int | None = None
+    approaches: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class EngineState:
+    """Everything that the protocol knows.
+
+    Attributes:
+        plan: what is to be done.
+        limits: soft limits, tightened by the device's own.
+        at: state of the run.
+        step_index: index of the step in `plan.steps`.
+        time_ns: latest experiment time seen.
+        since_ns: when `at` was entered, or in IMAGING when the last frame was taken up.
+        load_frame: who answers, or None without a load frame.
+        stage: likewise.
+        load: last sample.
+        position: last sample of the stage.
+        stale: devices whose last sample is too old.
+        origin_um: the stage's reading when the run began.
+        load_at_n: the load that the load frame was told to hold and reached, None if unknown.
+        shift_at_um: the same of the stage, relative to `origin_um`.
+        motion: how far the step's motion is.
+        anchor_n: the load that must be kept in a step that commands none.
+        steady_since_ns: since when everything is within tolerance while settling.
+        hold_end_ns: when the hold is over or was over; frames count from here.
+        history: load samples.
+        waiting: frames to be judged.
+        first: the first frame of the pair.
+        reference: the first frame accepted in the run; later ones must be of its kind.
+        message: the last sentence for the operator.
+    """
+
+    plan: Plan
+    limits: Limits
+    at: State
+    step_index: int
+    time_ns: int
+    since_ns: int
+    history: LoadHistory
+    load_frame: DeviceIdentity | None = None
+    stage: DeviceIdentity | None = None
+    load: LoadSample | None = None
+    position: StageSample | None = None
+    stale: frozenset[Device] = frozenset()
+    origin_um: tuple[float, float] | None = None
+    load_at_n: float | None = None
+    shift_at_um: tuple[float, float] | None = (0.0, 0.0)
+    motion: Motion = Motion()
+    anchor_n: float | None = None
+    steady_since_ns: int | None = None
+    hold_end_ns: int = 0
+    waiting: tuple[Scanned, ...] = ()
+    first: FrameInfo | None = None
+    reference: FrameInfo | None = None
+    message: str = ""
+
+    @property
+    def step(self) -> Step:
+        """The step that is under way."""
+        return self.plan.steps[self.step_index]
+
+    @property
+    def devices(self) -> tuple[Device, ...]:
+        """The devices of this run."""
+        return tuple(d for d, who in ((Device.LOAD_FRAME, self.load_frame), (Device.STAGE, self.stage)) if who is not None)
+
+    def sample(self, device: Device) -> LoadSample | StageSample | None:
+        """The last sample of a device."""
+        return self.load if device is Device.LOAD_FRAME else self.position
+
+    def seconds_since(self, time_ns: int) -> float:
+        """Experiment seconds from `time_ns` to now."""
+        return (self.time_ns - time_ns) / 1e9
+
+
+@dataclass(slots=True)
+class Turn:
+    """One call of `step` at work: collects commands beside the changing state, and never outlives the call."""
+
+    state: EngineState
+    commands: list[Command] = field(default_factory=list)
+
+    def update(self, **changes: Any) -> None:
+        """Replace fields of the state; the state of the run itself changes only by `go`."""
+        if "at" in changes:
+            raise TypeError("the state of a run changes by go()")
+        self.state = replace(self.state, **changes)
+
+    def allows(self, cause: Cause) -> bool:
+        """Whether the table lists `cause` here."""
+        return (self.state.at, cause) in TRANSITIONS
+
+    def go(self, cause: Cause, *guards: Guard) -> None:
+        """Change state by the table.
+
+        Raises:
+            ImpossibleTransition: if the table does not list it.
+        """
+        now = self.state
+        after = next_state(now.at, cause)
+        self.commands.append(Transition(now.time_ns, now.at, cause, after, now.step_index, guards))
+        self.state = replace(now, at=after, since_ns=now.time_ns)
+
+    def say(self, text: str) -> None:
+        """Tell the operator."""
+        self.commands.append(Announce(text))
+        self.update(message=text)
+
+    def drop_frames(self, why: str) -> None:
+        """Refuse the frames at hand: the pair that they would have made is off."""
+        held = (() if self.state.first is None else (self.state.first,)) + tuple(s.info for s in self.state.waiting)
+        self.commands.extend(RefuseFrame(info.export, f"{info.name} is not used: {why}") for info in held)
+        self.update(first=None, waiting=())
+
+    def stop_and_go(self, cause: Cause, reason: str, *guards: Guard) -> None:
+        """Stop everything first, then change state; where a device is then is no longer known."""
+        self.commands.append(StopMotion(reason))
+        self.drop_frames(reason)
+        under_way = Device.STAGE in self.state.motion.todo[:1]
+        self.update(motion=Motion(), load_at_n=None, steady_since_ns=None, shift_at_um=None if under_way else self.state.shift_at_um)
+        self.go(cause, *guards)
+        self.say(reason)
+
+    def fault(self, cause: Cause, reason: str, *guards: Guard) -> None:
+        """Stop and go to FAULT, if the table says so here; else only tell."""
+        if self.allows(cause):
+            self.stop_and_go(cause, reason, *guards)
+        elif self.state.at not in FINAL_STATES and reason != self.state.message:
+            self.say(reason)
+
+    def finish(self, cause: Cause, text: str) -> None:
+        """End the run."""
+        self.go(cause)
+        self.say(text)
+        self.commands.append(Finish(self.state.at, text))

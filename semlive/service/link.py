@@ -1,0 +1,370 @@
+"""One thread for each device link. It alone touches the device, and it stops the device on its own when in doubt.
+
+Order of precedence in every turn: the dead-man, a stop that is owed, commands, the next reading. A device call blocks for at most
+the driver's timeout, so a stop waits for at most one answer. The thread never begins a motion by itself.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+from semlive.data.experiment import Limits
+from semlive.data.loading import DeviceIdentity, LoadSample, MotionState, StageSample
+from semlive.engine.commands import MoveStage, RampTo
+from semlive.engine.events import (
+    CommandTaken,
+    Device,
+    DeviceFault,
+    DeviceStopped,
+    Event,
+    LinkBack,
+    LinkLost,
+    LinkStale,
+    LoadReading,
+    StageReading,
+)
+from semlive.engine.limits import sample_problem, tightened
+from semlive.errors import LinkError, LinkRefused
+from semlive.ports import ClockSource, LoadFrame, Stage
+
+Order = RampTo | MoveStage
+
+_BACKOFF_S = (0.0, 0.1, 0.2, 0.5, 1.0)
+_LONGEST_SLEEP_S = 0.05
+
+
+class _Port(Protocol):
+    """A load frame or a stage, seen alike."""
+
+    def read(self) -> LoadSample | StageSample: ...
+
+    def event(self, sample: LoadSample | StageSample) -> Event: ...
+
+    def problem(self, sample: LoadSample | StageSample) -> str | None: ...
+
+    def obey(self, order: Order) -> None: ...
+
+
+class _LoadFramePort:
+    def __init__(self, device: LoadFrame, limits: Limits) -> None:
+        self._device = device
+        self._limits = tightened(limits, device.identity)
+
+    def read(self) -> LoadSample:
+        return self._device.read()
+
+    def event(self, sample: LoadSample | StageSample) -> Event:
+        assert isinstance(sample, LoadSample)
+        return LoadReading(sample.time_ns, sample)
+
+    def problem(self, sample: LoadSample | StageSample) -> str | None:
+        assert isinstance(sample, LoadSample)
+        return sample_problem(self._limits, sample)
+
+    def obey(self, order: Order) -> None:
+        if not isinstance(order, RampTo):
+            raise LinkError(f"a load frame cannot do {order}")
+        self._device.ramp_to(order.force_n, order.rate_n_s)
+
+
+class _StagePort:
+    def __init__(self, device: Stage) -> None:
+        self._device = device
+
+    def read(self) -> StageSample:
+        return self._device.read()
+
+    def event(self, sample: LoadSample | StageSample) -> Event:
+        assert isinstance(sample, StageSample)
+        return StageReading(sample.time_ns, sample)
+
+    def problem(self, sample: LoadSample | StageSample) -> str | None:
+        return None
+
+    def obey(self, order: Order) -> None:
+        if not isinstance(order, MoveStage):
+            raise LinkError(f"a stage cannot do {order}")
+        self._device.move_to(order.x_um, order.y_um)
+
+
+class LinkThread:
+    """Owns one device from opening to closing.
+
+    Args:
+        device: what it is, for events.
+        open_device: opens the link anew each time it is called; called in the thread only.
+        on_event: takes engine events, in the thread; must not block. If it raises, the device is stopped.
+        clock: experiment time and the monotonic clock.
+        limits: checked on every sample here, besides in the engine; also says when a sample is stale or the link lost.
+        poll_s: wall time from one reading to the next.
+        dead_man_s: `feed` must be called at least this often (wall time), else the device is stopped.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        open_device: Callable[[], LoadFrame] | Callable[[], Stage],
+        on_event: Callable[[Event], None],
+        *,
+        clock: ClockSource,
+        limits: Limits,
+        poll_s: float = 0.05,
+        dead_man_s: float = 2.0,
+    ) -> None:
+        self._device, self._open_device, self._on_event = device, open_device, on_event
+        self._clock, self._limits = clock, limits
+        self._poll_ns, self._dead_man_ns = round(poll_s * 1e9), round(dead_man_s * 1e9)
+
+        # Shared with control, guarded by the condition.
+        self._wake = threading.Condition()
+        self._orders: deque[Order] = deque()
+        self._stop_asked = False
+        self._closing = False
+        self._fed_mono_ns = clock.mono_ns()
+        self._sampled_mono_ns: int | None = None
+
+        # The thread's own.
+        self._thread = threading.Thread(target=self._run, name=f"link to {device.words}", daemon=True)
+        self._answered = threading.Event()
+        self._open_error: Exception | None = None
+        self._identity: DeviceIdentity | None = None
+        self._link: LoadFrame | Stage | None = None
+        self._port: _Port | None = None
+        self._stop_owed = False
+        self._may_move = False
+        self._beyond_limit = False
+        self._unfed = False
+        self._stale = False
+        self._lost = False
+        self._trouble = ""
+        self._failures = 0
+        self._next_open_mono_ns = 0
+        self._next_poll_mono_ns = 0
+
+    # ------------------------------------------------------------------ for control
+
+    def open(self, timeout_s: float = 10.0) -> DeviceIdentity:
+        """Start the thread and wait until the device has answered.
+
+        Raises:
+            LinkRefused: if nobody answers in time.
+            LinkError: if something wrong answers.
+            BadConfig: if the driver does not understand its settings.
+        """
+        self.feed()
+        self._thread.start()
+        if not self._answered.wait(timeout_s):
+            self.close(0.0)
+            raise LinkRefused(f"the {self._device.words} did not answer within {timeout_s:g} s; check that it is on and connected")
+        if self._open_error is not None:
+            raise self._open_error
+        self.feed()
+        return self.identity
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        """Who answered when the link was opened first."""
+        if self._identity is None:
+            raise RuntimeError("the link is not open")
+        return self._identity
+
+    @property
+    def sample_age_s(self) -> float:
+        """Wall time since the last sample; infinite before the first."""
+        sampled = self._sampled_mono_ns
+        return math.inf if sampled is None else (self._clock.mono_ns() - sampled) / 1e9
+
+    def feed(self) -> None:
+        """Control is alive."""
+        with self._wake:
+            self._fed_mono_ns = self._clock.mono_ns()
+
+    def send(self, command: Order) -> None:
+        """Give a motion command; returns at once. CommandTaken or DeviceFault follows, unless a stop comes first."""
+        with self._wake:
+            self._orders.append(command)
+            self._wake.notify_all()
+
+    def stop(self, reason: str) -> None:
+        """Stop motion ahead of everything else and forget waiting commands; returns at once."""
+        del reason  # the caller records it
+        with self._wake:
+            self._orders.clear()
+            self._stop_asked = True
+            self._wake.notify_all()
+
+    def close(self, timeout_s: float = 5.0) -> None:
+        """Stop motion, close the link, end the thread; never raises."""
+        with self._wake:
+            self._orders.clear()
+            self._closing = True
+            self._wake.notify_all()
+        if self._thread.is_alive() and self._thread is not threading.current_thread():
+            self._thread.join(timeout_s)
+
+    # ------------------------------------------------------------------ the thread
+
+    def _run(self) -> None:
+        try:
+            self._open()
+        except Exception as error:
+            # Whatever a driver raises while opening belongs to the caller of open().
+            self._open_error = error
+            self._answered.set()
+            return
+        self._answered.set()
+        while not self._closing:
+            self._turn()
+            self._sleep()
+        self._shut()
+
+    def _turn(self) -> None:
+        now = self._clock.mono_ns()
+        self._check_dead_man(now)
+        if self._link is None and now >= self._next_open_mono_ns:
+            self._attempt("opening the link again", self._open)
+        with self._wake:
+            self._stop_owed, self._stop_asked = self._stop_owed or self._stop_asked, False
+        if self._stop_owed:
+            self._stop_device()
+        elif self._link is not None:
+            self._obey_next()
+        if self._link is not None and not self._stop_asked and self._clock.mono_ns() >= self._next_poll_mono_ns:
+            self._next_poll_mono_ns = self._clock.mono_ns() + self._poll_ns
+            self._attempt("reading", self._poll)
+        self._check_age()
+
+    def _sleep(self) -> None:
+        """Until the next reading is due, or control wants something."""
+        with self._wake:
+            if self._stop_asked or self._closing or (self._orders and self._link is not None):
+                return
+            until_s = (self._next_poll_mono_ns - self._clock.mono_ns()) / 1e9 if self._link is not None else _LONGEST_SLEEP_S
+            if until_s > 0:
+                self._wake.wait(min(until_s, _LONGEST_SLEEP_S))
+
+    def _attempt(self, doing: str, call: Callable[[], None]) -> bool:
+        """Call the device; whatever goes wrong ends this link, and the next turn opens another."""
+        try:
+            call()
+        except Exception as error:
+            # A driver's bug must not end the one thread that can stop the device.
+            self._fail(str(error) if isinstance(error, LinkError) else f"{doing} failed in the driver: {error!r}")
+            return False
+        return True
+
+    def _open(self) -> None:
+        link = self._open_device()
+        try:
+            identity = link.identity
+            if self._identity is not None and identity.name != self._identity.name:
+                raise LinkError(f"another device answers: {identity.name} instead of {self._identity.name}; check what is connected")
+        except Exception:
+            link.close()
+            raise
+        self._port = _LoadFramePort(link, self._limits) if isinstance(link, LoadFrame) else _StagePort(link)
+        self._link, self._identity = link, identity
+        if self._may_move:
+            self._stop_owed = True
+
+    def _poll(self) -> None:
+        if self._port is None:
+            return
+        first = self._sampled_mono_ns is None
+        sample = self._port.read()
+        problem = self._port.problem(sample)
+        stopped_for = None
+        if problem is not None and not self._beyond_limit:
+            stopped_for = problem
+        elif first and sample.motion is MotionState.MOVING:
+            stopped_for = "it moved before it was told to"
+        self._beyond_limit = problem is not None
+        if stopped_for is not None:
+            self._stop_device()
+        self._failures = 0
+        self._sampled_mono_ns = sample.mono_ns
+        self._may_move = sample.motion is MotionState.MOVING
+        if self._lost:
+            self._emit(LinkBack(sample.time_ns, self._device))
+        self._stale = self._lost = False
+        self._emit(self._port.event(sample))
+        if stopped_for is not None:
+            self._emit(DeviceStopped(sample.time_ns, self._device, stopped_for))
+
+    def _obey_next(self) -> None:
+        with self._wake:
+            order = self._orders.popleft() if self._orders else None
+        if order is None or self._port is None:
+            return
+        if self._unfed:
+            self._emit(DeviceFault(self._clock.now_ns(), self._device, "a command came while control was not feeding the link"))
+            return
+        self._may_move, self._beyond_limit = True, False
+        try:
+            self._port.obey(order)
+        except Exception as error:
+            self._stop_owed = True
+            self._emit(DeviceFault(self._clock.now_ns(), self._device, str(error)))
+            return
+        self._emit(CommandTaken(self._clock.now_ns(), self._device))
+
+    def _stop_device(self) -> None:
+        """Stop; if that fails it stays owed, and comes first when the link is open again."""
+        self._stop_owed = True
+        link = self._link
+        if link is not None and self._attempt("stopping", link.stop):
+            self._stop_owed = False
+
+    def _fail(self, reason: str) -> None:
+        """This link is no good any more."""
+        self._trouble = reason
+        if self._link is not None:
+            if self._may_move and not self._stop_owed:
+                self._stop_owed = True
+                self._emit(DeviceStopped(self._clock.now_ns(), self._device, f"the link failed while it may have moved: {reason}"))
+            self._link.close()
+        self._link = self._port = None
+        self._next_open_mono_ns = self._clock.mono_ns() + round(_BACKOFF_S[min(self._failures, len(_BACKOFF_S) - 1)] * 1e9)
+        self._failures += 1
+
+    def _check_dead_man(self, now_mono_ns: int) -> None:
+        unfed_ns = now_mono_ns - self._fed_mono_ns
+        if unfed_ns <= self._dead_man_ns:
+            self._unfed = False
+        elif not self._unfed:
+            self._unfed = True
+            with self._wake:
+                self._orders.clear()
+            self._stop_device()
+            reason = f"control has not been heard of for {unfed_ns / 1e9:.1f} s"
+            self._emit(DeviceStopped(self._clock.now_ns(), self._device, reason))
+
+    def _check_age(self) -> None:
+        age_s = self.sample_age_s
+        if age_s > self._limits.stale_after_s and not self._stale and self._sampled_mono_ns is not None:
+            self._stale = True
+            self._emit(LinkStale(self._clock.now_ns(), self._device))
+        if age_s > self._limits.lost_after_s and not self._lost and self._sampled_mono_ns is not None:
+            self._lost = self._may_move = True
+            reason = self._trouble or f"no reading for {age_s:.1f} s"
+            self._emit(LinkLost(self._clock.now_ns(), self._device, reason))
+
+    def _emit(self, event: Event) -> None:
+        try:
+            self._on_event(event)
+        except Exception:
+            # Nobody listens any more (a closed event loop raises RuntimeError): then nothing may move.
+            self._stop_owed = True
+
+    def _shut(self) -> None:
+        """Stop and close; a link that is down is tried once more if something may move."""
+        if self._link is None and self._may_move:
+            self._attempt("opening the link to stop", self._open)
+        self._stop_device()
+        if self._link is not None:
+            self._link.close()
+            self._link = None
