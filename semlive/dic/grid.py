@@ -30,6 +30,7 @@ def grid_for(settings: DicSettings, width_px: int, height_px: int) -> Grid:
     if nx < 1 or ny < 1:
         region = "the whole frame" if settings.roi_px is None else f"roi {','.join(map(str, settings.roi_px))}"
         raise BadInput(
-            f"no subset of {settings.subset_px} px fits into {region} of a {width_px} x {height_px} px frame: enlarge the roi or reduce the subset"
+            f"no subset of {settings.subset_px} px fits into {region} of a {width_px} x {height_px} px frame: "
+            "enlarge the roi or reduce the subset"
         )
     return Grid(x0_px=x0, y0_px=y0, step_px=step, nx=nx, ny=ny, subset_px=settings.subset_px)

@@ -1,5 +1,6 @@
-"""Inverse-compositional Gauss-Newton for an affine subset under ZNSSD (Baker, Matthews 2004, doi:10.1023/B:VISI.0000011205.11775.fd;
-Pan, Li, Tong 2013, doi:10.1007/s11340-012-9695-2).
+"""Inverse-compositional Gauss-Newton for an affine subset under ZNSSD.
+
+Baker, Matthews 2004, doi:10.1023/B:VISI.0000011205.11775.fd; Pan, Li, Tong 2013, doi:10.1007/s11340-012-9695-2.
 
 One pass over the subset per iteration: with the reference's sums known, ZNSSD and its gradient need seven sums of the
 interpolated image only. A row of the subset is cut where it crosses a pixel boundary of the current image, so that inside a

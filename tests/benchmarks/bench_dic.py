@@ -58,11 +58,12 @@ def main() -> None:
         iterations = solve(reference, current, seeds, settings).iterations.mean()
         ok = m.valid
         du, dv = (m.u_px - true_u)[ok], (m.v_px - true_v)[ok]
-        gx, gy = np.gradient(images[0])[::-1]
+        gx = np.gradient(images[0], axis=1)
         sum_x = np.mean(gx**2) * settings.subset_px**2
         floor = np.sqrt(2.0) * max(noise, 12**-0.5) / np.sqrt(sum_x)
         sys.stdout.write(
-            f"noise {noise:.0f}: prepare {prepared[0]:.3f} s, correlate {pair[0]:.3f} s wall {pair[1]:.3f} s cpu (first guess {seeding[0]:.3f}), "
+            f"noise {noise:.0f}: prepare {prepared[0]:.3f} s, correlate {pair[0]:.3f} s wall {pair[1]:.3f} s cpu "
+            f"(first guess {seeding[0]:.3f}), "
             f"{iterations:.2f} iterations, converged {ok.sum()}/{ok.size}; bias {du.mean():+.1e} {dv.mean():+.1e}, "
             f"sd {du.std():.2e} {dv.std():.2e}, floor {floor:.2e}, ratio {du.std() / floor:.2f}, predicted/observed "
             f"{np.sqrt(np.mean(m.sigma_u_px[ok] ** 2)) / du.std():.3f} {np.sqrt(np.mean(m.sigma_v_px[ok] ** 2)) / dv.std():.3f}, "

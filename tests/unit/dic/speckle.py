@@ -60,7 +60,7 @@ class Speckle:
         place = rng.uniform(-self.margin, [self.width + self.margin, self.height + self.margin], (count, 2))
         return np.column_stack([place, rng.choice([-1.0, 1.0], count)])
 
-    def render(self, motion: Affine = Affine()) -> NDArray[np.float64]:  # noqa: B008
+    def render(self, motion: Affine = Affine()) -> NDArray[np.float64]:
         """Grey levels, mean 128, standard deviation 39, not yet rounded."""
         x0, y0, sign = self.spots.T
         u, v = motion.at(x0, y0)

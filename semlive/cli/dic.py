@@ -1,0 +1,142 @@
+"""`semlive dic`: disparity between image files, without daemon or log."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from semlive import dic as engine
+from semlive.data.disparity import DisparityMap, PoiStatus
+from semlive.data.frame import ExportedFile, Frame
+from semlive.data.settings import DicSettings, ScanProfile
+from semlive.errors import BadInput
+from semlive.formats.frames import read_frame
+
+HEADER = "x,y,u,v,sigma_u,sigma_v,zncc,status"
+
+
+def dic(
+    ref: Annotated[Path, typer.Argument(help="Reference image.", show_default=False)],
+    cur: Annotated[list[Path], typer.Argument(help="Current images.", show_default=False)],
+    subset: Annotated[int, typer.Option(help="Edge of the square subset in px, odd.")] = 43,
+    step: Annotated[int, typer.Option(help="Distance of neighbouring points in px.")] = 5,
+    roi: Annotated[
+        str | None, typer.Option(help="First and last possible subset centres, x0,y0,x1,y1; the whole frame if not given.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="CSV file to write; a folder if there are several current images.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+) -> None:
+    """Correlate images with a reference: x_current = x + u, in px."""
+    settings = _settings(subset, step, roi)
+    reference_frame = _read(ref, 0)
+    currents = [_read(path, number) for number, path in enumerate(cur, start=1)]
+    files = _output_files(out, cur)
+    height, width = reference_frame.image.shape
+    grid = engine.grid_for(settings, width, height)
+    engine.warm_up(settings)
+    start = time.perf_counter()
+    reference = engine.prepare(reference_frame.image, grid, settings)
+    prepared_s = time.perf_counter() - start
+    figures = []
+    for number, (path, frame) in enumerate(zip(cur, currents, strict=True), start=1):
+        if frame.image.shape != reference_frame.image.shape:
+            raise BadInput(
+                f"{path}: is {frame.info.width_px} x {frame.info.height_px} px but {ref} is {width} x {height} px; "
+                "export all frames with the same size and databar."
+            )
+        start = time.perf_counter()
+        disparity = engine.correlate(reference, frame.image, settings, reference_frame=0, current_frame=number)
+        wall_s = time.perf_counter() - start + prepared_s
+        prepared_s = 0.0  # the reference is prepared once; its time is counted with the first image
+        if files:
+            _write(files[number - 1], disparity)
+        figures.append(_figures(disparity, settings, wall_s))
+        if not as_json:
+            typer.echo(_sentence(path, disparity, wall_s))
+    if as_json:
+        typer.echo(json.dumps(figures[0] if len(figures) == 1 else figures))
+
+
+def _settings(subset: int, step: int, roi: str | None) -> DicSettings:
+    corners: tuple[int, int, int, int] | None = None
+    if roi is not None:
+        try:
+            x0, y0, x1, y1 = (int(word) for word in roi.split(","))
+        except ValueError:
+            raise BadInput(f"--roi {roi}: is not four whole numbers; write x0,y0,x1,y1 as in --roi 101,101,846,696.") from None
+        corners = (x0, y0, x1, y1)
+    try:
+        return DicSettings(subset_px=subset, step_px=step, roi_px=corners)
+    except ValueError as error:
+        raise BadInput(f"--subset {subset} --step {step}: {error}.") from error
+
+
+def _read(path: Path, number: int) -> Frame:
+    try:
+        data = path.read_bytes()
+        mtime_ns = path.stat().st_mtime_ns
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read ({error.strerror}); give an image file that exists.") from error
+    digest = hashlib.sha256(data).hexdigest()
+    return read_frame(ExportedFile(number, str(path), data, digest, mtime_ns, mtime_ns), ScanProfile())
+
+
+def _output_files(out: Path | None, cur: list[Path]) -> list[Path]:
+    """One CSV path per current image, its folder made; checked before anything is computed."""
+    if out is None:
+        return []
+    try:
+        if len(cur) == 1:
+            if out.is_dir():
+                raise BadInput(f"--out {out}: is a folder; with one current image give a file name.")
+            out.parent.mkdir(parents=True, exist_ok=True)
+            return [out]
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"--out {out}: cannot be made ({error.strerror}); give a path that can be written.") from error
+    names = [f"{path.stem}.csv" for path in cur]
+    if len(set(names)) < len(names):
+        names = [f"{number:03d}_{name}" for number, name in enumerate(names, start=1)]
+    return [out / name for name in names]
+
+
+def _write(path: Path, disparity: DisparityMap) -> None:
+    x, y = disparity.grid.mesh()
+    m = disparity
+    columns = [a.ravel().tolist() for a in (x, y, m.u_px, m.v_px, m.sigma_u_px, m.sigma_v_px, m.zncc, m.status)]
+    words = {int(status): status.word for status in PoiStatus}
+    lines = [
+        f"{x:.0f},{y:.0f},{u:.6f},{v:.6f},{su:.6f},{sv:.6f},{zncc:.6f},{words[status]}"
+        for x, y, u, v, su, sv, zncc, status in zip(*columns, strict=True)
+    ]
+    try:
+        path.write_text("\n".join([HEADER, *lines, ""]), encoding="ascii", newline="\n")
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written ({error.strerror}); give a path that can.") from error
+
+
+def _figures(disparity: DisparityMap, settings: DicSettings, wall_s: float) -> dict[str, int | float]:
+    return {
+        "points": int(disparity.status.size),
+        "converged": int(disparity.valid.sum()),
+        "wall_s": round(wall_s, 6),
+        "subset_px": settings.subset_px,
+        "step_px": settings.step_px,
+    }
+
+
+def _sentence(path: Path, disparity: DisparityMap, wall_s: float) -> str:
+    """One line for a person."""
+    valid = disparity.valid
+    count = int(valid.sum())
+    if count == 0:
+        return f"{path}: none of {valid.size} points found in {wall_s:.2f} s"
+    u, v = np.median(disparity.u_px[valid]), np.median(disparity.v_px[valid])
+    sigma = np.median(disparity.sigma_u_px[valid])
+    return f"{path}: {count} of {valid.size} points in {wall_s:.2f} s, median shift ({u:+.3f}, {v:+.3f}) px, noise {sigma:.4f} px"
