@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 
 import cv2
 import numpy as np
@@ -20,13 +21,21 @@ def is_png(data: bytes) -> bool:
 
 
 def check_complete(data: bytes) -> str | None:
-    """What is missing of a PNG file, in words; None if its chunks run to the IEND chunk inside the file."""
+    """What is missing of a PNG file, in words; None if whole chunks run to an empty IEND chunk inside the file.
+
+    Lengths are checked here because libpng takes memory for a chunk before it reads it: 1.2 GB for an 860 byte file, measured.
+    """
     at = len(_SIGNATURE)
     while at + 12 <= len(data):
-        [length] = struct.unpack_from(">I", data, at)
-        if data[at + 4 : at + 8] == b"IEND":
-            return None
-        at += 12 + length
+        length, kind = struct.unpack_from(">I4s", data, at)
+        end = at + 8 + length
+        if end + 4 > len(data):
+            break
+        if struct.unpack_from(">I", data, end)[0] != zlib.crc32(memoryview(data)[at + 4 : end]):
+            return f"the checksum of its chunk at byte {at} is wrong"
+        if kind == b"IEND":
+            return None if length == 0 else "its IEND chunk is not empty"
+        at = end + 4
     return f"it ends at byte {len(data)} before its IEND chunk"
 
 

@@ -1,0 +1,69 @@
+"""The thread that watches the export folder."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from semlive.data.frame import ExportedFile
+from semlive.ports import ClockSource
+from semlive.service.folder import FileRefused, Folder, WatchSettings
+
+__all__ = ["FileRefused", "FolderWatcher", "WatchSettings"]
+
+
+class FolderWatcher:
+    """Scans the export folder in a thread of its own and hands over each complete file once.
+
+    Callbacks come from that thread. File system events may `wake` it early; they never stand for a scan.
+
+    Args:
+        settings: what is watched.
+        clock: experiment time for arrivals, monotonic time for stability.
+        on_file: given each complete file once.
+        on_refused: given each refused file once.
+        on_trouble: told one sentence when the folder goes away, is back, or the watch itself fails.
+
+    Raises:
+        BadConfig: the folder does not exist or cannot be read.
+    """
+
+    def __init__(
+        self,
+        settings: WatchSettings,
+        clock: ClockSource,
+        on_file: Callable[[ExportedFile], None],
+        on_refused: Callable[[FileRefused], None],
+        on_trouble: Callable[[str], None],
+    ) -> None:
+        self._folder = Folder(settings, clock, on_file, on_refused, on_trouble)
+        self._poll_s, self._on_trouble = settings.poll_s, on_trouble
+        self._wake = threading.Event()
+        self._stop = threading.Event()
+        self._folder.open()
+        self._thread = threading.Thread(target=self._run, name="watch", daemon=True)
+
+    def start(self) -> None:
+        """Begin to scan. Files that came since the watcher was made are new."""
+        self._thread.start()
+
+    def wake(self) -> None:
+        """Scan now."""
+        self._wake.set()
+
+    def close(self, timeout_s: float = 5.0) -> None:
+        """Stop scanning; any number of times, started or not."""
+        self._stop.set()
+        self._wake.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout_s)
+
+    def _run(self) -> None:
+        try:
+            while not self._stop.is_set():
+                self._folder.poll()
+                self._wake.wait(self._poll_s)
+                self._wake.clear()
+        except Exception as exc:
+            self._on_trouble(f"the watch of the export folder failed ({type(exc).__name__}: {exc}); stop the run and report this.")
+            raise

@@ -1,0 +1,213 @@
+"""The recorder against threads, kills and disks."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from io import FileIO, RawIOBase
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from semlive.errors import BadConfig, BadLog, SemliveError
+from semlive.formats.messages import SEM_ORIGINAL, FaultMessage, LogLineMessage, from_json
+from semlive.service.log_files import messages, segment_path, segments
+from semlive.service.record import Recorder
+
+
+@dataclass
+class StuckClock:
+    """A clock that stands still, as experiment time does while a simulation catches up."""
+
+    ns: int = 10**18
+
+    def now_ns(self) -> int:
+        return self.ns
+
+    def mono_ns(self) -> int:
+        return time.monotonic_ns()
+
+
+def line(text: str) -> LogLineMessage:
+    return LogLineMessage(time_ns=1, level="info", text=text)
+
+
+def unfaulted(text: str) -> None:
+    raise AssertionError(text)
+
+
+class SmallDisk(FileIO):
+    """A file on a disk with room for some bytes; it writes part of a chunk before it refuses, as disks do."""
+
+    room = 0
+
+    def write(self, data: bytes) -> int:  # type: ignore[override]
+        if len(data) == 0 or self.room > 0:
+            written = super().write(data[: self.room])
+            self.room -= written
+            return written
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def small_disk(room: int) -> tuple[Callable[[Path], RawIOBase], list[SmallDisk]]:
+    opened: list[SmallDisk] = []
+
+    def open_raw(path: Path) -> RawIOBase:
+        disk = SmallDisk(path, "xb")
+        disk.room = room
+        opened.append(disk)
+        return disk
+
+    return open_raw, opened
+
+
+def test_messages_of_many_threads_stand_in_the_order_of_their_log_times(tmp_path: Path) -> None:
+    path = segment_path(tmp_path, "run", 0)
+    recorder = Recorder(path, StuckClock(), unfaulted)
+    written: list = []
+
+    def work(name: str) -> None:
+        written.extend(recorder.write("/log", line(f"{name}{n}"), publish_time_ns=n) for n in range(200))
+
+    threads = [threading.Thread(target=work, args=(name,)) for name in "abc"]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    recorder.write(SEM_ORIGINAL, b"pixels", sequence=17)
+    assert recorder.close()
+    assert recorder.close()
+    assert not recorder.part.exists()
+    read = list(messages(path))
+    assert read[:-1] == sorted(written, key=lambda message: message.log_time_ns)
+    times = [message.log_time_ns for message in read]
+    assert times == list(range(10**18, 10**18 + 601))
+    assert [message.sequence for message in read] == [*range(600), 17]
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == 601
+
+
+def test_a_log_grows_as_a_part_that_can_be_read_after_flush_wait(tmp_path: Path) -> None:
+    recorder = Recorder(segment_path(tmp_path, "run", 0), StuckClock(), unfaulted)
+    recorder.write("/log", line("one"))
+    assert recorder.flush_wait()
+    assert [path.name for path in segments(tmp_path)] == ["run.000.mcap.part"]
+    damage: list[str] = []
+    [message] = messages(tmp_path, damage.append)
+    assert from_json("/log", message.payload) == line("one")
+    assert damage == ["run.000.mcap.part: torn: EndOfFile."]
+    assert recorder.close()
+
+
+def test_nothing_is_lost_when_the_disk_is_full_for_a_while(tmp_path: Path) -> None:
+    said: list[str] = []
+    open_raw, opened = small_disk(6000)
+    recorder = Recorder(tmp_path / "run.000.mcap", StuckClock(), said.append, open_raw=open_raw, retry_after_s=0.01)
+    for number in range(200):
+        recorder.write("/fault", FaultMessage(time_ns=number, what="x" * 50, where="", action=""))
+        assert number or recorder.flush_wait()
+    assert not recorder.flush_wait(0.2)
+    assert len(said) == 1
+    assert "No space left" in said[0]
+    opened[0].room = 10**9
+    assert recorder.flush_wait()
+    assert "nothing was lost" in said[1]
+    assert recorder.close()
+    assert [message.publish_time_ns - 10**18 for message in messages(tmp_path)] == list(range(200))
+
+
+def test_a_disk_that_stays_full_is_told_and_a_full_queue_refuses(tmp_path: Path) -> None:
+    said: list[str] = []
+    open_raw, opened = small_disk(0)
+    recorder = Recorder(tmp_path / "r.000.mcap", StuckClock(), said.append, open_raw=open_raw, max_messages=20, retry_after_s=0.05)
+
+    def overrun() -> None:
+        for _ in range(100):
+            recorder.write("/log", line("x"))
+
+    recorder.write("/state", b"{}")
+    with pytest.raises(SemliveError, match="20 messages wait"):
+        overrun()
+    assert not recorder.close(timeout_s=0.2)
+    assert len(said) == 1
+    assert not recorder.path.exists()
+    with pytest.raises(SemliveError, match="closed"):
+        recorder.write("/log", line("late"))
+    opened[0].room = 10**9  # closing goes on in the background, and ends whole
+    assert recorder.close()
+
+
+def test_wrong_messages_are_refused_where_they_are_written(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "r.000.mcap", StuckClock(), unfaulted)
+    with pytest.raises(ValueError, match="not a topic"):
+        recorder.write("/nothing", b"{}")
+    with pytest.raises(ValueError, match="does not belong"):
+        recorder.write("/fault", line("x"))
+    assert recorder.close()
+
+
+def test_a_segment_is_never_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "r.000.mcap").write_bytes(b"precious")
+    with pytest.raises(BadConfig, match="name another run"):
+        Recorder(tmp_path / "r.000.mcap", StuckClock(), unfaulted)
+    with pytest.raises(BadConfig, match="cannot be created"):
+        Recorder(tmp_path / "missing" / "r.000.mcap", StuckClock(), unfaulted)
+
+
+def test_logs_that_are_none_are_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(BadLog, match="no such log"):
+        segments(tmp_path / "no.mcap")
+    with pytest.raises(BadLog, match=r"holds no \.mcap"):
+        segments(tmp_path)
+    (tmp_path / "a.000.mcap").write_bytes(b"hello, world")
+    with pytest.raises(BadLog, match=r"a\.000\.mcap: not an MCAP file"):
+        list(messages(tmp_path))
+    (tmp_path / "b.000.mcap").write_bytes(b"")
+    with pytest.raises(BadLog, match="several logs"):
+        segments(tmp_path)
+
+
+def test_segments_of_a_run_are_read_in_order(tmp_path: Path) -> None:
+    for number in (1, 0, 10):
+        recorder = Recorder(segment_path(tmp_path, "run.a", number), StuckClock(), unfaulted)
+        recorder.write("/log", line(str(number)))
+        assert recorder.close()
+    texts = [from_json("/log", message.payload) for message in messages(tmp_path)]
+    assert texts == [line("0"), line("1"), line("10")]
+
+
+KILLED = """
+import os, signal, sys, time
+from pathlib import Path
+from semlive.formats.messages import FaultMessage, LogLineMessage
+from semlive.service.record import Recorder
+class Clock:
+    def now_ns(self): return time.time_ns()
+    def mono_ns(self): return time.monotonic_ns()
+recorder = Recorder(Path(sys.argv[1]), Clock(), print)
+for number in range(50):
+    recorder.write("/log", LogLineMessage(time_ns=number, level="info", text="x"))
+recorder.write("/fault", FaultMessage(time_ns=50, what="x", where="", action=""))
+recorder.write("/sem/original", bytes(300_000), sequence=3)
+recorder.flush_wait()
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_killed_recorder_leaves_everything_that_was_flushed(tmp_path: Path) -> None:
+    path = tmp_path / "run.000.mcap"
+    done = subprocess.run([sys.executable, "-c", KILLED, str(path)], check=False, timeout=60)
+    assert done.returncode == -9
+    read = list(messages(tmp_path))
+    assert [message.topic for message in read] == ["/log"] * 50 + ["/fault", "/sem/original"]
+    assert len(read[-1].payload) == 300_000
