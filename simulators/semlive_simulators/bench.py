@@ -75,6 +75,7 @@ class Bench:
         """Serve until stopped; returns the exit code."""
         port = self._modbus.start()
         self._clock.begin()
+        self._write_truth()
         write_atomically(self._out / "ready.json", (json.dumps(self._ready(port), indent=2) + "\n").encode())
         self._sem.start()
         try:
@@ -132,8 +133,9 @@ def _warm_up(scenario: Scenario) -> None:
 
 
 def _stop_at_end_of_input(bench: Bench) -> None:
-    with contextlib.suppress(OSError, ValueError):
-        while sys.stdin.buffer.read(4096):
+    # Not through sys.stdin: a thread that waits in its buffer holds a lock that the interpreter wants when it ends.
+    with contextlib.suppress(OSError):
+        while os.read(0, 4096):
             pass
     bench.stop()
 
