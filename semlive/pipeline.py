@@ -22,6 +22,7 @@ from semlive.data.results import FrameResult, PairResult, RunResult
 from semlive.data.settings import AnalysisSettings
 from semlive.data.strain import ElasticConstants
 from semlive.errors import IllPosed
+from semlive.mechanics.reference import at_rest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,12 +120,14 @@ def frame_times(reference: PairDecision, decision: PairDecision) -> tuple[FrameT
 
 def _corrected(begun: Begun, solution: estimate.Solution, frame: int) -> FrameResult:
     if frame == 0:
-        displacement = mechanics.no_displacement(begun.grid)
-    else:
-        disparity = next(one for one in begun.from_frame_0 if one.current == frame)
-        displacement = mechanics.displacement(disparity, estimate.correction(solution, disparity))
+        still = at_rest(begun.grid)
+        field = mechanics.strain(still, begun.settings.estimate.window_points)
+        return FrameResult(still, field, mechanics.summary(still, field))
+    disparity = next(one for one in begun.from_frame_0 if one.current == frame)
+    displacement = mechanics.displacement(disparity, estimate.correction(solution, disparity))
     field = mechanics.strain(displacement, begun.settings.estimate.window_points)
-    return FrameResult(displacement, field, mechanics.summary(displacement, field, estimate.gradient_sigma(solution, frame)))
+    systematic = estimate.correction_strain_sigma(solution, disparity)
+    return FrameResult(displacement, field, mechanics.summary(displacement, field, systematic=systematic))
 
 
 def _tension_frames(begun: Begun, solution: estimate.Solution) -> tuple[FrameResult, ...]:
@@ -135,10 +138,10 @@ def _tension_frames(begun: Begun, solution: estimate.Solution) -> tuple[FrameRes
 def _elastic(begun: Begun, frames: tuple[FrameResult, ...]) -> ElasticConstants | None:
     specimen = begun.settings.specimen
     loads = {2 * one.pair + m: one.loads[m].mean_n for one in begun.pairs if one.step.phase is Phase.TENSION and one.loads for m in (0, 1)}
-    used = [one.summary for one in frames if one.summary.frame in loads]
-    if specimen.area_mm2 is None or not used:
+    points = [(loads[one.summary.frame], one.summary) for one in frames if one.summary.frame in loads]
+    if specimen.area_mm2 is None:
         return None
     try:
-        return mechanics.elastic_constants([loads[one.frame] for one in used], used, specimen.area_mm2, specimen.loading_axis)
+        return mechanics.elastic_constants(points, specimen.area_mm2, specimen.loading_axis)
     except IllPosed:
         return None

@@ -1,0 +1,34 @@
+"""`semlive replay`: the analysis again, from the log's raw images."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from semlive.cli.tables import result_table
+from semlive.service.replay import replay_images
+from semlive.service.result_json import result_json
+
+
+def replay(
+    log: Annotated[Path, typer.Argument(help="One MCAP file, or a run folder of segments.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Recompute the analysis from the log's raw images and print the result."""
+    replayed = replay_images(log)
+    result = result_json(replayed.result, replayed.settings)
+    if as_json:
+        typer.echo(json.dumps(result))
+        return
+    console = Console()
+    console.print(result_table(replayed.result))
+    if replayed.recorded is None:
+        console.print("the log holds no final result to compare with: the run did not end by itself")
+    elif replayed.recorded == result:
+        console.print("live and replayed results are identical")
+    else:
+        console.print("live and replayed results differ")

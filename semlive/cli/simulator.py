@@ -1,0 +1,66 @@
+"""Simulators as processes of their own, found by entry point and spoken to through files only."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from semlive.errors import BadInput, SemliveError
+
+_START_TIMEOUT_S = 180.0
+_STOP_TIMEOUT_S = 20.0
+
+
+@contextlib.contextmanager
+def running_simulator(scenario: str, folder: Path, rate: float) -> Iterator[dict[str, Any]]:
+    """A simulated bench for as long as the context lasts; gives what it announced in ``ready.json``.
+
+    The simulator gets a process group of its own, so that Ctrl-C reaches the daemon first and the bench is still there
+    to be stopped by it.
+
+    Raises:
+        BadInput: no simulator is installed, or it does not know the scenario.
+        SemliveError: it did not come up.
+    """
+    found = entry_points(group="semlive.simulators", name="bench")
+    if not found:
+        raise BadInput("no simulator is installed; install semlive with its simulators (python -m pip install semlive)")
+    module = next(iter(found)).module
+    folder.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, "-m", module, "--scenario", scenario, "--out", str(folder), "--rate", str(rate), "--exit-with-stdin"]
+    with (folder / "simulator.log").open("wb") as log:
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True)
+        try:
+            yield _wait_until_ready(process, folder)
+        finally:
+            _end(process)
+
+
+def _wait_until_ready(process: subprocess.Popen[bytes], folder: Path) -> dict[str, Any]:
+    ready, deadline = folder / "ready.json", time.monotonic() + _START_TIMEOUT_S
+    while time.monotonic() < deadline:
+        if ready.exists():
+            return json.loads(ready.read_text(encoding="utf-8"))
+        if process.poll() is not None:
+            said = (folder / "simulator.log").read_text(encoding="utf-8", errors="replace").strip().splitlines()
+            error = BadInput if process.returncode == 2 else SemliveError
+            raise error(said[-1] if said else f"the simulator ended with code {process.returncode} and said nothing; see {folder}")
+        time.sleep(0.05)
+    raise SemliveError(f"the simulator did not come up within {_START_TIMEOUT_S:.0f} s; see {folder / 'simulator.log'}")
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    if process.stdin is not None:
+        process.stdin.close()
+    try:
+        process.wait(_STOP_TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

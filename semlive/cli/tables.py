@@ -1,0 +1,52 @@
+"""Tables that commands print."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.table import Table
+
+from semlive.data.results import RunResult
+from semlive.data.strain import StrainSummary
+from semlive.report.score import Score
+
+
+def score_table(scores: Sequence[Score]) -> Table:
+    """Recovered beside true, each with its uncertainty."""
+    table = Table(title="recovered against true")
+    table.add_column("quantity")
+    for name in ("true", "recovered", "± sigma", "error"):
+        table.add_column(name, justify="right")
+    table.add_column("unit")
+    for one in scores:
+        table.add_row(one.name, *(_number(v) for v in (one.truth, one.value, one.sigma, one.error)), one.unit)
+    return table
+
+
+def result_table(result: RunResult) -> Table:
+    """Mean strain of every accepted frame with its uncertainty, and the elastic constants below."""
+    table = Table(title="corrected strain, relative to frame 0", caption=_elastic_caption(result))
+    for name in ("frame", "phase", "load N", "exx 1e-6", "eyy 1e-6", "exy 1e-6"):
+        table.add_column(name, justify="left" if name == "phase" else "right")
+    decisions = {decision.pair: decision for decision in result.decisions}
+    for frame in result.frames:
+        summary = frame.summary
+        decision = decisions[summary.frame // 2]
+        load = f"{decision.loads[summary.frame % 2].mean_n:.1f}" if decision.loads else ""
+        table.add_row(str(summary.frame), decision.step.phase.value, load, *(_strain(summary, c) for c in ("exx", "eyy", "exy")))
+    return table
+
+
+def _elastic_caption(result: RunResult) -> str:
+    if result.elastic is None:
+        return "no elastic constants: they need tensile steps at two loads and specimen.area_mm2"
+    modulus, ratio = result.elastic.youngs_modulus_gpa, result.elastic.poissons_ratio
+    return f"E = {modulus.value:.2f} ± {modulus.sigma:.2f} GPa    Poisson's ratio = {ratio.value:.4f} ± {ratio.sigma:.4f}"
+
+
+def _strain(summary: StrainSummary, component: str) -> str:
+    return f"{getattr(summary.mean, component) * 1e6:.1f} ± {getattr(summary.mean_sigma, component) * 1e6:.1f}"
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}" if abs(value) < 1000 else f"{value:.1f}"

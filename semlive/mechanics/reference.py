@@ -1,0 +1,16 @@
+"""Frame 0, from which displacement is counted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from semlive.data.displacement import Displacement
+from semlive.data.grid import Grid
+
+
+def at_rest(grid: Grid) -> Displacement:
+    """Displacement of frame 0 from itself: zero everywhere, without uncertainty."""
+    zero, valid = np.zeros(grid.shape), np.ones(grid.shape, dtype=np.bool_)
+    zero.setflags(write=False)
+    valid.setflags(write=False)
+    return Displacement(0, grid, zero, zero, zero, zero, valid)

@@ -1,0 +1,253 @@
+"""Control: everything that happens goes into the log, then to the engine; what the engine wants is done.
+
+It runs in one asyncio loop and never blocks it; device calls, file reading, correlation and writing have threads or
+processes of their own that come back through `loop.call_soon_threadsafe`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from semlive.data.experiment import Plan
+from semlive.data.frame import ExportedFile
+from semlive.data.loading import DeviceIdentity
+from semlive.engine import (
+    FINAL_STATES,
+    AcceptPair,
+    Announce,
+    Command,
+    Device,
+    DeviceFault,
+    DeviceStopped,
+    EngineState,
+    Event,
+    Finish,
+    FrameScanned,
+    FrameUnreadable,
+    LinkLost,
+    LoadReading,
+    MoveStage,
+    Opening,
+    Operator,
+    Progress,
+    RampTo,
+    Ready,
+    RefuseFrame,
+    StageReading,
+    State,
+    StopMotion,
+    Tick,
+    Transition,
+    TriggerFrame,
+    Verb,
+    progress,
+    start,
+    step,
+)
+from semlive.engine.history import frame_load
+from semlive.errors import LinkError
+from semlive.formats import message_values as values
+from semlive.formats.log import LogMessage
+from semlive.formats.messages import DriftMessage, ElasticMessage, FaultMessage, FileMessage, LogLineMessage, ScanMessage, from_json
+from semlive.ports import Trigger
+from semlive.service.analysis import READY
+from semlive.service.analysis_link import AnalysisLink
+from semlive.service.clock import FileClock, SystemClock
+from semlive.service.journal import Journal
+from semlive.service.link import LinkThread
+
+_DECODED = ("/sem/scan", "/sem/file", "/log", "/drift/estimate", "/elastic", "/fault", "/result")
+_TROUBLE = (State.FAULT, State.ESTOPPED)
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """A run as faces see it.
+
+    Attributes:
+        time_ns: experiment time.
+        progress: of the protocol.
+        drift_rate_px_s: at the newest frame, or None before the first pair.
+        elastic: elastic constants so far.
+        pairs_analysed: pairs whose result is in the log.
+        warnings: sentences since the run began, newest last.
+    """
+
+    time_ns: int
+    progress: Progress
+    drift_rate_px_s: tuple[float, float] | None
+    elastic: ElasticMessage | None
+    pairs_analysed: int
+    warnings: tuple[str, ...]
+
+
+class Control:
+    """The loop's one object: the engine's state, and everything that feeds it or obeys it."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        clock: SystemClock | FileClock,
+        journal: Journal,
+        observe: Callable[[Snapshot], None],
+    ) -> None:
+        self._clock, self._journal, self._observe = clock, journal, observe
+        self._loop = asyncio.get_running_loop()
+        self._state: EngineState = start(plan, clock.now_ns())
+        self._links: Mapping[Device, LinkThread] = {}
+        self._trigger: Trigger | None = None
+        self._analysis: AnalysisLink | None = None
+        self._clock_revision = clock.current().revision
+        self._drift_rate_px_s: tuple[float, float] | None = None
+        self._elastic: ElasticMessage | None = None
+        self._pairs_analysed = 0
+        self._warnings: tuple[str, ...] = ()
+        self.analysis_ready = asyncio.Event()
+        self.finished: asyncio.Future[Finish] = self._loop.create_future()
+        self.troubled = asyncio.Event()
+
+    def connect(self, analysis: AnalysisLink, links: Mapping[Device, LinkThread], trigger: Trigger | None) -> None:
+        """Who obeys from now on."""
+        self._analysis, self._links, self._trigger = analysis, links, trigger
+        self.handle(Opening(self._clock.now_ns()))
+
+    def ready(self, load_frame: DeviceIdentity | None, stage: DeviceIdentity | None) -> None:
+        """All links are open and analysis is warm: begin."""
+        now_ns = self._clock.now_ns()
+        self.handle(Ready(now_ns, load_frame, stage))
+        self.operator(Verb.START)
+
+    def operator(self, verb: Verb) -> None:
+        """The operator said something."""
+        now_ns = self._clock.now_ns()
+        self._journal.operator(now_ns, verb)
+        self.handle(Operator(now_ns, verb))
+
+    def tick(self) -> None:
+        """Time passes: feed the links, look at the clock, let the engine decide."""
+        for link in self._links.values():
+            link.feed()
+        clock = self._clock.current()
+        if clock.revision != self._clock_revision:
+            self._clock_revision = clock.revision
+            self._journal.clock(clock, "the simulation fell behind and stretched its clock")
+        self.handle(Tick(self._clock.now_ns()))
+        self._observe(self._snapshot())
+
+    def from_thread(self, event: Event) -> None:
+        """Take an event from a link's thread."""
+        self._loop.call_soon_threadsafe(self.handle, event)
+
+    def handle(self, event: Event) -> None:
+        """Record an event, let the engine decide, do what it wants."""
+        self._record(event)
+        if self._state.at in FINAL_STATES:
+            return
+        self._state, commands = step(self._state, event)
+        for command in commands:
+            self._execute(command)
+        if self._state.at in _TROUBLE:
+            self.troubled.set()
+
+    def exported(self, file: ExportedFile) -> None:
+        """A file is complete: its bytes go into the log first, then to analysis."""
+        for message in self._journal.file(file):
+            self._give(message)
+
+    def refused(self, name: str, reason: str) -> None:
+        """The watcher refused a file."""
+        self._journal.refused_file(None, name, reason, self._clock.now_ns())
+        self._warn(reason)
+
+    def disk_trouble(self, what: str) -> None:
+        """The log cannot be written, or can again; from the recorder's thread."""
+        self._loop.call_soon_threadsafe(self.trouble, what, "log", "kept in memory and tried again")
+
+    def trouble(self, what: str, where: str, action: str) -> None:
+        """Something of ours went wrong."""
+        self._journal.fault(self._clock.now_ns(), what, where, action)
+        self._warn(what)
+
+    def analysis_lost(self) -> None:
+        """There is no analysis any more, so no frame can be judged: stop."""
+        self.handle(DeviceFault(self._clock.now_ns(), Device.SEM, "the analysis process is lost; frames cannot be judged"))
+
+    def output(self, message: LogMessage) -> None:
+        """Something analysis said."""
+        payload = from_json(message.topic, message.payload) if message.topic in _DECODED else None
+        if isinstance(payload, ScanMessage):
+            info = values.frame_info(payload)
+            self._journal.scan(info, frame_load(self._state.history, info.start_time_ns.value, info.end_time_ns))
+            self.handle(FrameScanned(self._clock.now_ns(), info))
+            return
+        self._journal.output(message)
+        if isinstance(payload, FileMessage) and payload.export is not None:
+            self._warn(payload.reason)
+            self.handle(FrameUnreadable(self._clock.now_ns(), payload.export, payload.reason))
+        elif isinstance(payload, LogLineMessage) and payload.text == READY:
+            self.analysis_ready.set()
+        elif isinstance(payload, DriftMessage):
+            self._drift_rate_px_s, self._pairs_analysed = payload.rate_px_s[-1], payload.revision
+        elif isinstance(payload, ElasticMessage):
+            self._elastic = payload
+        elif isinstance(payload, FaultMessage):
+            self._warn(payload.what)
+            if self._pairs_analysed == 0:
+                # Every later frame is measured from the first pair; without it the specimen would be spent for nothing.
+                self.handle(DeviceFault(self._clock.now_ns(), Device.SEM, f"the first pair cannot be used: {payload.what}"))
+
+    def _record(self, event: Event) -> None:
+        if isinstance(event, LoadReading):
+            self._journal.load(event.sample)
+        elif isinstance(event, StageReading):
+            self._journal.stage(event.sample)
+        elif isinstance(event, DeviceFault | DeviceStopped | LinkLost):
+            self._journal.fault(event.time_ns, event.reason, event.device.words, "told the engine")
+            self._warn(f"{event.device.words}: {event.reason}")
+
+    def _execute(self, command: Command) -> None:
+        now_ns = self._clock.now_ns()
+        if isinstance(command, Transition):
+            self._give(self._journal.transition(command))
+        elif isinstance(command, RampTo):
+            self._journal.command(now_ns, "ramp_to", {"force_n": command.force_n, "rate_n_s": command.rate_n_s}, "sent")
+            self._links[Device.LOAD_FRAME].send(command)
+        elif isinstance(command, MoveStage):
+            self._journal.command(now_ns, "move_stage", {"x_um": command.x_um, "y_um": command.y_um}, "sent")
+            self._links[Device.STAGE].send(command)
+        elif isinstance(command, StopMotion):
+            for link in self._links.values():
+                link.stop(command.reason)
+            self._journal.command(now_ns, "stop", {"reason": command.reason}, "sent")
+        elif isinstance(command, TriggerFrame):
+            self._journal.command(now_ns, "trigger", {}, "sent")
+            self._loop.run_in_executor(None, self._scan_once)
+        elif isinstance(command, AcceptPair):
+            self._give(self._journal.pair(command.decision))
+        elif isinstance(command, RefuseFrame):
+            self._journal.refused_file(command.export, "", command.reason, now_ns)
+        elif isinstance(command, Announce):
+            self._journal.line(now_ns, command.text)
+        elif not self.finished.done():
+            self._journal.line(now_ns, command.text)
+            self.finished.set_result(command)
+
+    def _scan_once(self) -> None:
+        try:
+            if self._trigger is not None:
+                self._trigger.scan_once()
+        except LinkError as error:
+            self.from_thread(DeviceFault(self._clock.now_ns(), Device.SEM, str(error)))
+
+    def _give(self, message: LogMessage) -> None:
+        if self._analysis is not None:
+            self._analysis.give(message)
+
+    def _warn(self, text: str) -> None:
+        self._warnings = (*self._warnings, text)[-50:]
+
+    def _snapshot(self) -> Snapshot:
+        now_ns = self._clock.now_ns()
+        return Snapshot(now_ns, progress(self._state), self._drift_rate_px_s, self._elastic, self._pairs_analysed, self._warnings)

@@ -1,0 +1,77 @@
+"""A run's result as other programs read it (`semlive replay LOG --json`); only ever extended."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from semlive.data.results import FrameResult, RunResult
+from semlive.data.settings import AnalysisSettings
+from semlive.data.strain import Measured, Tensor2
+
+
+def result_json(result: RunResult, settings: AnalysisSettings) -> dict[str, Any]:
+    """The result as one JSON object.
+
+    Frames are numbered 2 * pair + 0 or 1; strain and shift are relative to frame 0, corrected, engineering small strain,
+    tension positive. `window_px` counts the window as points x step, `vsg_px` with the subset: (points - 1) x step + subset.
+    """
+    points, dic = settings.estimate.window_points, settings.dic
+    elastic = result.elastic
+    return {
+        "pairs": len(result.decisions),
+        "method": "joint",
+        "window_points": points,
+        "window_px": points * dic.step_px,
+        "vsg_px": (points - 1) * dic.step_px + dic.subset_px,
+        "frames": [_frame(result, frame) for frame in result.frames],
+        "distortion": _distortion(result),
+        "noise_floor_px": result.estimate.noise_floor_px,
+        "elastic": elastic
+        and {
+            "youngs_modulus_gpa": _measured(elastic.youngs_modulus_gpa),
+            "poissons_ratio": _measured(elastic.poissons_ratio),
+        },
+        "warnings": list(result.notes),
+    }
+
+
+def _frame(result: RunResult, frame: FrameResult) -> dict[str, Any]:
+    number = frame.summary.frame
+    decision = next(one for one in result.decisions if one.pair == number // 2)
+    motion = next(one for one in result.estimate.motions if one.pair == number // 2)
+    drift = result.estimate.drift
+    rows = np.flatnonzero(drift.frame == number)
+    return {
+        "frame": number,
+        "pair": decision.pair,
+        "phase": decision.step.phase.value,
+        "load_n": decision.loads[number % 2].mean_n if decision.loads else None,
+        "shift_px": [float(v) for v in motion.shift_px],
+        "shift_sigma_px": [float(v) for v in motion.shift_sigma_px],
+        "strain_mean": _tensor(frame.summary.mean),
+        "strain_mean_sigma": _tensor(frame.summary.mean_sigma),
+        "strain_sd": _tensor(frame.summary.sd),
+        "drift_start_px": [float(v) for v in drift.drift_px[rows[0]]],
+        "drift_end_px": [float(v) for v in drift.drift_px[rows[-1]]],
+    }
+
+
+def _distortion(result: RunResult) -> dict[str, list[float]]:
+    field = result.estimate.distortion
+    inside = [values[field.valid] for values in (field.ex_px, field.ey_px)]
+    if not field.valid.any():
+        return {"max_px": [0.0, 0.0], "rms_px": [0.0, 0.0]}
+    return {
+        "max_px": [float(np.abs(values).max()) for values in inside],
+        "rms_px": [float(np.sqrt(np.mean(values**2))) for values in inside],
+    }
+
+
+def _tensor(value: Tensor2) -> dict[str, float]:
+    return {"exx": value.exx, "eyy": value.eyy, "exy": value.exy}
+
+
+def _measured(value: Measured) -> dict[str, float]:
+    return {"value": value.value, "sigma": value.sigma}
