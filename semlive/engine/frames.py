@@ -38,6 +38,7 @@ def _latest_end_ns(info: FrameInfo) -> int:
 
 def frame_scanned(turn: Turn, info: FrameInfo) -> None:
     """A frame was exported: let it wait for its verdict, or refuse it at once where no step is imaged."""
+    turn.update(start_sigma_s=info.start_sigma_s)
     state = turn.state
     in_time = state.at is State.HOLDING and _earliest_ns(info) >= state.hold_end_ns
     if state.at is State.IMAGING or in_time:
@@ -59,6 +60,7 @@ def judge(turn: Turn) -> None:
     """In IMAGING: judge the waiting frames in order, as far as the load is known up to the end of their scans."""
     if turn.state.stale or disturbed(turn):
         return
+    _ask_first(turn)
     while turn.state.at is State.IMAGING and turn.state.waiting:
         scanned = turn.state.waiting[0]
         if not _load_known(turn.state, scanned):
@@ -74,8 +76,16 @@ def judge(turn: Turn) -> None:
             _take_second(turn, turn.state.first, scanned.info)
 
 
+def _ask_first(turn: Turn) -> None:
+    """In triggered mode, ask for the first frame only when its start can be told from the end of the hold."""
+    state = turn.state
+    if state.plan.triggered and not state.asked and state.time_ns >= state.hold_end_ns + round(3e9 * state.start_sigma_s):
+        turn.update(asked=True)
+        turn.commands.append(TriggerFrame())
+
+
 def _ask_again(turn: Turn) -> None:
-    if turn.state.plan.triggered and turn.state.at is State.IMAGING:
+    if turn.state.asked and turn.state.at is State.IMAGING:
         turn.commands.append(TriggerFrame())
 
 
@@ -147,8 +157,8 @@ def _take_second(turn: Turn, first: FrameInfo, second: FrameInfo) -> None:
     if state.load_frame is not None:
         one, two = (frame_load(state.history, i.start_time_ns.value, i.end_time_ns) for i in (first, second))
         if one is None or two is None:
-            turn.drop_frames("the load during its scan is not known any more")
-            _ask_again(turn)
+            turn.commands.append(RefuseFrame(first.export, f"{first.name} is not used: the load during its scan is not known any more"))
+            _take_first(turn, second)
             return
         loads = (one, two)
     turn.commands.append(AcceptPair(PairDecision(state.step.step, state.step, first, second, loads)))

@@ -55,9 +55,9 @@ class LoadHistory:
 
 
 def frame_load(history: LoadHistory, start_time_ns: int, end_time_ns: int) -> FrameLoad | None:
-    """The load while a frame was scanned, or None if no sample is left of that time."""
+    """The load while a frame was scanned, or None if the samples do not reach back to its start."""
     points = history.during(start_time_ns, end_time_ns)
-    if not points:
+    if not points or points[0][0] > start_time_ns:
         return None
     forces = [force for _, force in points]
     mean = math.fsum(forces) / len(forces)

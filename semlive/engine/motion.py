@@ -9,7 +9,7 @@ import math
 from dataclasses import replace
 
 from semlive.data.loading import MotionState
-from semlive.engine.commands import MoveStage, RampTo, TriggerFrame
+from semlive.engine.commands import MoveStage, RampTo
 from semlive.engine.events import Device
 from semlive.engine.limits import move_problem, ramp_problem
 from semlive.engine.states import Cause, State
@@ -205,9 +205,8 @@ def hold(turn: Turn) -> None:
     if state.stale or disturbed(turn):
         return
     if state.time_ns >= state.hold_end_ns:
+        turn.update(asked=False)
         turn.go(Cause.HOLD_OVER, ("held_s", state.seconds_since(state.since_ns)), ("load_error_n", load_error_n(state)))
-        if state.plan.triggered:
-            turn.commands.append(TriggerFrame())
 
 
 def disturbed(turn: Turn) -> bool:

@@ -68,6 +68,8 @@ class EngineState:
         waiting: frames to be judged.
         first: the first frame of the pair.
         reference: the first frame accepted in the run; later ones must be of its kind.
+        start_sigma_s: how well the start of the last frame was known; before the first, what scan profiles assume.
+        asked: in triggered mode, a frame has been asked for in this IMAGING.
         message: the last sentence for the operator.
     """
 
@@ -93,6 +95,8 @@ class EngineState:
     waiting: tuple[Scanned, ...] = ()
     first: FrameInfo | None = None
     reference: FrameInfo | None = None
+    start_sigma_s: float = 0.3
+    asked: bool = False
     message: str = ""
 
     @property

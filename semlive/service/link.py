@@ -272,11 +272,12 @@ class LinkThread:
             self._stop_owed = True
 
     def _poll(self) -> None:
-        if self._port is None:
+        port = self._port
+        if port is None:
             return
         first = self._sampled_mono_ns is None
-        sample = self._port.read()
-        problem = self._port.problem(sample)
+        sample = port.read()
+        problem = port.problem(sample)
         stopped_for = None
         if problem is not None and not self._beyond_limit:
             stopped_for = problem
@@ -291,7 +292,7 @@ class LinkThread:
         if self._lost:
             self._emit(LinkBack(sample.time_ns, self._device))
         self._stale = self._lost = False
-        self._emit(self._port.event(sample))
+        self._emit(port.event(sample))
         if stopped_for is not None:
             self._emit(DeviceStopped(sample.time_ns, self._device, stopped_for))
 

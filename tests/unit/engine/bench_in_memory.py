@@ -1,0 +1,179 @@
+"""A run without anything real: devices of a few lines, experiment time by hand. Commands go in, events come out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from semlive.data.experiment import HoldRule, Limits, Phase, Plan, Step
+from semlive.data.frame import FrameInfo
+from semlive.data.loading import DeviceIdentity, LoadSample, MotionState, StageSample, StopOnLinkLoss
+from semlive.data.scan import Provenance, ScanTiming, Sourced
+from semlive.engine import (
+    AcceptPair,
+    Command,
+    CommandTaken,
+    Device,
+    EngineState,
+    Event,
+    FrameScanned,
+    LoadReading,
+    MoveStage,
+    Opening,
+    Operator,
+    RampTo,
+    Ready,
+    RefuseFrame,
+    StageReading,
+    State,
+    StopMotion,
+    Tick,
+    Transition,
+    Verb,
+    start,
+    step,
+)
+
+S = 1_000_000_000
+T0 = 1_700_000_000 * S
+LIMITS = Limits(
+    force_min_n=-50.0,
+    force_max_n=2300.0,
+    extension_min_mm=-0.5,
+    extension_max_mm=2.0,
+    force_rate_max_n_s=100.0,
+    force_step_max_n=500.0,
+    stage_travel_um=100.0,
+)
+HOLD = HoldRule(hold_s=30.0, settle_s=5.0, motion_timeout_s=300.0, frame_timeout_s=400.0)
+IDENTITY = DeviceIdentity("bench", simulated=True, stop_on_link_loss=StopOnLinkLoss.VERIFIED, force_max_n=4300.0)
+
+
+def plan_of(*stops: tuple[tuple[float, float], float | None], hold: HoldRule = HOLD, triggered: bool = False) -> Plan:
+    """A plan of (shift_um, load_n)."""
+    steps = tuple(Step(i, Phase.TENSION, shift, shift, load) for i, (shift, load) in enumerate(stops))
+    return Plan(steps, hold, LIMITS, ramp_rate_n_s=50.0, triggered=triggered)
+
+
+def frame(
+    export: int, start_ns: int, *, frame_s: float = 90.0, sigma_s: float = 0.3, width_px: int = 1024, dwell_s: float = 1e-4
+) -> FrameInfo:
+    """A frame that was scanned from `start_ns` on."""
+    known = Provenance.FILE
+    timing = ScanTiming(Sourced(dwell_s, known), Sourced(frame_s / 884, known), Sourced(frame_s, known), Sourced(1, known))
+    pixel = Sourced(1.25e-6, known)
+    return FrameInfo(export, f"frame{export:04}.tif", "fei", width_px, 884, 0, timing, Sourced(start_ns, known), sigma_s, pixel)
+
+
+@dataclass
+class Run:
+    """An engine with devices that obey at once or after a while."""
+
+    plan: Plan
+    has_load: bool = True
+    has_stage: bool = True
+    poll_s: float = 0.5
+    force_n: float = 0.0
+    xy_um: tuple[float, float] = (7.0, -3.0)
+    state: EngineState = field(init=False)
+    now_ns: int = T0
+    commands: list[Command] = field(default_factory=list)
+    load_goal_n: float | None = None
+    stage_goal_um: tuple[float, float] | None = None
+    exports: int = 0
+    deaf: bool = False
+
+    def __post_init__(self) -> None:
+        self.state = start(self.plan, self.now_ns)
+
+    def tell(self, event: Event) -> tuple[Command, ...]:
+        """One event; its commands are obeyed and kept."""
+        self.state, given = step(self.state, event)
+        self.commands.extend(given)
+        for command in given:
+            match command:
+                case RampTo(force_n=force_n) if not self.deaf:
+                    self.load_goal_n = force_n
+                    self.tell(CommandTaken(self.now_ns, Device.LOAD_FRAME))
+                case MoveStage(x_um=x_um, y_um=y_um) if not self.deaf:
+                    self.stage_goal_um = (x_um, y_um)
+                    self.tell(CommandTaken(self.now_ns, Device.STAGE))
+                case StopMotion():
+                    self.load_goal_n = self.stage_goal_um = None
+        return given
+
+    def begin(self) -> None:
+        """Up to the first step."""
+        self.tell(Opening(self.now_ns))
+        self.readings()
+        self.tell(Ready(self.now_ns, IDENTITY if self.has_load else None, IDENTITY if self.has_stage else None))
+        self.readings()
+        self.tell(Operator(self.now_ns, Verb.START))
+
+    def readings(self) -> None:
+        """One sample of each device."""
+        if self.has_load:
+            self.tell(LoadReading(self.now_ns, self.load_sample()))
+        if self.has_stage:
+            moving = MotionState.STOPPED if self.stage_goal_um is None else MotionState.MOVING
+            self.tell(StageReading(self.now_ns, StageSample(0, self.now_ns, 0, *self.xy_um, moving)))
+
+    def load_sample(self) -> LoadSample:
+        """What the load frame says now."""
+        moving = MotionState.STOPPED if self.load_goal_n is None else MotionState.MOVING
+        return LoadSample(0, self.now_ns, 0, self.force_n, self.force_n / 5000, moving, self.load_goal_n or self.force_n)
+
+    def wait(self, seconds: float, until: State | None = None) -> None:
+        """Let time pass (devices move at 50 N/s, the stage arrives at the next poll), or only until a state is reached."""
+        end_ns = self.now_ns + round(seconds * S)
+        while self.now_ns < end_ns and self.state.at is not until:
+            self.now_ns += round(self.poll_s * S)
+            if self.load_goal_n is not None:
+                most = 50.0 * self.poll_s
+                self.force_n += max(-most, min(most, self.load_goal_n - self.force_n))
+                if self.force_n == self.load_goal_n:
+                    self.load_goal_n = None
+            if self.stage_goal_um is not None:
+                self.xy_um, self.stage_goal_um = self.stage_goal_um, None
+            self.readings()
+            self.tell(Tick(self.now_ns))
+
+    def reach(self, state: State, within_s: float = 200.0) -> None:
+        """Let time pass until a state is reached."""
+        self.wait(within_s, state)
+        assert self.state.at is state, f"in {self.state.at} instead of {state}: {self.state.message}"
+
+    def scan(self, start_ns: int | None = None, **kwargs: float) -> FrameInfo:
+        """Scan a frame from `start_ns` (now) on, let its time pass, and export it."""
+        info = frame(self.exports, self.now_ns if start_ns is None else start_ns, **kwargs)  # type: ignore[arg-type]
+        self.exports += 1
+        if start_ns is None and self.state.at is State.IMAGING:
+            self.wait(1.0)
+            info = replace(info, start_time_ns=Sourced(self.now_ns, Provenance.FILE))
+        self.wait((info.end_time_ns - self.now_ns) / 1e9 + 1.5)
+        self.tell(FrameScanned(self.now_ns, info))
+        self.wait(2.0)
+        return info
+
+    def of(self, kind: type) -> list:
+        """All commands of a kind so far."""
+        return [c for c in self.commands if isinstance(c, kind)]
+
+    @property
+    def accepted(self) -> list[AcceptPair]:
+        """Pairs so far."""
+        return self.of(AcceptPair)
+
+    @property
+    def refusals(self) -> list[str]:
+        """Reasons so far."""
+        return [c.reason for c in self.commands if isinstance(c, RefuseFrame)]
+
+    @property
+    def path(self) -> list[State]:
+        """States entered so far."""
+        return [c.after for c in self.commands if isinstance(c, Transition)]
+
+
+def without_stage_tolerance(hold: HoldRule) -> HoldRule:
+    """A rule that believes any stage."""
+    return replace(hold, stage_tolerance_um=1e9)
