@@ -46,9 +46,11 @@ def read_frame(file: ExportedFile, profile: ScanProfile) -> Frame:
         BadImage: one sentence: file, what is wrong, what to do.
     """
     info = read_info(file, profile)
-    image = _pixels(file)[: info.height_px]
+    pixels = _pixels(file)
+    # Whole rows from the top of a contiguous image are contiguous themselves.
+    image: NDArray[np.uint8] | NDArray[np.uint16] = pixels[: info.height_px]
     grey.check_content(file.name, image)
-    return Frame(info, np.ascontiguousarray(image))
+    return Frame(info, image)
 
 
 def check_complete(data: bytes) -> str | None:

@@ -32,9 +32,12 @@ def as_grey(
         pixels = _one_channel(name, pixels)
     elif photometric == Photometric.PALETTE and palette:
         _check_palette(name, pixels, palette)
-    if photometric == Photometric.WHITE_IS_ZERO:
-        pixels = np.iinfo(pixels.dtype).max - pixels
-    return np.array(pixels, order="C", dtype=np.uint8 if pixels.dtype == np.uint8 else np.uint16)
+    invert = photometric == Photometric.WHITE_IS_ZERO
+    if pixels.dtype == np.uint8:
+        narrow = np.array(pixels, dtype=np.uint8, order="C")
+        return np.bitwise_not(narrow) if invert else narrow
+    wide = np.array(pixels, dtype=np.uint16, order="C")
+    return np.bitwise_not(wide) if invert else wide
 
 
 def check_content(name: str, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
