@@ -1,1 +1,8 @@
 """From disparity maps to drift, distortion and motion, with uncertainty."""
+
+from semlive.estimate.accumulate import update
+from semlive.estimate.publish import correction, correction_strain_sigma, estimate, live_rate
+from semlive.estimate.solve import Solution, solve
+from semlive.estimate.state import EstimatorState, init
+
+__all__ = ["EstimatorState", "Solution", "correction", "correction_strain_sigma", "estimate", "init", "live_rate", "solve", "update"]

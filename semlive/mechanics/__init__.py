@@ -1,1 +1,8 @@
-"""From disparity to displacement, strain and elastic constants."""
+"""From corrected displacement to strain and elastic constants."""
+
+from semlive.mechanics.displacement import displacement
+from semlive.mechanics.elastic import elastic_constants
+from semlive.mechanics.strain import strain
+from semlive.mechanics.summary import mean_gradient, summary
+
+__all__ = ["displacement", "elastic_constants", "mean_gradient", "strain", "summary"]

@@ -1,1 +1,34 @@
-"""The forward model: named effects that predict where a material point is written."""
+"""Forward model: a tuple of named effects predicts where the beam saw each material point.
+
+The measurement model, for frame n, scan address R = (x, y) and time ``t_n(R) = T_n + x t_D + y t_R``::
+
+    R = p_0 + E(R) + d(t_n(R)) + shift_n + G_n (p_0 - c)
+
+p_0 is the ideal position in pair 0, E the static distortion at the scan address (it stays where the beam is, whatever
+the specimen does: gamma = 0), d the drift in absolute time, shift_n and G_n the motion of the specimen in the frame's
+pair. Every effect is linear in its own parameters and contributes columns of one design matrix.
+"""
+
+from semlive.model.basis import UniformSpline
+from semlive.model.distortion import DistortionSpline
+from semlive.model.drift import DriftSpline
+from semlive.model.effect import Axis, Columns, Effect, Layout, Sighting
+from semlive.model.forward import offsets, scan_address
+from semlive.model.motion import MotionKind, PairMotions
+from semlive.model.raster_time import sighting
+
+__all__ = [
+    "Axis",
+    "Columns",
+    "DistortionSpline",
+    "DriftSpline",
+    "Effect",
+    "Layout",
+    "MotionKind",
+    "PairMotions",
+    "Sighting",
+    "UniformSpline",
+    "offsets",
+    "scan_address",
+    "sighting",
+]

@@ -1,0 +1,212 @@
+"""Accumulation: maps to rows, rows to information. Works pair by pair and is exactly the batch least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.disparity import DisparityMap
+from semlive.data.drift import FrameTime
+from semlive.data.experiment import Phase
+from semlive.errors import IllPosed
+from semlive.estimate.blocks import BlockColumns, block_columns
+from semlive.estimate.state import EstimatorState, MapRows
+from semlive.model import Axis, DriftSpline, Layout, MotionKind, Sighting, UniformSpline, sighting
+
+SIGMA_FLOOR_PX = 1e-4  # noise-free synthetic maps come with sigma 0
+MAX_DRIFT_KNOTS = 4000
+
+_KIND = {Phase.CALIBRATION: MotionKind.RIGID, Phase.TRANSLATION: MotionKind.GRADIENT, Phase.TENSION: MotionKind.GRADIENT}
+
+
+def update(
+    state: EstimatorState, pair: int, phase: Phase, times: tuple[FrameTime, FrameTime], maps: tuple[DisparityMap, ...]
+) -> EstimatorState:
+    """Add one pair.
+
+    Args:
+        state: what was known before.
+        pair: number of the pair, larger than all before; pair 0 comes first.
+        phase: what the pair is for: in calibration the specimen moves rigidly, else its gradient is free.
+        times: when the two frames were scanned.
+        maps: 2k -> 2k+1, and for k > 0 also 0 -> 2k and 0 -> 2k+1; any of them may be missing.
+
+    Returns:
+        The new state; the old one stays as it was.
+
+    Raises:
+        IllPosed: pair 0 is missing, pairs come out of order, or the run is longer than the drift spline can be.
+
+    The three maps of a pair compare three frames, so their noise has rank 2. With equal and independent noise of
+    variance s^2 in each frame its covariance is s^2 times [[2, -1, 1], [-1, 2, 1], [1, 1, 2]], with eigenvalues 3, 3
+    and 0, and what the model predicts lies in the space of the first two: weighing each map of variance 2 s^2 with
+    1 / (3 s^2) is exactly generalised least squares. Noise of frame 0, which all pairs share, is taken as independent.
+    """
+    if not state.phases and pair != 0:
+        raise IllPosed(f"pair {pair} came before pair 0, the reference of all others: give pair 0 first")
+    if state.frames and times[0].start_s < max(when.start_s for when in state.frames):
+        raise IllPosed(f"pair {pair} was scanned before a pair already known: give pairs in the order of their times")
+    if not any(dmap.valid.any() for dmap in maps):
+        raise IllPosed(f"no point of pair {pair} was correlated, so it says nothing: check focus and contrast of its frames")
+    duration_s = max(when.timing.duration_s for when in times)
+    drift = state.drift or DriftSpline(UniformSpline(0.0, duration_s / state.settings.drift_knots_per_frame, 1))
+    # A point may lie a little below the last row; an eighth of a frame covers any subset that was still inside the image.
+    drift = drift.until(times[1].start_s + 1.125 * times[1].timing.duration_s)
+    if drift.spline.size > MAX_DRIFT_KNOTS:
+        raise IllPosed(f"the run is {times[1].start_s:.0f} s long at pair {pair}, more than {MAX_DRIFT_KNOTS} drift knots: start a new run")
+    motions = state.motions if pair == 0 else state.motions.having(pair, _KIND[phase])
+    grown = _grown(
+        replace(state, drift=drift, motions=motions, frames=(*state.frames, *times), phases=(*state.phases, phase)), state.layout
+    )
+    share = 1.0 if len(maps) == 1 else 2.0 / 3.0
+    rows = tuple(_map_rows(grown, dmap, share) for dmap in maps)
+    precision, information = grown.precision.copy(), grown.information.copy()
+    for one in rows:
+        add_rows(grown, one, grown.about, precision, information)
+    return replace(grown, rows=(*grown.rows, *rows), precision=precision, information=information)
+
+
+def relinearised(state: EstimatorState, about: NDArray[np.float64]) -> EstimatorState:
+    """The same data about other parameters: only what touches effects that need the ideal position is summed anew."""
+    precision, information = state.precision.copy(), state.information.copy()
+    moving = np.zeros(len(information), dtype=bool)
+    for effect in state.model:
+        moving[state.layout.part(effect.name)] = effect.needs_ideal
+    precision[moving, :] = 0.0
+    precision[:, moving] = 0.0
+    information[moving] = 0.0
+    for rows in state.rows:
+        if rows.within_pair:
+            continue
+        for axis, (index, design) in enumerate(map_columns(state, rows, about)):
+            own = moving[index]
+            weighted = design[:, own] * rows.weight[:, axis, None]
+            precision[np.ix_(index[own], index)] += weighted.T @ design
+            information[index[own]] += weighted.T @ rows.disparity_px[:, axis]
+    precision[np.ix_(~moving, moving)] = precision[np.ix_(moving, ~moving)].T
+    return replace(state, about=about, precision=precision, information=information)
+
+
+def map_columns(
+    state: EstimatorState, rows: MapRows, about: NDArray[np.float64]
+) -> tuple[tuple[NDArray[np.int64], NDArray[np.float64]], ...]:
+    """For x and for y: (m,) joint parameter indices and (blocks, m) design matrix of a map, linearised about parameters."""
+    parts = _parts(state, rows, about)
+    return tuple(_component(state.layout, parts, axis) for axis in (Axis.X, Axis.Y))
+
+
+def predicted(state: EstimatorState, rows: MapRows, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(blocks, 2) what the model says of a map, linearised as the state is."""
+    return evaluated(state.layout, _parts(state, rows, state.about), parameters, len(rows.position_px))
+
+
+def add_rows(
+    state: EstimatorState, rows: MapRows, about: NDArray[np.float64], precision: NDArray[np.float64], information: NDArray[np.float64]
+) -> None:
+    """Add A^T W A and A^T W y of one map to the given arrays, in place."""
+    for axis, (index, design) in enumerate(map_columns(state, rows, about)):
+        weighted = design * rows.weight[:, axis, None]
+        precision[np.ix_(index, index)] += weighted.T @ design
+        information[index] += weighted.T @ rows.disparity_px[:, axis]
+
+
+def evaluated(layout: Layout, columns: Sequence[BlockColumns], parameters: NDArray[np.float64], blocks: int) -> NDArray[np.float64]:
+    """(blocks, 2) what columns give with parameters."""
+    total = np.zeros((blocks, 2))
+    for part in columns:
+        own = parameters[layout.part(part.effect)]
+        if part.axis is Axis.EACH:
+            total += part.value @ own.reshape(-1, 2)[part.index]
+        else:
+            total[:, int(part.axis is Axis.Y)] += part.value @ own[part.index]
+    return total
+
+
+def _parts(state: EstimatorState, rows: MapRows, about: NDArray[np.float64]) -> list[BlockColumns]:
+    """All columns of a map; those that need the ideal position are made from it here."""
+    if rows.within_pair:
+        return list(rows.difference)
+    blocks = len(rows.position_px)
+    ideal = rows.position_px - (evaluated(state.layout, rows.at_reference, about, blocks) if about.size else 0.0)
+    nowhere, every = np.zeros(0), np.arange(blocks)
+    seen = Sighting(rows.current, rows.current // 2, nowhere, nowhere, nowhere, ideal)
+    moving = [effect for effect in state.model if effect.needs_ideal]
+    return [*rows.difference, *(block_columns(one.name, part, every, blocks) for one in moving for part in one.columns(seen))]
+
+
+def _component(layout: Layout, columns: list[BlockColumns], axis: Axis) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Joint indices and design matrix of one component; parameters that several columns touch are summed."""
+    indices, values = [], []
+    for part in columns:
+        if part.axis is Axis.EACH:
+            indices.append(layout.part(part.effect).start + 2 * part.index + (axis is Axis.Y))
+        elif part.axis is axis:
+            indices.append(layout.part(part.effect).start + part.index)
+        else:
+            continue
+        values.append(part.value)
+    joined = np.concatenate(indices)
+    unique, where = np.unique(joined, return_inverse=True)
+    design = np.zeros((len(values[0]), len(unique)))
+    at = 0
+    for value in values:  # columns of one part are distinct, those of two parts (drift in two frames) may coincide
+        design[:, where[at : at + value.shape[1]]] += value
+        at += value.shape[1]
+    return unique, design
+
+
+def _grown(state: EstimatorState, before: Layout) -> EstimatorState:
+    layout = state.layout
+    index = before.within(layout)
+    precision, information = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
+    precision[np.ix_(index, index)] = state.precision
+    information[index] = state.information
+    about = np.zeros(0)
+    if state.about.size:
+        about = np.zeros(layout.size)
+        about[index] = state.about
+    return replace(state, precision=precision, information=information, about=about)
+
+
+def _map_rows(state: EstimatorState, dmap: DisparityMap, share: float) -> MapRows:
+    if dmap.grid != state.grid:
+        raise IllPosed(f"the map {dmap.reference} -> {dmap.current} is on another grid than the estimate: correlate all pairs on one grid")
+    if dmap.reference != 0 and dmap.reference // 2 != dmap.current // 2:
+        raise IllPosed(f"the map {dmap.reference} -> {dmap.current} starts from neither frame 0 nor its own pair: leave it out")
+    blocks = state.blocks
+    x, y = (one.ravel() for one in dmap.grid.mesh())
+    disparity = np.stack((dmap.u_px.ravel(), dmap.v_px.ravel()), axis=1)
+    valid = dmap.valid.ravel()
+    used = blocks.inliers(disparity[:, 0], valid) & blocks.inliers(disparity[:, 1], valid)
+    at = blocks.block[used]
+    reference = sighting(state.frame_time(dmap.reference), x[used], y[used])
+    current = sighting(state.frame_time(dmap.current), x[used] + disparity[used, 0], y[used] + disparity[used, 1])
+    difference, at_reference = [], []
+    for effect in state.model:
+        if effect.needs_ideal or not used.any():
+            continue
+        difference += [block_columns(effect.name, part, at, blocks.size) for part in effect.columns(current)]
+        before = [block_columns(effect.name, part, at, blocks.size, sign=-1.0) for part in effect.columns(reference)]
+        difference += before
+        at_reference += [replace(part, value=-part.value) for part in before]
+    if not used.any():
+        difference = [BlockColumns("distortion", Axis.EACH, np.zeros(1, dtype=np.int64), np.zeros((blocks.size, 1)))]
+    within = dmap.reference // 2 == dmap.current // 2
+    position = blocks.mean(np.stack((x, y), axis=1), used) - state.centre_px
+    return MapRows(
+        dmap.reference, dmap.current, blocks.mean(disparity, used), _weights(state, dmap, used, share), share,
+        tuple(difference), position, () if within else tuple(at_reference),
+    )  # fmt: skip
+
+
+def _weights(state: EstimatorState, dmap: DisparityMap, used: NDArray[np.bool_], share: float) -> NDArray[np.float64]:
+    """(blocks, 2) weights from DIC noise, subset overlap and the rank of the pair's maps; zero for empty blocks."""
+    blocks = state.blocks
+    sigma = np.stack((dmap.sigma_u_px.ravel(), dmap.sigma_v_px.ravel()), axis=1)
+    variance = blocks.mean(np.maximum(sigma, SIGMA_FLOOR_PX) ** 2, used)
+    count = np.bincount(blocks.block[used], minlength=blocks.size)
+    weight = share / np.maximum(variance * blocks.variance(count)[:, None], SIGMA_FLOOR_PX**2 * 1e-2)
+    return np.where(count[:, None] > 0, weight, 0.0)

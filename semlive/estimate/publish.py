@@ -1,0 +1,183 @@
+"""The posterior in the words of `semlive.data`: drift samples, distortion field, motions, corrections."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from semlive.data.disparity import DisparityMap
+from semlive.data.drift import Correction, DistortionField, DriftEstimate, Estimate, FrameTime, Motion
+from semlive.data.strain import Tensor2
+from semlive.estimate.prior import Hyper, belief_precision, gauge_precision
+from semlive.estimate.solve import Solution
+from semlive.estimate.state import EstimatorState
+from semlive.model import Axis, MotionKind, Sighting, offsets, sighting
+
+SAMPLES_PER_FRAME = 12
+COVERED = 0.2  # an address counts as calibrated when the data reduced its prior standard deviation below this fraction
+MIN_COVERED = 0.5
+
+
+def estimate(solution: Solution, revision: int) -> Estimate:
+    """Everything known, as one revision."""
+    state = solution.state
+    distortion = _distortion(solution)
+    motions = tuple(_motion(solution, pair) for pair in (0, *state.motions.pairs))
+    return Estimate(_drift(solution, revision), distortion, motions, solution.noise_floor_px, _notes(solution, distortion))
+
+
+def live_rate(solution: Solution) -> NDArray[np.float64]:
+    """(2,) drift rate in px/s at the end of the newest frame."""
+    drift = solution.state.drift
+    assert drift is not None  # a solution has data
+    newest = solution.state.frames[-1]
+    rate = drift.rate_rows([newest.start_s + newest.timing.duration_s]) @ solution.part("drift").reshape(-1, 2)
+    return rate[0]
+
+
+def correction(solution: Solution, dmap: DisparityMap) -> Correction:
+    """Drift and distortion in a map from frame 0, to be subtracted to get displacement.
+
+    Raises:
+        IllPosed: the map's frame is not part of the estimate.
+    """
+    reference, current = _sightings(solution.state, dmap)
+    model = tuple(effect for effect in solution.state.model if not effect.needs_ideal)
+    parameters = np.concatenate([solution.part(effect.name) for effect in model])
+    both = offsets(model, parameters, current) - offsets(model, parameters, reference)
+    both[~dmap.valid.ravel()] = 0.0
+    u, v = (np.ascontiguousarray(one.reshape(dmap.grid.shape)) for one in both.T)
+    u.setflags(write=False)
+    v.setflags(write=False)
+    return Correction(dmap.current, u, v)
+
+
+def correction_strain_sigma(solution: Solution, dmap: DisparityMap) -> Tensor2:
+    """Standard uncertainty that the correction of a map from frame 0 gives to the mean strain over its valid points.
+
+    This is the systematic part: the same for every point of the frame, whatever its own DIC noise.
+    """
+    reference, current = _sightings(solution.state, dmap)
+    layout, valid = solution.state.layout, dmap.valid.ravel()
+    if valid.sum() < 3:
+        return Tensor2(np.inf, np.inf, np.inf)
+    position = np.column_stack((np.ones(int(valid.sum())), reference.x_px[valid], reference.y_px[valid]))
+    slopes = np.zeros((2, len(valid)))
+    slopes[:, valid] = np.linalg.pinv(position)[1:]
+    along = np.zeros((2, 2, layout.size))  # slope in x or y, of u or v
+    for sign, seen in ((1.0, current), (-1.0, reference)):
+        for effect in (one for one in solution.state.model if not one.needs_ideal):
+            start = layout.part(effect.name).start
+            for columns in effect.columns(seen):
+                for direction in (0, 1):
+                    for component in (0, 1) if columns.axis is Axis.EACH else (int(columns.axis is Axis.Y),):
+                        at = start + (2 * columns.index + component if columns.axis is Axis.EACH else columns.index)
+                        weights = sign * slopes[direction][:, None] * columns.value
+                        along[direction, component] += np.bincount(at.ravel(), weights.ravel(), layout.size)
+    rows = np.stack((along[0, 0], along[1, 1], 0.5 * (along[1, 0] + along[0, 1])))
+    sigma = np.sqrt(np.clip(np.diag(solution.covariance_of(rows)), 0.0, None))
+    return Tensor2(*(float(one) for one in sigma))
+
+
+def _sightings(state: EstimatorState, dmap: DisparityMap) -> tuple[Sighting, Sighting]:
+    if dmap.reference != 0:
+        raise ValueError(f"corrections are for maps from frame 0, not from frame {dmap.reference}")
+    x, y = dmap.grid.mesh()
+    reference = sighting(state.frame_time(0), x, y)
+    return reference, sighting(state.frame_time(dmap.current), x + dmap.u_px, y + dmap.v_px)
+
+
+def _drift(solution: Solution, revision: int) -> DriftEstimate:
+    drift, layout = solution.state.drift, solution.state.layout
+    assert drift is not None  # a solution has data
+    part = layout.part("drift")
+    parameters = solution.mean[part].reshape(-1, 2)
+    frames = sorted(solution.state.frames, key=lambda when: when.start_s)
+    fraction = np.linspace(0.0, 1.0, SAMPLES_PER_FRAME)
+    time_s = np.concatenate([when.start_s + fraction * when.timing.duration_s for when in frames])
+    middle_s = np.repeat([when.start_s + 0.5 * when.timing.duration_s for when in frames], SAMPLES_PER_FRAME)
+    rows = drift.rows(time_s)
+    change = rows - drift.rows(middle_s)
+    variance = [
+        np.einsum("ni,ij,nj->n", change, solution.covariance[part, part][axis::2, axis::2], change, optimize=True) for axis in (0, 1)
+    ]
+    return DriftEstimate(
+        time_s,
+        np.repeat([when.frame for when in frames], SAMPLES_PER_FRAME).astype(np.int64),
+        rows @ parameters,
+        np.sqrt(np.clip(np.stack(variance, axis=1), 0.0, None)),
+        drift.rate_rows(time_s) @ parameters,
+        revision,
+    )
+
+
+def _distortion(solution: Solution) -> DistortionField:
+    state, grid = solution.state, solution.state.grid
+    part = state.layout.part("distortion")
+    x, y = grid.mesh()
+    ex, ey = (one.reshape(grid.shape) for one in state.distortion.field(solution.mean[part], x, y).T)
+    covariance = solution.covariance[part, part]
+    variance = 0.5 * (_pointwise(state, covariance[0::2, 0::2]) + _pointwise(state, covariance[1::2, 1::2]))
+    sigma = np.sqrt(variance)
+    before = np.sqrt(_prior_variance(state, solution.hyper))
+    return DistortionField(grid, ex, ey, sigma, sigma < COVERED * before)
+
+
+def _pointwise(state: EstimatorState, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(ny, nx) variance of one component on the grid, from the covariance of its coefficients."""
+    index_x, value_x = state.distortion.along_x.local(state.grid.x_px)
+    index_y, value_y = state.distortion.along_y.local(state.grid.y_px)
+    rows_x, rows_y = np.zeros((state.grid.nx, state.distortion.along_x.size)), np.zeros((state.grid.ny, state.distortion.along_y.size))
+    np.put_along_axis(rows_x, index_x, value_x, axis=1)
+    np.put_along_axis(rows_y, index_y, value_y, axis=1)
+    four = covariance.reshape(rows_y.shape[1], rows_x.shape[1], rows_y.shape[1], rows_x.shape[1])
+    along_y = np.einsum("yi,yj,iajb->yab", rows_y, rows_y, four, optimize=True)
+    return np.clip(np.einsum("xa,xb,yab->yx", rows_x, rows_x, along_y, optimize=True), 0.0, None)
+
+
+def _prior_variance(state: EstimatorState, hyper: Hyper) -> NDArray[np.float64]:
+    """(ny, nx) variance of the distortion before any data, mean of both components."""
+    part = state.layout.part("distortion")
+    precision = (gauge_precision(state) + belief_precision(state, hyper))[part, part]
+    total = np.zeros(state.grid.shape)
+    for axis in (0, 1):
+        one = precision[axis::2, axis::2]
+        total += 0.5 * _pointwise(state, cho_solve(cho_factor(one, lower=True), np.eye(len(one))))
+    return total
+
+
+def _motion(solution: Solution, pair: int) -> Motion:
+    motions = solution.state.motions
+    shift, gradient = motions.shift_and_gradient(pair, solution.part("motion"))
+    shift_sigma, gradient_sigma = np.zeros(2), np.zeros((2, 2))
+    if pair in motions.pairs:
+        part, kind = motions.part(pair)
+        start = solution.state.layout.part("motion").start
+        sigma = np.sqrt(np.diag(solution.covariance)[start + part.start : start + part.stop])
+        if kind is MotionKind.RIGID:
+            shift_sigma, gradient_sigma = sigma[:2], np.array([[0.0, sigma[2]], [sigma[2], 0.0]])
+        else:
+            shift_sigma, gradient_sigma = sigma[[0, 3]], sigma[[1, 2, 4, 5]].reshape(2, 2)
+    return Motion(pair, shift, shift_sigma, gradient, gradient_sigma)
+
+
+def _notes(solution: Solution, distortion: DistortionField) -> tuple[str, ...]:
+    notes = []
+    if float(distortion.valid.mean()) < MIN_COVERED:
+        notes.append("distortion not determined yet: needs translations in both directions")
+    else:
+        notes.append(
+            "the affine part of the distortion is not determined by unknown translations and set to zero: it scales strain, it makes none"
+        )
+    frames = sorted(solution.state.frames, key=_start)
+    gap_s = max((after.start_s - before.start_s - before.timing.duration_s for before, after in itertools.pairwise(frames)), default=0.0)
+    if gap_s > 0:
+        notes.append(f"drift between pairs is interpolated over gaps of up to {gap_s:.0f} s: it cannot be told from motion of the specimen")
+    return tuple(notes)
+
+
+def _start(when: FrameTime) -> float:
+    return when.start_s

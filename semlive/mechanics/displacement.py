@@ -1,0 +1,31 @@
+"""Displacement: disparity minus drift and distortion."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.disparity import DisparityMap
+from semlive.data.displacement import Displacement
+from semlive.data.drift import Correction
+
+
+def displacement(dmap: DisparityMap, correction: Correction) -> Displacement:
+    """Displacement of the specimen from frame 0 to the map's frame; that of frame 0 itself is zero by definition."""
+    if dmap.reference != 0 or dmap.current != correction.frame:
+        raise ValueError(f"a correction of frame {correction.frame} does not belong to a map {dmap.reference} -> {dmap.current}")
+    valid = dmap.valid
+    return Displacement(
+        dmap.current,
+        dmap.grid,
+        _read_only(np.where(valid, dmap.u_px - correction.u_px, 0.0)),
+        _read_only(np.where(valid, dmap.v_px - correction.v_px, 0.0)),
+        dmap.sigma_u_px,
+        dmap.sigma_v_px,
+        valid,
+    )
+
+
+def _read_only(array: NDArray[np.float64]) -> NDArray[np.float64]:
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,73 @@
+"""Virtual strain gauge: local first-order least squares over a square window of POI."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.displacement import Displacement
+from semlive.data.strain import StrainField
+from semlive.errors import IllPosed
+
+MIN_FILL = 0.5  # of the window's POI; a window at the edge of the grid is cut to about half, at a corner to a quarter
+MIN_POINTS = 4
+MIN_SPREAD = 0.25  # smallest eigenvalue of the points' spread, relative to a full window's
+
+
+def strain(displacement: Displacement, window_points: int) -> StrainField:
+    """Engineering small strain by a plane fitted to u and v over `window_points` x `window_points` POI.
+
+    Masked POI and POI beyond the edge are left out of the fit. A point is valid when it was measured itself and its
+    window, as cut by the edge of the grid, is at least half full and not too thin in any direction.
+
+    Args:
+        displacement: on the grid of frame 0.
+        window_points: odd, >= 3.
+
+    Raises:
+        IllPosed: the window is larger than the grid, even, or too small.
+    """
+    grid = displacement.grid
+    if window_points < 3 or window_points % 2 == 0 or window_points > min(grid.nx, grid.ny):
+        largest = min(grid.nx, grid.ny)
+        largest = min(grid.nx, grid.ny)
+        raise IllPosed(
+            f"a strain window of {window_points} points does not fit {grid.nx} x {grid.ny} points: take an odd number, 3 to {largest}"
+        )
+    half = window_points // 2
+    weight = displacement.valid.astype(np.float64)
+    n, sx, sy, sxx, sxy, syy = (_moments(weight, half, a, b) for a, b in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)))
+    count = np.maximum(n, 1.0)
+    cxx, cxy, cyy = sxx - sx * sx / count, sxy - sx * sy / count, syy - sy * sy / count
+    determinant = cxx * cyy - cxy * cxy
+    window = _moments(np.ones_like(weight), half, 0, 0)
+    full = window_points**2 * (window_points**2 - 1) / 12.0
+    # The smaller eigenvalue is at least determinant / trace; an edge cuts it to about an eighth.
+    thin = determinant <= MIN_SPREAD * 0.125 * full * (cxx + cyy)
+    valid = displacement.valid & (n >= np.maximum(MIN_POINTS, MIN_FILL * window)) & ~thin
+    scale = np.where(valid, determinant, 1.0) * grid.step_px
+    ux, uy = _slopes(displacement.u_px * weight, half, (count, sx, sy, cxx, cxy, cyy), scale)
+    vx, vy = _slopes(displacement.v_px * weight, half, (count, sx, sy, cxx, cxy, cyy), scale)
+    exx, eyy, exy = (np.where(valid, one, 0.0) for one in (ux, vy, 0.5 * (uy + vx)))
+    for one in (exx, eyy, exy, valid):
+        one.setflags(write=False)
+    return StrainField(displacement.frame, grid, window_points, exx, eyy, exy, valid)
+
+
+def _slopes(
+    value: NDArray[np.float64], half: int, moments: tuple[NDArray[np.float64], ...], scale: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Slopes along x and y of the plane through the window of each POI."""
+    count, sx, sy, cxx, cxy, cyy = moments
+    s, tx, ty = (_moments(value, half, a, b) for a, b in ((0, 0), (1, 0), (0, 1)))
+    dx, dy = tx - sx * s / count, ty - sy * s / count
+    return (cyy * dx - cxy * dy) / scale, (cxx * dy - cxy * dx) / scale
+
+
+def _moments(value: NDArray[np.float64], half: int, power_x: int, power_y: int) -> NDArray[np.float64]:
+    """Sum over the window of each POI of ``value * dx^power_x * dy^power_y``, dx and dy in POI from the window's centre."""
+    lag = np.arange(-half, half + 1, dtype=np.float64)
+    padded = np.pad(value, half)
+    ny, nx = value.shape
+    along_x = sum(w * padded[:, i : i + nx] for i, w in enumerate(lag**power_x) if w != 0.0)
+    return sum(w * along_x[i : i + ny] for i, w in enumerate(lag**power_y) if w != 0.0)

@@ -1,0 +1,66 @@
+"""Strain of a frame as a few numbers: mean with uncertainty, scatter."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from semlive.data.displacement import Displacement
+from semlive.data.strain import StrainField, StrainSummary, Tensor2
+from semlive.errors import IllPosed
+
+NOTHING = Tensor2(0.0, 0.0, 0.0)
+
+
+def summary(displacement: Displacement, field: StrainField, noise_px: float | None = None, systematic: Tensor2 = NOTHING) -> StrainSummary:
+    """Mean strain over the valid grid by the best affine fit, its uncertainty, and the scatter of the field.
+
+    The fit to all points at once has the smallest noise of any mean: for n points whose noise sigma is shared over a
+    subset, ``sigma_e = sigma sqrt(12 / N_eff) / L`` with N_eff = n (step / subset)^2 (272 of the paper's 18,000 points).
+
+    Args:
+        displacement: corrected displacement from frame 0.
+        field: its strain field.
+        noise_px: standard deviation of one POI, per component; by default what the DIC says of itself.
+        systematic: standard uncertainty that the correction adds to the mean.
+
+    Raises:
+        IllPosed: too few points were measured.
+    """
+    gradient, spread = mean_gradient(displacement)
+    grid, valid = displacement.grid, displacement.valid
+    overlap = max(grid.subset_px, grid.step_px) / grid.step_px
+    if noise_px is None:
+        both = np.concatenate((displacement.sigma_u_px[valid], displacement.sigma_v_px[valid]))
+        noise_px = float(np.sqrt(np.mean(both**2)))
+    along_x, along_y = noise_px * overlap / spread
+    random = Tensor2(along_x, along_y, 0.5 * float(np.hypot(along_x, along_y)))
+    mean_sigma = Tensor2(
+        float(np.hypot(random.exx, systematic.exx)),
+        float(np.hypot(random.eyy, systematic.eyy)),
+        float(np.hypot(random.exy, systematic.exy)),
+    )
+    mean = Tensor2(float(gradient[0, 0]), float(gradient[1, 1]), 0.5 * float(gradient[0, 1] + gradient[1, 0]))
+    inside = field.valid
+    scatter = (float(np.std(one[inside])) if inside.any() else 0.0 for one in (field.exx, field.eyy, field.exy))
+    return StrainSummary(displacement.frame, mean, mean_sigma, Tensor2(*scatter), float(grid.vsg_px(field.window_points)))
+
+
+def mean_gradient(displacement: Displacement) -> tuple[np.ndarray, np.ndarray]:
+    """(2, 2) best gradient [[du/dx, du/dy], [dv/dx, dv/dy]] over the valid grid, and (2,) root of the points' spread along x and y.
+
+    Raises:
+        IllPosed: the valid points do not span an area.
+    """
+    x, y = displacement.grid.mesh()
+    valid = displacement.valid
+    if valid.sum() >= 3:
+        position = np.stack((x[valid], y[valid]))
+        position -= position.mean(axis=1, keepdims=True)
+        normal = position @ position.T
+        if np.linalg.cond(normal) < 1e6:
+            moved = np.stack((displacement.u_px[valid], displacement.v_px[valid]))
+            moved = moved - moved.mean(axis=1, keepdims=True)
+            inverse = np.linalg.inv(normal)
+            return moved @ position.T @ inverse, 1.0 / np.sqrt(np.diag(inverse))
+    count = int(valid.sum())
+    raise IllPosed(f"only {count} points of frame {displacement.frame} were measured, too few for a mean strain: check focus and contrast")

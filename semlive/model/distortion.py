@@ -1,0 +1,92 @@
+"""Distortion: a static field at the scan address, a bicubic spline per component."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from semlive.data.grid import Grid
+from semlive.model.basis import UniformSpline
+from semlive.model.effect import Axis, Columns, Sighting
+
+
+@dataclass(frozen=True, slots=True)
+class DistortionSpline:
+    """E(R) in px at scan address R: an ideal raster would have written R at R - E(R).
+
+    Parameters are ordered row by row: coefficient (iy, ix) is ``iy * along_x.size + ix``.
+
+    Attributes:
+        along_x: over columns.
+        along_y: over rows.
+    """
+
+    along_x: UniformSpline
+    along_y: UniformSpline
+
+    @classmethod
+    def covering(cls, width_px: int, height_px: int, knot_px: float) -> DistortionSpline:
+        """A spline over a whole frame with knots at most `knot_px` apart."""
+        nx, ny = math.ceil((width_px - 1) / knot_px), math.ceil((height_px - 1) / knot_px)
+        return cls(UniformSpline(0.0, (width_px - 1) / nx, nx), UniformSpline(0.0, (height_px - 1) / ny, ny))
+
+    @property
+    def name(self) -> str:
+        """``distortion``."""
+        return "distortion"
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return 2 * self.along_x.size * self.along_y.size
+
+    @property
+    def needs_ideal(self) -> bool:
+        """False: the distortion belongs to the scan address (gamma = 0)."""
+        return False
+
+    def columns(self, seen: Sighting) -> tuple[Columns, ...]:
+        """Tensor-product basis rows at the scan addresses."""
+        index_x, value_x = self.along_x.local(seen.x_px)
+        index_y, value_y = self.along_y.local(seen.y_px)
+        index = index_y[:, :, None] * self.along_x.size + index_x[:, None, :]
+        value = value_y[:, :, None] * value_x[:, None, :]
+        return (Columns(Axis.EACH, index.reshape(-1, 16), value.reshape(-1, 16)),)
+
+    def field(self, parameters: NDArray[np.float64], x_px: ArrayLike, y_px: ArrayLike) -> NDArray[np.float64]:
+        """(n, 2) E at scan addresses."""
+        index_x, value_x = self.along_x.local(x_px)
+        index_y, value_y = self.along_y.local(y_px)
+        coefficients = parameters.reshape(self.along_y.size, self.along_x.size, 2)
+        corner = coefficients[index_y[:, :, None], index_x[:, None, :]]
+        return np.einsum("ni,nj,nijc->nc", value_y, value_x, corner, optimize=True)
+
+    def roughness(self) -> NDArray[np.float64]:
+        """(size / 2, size / 2) bending energy, in units that make it a sum of squared second differences of knots."""
+        x, y = self.along_x, self.along_y
+        bending = np.kron(y.gram(0), x.gram(2)) + 2 * np.kron(y.gram(1), x.gram(1)) + np.kron(y.gram(2), x.gram(0))
+        return bending * x.spacing * y.spacing
+
+    def affine_rows(self, grid: Grid) -> NDArray[np.float64]:
+        """(3, size / 2) rows giving one component's best affine map over a grid: mean, change over half the extent in x, in y."""
+        x, y = grid.x_px, grid.y_px
+        to_x, to_y = _mean_and_slope(x), _mean_and_slope(y)
+        index_x, value_x = self.along_x.local(x)
+        index_y, value_y = self.along_y.local(y)
+        rows_x, rows_y = np.zeros((grid.nx, self.along_x.size)), np.zeros((grid.ny, self.along_y.size))
+        np.put_along_axis(rows_x, index_x, value_x, axis=1)
+        np.put_along_axis(rows_y, index_y, value_y, axis=1)
+        mean_x, slope_x = to_x @ rows_x
+        mean_y, slope_y = to_y @ rows_y
+        return np.stack((np.kron(mean_y, mean_x), np.kron(mean_y, slope_x), np.kron(slope_y, mean_x)))
+
+
+def _mean_and_slope(position: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(2, n) weights that give the mean of samples and their fitted change over half the extent."""
+    centred = position - position.mean()
+    half = max(float(np.max(np.abs(centred))), 1.0)
+    spread = float(centred @ centred) or 1.0
+    return np.stack((np.full(len(position), 1.0 / len(position)), centred * half / spread))

@@ -1,0 +1,68 @@
+"""Drift: one function of absolute scan time for the whole field, a cubic spline per component."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from semlive.model.basis import UniformSpline
+from semlive.model.effect import Axis, Columns, Sighting
+
+
+@dataclass(frozen=True, slots=True)
+class DriftSpline:
+    """d(t) in px: the point at p is written where p + d(t) is, so drift towards +x moves features towards +x.
+
+    Attributes:
+        spline: over time in seconds after the start of frame 0.
+    """
+
+    spline: UniformSpline
+
+    @property
+    def name(self) -> str:
+        """``drift``."""
+        return "drift"
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return 2 * self.spline.size
+
+    @property
+    def needs_ideal(self) -> bool:
+        """False."""
+        return False
+
+    def columns(self, seen: Sighting) -> tuple[Columns, ...]:
+        """Basis rows at the visit times; the mean over the visits where a frame integrates several scans."""
+        visits = [self.spline.local(time_s) for time_s in seen.visit_time_s]
+        index = np.concatenate([index for index, _ in visits], axis=1)
+        value = np.concatenate([value for _, value in visits], axis=1) / len(visits)
+        return (Columns(Axis.EACH, index, value),)
+
+    def until(self, time_s: float) -> DriftSpline:
+        """The same spline, lengthened to reach `time_s`."""
+        needed = math.ceil((time_s - self.spline.origin) / self.spline.spacing)
+        return self if needed <= self.spline.intervals else DriftSpline(replace(self.spline, intervals=needed))
+
+    def rows(self, time_s: ArrayLike) -> NDArray[np.float64]:
+        """(n, size / 2) dense basis rows at times."""
+        return _dense(*self.spline.local(time_s), self.spline.size)
+
+    def rate_rows(self, time_s: ArrayLike) -> NDArray[np.float64]:
+        """(n, size / 2) dense rows of the basis' time derivative, 1/s."""
+        return _dense(*self.spline.local_rate(time_s), self.spline.size)
+
+    def roughness(self) -> NDArray[np.float64]:
+        """(size / 2, size / 2) integral of d''(t)^2, in units that make it a sum of squared second differences of knots."""
+        return self.spline.gram(2) * self.spline.spacing**3
+
+
+def _dense(index: NDArray[np.int64], value: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    rows = np.zeros((len(index), size))
+    np.put_along_axis(rows, index, value, axis=1)
+    return rows

@@ -1,0 +1,113 @@
+"""What an effect is: a name, a number of parameters, and columns of the design matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Axis(Enum):
+    """Which component of the position a column acts on."""
+
+    EACH = "each"
+    """x and y alike, with parameters of their own: index i means parameter 2 i for x and 2 i + 1 for y."""
+    X = "x"
+    Y = "y"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighting:
+    """Where and when one frame saw n material points.
+
+    Attributes:
+        frame: number of the frame.
+        pair: number of its pair.
+        x_px: (n,) scan address, column.
+        y_px: (n,) scan address, row.
+        visit_time_s: (visits, n) when the beam was there, seconds after the start of frame 0.
+        ideal_px: (n, 2) ideal position in pair 0 relative to the image centre, or None where no effect needs it.
+    """
+
+    frame: int
+    pair: int
+    x_px: NDArray[np.float64]
+    y_px: NDArray[np.float64]
+    visit_time_s: NDArray[np.float64]
+    ideal_px: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """Part of the design matrix in local form: row r has ``value[r, j]`` at parameter ``index[r, j]``.
+
+    Attributes:
+        axis: the component acted on.
+        index: (n, k) index within the effect's own parameters (see Axis.EACH).
+        value: (n, k) px per unit of the parameter.
+    """
+
+    axis: Axis
+    index: NDArray[np.int64]
+    value: NDArray[np.float64]
+
+
+class Effect(Protocol):
+    """Something that displaces the scan address of a material point, linear in its parameters."""
+
+    @property
+    def name(self) -> str:
+        """The effect's name, unique within a model."""
+        ...
+
+    @property
+    def size(self) -> int:
+        """Number of parameters; an effect grows only by appending parameters."""
+        ...
+
+    @property
+    def needs_ideal(self) -> bool:
+        """Whether the columns depend on the ideal position, which is itself estimated (so they are re-linearised)."""
+        ...
+
+    def columns(self, seen: Sighting) -> tuple[Columns, ...]:
+        """The effect's columns for the points of a sighting."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where each effect's parameters lie in the joint parameter vector.
+
+    Attributes:
+        names: names of the effects in order.
+        sizes: their numbers of parameters.
+    """
+
+    names: tuple[str, ...]
+    sizes: tuple[int, ...]
+
+    @classmethod
+    def of(cls, model: Sequence[Effect]) -> Layout:
+        """The layout of a model."""
+        return cls(tuple(effect.name for effect in model), tuple(effect.size for effect in model))
+
+    @property
+    def size(self) -> int:
+        """Number of parameters of the model."""
+        return sum(self.sizes)
+
+    def part(self, name: str) -> slice:
+        """The slice of the effect called `name`."""
+        at = self.names.index(name)
+        start = sum(self.sizes[:at])
+        return slice(start, start + self.sizes[at])
+
+    def within(self, larger: Layout) -> NDArray[np.int64]:
+        """(size,) index of each parameter in a layout to which effects have appended parameters."""
+        starts = [larger.part(name).start for name in self.names]
+        return np.concatenate([start + np.arange(size) for start, size in zip(starts, self.sizes, strict=True)]).astype(np.int64)

@@ -1,0 +1,86 @@
+"""Motion of the specimen: one per pair, translation with either a small rotation or a free gradient."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.model.effect import Axis, Columns, Sighting
+
+
+class MotionKind(Enum):
+    """How the specimen may differ from pair 0 besides its translation."""
+
+    RIGID = 3
+    """A small rotation: parameters shift x, shift y, angle (rad, positive from x towards y)."""
+    GRADIENT = 6
+    """Any gradient: parameters shift x, du/dx, du/dy, shift y, dv/dx, dv/dy."""
+
+
+@dataclass(frozen=True, slots=True)
+class PairMotions:
+    """shift + G (p_0 - c), with parameters for every pair but the reference, pair 0.
+
+    Attributes:
+        pairs: numbers of the pairs, in order of arrival, pair 0 excluded.
+        kinds: what each may do.
+    """
+
+    pairs: tuple[int, ...] = ()
+    kinds: tuple[MotionKind, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """``motion``."""
+        return "motion"
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return sum(kind.value for kind in self.kinds)
+
+    @property
+    def needs_ideal(self) -> bool:
+        """True: the gradient multiplies the ideal position."""
+        return True
+
+    def part(self, pair: int) -> tuple[slice, MotionKind]:
+        """The slice of one pair's parameters and what they mean."""
+        at = self.pairs.index(pair)
+        start = sum(kind.value for kind in self.kinds[:at])
+        return slice(start, start + self.kinds[at].value), self.kinds[at]
+
+    def having(self, pair: int, kind: MotionKind) -> PairMotions:
+        """The same with one pair more."""
+        return PairMotions((*self.pairs, pair), (*self.kinds, kind))
+
+    def columns(self, seen: Sighting) -> tuple[Columns, ...]:
+        """Columns of the sighting's own pair; none for the reference pair."""
+        if seen.pair not in self.pairs:
+            return ()
+        if seen.ideal_px is None:
+            raise ValueError("the motion's columns need the ideal position of the points")
+        part, kind = self.part(seen.pair)
+        one, (px, py) = np.ones(len(seen.ideal_px)), seen.ideal_px.T
+        if kind is MotionKind.RIGID:
+            return _column(Axis.X, part.start, (0, 2), (one, -py)), _column(Axis.Y, part.start, (1, 2), (one, px))
+        return _column(Axis.X, part.start, (0, 1, 2), (one, px, py)), _column(Axis.Y, part.start, (3, 4, 5), (one, px, py))
+
+    def shift_and_gradient(self, pair: int, parameters: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(2,) shift and (2, 2) gradient of one pair; zero for the reference pair."""
+        if pair not in self.pairs:
+            return np.zeros(2), np.zeros((2, 2))
+        part, kind = self.part(pair)
+        value = parameters[part]
+        if kind is MotionKind.RIGID:
+            return value[:2].copy(), np.array([[0.0, -value[2]], [value[2], 0.0]])
+        return value[[0, 3]], value[[1, 2, 4, 5]].reshape(2, 2)
+
+
+def _column(axis: Axis, start: int, at: tuple[int, ...], values: tuple[NDArray[np.float64], ...]) -> Columns:
+    value = np.stack(values, axis=1)
+    index = np.broadcast_to(start + np.array(at, dtype=np.int64), value.shape)
+    return Columns(axis, index, value)
