@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict
 
 from semlive_simulators.effects.distortion import Distortion
@@ -110,17 +110,20 @@ class Column:
             detector.offset, detector.gain, detector.read_noise, detector.shot_noise, detector.seed, frame,
         )  # fmt: skip
 
-    def row_maps(self, time_s: NDArray[np.float64], motion: Motion) -> NDArray[np.float64]:
+    def row_maps(self, time_s: ArrayLike, motion: Motion) -> NDArray[np.float64]:
         """The affine maps [A | b] from undistorted scan address to material point at times (n,): (n, 2, 3).
 
         p = R - E(R) - d(t) is where the beam is; the point xi seen there fulfils p = xi + s + G (xi - c), so
         xi = A (p - c - s) + c with A = (1 + G)^-1.
         """
-        state = motion.at(time_s)
+        times = np.asarray(time_s, dtype=np.float64)
+        state = motion.at(times)
         inverse = np.linalg.inv(np.eye(2) + state.gradient)
         centre = self.scan.centre_px
-        offset = centre + np.einsum("nij,nj->ni", inverse, -centre - state.shift_px - self.drift.at(time_s))
-        return np.concatenate([inverse, offset[:, :, None]], axis=2)
+        offset = centre + np.einsum("nij,nj->ni", inverse, -centre - state.shift_px - self.drift.at(times))
+        maps = np.empty((times.size, 2, 3))
+        maps[:, :, :2], maps[:, :, 2] = inverse, offset
+        return maps
 
 
 def build_column(scan: Scan, detector: Detector, speckle: Speckle, drift: Drift, distortion: Distortion) -> Column:

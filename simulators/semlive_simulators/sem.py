@@ -162,6 +162,7 @@ class Sem:
         data = encode_tiff(item.image, facts, export.databar_rows)
         path = self._folder / item.file
         working = path if export.style == "direct" else path.with_suffix(".tif.tmp")
+        last_ns = end_ns + round((export.delay_s + export.duration_s) * 1e9)
         bounds = [round(part * len(data) / export.chunks) for part in range(export.chunks + 1)]
         with open(working, "wb", buffering=0) as stream:
             for part in range(export.chunks):
@@ -170,7 +171,7 @@ class Sem:
                 self._clock.wait_until(due_ns, self._stop)
                 stream.write(data[bounds[part] : bounds[part + 1]])
                 self._clock.done("export")
-        os.utime(working, ns=(due_ns, due_ns))
+        os.utime(working, ns=(last_ns, last_ns))
         if working != path:
             os.replace(working, path)
         self._exported += 1

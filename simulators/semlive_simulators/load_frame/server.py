@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import math
 import threading
 import time
@@ -75,10 +76,10 @@ class BenchRegisters:
         if function == _READ_INPUT:
             registers[:] = self._inputs(registers, start)
             return None
-        if function == _READ_HOLDING:
-            return None
-        if function not in _WRITES or values is None:
+        if function != _READ_HOLDING and function not in _WRITES:
             return ExcCodes.ILLEGAL_FUNCTION
+        if values is None:  # FC06 reads back what it wrote under its own number
+            return None
         written = list(registers)
         written[address - start : address - start + len(values)] = [int(value) for value in values]
         touched = range(address, address + len(values))
@@ -209,6 +210,8 @@ class ModbusThread:
 
     async def _serve(self) -> None:
         self._server_stop = asyncio.Event()
+        # What goes wrong is told in one sentence by `start`; the library would add its own.
+        logging.getLogger("pymodbus.logging").addHandler(logging.NullHandler())
         server = ModbusTcpServer(_device(self._registers), address=("127.0.0.1", self._wanted_port))
         await server.serve_forever(background=True)
         self._port = server.transport.sockets[0].getsockname()[1]  # type: ignore[union-attr]

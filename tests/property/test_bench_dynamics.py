@@ -1,0 +1,147 @@
+"""Load frame and stage of the bench: what must hold whatever they are told."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from semlive_simulators import stage
+from semlive_simulators.load_frame import dynamics
+from semlive_simulators.load_frame.dynamics import Drive, LoadFrameState
+from semlive_simulators.scenario import load_scenario
+
+SCENARIO = load_scenario("paper_x200")
+MACHINE = SCENARIO.load_frame
+TABLE = SCENARIO.stage
+DT_S = 0.05
+
+
+def run(state: LoadFrameState, seconds: float) -> list[LoadFrameState]:
+    states = [state]
+    for _ in range(round(seconds / DT_S)):
+        states.append(dynamics.step(states[-1], MACHINE, DT_S))
+    return states
+
+
+def loaded(target_n: float, rate_n_s: float = 50.0) -> LoadFrameState:
+    state = dynamics.ramp_to(dynamics.at_rest(MACHINE, SCENARIO.specimen.stiffness_n_mm), target_n, rate_n_s)
+    states = run(state, abs(target_n) / rate_n_s + 30.0)
+    return next(state for state in states if state.drive is Drive.HOLDING)
+
+
+@settings(max_examples=25, deadline=None)
+@given(target_n=st.floats(-500, 2200), rate_n_s=st.floats(5, 100))
+def test_a_ramp_arrives_and_never_outruns_its_rate(target_n: float, rate_n_s: float) -> None:
+    start = dynamics.ramp_to(dynamics.at_rest(MACHINE, SCENARIO.specimen.stiffness_n_mm), target_n, rate_n_s)
+    states = run(start, abs(target_n) / rate_n_s + 20.0)
+    creep_n = MACHINE.relaxation_fraction * max(abs(target_n), 1.0) * DT_S / MACHINE.relaxation_time_s
+    changes = [abs(after.force_n - before.force_n) for before, after in itertools.pairwise(states)]
+    assert max(changes) <= rate_n_s * DT_S + creep_n + 1e-9
+    assert states[-1].drive is Drive.HOLDING
+    arrival = next(state for state in states if state.drive is Drive.HOLDING)
+    assert abs(arrival.force_n - target_n) <= MACHINE.arrived_n
+
+
+def test_relaxation_takes_three_tenths_of_a_percent_of_the_load_at_held_position() -> None:
+    held = loaded(2200.0)
+    later = run(held, 200.0)[-1]
+    assert later.extension_mm == held.extension_mm
+    full_n = MACHINE.relaxation_fraction * held.stiffness_n_mm * held.extension_mm
+    assert later.relaxed_n == pytest.approx(full_n, rel=1e-3)
+    # A ramp of 44 s has let most of it happen: full (tau / T) (1 - exp(-T / tau)) is left, less what the last approach takes.
+    left_n = full_n * (20 / 44) * (1 - math.exp(-44 / 20))
+    assert left_n * math.exp(-7 / 20) < held.force_n - later.force_n < left_n
+    soon = run(held, 20.0)[-1]
+    assert soon.force_n - later.force_n == pytest.approx((held.force_n - later.force_n) / math.e, rel=1e-2)
+
+
+@settings(max_examples=25, deadline=None)
+@given(parts=st.integers(1, 8))
+def test_relaxation_does_not_depend_on_the_step(parts: int) -> None:
+    held = loaded(1500.0)
+    once = dynamics.step(held, MACHINE, 4.0)
+    split = held
+    for _ in range(parts):
+        split = dynamics.step(split, MACHINE, 4.0 / parts)
+    assert split.force_n == pytest.approx(once.force_n, abs=1e-9)
+
+
+def test_stop_in_a_ramp_holds_the_position() -> None:
+    start = dynamics.ramp_to(dynamics.at_rest(MACHINE, SCENARIO.specimen.stiffness_n_mm), 2000.0, 50.0)
+    stopped = dynamics.stop(run(start, 10.0)[-1])
+    assert stopped.drive is Drive.HOLDING
+    assert stopped.target_n == stopped.force_n
+    assert run(stopped, 50.0)[-1].extension_mm == stopped.extension_mm
+
+
+def test_the_force_limit_stops_the_machine_with_a_fault_and_lets_it_unload() -> None:
+    limited = dataclasses.replace(MACHINE, force_limit_n=500.0)
+    state = dynamics.ramp_to(dynamics.at_rest(limited, SCENARIO.specimen.stiffness_n_mm), 1000.0, 50.0)
+    for _ in range(1000):
+        state = dynamics.step(state, limited, DT_S)
+    assert state.drive is Drive.OVERLOAD
+    assert 500.0 < state.force_n + state.relaxed_n < 510.0
+    state = dynamics.ramp_to(dynamics.stop(state), 0.0, 50.0)
+    for _ in range(1000):
+        state = dynamics.step(state, limited, DT_S)
+    assert state.drive is Drive.HOLDING
+    assert abs(state.force_n) < 2.0
+
+
+def test_an_expired_watchdog_is_a_fault_until_the_next_order() -> None:
+    expired = dynamics.expire(loaded(300.0))
+    assert expired.faulty
+    assert run(expired, 5.0)[-1].extension_mm == expired.extension_mm
+    assert not dynamics.stop(expired).faulty
+    assert not dynamics.ramp_to(expired, 0.0, 10.0).faulty
+
+
+def moved(state: stage.StageState, x_um: float, y_um: float) -> stage.StageState:
+    state = stage.go(state, TABLE, x_um, y_um, seed=5)
+    while state.moving:
+        state = stage.step(state, TABLE, DT_S)
+    return state
+
+
+@settings(max_examples=50, deadline=None)
+@given(moves=st.lists(st.tuples(st.floats(-100, 100), st.floats(-100, 100)), min_size=1, max_size=6))
+def test_the_stage_ends_near_its_goal_within_backlash_and_its_geometry(moves: list[tuple[float, float]]) -> None:
+    state = stage.StageState()
+    for x_um, y_um in moves:
+        state = moved(state, x_um, y_um)
+        assert math.hypot(state.motor_x_um - x_um, state.motor_y_um - y_um) < 6 * TABLE.position_noise_um
+        assert abs(state.table_x_um - state.motor_x_um) <= 0.5 * TABLE.backlash_um + 1e-12
+        true_x, true_y = stage.true_position_um(state, TABLE)
+        assert abs(true_x - x_um) < 0.0275 * 100 * math.sqrt(2) + 6 * TABLE.position_noise_um + TABLE.backlash_um
+        assert abs(true_y - y_um) < 0.01 * 100 + 6 * TABLE.position_noise_um + TABLE.backlash_um
+        assert abs(state.yaw_rad) <= 1.5 * TABLE.yaw_rad
+
+
+def test_the_table_comes_to_rest_at_another_place_from_the_other_side() -> None:
+    quiet = dataclasses.replace(TABLE, position_noise_um=0.0)
+
+    def goto(state: stage.StageState, x_um: float) -> stage.StageState:
+        state = stage.go(state, quiet, x_um, 0.0, seed=1)
+        while state.moving:
+            state = stage.step(state, quiet, DT_S)
+        return state
+
+    from_left = goto(goto(stage.StageState(), -20.0), 0.0)
+    from_right = goto(goto(stage.StageState(), 20.0), 0.0)
+    assert from_right.table_x_um - from_left.table_x_um == pytest.approx(quiet.backlash_um)
+    assert from_left.motor_x_um == from_right.motor_x_um == pytest.approx(0.0)
+
+
+def test_the_stage_takes_its_time() -> None:
+    state = stage.go(stage.StageState(), TABLE, 40.0, 0.0, seed=1)
+    for _ in range(20):
+        state = stage.step(state, TABLE, DT_S)
+    assert state.moving
+    assert math.hypot(state.motor_x_um, state.motor_y_um) == pytest.approx(TABLE.speed_um_s * 1.0)
+    halted = stage.stop(state)
+    assert stage.step(halted, TABLE, 10.0) == halted

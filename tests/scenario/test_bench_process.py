@@ -1,0 +1,195 @@
+"""The bench as a process: what it writes, how it ends."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from pymodbus.client import ModbusTcpClient
+
+from semlive.formats.clock_file import decode_clock
+from semlive_simulators.load_frame.registers import f32
+
+SMALL = """
+extends: paper_x200
+scan: {width_px: 256, height_px: 221, frame_time_s: 6.63}
+export: {databar_rows: 30}
+"""
+RATE = "20"
+
+
+def wait_for(true: Callable[[], bool], timeout_s: float = 30.0) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not true():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def start(folder: Path, *options: str, stdin: int | None = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
+    scenario = folder / "small.yaml"
+    scenario.write_text(SMALL)
+    command = [sys.executable, "-m", "semlive_simulators.bench", "--scenario", str(scenario), "--out", str(folder / "out"), "--rate", RATE]
+    process = subprocess.Popen([*command, *options], stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    wait_for(lambda: (folder / "out" / "ready.json").exists() or process.poll() is not None)
+    return process
+
+
+def ready(folder: Path) -> dict[str, Any]:
+    return json.loads((folder / "out" / "ready.json").read_text())
+
+
+def truth(folder: Path) -> dict[str, Any]:
+    return json.loads((folder / "out" / "truth.json").read_text())
+
+
+def ended(process: subprocess.Popen[bytes], how: int | None) -> tuple[int, str, str]:
+    if how is not None:
+        process.send_signal(how)
+    out, err = process.communicate(timeout=20)
+    return process.returncode, out.decode(), err.decode()
+
+
+def test_a_run_leaves_frames_and_truth_that_agree(tmp_path: Path) -> None:
+    process = start(tmp_path)
+    said = ready(tmp_path)
+    assert said["host"] == "127.0.0.1"
+    assert said["pixel_size_m"] == 1.25e-6
+    assert (said["mode"], said["scenario"]) == ("continuous", "small")
+    assert said["experiment"]["protocol"]["hold_s"] == 30
+    clock = decode_clock(Path(said["clock_file"]).read_bytes())
+    assert clock.rate == 20.0
+    assert abs(clock.time_ns(time.monotonic_ns()) - time.time_ns()) < 600e9
+    client = ModbusTcpClient(said["host"], port=said["port"], timeout=2, retries=0)
+    assert client.connect()
+    client.write_registers(0, [*f32(600.0), *f32(100.0), 1, 1, 0, 0], device_id=said["unit"])
+    client.write_registers(100, [*f32(25.0), *f32(0.0), 1, 1], device_id=said["unit"])
+    wait_for(lambda: len(truth(tmp_path)["frames"]) >= 5)
+    client.close()
+    code, out, _ = ended(process, signal.SIGTERM)
+    assert (code, out) == (0, "")
+    whole = truth(tmp_path)
+    names = [frame["file"] for frame in whole["frames"]]
+    assert names == [f"x200_{number:04d}.tif" for number in range(1, len(names) + 1)]
+    assert sorted(path.name for path in Path(said["export_folder"]).glob("*")) == names
+    first, last = whole["frames"][0], whole["frames"][-1]
+    assert first["moving"]
+    assert not last["moving"]
+    assert last["load_mean_n"] == pytest.approx(599, abs=3)
+    assert last["strain"]["eyy"] == pytest.approx(last["load_mean_n"] / 711_000, rel=1e-3)
+    assert last["strain"]["exx"] == pytest.approx(-0.33 * last["strain"]["eyy"])
+    assert last["stage_px"][0] == pytest.approx(20 + 600 * 0.0007, abs=1.5)
+    starts = np.array([frame["start_time_ns"] for frame in whole["frames"]])
+    assert np.diff(starts).tolist() == [7_030_000_000] * (len(starts) - 1)  # 6.63 s and a gap of 0.4 s
+    drift = whole["drift"]
+    assert set(np.diff(drift["time_ns"]).tolist()) == {5_000_000_000}
+    assert drift["time_ns"][0] <= starts[0]
+    assert drift["time_ns"][-1] >= starts[-1] + 6_630_000_000
+    assert np.array(whole["distortion"]["ex_px"]).shape == (len(whole["distortion"]["y_px"]), len(whole["distortion"]["x_px"]))
+    assert whole["distortion"]["x_px"][-1] == 255
+    for frame, path in zip(whole["frames"], sorted(Path(said["export_folder"]).glob("*.tif")), strict=True):
+        assert tifffile.imread(path).shape == (251, 256)
+        end_ns = frame["start_time_ns"] + 6_630_000_000
+        assert 1.9e9 < path.stat().st_mtime_ns - end_ns < 2.1e9
+
+
+def test_the_same_seed_scans_the_same_pixels(tmp_path: Path) -> None:
+    hashes: dict[str, str] = {}
+    for name, seed in (("a", "5"), ("b", "5"), ("c", "6")):
+        folder = tmp_path / name
+        folder.mkdir()
+        process = start(folder, "--seed", seed)
+        wait_for(lambda folder=folder: bool(truth(folder)["frames"]))
+        assert ended(process, signal.SIGINT)[0] == 0
+        pixels = tifffile.imread(folder / "out" / "export" / "x200_0001.tif")[:221]
+        hashes[name] = hashlib.sha256(pixels.tobytes()).hexdigest()
+        assert truth(folder)["seed"] == int(seed)
+    assert hashes["a"] == hashes["b"] != hashes["c"]
+
+
+def test_the_end_of_standard_input_ends_it(tmp_path: Path) -> None:
+    process = start(tmp_path, "--exit-with-stdin", stdin=subprocess.PIPE)
+    time.sleep(0.2)
+    assert process.poll() is None
+    code, _, err = ended(process, None)  # communicate closes its input
+    assert code == 0, err
+    assert truth(tmp_path)["version"] == 1
+
+
+def test_a_file_is_half_written_for_a_moment(tmp_path: Path) -> None:
+    process = start(tmp_path)
+    path = tmp_path / "out" / "export" / "x200_0001.tif"
+    sizes: list[int] = []
+
+    def complete() -> bool:
+        if path.exists():
+            sizes.append(path.stat().st_size)
+        return bool(truth(tmp_path)["frames"])
+
+    wait_for(complete)
+    assert ended(process, signal.SIGTERM)[0] == 0
+    assert min(sizes) < path.stat().st_size == max(sizes)
+
+
+def test_renaming_shows_the_final_name_only_when_whole(tmp_path: Path) -> None:
+    scenario = tmp_path / "renaming.yaml"
+    scenario.write_text(SMALL.replace("export: {", "export: {style: rename, "))
+    process = start(tmp_path, "--scenario", str(scenario))
+    folder = tmp_path / "out" / "export"
+    seen: set[str] = set()
+    sizes: set[int] = set()
+
+    def complete() -> bool:
+        for path in folder.glob("*"):
+            seen.add(path.suffix)
+            if path.suffix == ".tif":
+                sizes.add(path.stat().st_size)
+        return bool(truth(tmp_path)["frames"])
+
+    wait_for(complete)
+    assert ended(process, signal.SIGTERM)[0] == 0
+    assert seen == {".tmp", ".tif"}
+    assert len(sizes) == 1
+
+
+def test_a_stalled_process_stretches_the_clock_and_says_so(tmp_path: Path) -> None:
+    process = start(tmp_path)
+    clock_file = tmp_path / "out" / "clock.json"
+    process.send_signal(signal.SIGSTOP)
+    time.sleep(0.5)  # 10 s of experiment time
+    process.send_signal(signal.SIGCONT)
+    wait_for(lambda: decode_clock(clock_file.read_bytes()).revision > 0)
+    wait_for(lambda: len(truth(tmp_path)["frames"]) >= 3)
+    code, _, err = ended(process, signal.SIGTERM)
+    assert code == 0
+    assert "clock stretched" in err
+    whole = truth(tmp_path)
+    assert whole["clock_stretches"] >= 1
+    assert whole["worst_lag_s"] > 5
+    assert set(np.diff([frame["start_time_ns"] for frame in whole["frames"]]).tolist()) == {7_030_000_000}
+
+
+@pytest.mark.parametrize(("options", "says"), [(["--scenario", "nowhere"], "nowhere does not exist"), (["--rate", "-1"], "rate")])
+def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path: Path, options: list[str], says: str) -> None:
+    code, _, err = ended(start(tmp_path, *options), None)
+    assert code == 2
+    assert says in err
+    assert err.count("\n") == 1
+
+
+def test_a_taken_port_is_one_sentence_and_exit_code_2(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        code, _, err = ended(start(tmp_path, "--port", str(taken.getsockname()[1])), None)
+    assert code == 2
+    assert "choose another --port" in err
+    assert err.count("\n") == 1
