@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from semlive.data.loading import DeviceIdentity, LoadSample, StopOnLinkLoss
-from semlive.errors import LinkError
+from semlive.errors import SemliveError
 from semlive.ports import ClockSource
 from semlive_drivers.modbus.client import ModbusLink
 from semlive_drivers.modbus.codec import block_of, decode, decode_int, encode, encode_block
@@ -121,6 +121,6 @@ def open_load_frame(settings: Mapping[str, object], clock: ClockSource) -> Modbu
     link = ModbusLink(known.host, known.port, known.unit, known.timeout_s)
     try:
         return ModbusLoadFrame(link, registers, known, clock)
-    except LinkError:
+    except SemliveError:
         link.close()
         raise

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from semlive.data.loading import DeviceIdentity, StageKind, StageSample, StopOnLinkLoss
-from semlive.errors import LinkError
+from semlive.errors import SemliveError
 from semlive.ports import ClockSource
 from semlive_drivers.modbus.client import ModbusLink
 from semlive_drivers.modbus.codec import block_of, decode, decode_int, encode_block
@@ -106,6 +106,6 @@ def open_stage(settings: Mapping[str, object], clock: ClockSource) -> ModbusStag
     link = ModbusLink(known.host, known.port, known.unit, known.timeout_s)
     try:
         return ModbusStage(link, registers, known, clock)
-    except LinkError:
+    except SemliveError:
         link.close()
         raise
