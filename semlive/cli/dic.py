@@ -18,6 +18,8 @@ from semlive.data.settings import DicSettings, ScanProfile
 from semlive.errors import BadInput
 from semlive.formats.frames import read_frame
 
+# Correlation asks nothing of the scan; a file without metadata is as good as any other.
+NO_SCAN = ScanProfile(dwell_time_s=1e-9, row_time_s=1.0, frame_time_s=None, pixel_size_m=1.0)
 HEADER = "x,y,u,v,sigma_u,sigma_v,zncc,status"
 
 
@@ -84,7 +86,7 @@ def _read(path: Path, number: int) -> Frame:
     except OSError as error:
         raise BadInput(f"{path}: cannot be read ({error.strerror}); give an image file that exists.") from error
     digest = hashlib.sha256(data).hexdigest()
-    return read_frame(ExportedFile(number, str(path), data, digest, mtime_ns, mtime_ns), ScanProfile())
+    return read_frame(ExportedFile(number, str(path), data, digest, mtime_ns, mtime_ns), NO_SCAN)
 
 
 def _output_files(out: Path | None, cur: list[Path]) -> list[Path]:

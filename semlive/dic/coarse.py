@@ -55,13 +55,12 @@ def prepare_coarse(image: NDArray[np.float32], grid: Grid) -> CoarseReference:
     )
 
 
-def first_guess(reference: CoarseReference, image: NDArray[np.float32], grid: Grid) -> NDArray[np.float64] | None:
-    """(ny, nx, 6) affine parameters to start IC-GN from, or None if the frames have nothing in common.
+def match(reference: CoarseReference, image: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(n, 4) x, y, u, v in px of the blocks of the reference that were found in the current frame; n is 0 if none was.
 
     Args:
         reference: from `prepare_coarse`.
         image: (height, width) current frame, float32 grey levels.
-        grid: the POI.
     """
     current = _bin(image, reference.binning)
     enough = max(1, len(reference.centres) // 2)
@@ -72,7 +71,7 @@ def first_guess(reference: CoarseReference, image: NDArray[np.float32], grid: Gr
             best = matches
         if len(best) >= enough:
             break
-    return _field(best * reference.binning, grid) if len(best) else None
+    return best * reference.binning
 
 
 def _bin(image: NDArray[np.float32], binning: int) -> NDArray[np.float32]:
@@ -152,8 +151,19 @@ def _vertex(before: float, at: float, after: float) -> float:
     return 0.5 * (float(before) - float(after)) / curvature if curvature < 0.0 else 0.0
 
 
-def _field(matches: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
-    """A robust affine field through the matches plus what is left of them, smoothed, evaluated at every POI."""
+def nearest_field(matches: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
+    """(ny, nx, 6) first guesses: the motion of the nearest block, right on both sides of a jump."""
+    dx = grid.x_px[None, :, None] - matches[:, 0]
+    dy = grid.y_px[:, None, None] - matches[:, 1]
+    nearest = np.argmin(dx**2 + dy**2, axis=2)
+    seeds = np.zeros((*grid.shape, 6))
+    seeds[:, :, 0] = matches[nearest, 2]
+    seeds[:, :, 3] = matches[nearest, 3]
+    return seeds
+
+
+def smooth_field(matches: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
+    """(ny, nx, 6) first guesses: a robust affine field through the matches plus what is left of them, smoothed."""
     x, y = matches[:, 0], matches[:, 1]
     motion = matches[:, 2:]
     affine, good = _robust_affine(x, y, motion)

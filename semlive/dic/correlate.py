@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.settings import DicSettings
-from semlive.dic.coarse import first_guess
+from semlive.dic.coarse import match, nearest_field, smooth_field
 from semlive.dic.grid import grid_for
 from semlive.dic.reference import Reference, prepare
 from semlive.dic.uncertainty import noise_variance
@@ -17,7 +17,7 @@ from semlive.errors import BadInput
 from semlive.kernels import cast
 from semlive.kernels.icgn import CHAINED, SEEDED, SKIP
 
-MAX_PASSES = 12  # retries from neighbours; each heals one ring of POI, or a whole row to the right
+MAX_PASSES = 12  # retries from neighbours; each heals one ring of POI
 MAX_TRAVEL_PX = 8.0  # IC-GN has no business further from its start than a speckle or two
 
 
@@ -51,7 +51,7 @@ def correlate(
             "export all frames with the same size and databar"
         )
     current = cast.grey(image)
-    solutions = solve(reference, current, first_guess(reference.coarse, current, reference.grid), settings)
+    solutions = solve(reference, current, match(reference.coarse, current), settings)
     valid = solutions.status == PoiStatus.CONVERGED
     p = solutions.parameters
     sums = reference.sums
@@ -73,31 +73,35 @@ def correlate(
     )
 
 
-def solve(reference: Reference, current: NDArray[np.float32], seeds: NDArray[np.float64] | None, settings: DicSettings) -> cast.Solutions:
-    """Affine parameters at every POI: a first pass along rows, then failed POI again from neighbours that converged.
+def solve(reference: Reference, current: NDArray[np.float32], matches: NDArray[np.float64], settings: DicSettings) -> cast.Solutions:
+    """Affine parameters at every POI.
+
+    A first pass along rows from a smooth field of first guesses; what failed again from the nearest block (a jump within the
+    frame, which no smooth field follows); what failed still from neighbours that converged, ring by ring.
 
     Args:
         reference: from `prepare`.
         current: (height, width) current frame, float32 grey levels.
-        seeds: (ny, nx, 6) first guesses, or None if there are none.
+        matches: from `coarse.match`.
         settings: tolerance, iterations, smallest ZNCC.
     """
-    shape = reference.grid.shape
+    grid = reference.grid
     status = np.where(reference.status == PoiStatus.CONVERGED, PoiStatus.NO_SEED, reference.status).astype(np.uint8)
     solutions = cast.Solutions(
-        parameters=np.zeros((*shape, 6)), zncc=np.zeros(shape), status=status, iterations=np.zeros(shape, dtype=np.int32)
+        parameters=np.zeros((*grid.shape, 6)),
+        zncc=np.zeros(grid.shape),
+        status=status,
+        iterations=np.zeros(grid.shape, dtype=np.int32),
     )
-    if seeds is None:
+    if not len(matches):
         return solutions
     interpolator = cast.interpolator(current)
-    todo = np.where(status == PoiStatus.NO_SEED, CHAINED, SKIP).astype(np.uint8)
-    fresh = np.ones(shape, dtype=np.bool_)
-    for _ in range(1 + MAX_PASSES):
-        before = status == PoiStatus.CONVERGED
+
+    def attempt(where: NDArray[np.bool_], how: int, seeds: NDArray[np.float64]) -> None:
         cast.correlate(
             reference.sums,
             interpolator,
-            todo,
+            np.where(where, how, SKIP).astype(np.uint8),
             seeds,
             solutions,
             max_iterations=settings.max_iterations,
@@ -105,13 +109,19 @@ def solve(reference: Reference, current: NDArray[np.float32], seeds: NDArray[np.
             min_zncc=settings.min_zncc,
             max_travel_px=MAX_TRAVEL_PX,
         )
-        after = status == PoiStatus.CONVERGED
-        fresh = after & ~before
-        failed = ~after & (status != PoiStatus.LOW_CONTRAST)
-        seeds, reachable = _from_neighbours(solutions, fresh, reference.grid.step_px)
-        todo = np.where(failed & reachable, SEEDED, SKIP).astype(np.uint8)
-        if not todo.any():
+
+    attempt(status == PoiStatus.NO_SEED, CHAINED, smooth_field(matches, grid))
+    failed = ~np.isin(status, (PoiStatus.CONVERGED, PoiStatus.LOW_CONTRAST))
+    if failed.any():
+        attempt(failed, CHAINED, nearest_field(matches, grid))
+    fresh = status == PoiStatus.CONVERGED
+    for _ in range(MAX_PASSES):
+        failed = ~np.isin(status, (PoiStatus.CONVERGED, PoiStatus.LOW_CONTRAST))
+        seeds, reachable = _from_neighbours(solutions, fresh, grid.step_px)
+        if not (failed & reachable).any():
             break
+        attempt(failed & reachable, SEEDED, seeds)
+        fresh = failed & (status == PoiStatus.CONVERGED)
     return solutions
 
 

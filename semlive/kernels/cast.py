@@ -276,11 +276,12 @@ def correlate(
     size = 2 * r.half_px + 1
     mask = np.concatenate([np.ones(size, dtype=np.float32), np.zeros(lanes, dtype=np.float32)])
     ramp = np.arange(size + lanes, dtype=np.float32)
+    images = (current.ravel(), current.shape[1], r.image.ravel(), r.gradient_x.ravel(), r.gradient_y.ravel(), r.image.shape[1])
 
     def rows(first: int, last: int) -> None:
         for j in range(first, last):
             icgn.correlate_row(
-                current, r.image, r.gradient_x, r.gradient_y, mask, ramp, r.width_px, r.y0_px + j * r.step_px, r.x0_px, r.step_px,
+                *images, mask, ramp, r.width_px, r.y0_px + j * r.step_px, r.x0_px, r.step_px,
                 r.half_px, r.mean[j], r.norm[j], r.gradient_sum[j], r.gradient_image_sum[j], r.lower[j], todo[j], seeds[j],
                 max_iterations, tolerance_px, min_zncc, max_travel_px, s.parameters[j], s.zncc[j], s.status[j], s.iterations[j],
             )  # fmt: skip

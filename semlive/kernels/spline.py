@@ -14,6 +14,13 @@ HORIZON = 16  # |POLE|^16 = 7e-10, below float32
 
 
 @njit(nogil=True, cache=True)
+def _mirrored(k, n):
+    """Index of sample k >= 0 of a line of n >= 2 samples mirrored about its first and last."""
+    k %= 2 * n - 2
+    return k if k < n else 2 * n - 2 - k
+
+
+@njit(nogil=True, cache=True)
 def filter_line(line):
     """Coefficients of one line of float32 samples, in place, mirrored about its first and last sample."""
     n = line.size
@@ -21,8 +28,8 @@ def filter_line(line):
     gain = np.float32(6.0)
     total = line[0]
     power = z
-    for k in range(1, min(HORIZON, n)):
-        total += power * line[k]
+    for k in range(1, HORIZON):
+        total += power * line[_mirrored(k, n)]
         power *= z
     line[0] = gain * total
     for k in range(1, n):
@@ -64,11 +71,12 @@ def filter_columns(image, first, last):
     z = POLE
     gain = np.float32(6.0)
     power = z
-    for k in range(1, min(HORIZON, n)):
-        _add_scaled(image[0, first:last], image[k, first:last], power)
+    top = image[0, first:last].copy()
+    for k in range(1, HORIZON):
+        _add_scaled(top, image[_mirrored(k, n), first:last], power)
         power *= z
     for x in range(first, last):
-        image[0, x] *= gain
+        image[0, x] = gain * top[x - first]
     for k in range(1, n):
         _forward(image[k, first:last], image[k - 1, first:last], gain, z)
     scale = z / (z * z - np.float32(1.0))

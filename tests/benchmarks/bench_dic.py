@@ -18,7 +18,7 @@ from speckle import Affine, Speckle, expose
 
 from semlive import dic
 from semlive.data.settings import DicSettings
-from semlive.dic.coarse import first_guess
+from semlive.dic.coarse import match, smooth_field
 from semlive.dic.correlate import solve
 from semlive.kernels import cast
 
@@ -53,9 +53,8 @@ def main() -> None:
         pair = best_of(lambda: dic.correlate(reference, second, settings, reference_frame=0, current_frame=1))  # noqa: B023
         m = dic.correlate(reference, second, settings, reference_frame=0, current_frame=1)
         current = cast.grey(second)
-        seeding = best_of(lambda: first_guess(reference.coarse, current, grid))  # noqa: B023
-        seeds = first_guess(reference.coarse, current, grid)
-        iterations = solve(reference, current, seeds, settings).iterations.mean()
+        seeding = best_of(lambda: smooth_field(match(reference.coarse, current), grid))  # noqa: B023
+        iterations = solve(reference, current, match(reference.coarse, current), settings).iterations.mean()
         ok = m.valid
         du, dv = (m.u_px - true_u)[ok], (m.v_px - true_v)[ok]
         gx = np.gradient(images[0], axis=1)

@@ -1,0 +1,101 @@
+"""`semlive dic` as other programs rely on it."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+import tifffile
+import typer
+from typer.testing import CliRunner
+
+from semlive.cli.dic import dic
+from semlive.errors import BadInput
+
+
+def speckle(u=0.0, v=0.0):
+    """8 bit image of Gaussian spots, 120 x 100 px, moved by (u, v)."""
+    rng = np.random.default_rng(4)
+    y, x = np.mgrid[0:100, 0:120].astype(float)
+    image = np.zeros((100, 120))
+    for x0, y0, sign in zip(rng.uniform(-10, 130, 700), rng.uniform(-10, 110, 700), rng.choice([-1.0, 1.0], 700), strict=True):
+        image += sign * np.outer(np.exp(-0.125 * (y[:, 0] - y0 - v) ** 2), np.exp(-0.125 * (x[0] - x0 - u) ** 2))
+    return np.clip(np.round(128 + 39 * image / image.std()), 0, 255).astype(np.uint8)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    tifffile.imwrite(tmp_path / "ref.tif", speckle())
+    tifffile.imwrite(tmp_path / "a.tif", speckle(1.25, -0.5))
+    tifffile.imwrite(tmp_path / "b.tif", speckle(-3.0, 2.5))
+    tifffile.imwrite(tmp_path / "small.tif", speckle()[:80])
+    (tmp_path / "text.tif").write_text("not an image")
+    return tmp_path
+
+
+def run(*arguments):
+    app = typer.Typer(pretty_exceptions_enable=False)
+    app.command("dic")(dic)
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+def test_json_and_csv(folder):
+    out = folder / "deep" / "a.csv"
+    result = run(folder / "ref.tif", folder / "a.tif", "--subset", 31, "--roi", "30,25,89,74", "--out", out, "--json")
+    assert result.exit_code == 0, result.output
+    figures = json.loads(result.stdout)
+    wall_s = figures.pop("wall_s")
+    assert 0.0 < wall_s < 5.0
+    assert figures == {"points": 120, "converged": 120, "subset_px": 31, "step_px": 5}
+    assert out.read_text().splitlines()[0] == "x,y,u,v,sigma_u,sigma_v,zncc,status"
+    rows = list(csv.DictReader(out.read_text().splitlines()))
+    assert [(row["x"], row["y"]) for row in (rows[0], rows[1], rows[-1])] == [("30", "25"), ("35", "25"), ("85", "70")]
+    assert {row["status"] for row in rows} == {"converged"}
+    assert np.mean([float(row["u"]) for row in rows]) == pytest.approx(1.25, abs=2e-3)
+    assert np.mean([float(row["v"]) for row in rows]) == pytest.approx(-0.5, abs=2e-3)
+    assert all(0.0 < float(row["sigma_u"]) < 0.01 and 0.99 < float(row["zncc"]) <= 1.0 for row in rows)
+
+
+def test_several_images_give_a_list_and_a_folder(folder):
+    result = run(folder / "ref.tif", folder / "a.tif", folder / "b.tif", "--subset", 21, "--step", 20, "--out", folder / "maps", "--json")
+    figures = json.loads(result.stdout)
+    assert [f["points"] for f in figures] == [20, 20]
+    assert sorted(path.name for path in (folder / "maps").iterdir()) == ["a.csv", "b.csv"]
+    rows = list(csv.DictReader((folder / "maps" / "b.csv").read_text().splitlines()))
+    found = [float(row["u"]) for row in rows if row["status"] == "converged"]
+    assert len(found) == figures[1]["converged"]
+    assert np.median(found) == pytest.approx(-3.0, abs=0.01)
+    lost = [row for row in rows if row["status"] != "converged"]
+    assert {row["status"] for row in lost} == {"outside_image"}
+    assert all(float(row[name]) == 0.0 for row in lost for name in ("u", "v", "sigma_u", "sigma_v", "zncc"))
+
+
+def test_without_json_a_person_reads_a_line(folder):
+    result = run(folder / "ref.tif", folder / "a.tif", "--subset", 31, "--roi", "30,25,89,74")
+    assert result.exit_code == 0
+    assert "120 of 120 points" in result.stdout
+    assert "(+1.25" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["ref.tif", "none.tif"], "none.tif: cannot be read"),
+        (["ref.tif", "text.tif"], "text.tif: is neither TIFF nor PNG"),
+        (["ref.tif", "small.tif"], "small.tif: is 120 x 80 px but .*ref.tif is 120 x 100 px; export"),
+        (["ref.tif", "a.tif", "--subset", "20"], "subset_px must be odd"),
+        (["ref.tif", "a.tif", "--step", "0"], "step_px must be at least 1"),
+        (["ref.tif", "a.tif", "--roi", "1,2,3"], "--roi 1,2,3: is not four whole numbers"),
+        (["ref.tif", "a.tif", "--subset", "101"], "no subset of 101 px fits into the whole frame"),
+        (["ref.tif", "a.tif", "--out", "."], "is a folder"),
+        (["ref.tif", "a.tif", "b.tif", "--out", "text.tif"], "cannot be made"),
+    ],
+)
+def test_bad_input_is_one_sentence(folder, monkeypatch, arguments, message):
+    monkeypatch.chdir(folder)
+    result = run(*arguments)
+    assert result.stdout == ""
+    assert isinstance(result.exception, BadInput)  # the front door turns it into one line and exit code 2
+    with pytest.raises(BadInput, match=message):
+        raise result.exception
+    assert "\n" not in str(result.exception)
