@@ -89,15 +89,20 @@ def correlate(begun: Begun, pair: Pair) -> tuple[DisparityMap, ...]:
 
 
 def update(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> tuple[Begun, PairResult]:
-    """Everything after correlation, so that a log's disparity maps serve as well as its images."""
+    """Everything after correlation: take the maps in, estimate, correct the pair's frames."""
+    begun = absorb(begun, decision, maps)
+    solution = estimate.solve(begun.estimator)
+    frames = tuple(_corrected(begun, solution, frame) for frame in (2 * decision.pair, 2 * decision.pair + 1))
+    elastic = _elastic(begun, _tension_frames(begun, solution))
+    return begun, PairResult(decision, maps, estimate.estimate(solution, revision=len(begun.pairs)), (frames[0], frames[1]), elastic)
+
+
+def absorb(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> Begun:
+    """Take a pair's maps in, from images or from a log, without asking what follows."""
     pairs = (*begun.pairs, decision)
     estimator = estimate.update(begun.estimator, decision.pair, decision.step.phase, frame_times(pairs[0], decision), maps)
     from_frame_0 = (*begun.from_frame_0, *(one for one in maps if one.reference == 0))
-    begun = replace(begun, estimator=estimator, pairs=pairs, from_frame_0=from_frame_0)
-    solution = estimate.solve(estimator)
-    frames = tuple(_corrected(begun, solution, frame) for frame in (2 * decision.pair, 2 * decision.pair + 1))
-    elastic = _elastic(begun, _tension_frames(begun, solution))
-    return begun, PairResult(decision, maps, estimate.estimate(solution, revision=len(pairs)), (frames[0], frames[1]), elastic)
+    return replace(begun, estimator=estimator, pairs=pairs, from_frame_0=from_frame_0)
 
 
 def conclude(begun: Begun) -> RunResult:

@@ -11,6 +11,7 @@ from semlive.cli.dic import dic
 from semlive.cli.replay import replay
 from semlive.cli.report import report
 from semlive.cli.run import run
+from semlive.cli.score import score
 from semlive.errors import BadInput, SemliveError
 
 _HELP = "Live drift- and distortion-corrected strain measurement inside a scanning electron microscope."
@@ -19,6 +20,7 @@ app.command("demo")(demo)
 app.command("run")(run)
 app.command("replay")(replay)
 app.command("report")(report)
+app.command("score")(score)
 app.command("dic")(dic)
 
 

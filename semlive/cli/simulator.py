@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from semlive.errors import BadInput, SemliveError
+from semlive.service.process import start_apart
 
 _START_TIMEOUT_S = 180.0
 _STOP_TIMEOUT_S = 20.0
@@ -36,7 +37,7 @@ def running_simulator(scenario: str, folder: Path, rate: float) -> Iterator[dict
     folder.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", module, "--scenario", scenario, "--out", str(folder), "--rate", str(rate), "--exit-with-stdin"]
     with (folder / "simulator.log").open("wb") as log:
-        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True)
+        process = start_apart(command, stdout=log, stderr=log)
         try:
             yield _wait_until_ready(process, folder)
         finally:

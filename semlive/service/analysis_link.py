@@ -14,6 +14,7 @@ from semlive.errors import SemliveError
 from semlive.formats.log import LogMessage
 from semlive.service.analysis import INPUT_TOPICS
 from semlive.service.pipe import read_message, write_message
+from semlive.service.process import start_apart
 
 _MAX_RESTARTS = 3
 
@@ -62,8 +63,7 @@ class AnalysisLink:
 
     def _start(self, arguments: list[str]) -> None:
         command = [sys.executable, "-m", "semlive.service.analysis", *arguments]
-        # A session of its own: Ctrl-C is for control, which ends its child when the log is whole.
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
+        self._process = start_apart(command, stdout=subprocess.PIPE)
         self._queue: queue.SimpleQueue[LogMessage | None] = queue.SimpleQueue()
         self._writer = threading.Thread(target=self._write, args=(self._process, self._queue), name="analysis-writer", daemon=True)
         self._reader = threading.Thread(target=self._read, args=(self._process,), name="analysis-reader", daemon=True)

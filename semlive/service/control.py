@@ -50,7 +50,16 @@ from semlive.engine.history import frame_load
 from semlive.errors import LinkError
 from semlive.formats import message_values as values
 from semlive.formats.log import LogMessage
-from semlive.formats.messages import DriftMessage, ElasticMessage, FaultMessage, FileMessage, LogLineMessage, ScanMessage, from_json
+from semlive.formats.messages import (
+    DriftMessage,
+    ElasticMessage,
+    FaultMessage,
+    FileMessage,
+    LogLineMessage,
+    OperatorMessage,
+    ScanMessage,
+    from_json,
+)
 from semlive.ports import Trigger
 from semlive.service.analysis import READY
 from semlive.service.analysis_link import AnalysisLink
@@ -122,7 +131,7 @@ class Control:
     def operator(self, verb: Verb) -> None:
         """The operator said something."""
         now_ns = self._clock.now_ns()
-        self._journal.operator(now_ns, verb)
+        self._journal.note(OperatorMessage(time_ns=now_ns, what=verb, args={}))
         self.handle(Operator(now_ns, verb))
 
     def tick(self) -> None:
@@ -132,7 +141,7 @@ class Control:
         clock = self._clock.current()
         if clock.revision != self._clock_revision:
             self._clock_revision = clock.revision
-            self._journal.clock(clock, "the simulation fell behind and stretched its clock")
+            self._journal.note(values.clock_message(clock, "the simulation fell behind and stretched its clock"))
         self.handle(Tick(self._clock.now_ns()))
         self._observe(self._snapshot())
 
@@ -199,10 +208,8 @@ class Control:
                 self.handle(DeviceFault(self._clock.now_ns(), Device.SEM, f"the first pair cannot be used: {payload.what}"))
 
     def _record(self, event: Event) -> None:
-        if isinstance(event, LoadReading):
-            self._journal.load(event.sample)
-        elif isinstance(event, StageReading):
-            self._journal.stage(event.sample)
+        if isinstance(event, LoadReading | StageReading):
+            self._journal.sample(event.sample)
         elif isinstance(event, DeviceFault | DeviceStopped | LinkLost):
             self._journal.fault(event.time_ns, event.reason, event.device.words, "told the engine")
             self._warn(f"{event.device.words}: {event.reason}")

@@ -17,6 +17,7 @@ from pathlib import Path
 from semlive.data.loading import DeviceIdentity
 from semlive.engine import Device, Finish, State, Verb
 from semlive.errors import BadConfig, SemliveError
+from semlive.formats import message_values as values
 from semlive.formats.messages import RunMessage
 from semlive.ports import Trigger
 from semlive.service import drivers
@@ -103,7 +104,7 @@ class _Daemon:
             )
             stack.callback(analysis.close, 5.0)
             first = journal.note(self._run_message(clock))
-            journal.clock(clock.current(), "start of the run")
+            journal.note(values.clock_message(clock.current(), "start of the run"))
             analysis.give(first)
             links, trigger = self._links(control, clock), self._open_trigger(clock)
             for link in links.values():

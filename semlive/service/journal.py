@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from semlive.data.clock import Clock
+import math
+
 from semlive.data.frame import ExportedFile, FrameInfo
 from semlive.data.loading import FrameLoad, LoadSample, StageSample
 from semlive.data.pair import PairDecision
@@ -15,7 +16,6 @@ from semlive.formats.messages import (
     FaultMessage,
     FileMessage,
     LogLineMessage,
-    OperatorMessage,
     Payload,
     StateMessage,
     topic_of,
@@ -38,13 +38,10 @@ class Journal:
         sequence = message.sequence if message.topic == "/dic/map" else None
         return self._recorder.write(message.topic, message.payload, message.publish_time_ns, sequence)
 
-    def load(self, sample: LoadSample) -> LogMessage:
-        """A reading of the load frame."""
-        return self.note(values.load_sample_message(sample), sample.time_ns)
-
-    def stage(self, sample: StageSample) -> LogMessage:
-        """A reading of the stage."""
-        return self.note(values.stage_sample_message(sample), sample.time_ns)
+    def sample(self, sample: LoadSample | StageSample) -> LogMessage:
+        """A reading of the load frame or of the stage."""
+        told = values.load_sample_message(sample) if isinstance(sample, LoadSample) else values.stage_sample_message(sample)
+        return self.note(told, sample.time_ns)
 
     def file(self, file: ExportedFile) -> tuple[LogMessage, LogMessage]:
         """An exported file: what it is, then its bytes."""
@@ -76,19 +73,14 @@ class Journal:
         return self.note(values.pair_message(decision), decision.second.end_time_ns)
 
     def transition(self, one: Transition) -> LogMessage:
-        """A change of the engine's state."""
-        told = StateMessage(
-            time_ns=one.time_ns, before=one.before, after=one.after, cause=one.cause, step=one.step, guards=dict(one.guards)
-        )
+        """A change of the engine's state; a guard of a device that the run does not have is left out."""
+        guards = {name: value for name, value in one.guards if not (isinstance(value, float) and math.isnan(value))}
+        told = StateMessage(time_ns=one.time_ns, before=one.before, after=one.after, cause=one.cause, step=one.step, guards=guards)
         return self.note(told, one.time_ns)
 
     def command(self, time_ns: int, what: str, args: dict[str, float | str], result: str) -> LogMessage:
         """Something asked of a device."""
         return self.note(CommandMessage(time_ns=time_ns, what=what, args=dict(args), result=result))
-
-    def operator(self, time_ns: int, what: str) -> LogMessage:
-        """What the operator said."""
-        return self.note(OperatorMessage(time_ns=time_ns, what=what, args={}))
 
     def fault(self, time_ns: int, what: str, where: str, action: str) -> LogMessage:
         """Something that went wrong."""
@@ -97,7 +89,3 @@ class Journal:
     def line(self, time_ns: int, text: str, level: str = "info") -> LogMessage:
         """One line of the service's own log."""
         return self.note(LogLineMessage(time_ns=time_ns, level=level, text=text))
-
-    def clock(self, clock: Clock, reason: str) -> LogMessage:
-        """The line of experiment time in force from now on."""
-        return self.note(values.clock_message(clock, reason))

@@ -78,7 +78,7 @@ def last_result(log: Path) -> tuple[RunResult, AnalysisSettings]:
     first = min(maps)
     begun = pipeline.begin_from_maps(settings, decisions[first].first, maps[first][0].grid)
     for pair in sorted(maps):
-        begun, _ = pipeline.update(begun, decisions[pair], tuple(maps[pair]))
+        begun = pipeline.absorb(begun, decisions[pair], tuple(maps[pair]))
     return pipeline.conclude(begun), settings
 
 

@@ -1,0 +1,18 @@
+"""Child processes that Ctrl-C does not reach: their parent ends them when it is done."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Sequence
+from typing import IO
+
+
+def start_apart(command: Sequence[str], *, stdout: int | IO[bytes], stderr: int | IO[bytes] | None = None) -> subprocess.Popen[bytes]:
+    """Start a process in a group of its own, with a pipe to its standard input.
+
+    A console sends Ctrl-C to every process of the foreground group at once, but devices and logs must be brought to rest
+    in order, by the daemon.
+    """
+    group = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP} if sys.platform == "win32" else {"process_group": 0}
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=stdout, stderr=stderr, **group)
