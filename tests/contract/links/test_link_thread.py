@@ -1,0 +1,344 @@
+"""The link thread: over a real server, and over a device of a few lines that fails on request."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+
+import pytest
+
+from semlive.data.experiment import Limits
+from semlive.data.loading import DeviceIdentity, LoadSample, MotionState, StopOnLinkLoss
+from semlive.engine import (
+    CommandTaken,
+    Device,
+    DeviceFault,
+    DeviceStopped,
+    Event,
+    LinkBack,
+    LinkLost,
+    LinkStale,
+    LoadReading,
+    MoveStage,
+    RampTo,
+    StageReading,
+)
+from semlive.errors import BadConfig, LinkError, LinkRefused
+from semlive.service.link import LinkThread
+from semlive_drivers.modbus.load_frame import open_load_frame
+from semlive_drivers.modbus.stage import open_stage
+
+from .processes import WallClock, peer, wait_until
+
+CLOCK = WallClock()
+LIMITS = Limits(-50.0, 1000.0, -1.0, 1.0, 100.0, 500.0, 100.0, stale_after_s=0.5, lost_after_s=1.5)
+IDENTITY = DeviceIdentity("few lines", simulated=True, stop_on_link_loss=StopOnLinkLoss.ABSENT)
+
+
+@dataclass
+class FewLines:
+    """A load frame that notes what it is asked, and when."""
+
+    calls: list[tuple[str, float]] = field(default_factory=list)
+    identity: DeviceIdentity = IDENTITY
+    force_n: float = 0.0
+    motion: MotionState = MotionState.STOPPED
+    read_s: float = 0.0
+    trouble: dict[str, Exception] = field(default_factory=dict)
+    opened: int = 0
+    moves_when_told: bool = False
+
+    def note(self, what: str) -> None:
+        self.calls.append((what, time.monotonic()))
+        if what in self.trouble:
+            raise self.trouble[what]
+
+    def open(self) -> FewLines:
+        self.opened += 1
+        self.note("open")
+        return self
+
+    def read(self) -> LoadSample:
+        time.sleep(self.read_s)
+        self.note("read")
+        return LoadSample(0, CLOCK.now_ns(), CLOCK.mono_ns(), self.force_n, 0.0, self.motion, 0.0)
+
+    def ramp_to(self, force_n: float, rate_n_s: float) -> None:
+        self.note("ramp_to")
+        if self.moves_when_told:
+            self.motion = MotionState.MOVING
+
+    def stop(self) -> None:
+        self.note("stop")
+        self.motion = MotionState.STOPPED
+
+    def close(self) -> None:
+        self.note("close")
+
+    def times(self, what: str) -> list[float]:
+        return [t for name, t in self.calls if name == what]
+
+
+@dataclass
+class Listener:
+    """Keeps events."""
+
+    events: list[Event] = field(default_factory=list)
+
+    def __call__(self, event: Event) -> None:
+        self.events.append(event)
+
+    def of(self, kind: type) -> list:
+        return [e for e in list(self.events) if isinstance(e, kind)]
+
+
+@contextmanager
+def linked(open_device: Callable, heard: Callable[[Event], None], *, fed: bool = True, limits: Limits = LIMITS) -> Iterator[LinkThread]:
+    """An open link, fed from a thread unless told otherwise."""
+    link = LinkThread(Device.LOAD_FRAME, open_device, heard, clock=CLOCK, limits=limits, poll_s=0.02, dead_man_s=0.4)
+    over = threading.Event()
+
+    def feeding() -> None:
+        while not over.wait(0.05):
+            link.feed()
+
+    feeder = threading.Thread(target=feeding)
+    link.open()
+    if fed:
+        feeder.start()
+    try:
+        yield link
+    finally:
+        over.set()
+        if fed:
+            feeder.join()
+        link.close()
+
+
+def test_samples_flow_and_commands_are_taken() -> None:
+    heard = Listener()
+    with peer() as bench, linked(lambda: open_load_frame({"port": bench.port}, CLOCK), heard) as link:
+        assert link.identity.force_max_n == 4300.0
+        wait_until(lambda: len(heard.of(LoadReading)) > 5)
+        assert link.sample_age_s < 0.5
+        link.send(RampTo(100.0, 10.0))
+        wait_until(lambda: heard.of(CommandTaken))
+        wait_until(lambda: heard.of(LoadReading)[-1].sample.force_n == 100.0)
+        before = bench.commands
+        link.close()
+        assert (bench.commands, bench.last_command) == (before + 1, 2)
+
+
+def test_a_stage_is_a_link_like_any_other() -> None:
+    heard = Listener()
+    with peer() as bench:
+        link = LinkThread(Device.STAGE, lambda: open_stage({"port": bench.port}, CLOCK), heard, clock=CLOCK, limits=LIMITS, poll_s=0.02)
+        link.open()
+        link.send(MoveStage(5.0, 6.0))
+        wait_until(lambda: any(e.sample.x_um == 5.0 for e in heard.of(StageReading)))
+        link.send(RampTo(5.0, 6.0))
+        wait_until(lambda: heard.of(DeviceFault))
+        link.close()
+    assert "a stage cannot do" in heard.of(DeviceFault)[0].reason
+
+
+def test_when_control_stops_feeding_the_device_is_stopped_once_and_takes_nothing() -> None:
+    device, heard = FewLines(), Listener()
+    with linked(device.open, heard, fed=False) as link:
+        opened_s = time.monotonic()
+        wait_until(lambda: heard.of(DeviceStopped))
+        assert 0.3 < device.times("stop")[0] - opened_s < 0.6
+        assert "control has not been heard of for 0.4 s" in heard.of(DeviceStopped)[0].reason
+        link.send(RampTo(10.0, 1.0))
+        wait_until(lambda: heard.of(DeviceFault))
+        assert device.times("ramp_to") == []
+        assert len(device.times("stop")) == 1
+        link.feed()
+        link.send(RampTo(10.0, 1.0))
+        wait_until(lambda: heard.of(CommandTaken))
+
+
+def test_a_limit_stops_the_device_before_anybody_is_told() -> None:
+    device, heard = FewLines(motion=MotionState.STOPPED), Listener()
+    told_s: list[float] = []
+
+    def listen(event: Event) -> None:
+        heard(event)
+        if isinstance(event, LoadReading) and event.sample.force_n > 1000.0:
+            told_s.append(time.monotonic())
+
+    with linked(device.open, listen):
+        wait_until(lambda: len(heard.of(LoadReading)) > 2)
+        device.force_n = 1001.0
+        wait_until(lambda: len(told_s) > 3)
+    violated_s = next(e.sample.mono_ns / 1e9 for e in heard.of(LoadReading) if e.sample.force_n > 1000.0)
+    stop_s = device.times("stop")[0]
+    assert 0 <= stop_s - violated_s < 0.1
+    assert stop_s <= told_s[0]
+    assert heard.of(DeviceStopped)[0].reason == "the load is 1001.0 N, outside the limits -50 to 1000 N"
+    assert len(heard.of(DeviceStopped)) == 1
+
+
+def test_a_limit_stops_a_real_link() -> None:
+    heard = Listener()
+    with peer() as bench, linked(lambda: open_load_frame({"port": bench.port}, CLOCK), heard) as link:
+        link.send(RampTo(400.0, 10.0))
+        wait_until(lambda: heard.of(CommandTaken))
+        bench.set_force(1200.0)
+        wait_until(lambda: heard.of(DeviceStopped))
+        assert bench.last_command == 2
+
+
+def test_a_stop_goes_before_everything_that_waits() -> None:
+    device, heard = FewLines(read_s=0.2), Listener()
+    with linked(device.open, heard) as link:
+        wait_until(lambda: device.times("read"))
+        for _ in range(3):
+            link.send(RampTo(10.0, 1.0))
+        link.stop("enough")
+        asked_s = time.monotonic()
+        wait_until(lambda: device.times("stop"))
+        assert device.times("stop")[0] - asked_s < 0.3
+        time.sleep(0.3)
+        assert device.times("ramp_to") == []
+
+
+def test_a_hung_device_gets_stale_then_lost_and_is_stopped_first_when_it_is_back() -> None:
+    heard = Listener()
+    with peer() as bench, linked(lambda: open_load_frame({"port": bench.port}, CLOCK), heard) as link:
+        wait_until(lambda: heard.of(LoadReading))
+        before = bench.commands
+        bench.pause()
+        paused_s = time.monotonic()
+        wait_until(lambda: heard.of(LinkStale))
+        assert time.monotonic() - paused_s < 1.2
+        wait_until(lambda: heard.of(LinkLost))
+        assert time.monotonic() - paused_s < 2.5
+        assert "gave no answer within 0.3 s" in heard.of(LinkLost)[0].reason
+        assert link.sample_age_s > 1.5
+        bench.go_on()
+        wait_until(lambda: heard.of(LinkBack))
+        assert (bench.commands, bench.last_command) == (before + 1, 2)
+        count = len(heard.of(LoadReading))
+        wait_until(lambda: len(heard.of(LoadReading)) > count)
+    assert len(heard.of(LinkStale)) == len(heard.of(LinkLost)) == len(heard.of(LinkBack)) == 1
+
+
+def test_a_server_that_dies_in_a_ramp_and_comes_back_is_stopped_and_never_moved() -> None:
+    heard = Listener()
+    with peer() as bench, linked(lambda: open_load_frame({"port": bench.port}, CLOCK), heard) as link:
+        link.send(RampTo(100.0, 10.0))
+        wait_until(lambda: heard.of(CommandTaken))
+        bench.kill()
+        wait_until(lambda: heard.of(DeviceStopped))
+        assert "the link failed while it may have moved" in heard.of(DeviceStopped)[0].reason
+        with peer(port=bench.port) as again:
+            count = len(heard.of(LoadReading))
+            wait_until(lambda: len(heard.of(LoadReading)) > count + 5)
+            assert (again.commands, again.last_command) == (1, 2)
+
+
+def test_a_short_hiccup_at_rest_changes_nothing() -> None:
+    device, heard = FewLines(), Listener()
+    with linked(device.open, heard):
+        wait_until(lambda: len(heard.of(LoadReading)) > 2)
+        device.trouble["read"] = LinkError("no answer")
+        wait_until(lambda: device.opened > 1)
+        device.trouble.clear()
+        count = len(heard.of(LoadReading))
+        wait_until(lambda: len(heard.of(LoadReading)) > count + 2)
+        assert device.times("stop") == []
+    assert {type(e) for e in heard.events} == {LoadReading}
+
+
+def test_a_failure_on_the_way_stops_at_the_first_chance() -> None:
+    device, heard = FewLines(moves_when_told=True), Listener()
+    with linked(device.open, heard) as link:
+        link.send(RampTo(10.0, 1.0))
+        wait_until(lambda: heard.of(CommandTaken))
+        device.trouble["read"] = LinkError("no answer")
+        wait_until(lambda: device.times("stop"))
+        names = [name for name, _ in device.calls]
+        assert names[names.index("close") :][:3] == ["close", "open", "stop"]
+        assert "no answer" in heard.of(DeviceStopped)[0].reason
+
+
+def test_a_command_that_is_refused_is_a_fault_and_a_stop() -> None:
+    device, heard = FewLines(trouble={"ramp_to": LinkError("the device is busy")}), Listener()
+    with linked(device.open, heard) as link:
+        link.send(RampTo(10.0, 1.0))
+        wait_until(lambda: device.times("stop"))
+    assert [e.reason for e in heard.of(DeviceFault)] == ["the device is busy"]
+    assert heard.of(CommandTaken) == []
+
+
+def test_a_mistake_in_a_driver_does_not_end_the_thread() -> None:
+    device, heard = FewLines(trouble={"read": ZeroDivisionError("oops")}), Listener()
+    with linked(device.open, heard):
+        wait_until(lambda: device.opened > 2)
+        device.trouble.clear()
+        wait_until(lambda: heard.of(LoadReading))
+
+
+def test_a_stop_that_fails_is_tried_again_until_it_is_taken() -> None:
+    device, heard = FewLines(trouble={"stop": LinkError("no answer")}), Listener()
+    with linked(device.open, heard) as link:
+        link.stop("enough")
+        wait_until(lambda: len(device.times("stop")) > 2)
+        device.trouble.clear()
+        count = len(device.times("stop"))
+        wait_until(lambda: len(device.times("stop")) > count)
+        wait_until(lambda: heard.of(LoadReading))
+
+
+def test_when_nobody_listens_the_device_is_stopped() -> None:
+    device = FewLines()
+
+    def deaf(event: Event) -> None:
+        raise RuntimeError("Event loop is closed")
+
+    with linked(device.open, deaf):
+        wait_until(lambda: device.times("stop"))
+
+
+def test_another_device_at_the_same_place_is_not_accepted() -> None:
+    device, heard = FewLines(), Listener()
+    with linked(device.open, heard):
+        wait_until(lambda: heard.of(LoadReading))
+        device.identity = replace(IDENTITY, name="somebody else")
+        device.trouble["read"] = LinkError("no answer")
+        wait_until(lambda: device.opened > 1)
+        device.trouble.clear()
+        wait_until(lambda: heard.of(LinkLost))
+    assert heard.of(LinkLost)[0].reason == "another device answers: somebody else instead of few lines; check what is connected"
+
+
+def test_a_device_that_moves_when_the_link_opens_is_stopped() -> None:
+    device, heard = FewLines(motion=MotionState.MOVING), Listener()
+    with linked(device.open, heard):
+        wait_until(lambda: heard.of(DeviceStopped))
+    assert heard.of(DeviceStopped)[0].reason == "it moved before it was told to"
+
+
+@pytest.mark.parametrize("error", [LinkRefused("nobody answers"), BadConfig("no such key")])
+def test_what_goes_wrong_at_opening_is_the_openers_to_hear(error: Exception) -> None:
+    device = FewLines(trouble={"open": error})
+    link = LinkThread(Device.LOAD_FRAME, device.open, Listener(), clock=CLOCK, limits=LIMITS)
+    with pytest.raises(type(error), match=str(error)):
+        link.open()
+    link.close()
+
+
+def test_closing_stops_a_device_whose_link_was_down() -> None:
+    device, heard = FewLines(moves_when_told=True), Listener()
+    with linked(device.open, heard) as link:
+        link.send(RampTo(10.0, 1.0))
+        wait_until(lambda: heard.of(CommandTaken))
+        device.trouble = {"read": LinkError("no answer"), "open": LinkError("no answer")}
+        wait_until(lambda: device.opened > 2)
+        device.trouble.clear()
+    assert device.calls[-2][0] == "stop"
+    assert device.calls[-1][0] == "close"
