@@ -14,6 +14,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -38,6 +39,11 @@ def write_atomically(path: Path, data: bytes) -> None:
     """Replace a file so that a reader sees all of the old or all of the new."""
     working = path.with_name(path.name + ".new")
     working.write_bytes(data)
+    for _ in range(100):
+        with contextlib.suppress(PermissionError):
+            os.replace(working, path)
+            return
+        time.sleep(0.002)  # Windows refuses while somebody reads the old one
     os.replace(working, path)
 
 
