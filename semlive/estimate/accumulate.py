@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +13,28 @@ from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.errors import IllPosed
 from semlive.estimate.blocks import BlockColumns, block_columns
-from semlive.estimate.state import EstimatorState, MapRows
+from semlive.estimate.state import EstimatorState, MapRows, ReferenceNoise
 from semlive.model import Axis, DriftSpline, Layout, MotionKind, Sighting, UniformSpline, sighting
 
 SIGMA_FLOOR_PX = 1e-4  # noise-free synthetic maps come with sigma 0
 MAX_DRIFT_KNOTS = 4000
 
 _KIND = {Phase.CALIBRATION: MotionKind.RIGID, Phase.TRANSLATION: MotionKind.GRADIENT, Phase.TENSION: MotionKind.GRADIENT}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sums:
+    """Arrays that information is added to.
+
+    Attributes:
+        precision: (n, n) A^T W A.
+        information: (n,) A^T W y.
+        reference: the same for the noise of frame 0.
+    """
+
+    precision: NDArray[np.float64]
+    information: NDArray[np.float64]
+    reference: ReferenceNoise
 
 
 def update(
@@ -40,10 +55,11 @@ def update(
     Raises:
         IllPosed: pair 0 is missing, pairs come out of order, or the run is longer than the drift spline can be.
 
-    The three maps of a pair compare three frames, so their noise has rank 2. With equal and independent noise of
-    variance s^2 in each frame its covariance is s^2 times [[2, -1, 1], [-1, 2, 1], [1, 1, 2]], with eigenvalues 3, 3
-    and 0, and what the model predicts lies in the space of the first two: weighing each map of variance 2 s^2 with
-    1 / (3 s^2) is exactly generalised least squares. Noise of frame 0, which all pairs share, is taken as independent.
+    The maps of a run compare frames, so their noise is shared: that of frame 0 by every map from frame 0 (with drift of
+    one sign it passes for distortion, and taking it as independent made the distortion's error twice as large), that of
+    a pair's frames by the pair's maps. Each frame is given independent noise, half a map's variance. Frame 0's is
+    estimated block by block; given it, the two maps from frame 0 are independent and the map within the pair is their
+    difference, so it counts only in blocks where one of them is missing.
     """
     if not state.phases and pair != 0:
         raise IllPosed(f"pair {pair} came before pair 0, the reference of all others: give pair 0 first")
@@ -61,23 +77,23 @@ def update(
     grown = _grown(
         replace(state, drift=drift, motions=motions, frames=(*state.frames, *times), phases=(*state.phases, phase)), state.layout
     )
-    share = 1.0 if len(maps) == 1 else 2.0 / 3.0
-    rows = tuple(_map_rows(grown, dmap, share) for dmap in maps)
-    precision, information = grown.precision.copy(), grown.information.copy()
+    rows = _without_redundancy(tuple(_map_rows(grown, dmap) for dmap in maps))
+    sums = Sums(grown.precision.copy(), grown.information.copy(), grown.reference.copy())
     for one in rows:
-        add_rows(grown, one, grown.about, precision, information)
-    return replace(grown, rows=(*grown.rows, *rows), precision=precision, information=information)
+        add_rows(grown, one, grown.about, sums)
+    return replace(grown, rows=(*grown.rows, *rows), precision=sums.precision, information=sums.information, reference=sums.reference)
 
 
 def relinearised(state: EstimatorState, about: NDArray[np.float64]) -> EstimatorState:
     """The same data about other parameters: only what touches effects that need the ideal position is summed anew."""
-    precision, information = state.precision.copy(), state.information.copy()
+    precision, information, reference = state.precision.copy(), state.information.copy(), state.reference.copy()
     moving = np.zeros(len(information), dtype=bool)
     for effect in state.model:
         moving[state.layout.part(effect.name)] = effect.needs_ideal
     precision[moving, :] = 0.0
     precision[:, moving] = 0.0
     information[moving] = 0.0
+    reference.coupling[:, :, moving] = 0.0
     for rows in state.rows:
         if rows.within_pair:
             continue
@@ -86,8 +102,9 @@ def relinearised(state: EstimatorState, about: NDArray[np.float64]) -> Estimator
             weighted = design[:, own] * rows.weight[:, axis, None]
             precision[np.ix_(index[own], index)] += weighted.T @ design
             information[index[own]] += weighted.T @ rows.disparity_px[:, axis]
+            reference.coupling[axis][:, index[own]] -= weighted
     precision[np.ix_(~moving, moving)] = precision[np.ix_(moving, ~moving)].T
-    return replace(state, about=about, precision=precision, information=information)
+    return replace(state, about=about, precision=precision, information=information, reference=reference)
 
 
 def map_columns(
@@ -103,14 +120,43 @@ def predicted(state: EstimatorState, rows: MapRows, parameters: NDArray[np.float
     return evaluated(state.layout, _parts(state, rows, state.about), parameters, len(rows.position_px))
 
 
-def add_rows(
-    state: EstimatorState, rows: MapRows, about: NDArray[np.float64], precision: NDArray[np.float64], information: NDArray[np.float64]
-) -> None:
-    """Add A^T W A and A^T W y of one map to the given arrays, in place."""
+def add_rows(state: EstimatorState, rows: MapRows, about: NDArray[np.float64], sums: Sums) -> None:
+    """Add one map's information on parameters and on the noise of frame 0 to `sums`, in place."""
     for axis, (index, design) in enumerate(map_columns(state, rows, about)):
-        weighted = design * rows.weight[:, axis, None]
-        precision[np.ix_(index, index)] += weighted.T @ design
-        information[index] += weighted.T @ rows.disparity_px[:, axis]
+        weight, disparity = rows.weight[:, axis], rows.disparity_px[:, axis]
+        weighted = design * weight[:, None]
+        sums.precision[np.ix_(index, index)] += weighted.T @ design
+        sums.information[index] += weighted.T @ disparity
+        if rows.from_reference:
+            noise = sums.reference
+            first = np.where(noise.prior[:, axis] == 0.0, weight, 0.0)  # frame 0 is as noisy as the first frame seen against it
+            noise.prior[:, axis] += first
+            noise.weight[:, axis] += weight + first
+            noise.coupling[axis][:, index] -= weighted
+            noise.information[:, axis] -= weight * disparity
+
+
+def marginal(state: EstimatorState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n, n) and (n,) information on the parameters with the noise of frame 0 integrated out."""
+    precision, information = state.precision.copy(), state.information.copy()
+    noise = state.reference
+    for axis in (0, 1):
+        seen = noise.weight[:, axis] > 0
+        touched = np.flatnonzero(noise.coupling[axis].any(axis=0))
+        coupling = noise.coupling[axis][np.ix_(seen, touched)]
+        scaled = coupling / noise.weight[seen, axis, None]
+        precision[np.ix_(touched, touched)] -= coupling.T @ scaled
+        information[touched] -= scaled.T @ noise.information[seen, axis]
+    return precision, information
+
+
+def _without_redundancy(maps: tuple[MapRows, ...]) -> tuple[MapRows, ...]:
+    """A map within a pair loses its weight in the blocks where both frames were seen against frame 0."""
+    across = [one for one in maps if one.from_reference and not one.within_pair]
+    if len(across) < 2:
+        return maps
+    known = np.all([one.weight > 0 for one in across], axis=0)
+    return tuple(replace(one, weight=np.where(known, 0.0, one.weight)) if one.within_pair else one for one in maps)
 
 
 def evaluated(layout: Layout, columns: Sequence[BlockColumns], parameters: NDArray[np.float64], blocks: int) -> NDArray[np.float64]:
@@ -168,10 +214,13 @@ def _grown(state: EstimatorState, before: Layout) -> EstimatorState:
     if state.about.size:
         about = np.zeros(layout.size)
         about[index] = state.about
-    return replace(state, precision=precision, information=information, about=about)
+    before_noise = state.reference
+    coupling = np.zeros((2, state.blocks.size, layout.size))
+    coupling[:, :, index] = before_noise.coupling
+    return replace(state, precision=precision, information=information, about=about, reference=replace(before_noise, coupling=coupling))
 
 
-def _map_rows(state: EstimatorState, dmap: DisparityMap, share: float) -> MapRows:
+def _map_rows(state: EstimatorState, dmap: DisparityMap) -> MapRows:
     if dmap.grid != state.grid:
         raise IllPosed(f"the map {dmap.reference} -> {dmap.current} is on another grid than the estimate: correlate all pairs on one grid")
     if dmap.reference != 0 and dmap.reference // 2 != dmap.current // 2:
@@ -194,19 +243,19 @@ def _map_rows(state: EstimatorState, dmap: DisparityMap, share: float) -> MapRow
         at_reference += [replace(part, value=-part.value) for part in before]
     if not used.any():
         difference = [BlockColumns("distortion", Axis.EACH, np.zeros(1, dtype=np.int64), np.zeros((blocks.size, 1)))]
-    within = dmap.reference // 2 == dmap.current // 2
+    within, noisy = dmap.reference // 2 == dmap.current // 2, 1 if dmap.reference == 0 else 2
     position = blocks.mean(np.stack((x, y), axis=1), used) - state.centre_px
     return MapRows(
-        dmap.reference, dmap.current, blocks.mean(disparity, used), _weights(state, dmap, used, share), share,
+        dmap.reference, dmap.current, blocks.mean(disparity, used), _weights(state, dmap, used, noisy), noisy,
         tuple(difference), position, () if within else tuple(at_reference),
     )  # fmt: skip
 
 
-def _weights(state: EstimatorState, dmap: DisparityMap, used: NDArray[np.bool_], share: float) -> NDArray[np.float64]:
-    """(blocks, 2) weights from DIC noise, subset overlap and the rank of the pair's maps; zero for empty blocks."""
+def _weights(state: EstimatorState, dmap: DisparityMap, used: NDArray[np.bool_], noisy_frames: int) -> NDArray[np.float64]:
+    """(blocks, 2) weights from DIC noise, which is that of two frames, and subset overlap; zero for empty blocks."""
     blocks = state.blocks
     sigma = np.stack((dmap.sigma_u_px.ravel(), dmap.sigma_v_px.ravel()), axis=1)
     variance = blocks.mean(np.maximum(sigma, SIGMA_FLOOR_PX) ** 2, used)
     count = np.bincount(blocks.block[used], minlength=blocks.size)
-    weight = share / np.maximum(variance * blocks.variance(count)[:, None], SIGMA_FLOOR_PX**2 * 1e-2)
+    weight = (2 / noisy_frames) / np.maximum(variance * blocks.variance(count)[:, None], SIGMA_FLOOR_PX**2 * 1e-2)
     return np.where(count[:, None] > 0, weight, 0.0)

@@ -10,7 +10,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve, eigh
 from scipy.linalg.lapack import dpotri
 
 from semlive.errors import IllPosed
-from semlive.estimate.accumulate import predicted, relinearised
+from semlive.estimate.accumulate import marginal, predicted, relinearised
 from semlive.estimate.prior import Hyper, angles, belief_precision, gauge_precision
 from semlive.estimate.state import EstimatorState
 
@@ -22,6 +22,9 @@ DISTORTION_BELIEF = (0.5, 1.5)
 ROTATION_BELIEF = (1e-4, 3.0)
 CLIP = 4.0
 MIN_NOISE_SCALE = 1e-3
+
+Information = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""(n, n) information matrix and (n,) information vector, without priors."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,34 +67,35 @@ def solve(state: EstimatorState) -> Solution:
         raise IllPosed("no pair has been accumulated yet, so there is nothing to estimate: add pair 0 first")
     gauge = gauge_precision(state)
     hyper = Hyper()
-    mean, _ = posterior(state, hyper, gauge)
+    mean, _ = posterior(marginal(state), belief_precision(state, hyper) + gauge, hyper.noise_scale)
     state = relinearised(state, mean)
+    data = marginal(state)
     for choose in (_same, _likeliest_hyper):
-        mean, factor = posterior(state, hyper, gauge)
-        scale, _ = _noise(state, hyper, mean, _inverse(factor))
-        hyper = choose(state, replace(hyper, noise_scale=scale), gauge)
-    mean, factor = posterior(state, hyper, gauge)
+        mean, factor = posterior(data, belief_precision(state, hyper) + gauge, hyper.noise_scale)
+        scale, _ = _noise(state, data, hyper, mean, _inverse(factor))
+        hyper = choose(state, data, replace(hyper, noise_scale=scale), gauge)
+    mean, factor = posterior(data, belief_precision(state, hyper) + gauge, hyper.noise_scale)
     covariance = _inverse(factor)
-    _, floor_px = _noise(state, hyper, mean, covariance)
+    _, floor_px = _noise(state, data, hyper, mean, covariance)
     return Solution(state, hyper, mean, covariance, floor_px)
 
 
-def posterior(state: EstimatorState, hyper: Hyper, gauge: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(n,) posterior mean and (n, n) lower Cholesky factor of the precision, at fixed numbers and linearisation."""
-    weight = hyper.noise_scale**-2.0
-    precision = state.precision * weight + gauge + belief_precision(state, hyper)
+def posterior(data: Information, prior: NDArray[np.float64], noise_scale: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n,) posterior mean and (n, n) lower Cholesky factor of its precision, for information at unit noise scale."""
+    weight = noise_scale**-2.0
     try:
-        factor, _ = cho_factor(precision, lower=True, check_finite=True)
+        factor, _ = cho_factor(data[0] * weight + prior, lower=True, check_finite=True)
     except (LinAlgError, ValueError) as error:
         raise IllPosed(
             "drift, distortion and motion cannot be told from the pairs so far: a map holds numbers that are not finite"
         ) from error
-    return cho_solve((factor, True), state.information * weight, check_finite=False), factor
+    return cho_solve((factor, True), data[1] * weight, check_finite=False), factor
 
 
 def residuals(state: EstimatorState, mean: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """(blocks, 2) residual of each map's block means, px."""
-    return [rows.disparity_px - predicted(state, rows, mean) for rows in state.rows]
+    """(blocks, 2) residual of each map's block means, px, with the noise of frame 0 taken out of the maps from it."""
+    noise_px = state.reference.mean_px(mean)
+    return [rows.disparity_px - predicted(state, rows, mean) + (noise_px if rows.from_reference else 0.0) for rows in state.rows]
 
 
 def _inverse(factor: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -100,44 +104,46 @@ def _inverse(factor: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.tril(lower) + np.tril(lower, -1).T
 
 
-def _noise(state: EstimatorState, hyper: Hyper, mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> tuple[float, float]:
+def _noise(
+    state: EstimatorState, data: Information, hyper: Hyper, mean: NDArray[np.float64], covariance: NDArray[np.float64]
+) -> tuple[float, float]:
     """Noise scale from normalised residuals (clipped, for outliers), and the noise of one POI in px.
 
-    Block means scatter by ``scatter`` x ``share`` of their assigned variance, and each parameter that the data
-    determine takes one whole assigned variance away.
+    Block means scatter by ``scatter`` of their assigned variance, and each parameter that the data determine takes one
+    whole assigned variance away. The noise of frame 0 counts as residual against its prior.
     """
-    blocks = state.blocks
-    z, variance, expected = [], [], 0.0
+    blocks, noise = state.blocks, state.reference
+    z, variance = [(noise.mean_px(mean) * np.sqrt(noise.prior))[noise.prior > 0]], []
     for rows, residual in zip(state.rows, residuals(state, mean), strict=True):
         used = rows.weight > 0
         z.append((residual * np.sqrt(rows.weight))[used])
-        expected += blocks.scatter * rows.share * float(used.sum())
-        variance.append(rows.share / rows.weight[used])
+        variance.append(2 / rows.noisy_frames / rows.weight[used])
     joined = np.concatenate(z)
     spread = 1.4826 * float(np.median(np.abs(joined)))
     clipped = np.clip(joined, -CLIP * spread, CLIP * spread)
-    determined = float(np.sum(covariance * state.precision)) * hyper.noise_scale**-2.0
+    expected = blocks.scatter * float(len(joined) - len(z[0]))
+    determined = float(np.sum(covariance * data[0])) * hyper.noise_scale**-2.0
     freedom = max(expected - determined, 0.1 * expected, 1.0)
     scale = max(float(np.sqrt(np.sum(clipped**2) / freedom)), MIN_NOISE_SCALE)
     poi_px = float(np.sqrt(np.mean(np.concatenate(variance)) / blocks.variance(blocks.full_count).mean()))
     return scale, scale * poi_px
 
 
-def _same(state: EstimatorState, hyper: Hyper, gauge: NDArray[np.float64]) -> Hyper:
+def _same(state: EstimatorState, data: Information, hyper: Hyper, gauge: NDArray[np.float64]) -> Hyper:
     return hyper
 
 
-def _likeliest_hyper(state: EstimatorState, hyper: Hyper, gauge: NDArray[np.float64]) -> Hyper:
+def _likeliest_hyper(state: EstimatorState, data: Information, hyper: Hyper, gauge: NDArray[np.float64]) -> Hyper:
     """The smoothness of drift and distortion and the size of rotations that make the data most likely, one after the other."""
     at = angles(state)
     if at.size:
-        precision, information = _marginal(state, hyper, gauge, at)
+        precision, information = _marginal(data, belief_precision(state, hyper), gauge, hyper.noise_scale, at)
         size = _likeliest(precision, information, np.eye(at.size), 0, ROTATION_BELIEF, ROTATION_CANDIDATES)
         hyper = replace(hyper, rotation_rad=size)
     for effect, belief in ((state.drift, DRIFT_BELIEF), (state.distortion, DISTORTION_BELIEF)):
         assert effect is not None  # solve() refuses an empty state
         part, rank_loss = state.layout.part(effect.name), 2 if effect is state.drift else 3
-        precision, information = _marginal(state, hyper, gauge, np.arange(part.start, part.stop))
+        precision, information = _marginal(data, belief_precision(state, hyper), gauge, hyper.noise_scale, np.arange(part.start, part.stop))
         best = [
             _likeliest(precision[axis::2, axis::2], information[axis::2], effect.roughness(), rank_loss, belief, CANDIDATES)
             for axis in (0, 1)
@@ -147,13 +153,13 @@ def _likeliest_hyper(state: EstimatorState, hyper: Hyper, gauge: NDArray[np.floa
 
 
 def _marginal(
-    state: EstimatorState, hyper: Hyper, gauge: NDArray[np.float64], at: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Information on some parameters, with all others integrated out and what `hyper` says of these left out."""
-    weight = hyper.noise_scale**-2.0
-    bare = state.precision * weight + gauge
-    full = bare + belief_precision(state, hyper)
-    information = state.information * weight
+    data: Information, belief: NDArray[np.float64], gauge: NDArray[np.float64], noise_scale: float, at: NDArray[np.int64]
+) -> Information:
+    """Information on some parameters, with all others integrated out and what `belief` says of these left out."""
+    weight = noise_scale**-2.0
+    bare = data[0] * weight + gauge
+    full = bare + belief
+    information = data[1] * weight
     own = np.zeros(len(information), dtype=bool)
     own[at] = True
     cross = full[np.ix_(own, ~own)]

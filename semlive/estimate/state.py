@@ -24,8 +24,8 @@ class MapRows:
         reference: number of the reference frame.
         current: number of the current frame.
         disparity_px: (blocks, 2) block means.
-        weight: (blocks, 2) one over the assigned variance, 1/px^2.
-        share: rank of the noise of the pair's maps over their number: 2/3 for each of three maps among three frames.
+        weight: (blocks, 2) one over the assigned variance, 1/px^2; zero where empty, or where other maps say the same.
+        noisy_frames: how many frames' noise the weight holds: 1 from frame 0, whose noise is estimated, 2 within a pair.
         difference: columns of the effects that act at the scan address.
         position_px: (blocks, 2) mean address in the reference frame, relative to the image centre.
         at_reference: columns at the reference frame, which give the ideal position; empty within a pair.
@@ -35,15 +35,51 @@ class MapRows:
     current: int
     disparity_px: NDArray[np.float64]
     weight: NDArray[np.float64]
-    share: float
+    noisy_frames: int
     difference: tuple[BlockColumns, ...]
     position_px: NDArray[np.float64]
     at_reference: tuple[BlockColumns, ...]
 
     @property
+    def from_reference(self) -> bool:
+        """Whether the map starts from frame 0."""
+        return self.reference == 0
+
+    @property
     def within_pair(self) -> bool:
         """Whether nothing moved between the two frames."""
         return self.reference // 2 == self.current // 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReferenceNoise:
+    """Noise of frame 0 in every block, which all maps from frame 0 share: unknowns of their own, integrated out in `solve`.
+
+    Attributes:
+        weight: (blocks, 2) information on each, its prior included.
+        prior: (blocks, 2) the prior's part.
+        coupling: (2, blocks, n) information shared with the parameters, for x and y.
+        information: (blocks, 2) information vector.
+    """
+
+    weight: NDArray[np.float64]
+    prior: NDArray[np.float64]
+    coupling: NDArray[np.float64]
+    information: NDArray[np.float64]
+
+    @classmethod
+    def nothing(cls, blocks: int, size: int) -> ReferenceNoise:
+        """Before the first map."""
+        return cls(np.zeros((blocks, 2)), np.zeros((blocks, 2)), np.zeros((2, blocks, size)), np.zeros((blocks, 2)))
+
+    def copy(self) -> ReferenceNoise:
+        """With arrays of its own."""
+        return ReferenceNoise(self.weight.copy(), self.prior.copy(), self.coupling.copy(), self.information.copy())
+
+    def mean_px(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(blocks, 2) its posterior mean, given the parameters."""
+        explained = np.stack([one @ parameters for one in self.coupling], axis=1)
+        return (self.information - explained) / np.where(self.weight > 0, self.weight, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +101,7 @@ class EstimatorState:
         about: parameters about which the information is linearised; empty means zero.
         precision: (n, n) accumulated information matrix A^T W A at unit noise scale, without priors.
         information: (n,) accumulated information vector A^T W y.
+        reference: what the maps say of the noise of frame 0.
     """
 
     settings: EstimateSettings
@@ -81,6 +118,7 @@ class EstimatorState:
     about: NDArray[np.float64]
     precision: NDArray[np.float64]
     information: NDArray[np.float64]
+    reference: ReferenceNoise
 
     @property
     def model(self) -> tuple[Effect, ...]:
@@ -121,13 +159,13 @@ def init(settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) 
         raise IllPosed(f"a grid of {grid.nx} x {grid.ny} points cannot carry a strain: give at least 3 x 3 points")
     distortion = DistortionSpline.covering(width_px, height_px, settings.distortion_knot_px)
     n = distortion.size
-    nothing = np.zeros(0)
+    blocks, nothing = Blocks.of(grid), np.zeros(0)
     return EstimatorState(
         settings=settings,
         grid=grid,
         width_px=width_px,
         height_px=height_px,
-        blocks=Blocks.of(grid),
+        blocks=blocks,
         distortion=distortion,
         drift=None,
         motions=PairMotions(),
@@ -137,4 +175,5 @@ def init(settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) 
         about=nothing,
         precision=np.zeros((n, n)),
         information=np.zeros(n),
+        reference=ReferenceNoise.nothing(blocks.size, n),
     )
