@@ -94,24 +94,28 @@ def _block(image: NDArray[np.float32], cx: int, cy: int) -> NDArray[np.float32]:
     return image[cy - half : cy + half, cx - half : cx + half]
 
 
+def _padded(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Edges that transform fast."""
+    height, width = shape
+    return int(fft.next_fast_len(height) or height), int(fft.next_fast_len(width, real=True) or width)
+
+
 def _spectrum(image: NDArray[np.float32]) -> NDArray[np.complex64]:
     """Spectrum of the frame, mean taken off, windowed (a frame's edges would correlate with themselves at zero shift)."""
     height, width = image.shape
     window = np.outer(np.hanning(height), np.hanning(width)).astype(np.float32)
-    shape = (fft.next_fast_len(height), fft.next_fast_len(width, real=True))
-    return np.asarray(fft.rfft2((image - image.mean()) * window, s=shape))
+    return np.asarray(fft.rfft2((image - image.mean()) * window, s=_padded(image.shape)))
 
 
 def _candidate_shifts(spectrum: NDArray[np.complex64], current: NDArray[np.float32]) -> list[tuple[int, int]]:
     """Whole-frame shifts (x, y) in binned pixels worth trying, best first; no shift at all is the last."""
-    height = fft.next_fast_len(current.shape[0])
-    width = fft.next_fast_len(current.shape[1], real=True)
+    height, width = _padded(current.shape)
     cross = _spectrum(current) * np.conj(spectrum)
     fy = fft.fftfreq(height).astype(np.float32)[:, None]
     fx = fft.rfftfreq(width).astype(np.float32)[None, :]
     low_pass = np.exp(fy**2 * (-0.5 / LOW_PASS**2)) * np.exp(fx**2 * (-0.5 / LOW_PASS**2))
     cross *= low_pass / (np.abs(cross) + np.float32(1e-20))
-    surface = fft.irfft2(cross, s=(height, width), overwrite_x=True)
+    surface = np.asarray(fft.irfft2(cross, s=(height, width), overwrite_x=True))
     shifts = []
     for _ in range(CANDIDATES):
         y, x = np.unravel_index(int(np.argmax(surface)), surface.shape)

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-import numba
 import numpy as np
+from numba.core import config
 from numpy.typing import DTypeLike, NDArray
 
 from semlive.kernels import icgn, spline, subsets
@@ -21,7 +21,7 @@ MIN_EDGE_PX = 4
 
 def thread_count() -> int:
     """Threads the kernels use: the processors this process may run on, or NUMBA_NUM_THREADS."""
-    return int(numba.config.NUMBA_NUM_THREADS)
+    return int(config.NUMBA_NUM_THREADS)  # pyright: ignore[reportAttributeAccessIssue]  (set at import, from the environment)
 
 
 def checked(array: object, name: str, dtype: DTypeLike, shape: tuple[int | None, ...]) -> NDArray:

@@ -51,3 +51,20 @@ def test_noise_of_an_image_is_estimated_without_its_motion(lab, scene):
     for noise in (2.0, 7.0):
         reference = dic.prepare(lab.expose(scene(), noise, 5), grid, SETTINGS)
         assert reference.noise_grey == pytest.approx(noise, rel=0.15)
+
+
+def test_noise_is_predicted_for_fine_speckle_too(lab):
+    # Speckle of 3.3 px: Sobel sees 0.6 of its gradient, and a third of the information is beyond any smooth gradient.
+    speckle = lab.Speckle(160, 140, spot_px=1.0, seed=3)
+    settings = DicSettings(subset_px=31, step_px=16, roi_px=(20, 20, 140, 120))
+    grid = dic.grid_for(settings, 160, 140)
+    still, moved = speckle.render(), speckle.render(lab.Affine(u=0.4, v=0.5))
+    maps = []
+    for draw in range(DRAWS):
+        reference = dic.prepare(lab.expose(still, 6.0, 2 * draw), grid, settings)
+        maps.append(dic.correlate(reference, lab.expose(moved, 6.0, 2 * draw + 1), settings, reference_frame=0, current_frame=1))
+    assert all(m.valid.all() for m in maps)
+    for name in ("u_px", "v_px"):
+        observed = np.sqrt(np.mean(np.var([getattr(m, name) for m in maps], axis=0, ddof=1)))
+        predicted = np.sqrt(np.mean([getattr(m, f"sigma_{name}") ** 2 for m in maps]))
+        assert predicted / observed == pytest.approx(1.0, abs=0.1), name
