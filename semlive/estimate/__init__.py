@@ -1,8 +1,19 @@
 """From disparity maps to drift, distortion and motion, with uncertainty."""
 
 from semlive.estimate.accumulate import update
-from semlive.estimate.publish import correction, correction_strain_sigma, estimate, live_rate
+from semlive.estimate.publish import correction, correction_strain_sigma, estimate, live_rate, mean_strain_covariance
 from semlive.estimate.solve import Solution, solve
 from semlive.estimate.state import EstimatorState, init
 
-__all__ = ["EstimatorState", "Solution", "correction", "correction_strain_sigma", "estimate", "init", "live_rate", "solve", "update"]
+__all__ = [
+    "EstimatorState",
+    "Solution",
+    "correction",
+    "correction_strain_sigma",
+    "estimate",
+    "init",
+    "live_rate",
+    "mean_strain_covariance",
+    "solve",
+    "update",
+]

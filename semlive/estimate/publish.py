@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +81,23 @@ def correction_strain_sigma(solution: Solution, dmap: DisparityMap) -> Tensor2:
     rows = np.stack((along[0, 0], along[1, 1], 0.5 * (along[1, 0] + along[0, 1])))
     sigma = np.sqrt(np.clip(np.diag(solution.covariance_of(rows)), 0.0, None))
     return Tensor2(*(float(one) for one in sigma))
+
+
+def mean_strain_covariance(solution: Solution, frames: Sequence[int]) -> NDArray[np.float64]:
+    """(2 n, 2 n) joint covariance of the mean strains of n frames, first all exx, then all eyy.
+
+    Errors of distortion and drift are common to the frames and may grow with load, because the specimen travels under
+    load: taken as independent they make Young's modulus look better known than it is. The gradients of the pairs hold
+    them together with the DIC's noise. Frames of one pair share theirs; frames without a free gradient have zeros.
+    """
+    motions, start = solution.state.motions, solution.state.layout.part("motion").start
+    rows = np.zeros((2, len(frames), len(solution.mean)))
+    for at, frame in enumerate(frames):
+        if frame // 2 in motions.pairs:
+            part, kind = motions.part(frame // 2)
+            if kind is MotionKind.GRADIENT:
+                rows[0, at, start + part.start + 1] = rows[1, at, start + part.start + 5] = 1.0
+    return solution.covariance_of(rows.reshape(2 * len(frames), -1))
 
 
 def _sightings(state: EstimatorState, dmap: DisparityMap) -> tuple[Sighting, Sighting]:

@@ -12,19 +12,26 @@ from semlive.errors import IllPosed
 
 
 def elastic_constants(
-    points: Sequence[tuple[float, StrainSummary]], area_mm2: float, loading_axis: str = "y", load_sigma_n: float = 0.0
+    points: Sequence[tuple[float, StrainSummary]],
+    area_mm2: float,
+    loading_axis: str = "y",
+    load_sigma_n: float = 0.0,
+    covariance: NDArray[np.float64] | None = None,
 ) -> ElasticConstants:
     """Slopes of axial and transverse strain over stress, intercepts free.
 
     Strain is fitted over stress, not the other way round: the load cell is by far the better of the two, and noise in
     the regressor would flatten the slope. What is left of it, `load_sigma_n`, enters the weights (effective variance).
-    The intercepts take up strain of frame 0 and everything else that all load steps have in common.
+    The intercepts take up strain of frame 0 and everything else that all load steps have in common. The uncertainty of
+    the cross-section is not included.
 
     Args:
         points: (mean load in N, strain of the frame), one for each frame under load, tension positive.
         area_mm2: cross-section.
         loading_axis: ``x`` or ``y``, the image axis that is pulled.
-        load_sigma_n: standard uncertainty of one mean load.
+        load_sigma_n: standard uncertainty of one mean load, independent from frame to frame.
+        covariance: (2 n, 2 n) of the mean strains, first all exx, then all eyy; without it the frames' own sigmas are
+            taken as independent.
 
     Raises:
         IllPosed: fewer than two distinct loads, or strain does not follow stress.
@@ -32,35 +39,35 @@ def elastic_constants(
     stress_mpa = np.array([load for load, _ in points], dtype=np.float64) / area_mm2
     if len(points) < 2 or np.ptp(stress_mpa) <= 1e-6 * max(1.0, float(np.max(np.abs(stress_mpa)))):
         raise IllPosed("elastic constants need frames at two or more different loads: add a load step")
-    axial_name, transverse_name = ("exx", "eyy") if loading_axis == "x" else ("eyy", "exx")
-    axial, axial_sigma = _series(points, axial_name)
-    transverse, transverse_sigma = _series(points, transverse_name)
-    stress_sigma = load_sigma_n / area_mm2
-    b, b_sigma = _slope(stress_mpa, axial, axial_sigma, stress_sigma)
-    t, t_sigma = _slope(stress_mpa, transverse, transverse_sigma, stress_sigma)
-    if b <= 0.0:
+    strain = np.array([(one.mean.exx, one.mean.eyy) for _, one in points]).T
+    sigma = np.maximum(np.array([(one.mean_sigma.exx, one.mean_sigma.eyy) for _, one in points]).T, 1e-9)
+    if covariance is None:
+        covariance = np.diag(sigma.ravel() ** 2)
+    axial, transverse = (0, 1) if loading_axis == "x" else (1, 0)
+    contrast = np.zeros((2, 2, len(points)))  # slope of each component as a linear function of both components' strains
+    slope, load_variance = np.zeros(2), np.zeros(2)
+    for row, component in enumerate((axial, transverse)):
+        weights = _slope_weights(stress_mpa, strain[component], sigma[component], load_sigma_n / area_mm2)
+        contrast[row, component] = weights
+        slope[row] = weights @ strain[component]
+        load_variance[row] = float(weights @ weights) * (slope[row] * load_sigma_n / area_mm2) ** 2
+    flat = contrast.reshape(2, -1)
+    joint = flat @ covariance @ flat.T
+    if slope[0] <= 0.0:
         raise IllPosed("axial strain does not grow with stress: check the loading axis and the sign of the load")
-    ratio = -t / b
-    # Load errors act on both slopes alike, so they cancel in the ratio but for what the separate sigmas already hold.
+    ratio = -slope[1] / slope[0]
+    towards_ratio = np.array([-ratio, -1.0]) / slope[0]  # errors of the load act on both slopes alike and cancel in the ratio
     return ElasticConstants(
-        Measured(1e-3 / b, 1e-3 * b_sigma / b**2),
-        Measured(ratio, float(np.hypot(t_sigma, ratio * b_sigma)) / b),
+        Measured(float(1e-3 / slope[0]), float(1e-3 * np.sqrt(joint[0, 0] + load_variance[0]) / slope[0] ** 2)),
+        Measured(float(ratio), float(np.sqrt(towards_ratio @ joint @ towards_ratio))),
     )
 
 
-def _series(points: Sequence[tuple[float, StrainSummary]], name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    value = np.array([getattr(one.mean, name) for _, one in points])
-    sigma = np.array([getattr(one.mean_sigma, name) for _, one in points])
-    return value, np.maximum(sigma, 1e-9)
-
-
-def _slope(x: NDArray[np.float64], y: NDArray[np.float64], y_sigma: NDArray[np.float64], x_sigma: float) -> tuple[float, float]:
-    """Weighted slope with free intercept, and its standard uncertainty; errors in x by effective variance."""
-    slope = float(np.polyfit(x, y, 1)[0])
-    sigma = 0.0
-    for _ in range(3):
-        weight = 1.0 / (y_sigma**2 + (slope * x_sigma) ** 2)
-        centred = x - np.average(x, weights=weight)
-        spread = float(weight @ centred**2)
-        slope, sigma = float(weight @ (centred * y)) / spread, spread**-0.5
-    return slope, sigma
+def _slope_weights(
+    stress: NDArray[np.float64], strain: NDArray[np.float64], strain_sigma: NDArray[np.float64], stress_sigma: float
+) -> NDArray[np.float64]:
+    """(n,) weights whose product with the strains is the weighted slope with free intercept (effective variance)."""
+    slope = float(np.polyfit(stress, strain, 1)[0])
+    weight = 1.0 / (strain_sigma**2 + (slope * stress_sigma) ** 2)
+    centred = stress - np.average(stress, weights=weight)
+    return weight * centred / float(weight @ centred**2)
