@@ -7,7 +7,20 @@ from dataclasses import replace
 import pytest
 
 from semlive.data.loading import MotionState, StageSample
-from semlive.engine import Announce, Finish, FrameScanned, FrameUnreadable, MoveStage, RampTo, StageReading, State, TriggerFrame, progress
+from semlive.engine import (
+    Announce,
+    CommandTaken,
+    Device,
+    Finish,
+    FrameScanned,
+    FrameUnreadable,
+    MoveStage,
+    RampTo,
+    StageReading,
+    State,
+    TriggerFrame,
+    progress,
+)
 
 from .bench_in_memory import HOLD, T0, Run, S, frame, plan_of
 
@@ -183,3 +196,27 @@ def test_the_operator_reads_what_a_step_is() -> None:
     assert Announce("step 1 of 1: tension, shift (10, 0) um, 200 N") in run.commands
     assert run.state.step_index == 0
     assert run.now_ns == T0
+
+
+def test_a_load_counts_as_reached_only_after_its_own_command_was_taken() -> None:
+    run = Run(plan_of(((10.0, 0.0), 5.0)))
+    run.begin()
+    run.deaf = True
+    run.wait(1.0)
+    assert run.of(RampTo) == [RampTo(5.0, 50.0)]
+    run.wait(20.0)
+    assert run.state.at is State.RAMPING
+    run.tell(CommandTaken(run.now_ns, Device.LOAD_FRAME))
+    run.wait(0.5)
+    assert run.state.at is State.SETTLING
+
+
+def test_a_stage_that_creeps_away_while_settling_is_sent_again() -> None:
+    run = Run(plan_of(((10.0, 0.0), 200.0)))
+    run.begin()
+    run.reach(State.SETTLING)
+    run.xy_um = (27.0, -3.0)
+    run.reach(State.RAMPING, 12.0)
+    assert run.of(MoveStage) == [MoveStage(17.0, -3.0)] * 2
+    assert run.of(RampTo) == [RampTo(200.0, 50.0)]
+    run.reach(State.IMAGING)

@@ -1,0 +1,78 @@
+"""The Modbus drivers and the simulated bench: two programs that were written apart and share only the register map."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from semlive.data.loading import MotionState, StopOnLinkLoss
+from semlive.errors import LinkError
+from semlive.service.clock import FileClock
+from semlive_drivers.modbus.load_frame import open_load_frame
+from semlive_drivers.modbus.stage import open_stage
+from semlive_drivers.modbus.trigger import open_trigger
+
+from .processes import wait_until
+
+
+@pytest.fixture(scope="module")
+def ready(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, object]]:
+    out: Path = tmp_path_factory.mktemp("bench")
+    arguments = ["--out", str(out), "--rate", "1", "--mode", "triggered", "--exit-with-stdin"]
+    process = subprocess.Popen([sys.executable, "-m", "semlive_simulators.bench", *arguments], stdin=subprocess.PIPE)
+    try:
+        wait_until((out / "ready.json").exists, within_s=60.0)
+        yield json.loads((out / "ready.json").read_text(encoding="utf-8"))
+    finally:
+        assert process.stdin is not None
+        process.stdin.close()
+        assert process.wait(20.0) == 0
+
+
+def test_a_load_frame_that_is_left_alone_in_a_ramp_stops_by_itself(ready: dict[str, object]) -> None:
+    clock = FileClock(Path(str(ready["clock_file"])))
+    settings = {"port": ready["port"], "watchdog_s": 0.5}
+    device = open_load_frame(settings, clock)
+    assert device.identity.simulated
+    assert device.identity.stop_on_link_loss is StopOnLinkLoss.ASSUMED
+    device.ramp_to(400.0, 10.0)
+    sample = device.read()
+    assert (sample.motion, sample.target_n) == (MotionState.MOVING, 400.0)
+    time.sleep(0.3)
+    assert device.read().force_n > sample.force_n - 5.0
+    device.close()
+
+    time.sleep(1.0)
+    again = open_load_frame(settings, clock)
+    left = again.read()
+    assert left.motion is MotionState.FAULT
+    assert abs(left.force_n - left.target_n) < 8.0
+    again.stop()
+    assert again.read().motion is MotionState.STOPPED
+    with pytest.raises(LinkError, match=r"the value is not allowed \(exception 3\)"):
+        again.ramp_to(5000.0, 10.0)
+    again.close()
+
+
+def test_a_stage_goes_where_it_is_sent(ready: dict[str, object]) -> None:
+    stage = open_stage({"port": ready["port"]}, FileClock(Path(str(ready["clock_file"]))))
+    stage.move_to(10.0, -5.0)
+    assert stage.read().motion is MotionState.MOVING
+    wait_until(lambda: stage.read().motion is MotionState.STOPPED)
+    sample = stage.read()
+    assert (sample.x_um, sample.y_um) == pytest.approx((10.0, -5.0), abs=2.0)
+    stage.close()
+
+
+def test_a_second_trigger_finds_the_sem_busy(ready: dict[str, object]) -> None:
+    trigger = open_trigger({"port": ready["port"]}, FileClock(Path(str(ready["clock_file"]))))
+    trigger.scan_once()
+    with pytest.raises(LinkError, match="the device is busy"):
+        trigger.scan_once()
+    trigger.close()
