@@ -1,0 +1,75 @@
+"""Registers to values and back."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from semlive.errors import BadConfig, LinkError
+from semlive_drivers.modbus.codec import Block, block_of, decode, decode_int, encode, encode_block
+from semlive_drivers.modbus.registers import DType, Kind, Point, StageMap, Words, overridden
+
+
+@pytest.mark.parametrize(
+    ("point", "registers", "value"),
+    [
+        (Point(Kind.INPUT, 0, DType.F32), (0x42C6, 0x8000), 99.25),
+        (Point(Kind.INPUT, 0, DType.F32, Words.LOW_FIRST), (0x8000, 0x42C6), 99.25),
+        (Point(Kind.INPUT, 0, DType.F32, scale=-1000.0), (0x3FC0, 0x0000), -1500.0),
+        (Point(Kind.INPUT, 0, DType.U16), (0xFFFF,), 65_535.0),
+        (Point(Kind.INPUT, 0, DType.I16, scale=0.1), (0xFFFF,), -0.1),
+        (Point(Kind.INPUT, 0, DType.U32), (0x0001, 0x0000), 65_536.0),
+        (Point(Kind.INPUT, 0, DType.I32), (0xFFFF, 0xFFFE), -2.0),
+    ],
+)
+def test_known_registers_are_known_values_both_ways(point: Point, registers: tuple[int, ...], value: float) -> None:
+    assert decode(point, registers) == pytest.approx(value)
+    assert encode(point, value) == registers
+
+
+@pytest.mark.parametrize("registers", [(0x7FC0, 0), (0x7F80, 0), (0xFF80, 0)])
+def test_what_is_no_finite_number_is_no_reading(registers: tuple[int, int]) -> None:
+    with pytest.raises(LinkError, match=r"register 4 holds .*, which is no reading"):
+        decode(Point(Kind.INPUT, 4, DType.F32), registers)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "value"), [(DType.U16, -1.0), (DType.I16, 40_000.0), (DType.F32, 1e39), (DType.F32, math.nan), (DType.U16, math.nan)]
+)
+def test_what_does_not_fit_is_not_commanded(dtype: DType, value: float) -> None:
+    with pytest.raises(LinkError, match=r"does not fit into register 7|cannot be commanded"):
+        encode(Point(Kind.HOLDING, 7, dtype), value)
+
+
+@given(st.floats(width=32, allow_nan=False, allow_infinity=False), st.sampled_from(list(Words)))
+def test_a_float_survives_the_wire(value: float, words: Words) -> None:
+    point = Point(Kind.HOLDING, 0, DType.F32, words)
+    assert decode(point, encode(point, value)) == value
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_counter_survives_the_wire(value: int) -> None:
+    point = Point(Kind.INPUT, 0, DType.U32)
+    assert decode_int(point, encode(point, value)) == value
+
+
+def test_a_block_holds_its_points_and_zero_between_them() -> None:
+    a, b = Point(Kind.HOLDING, 10), Point(Kind.HOLDING, 13, DType.F32)
+    block = block_of((b, a))
+    assert block == Block(Kind.HOLDING, 10, 5)
+    assert encode_block(block, {a: 7, b: 99.25}) == (7, 0, 0, 0x42C6, 0x8000)
+    assert block.slice(b) == slice(3, 5)
+
+
+def test_points_of_two_tables_are_no_block() -> None:
+    with pytest.raises(BadConfig, match="all be input or all be holding"):
+        block_of((Point(Kind.HOLDING, 0), Point(Kind.INPUT, 1)))
+
+
+def test_an_override_changes_only_what_it_names() -> None:
+    changed = overridden(StageMap(), {"x": {"address": 300, "words": "low_first", "scale": "0.001"}}, "stage")
+    assert changed.x == Point(Kind.INPUT, 300, DType.F32, Words.LOW_FIRST, 0.001)
+    assert changed.y == StageMap().y
