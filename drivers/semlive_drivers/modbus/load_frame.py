@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 
 from semlive.data.loading import DeviceIdentity, LoadSample, StopOnLinkLoss
-from semlive.errors import SemliveError
+from semlive.errors import LinkError, SemliveError
 from semlive.ports import ClockSource
 from semlive_drivers.modbus.client import ModbusLink
 from semlive_drivers.modbus.codec import block_of, decode, decode_int, encode, encode_block
@@ -30,6 +31,7 @@ class ModbusLoadFrame:
         self._beat = 0
         # A stop repeats the last target: a target of zero would wait in the device for the next spurious "go".
         self._last_n, self._last_n_s = 0.0, 0.0
+        self._stopped = False
         greeting = greet(link, registers, settings.identity)
         self._simulated = greeting.simulated
         if settings.watchdog_s:
@@ -80,6 +82,7 @@ class ModbusLoadFrame:
             LinkError: if the device did not take it.
         """
         self._last_n, self._last_n_s = force_n, rate_n_s
+        self._stopped = False
         self._command(GO)
 
     def stop(self) -> None:
@@ -89,9 +92,17 @@ class ModbusLoadFrame:
             LinkError: if the device did not take it.
         """
         self._command(STOP)
+        self._stopped = True
 
     def close(self) -> None:
-        """Close the link."""
+        """Close the link; a device that was stopped is told not to expect us any more.
+
+        Otherwise its watchdog would expire after an orderly end and leave it in a fault that somebody has to clear. A
+        device that may be moving keeps its watchdog.
+        """
+        if self._stopped and self._settings.watchdog_s:
+            with contextlib.suppress(LinkError):
+                self._link.write(self._map.watchdog.address, encode(self._map.watchdog, 0))
         self._link.close()
 
     def _command(self, word: int) -> None:
