@@ -93,7 +93,7 @@ def update(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...])
     begun = absorb(begun, decision, maps)
     solution = estimate.solve(begun.estimator)
     frames = tuple(_corrected(begun, solution, frame) for frame in (2 * decision.pair, 2 * decision.pair + 1))
-    elastic = _elastic(begun, _tension_frames(begun, solution))
+    elastic = _elastic(begun, solution, _tension_frames(begun, solution))
     return begun, PairResult(decision, maps, estimate.estimate(solution, revision=len(begun.pairs)), (frames[0], frames[1]), elastic)
 
 
@@ -110,7 +110,7 @@ def conclude(begun: Begun) -> RunResult:
     solution = estimate.solve(begun.estimator)
     frames = tuple(_corrected(begun, solution, 2 * decision.pair + member) for decision in begun.pairs for member in (0, 1))
     newest = estimate.estimate(solution, revision=len(begun.pairs))
-    return RunResult(begun.pairs, newest, frames, _elastic(begun, frames), newest.notes)
+    return RunResult(begun.pairs, newest, frames, _elastic(begun, solution, frames), newest.notes)
 
 
 def frame_times(reference: PairDecision, decision: PairDecision) -> tuple[FrameTime, FrameTime]:
@@ -132,7 +132,7 @@ def _corrected(begun: Begun, solution: estimate.Solution, frame: int) -> FrameRe
     displacement = mechanics.displacement(disparity, estimate.correction(solution, disparity))
     field = mechanics.strain(displacement, begun.settings.estimate.window_points)
     systematic = estimate.correction_strain_sigma(solution, disparity)
-    return FrameResult(displacement, field, mechanics.summary(displacement, field, systematic=systematic))
+    return FrameResult(displacement, field, mechanics.summary(displacement, field, solution.noise_floor_px, systematic))
 
 
 def _tension_frames(begun: Begun, solution: estimate.Solution) -> tuple[FrameResult, ...]:
@@ -140,13 +140,14 @@ def _tension_frames(begun: Begun, solution: estimate.Solution) -> tuple[FrameRes
     return tuple(_corrected(begun, solution, 2 * pair + member) for pair in tension for member in (0, 1))
 
 
-def _elastic(begun: Begun, frames: tuple[FrameResult, ...]) -> ElasticConstants | None:
+def _elastic(begun: Begun, solution: estimate.Solution, frames: tuple[FrameResult, ...]) -> ElasticConstants | None:
     specimen = begun.settings.specimen
     loads = {2 * one.pair + m: one.loads[m].mean_n for one in begun.pairs if one.step.phase is Phase.TENSION and one.loads for m in (0, 1)}
     points = [(loads[one.summary.frame], one.summary) for one in frames if one.summary.frame in loads]
-    if specimen.area_mm2 is None:
+    if specimen.area_mm2 is None or not points:
         return None
+    covariance = estimate.mean_strain_covariance(solution, [one.frame for _, one in points])
     try:
-        return mechanics.elastic_constants(points, specimen.area_mm2, specimen.loading_axis)
+        return mechanics.elastic_constants(points, specimen.area_mm2, specimen.loading_axis, covariance=covariance)
     except IllPosed:
         return None

@@ -61,7 +61,7 @@ def daemon_config(bench: dict[str, Any], rate: float) -> dict[str, Any]:
         "sem": {**sem, **experiment["sem"]},
         "load_frame": {"driver": "modbus", "poll_s": min(0.05, 1.0 / rate), "settings": link},
         "stage": {"driver": "modbus", "poll_s": min(0.1, 2.0 / rate), "settings": link},
-        **{key: experiment[key] for key in ("specimen", "protocol", "limits")},
+        **{key: section for key, section in experiment.items() if key != "sem"},
     }
 
 

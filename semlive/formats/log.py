@@ -107,7 +107,11 @@ def read_messages(stream: IO[bytes], on_damage: Callable[[str], None] | None = N
         BadLog: the stream is no MCAP file.
     """
     tell = on_damage or _ignore
-    if stream.read(len(MAGIC)) != MAGIC:
+    head = stream.read(len(MAGIC))
+    if head != MAGIC:
+        if MAGIC.startswith(head):
+            tell("torn: nothing was written yet")
+            return
         raise BadLog("not an MCAP file; give a log that semlive wrote.")
     reader = StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=_MAX_RECORD_BYTES)
     records = iter(reader.records)

@@ -7,6 +7,7 @@ the log. Started again after a crash, it first catches up from the log itself.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -41,6 +42,7 @@ from semlive.formats.messages import (
     to_json,
     topic_of,
 )
+from semlive.service.blas import one_blas_thread
 from semlive.service.config import parse_config
 from semlive.service.log_files import messages
 from semlive.service.pipe import read_message, write_message
@@ -159,12 +161,16 @@ def _message(payload: Payload, time_ns: int) -> LogMessage:
 
 def main() -> None:
     """The child process; it ends when its standard input does."""
+    if hasattr(os, "nice"):
+        # Links, watcher and recorder come first: they are late by milliseconds if correlation takes both cores.
+        os.nice(10)
     parser = argparse.ArgumentParser()
     parser.add_argument("--log", type=Path, help="catch up from this log first")
     parser.add_argument("--inputs", type=int, default=0, help="how many of its input messages")
     parser.add_argument("--skip", type=int, default=0, help="how many outputs are in the log already")
     arguments = parser.parse_args()
     state, skip = AnalysisState(), arguments.skip
+    one_blas_thread()
     for message in _inputs(arguments.log, arguments.inputs):
         state, outputs = feed(state, message)
         _warm(state, message)

@@ -1,7 +1,7 @@
 """Control: everything that happens goes into the log, then to the engine; what the engine wants is done.
 
 It runs in one asyncio loop and never blocks it; device calls, file reading, correlation and writing have threads or
-processes of their own that come back through `loop.call_soon_threadsafe`.
+processes of their own that come back through `Control.soon`.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import ParamSpec
 
 from semlive.data.experiment import Plan
 from semlive.data.frame import ExportedFile
@@ -67,6 +68,8 @@ from semlive.service.clock import FileClock, SystemClock
 from semlive.service.journal import Journal
 from semlive.service.link import LinkThread
 
+P = ParamSpec("P")
+
 _DECODED = ("/sem/scan", "/sem/file", "/log", "/drift/estimate", "/elastic", "/fault", "/result")
 _TROUBLE = (State.FAULT, State.ESTOPPED)
 
@@ -113,6 +116,7 @@ class Control:
         self._elastic: ElasticMessage | None = None
         self._pairs_analysed = 0
         self._warnings: tuple[str, ...] = ()
+        self._closed = False
         self.analysis_ready = asyncio.Event()
         self.finished: asyncio.Future[Finish] = self._loop.create_future()
         self.troubled = asyncio.Event()
@@ -145,9 +149,17 @@ class Control:
         self.handle(Tick(self._clock.now_ns()))
         self._observe(self._snapshot())
 
-    def from_thread(self, event: Event) -> None:
+    def soon(self, call: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
+        """Let the loop call one of these methods; the door for every other thread."""
+        self._loop.call_soon_threadsafe(lambda: None if self._closed else call(*args, **kwargs))
+
+    def from_link(self, event: Event) -> None:
         """Take an event from a link's thread."""
-        self._loop.call_soon_threadsafe(self.handle, event)
+        self.soon(self.handle, event)
+
+    def close(self) -> None:
+        """What still comes is too late: the log is being closed."""
+        self._closed = True
 
     def handle(self, event: Event) -> None:
         """Record an event, let the engine decide, do what it wants."""
@@ -170,18 +182,10 @@ class Control:
         self._journal.refused_file(None, name, reason, self._clock.now_ns())
         self._warn(reason)
 
-    def disk_trouble(self, what: str) -> None:
-        """The log cannot be written, or can again; from the recorder's thread."""
-        self._loop.call_soon_threadsafe(self.trouble, what, "log", "kept in memory and tried again")
-
     def trouble(self, what: str, where: str, action: str) -> None:
         """Something of ours went wrong."""
         self._journal.fault(self._clock.now_ns(), what, where, action)
         self._warn(what)
-
-    def analysis_lost(self) -> None:
-        """There is no analysis any more, so no frame can be judged: stop."""
-        self.handle(DeviceFault(self._clock.now_ns(), Device.SEM, "the analysis process is lost; frames cannot be judged"))
 
     def output(self, message: LogMessage) -> None:
         """Something analysis said."""
@@ -246,7 +250,7 @@ class Control:
             if self._trigger is not None:
                 self._trigger.scan_once()
         except LinkError as error:
-            self.from_thread(DeviceFault(self._clock.now_ns(), Device.SEM, str(error)))
+            self.from_link(DeviceFault(self._clock.now_ns(), Device.SEM, str(error)))
 
     def _give(self, message: LogMessage) -> None:
         if self._analysis is not None:

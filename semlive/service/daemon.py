@@ -15,7 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from semlive.data.loading import DeviceIdentity
-from semlive.engine import Device, Finish, State, Verb
+from semlive.engine import Device, DeviceFault, Finish, State, Verb
 from semlive.errors import BadConfig, SemliveError
 from semlive.formats import message_values as values
 from semlive.formats.messages import RunMessage
@@ -95,12 +95,13 @@ class _Daemon:
             journal, recorder = self._open_log(stack, clock)
             loop = asyncio.get_running_loop()
             self._control = control = Control(self._config.plan(), clock, journal, self._faces.observe)
+            stack.callback(control.close)
             stack.enter_context(self._signals_to(control))
             analysis = AnalysisLink(
                 self._folder,
                 recorder.flush_wait,
-                lambda message: loop.call_soon_threadsafe(control.output, message),
-                lambda what, lost: loop.call_soon_threadsafe(_analysis_trouble, control, what, lost),
+                lambda message: control.soon(control.output, message),
+                lambda what, lost: control.soon(_analysis_trouble, control, clock, what, lost),
             )
             stack.callback(analysis.close, 5.0)
             first = journal.note(self._run_message(clock))
@@ -115,9 +116,9 @@ class _Daemon:
             watcher = FolderWatcher(
                 watch,
                 clock,
-                lambda file: loop.call_soon_threadsafe(control.exported, file),
-                lambda refused: loop.call_soon_threadsafe(control.refused, refused.name, refused.reason),
-                lambda what: loop.call_soon_threadsafe(control.trouble, what, "export folder", "kept trying"),
+                lambda file: control.soon(control.exported, file),
+                lambda refused: control.soon(control.refused, refused.name, refused.reason),
+                lambda what: control.soon(control.trouble, what, "export folder", "kept trying"),
             )
             stack.callback(watcher.close)
             finish = await self._loop(control, watcher, identities)
@@ -164,7 +165,7 @@ class _Daemon:
     def _disk_trouble(self, what: str) -> None:
         """In the recorder's thread."""
         if self._control is not None:
-            self._control.disk_trouble(what)
+            self._control.soon(self._control.trouble, what, "log", "kept in memory and tried again")
 
     def _links(self, control: Control, clock: SystemClock | FileClock) -> dict[Device, LinkThread]:
         frame, stage, plan = self._config.load_frame, self._config.stage, self._config.plan()
@@ -173,7 +174,7 @@ class _Daemon:
             links[Device.LOAD_FRAME] = LinkThread(
                 Device.LOAD_FRAME,
                 lambda: drivers.open_load_frame(frame.driver, frame.settings, clock),
-                control.from_thread,
+                control.from_link,
                 clock=clock,
                 limits=plan.limits,
                 poll_s=frame.poll_s,
@@ -182,7 +183,7 @@ class _Daemon:
             links[Device.STAGE] = LinkThread(
                 Device.STAGE,
                 lambda: drivers.open_stage(stage.driver, stage.settings, clock),
-                control.from_thread,
+                control.from_link,
                 clock=clock,
                 limits=plan.limits,
                 poll_s=stage.poll_s,
@@ -216,11 +217,10 @@ class _Daemon:
     @contextlib.contextmanager
     def _signals_to(self, control: Control) -> Iterator[None]:
         """First Ctrl-C or SIGTERM: stop and finish. Second: abort."""
-        loop = asyncio.get_running_loop()
 
         def asked(*_: object) -> None:
             self._signals += 1
-            loop.call_soon_threadsafe(control.operator, Verb.STOP if self._signals == 1 else Verb.ABORT)
+            control.soon(control.operator, Verb.STOP if self._signals == 1 else Verb.ABORT)
 
         before = {number: signal.signal(number, asked) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
@@ -230,10 +230,10 @@ class _Daemon:
                 signal.signal(number, handler)
 
 
-def _analysis_trouble(control: Control, what: str, lost: bool) -> None:
+def _analysis_trouble(control: Control, clock: SystemClock | FileClock, what: str, lost: bool) -> None:
     control.trouble(what, "analysis", "stopped" if lost else "started another that catches up from the log")
     if lost:
-        control.analysis_lost()
+        control.handle(DeviceFault(clock.now_ns(), Device.SEM, "the analysis process is lost, so frames cannot be judged"))
 
 
 def _boot_id() -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from semlive.errors import BadLog
 from semlive.formats.log import LogMessage, read_messages
@@ -61,9 +62,17 @@ def _segment(path: Path, on_damage: Callable[[str], None] | None) -> Iterator[Lo
             on_damage(f"{path.name}: {what}.")
 
     try:
-        with path.open("rb") as stream:
+        with _opened(path) as stream:
             yield from read_messages(stream, tell)
     except OSError as exc:
         raise BadLog(f"{path}: cannot be read ({exc.strerror}); check the file and its permissions.") from exc
     except BadLog as exc:
         raise BadLog(f"{path}: {exc}") from exc
+
+
+def _opened(path: Path) -> BinaryIO:
+    """The segment, under its finished name if it was finished since it was listed."""
+    try:
+        return path.open("rb")
+    except FileNotFoundError:
+        return path.with_name(path.name.removesuffix(PART)).open("rb")

@@ -19,6 +19,7 @@ from semlive.formats import message_values as values
 from semlive.formats.maps import decode_map
 from semlive.formats.messages import DIC_MAP, LoadSampleMessage, PairMessage, ResultMessage, RunMessage
 from semlive.service.analysis import INPUT_TOPICS, AnalysisState, feed
+from semlive.service.blas import one_blas_thread
 from semlive.service.config import parse_config
 from semlive.service.log_files import messages
 
@@ -44,6 +45,7 @@ def replay_images(log: Path) -> Replayed:
     Raises:
         BadLog: the log cannot be read or holds no pair.
     """
+    one_blas_thread()
     state, recorded = AnalysisState(), None
     for message in messages(log):
         if message.topic in INPUT_TOPICS:
@@ -61,6 +63,7 @@ def last_result(log: Path) -> tuple[RunResult, AnalysisSettings]:
     Raises:
         BadLog: the log cannot be read or holds no analysed pair.
     """
+    one_blas_thread()
     settings: AnalysisSettings | None = None
     decisions: dict[int, PairDecision] = {}
     maps: dict[int, list[DisparityMap]] = {}

@@ -1,0 +1,112 @@
+"""Bad input: one clear sentence on standard error, exit code 2, nothing moved."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+
+def semlive(*arguments: str) -> tuple[int, str, str]:
+    done = subprocess.run([sys.executable, "-m", "semlive", *arguments], capture_output=True, text=True, timeout=60, check=False)
+    return done.returncode, done.stdout, done.stderr
+
+
+def free_port() -> int:
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> dict[str, Any]:
+    (tmp_path / "export").mkdir()
+    return {
+        "run": {"name": "try", "folder": "log"},
+        "sem": {"folder": "export", "pixel_size_um": 1.25},
+        "stage": {"driver": "null"},
+        "protocol": {"calibration_shifts_px": [[0, 0], [8, 0]]},
+    }
+
+
+def run(tmp_path: Path, config: dict[str, Any]) -> str:
+    path = tmp_path / "run.yaml"
+    path.write_text(yaml.safe_dump(config))
+    code, out, err = semlive("run", str(path))
+    assert code == 2, err
+    assert out == ""
+    assert err.count("\n") == 1, err
+    return err
+
+
+def test_a_wrong_key_is_named_with_the_right_one(tmp_path: Path, config: dict[str, Any]) -> None:
+    config["protocol"]["hold_sec"] = 30
+    said = run(tmp_path, config)
+    assert "run.yaml" in said
+    assert "protocol.hold_sec" in said
+    assert "did you mean hold_s?" in said
+
+
+def test_a_missing_folder_is_named(tmp_path: Path, config: dict[str, Any]) -> None:
+    config["sem"]["folder"] = "nowhere"
+    said = run(tmp_path, config)
+    assert str(tmp_path / "nowhere") in said
+    assert "correct the path" in said
+
+
+def test_a_refused_socket_is_named(tmp_path: Path, config: dict[str, Any]) -> None:
+    port = free_port()
+    config["load_frame"] = {"driver": "modbus", "settings": {"host": "127.0.0.1", "port": port}}
+    config["limits"] = dict.fromkeys(("force_max_n", "extension_max_mm", "force_rate_max_n_s", "force_step_max_n"), 1.0)
+    config["limits"].update(force_min_n=0.0, extension_min_mm=0.0, stage_travel_um=100.0)
+    said = run(tmp_path, config)
+    assert f"127.0.0.1:{port}" in said
+    assert "check" in said
+
+
+def test_an_unknown_driver_is_named_with_those_there_are(tmp_path: Path, config: dict[str, Any]) -> None:
+    config["stage"]["driver"] = "teleport"
+    said = run(tmp_path, config)
+    assert "teleport" in said
+    assert "operator" in said
+
+
+def test_a_real_machine_asks_for_somebody_at_the_instrument(tmp_path: Path, config: dict[str, Any]) -> None:
+    config["stage"]["driver"] = "operator"
+    assert "--attended" in run(tmp_path, config)
+
+
+def test_a_missing_configuration_is_named(tmp_path: Path) -> None:
+    code, _, err = semlive("run", str(tmp_path / "absent.yaml"))
+    assert code == 2
+    assert "absent.yaml" in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", [("replay",), ("report",), ("score", "--truth", "x.json")])
+def test_a_missing_log_is_named(tmp_path: Path, command: tuple[str, ...]) -> None:
+    code, _, err = semlive(command[0], str(tmp_path / "absent.mcap"), *command[1:])
+    assert code == 2
+    assert "absent.mcap" in err
+    assert err.count("\n") == 1
+
+
+def test_an_unreadable_image_is_named(tmp_path: Path) -> None:
+    for name in ("a.tif", "b.tif"):
+        (tmp_path / name).write_bytes(b"II*\x00 this is no image")
+    code, _, err = semlive("dic", str(tmp_path / "a.tif"), str(tmp_path / "b.tif"), "--json")
+    assert code == 2
+    assert "a.tif" in err
+    assert err.count("\n") == 1
+
+
+def test_an_unknown_scenario_is_named_with_those_there_are(tmp_path: Path) -> None:
+    code, _, err = semlive("demo", "--scenario", "moon", "--out", str(tmp_path / "out"))
+    assert code == 2
+    assert "moon" in err
+    assert "paper_x200" in err

@@ -1,0 +1,101 @@
+"""A small bench and the real daemon as processes, for tests that look at both from outside."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from pymodbus.client import ModbusTcpClient
+
+from semlive.cli.demo import daemon_config
+from semlive.cli.simulator import running_simulator
+
+RATE = 20.0
+SCENARIO = """
+extends: paper_x200
+scan: {width_px: 320, height_px: 276, frame_time_s: 9.4}
+export: {databar_rows: 30}
+experiment:
+  protocol:
+    calibration_shifts_px: [[0, 0], [6, 0], [0, 6]]
+    translation_shifts_px: []
+    loads_n: [100, 600]
+"""
+
+
+@dataclass
+class Instrument:
+    """A running bench and the configuration of a daemon for it."""
+
+    folder: Path
+    bench: dict[str, Any]
+    config: dict[str, Any]
+
+    @property
+    def log(self) -> Path:
+        return self.folder / "log" / self.config["run"]["name"]
+
+    def write_config(self) -> Path:
+        path = self.folder / "run.yaml"
+        path.write_text(yaml.safe_dump(self.config), encoding="utf-8")
+        return path
+
+    def start(self, *options: str) -> subprocess.Popen[str]:
+        """The daemon, in a process of its own."""
+        command = [sys.executable, "-m", "semlive", "run", str(self.write_config()), "--stop-on-fault", *options]
+        return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def run(self) -> tuple[int, str]:
+        """The daemon to its end: exit code and what it said."""
+        process = self.start()
+        out, err = process.communicate(timeout=120)
+        return process.returncode, out + err
+
+    def load_frame_status(self) -> int:
+        """What the load frame says of its motion: 0 stopped, 1 moving."""
+        client = ModbusTcpClient(self.bench["host"], port=self.bench["port"], timeout=2, retries=0)
+        assert client.connect()
+        try:
+            return client.read_input_registers(3, count=1, device_id=self.bench["unit"]).registers[0]
+        finally:
+            client.close()
+
+
+@pytest.fixture(scope="module")
+def instrument(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Instrument]]:
+    """Makes an instrument for a test: one bench for the module, a run folder for each test."""
+    root = tmp_path_factory.mktemp("instrument")
+    scenario = root / "small.yaml"
+    scenario.write_text(SCENARIO, encoding="utf-8")
+    with running_simulator(str(scenario), root / "bench", RATE) as bench:
+
+        def make(name: str) -> Instrument:
+            folder = root / name
+            folder.mkdir()
+            config = daemon_config(bench, RATE)
+            config["run"]["name"] = name
+            config["dic"] = {"subset_px": 31, "step_px": 8, "roi_px": None}
+            config["protocol"]["load_tolerance_n"] = 20.0
+            return Instrument(folder, bench, json.loads(json.dumps(config)))
+
+        yield make
+
+
+def wait_until(true: Callable[[], bool], timeout_s: float = 60.0) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not true():
+        assert time.monotonic() < deadline, "it did not come to that in time"
+        time.sleep(0.02)
+
+
+@pytest.fixture(name="wait_until")
+def _wait_until() -> Callable[..., None]:
+    return wait_until

@@ -1,0 +1,93 @@
+"""A whole run of the real daemon on a small bench, and what its log holds."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+
+PX, BOTH = 5, 2
+
+
+@pytest.fixture(scope="module")
+def finished(instrument: Callable[..., Any]) -> Any:
+    one = instrument("whole")
+    code, said = one.run()
+    assert code == 0, said
+    assert "Traceback" not in said
+    return one
+
+
+def logged(log: Path, topic: str) -> list[dict[str, Any]]:
+    (segment,) = log.glob("*.mcap")
+    with segment.open("rb") as stream:
+        return [json.loads(message.data) for _, _, message in make_reader(stream).iter_messages(topics=[topic])]
+
+
+def test_the_log_opens_with_the_library_s_own_reader_and_holds_every_frame_s_timing(finished: Any) -> None:
+    scans, pairs = logged(finished.log, "/sem/scan"), logged(finished.log, "/pair")
+    assert len(pairs) == PX
+    by_export = {scan["export"]: scan for scan in scans}
+    for pair in pairs:
+        for member, info in enumerate((pair["first"], pair["second"])):
+            scan = by_export[info["export"]]
+            for name in ("dwell_time_s", "row_time_s", "frame_time_s", "start_time_ns"):
+                assert scan[name]["source"] in ("file", "derived")
+            assert scan["row_time_s"]["value"] == pytest.approx(9.4 / 276, rel=1e-6)
+            assert scan["dwell_time_s"]["value"] == 1e-4
+            assert abs(scan["load_before_n"] - pair["loads"][member]["before_n"]) < 1e-9
+            assert scan["load_after_n"] is not None
+
+
+def test_live_and_replayed_results_agree(finished: Any) -> None:
+    (live,) = logged(finished.log, "/result")
+    out = subprocess.run(
+        [sys.executable, "-m", "semlive", "replay", str(finished.log), "--json"], capture_output=True, text=True, timeout=120, check=True
+    )
+    assert json.loads(out.stdout) == live
+    assert live["pairs"] == PX
+    assert len(live["frames"]) == PX * BOTH
+    assert live["elastic"]["youngs_modulus_gpa"]["value"] == pytest.approx(71.1, rel=0.05)
+
+
+def test_the_hold_is_kept_and_nothing_moves_while_a_pair_is_taken(finished: Any) -> None:
+    states, pairs = logged(finished.log, "/state"), logged(finished.log, "/pair")
+    commands = logged(finished.log, "/command")
+    for pair in pairs:
+        own = [state for state in states if state["step"] == pair["pair"]]
+        settled = max(state["time_ns"] for state in own if state["cause"] == "settled")
+        done = next(state["time_ns"] for state in own if state["cause"] == "pair_complete")
+        assert pair["first"]["start_time_ns"]["value"] - settled >= 30e9
+        assert not [c for c in commands if c["what"] in ("ramp_to", "move_stage") and settled < c["time_ns"] <= done]
+
+
+def test_every_exported_file_is_in_the_log_as_it_was(finished: Any) -> None:
+    (segment,) = finished.log.glob("*.mcap")
+    with segment.open("rb") as stream:
+        originals = {message.sequence: message.data for _, _, message in make_reader(stream).iter_messages(topics=["/sem/original"])}
+    arrived = [file for file in logged(finished.log, "/sem/file") if file["decision"] == "arrived"]
+    assert len(arrived) == len(originals) >= PX * BOTH
+    for file in arrived:
+        assert originals[file["export"]] == (Path(finished.bench["export_folder"]) / file["name"]).read_bytes()
+
+
+def test_the_report_is_one_page_that_needs_nothing_else(finished: Any) -> None:
+    page = finished.folder / "report.html"
+    subprocess.run([sys.executable, "-m", "semlive", "report", str(finished.log), "--out", str(page)], timeout=120, check=True)
+    text = page.read_text(encoding="utf-8")
+    for title in ("Load", "Drift", "Distortion", "Strain", "Stress and strain"):
+        assert f"<h2>{title}</h2>" in text
+    assert "http" not in text
+    assert text.count("data:image/png;base64,") == 5
+
+
+def test_a_run_of_the_same_name_is_refused(finished: Any) -> None:
+    code, said = finished.run()
+    assert code == 2
+    assert "this run exists already; give run.name another name" in " ".join(said.split())

@@ -1,0 +1,133 @@
+"""Ctrl-C, a dead analysis, a lost link, an unreadable image: the frame rests, the log is whole, and one sentence says why."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from semlive.cli.simulator import running_simulator
+from semlive.service.log_files import messages
+
+
+def logged(log: Path, topic: str) -> list[dict[str, Any]]:
+    """What stands in a log, growing or finished."""
+    return [json.loads(message.payload) for message in messages(log) if message.topic == topic] if log.is_dir() else []
+
+
+def reached(log: Path, state: str) -> bool:
+    return bool(list(log.glob("*.mcap*"))) and any(one["after"] == state for one in logged(log, "/state"))
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
+    out, err = process.communicate(timeout=60)
+    return process.returncode, out + err
+
+
+@pytest.mark.parametrize("state", ["connecting", "ready", "ramping", "settling", "holding", "imaging"])
+def test_ctrl_c_stops_the_frame_and_finishes_the_log(instrument: Callable[..., Any], wait_until: Callable[..., None], state: str) -> None:
+    one = instrument(f"ctrl-c-{state}")
+    # The load first, so that the early states are those of a frame that moves.
+    one.config["protocol"].update(calibration_shifts_px=[], loads_n=[600.0], ramp_rate_n_s=20.0)
+    one.config["limits"]["force_step_max_n"] = 1000.0
+    process = one.start()
+    wait_until(lambda: reached(one.log, state))
+    process.send_signal(signal.SIGINT)
+    code, said = finish(process)
+    assert code == 1, said
+    assert "Traceback" not in said
+    wait_until(lambda: one.load_frame_status() == 0, 2.0)
+    (segment,) = one.log.glob("*.mcap")
+    with segment.open("rb") as stream:
+        last = [json.loads(message.data) for _, _, message in make_reader(stream).iter_messages(topics=["/state"])][-1]
+    assert last["after"] == "aborted"
+    assert not list(one.log.glob("*.part"))
+
+
+@pytest.mark.parametrize("after_s", [0.1, 0.5, 1.0, 2.0])
+def test_ctrl_c_while_starting_leaves_no_traceback(instrument: Callable[..., Any], after_s: float) -> None:
+    one = instrument(f"early-{after_s}")
+    process = one.start()
+    time.sleep(after_s)
+    process.send_signal(signal.SIGINT)
+    code, said = finish(process)
+    assert code in (1, -signal.SIGINT), said
+    assert "Traceback" not in said
+    assert one.load_frame_status() == 0
+    assert not list(one.log.glob("*.part"))
+
+
+def test_a_killed_analysis_is_started_again_and_loses_nothing(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> None:
+    one = instrument("killed-analysis")
+    process = one.start()
+    wait_until(lambda: len(logged(one.log, "/pair")) == 2)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    assert len(children) == 1
+    os.kill(int(children[0]), signal.SIGKILL)
+    code, said = finish(process)
+    assert code == 0, said
+    assert "the analysis process died" in " ".join(said.split())
+    (result,) = logged(one.log, "/result")
+    assert result["pairs"] == 5
+    maps = [(one["reference"], one["current"]) for one in logged(one.log, "/dic/summary")]
+    assert len(maps) == len(set(maps)) == 13
+    exports = [scan["export"] for scan in logged(one.log, "/sem/scan")]
+    assert exports == sorted(set(exports))
+
+
+def test_an_unreadable_image_is_refused_by_name_and_the_run_goes_on(
+    instrument: Callable[..., Any], wait_until: Callable[..., None]
+) -> None:
+    one = instrument("unreadable")
+    one.config["protocol"].update(calibration_shifts_px=[[0, 0]], loads_n=[])
+    process = one.start()
+    wait_until(lambda: reached(one.log, "holding"))
+    # A picture of somebody else's: whole, but without any scan timing.
+    shape = (64, 64)
+    png = cv2.imencode(".png", np.random.default_rng(1).integers(0, 255, shape, dtype=np.uint8))[1].tobytes()
+    (Path(one.bench["export_folder"]) / "strange.png").write_bytes(png)
+    code, said = finish(process)
+    assert code == 0, said
+    assert "strange.png" in said
+    refused = [file for file in logged(one.log, "/sem/file") if file["name"] == "strange.png" and file["decision"] == "refused"]
+    assert len(refused) == 1
+    assert "dwell" in refused[0]["reason"]
+
+
+def test_a_load_beyond_the_limits_is_refused_before_anything_moves(instrument: Callable[..., Any]) -> None:
+    one = instrument("beyond")
+    one.config["protocol"]["loads_n"] = [100.0, 9000.0]
+    code, said = one.run()
+    assert code == 2, said
+    assert "9000" in said
+    assert "Traceback" not in said
+    assert not logged(one.log, "/command")
+
+
+def test_a_lost_bench_ends_the_run_with_one_sentence(
+    tmp_path: Path, instrument: Callable[..., Any], wait_until: Callable[..., None]
+) -> None:
+    one = instrument("lost")
+    scenario = one.folder.parent / "small.yaml"
+    with running_simulator(str(scenario), tmp_path / "bench", 20.0) as bench:
+        for section in ("load_frame", "stage"):
+            one.config[section]["settings"]["port"] = bench["port"]
+        one.config["sem"]["folder"] = bench["export_folder"]
+        one.config["run"]["clock_file"] = bench["clock_file"]
+        process = one.start()
+        wait_until(lambda: reached(one.log, "holding"))
+    code, said = finish(process)
+    assert code == 1
+    assert "Traceback" not in said
+    assert any(state["after"] == "fault" for state in logged(one.log, "/state"))
+    assert logged(one.log, "/fault")
