@@ -44,7 +44,7 @@ class AnalysisLink:
         self._start([])
 
     def give(self, message: LogMessage) -> None:
-        """Hand over a recorded message; those that analysis does not read are passed over. Never blocks."""
+        """Hand over the next message of the log; those that analysis does not read are passed over. Never blocks."""
         if message.topic in INPUT_TOPICS:
             with self._lock:
                 self._given += 1

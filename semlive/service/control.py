@@ -63,7 +63,6 @@ from semlive.formats.messages import (
 )
 from semlive.ports import Trigger
 from semlive.service.analysis import READY
-from semlive.service.analysis_link import AnalysisLink
 from semlive.service.clock import FileClock, SystemClock
 from semlive.service.journal import Journal
 from semlive.service.link import LinkThread
@@ -110,7 +109,6 @@ class Control:
         self._state: EngineState = start(plan, clock.now_ns())
         self._links: Mapping[Device, LinkThread] = {}
         self._trigger: Trigger | None = None
-        self._analysis: AnalysisLink | None = None
         self._clock_revision = clock.current().revision
         self._drift_rate_px_s: tuple[float, float] | None = None
         self._elastic: ElasticMessage | None = None
@@ -121,9 +119,9 @@ class Control:
         self.finished: asyncio.Future[Finish] = self._loop.create_future()
         self.troubled = asyncio.Event()
 
-    def connect(self, analysis: AnalysisLink, links: Mapping[Device, LinkThread], trigger: Trigger | None) -> None:
+    def connect(self, links: Mapping[Device, LinkThread], trigger: Trigger | None) -> None:
         """Who obeys from now on."""
-        self._analysis, self._links, self._trigger = analysis, links, trigger
+        self._links, self._trigger = links, trigger
         self.handle(Opening(self._clock.now_ns()))
 
     def ready(self, load_frame: DeviceIdentity | None, stage: DeviceIdentity | None) -> None:
@@ -174,8 +172,7 @@ class Control:
 
     def exported(self, file: ExportedFile) -> None:
         """A file is complete: its bytes go into the log first, then to analysis."""
-        for message in self._journal.file(file):
-            self._give(message)
+        self._journal.file(file)
 
     def refused(self, name: str, reason: str) -> None:
         """The watcher refused a file."""
@@ -221,7 +218,7 @@ class Control:
     def _execute(self, command: Command) -> None:
         now_ns = self._clock.now_ns()
         if isinstance(command, Transition):
-            self._give(self._journal.transition(command))
+            self._journal.transition(command)
         elif isinstance(command, RampTo):
             self._journal.command(now_ns, "ramp_to", {"force_n": command.force_n, "rate_n_s": command.rate_n_s}, "sent")
             self._links[Device.LOAD_FRAME].send(command)
@@ -236,7 +233,7 @@ class Control:
             self._journal.command(now_ns, "trigger", {}, "sent")
             self._loop.run_in_executor(None, self._scan_once)
         elif isinstance(command, AcceptPair):
-            self._give(self._journal.pair(command.decision))
+            self._journal.pair(command.decision)
         elif isinstance(command, RefuseFrame):
             self._journal.refused_file(command.export, "", command.reason, now_ns)
         elif isinstance(command, Announce):
@@ -251,10 +248,6 @@ class Control:
                 self._trigger.scan_once()
         except LinkError as error:
             self.from_link(DeviceFault(self._clock.now_ns(), Device.SEM, str(error)))
-
-    def _give(self, message: LogMessage) -> None:
-        if self._analysis is not None:
-            self._analysis.give(message)
 
     def _warn(self, text: str) -> None:
         self._warnings = (*self._warnings, text)[-50:]

@@ -104,13 +104,13 @@ class _Daemon:
                 lambda what, lost: control.soon(_analysis_trouble, control, clock, what, lost),
             )
             stack.callback(analysis.close, 5.0)
-            first = journal.note(self._run_message(clock))
+            journal.follow(analysis.give)
+            journal.note(self._run_message(clock))
             journal.note(values.clock_message(clock.current(), "start of the run"))
-            analysis.give(first)
             links, trigger = self._links(control, clock), self._open_trigger(clock)
             for link in links.values():
                 stack.callback(link.close)
-            control.connect(analysis, links, trigger)
+            control.connect(links, trigger)
             identities = {device: await loop.run_in_executor(None, link.open, _OPEN_TIMEOUT_S) for device, link in links.items()}
             self._check_attended(identities)
             watcher = FolderWatcher(
