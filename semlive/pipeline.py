@@ -141,9 +141,13 @@ def _tension_frames(begun: Begun, solution: estimate.Solution) -> tuple[FrameRes
 
 
 def _elastic(begun: Begun, solution: estimate.Solution, frames: tuple[FrameResult, ...]) -> ElasticConstants | None:
-    specimen = begun.settings.specimen
-    loads = {2 * one.pair + m: one.loads[m].mean_n for one in begun.pairs if one.step.phase is Phase.TENSION and one.loads for m in (0, 1)}
-    points = [(loads[one.summary.frame], one.summary) for one in frames if one.summary.frame in loads]
+    """From one point for each load step: the frames of a pair share their gradient, their difference says nothing of stiffness."""
+    specimen, summaries = begun.settings.specimen, {one.summary.frame: one.summary for one in frames}
+    points = [
+        (0.5 * (one.loads[0].mean_n + one.loads[1].mean_n), mechanics.pooled(summaries[2 * one.pair], summaries[2 * one.pair + 1]))
+        for one in begun.pairs
+        if one.step.phase is Phase.TENSION and one.loads is not None
+    ]
     if specimen.area_mm2 is None or not points:
         return None
     covariance = estimate.mean_strain_covariance(solution, [one.frame for _, one in points])

@@ -3,6 +3,6 @@
 from semlive.mechanics.displacement import displacement
 from semlive.mechanics.elastic import elastic_constants
 from semlive.mechanics.strain import strain
-from semlive.mechanics.summary import mean_gradient, summary
+from semlive.mechanics.summary import mean_gradient, pooled, summary
 
-__all__ = ["displacement", "elastic_constants", "mean_gradient", "strain", "summary"]
+__all__ = ["displacement", "elastic_constants", "mean_gradient", "pooled", "strain", "summary"]

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from semlive.data.strain import ElasticConstants, Measured, StrainSummary
 from semlive.errors import IllPosed
 
+# Loads closer than this are one load held twice: what is between them is relaxation and noise of the load cell.
+MIN_SPAN = 0.01
+
 
 def elastic_constants(
     points: Sequence[tuple[float, StrainSummary]],
@@ -37,7 +40,7 @@ def elastic_constants(
         IllPosed: fewer than two distinct loads, or strain does not follow stress.
     """
     stress_mpa = np.array([load for load, _ in points], dtype=np.float64) / area_mm2
-    if len(points) < 2 or np.ptp(stress_mpa) <= 1e-6 * max(1.0, float(np.max(np.abs(stress_mpa)))):
+    if len(points) < 2 or np.ptp(stress_mpa) <= MIN_SPAN * float(np.max(np.abs(stress_mpa))):
         raise IllPosed("elastic constants need frames at two or more different loads: add a load step")
     strain = np.array([(one.mean.exx, one.mean.eyy) for _, one in points]).T
     sigma = np.maximum(np.array([(one.mean_sigma.exx, one.mean_sigma.eyy) for _, one in points]).T, 1e-9)

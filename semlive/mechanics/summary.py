@@ -64,3 +64,12 @@ def mean_gradient(displacement: Displacement) -> tuple[np.ndarray, np.ndarray]:
             return moved @ position.T @ inverse, 1.0 / np.sqrt(np.diag(inverse))
     count = int(valid.sum())
     raise IllPosed(f"only {count} points of frame {displacement.frame} were measured, too few for a mean strain: check focus and contrast")
+
+
+def pooled(first: StrainSummary, second: StrainSummary) -> StrainSummary:
+    """The two frames of a pair as one, numbered as the first; their sigmas are mostly shared, so they are not reduced."""
+    mean, sigma, sd = (
+        Tensor2(*(0.5 * (getattr(a, c) + getattr(b, c)) for c in ("exx", "eyy", "exy")))
+        for a, b in ((first.mean, second.mean), (first.mean_sigma, second.mean_sigma), (first.sd, second.sd))
+    )
+    return StrainSummary(first.frame, mean, sigma, sd, first.vsg_px)

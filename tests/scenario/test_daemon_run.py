@@ -53,7 +53,10 @@ def test_live_and_replayed_results_agree(finished: Any) -> None:
     assert json.loads(out.stdout) == live
     assert live["pairs"] == PX
     assert len(live["frames"]) == PX * BOTH
-    assert live["elastic"]["youngs_modulus_gpa"]["value"] == pytest.approx(71.1, rel=0.05)
+    modulus = live["elastic"]["youngs_modulus_gpa"]
+    # A frame a tenth as large as the paper's knows the modulus to some 3 %; what it says of itself must be so.
+    assert modulus["sigma"] < 4.0
+    assert abs(modulus["value"] - 71.1) < 4.0 * modulus["sigma"]
 
 
 def test_the_hold_is_kept_and_nothing_moves_while_a_pair_is_taken(finished: Any) -> None:

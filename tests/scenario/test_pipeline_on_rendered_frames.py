@@ -1,0 +1,84 @@
+"""The pipeline alone, on frames that the simulator renders at the paper's size: no daemon, no folder, no clock."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from semlive import pipeline
+from semlive.data.experiment import Phase, Step
+from semlive.data.frame import Frame, FrameInfo
+from semlive.data.loading import FrameLoad
+from semlive.data.pair import Pair, PairDecision
+from semlive.data.results import RunResult
+from semlive.data.scan import Provenance, ScanTiming, Sourced
+from semlive.data.settings import AnalysisSettings, SpecimenSettings
+from semlive_simulators.render import render_frame
+from semlive_simulators.scenario import Scenario, load_scenario
+from semlive_simulators.specimen import at_rest
+
+SHIFTS = [(0.0, 0.0), (25.3, 0.8), (-7.6, -20.9), (0.4, 28.7), (-27.8, 6.3)]
+LOADS_N = [100.0, 1100.0, 2100.0]
+PERIOD_S, PAIR_S = 95.07, 285.2
+AREA_MM2, E_GPA, NU = 10.0, 71.1, 0.33
+
+
+def frame(scenario: Scenario, number: int, start_s: float, shift_px: tuple[float, float], load_n: float) -> Frame:
+    eyy = load_n / (AREA_MM2 * E_GPA * 1e3)
+    motion = at_rest(shift_px, ((-NU * eyy, 0.0), (0.0, eyy)))
+    image = render_frame(scenario, start_s, motion, number)
+    file = Provenance.FILE
+    timing = ScanTiming(Sourced(1e-4, file), Sourced(94.67 / 884, file), Sourced(94.67, file), Sourced(1, file))
+    start = Sourced(round(start_s * 1e9), file)
+    info = FrameInfo(number, f"{number}.tif", "fei", 1024, 884, 0, timing, start, 0.01, Sourced(1.25e-6, file))
+    return Frame(info, image)
+
+
+def pairs(scenario: Scenario) -> Sequence[Pair]:
+    stops = [(Phase.CALIBRATION, shift, 0.0) for shift in SHIFTS] + [(Phase.TENSION, (0.0, 0.0), load) for load in LOADS_N]
+    made = []
+    for number, (phase, shift, load) in enumerate(stops):
+        # Load also moves the field of view, as grips do.
+        seen = (shift[0] + 0.0007 * load, shift[1] - 0.0019 * load)
+        first, second = (frame(scenario, 2 * number + m, 60.0 + number * PAIR_S + m * PERIOD_S, seen, load) for m in (0, 1))
+        held = FrameLoad(load, load, load, 0.0)
+        step = Step(number, phase, shift, shift, load)
+        made.append(Pair(PairDecision(number, step, first.info, second.info, (held, held)), first, second))
+    return made
+
+
+@pytest.fixture(scope="module")
+def analysed() -> tuple[RunResult, Scenario]:
+    scenario = load_scenario("paper_x200")
+    settings = AnalysisSettings(specimen=SpecimenSettings("AL2024-T4", AREA_MM2, "y"))
+    begun = None
+    for pair in pairs(scenario):
+        begun, result = pipeline.analyse(settings, begun, pair)
+        assert min(one.valid.mean() for one in result.maps) > 0.999
+    assert begun is not None
+    return pipeline.conclude(begun), scenario
+
+
+def test_drift_within_each_frame_is_right(analysed: tuple[RunResult, Scenario]) -> None:
+    result, scenario = analysed
+    drift = result.estimate.drift
+    true = scenario.drift.at(60.0 + drift.time_s)
+    for number in np.unique(drift.frame):
+        inside = drift.frame == number
+        error = drift.drift_px[inside] - true[inside]
+        assert np.sqrt(np.mean((error - error.mean(axis=0)) ** 2)) < 0.005
+
+
+def test_unloaded_frames_keep_their_strain_at_zero(analysed: tuple[RunResult, Scenario]) -> None:
+    for one in analysed[0].frames[: 2 * len(SHIFTS)]:
+        mean = one.summary.mean
+        assert max(abs(mean.exx), abs(mean.eyy), abs(mean.exy)) < 3e-5
+
+
+def test_the_elastic_constants_come_out(analysed: tuple[RunResult, Scenario]) -> None:
+    elastic = analysed[0].elastic
+    assert elastic is not None
+    assert elastic.youngs_modulus_gpa.value == pytest.approx(E_GPA, rel=0.01)
+    assert elastic.poissons_ratio.value == pytest.approx(NU, abs=0.01)

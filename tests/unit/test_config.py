@@ -1,0 +1,92 @@
+"""The configuration file: what it says, and what it refuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from semlive.data.experiment import Phase
+from semlive.errors import BadConfig
+from semlive.service.config import load_config, parse_config
+
+
+def given(**more: Any) -> dict[str, Any]:
+    base: dict[str, Any] = {
+        "sem": {"folder": "export", "pixel_size_um": 1.25},
+        "load_frame": {"driver": "modbus"},
+        "stage": {"driver": "operator"},
+        "protocol": {"calibration_shifts_px": [[0, 0], [8, -4]], "translation_shifts_px": [[3, 0]], "loads_n": [100, 500]},
+        "limits": {
+            "force_min_n": -10,
+            "force_max_n": 1000,
+            "extension_min_mm": -1,
+            "extension_max_mm": 1,
+            "force_rate_max_n_s": 50,
+            "force_step_max_n": 500,
+            "stage_travel_um": 100,
+        },
+    }
+    return {**base, **more}
+
+
+def refusal(said: object) -> str:
+    with pytest.raises(BadConfig) as error:
+        parse_config(said, "run.yaml")
+    return str(error.value)
+
+
+def test_a_plan_calibrates_then_translates_then_pulls_at_shift_zero() -> None:
+    steps = parse_config(given(), "run.yaml").plan().steps
+    assert [step.step for step in steps] == [0, 1, 2, 3, 4]
+    assert [step.phase for step in steps] == [Phase.CALIBRATION] * 2 + [Phase.TRANSLATION] + [Phase.TENSION] * 2
+    assert steps[1].shift_px == (8, -4)
+    assert steps[1].shift_um == (10.0, -5.0)
+    assert [step.load_n for step in steps] == [None, None, None, 100, 500]
+    assert steps[4].shift_um == (0.0, 0.0)
+
+
+def test_a_configuration_comes_back_from_its_own_dump() -> None:
+    config = parse_config(given(dic={"subset_px": 31, "roi_px": [20, 20, 300, 200]}, estimate={"window_points": 7}), "run.yaml")
+    assert parse_config(config.model_dump(mode="json"), "log") == config
+    assert config.analysis_settings().dic.roi_px == (20, 20, 300, 200)
+
+
+def test_folders_are_relative_to_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "run.yaml"
+    path.write_text(yaml.safe_dump(given()))
+    config = load_config(path)
+    assert config.sem.folder == tmp_path / "export"
+    assert config.run.folder == tmp_path / "runs"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"semm": {}}, "unknown key semm; did you mean sem?"),
+        ({"dic": {"subset": 43}}, "unknown key dic.subset; did you mean subset_px?"),
+        ({"dic": {"subset_px": 42}}, "subset_px must be odd"),
+        ({"limits": None}, "a load_frame needs a limits section"),
+        ({"load_frame": None}, "protocol.loads_n needs a load_frame section"),
+        ({"stage": None}, "shifts need a stage section"),
+        ({"protocol": {}}, "the run has nothing to do"),
+        ({"run": {"name": "../elsewhere"}}, "run.name"),
+        ({"sem": {"folder": "x", "pixel_size_um": -1}}, "sem.pixel_size_um"),
+        ({"specimen": {"loading_axis": "z"}}, "loading_axis must be x or y"),
+    ],
+)
+def test_what_is_wrong_is_named(change: dict[str, Any], words: str) -> None:
+    said = refusal(given(**change))
+    assert said.startswith("run.yaml: ")
+    assert words in said
+    assert "\n" not in said
+
+
+def test_what_is_no_yaml_is_named_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "run.yaml"
+    path.write_text("sem:\n  folder: [a\nprotocol: }\n")
+    with pytest.raises(BadConfig, match="line 3 is not YAML"):
+        load_config(path)
+    assert "holds no sections" in refusal("only words")
