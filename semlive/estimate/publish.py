@@ -159,7 +159,7 @@ def _covered(solution: Solution) -> NDArray[np.bool_]:
     own = np.zeros((len(factor), part.stop - part.start))
     own[part] = np.eye(part.stop - part.start)
     half = solve_triangular(factor, own, lower=True, check_finite=False)
-    before = np.linalg.inv(prior[part, part])
+    before = np.asarray(np.linalg.inv(prior[part, part]), dtype=np.float64)
     after = half.T @ half
     ratio = [_pointwise(state, after[at, at]) / _pointwise(state, before[at, at]) for at in (slice(0, None, 2), slice(1, None, 2))]
     return np.sqrt(0.5 * (ratio[0] + ratio[1])) < COVERED

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, eigh
-from scipy.linalg.lapack import dpotri
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, eigh, get_lapack_funcs
 
 from semlive.errors import IllPosed
 from semlive.estimate.accumulate import marginal, predicted, relinearised
@@ -100,7 +99,8 @@ def residuals(state: EstimatorState, mean: NDArray[np.float64]) -> list[NDArray[
 
 def _inverse(factor: NDArray[np.float64]) -> NDArray[np.float64]:
     """Inverse from a lower Cholesky factor, symmetric."""
-    lower, _ = dpotri(factor, lower=1)
+    (potri,) = get_lapack_funcs(("potri",), (factor,))
+    lower, _ = potri(factor, lower=1)
     return np.tril(lower) + np.tril(lower, -1).T
 
 

@@ -69,5 +69,9 @@ def _moments(value: NDArray[np.float64], half: int, power_x: int, power_y: int) 
     lag = np.arange(-half, half + 1, dtype=np.float64)
     padded = np.pad(value, half)
     ny, nx = value.shape
-    along_x = sum(w * padded[:, i : i + nx] for i, w in enumerate(lag**power_x) if w != 0.0)
-    return sum(w * along_x[i : i + ny] for i, w in enumerate(lag**power_y) if w != 0.0)
+    along_x, total = np.zeros((padded.shape[0], nx)), np.zeros((ny, nx))
+    for i, wx in enumerate(lag**power_x):
+        along_x += wx * padded[:, i : i + nx]
+    for i, wy in enumerate(lag**power_y):
+        total += wy * along_x[i : i + ny]
+    return total

@@ -17,8 +17,8 @@ MAX_VISITS = 5
 def visit_offsets_s(timing: ScanTiming) -> NDArray[np.float64]:
     """(visits,) offsets of the visits to one pixel from their mean; (0,) when the frame is a single scan."""
     scans = timing.integrations.value
-    at = (np.arange(scans) - 0.5 * (scans - 1)) * timing.frame_time_s.value
-    return np.array([group.mean() for group in np.array_split(at, MAX_VISITS)]) if scans > MAX_VISITS else at
+    at = np.asarray((np.arange(scans) - 0.5 * (scans - 1)) * timing.frame_time_s.value, dtype=np.float64)
+    return np.array([float(group.mean()) for group in np.array_split(at, MAX_VISITS)], dtype=np.float64) if scans > MAX_VISITS else at
 
 
 def sighting(when: FrameTime, x_px: ArrayLike, y_px: ArrayLike, ideal_px: NDArray[np.float64] | None = None) -> Sighting:

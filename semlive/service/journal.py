@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from pydantic import JsonValue
+
 from semlive.data.frame import ExportedFile, FrameInfo
 from semlive.data.loading import FrameLoad, LoadSample, StageSample
 from semlive.data.pair import PairDecision
@@ -86,7 +88,7 @@ class Journal:
 
     def transition(self, one: Transition) -> None:
         """A change of the engine's state; a guard of a device that the run does not have is left out."""
-        guards = {name: value for name, value in one.guards if not (isinstance(value, float) and math.isnan(value))}
+        guards: dict[str, JsonValue] = {name: value for name, value in one.guards if not (isinstance(value, float) and math.isnan(value))}
         told = StateMessage(time_ns=one.time_ns, before=one.before, after=one.after, cause=one.cause, step=one.step, guards=guards)
         self.note(told, one.time_ns)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from typing import BinaryIO
+from typing import IO
 
 from semlive.errors import SemliveError
 from semlive.formats.log import LogMessage
@@ -12,7 +12,7 @@ from semlive.formats.log import LogMessage
 _HEAD = struct.Struct("<HIIqq")
 
 
-def write_message(stream: BinaryIO, message: LogMessage) -> None:
+def write_message(stream: IO[bytes], message: LogMessage) -> None:
     """Write one message and flush.
 
     Raises:
@@ -24,7 +24,7 @@ def write_message(stream: BinaryIO, message: LogMessage) -> None:
     stream.flush()
 
 
-def read_message(stream: BinaryIO) -> LogMessage | None:
+def read_message(stream: IO[bytes]) -> LogMessage | None:
     """Read one message; None at the end of the pipe.
 
     Raises:

@@ -14,5 +14,7 @@ def start_apart(command: Sequence[str], *, stdout: int | IO[bytes], stderr: int 
     A console sends Ctrl-C to every process of the foreground group at once, but devices and logs must be brought to rest
     in order, by the daemon.
     """
-    group = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP} if sys.platform == "win32" else {"process_group": 0}
-    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=stdout, stderr=stderr, **group)
+    if sys.platform == "win32":
+        flags = subprocess.CREATE_NEW_PROCESS_GROUP
+        return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=stdout, stderr=stderr, creationflags=flags)
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=stdout, stderr=stderr, process_group=0)

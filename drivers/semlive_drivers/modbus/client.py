@@ -104,6 +104,6 @@ class ModbusLink:
             self.close()
             raise LinkError(f"{self.where} gave no answer within {self._timeout_s:g} s while {doing}; check cable and device") from error
         if answer.isError():
-            code = getattr(answer, "exception_code", None)
+            code = int(getattr(answer, "exception_code", 0))
             raise LinkError(f"{self.where} refused {doing}: {_EXCEPTIONS.get(code, f'exception {code}')}")
         return answer
