@@ -11,7 +11,7 @@ from rich.console import Console
 
 from semlive.cli.tables import result_table
 from semlive.service.replay import replay_images
-from semlive.service.result_json import result_json
+from semlive.service.result_json import differences, result_json
 
 
 def replay(
@@ -28,7 +28,7 @@ def replay(
     console.print(result_table(replayed.result))
     if replayed.recorded is None:
         console.print("the log holds no final result to compare with: the run did not end by itself")
-    elif replayed.recorded == result:
-        console.print("live and replayed results are identical")
+    elif differing := differences(replayed.recorded, result):
+        console.print(f"live and replayed results differ in {len(differing)} values, the first {differing[0]}")
     else:
-        console.print("live and replayed results differ")
+        console.print("live and replayed results are identical")

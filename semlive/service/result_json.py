@@ -75,3 +75,13 @@ def _tensor(value: Tensor2) -> dict[str, float]:
 
 def _measured(value: Measured) -> dict[str, float]:
     return {"value": value.value, "sigma": value.sigma}
+
+
+def differences(before: Any, after: Any, where: str = "") -> list[str]:
+    """Where two results differ, as ``frames.3.strain_mean.eyy: 1.2e-05 became 1.3e-05``; empty if they are the same."""
+    if isinstance(before, dict) and isinstance(after, dict):
+        keys = sorted({*before, *after})
+        return [one for key in keys for one in differences(before.get(key), after.get(key), f"{where}.{key}".lstrip("."))]
+    if isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
+        return [one for at, (a, b) in enumerate(zip(before, after, strict=True)) for one in differences(a, b, f"{where}.{at}".lstrip("."))]
+    return [] if before == after else [f"{where}: {before} became {after}"]
