@@ -38,11 +38,11 @@ def test_the_wheel_holds_exactly_the_three_packages(wheel: list[str]) -> None:
 
 
 @pytest.mark.parametrize("package", SOURCES)
-def test_every_module_of_a_package_is_in_the_wheel(wheel: list[str], package: str) -> None:
+def test_every_file_of_a_package_is_in_the_wheel(wheel: list[str], package: str) -> None:
     source = SOURCES[package]
-    modules = {f"{package}/{path.relative_to(source).as_posix()}" for path in source.rglob("*.py")}
-    assert modules
-    assert {name for name in wheel if name.startswith(f"{package}/") and name.endswith(".py")} == modules
+    files = {path.relative_to(source) for path in source.rglob("*") if path.is_file() and "__pycache__" not in path.parts}
+    assert files
+    assert {name for name in wheel if name.startswith(f"{package}/")} == {f"{package}/{path.as_posix()}" for path in files}
 
 
 def test_the_wheel_carries_its_licence_and_commands(wheel: list[str]) -> None:
