@@ -1,0 +1,55 @@
+"""Whatever is imported is declared: a fresh environment has what the packages need, and what the tests need."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+OWN = {"semlive", "semlive_drivers", "semlive_simulators"}
+PART_OF = {"pydantic-core": "pydantic"}  # pinned by its whole
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+
+pytestmark = pytest.mark.checkout
+
+
+def named(requirements: list[str]) -> set[str]:
+    return {canonical(re.split(r"[\[<>=~!; ]", requirement)[0]) for requirement in requirements}
+
+
+def canonical(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def imported(folder: Path) -> set[str]:
+    """The distributions whose modules are imported below a folder, but for the standard library and its own modules."""
+    distributions = packages_distributions()
+    paths = list(folder.rglob("*.py"))
+    neighbours = {path.stem for path in paths}
+    found = set()
+    for path in paths:
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module] if isinstance(node, ast.ImportFrom) and node.module and not node.level else []
+            tops = {name.split(".")[0] for name in names} - sys.stdlib_module_names - OWN - neighbours
+            found |= {canonical(distributions.get(top, [top])[0]) for top in tops}
+    return {PART_OF.get(name, name) for name in found}
+
+
+@pytest.mark.parametrize("folder", ["semlive", "drivers", "simulators"])
+def test_the_packages_declare_what_they_import(folder: str) -> None:
+    assert imported(ROOT / folder) <= named(PROJECT["dependencies"])
+
+
+def test_the_tests_declare_what_they_import() -> None:
+    assert imported(ROOT / "tests") <= named(PROJECT["dependencies"] + PROJECT["optional-dependencies"]["test"])
+
+
+def test_no_dependency_is_idle() -> None:
+    assert named(PROJECT["dependencies"]) <= imported(ROOT / "semlive") | imported(ROOT / "drivers") | imported(ROOT / "simulators")
