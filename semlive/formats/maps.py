@@ -1,33 +1,60 @@
-"""Disparity maps as compact bytes, exact: what is decoded has the very numbers that the estimator used.
+"""Disparity maps and corrected fields as compact bytes.
 
-Layout, little endian: magic ``SLDM``, u16 version 1, u16 zero, then i32 reference, current, x0, y0, step, nx, ny, subset; then
-nx * ny float64 each of u, v, sigma_u, sigma_v, zncc, row by row, and nx * ny bytes of status. 41 bytes a point: 0.74 MB for 18,000.
+Layout of all three, little endian: a magic word, u16 version 1, u16 zero, eight i32, then the fields row by row, nx * ny numbers
+each, and nx * ny bytes that say which points count.
+
+| what | magic | the eight i32 | fields | bytes | a point |
+|---|---|---|---|---|---|
+| disparity map | ``SLDM`` | reference, current, x0, y0, step, nx, ny, subset | float64: u, v, sigma_u, sigma_v, zncc | status | 41 bytes |
+| displacement | ``SLDF`` | frame, 0, and the grid likewise | float32: u, v, sigma_u, sigma_v | valid, 0 or 1 | 17 bytes |
+| strain | ``SLSF`` | frame, window_points, and the grid likewise | float32: exx, eyy, exy | valid, 0 or 1 | 13 bytes |
+
+A disparity map is exact: what is decoded has the very numbers that the estimator used. Displacement and strain are results,
+which the maps give again to the last bit: float32 keeps each value within 6e-8 of itself (2^-24), which is 2e-6 px at 32 px,
+and for strains of 1e-3 6e-11: three orders below their noise. For 18,000 points 0.74, 0.31 and 0.23 MB.
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap, PoiStatus
+from semlive.data.displacement import Displacement
 from semlive.data.grid import Grid
+from semlive.data.strain import StrainField
 from semlive.errors import BadLog
 
 _HEAD = struct.Struct("<4sHH8i")
-_MAGIC, _VERSION = b"SLDM", 1
-_FIELDS = 5
+_VERSION = 1
 _MAX_POINTS = 10**8
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """One of the three layouts."""
+
+    topic: str
+    name: str
+    magic: bytes
+    number: str
+    fields: int
+    largest_byte: int
+
+
+_MAP = _Kind("/dic/map", "disparity map", b"SLDM", "<f8", 5, max(PoiStatus))
+_DISPLACEMENT = _Kind("/displacement/field", "displacement field", b"SLDF", "<f4", 4, 1)
+_STRAIN = _Kind("/strain/field", "strain field", b"SLSF", "<f4", 3, 1)
 
 
 def encode_map(disparity: DisparityMap) -> bytes:
     """A disparity map as bytes."""
-    grid = disparity.grid
-    numbers = (disparity.reference, disparity.current, grid.x0_px, grid.y0_px, grid.step_px, grid.nx, grid.ny, grid.subset_px)
     fields = (disparity.u_px, disparity.v_px, disparity.sigma_u_px, disparity.sigma_v_px, disparity.zncc)
-    parts = [np.ascontiguousarray(field, dtype="<f8").tobytes() for field in fields]
-    return b"".join((_HEAD.pack(_MAGIC, _VERSION, 0, *numbers), *parts, np.ascontiguousarray(disparity.status, dtype=np.uint8).tobytes()))
+    return _encode(_MAP, (disparity.reference, disparity.current), disparity.grid, fields, disparity.status)
 
 
 def decode_map(payload: bytes) -> DisparityMap:
@@ -36,21 +63,74 @@ def decode_map(payload: bytes) -> DisparityMap:
     Raises:
         BadLog: they are no disparity map of a known version.
     """
+    (reference, current), grid, fields, status = _decode(_MAP, payload)
+    u, v, sigma_u, sigma_v, zncc = fields
+    return DisparityMap(reference, current, grid, u, v, sigma_u, sigma_v, zncc, status)
+
+
+def encode_displacement(field: Displacement) -> bytes:
+    """A corrected displacement field as bytes."""
+    return _encode(_DISPLACEMENT, (field.frame, 0), field.grid, (field.u_px, field.v_px, field.sigma_u_px, field.sigma_v_px), field.valid)
+
+
+def decode_displacement(payload: bytes) -> Displacement:
+    """A corrected displacement field from bytes.
+
+    Raises:
+        BadLog: they are no displacement field of a known version.
+    """
+    (frame, _), grid, fields, valid = _decode(_DISPLACEMENT, payload)
+    u, v, sigma_u, sigma_v = map(_read_only, fields)
+    return Displacement(frame, grid, u, v, sigma_u, sigma_v, _mask(valid))
+
+
+def encode_strain(field: StrainField) -> bytes:
+    """A corrected strain field as bytes."""
+    return _encode(_STRAIN, (field.frame, field.window_points), field.grid, (field.exx, field.eyy, field.exy), field.valid)
+
+
+def decode_strain(payload: bytes) -> StrainField:
+    """A corrected strain field from bytes.
+
+    Raises:
+        BadLog: they are no strain field of a known version.
+    """
+    (frame, window_points), grid, fields, valid = _decode(_STRAIN, payload)
+    exx, eyy, exy = map(_read_only, fields)
+    return StrainField(frame, grid, window_points, exx, eyy, exy, _mask(valid))
+
+
+def _encode(
+    kind: _Kind, numbers: tuple[int, int], grid: Grid, fields: Sequence[NDArray[np.float64]], marks: NDArray[np.uint8] | NDArray[np.bool_]
+) -> bytes:
+    place = (grid.x0_px, grid.y0_px, grid.step_px, grid.nx, grid.ny, grid.subset_px)
+    parts = [np.ascontiguousarray(field, dtype=kind.number).tobytes() for field in fields]
+    return b"".join((_HEAD.pack(kind.magic, _VERSION, 0, *numbers, *place), *parts, np.ascontiguousarray(marks, dtype=np.uint8).tobytes()))
+
+
+def _decode(kind: _Kind, payload: bytes) -> tuple[tuple[int, int], Grid, list[NDArray[np.float64]], NDArray[np.uint8]]:
     if len(payload) < _HEAD.size:
-        raise BadLog(f"/dic/map: {len(payload)} bytes are no disparity map; recompute from the images.")
-    magic, version, _, reference, current, x0, y0, step, nx, ny, subset = _HEAD.unpack_from(payload)
-    if magic != _MAGIC or version != _VERSION:
-        raise BadLog(f"/dic/map: no disparity map of version {_VERSION}; read this log with the version of semlive that wrote it.")
-    points = nx * ny
-    if nx < 1 or ny < 1 or points > _MAX_POINTS or len(payload) != _HEAD.size + points * (8 * _FIELDS + 1):
-        raise BadLog(f"/dic/map: {len(payload)} bytes do not hold {nx} x {ny} points; recompute from the images.")
-    fields = np.frombuffer(payload, "<f8", _FIELDS * points, _HEAD.size).reshape(_FIELDS, ny, nx)
-    status = np.frombuffer(payload, np.uint8, points, _HEAD.size + 8 * _FIELDS * points).reshape(ny, nx)
-    if status.max() > max(PoiStatus):
-        raise BadLog("/dic/map: a point has an unknown status; read this log with the version of semlive that wrote it.")
-    u, v, sigma_u, sigma_v, zncc = (_native(field) for field in fields)
-    return DisparityMap(reference, current, Grid(x0, y0, step, nx, ny, subset), u, v, sigma_u, sigma_v, zncc, status.copy())
+        raise BadLog(f"{kind.topic}: {len(payload)} bytes are no {kind.name}; recompute from the images.")
+    magic, version, _, first, second, x0, y0, step, nx, ny, subset = _HEAD.unpack_from(payload)
+    if magic != kind.magic or version != _VERSION:
+        raise BadLog(f"{kind.topic}: no {kind.name} of version {_VERSION}; read this log with the version of semlive that wrote it.")
+    points, size = nx * ny, np.dtype(kind.number).itemsize
+    if nx < 1 or ny < 1 or points > _MAX_POINTS or len(payload) != _HEAD.size + points * (size * kind.fields + 1):
+        raise BadLog(f"{kind.topic}: {len(payload)} bytes do not hold {nx} x {ny} points; recompute from the images.")
+    packed = np.frombuffer(payload, kind.number, kind.fields * points, _HEAD.size).reshape(kind.fields, ny, nx)
+    marks = np.frombuffer(payload, np.uint8, points, _HEAD.size + size * kind.fields * points).reshape(ny, nx)
+    if marks.max() > kind.largest_byte:
+        raise BadLog(f"{kind.topic}: a point has an unknown status; read this log with the version of semlive that wrote it.")
+    fields = [field.astype(np.float64) for field in packed]
+    return (first, second), Grid(x0, y0, step, nx, ny, subset), fields, marks.copy()
 
 
-def _native(field: NDArray[np.float64]) -> NDArray[np.float64]:
-    return field.astype(np.float64)
+def _mask(marks: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    valid = marks == 1
+    valid.setflags(write=False)
+    return valid
+
+
+def _read_only(array: NDArray[np.float64]) -> NDArray[np.float64]:
+    array.setflags(write=False)
+    return array

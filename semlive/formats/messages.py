@@ -296,10 +296,14 @@ TOPICS: Mapping[str, type[Payload]] = {
 SEM_ORIGINAL = "/sem/original"
 """The bytes of an exported file as they came; `sequence` is the export's number."""
 DIC_MAP = "/dic/map"
-"""A disparity map, encoded by `semlive.formats.maps`; `sequence` counts maps."""
+"""A disparity map, encoded by `semlive.formats.maps`; `sequence` is the number of its current frame."""
+DISPLACEMENT_FIELD = "/displacement/field"
+"""A frame's displacement, corrected, encoded by `semlive.formats.maps`; `sequence` is the frame's number."""
+STRAIN_FIELD = "/strain/field"
+"""A frame's strain, encoded by `semlive.formats.maps`; `sequence` is the frame's number."""
 
-RAW_TOPICS: Mapping[str, str] = {SEM_ORIGINAL: "application/octet-stream", DIC_MAP: "application/octet-stream"}
-"""Topics without a JSON schema, with their message encoding."""
+RAW_TOPICS: Mapping[str, str] = dict.fromkeys((SEM_ORIGINAL, DIC_MAP, DISPLACEMENT_FIELD, STRAIN_FIELD), "application/octet-stream")
+"""Topics without a JSON schema, with their message encoding; for each the sequence has a meaning."""
 
 
 def topic_of(message: Payload) -> str:

@@ -25,10 +25,12 @@ from semlive.errors import BadImage, BadLog, SemliveError
 from semlive.formats import message_values as values
 from semlive.formats import read_frame
 from semlive.formats.log import LogMessage
-from semlive.formats.maps import encode_map
+from semlive.formats.maps import encode_displacement, encode_map, encode_strain
 from semlive.formats.messages import (
     DIC_MAP,
+    DISPLACEMENT_FIELD,
     SEM_ORIGINAL,
+    STRAIN_FIELD,
     DicMessage,
     FaultMessage,
     FileMessage,
@@ -151,6 +153,9 @@ def _pair_messages(result: PairResult, wall_s: float) -> Iterator[LogMessage]:
     for motion in estimate.motions:
         yield _message(values.motion_message(motion, revision), end_ns)
     for frame in result.frames:
+        number = frame.summary.frame
+        yield LogMessage(DISPLACEMENT_FIELD, end_ns, end_ns, number, encode_displacement(frame.displacement))
+        yield LogMessage(STRAIN_FIELD, end_ns, end_ns, number, encode_strain(frame.strain))
         yield _message(values.strain_message(frame.summary, revision), end_ns)
     yield _message(values.elastic_message(result.elastic, revision), end_ns)
 

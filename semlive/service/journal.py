@@ -14,7 +14,7 @@ from semlive.engine import Transition
 from semlive.formats import message_values as values
 from semlive.formats.log import LogMessage
 from semlive.formats.messages import (
-    DIC_MAP,
+    RAW_TOPICS,
     SEM_ORIGINAL,
     CommandMessage,
     FaultMessage,
@@ -48,7 +48,7 @@ class Journal:
 
     def output(self, message: LogMessage) -> None:
         """What analysis said, as it said it."""
-        sequence = message.sequence if message.topic == DIC_MAP else None
+        sequence = message.sequence if message.topic in RAW_TOPICS else None
         self._write(message.topic, message.payload, message.publish_time_ns, sequence)
 
     def sample(self, sample: LoadSample | StageSample) -> None:

@@ -14,6 +14,7 @@ from mcap.reader import make_reader
 
 from semlive.data.clock import Clock
 from semlive.data.disparity import DisparityMap
+from semlive.data.displacement import Displacement
 from semlive.data.drift import DistortionField, DriftEstimate, Motion
 from semlive.data.experiment import Phase, Step
 from semlive.data.frame import FrameInfo
@@ -21,11 +22,11 @@ from semlive.data.grid import Grid
 from semlive.data.loading import FrameLoad, LoadSample, MotionState, StageSample
 from semlive.data.pair import PairDecision
 from semlive.data.scan import Provenance, ScanTiming, Sourced
-from semlive.data.strain import ElasticConstants, Measured, StrainSummary, Tensor2
+from semlive.data.strain import ElasticConstants, Measured, StrainField, StrainSummary, Tensor2
 from semlive.errors import BadLog
 from semlive.formats import message_values as values
 from semlive.formats.log import LogMessage, LogWriter, read_messages
-from semlive.formats.maps import decode_map, encode_map
+from semlive.formats.maps import decode_displacement, decode_map, decode_strain, encode_displacement, encode_map, encode_strain
 from semlive.formats.messages import DIC_MAP, SEM_ORIGINAL, TOPICS, DicMessage, LogLineMessage, from_json, json_schema, to_json
 
 FLOAT = st.floats(allow_nan=False, allow_infinity=False)
@@ -124,6 +125,55 @@ def test_maps_come_back_to_the_last_bit_and_damaged_ones_are_refused(grid: Grid,
     damaged[at % len(payload)] = byte
     with contextlib.suppress(BadLog):
         decode_map(bytes(damaged))
+
+
+def random_fields(grid: Grid, seed: int) -> tuple[Displacement, StrainField]:
+    rng = np.random.default_rng(seed)
+    numbers = rng.normal(size=(7, *grid.shape)) * 10.0 ** rng.integers(-12, 6, size=(7, *grid.shape))
+    valid = rng.integers(0, 2, (2, *grid.shape)).astype(bool)
+    return Displacement(seed, grid, *numbers[:4], valid[0]), StrainField(seed, grid, 9, *numbers[4:], valid[1])
+
+
+@settings(max_examples=50)
+@given(GRIDS, st.integers(0, 2**31 - 1), st.integers(0, 200), st.integers(0, 255))
+def test_fields_come_back_within_1e_7_of_themselves_and_damaged_ones_are_refused(grid: Grid, seed: int, at: int, byte: int) -> None:
+    displacement, strain = random_fields(grid, seed)
+    payloads = encode_displacement(displacement), encode_strain(strain)
+    assert [len(payload) for payload in payloads] == [40 + 17 * grid.nx * grid.ny, 40 + 13 * grid.nx * grid.ny]
+    moved, strained = decode_displacement(payloads[0]), decode_strain(payloads[1])
+    assert (moved.frame, moved.grid) == (seed, grid)
+    assert (strained.frame, strained.grid, strained.window_points) == (seed, grid, 9)
+    for back, field, names in (
+        (moved, displacement, ("u_px", "v_px", "sigma_u_px", "sigma_v_px")),
+        (strained, strain, ("exx", "eyy", "exy")),
+    ):
+        assert np.array_equal(back.valid, field.valid)
+        for name in names:
+            one, other = getattr(back, name), getattr(field, name)
+            assert one.dtype == np.float64
+            assert not one.flags.writeable
+            assert np.all(np.abs(one - other) <= 1e-7 * np.abs(other))
+    # What came back once comes back to the last bit.
+    assert (encode_displacement(moved), encode_strain(strained)) == payloads
+    for decode, payload in ((decode_displacement, payloads[0]), (decode_strain, payloads[1])):
+        with pytest.raises(BadLog):
+            decode(payload[:-1])
+        damaged = bytearray(payload)
+        damaged[at % len(payload)] = byte
+        with contextlib.suppress(BadLog):
+            decode(bytes(damaged))
+
+
+def test_a_mask_is_0_or_1_and_one_kind_is_not_read_as_another() -> None:
+    displacement, strain = random_fields(Grid(0, 0, 5, 4, 3, 21), 7)
+    payloads = encode_map(random_map(displacement.grid, 7)), encode_displacement(displacement), encode_strain(strain)
+    with pytest.raises(BadLog, match="/displacement/field: a point has an unknown status"):
+        decode_displacement(payloads[1][:-1] + b"\x02")
+    for number, decode in enumerate((decode_map, decode_displacement, decode_strain)):
+        for other, payload in enumerate(payloads):
+            if other != number:
+                with pytest.raises(BadLog, match="of version 1; read this log with the version of semlive that wrote it"):
+                    decode(payload)
 
 
 def test_nan_is_refused_and_wall_times_can_be_left_out() -> None:

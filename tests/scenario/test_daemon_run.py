@@ -6,11 +6,19 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import pytest
 from mcap.reader import make_reader
+
+from semlive.formats.log import LogMessage
+from semlive.formats.maps import decode_displacement, decode_strain
+from semlive.formats.messages import DISPLACEMENT_FIELD, STRAIN_FIELD
+from semlive.service.analysis import INPUT_TOPICS
+from semlive.service.log_files import messages
+from semlive.service.pipe import read_message
 
 PX, BOTH = 5, 2
 
@@ -57,6 +65,36 @@ def test_live_and_replayed_results_agree(finished: Any) -> None:
     # A frame a tenth as large as the paper's knows the modulus to some 3 %; what it says of itself must be so.
     assert modulus["sigma"] < 4.0
     assert abs(modulus["value"] - 71.1) < 4.0 * modulus["sigma"]
+
+
+def analysed_again(log: Path) -> list[LogMessage]:
+    """What the analysis process makes of a log when it has to catch up from it."""
+    count = sum(message.topic in INPUT_TOPICS for message in messages(log))
+    command = [sys.executable, "-m", "semlive.service.analysis", "--log", str(log), "--inputs", str(count)]
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=120, check=True)
+    stream, outputs = BytesIO(done.stdout), []
+    while (message := read_message(stream)) is not None:
+        outputs.append(message)
+    return outputs
+
+
+def test_the_log_holds_the_fields_of_every_frame_and_analysing_again_gives_the_same(finished: Any) -> None:
+    topics, outputs = (DISPLACEMENT_FIELD, STRAIN_FIELD), analysed_again(finished.log)
+    recorded = {topic: [message for message in messages(finished.log) if message.topic == topic] for topic in topics}
+    for topic, live in recorded.items():
+        # One for each frame of each pair, each under its frame's number: 0 and 1, then 2 and 3, ...
+        assert [message.sequence for message in live] == list(range(PX * BOTH))
+        again = [(one.sequence, one.publish_time_ns, one.payload) for one in outputs if one.topic == topic]
+        assert [(one.sequence, one.publish_time_ns, one.payload) for one in live] == again
+    summaries = {one["frame"]: one for one in logged(finished.log, "/strain/summary")}
+    for moved, strained in zip(*recorded.values(), strict=True):
+        displacement, strain = decode_displacement(moved.payload), decode_strain(strained.payload)
+        assert displacement.frame == strain.frame == moved.sequence == strained.sequence
+        assert displacement.grid == strain.grid
+        assert displacement.valid.mean() > 0.9
+        sd = summaries[strain.frame]["sd"]
+        for name in ("exx", "eyy", "exy"):
+            assert getattr(strain, name)[strain.valid].std() == pytest.approx(sd[name], rel=1e-6)
 
 
 def test_the_hold_is_kept_and_nothing_moves_while_a_pair_is_taken(finished: Any) -> None:
