@@ -30,6 +30,7 @@ def demo(
     scenario: Annotated[str | None, typer.Option(help="Name of a simulator scenario.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for everything the demo writes.")] = None,
     rate: Annotated[float, typer.Option(help="Seconds of experiment per second of wall time.")] = _RATE,
+    triggered: Annotated[bool, typer.Option("--triggered", help="The microscope scans when asked; otherwise all the time.")] = False,
 ) -> None:
     """Run a simulated in-situ tensile experiment through the daemon and compare the result with the truth."""
     began, console = time.monotonic(), Console()
@@ -37,7 +38,7 @@ def demo(
     if folder.exists() and any(folder.iterdir()):
         raise BadInput(f"{folder}: is not empty; give --out a new folder")
     console.print(f"starting the simulated microscope, load frame and stage; everything goes to {folder}")
-    with running_simulator(scenario or ("short" if short else "paper_x200"), folder / "instrument", rate) as bench:
+    with running_simulator(scenario or ("short" if short else "paper_x200"), folder / "instrument", rate, triggered=triggered) as bench:
         config = folder / "run.yaml"
         config.write_text(yaml.safe_dump(daemon_config(bench, rate), sort_keys=False), encoding="utf-8")
         code = _daemon(config)

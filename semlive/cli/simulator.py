@@ -20,11 +20,17 @@ _STOP_TIMEOUT_S = 20.0
 
 
 @contextlib.contextmanager
-def running_simulator(scenario: str, folder: Path, rate: float) -> Iterator[dict[str, Any]]:
+def running_simulator(scenario: str, folder: Path, rate: float, *, triggered: bool = False) -> Iterator[dict[str, Any]]:
     """A simulated bench for as long as the context lasts; gives what it announced in ``ready.json``.
 
     The simulator gets a process group of its own, so that Ctrl-C reaches the daemon first and the bench is still there
     to be stopped by it.
+
+    Args:
+        scenario: name of a scenario, or the path of one.
+        folder: for everything that the simulator writes.
+        rate: seconds of experiment per second of wall time.
+        triggered: its microscope scans a frame when it is asked to; otherwise it scans all the time.
 
     Raises:
         BadInput: no simulator is installed, or it does not know the scenario.
@@ -36,6 +42,7 @@ def running_simulator(scenario: str, folder: Path, rate: float) -> Iterator[dict
     module = next(iter(found)).module
     folder.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", module, "--scenario", scenario, "--out", str(folder), "--rate", str(rate), "--exit-with-stdin"]
+    command += ["--mode", "triggered" if triggered else "continuous"]
     with (folder / "simulator.log").open("wb") as log:
         process = start_apart(command, stdout=log, stderr=log)
         try:

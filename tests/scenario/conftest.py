@@ -96,6 +96,6 @@ def wait_until(true: Callable[[], bool], timeout_s: float = 60.0) -> None:
         time.sleep(0.02)
 
 
-@pytest.fixture(name="wait_until")
+@pytest.fixture(scope="session", name="wait_until")
 def _wait_until() -> Callable[..., None]:
     return wait_until

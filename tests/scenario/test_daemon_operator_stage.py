@@ -1,0 +1,130 @@
+"""A stage that a hand moves: the daemon asks, waits for enter, and goes on."""
+
+from __future__ import annotations
+
+import json
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymodbus.client import ModbusTcpClient
+
+from semlive.service.log_files import messages
+
+UM_PER_PX = 1.25
+SHIFT_PX = 24.0
+STAGE_MOTION, STAGE_X = 100, 101
+
+
+class Hand:
+    """Moves the bench's stage, as a hand would: over a link of its own, unknown to the daemon."""
+
+    def __init__(self, bench: dict[str, Any]) -> None:
+        self._client, self._unit = ModbusTcpClient(bench["host"], port=bench["port"], timeout=2, retries=0), bench["unit"]
+        assert self._client.connect()
+
+    def move_right(self, by_um: float, wait_until: Callable[..., None]) -> None:
+        x_um, y_um = struct.unpack(">ff", struct.pack(">4H", *self._read(STAGE_X, 4)))
+        words = struct.unpack(">4H", struct.pack(">ff", x_um + by_um, y_um))
+        # Registers 100 to 105: where to, go, and a nonce.
+        assert not self._client.write_registers(100, [*words, 1, 7], device_id=self._unit).isError()
+        wait_until(lambda: self._read(STAGE_MOTION, 1) == [0] and abs(self._x_um() - x_um - by_um) < 3.0)
+
+    def close(self) -> None:
+        self._client.close()
+
+    def _x_um(self) -> float:
+        return struct.unpack(">f", struct.pack(">2H", *self._read(STAGE_X, 2)))[0]
+
+    def _read(self, address: int, count: int) -> list[int]:
+        return self._client.read_input_registers(address, count=count, device_id=self._unit).registers
+
+
+@dataclass(frozen=True)
+class Attended:
+    """A finished run with somebody at the instrument."""
+
+    log: Path
+    question: str
+    asked_for_s: float
+    code: int
+    said: str
+
+    def logged(self, topic: str) -> list[dict[str, Any]]:
+        return [json.loads(message.payload) for message in messages(self.log) if message.topic == topic]
+
+
+def by_hand(instrument: Callable[..., Any], name: str) -> Any:
+    """An instrument whose stage is moved by hand."""
+    one = instrument(name)
+    one.config["stage"] = {"driver": "operator", "poll_s": 0.05, "settings": {"um_per_px": UM_PER_PX}}
+    one.config["protocol"].update(calibration_shifts_px=[[0, 0], [SHIFT_PX, 0]], loads_n=[])
+    return one
+
+
+@pytest.fixture(scope="module")
+def attended(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> Attended:
+    one = by_hand(instrument, "attended")
+    command = [sys.executable, "-m", "semlive", "run", str(one.write_config()), "--attended", "--stop-on-fault"]
+    hand = Hand(one.bench)
+    with (one.folder / "said").open("w+", encoding="utf-8") as errors:
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True)
+        assert process.stdin is not None
+        assert process.stdout is not None
+        question, began = process.stdout.readline(), time.monotonic()
+        hand.move_right(SHIFT_PX * UM_PER_PX, wait_until)
+        asked_for_s = time.monotonic() - began
+        process.stdin.write("\n")
+        process.stdin.flush()
+        rest, _ = process.communicate(timeout=120)
+        errors.seek(0)
+        said = rest + errors.read()
+    hand.close()
+    return Attended(one.log, question, asked_for_s, process.returncode, said)
+
+
+def test_the_operator_is_asked_once_and_the_run_completes(attended: Attended) -> None:
+    assert attended.code == 0, attended.said
+    assert attended.question == "move the specimen about 24 px (30.0 um) right in the image, then press enter\n"
+    assert "press enter" not in attended.said
+    assert attended.logged("/state")[-1]["after"] == "complete"
+
+
+def test_the_log_shows_what_was_asked_and_that_nothing_was_believed_before_enter(attended: Attended) -> None:
+    (asked,) = [command for command in attended.logged("/command") if command["what"] == "move_stage"]
+    assert asked["args"] == {"x_um": SHIFT_PX * UM_PER_PX, "y_um": 0.0}
+    assert any(line["text"].startswith("step 2 of 2: calibration, shift (30, 0) um") for line in attended.logged("/log"))
+    samples = [sample for sample in attended.logged("/stage/sample") if sample["time_ns"] > asked["time_ns"]]
+    moving = [sample for sample in samples if sample["motion"] == "moving"]
+    confirmed = next(sample for sample in samples if sample["motion"] == "stopped" and sample["x_um"] != 0.0)
+    assert moving
+    assert {sample["x_um"] for sample in moving} == {0.0}
+    assert confirmed["x_um"] == SHIFT_PX * UM_PER_PX
+    rate = attended.logged("/clock")[0]["rate"]
+    assert confirmed["time_ns"] - asked["time_ns"] >= 0.9 * attended.asked_for_s * rate * 1e9
+    arrived = next(state for state in attended.logged("/state") if state["cause"] == "arrived" and state["step"] == 1)
+    assert arrived["time_ns"] >= confirmed["time_ns"]
+
+
+def test_both_pairs_are_there_and_the_second_saw_the_move(attended: Attended) -> None:
+    pairs = attended.logged("/pair")
+    assert [pair["step"]["shift_px"] for pair in pairs] == [[0.0, 0.0], [SHIFT_PX, 0.0]]
+    (result,) = attended.logged("/result")
+    shifts = {frame["frame"]: frame["shift_px"] for frame in result["frames"]}
+    # The bench's stage goes 1 % too far, within 0.3 um, and loses 0.8 um of backlash.
+    assert shifts[2][0] == pytest.approx(SHIFT_PX, abs=1.5)
+    assert abs(shifts[2][1]) < 1.5
+
+
+def test_a_run_with_a_hand_needs_somebody_there(instrument: Callable[..., Any]) -> None:
+    one = by_hand(instrument, "unattended")
+    code, said = one.run()
+    assert code == 2, said
+    assert "stage moved by hand: is a real machine" in " ".join(said.split())
+    assert "--attended" in said
