@@ -3,7 +3,7 @@
     python tests/benchmarks/bench_latency.py [--poll-s 1 --stable-for-s 2] [--full-rate 40]
 
 The first run is at rate 1, a second of experiment for a second of wall time, as at an instrument: small frames, the 30 s hold, about
-4 minutes. The second has frames of the paper's size (1024 x 884 px, 18,000 points); at rate 1 it would take half an hour, so it runs
+4 minutes. The second has frames of the paper's size (1024 x 884 px, 18,000 points); at rate 1 it would take 40 minutes, so it runs
 faster, and only what is wall time at any rate is taken from it: arrival, correlation, estimate. The bench then renders its next frame
 on the same processors, which an instrument does elsewhere: its figures are an upper bound.
 """
