@@ -23,7 +23,7 @@ import numpy as np
 from semlive.data.clock import Clock
 from semlive.formats.clock_file import encode_clock
 from semlive_simulators.clockwork import BenchClock
-from semlive_simulators.exporter import ImageFacts, encode_tiff
+from semlive_simulators.exporters.facts import ImageFacts
 from semlive_simulators.kernels.pattern import gaussian
 from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
 from semlive_simulators.machine import Machine
@@ -130,7 +130,8 @@ def _warm_up(scenario: Scenario) -> None:
     column = scenario.column()
     rows = np.empty((2, scenario.scan.width_px), dtype=np.uint8)
     column.render_rows(rows, 0, 0.0, at_rest(), 0)
-    encode_tiff(rows, ImageFacts(scenario.scan, 0, 0.0, 0.0, 0), scenario.export.databar_rows)
+    image = np.zeros((scenario.scan.height_px, scenario.scan.width_px), dtype=np.uint8)
+    scenario.export.encode(image, ImageFacts(scenario.scan, 0, 0.0, 0.0, 0))
     gaussian(scenario.seed, 0, 0)
     # A full collection over what compiler and libraries left behind takes some 50 ms: 2 s of experiment time at rate 40.
     gc.collect()

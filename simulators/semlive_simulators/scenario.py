@@ -12,6 +12,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from semlive_simulators.column import Column, Detector, Scan, build_column
 from semlive_simulators.effects.distortion import Distortion
 from semlive_simulators.effects.drift import Drift
+from semlive_simulators.exporters.settings import Export
 from semlive_simulators.load_frame.dynamics import LoadFrameParameters
 from semlive_simulators.specimen import Specimen, Speckle
 from semlive_simulators.stage import StageParameters
@@ -21,33 +22,6 @@ FOLDER = Path(__file__).parent / "scenarios"
 
 class BadScenario(Exception):
     """A scenario is missing or wrong; the message says what, where and what to do."""
-
-
-@dataclass(frozen=True, slots=True)
-class Export:
-    """How the instrument writes its files.
-
-    Attributes:
-        style: ``direct`` writes the final name bit by bit, ``rename`` a temporary name that is renamed.
-        delay_s: from the end of a scan to the first byte.
-        duration_s: from the first byte to the last.
-        chunks: writes in that time.
-        databar_rows: rows of the databar below the image.
-        prefix: of the file names.
-    """
-
-    __pydantic_config__ = ConfigDict(extra="forbid")
-
-    style: str
-    delay_s: float
-    duration_s: float
-    chunks: int
-    databar_rows: int
-    prefix: str
-
-    def __post_init__(self) -> None:
-        if self.style not in ("direct", "rename"):
-            raise ValueError(f"style must be direct or rename, not {self.style}")
 
 
 @dataclass(frozen=True, slots=True)

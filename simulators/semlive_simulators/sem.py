@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
+import contextlib
 import queue
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive_simulators.clockwork import BenchClock
-from semlive_simulators.exporter import ImageFacts, encode_tiff
+from semlive_simulators.exporters.facts import ImageFacts
+from semlive_simulators.exporters.writing import plan_files, write_file
 from semlive_simulators.machine import Machine
 from semlive_simulators.scenario import Scenario
 
@@ -124,7 +125,7 @@ class Sem:
             image = self._scan(frame, start_ns)
             if image is None:
                 return
-            name = f"{self._scenario.export.prefix}{frame + 1:04d}.tif"
+            name = self._scenario.export.file_name(frame)
             self._finished.put(Exported(name, frame, start_ns, image))
             frame += 1
             start_ns += round((scan.frame_time_s + scan.gap_s) * 1e9)
@@ -154,25 +155,22 @@ class Sem:
             self._export(item)
 
     def _export(self, item: Exported) -> None:
-        """Write a file bit by bit, as slowly as an instrument does; a stop only makes it hurry."""
+        """Write a frame's files bit by bit, as slowly as an instrument does; a stop only makes it hurry."""
         export, scan = self._scenario.export, self._scenario.scan
         end_ns = item.start_time_ns + round(scan.frame_time_s * 1e9)
         reading = self._machine.read(end_ns)
-        facts = ImageFacts(scan, end_ns, reading.encoder_x_um, reading.encoder_y_um, item.frame)
-        data = encode_tiff(item.image, facts, export.databar_rows)
-        path = self._folder / item.file
-        working = path if export.style == "direct" else path.with_suffix(".tif.tmp")
-        last_ns = end_ns + round((export.delay_s + export.duration_s) * 1e9)
-        bounds = [round(part * len(data) / export.chunks) for part in range(export.chunks + 1)]
-        with open(working, "wb", buffering=0) as stream:
-            for part in range(export.chunks):
-                due_ns = end_ns + round((export.delay_s + export.duration_s * (part + 1) / export.chunks) * 1e9)
-                self._clock.expect("export", due_ns)
-                self._clock.wait_until(due_ns, self._stop)
-                stream.write(data[bounds[part] : bounds[part + 1]])
-                self._clock.done("export")
-        os.utime(working, ns=(last_ns, last_ns))
-        if working != path:
-            os.replace(working, path)
+        told_ns = end_ns + round(export.clock_offset_s * 1e9)
+        facts = ImageFacts(scan, told_ns, reading.encoder_x_um, reading.encoder_y_um, item.frame, item.file)
+
+        @contextlib.contextmanager
+        def at(since_end_s: float) -> Iterator[None]:
+            due_ns = end_ns + round(since_end_s * 1e9)
+            self._clock.expect("export", due_ns)
+            self._clock.wait_until(due_ns, self._stop)
+            yield
+            self._clock.done("export")
+
+        for plan in plan_files(export.encode(item.image, facts), item.file, export):
+            write_file(plan, self._folder, end_ns, at)
         self._exported += 1
         self._on_exported(item)

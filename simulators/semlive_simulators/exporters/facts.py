@@ -1,0 +1,54 @@
+"""What an instrument writes beside the pixels, and what it makes of both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive_simulators.column import Scan
+
+Pixels = NDArray[np.uint8 | np.uint16]
+"""A grey image of 8 or 16 bit, (height, width)."""
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+@dataclass(frozen=True, slots=True)
+class ImageFacts:
+    """What the instrument writes beside the pixels.
+
+    Attributes:
+        scan: the raster.
+        end_time_ns: when the scan ended by the clock of the microscope's PC, UTC ns.
+        stage_x_um: stage position by its own encoder.
+        stage_y_um: likewise.
+        frame: number of the frame.
+        name: of the image file.
+    """
+
+    scan: Scan
+    end_time_ns: int
+    stage_x_um: float
+    stage_y_um: float
+    frame: int
+    name: str = ""
+
+    @property
+    def end_time(self) -> datetime:
+        """End of the scan to the microsecond."""
+        return _EPOCH + timedelta(microseconds=self.end_time_ns // 1000)
+
+
+@dataclass(frozen=True, slots=True)
+class Product:
+    """The bytes of an exported frame.
+
+    Attributes:
+        image: of the image file.
+        sidecar: of the text file beside it, if the vendor writes one.
+    """
+
+    image: bytes
+    sidecar: bytes | None = None
