@@ -2,53 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict
 
+from semlive_simulators.effects.composition import Effects
 from semlive_simulators.effects.distortion import Distortion
 from semlive_simulators.effects.drift import Drift
+from semlive_simulators.effects.protocol import Instants, Plane, Visits
+from semlive_simulators.kernels.exposure import add_coverage, digitise, seen_points
 from semlive_simulators.kernels.raster import raster_rows
+from semlive_simulators.scan import Scan, Timing
 from semlive_simulators.specimen import Motion, Speckle
 
+__all__ = ["Column", "Detector", "Scan", "build_column"]
 
-@dataclass(frozen=True, slots=True)
-class Scan:
-    """One raster scan over the field of view.
-
-    Attributes:
-        width_px: pixels in a row.
-        height_px: rows.
-        dwell_time_s: time on a pixel.
-        frame_time_s: time of all rows, fly-back included.
-        gap_s: between the end of a scan and the start of the next when scanning continuously.
-        pixel_size_um: edge of a pixel on the specimen.
-    """
-
-    __pydantic_config__ = ConfigDict(extra="forbid")
-
-    width_px: int
-    height_px: int
-    dwell_time_s: float
-    frame_time_s: float
-    gap_s: float
-    pixel_size_um: float
-
-    def __post_init__(self) -> None:
-        if self.width_px * self.dwell_time_s > self.row_time_s:
-            raise ValueError(f"a row takes {self.row_time_s} s, too little for {self.width_px} px of {self.dwell_time_s} s")
-
-    @property
-    def row_time_s(self) -> float:
-        """From the start of a row to the start of the next."""
-        return self.frame_time_s / self.height_px
-
-    @property
-    def centre_px(self) -> NDArray[np.float64]:
-        """Centre of the frame, (x, y)."""
-        return np.array([0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1)])
+_REFINEMENTS = 4
+"""Gradients of deformations stay below 0.03, each pass gains that factor: 1 px of deformation is right to 1e-6 px."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,9 +30,10 @@ class Detector:
     Attributes:
         offset: grey level of the bare metal.
         gain: grey levels from bare metal to gold.
-        read_noise: standard deviation of the noise that is always there, grey levels.
+        read_noise: standard deviation of the noise that is always there, grey levels of the exported image.
         shot_noise: variance of the noise per grey level of signal.
         seed: of the noise.
+        bits: 8 or 16; grey levels are those of 8 bit either way, 16 bit has 256 steps in each.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -70,6 +43,16 @@ class Detector:
     read_noise: float
     shot_noise: float
     seed: int
+    bits: int = 8
+
+    def __post_init__(self) -> None:
+        if self.bits not in (8, 16):
+            raise ValueError(f"bits must be 8 or 16, not {self.bits}")
+
+    @property
+    def dtype(self) -> np.dtype[np.unsignedinteger]:
+        """Of the images."""
+        return np.dtype(np.uint8 if self.bits == 8 else np.uint16)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +65,8 @@ class Column:
         speckle: what is looked at.
         drift: wanders in time.
         distortion_px: E at every scan address in x and in y, (height, width) each.
+        effects: whatever else is wrong.
+        timing: when pixels are truly visited.
     """
 
     scan: Scan
@@ -89,45 +74,126 @@ class Column:
     speckle: Speckle
     drift: Drift
     distortion_px: tuple[NDArray[np.float64], NDArray[np.float64]]
+    effects: Effects = field(default_factory=Effects)
+    timing: Timing = field(init=False)
 
-    def render_rows(self, out: NDArray[np.uint8], first_row: int, start_time_s: float, motion: Motion, frame: int) -> None:
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "timing", self.effects.timing(self.scan))
+
+    def rows_span_s(self, first_row: int, end_row: int) -> tuple[float, float]:
+        """When rows `first_row` ... `end_row - 1` are first begun and last done, seconds since the frame began."""
+        start_s = self.timing.row_start_s[:, first_row:end_row]
+        return float(start_s.min()), float(start_s.max()) + self.timing.row_time_s
+
+    def render_rows(self, out: NDArray[np.unsignedinteger], first_row: int, start_time_s: float, motion: Motion, frame: int) -> None:
         """Write rows of a frame.
 
         Args:
-            out: (rows, width) uint8, written.
+            out: (rows, width) of the detector's dtype, written.
             first_row: its first row's number.
             start_time_s: when the scan began, seconds since the run began.
             motion: of the specimen, covering these rows' times.
             frame: number of the scan; decides its noise.
         """
-        scan, detector, speckle = self.scan, self.detector, self.speckle
+        plain = self.timing.plain and self.detector.bits == 8 and self.scan.spot_px == 0.0 and not self.effects.by_pixel
+        if not plain:
+            self._expose(out, first_row, start_time_s, motion, frame)
+            return
+        detector, speckle = self.detector, self.speckle
         rows = np.arange(first_row, first_row + out.shape[0] + 1)
-        maps = self.row_maps(start_time_s + rows * scan.row_time_s, motion)
+        maps = self.row_maps(start_time_s + rows * self.timing.row_time_s, motion, start_time_s, frame)
         ex_px, ey_px = self.distortion_px
         raster_rows(
-            out, first_row, ex_px, ey_px, maps, scan.dwell_time_s / scan.row_time_s,
+            out, first_row, ex_px, ey_px, maps, self.timing.dwell_time_s / self.timing.row_time_s,
             speckle.seed, speckle.pitch_px, speckle.radius_px, speckle.radius_spread, speckle.presence, speckle.edge_px,
             detector.offset, detector.gain, detector.read_noise, detector.shot_noise, detector.seed, frame,
         )  # fmt: skip
 
-    def row_maps(self, time_s: ArrayLike, motion: Motion) -> NDArray[np.float64]:
+    def row_maps(self, time_s: ArrayLike, motion: Motion, start_time_s: float = 0.0, frame: int = 0) -> NDArray[np.float64]:
         """The affine maps [A | b] from undistorted scan address to material point at times (n,): (n, 2, 3).
 
-        p = R - E(R) - d(t) is where the beam is; the point xi seen there fulfils p = xi + s + G (xi - c), so
-        xi = A (p - c - s) + c with A = (1 + G)^-1.
+        p = c + T (1 - g)(R - E(R) - c) - d(t) is where the beam is (T scan rotation, g deflection); the point xi seen there
+        fulfils p = xi + s + G (xi - c), so xi = A (p - c - s) + c with A = (1 + G)^-1.
         """
-        times = np.asarray(time_s, dtype=np.float64)
-        state = motion.at(times)
+        at = Instants(np.asarray(time_s, dtype=np.float64), start_time_s, frame, self.scan, motion)
+        state = self.effects.moved(at)
         inverse = np.linalg.inv(np.eye(2) + state.gradient)
+        deflection = self.effects.deflection(at)
+        raster = np.broadcast_to(self.scan.turn, inverse.shape) if deflection is None else self.scan.turn @ (np.eye(2) - deflection)
+        more_drift = self.effects.drift_px(at)
+        drift = self.drift.at(at.time_s) if more_drift is None else self.drift.at(at.time_s) + more_drift
         centre = self.scan.centre_px
-        offset = centre + np.einsum("nij,nj->ni", inverse, -centre - state.shift_px - self.drift.at(times))
-        maps = np.empty((times.size, 2, 3))
-        maps[:, :, :2], maps[:, :, 2] = inverse, offset
+        maps = np.empty((at.time_s.size, 2, 3))
+        maps[:, :, :2] = inverse @ raster
+        maps[:, :, 2] = centre + np.einsum("nij,nj->ni", inverse, -(raster @ centre) - state.shift_px - drift)
         return maps
 
+    def seen(
+        self, rows: range, visit: int, start_time_s: float, motion: Motion, frame: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], Visits]:
+        """Material points (x, y) seen on a visit of some rows, (rows, width) each, and the visit itself."""
+        timing, width, band = self.timing, self.scan.width_px, slice(rows.start, rows.stop)
+        begin_s = start_time_s + timing.row_start_s[visit, band]
+        end_s = begin_s + width * timing.dwell_time_s
+        backwards = timing.reversed_rows[band]
+        at = self._visits(rows, begin_s, start_time_s, motion, frame)
+        bend_x_px, bend_y_px = (part[band] for part in self.distortion_px)
+        for x_px, y_px in self.effects.offset_px(at):
+            bend_x_px, bend_y_px = bend_x_px + x_px, bend_y_px + y_px
+        maps = self.row_maps(np.concatenate([begin_s, end_s]), motion, start_time_s, frame)
+        seen_x, seen_y = np.empty((len(rows), width)), np.empty((len(rows), width))
+        count = len(rows)
+        seen_points(seen_x, seen_y, rows.start, bend_x_px, bend_y_px, maps[:count], maps[count:], backwards)
+        if self.effects.deforming:
+            middle = Instants(0.5 * (begin_s + end_s), start_time_s, frame, self.scan, motion)
+            inverse = np.linalg.inv(np.eye(2) + self.effects.moved(middle).gradient)
+            seen_x, seen_y = self._undeformed(seen_x, seen_y, inverse, at)
+        return seen_x, seen_y, at
 
-def build_column(scan: Scan, detector: Detector, speckle: Speckle, drift: Drift, distortion: Distortion) -> Column:
+    def _visits(self, rows: range, begin_s: NDArray[np.float64], start_time_s: float, motion: Motion, frame: int) -> Visits:
+        columns = np.arange(self.scan.width_px, dtype=np.float64)[None, :]
+        band = slice(rows.start, rows.stop)
+        order = np.where(self.timing.reversed_rows[band, None], self.scan.width_px - 1 - columns, columns)
+        y_px = np.arange(rows.start, rows.stop, dtype=np.float64)[:, None]
+        time_s = begin_s[:, None] + order * self.timing.dwell_time_s
+        distortion_px = (self.distortion_px[0][band], self.distortion_px[1][band])
+        return Visits(columns, y_px, time_s, start_time_s, frame, self.scan, motion, distortion_px)
+
+    def _undeformed(self, x_px: NDArray[np.float64], y_px: NDArray[np.float64], inverse: NDArray[np.float64], at: Visits) -> Plane:
+        """Solve xi = xi0 - A w(xi) by iteration."""
+        found_x, found_y = x_px, y_px
+        xx, xy, yx, yy = (inverse[:, i, j, None] for i in range(2) for j in range(2))
+        for _ in range(_REFINEMENTS):
+            planes = self.effects.material_px(found_x, found_y, at)
+            wx, wy = sum(plane[0] for plane in planes), sum(plane[1] for plane in planes)
+            found_x, found_y = x_px - xx * wx - xy * wy, y_px - yx * wx - yy * wy
+        return found_x, found_y
+
+    def _expose(self, out: NDArray[np.unsignedinteger], first_row: int, start_time_s: float, motion: Motion, frame: int) -> None:
+        """The general case: every visit of every pixel at its own time."""
+        detector, speckle, optics = self.detector, self.speckle, self.effects.optics()
+        signal = np.zeros(out.shape)
+        rows, visits = range(first_row, first_row + out.shape[0]), self.timing.row_start_s.shape[0]
+        for visit in range(visits):
+            x_px, y_px, at = self.seen(rows, visit, start_time_s, motion, frame)
+            spot_px = optics.spot_px(Instants(at.time_s[:, 0], start_time_s, frame, self.scan, motion))
+            seen = np.zeros(out.shape)
+            add_coverage(
+                seen, x_px, y_px, spot_px, 1.0,
+                speckle.seed, speckle.pitch_px, speckle.radius_px, speckle.radius_spread, speckle.presence, speckle.edge_px,
+            )  # fmt: skip
+            signal += optics.grey(detector.offset + detector.gain * seen, x_px, y_px, at)
+        signal /= visits
+        variance = optics.variance(detector.read_noise**2 + detector.shot_noise * signal, signal)
+        digitise(out, first_row, signal, np.maximum(variance, 0.0), 1.0 if detector.bits == 8 else 256.0, detector.seed, frame)
+
+
+def build_column(
+    scan: Scan, detector: Detector, speckle: Speckle, drift: Drift, distortion: Distortion, effects: Effects | None = None
+) -> Column:
     """A column with its distortion worked out for every scan address."""
     x_px, y_px = np.meshgrid(np.arange(scan.width_px), np.arange(scan.height_px))
     bend = distortion.at(x_px, y_px, scan.width_px, scan.height_px)
-    return Column(scan, detector, speckle, drift, (np.ascontiguousarray(bend[..., 0]), np.ascontiguousarray(bend[..., 1])))
+    bend_px = np.ascontiguousarray(bend[..., 0]), np.ascontiguousarray(bend[..., 1])
+    effects = Effects() if effects is None else effects
+    return Column(scan, detector, effects.optics().speckle(speckle), drift, bend_px, effects)

@@ -12,7 +12,7 @@ from semlive_simulators.specimen import Motion, at_rest
 
 def render_frame(
     scenario: Scenario, start_time_s: float = 0.0, motion: Motion | None = None, frame: int = 0, column: Column | None = None
-) -> NDArray[np.uint8]:
+) -> NDArray[np.unsignedinteger]:
     """One frame as the bench would scan it.
 
     Args:
@@ -23,9 +23,9 @@ def render_frame(
         column: ``scenario.column()`` if it is at hand, which saves its construction.
 
     Returns:
-        (height, width) uint8, without databar.
+        (height, width) of the detector's dtype, without databar.
     """
     column = scenario.column() if column is None else column
-    image = np.empty((scenario.scan.height_px, scenario.scan.width_px), dtype=np.uint8)
+    image = np.empty((scenario.scan.height_px, scenario.scan.width_px), dtype=scenario.detector.dtype)
     column.render_rows(image, 0, start_time_s, at_rest() if motion is None else motion, frame)
     return image

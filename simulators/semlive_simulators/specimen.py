@@ -8,6 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict
 
+from semlive_simulators.history import History
+
+_NOTHING_DONE = History()
+
 
 @dataclass(frozen=True, slots=True)
 class Specimen:
@@ -96,14 +100,20 @@ class Motion:
         time_s: (n,) seconds since the run began, increasing.
         shift_px: (n, 2) motion of the material point in the centre.
         gradient: (n, 2, 2) displacement gradient.
+        load_n: (n,) true load; zero if it is not given.
+        history: load steps and moves up to now.
     """
 
     time_s: NDArray[np.float64]
     shift_px: NDArray[np.float64]
     gradient: NDArray[np.float64]
+    load_n: NDArray[np.float64] | None = None
+    history: History = _NOTHING_DONE
 
     def __post_init__(self) -> None:
         count = self.time_s.size
+        if self.load_n is not None and self.load_n.shape != (count,):
+            raise ValueError(f"time is {self.time_s.shape}, load {self.load_n.shape}")
         if self.time_s.shape != (count,) or self.shift_px.shape != (count, 2) or self.gradient.shape != (count, 2, 2):
             raise ValueError(f"time is {self.time_s.shape}, shift {self.shift_px.shape}, gradient {self.gradient.shape}")
 
@@ -111,10 +121,19 @@ class Motion:
         """The same motion at other times; before the first and after the last sample it stands still."""
         shift = np.stack([np.interp(time_s, self.time_s, self.shift_px[:, axis]) for axis in range(2)], axis=-1)
         entries = [np.interp(time_s, self.time_s, self.gradient[:, i, j]) for i in range(2) for j in range(2)]
-        return Motion(time_s, shift, np.stack(entries, axis=-1).reshape(-1, 2, 2))
+        return Motion(time_s, shift, np.stack(entries, axis=-1).reshape(-1, 2, 2), self.load_at(time_s), self.history)
+
+    def load_at(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """True load at times (...), N."""
+        return np.zeros(time_s.shape) if self.load_n is None else np.interp(time_s, self.time_s, self.load_n)
 
 
-def at_rest(shift_px: ArrayLike = (0.0, 0.0), gradient: ArrayLike = ((0.0, 0.0), (0.0, 0.0))) -> Motion:
-    """A specimen that does not move: shift (2,) in px, displacement gradient (2, 2)."""
+def at_rest(
+    shift_px: ArrayLike = (0.0, 0.0),
+    gradient: ArrayLike = ((0.0, 0.0), (0.0, 0.0)),
+    load_n: float = 0.0,
+    history: History = _NOTHING_DONE,
+) -> Motion:
+    """A specimen that does not move: shift (2,) in px, displacement gradient (2, 2), under a steady load."""
     shift = np.asarray(shift_px, dtype=np.float64).reshape(1, 2)
-    return Motion(np.zeros(1), shift, np.asarray(gradient, dtype=np.float64).reshape(1, 2, 2))
+    return Motion(np.zeros(1), shift, np.asarray(gradient, dtype=np.float64).reshape(1, 2, 2), np.array([load_n]), history)

@@ -11,13 +11,14 @@ from pydantic import ConfigDict
 
 @dataclass(frozen=True, slots=True)
 class AxisDrift:
-    """Drift of one axis: an exponential approach plus a slow quadratic.
+    """Drift of one axis: an exponential approach plus a slow polynomial. Jumps and random walks are effects of their own.
 
     Attributes:
         warmup_px: what the warm-up moves in all.
         warmup_s: its time constant.
         linear_px_s: constant rate.
         quadratic_px_s2: coefficient of t squared.
+        cubic_px_s3: coefficient of t cubed.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -26,10 +27,12 @@ class AxisDrift:
     warmup_s: float
     linear_px_s: float
     quadratic_px_s2: float
+    cubic_px_s3: float = 0.0
 
     def at(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Drift in px at seconds since the run began."""
-        return -self.warmup_px * np.expm1(-time_s / self.warmup_s) + (self.linear_px_s + self.quadratic_px_s2 * time_s) * time_s
+        slow = (self.linear_px_s + (self.quadratic_px_s2 + self.cubic_px_s3 * time_s) * time_s) * time_s
+        return -self.warmup_px * np.expm1(-time_s / self.warmup_s) + slow
 
 
 @dataclass(frozen=True, slots=True)

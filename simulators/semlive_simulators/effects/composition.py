@@ -1,0 +1,159 @@
+"""Several effects at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from semlive_simulators.effects.protocol import (
+    Array,
+    Blurs,
+    ChangesGrey,
+    ChangesNoise,
+    ChangesSpeckle,
+    Deflects,
+    Deforms,
+    Drifts,
+    Effect,
+    Instants,
+    MovesSpecimen,
+    Offsets,
+    Plane,
+    ReadsExtension,
+    ReadsLoad,
+    Retimes,
+    Stamps,
+    Visits,
+)
+from semlive_simulators.scan import Scan, Timing, timing
+from semlive_simulators.specimen import Motion, Speckle
+
+
+@dataclass(frozen=True, slots=True)
+class Effects:
+    """The effects that are switched on, none by default; sums are in their order."""
+
+    members: tuple[Effect, ...] = ()
+
+    def __post_init__(self) -> None:
+        names = [member.name for member in self.members]
+        if len(set(names)) < len(names):
+            raise ValueError(f"an effect is there twice: {', '.join(names)}")
+
+    @property
+    def by_pixel(self) -> bool:
+        """Whether anything must be worked out pixel by pixel."""
+        return any(isinstance(member, Offsets | Deforms | Blurs | ChangesGrey | ChangesNoise) for member in self.members)
+
+    def timing(self, scan: Scan) -> Timing:
+        """When pixels are truly visited."""
+        result = timing(scan)
+        for member in self.members:
+            if isinstance(member, Retimes):
+                result = member.retime(result, scan)
+        return result
+
+    def deflection(self, at: Instants) -> Array | None:
+        """Sum of the deflections, (n, 2, 2); None without any."""
+        found = [member.deflection(at) for member in self.members if isinstance(member, Deflects)]
+        return np.sum(found, axis=0) if found else None
+
+    def drift_px(self, at: Instants) -> Array | None:
+        """Sum of the drifts, (n, 2); None without any."""
+        found = [member.drift_px(at) for member in self.members if isinstance(member, Drifts)]
+        return np.sum(found, axis=0) if found else None
+
+    def offset_px(self, at: Visits) -> list[Plane]:
+        """The offsets of every effect that has one."""
+        return [member.offset_px(at) for member in self.members if isinstance(member, Offsets)]
+
+    def material_px(self, x_px: Array, y_px: Array, at: Visits) -> list[Plane]:
+        """The deformations of every effect that has one."""
+        return [member.material_px(x_px, y_px, at) for member in self.members if isinstance(member, Deforms)]
+
+    @property
+    def deforming(self) -> bool:
+        """Whether any effect deforms."""
+        return any(isinstance(member, Deforms) for member in self.members)
+
+    def moved(self, at: Instants) -> Motion:
+        """The motion of the specimen, the effects' share included, at instants (n,)."""
+        motion = at.motion.at(at.time_s)
+        for member in self.members:
+            if isinstance(member, MovesSpecimen):
+                shift = motion.shift_px + member.specimen_shift_px(at)
+                motion = replace(motion, shift_px=shift, gradient=motion.gradient + member.specimen_gradient(at))
+        return motion
+
+    def optics(self) -> Optics:
+        """What probe, pattern and detector become."""
+        return Optics(self.members)
+
+    def readings(self) -> Readings:
+        """What load cell, extension and clock say."""
+        return Readings(self.members)
+
+
+@dataclass(frozen=True, slots=True)
+class Optics:
+    """The effects on probe, pattern and detector."""
+
+    members: tuple[Effect, ...]
+
+    def spot_px(self, at: Instants) -> Array:
+        """(n,) standard deviation of the probe."""
+        square = np.full(at.time_s.size, at.scan.spot_px**2)
+        for member in self.members:
+            if isinstance(member, Blurs):
+                square = square + member.blur_px(at) ** 2
+        return np.sqrt(square)
+
+    def speckle(self, speckle: Speckle) -> Speckle:
+        """The pattern."""
+        for member in self.members:
+            if isinstance(member, ChangesSpeckle):
+                speckle = member.changed(speckle)
+        return speckle
+
+    def grey(self, grey: Array, x_px: Array, y_px: Array, at: Visits) -> Array:
+        """Grey levels before noise."""
+        for member in self.members:
+            if isinstance(member, ChangesGrey):
+                grey = member.grey(grey, x_px, y_px, at)
+        return grey
+
+    def variance(self, variance: Array, grey: Array) -> Array:
+        """Variance of the noise."""
+        for member in self.members:
+            if isinstance(member, ChangesNoise):
+                variance = member.variance(variance, grey)
+        return variance
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """The effects on what instruments say."""
+
+    members: tuple[Effect, ...]
+
+    def load_n(self, reading_n: float, time_s: float, motion: Motion) -> float:
+        """What the load cell says."""
+        for member in self.members:
+            if isinstance(member, ReadsLoad):
+                reading_n = member.load_reading_n(reading_n, time_s, motion)
+        return reading_n
+
+    def extension_mm(self, reading_mm: float, load_n: float) -> float:
+        """What the extension says."""
+        for member in self.members:
+            if isinstance(member, ReadsExtension):
+                reading_mm = member.extension_reading_mm(reading_mm, load_n)
+        return reading_mm
+
+    def stamp_s(self, true_s: float) -> float:
+        """What the microscope's clock shows."""
+        for member in self.members:
+            if isinstance(member, Stamps):
+                true_s = member.stamp_s(true_s)
+        return true_s

@@ -1,0 +1,121 @@
+"""Exposure in separate steps: where the beam is, what it sees there, what becomes of it. `raster_rows` does the plain case at once."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from semlive_simulators.kernels.pattern import _STEP_X, _STEP_Y, coverage, gaussian, gaussian_pair, load_dots, mix64
+
+_HEXAGON_X = np.array([0.0, 2.0, 1.0, -1.0, -2.0, -1.0, 1.0])
+_HEXAGON_Y = np.array([0.0, 0.0, 1.0, 1.0, 0.0, -1.0, -1.0]) * np.array([0.0, 0.0, *[math.sqrt(3.0)] * 2, 0.0, *[math.sqrt(3.0)] * 2])
+_HEXAGON_WEIGHT = np.array([0.5, *[1.0 / 12.0] * 6])
+
+
+@njit(cache=True, nogil=True)
+def seen_points(x_px, y_px, first_row, bend_x_px, bend_y_px, begin_maps, end_maps, reversed_rows):
+    """The point seen at each scan address: xi = A (R - bend) + b, where A and b run linearly through the row.
+
+    Args:
+        x_px: (rows, width) float64, written.
+        y_px: likewise.
+        first_row: number of the first row in the frame.
+        bend_x_px: (rows, width) float64, distortion and all displacements of the image at each scan address.
+        bend_y_px: likewise.
+        begin_maps: (rows, 2, 3) float64, [A | b] when a row's first pixel is visited.
+        end_maps: the same a dwell time after its last pixel is visited.
+        reversed_rows: (rows,) bool, whether the row runs from right to left.
+    """
+    width = x_px.shape[1]
+    for index in range(x_px.shape[0]):
+        here = begin_maps[index]
+        there = end_maps[index]
+        for column in range(width):
+            px = column - bend_x_px[index, column]
+            py = first_row + index - bend_y_px[index, column]
+            visited = width - 1 - column if reversed_rows[index] else column
+            f = visited / width
+            x0 = here[0, 0] * px + here[0, 1] * py + here[0, 2]
+            y0 = here[1, 0] * px + here[1, 1] * py + here[1, 2]
+            x_px[index, column] = x0 + f * (there[0, 0] * px + there[0, 1] * py + there[0, 2] - x0)
+            y_px[index, column] = y0 + f * (there[1, 0] * px + there[1, 1] * py + there[1, 2] - y0)
+
+
+@njit(cache=True, nogil=True)
+def add_coverage(signal, x_px, y_px, spot_px, weight, pattern_seed, pitch_px, radius_px, radius_spread, presence, edge_px):
+    """Add what a probe of finite size sees.
+
+    A Gaussian probe is seven points: the centre with weight 1/2 and a hexagon of radius 2 sigma with 1/12 each, exact for
+    polynomials up to degree 5 (Stroud 1971, E2 r2 5-1).
+
+    Args:
+        signal: (rows, width) float64, added to.
+        x_px: (rows, width) float64, points seen.
+        y_px: likewise.
+        spot_px: (rows,) float64, standard deviation of the probe.
+        weight: of this visit.
+        pattern_seed: of the speckle; the rest see `load_dots` and `coverage`.
+        pitch_px: edge of a cell.
+        radius_px: mean radius.
+        radius_spread: half range of the radius.
+        presence: probability of a dot.
+        edge_px: half width of an edge.
+    """
+    dots = np.empty((9, 4))
+    for index in range(signal.shape[0]):
+        spot = spot_px[index]
+        points = 7 if spot > 0.0 else 1
+        for point in range(points):
+            share = weight * _HEXAGON_WEIGHT[point] if points == 7 else weight
+            dx = spot * _HEXAGON_X[point]
+            dy = spot * _HEXAGON_Y[point]
+            cell_x = np.int64(-(2**62))
+            cell_y = np.int64(-(2**62))
+            for column in range(signal.shape[1]):
+                x = x_px[index, column] + dx
+                y = y_px[index, column] + dy
+                new_x = np.int64(math.floor(x / pitch_px))
+                new_y = np.int64(math.floor(y / pitch_px))
+                if new_x != cell_x or new_y != cell_y:
+                    cell_x = new_x
+                    cell_y = new_y
+                    load_dots(cell_x, cell_y, pattern_seed, pitch_px, radius_px, radius_spread, presence, dots)
+                signal[index, column] += share * coverage(x, y, dots, edge_px)
+
+
+@njit(cache=True, nogil=True)
+def digitise(out, first_row, grey, variance, scale, noise_seed, frame):
+    """Add noise and round; the noise is that of `raster_rows`.
+
+    Args:
+        out: (rows, width) uint8 or uint16, written.
+        first_row: number of the first row in the frame.
+        grey: (rows, width) float64, levels of 8 bit.
+        variance: (rows, width) float64, of the noise, levels squared.
+        scale: 1 for 8 bit, 256 for 16 bit.
+        noise_seed: of the noise.
+        frame: number of the frame.
+    """
+    top = 256.0 * scale - 1.0
+    frame_key = mix64(np.uint64(noise_seed) * _STEP_X + np.uint64(frame))
+    for index in range(out.shape[0]):
+        row_key = mix64(frame_key + np.uint64(first_row + index) * _STEP_Y)
+        spare = 0.0
+        for column in range(out.shape[1]):
+            if column % 2 == 0:
+                noise, spare = gaussian_pair(row_key + np.uint64(column) * _STEP_X)
+            else:
+                noise = spare
+            level = scale * (grey[index, column] + noise * math.sqrt(variance[index, column]))
+            out[index, column] = min(top, max(0.0, math.floor(level + 0.5)))
+
+
+@njit(cache=True, nogil=True)
+def gaussians(seed, stream, first_number, count):
+    """Standard normal numbers `first_number` ... `first_number + count - 1` of a stream, (count,) float64."""
+    values = np.empty(count)
+    for index in range(count):
+        values[index] = gaussian(seed, stream, first_number + index)
+    return values

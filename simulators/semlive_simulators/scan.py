@@ -1,0 +1,111 @@
+"""The raster in time: which row is visited when, how often and in which direction."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ConfigDict
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """Raster scans over the field of view, one or several to an image.
+
+    Attributes:
+        width_px: pixels in a row.
+        height_px: rows.
+        dwell_time_s: time on a pixel, each visit.
+        frame_time_s: time of all rows visited once, fly-back included.
+        gap_s: between the end of a frame and the start of the next when scanning continuously.
+        pixel_size_um: edge of a pixel on the specimen.
+        integrations: visits of each pixel, averaged.
+        integration: whether the whole ``frame`` is scanned again, or each ``line`` before the next one.
+        direction: ``forward`` always left to right, ``snake`` odd rows right to left.
+        interlaced: whether the even rows come first, then the odd ones.
+        rotation_rad: scan rotation; the scan's x axis lies this far from the column's, x towards y positive.
+        spot_px: standard deviation of the probe; it adds to the softness of the dots themselves.
+    """
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    width_px: int
+    height_px: int
+    dwell_time_s: float
+    frame_time_s: float
+    gap_s: float
+    pixel_size_um: float
+    integrations: int = 1
+    integration: Literal["frame", "line"] = "frame"
+    direction: Literal["forward", "snake"] = "forward"
+    interlaced: bool = False
+    rotation_rad: float = 0.0
+    spot_px: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.width_px * self.dwell_time_s > self.row_time_s:
+            raise ValueError(f"a row takes {self.row_time_s} s, too little for {self.width_px} px of {self.dwell_time_s} s")
+        if self.integrations < 1:
+            raise ValueError(f"integrations must be at least 1, not {self.integrations}")
+        if self.spot_px < 0:
+            raise ValueError(f"spot_px must be at least 0, not {self.spot_px}")
+
+    @property
+    def row_time_s(self) -> float:
+        """From the start of a row to the start of the next."""
+        return self.frame_time_s / self.height_px
+
+    @property
+    def duration_s(self) -> float:
+        """From the first visit of the first pixel to the end of the last scan."""
+        return self.integrations * self.frame_time_s
+
+    @property
+    def centre_px(self) -> NDArray[np.float64]:
+        """Centre of the frame, (x, y)."""
+        return np.array([0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1)])
+
+    @property
+    def turn(self) -> NDArray[np.float64]:
+        """(2, 2) matrix from the scan's axes to the column's."""
+        cos, sin = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
+        return np.array([[cos, -sin], [sin, cos]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Timing:
+    """When the rows of a frame are visited.
+
+    Attributes:
+        row_start_s: (visits, rows) from the start of the frame to the first pixel of each row on each visit.
+        reversed_rows: (rows,) whether a row runs from right to left.
+        dwell_time_s: time on a pixel.
+        row_time_s: from the start of a row to the start of the next that is scanned.
+    """
+
+    row_start_s: NDArray[np.float64]
+    reversed_rows: NDArray[np.bool_]
+    dwell_time_s: float
+    row_time_s: float
+
+    @property
+    def plain(self) -> bool:
+        """Whether every row is visited once, from left to right and from top to bottom."""
+        even = np.arange(self.row_start_s.shape[1]) * self.row_time_s
+        return self.row_start_s.shape[0] == 1 and not self.reversed_rows.any() and np.allclose(self.row_start_s[0], even, atol=1e-9)
+
+
+def timing(scan: Scan) -> Timing:
+    """The timing of a scan as the scan generator means it."""
+    rows = np.arange(scan.height_px)
+    order = rows if not scan.interlaced else np.where(rows % 2 == 0, rows // 2, (scan.height_px + 1) // 2 + rows // 2)
+    visits = np.arange(scan.integrations)[:, None]
+    if scan.integration == "frame":
+        row_start_s = order * scan.row_time_s + visits * scan.frame_time_s
+    else:
+        row_start_s = (order * scan.integrations + visits) * scan.row_time_s
+    reverse = rows % 2 == 1 if scan.direction == "snake" else np.zeros(scan.height_px, dtype=bool)
+    return Timing(row_start_s, reverse, scan.dwell_time_s, scan.row_time_s)
