@@ -12,6 +12,7 @@ from semlive.cli.replay import replay
 from semlive.cli.report import report
 from semlive.cli.run import run
 from semlive.cli.score import score
+from semlive.cli.simulate import simulate
 from semlive.errors import BadInput, SemliveError
 
 _HELP = "Live drift- and distortion-corrected strain measurement inside a scanning electron microscope."
@@ -21,6 +22,7 @@ app.command("run")(run)
 app.command("replay")(replay)
 app.command("report")(report)
 app.command("score")(score)
+app.command("simulate")(simulate)
 app.command("dic")(dic)
 
 

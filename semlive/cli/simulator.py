@@ -19,6 +19,21 @@ _START_TIMEOUT_S = 180.0
 _STOP_TIMEOUT_S = 20.0
 
 
+def simulator_module(name: str) -> str:
+    """The module that an installed simulator is run as.
+
+    Args:
+        name: of the entry point: ``bench`` serves a daemon, ``frames`` writes frames and truth without one.
+
+    Raises:
+        BadInput: it is not installed.
+    """
+    found = entry_points(group="semlive.simulators", name=name)
+    if not found:
+        raise BadInput("no simulator is installed; install semlive with its simulators (python -m pip install semlive)")
+    return next(iter(found)).module
+
+
 @contextlib.contextmanager
 def running_simulator(scenario: str, folder: Path, rate: float, *, triggered: bool = False) -> Iterator[dict[str, Any]]:
     """A simulated bench for as long as the context lasts; gives what it announced in ``ready.json``.
@@ -36,10 +51,7 @@ def running_simulator(scenario: str, folder: Path, rate: float, *, triggered: bo
         BadInput: no simulator is installed, or it does not know the scenario.
         SemliveError: it did not come up.
     """
-    found = entry_points(group="semlive.simulators", name="bench")
-    if not found:
-        raise BadInput("no simulator is installed; install semlive with its simulators (python -m pip install semlive)")
-    module = next(iter(found)).module
+    module = simulator_module("bench")
     folder.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", module, "--scenario", scenario, "--out", str(folder), "--rate", str(rate), "--exit-with-stdin"]
     command += ["--mode", "triggered" if triggered else "continuous"]

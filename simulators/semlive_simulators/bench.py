@@ -114,7 +114,7 @@ class Bench:
 
     def _frame_exported(self, item: Exported) -> None:
         start_s = (item.start_time_ns - self._clock.start_ns) * 1e-9
-        window = self._machine.window(start_s, start_s + self._scenario.scan.frame_time_s)
+        window = self._machine.window(start_s, start_s + self._scenario.scan.duration_s)
         self._truth.add_frame(
             frame_truth(self._scenario, item.file, item.start_time_ns, start_s, window.motion, window.force_mean_n, window.moving)
         )
@@ -128,9 +128,9 @@ class Bench:
 def _warm_up(scenario: Scenario) -> None:
     """Compile or load the kernels, and use what is slow the first time, before the clock starts."""
     column = scenario.column()
-    rows = np.empty((2, scenario.scan.width_px), dtype=np.uint8)
+    rows = np.empty((2, scenario.scan.width_px), dtype=scenario.detector.dtype)
     column.render_rows(rows, 0, 0.0, at_rest(), 0)
-    image = np.zeros((scenario.scan.height_px, scenario.scan.width_px), dtype=np.uint8)
+    image = np.zeros((scenario.scan.height_px, scenario.scan.width_px), dtype=scenario.detector.dtype)
     scenario.export.encode(image, ImageFacts(scenario.scan, 0, 0.0, 0.0, 0))
     gaussian(scenario.seed, 0, 0)
     # A full collection over what compiler and libraries left behind takes some 50 ms: 2 s of experiment time at rate 40.

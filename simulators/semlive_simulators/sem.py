@@ -30,13 +30,13 @@ class Exported:
         file: its name in the export folder.
         frame: number of the scan, from 0.
         start_time_ns: when it began, UTC ns.
-        image: (height, width) uint8.
+        image: (height, width) of the detector's dtype.
     """
 
     file: str
     frame: int
     start_time_ns: int
-    image: NDArray[np.uint8]
+    image: NDArray[np.unsignedinteger]
 
 
 class Sem:
@@ -128,23 +128,24 @@ class Sem:
             name = self._scenario.export.file_name(frame)
             self._finished.put(Exported(name, frame, start_ns, image))
             frame += 1
-            start_ns += round((scan.frame_time_s + scan.gap_s) * 1e9)
+            start_ns += round((scan.duration_s + scan.gap_s) * 1e9)
 
-    def _scan(self, frame: int, start_ns: int) -> NDArray[np.uint8] | None:
+    def _scan(self, frame: int, start_ns: int) -> NDArray[np.unsignedinteger] | None:
         """Scan one frame in strips, each when its time has passed; None if told to stop."""
         scan = self._scenario.scan
         start_s = (start_ns - self._clock.start_ns) * 1e-9
-        image = np.empty((scan.height_px, scan.width_px), dtype=np.uint8)
+        image = np.empty((scan.height_px, scan.width_px), dtype=self._scenario.detector.dtype)
         with self._wake:
             self._scanning, self._requested = True, False
         for first in range(0, scan.height_px, STRIP_ROWS):
             rows = image[first : first + STRIP_ROWS]
-            due_ns = start_ns + round((first + rows.shape[0]) * scan.row_time_s * 1e9)
+            begin_s, end_s = self._column.rows_span_s(first, first + rows.shape[0])
+            due_ns = start_ns + round(end_s * 1e9)
             self._clock.expect("strip", due_ns)
             if not self._clock.wait_until(due_ns, self._stop):
                 return None
             self._machine.advance_to(due_ns)
-            window = self._machine.window(start_s + first * scan.row_time_s, (due_ns - self._clock.start_ns) * 1e-9)
+            window = self._machine.window(start_s + begin_s, (due_ns - self._clock.start_ns) * 1e-9)
             self._column.render_rows(rows, first, start_s, window.motion, frame)
             self._clock.done("strip")
         self._scanning = False
@@ -157,7 +158,7 @@ class Sem:
     def _export(self, item: Exported) -> None:
         """Write a frame's files bit by bit, as slowly as an instrument does; a stop only makes it hurry."""
         export, scan = self._scenario.export, self._scenario.scan
-        end_ns = item.start_time_ns + round(scan.frame_time_s * 1e9)
+        end_ns = item.start_time_ns + round(scan.duration_s * 1e9)
         reading = self._machine.read(end_ns)
         told_ns = end_ns + round(export.clock_offset_s * 1e9)
         facts = ImageFacts(scan, told_ns, reading.encoder_x_um, reading.encoder_y_um, item.frame, item.file)

@@ -28,7 +28,7 @@ def frame_truth(
         load_mean_n: mean true load.
         moving: whether anything was driven during the scan.
     """
-    middle = motion.at(np.array([start_s + 0.5 * scenario.scan.frame_time_s]))
+    middle = motion.at(np.array([start_s + 0.5 * scenario.scan.duration_s]))
     gradient = middle.gradient[0]
     return {
         "file": file,

@@ -11,7 +11,7 @@ GROUPS = {
     "semlive.load_frames": {"modbus", "null"},
     "semlive.stages": {"modbus", "operator", "null"},
     "semlive.triggers": {"modbus"},
-    "semlive.simulators": {"bench"},
+    "semlive.simulators": {"bench", "frames"},
 }
 POINTS = [point for point in distribution("semlive").entry_points if point.group in GROUPS]
 

@@ -104,7 +104,7 @@ def test_dots_must_not_reach_beyond_their_neighbours() -> None:
         ("extends: nowhere\n", "nowhere does not exist"),
         ("- a\n", "holds no keys"),
         ("a: [", "not YAML"),
-        ("extends: paper_x200\nexport: {style: telepathy}\n", "direct or rename"),
+        ("extends: paper_x200\nexport: {style: telepathy}\n", "'direct', 'rename' or"),
     ],
 )
 def test_a_bad_scenario_is_refused_in_one_sentence(tmp_path: Path, text: str, says: str) -> None:

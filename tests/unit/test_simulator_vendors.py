@@ -150,6 +150,31 @@ def test_hitachi_sidecar_has_the_day_first_and_counts_the_bar() -> None:
     assert (told["Date"], told["Time"]) == (f"{END:%d/%m/%Y}", f"{END:%H:%M:%S}")
 
 
+def test_integration_is_told_as_each_vendor_tells_it() -> None:
+    export = Export(Style.DIRECT, 0.5, 1.5, 6, 0, "a", Vendor.FEI)
+    lines = replace(FACTS, scan=replace(SCAN, integrations=4, integration="line"))
+    frames = replace(FACTS, scan=replace(SCAN, integrations=16, integration="frame"))
+    told = {}
+    for name, facts in (("lines", lines), ("frames", frames)):
+        with tifffile.TiffFile(io.BytesIO(export.encode(IMAGE, facts).image)) as tif:
+            fei = tif.fei_metadata
+        with tifffile.TiffFile(io.BytesIO(replace(export, vendor=Vendor.ZEISS).encode(IMAGE, facts).image)) as tif:
+            zeiss = tif.sem_metadata
+        assert fei is not None
+        assert zeiss is not None
+        told[name] = fei, zeiss
+    fei, zeiss = told["lines"]
+    assert (fei["EScan"]["LineIntegration"], fei["Image"]["Integrate"]) == (4, 1)
+    assert fei["EScan"]["LineTime"] == 4 * SCAN.row_time_s  # all passes, but the dwell of one
+    assert fei["EScan"]["Dwell"] == SCAN.dwell_time_s
+    assert zeiss["ap_line_time"] == ("Line Time", 428.37, "ms")
+    assert zeiss["ap_line_average_count"] == ("Line Avg.Count", 4)
+    fei, zeiss = told["frames"]
+    assert (fei["EScan"]["LineIntegration"], fei["Image"]["Integrate"]) == (1, 16)
+    assert fei["EScan"]["FrameTime"] == SCAN.frame_time_s
+    assert zeiss["ap_frame_int_count"] == ("Frames to Int.", 16)
+
+
 @pytest.mark.parametrize("vendor", [Vendor.FEI, Vendor.ZEISS])
 def test_rosettasciio_reads_pixel_size_and_date(vendor: Vendor, tmp_path: Path) -> None:
     path = tmp_path / "frame.tif"

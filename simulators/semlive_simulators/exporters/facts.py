@@ -8,9 +8,9 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive_simulators.column import Scan
+from semlive_simulators.scan import Scan
 
-Pixels = NDArray[np.uint8 | np.uint16]
+Pixels = NDArray[np.unsignedinteger]
 """A grey image of 8 or 16 bit, (height, width)."""
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
@@ -39,6 +39,26 @@ class ImageFacts:
     def end_time(self) -> datetime:
         """End of the scan to the microsecond."""
         return _EPOCH + timedelta(microseconds=self.end_time_ns // 1000)
+
+    @property
+    def frames_integrated(self) -> int:
+        """Scans of the whole frame that were integrated."""
+        return self.scan.integrations if self.scan.integration == "frame" else 1
+
+    @property
+    def lines_integrated(self) -> int:
+        """Passes over each line that were integrated before the next."""
+        return self.scan.integrations if self.scan.integration == "line" else 1
+
+    @property
+    def line_time_s(self) -> float:
+        """From the start of a line to the start of the next, all passes included, as FEI and Zeiss count."""
+        return self.scan.row_time_s * self.lines_integrated
+
+    @property
+    def frame_time_s(self) -> float:
+        """Of one frame, all passes over its lines included."""
+        return self.scan.frame_time_s * self.lines_integrated
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ def fei_text(facts: ImageFacts, databar_rows: int) -> str:
     width_m, height_m = _fei(scan.width_px * scan.pixel_size_um / 1e6), _fei(scan.height_px * scan.pixel_size_um / 1e6)
     size = {"PixelWidth": pixel_m, "PixelHeight": pixel_m, "HorFieldsize": width_m, "VerFieldsize": height_m}
     stage = {"StageX": _fei(facts.stage_x_um * 1e-6), "StageY": _fei(facts.stage_y_um * 1e-6), "StageZ": "0.01", "StageR": "0"}
-    dwell, frame_time = _fei(scan.dwell_time_s), repr(scan.frame_time_s)
+    dwell, frame_time = _fei(scan.dwell_time_s), repr(facts.frame_time_s)
     sections: dict[str, dict[str, object]] = {
         "User": {"Date": f"{end:%m/%d/%Y}", "Time": f"{end:%I:%M:%S %p}", "User": "supervisor", "UserText": "", "UserTextUnicode": ""},
         "System": {"Type": "SEM", "Dnumber": "SIM0200", "Software": "4.1.7.2114", "Source": "Tungsten", "Column": "virtual",
@@ -29,9 +29,9 @@ def fei_text(facts: ImageFacts, databar_rows: int) -> str:
                   "BeamShiftY": 0},
         "Scan": {"InternalScan": "true", "Dwelltime": dwell, **size, "Average": 0, "Integrate": 1, "FrameTime": frame_time},
         "EScan": {"Scan": "PIA 3.0", "InternalScan": "true", "Dwell": dwell, **size, "FrameTime": frame_time,
-                  "LineTime": repr(scan.row_time_s), "Mainslock": "Off", "LineIntegration": 1, "ScanInterlacing": 1},
+                  "LineTime": repr(facts.line_time_s), "Mainslock": "Off", "LineIntegration": facts.lines_integrated, "ScanInterlacing": 1},
         "Stage": {**stage, "StageT": 0, "WorkingDistance": "0.01"},
-        "Image": {"DigitalContrast": 1, "DigitalBrightness": 0, "DigitalGamma": 1, "Average": 0, "Integrate": 1,
+        "Image": {"DigitalContrast": 1, "DigitalBrightness": 0, "DigitalGamma": 1, "Average": 0, "Integrate": facts.frames_integrated,
                   "ResolutionX": scan.width_px, "ResolutionY": scan.height_px, "DriftCorrected": "Off", "ZoomFactor": "1.0",
                   "PostProcessing": "None", "Transformation": "None"},
         "Vacuum": {"ChPressure": "0.00024", "Gas": "", "UserMode": "High vacuum", "Humidity": ""},
@@ -52,8 +52,8 @@ def fei_xml(facts: ImageFacts) -> str:
         f"<Acquisition><AcquisitionDatetime>{facts.end_time:%Y-%m-%dT%H:%M:%S.%f}</AcquisitionDatetime>"
         "<BeamType>Electron</BeamType></Acquisition>"
         f'<BinaryResult><PixelSize><X unit="m">{pixel_m}</X><Y unit="m">{pixel_m}</Y></PixelSize></BinaryResult>'
-        f"<ScanSettings><DwellTime>{scan.dwell_time_s!r}</DwellTime><LineTime>{scan.row_time_s!r}</LineTime>"
-        f"<FrameTime>{scan.frame_time_s!r}</FrameTime><LineIntegrationCount>1</LineIntegrationCount>"
+        f"<ScanSettings><DwellTime>{scan.dwell_time_s!r}</DwellTime><LineTime>{facts.line_time_s!r}</LineTime>"
+        f"<FrameTime>{facts.frame_time_s!r}</FrameTime><LineIntegrationCount>{facts.lines_integrated}</LineIntegrationCount>"
         f"<ScanSize><Width>{scan.width_px}</Width><Height>{scan.height_px}</Height></ScanSize></ScanSettings></Metadata>\r\n"
     )
 

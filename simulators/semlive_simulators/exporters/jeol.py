@@ -27,7 +27,7 @@ def sidecar_text(facts: ImageFacts) -> str:
     values = {
         "$SEM_DATA_VERSION": 1, "$CM_DATA_VERSION": 1, "$CM_SIGNAL_NAME": "BED-C", "$CM_DETECTOR_NAME": "BED-C",
         "$CM_ACCEL_VOLT": "20.00", "$$SM_WD": "10.00", "$CM_MAG": round(128_000 / field_um), "$$SM_SCAN_ROTATION": "0.00",
-        "$$SM_INTEG_NO": 1, "$$CM_SCAN_MODE": 2, "$$CM_SCAN_SPEED": 9, "$$CM_INSTRUMENT_SCAN_SPEED": 9,
+        "$$SM_INTEG_NO": facts.frames_integrated, "$$CM_SCAN_MODE": 2, "$$CM_SCAN_SPEED": 9, "$$CM_INSTRUMENT_SCAN_SPEED": 9,
         "$$SM_IMAGE_INTEGRATION_TYPE": 0,
         "$CM_STAGE_POS": f"{facts.stage_x_um * 1e-3:.3f} {facts.stage_y_um * 1e-3:.3f} 10.0 0.0 0.0 0.000",
         "$CM_FORMAT": "JEOL-SEM", "$CM_VERSION": "3.0", "$CM_COMMENT": "", "$CM_DATE": f"{end:%Y/%m/%d}",

@@ -47,7 +47,8 @@ def tescan_tag(image: NDArray[np.uint8], facts: ImageFacts, databar_rows: int) -
     scan, end = facts.scan, facts.end_time
     pixel = _engineering(scan.pixel_size_um * 1e-6)
     main = {
-        "AccFrames": 1, "Date": f"{end:%Y-%m-%d}", "Description": "", "Device": "MIRA3 virtual", "ImageStripSize": databar_rows,
+        "AccFrames": facts.frames_integrated, "Date": f"{end:%Y-%m-%d}", "Description": "", "Device": "MIRA3 virtual",
+        "ImageStripSize": databar_rows,
         "Magnification": f"{0.2768 / (scan.width_px * scan.pixel_size_um * 1e-6):.2f}", "PixelSizeX": pixel, "PixelSizeY": pixel,
         "SerialNumber": "SIMULATED", "TagRevision": 2, "Time": f"{end:%H:%M:%S}", "UserName": "supervisor", "Version": "4.2.13.0",
     }  # fmt: skip

@@ -1,0 +1,47 @@
+"""`semlive simulate`: frames and truth of a simulated experiment, without the daemon."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from semlive.cli.simulator import simulator_module
+from semlive.errors import BadInput, SemliveError
+
+
+def simulate(
+    scenario: Annotated[str, typer.Argument(help="Name of a simulator scenario, or a path ending in .yaml.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for export/, truth.json and frames.csv; new or empty.")],
+    frames: Annotated[str | None, typer.Option(help="Only these frames, counted from 0: 0-3,8.")] = None,
+    seed: Annotated[int | None, typer.Option(help="In place of the scenario's own.")] = None,
+) -> None:
+    """Play a scenario's own experiment as fast as it renders, and write what the microscope would have exported."""
+    command = [sys.executable, "-m", simulator_module("frames"), "--scenario", scenario, "--out", str(out)]
+    command += [] if frames is None else ["--frames", frames]
+    command += [] if seed is None else ["--seed", str(seed)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, encoding="utf-8")
+    written = _follow(process)
+    _, said = process.communicate()
+    if process.returncode:
+        lines = said.strip().splitlines() or [f"simulate: the simulator ended with code {process.returncode} and said nothing"]
+        raise (BadInput if process.returncode == 2 else SemliveError)(lines[-1])
+    typer.echo(f"{written} frames in {out / 'export'}; what is true is in {out / 'truth.json'}, what each is for in {out / 'frames.csv'}")
+
+
+def _follow(process: subprocess.Popen[str]) -> int:
+    """Show progress until the simulator has said all; gives the number of frames written."""
+    done = 0
+    columns = (TextColumn("rendering"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("rendering", total=None)
+        for line in process.stdout or ():
+            _, done, total = (int(word) for word in line.split())
+            progress.update(task, completed=done, total=total)
+    return done

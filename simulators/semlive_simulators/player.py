@@ -1,0 +1,186 @@
+"""The scenario's own experiment, played in experiment time: drive, settle, hold, two frames, and on to the next stop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from semlive_simulators.machine import STEP_NS, Machine, Window
+from semlive_simulators.scenario import BadScenario, Scenario
+
+START_NS = 1_767_600_000_000_000_000
+"""When every played experiment begins: 2026-01-05 08:00 UTC."""
+_APPROACHES = 3
+_LOAD_SAMPLE_NS = 1_000_000_000
+_SETTLE_LIMIT_S = 900.0
+
+
+@dataclass(frozen=True, slots=True)
+class Protocol:
+    """The part of the scenario's experiment that is played; what else it says is the daemon's business.
+
+    Attributes:
+        calibration_shifts_px: commanded (x, y) of the calibration stops.
+        translation_shifts_px: of the translations.
+        loads_n: of the tensile stops, at shift zero.
+        hold_s: rest before a pair.
+        settle_s: rest that counts as settled.
+        ramp_rate_n_s: of load changes.
+        load_tolerance_n: allowed distance of the load.
+        load_tolerance_fraction: the same as a fraction of the load; the larger holds.
+        stage_tolerance_um: allowed distance of the stage's own reading.
+    """
+
+    __pydantic_config__ = ConfigDict(extra="ignore")
+
+    calibration_shifts_px: tuple[tuple[float, float], ...] = ()
+    translation_shifts_px: tuple[tuple[float, float], ...] = ()
+    loads_n: tuple[float, ...] = ()
+    hold_s: float = 30.0
+    settle_s: float = 5.0
+    ramp_rate_n_s: float = 20.0
+    load_tolerance_n: float = 10.0
+    load_tolerance_fraction: float = 0.01
+    stage_tolerance_um: float = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """Where a pair is taken: phase, commanded shift and, in the tensile phase, load."""
+
+    phase: str
+    shift_px: tuple[float, float]
+    load_n: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shot:
+    """A frame that was scanned, without its pixels.
+
+    Attributes:
+        frame: its number; frames 2k and 2k + 1 are pair k.
+        stop: where it was taken.
+        start_s: when the scan began, seconds since the run began.
+        start_ns: the same, UTC ns.
+        end_ns: when it ended.
+        window: what truly happened meanwhile.
+        load_mean_n: mean reading of the load cell.
+        encoder_x_um: stage position by its own encoder at the end.
+        encoder_y_um: likewise.
+    """
+
+    frame: int
+    stop: Stop
+    start_s: float
+    start_ns: int
+    end_ns: int
+    window: Window
+    load_mean_n: float
+    encoder_x_um: float
+    encoder_y_um: float
+
+
+class Player:
+    """Plays an experiment once."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        self._protocol = _protocol(scenario)
+        self._stops = _stops(self._protocol)
+        self._machine = Machine(scenario, START_NS)
+        self.time_ns = START_NS
+
+    @property
+    def frames(self) -> int:
+        """How many frames the whole experiment has."""
+        return 2 * len(self._stops)
+
+    def play(self) -> Iterator[Shot]:
+        """All frames in order.
+
+        Raises:
+            BadScenario: a stop is never reached.
+        """
+        scan, export = self._scenario.scan, self._scenario.export
+        self._pass(self._scenario.first_scan_s)
+        for number, stop in enumerate(self._stops):
+            self._go_to(stop)
+            self._pass(self._protocol.hold_s)
+            yield self._scan(2 * number, stop)
+            self._pass(scan.gap_s)
+            yield self._scan(2 * number + 1, stop)
+            self._pass(export.delay_s + export.duration_s)
+
+    def _pass(self, seconds: float) -> None:
+        self.time_ns += round(seconds * 1e9)
+        self._machine.advance_to(self.time_ns)
+
+    def _go_to(self, stop: Stop) -> None:
+        """Drive there and settle, again if relaxation or backlash led out of tolerance."""
+        pixel_um = self._scenario.scan.pixel_size_um
+        x_um, y_um = stop.shift_px[0] * pixel_um, stop.shift_px[1] * pixel_um
+        for approach in range(_APPROACHES):
+            if approach == 0 or not self._stage_within(x_um, y_um):
+                self._machine.move_stage(x_um, y_um)
+                self._wait_for_rest(stop)
+            if stop.load_n is not None and (approach == 0 or not self._load_within(stop.load_n)):
+                self._machine.ramp_to(stop.load_n, self._protocol.ramp_rate_n_s)
+                self._wait_for_rest(stop)
+            self._pass(self._protocol.settle_s)
+            if self._stage_within(x_um, y_um) and (stop.load_n is None or self._load_within(stop.load_n)):
+                return
+        raise BadScenario(f"scenario {self._scenario.name}: {_words(stop)} is not reached within tolerance; change load_frame or stage")
+
+    def _wait_for_rest(self, stop: Stop) -> None:
+        for _ in range(round(_SETTLE_LIMIT_S * 1e9 / STEP_NS)):
+            self.time_ns += STEP_NS
+            reading = self._machine.read(self.time_ns)
+            if reading.load_frame_fault:
+                break
+            if not (reading.load_frame_moving or reading.stage_moving):
+                return
+        raise BadScenario(f"scenario {self._scenario.name}: {_words(stop)} ends in a fault or takes too long; change loads_n or load_frame")
+
+    def _stage_within(self, x_um: float, y_um: float) -> bool:
+        reading = self._machine.read(self.time_ns)
+        return max(abs(reading.encoder_x_um - x_um), abs(reading.encoder_y_um - y_um)) <= self._protocol.stage_tolerance_um
+
+    def _load_within(self, load_n: float) -> bool:
+        tolerance_n = max(self._protocol.load_tolerance_n, self._protocol.load_tolerance_fraction * abs(load_n))
+        return abs(self._machine.read(self.time_ns).force_n - load_n) <= tolerance_n
+
+    def _scan(self, frame: int, stop: Stop) -> Shot:
+        start_ns, duration_ns = self.time_ns, round(self._scenario.scan.duration_s * 1e9)
+        end_ns, start_s = start_ns + duration_ns, (start_ns - START_NS) * 1e-9
+        samples = math.ceil(duration_ns / _LOAD_SAMPLE_NS)
+        loads = [self._machine.read(start_ns + round(duration_ns * sample / samples)).force_n for sample in range(samples)]
+        self.time_ns = end_ns
+        reading = self._machine.read(end_ns)
+        window = self._machine.window(start_s, (end_ns - START_NS) * 1e-9)
+        mean_n = math.fsum(loads) / len(loads)
+        return Shot(frame, stop, start_s, start_ns, end_ns, window, mean_n, reading.encoder_x_um, reading.encoder_y_um)
+
+
+def _words(stop: Stop) -> str:
+    return f"shift {stop.shift_px[0]:g}, {stop.shift_px[1]:g} px" if stop.load_n is None else f"a load of {stop.load_n:g} N"
+
+
+def _protocol(scenario: Scenario) -> Protocol:
+    told: Any = scenario.experiment.get("protocol", {})
+    try:
+        return TypeAdapter(Protocol).validate_python(told)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in ("experiment", "protocol", *first["loc"]))
+        raise BadScenario(f"scenario {scenario.name}: {place}: {first['msg']}; correct it") from error
+
+
+def _stops(protocol: Protocol) -> tuple[Stop, ...]:
+    stops = [Stop("calibration", shift, None) for shift in protocol.calibration_shifts_px]
+    stops += [Stop("translation", shift, None) for shift in protocol.translation_shifts_px]
+    stops += [Stop("tension", (0.0, 0.0), load_n) for load_n in protocol.loads_n]
+    return tuple(stops)
