@@ -6,8 +6,10 @@ the driver's timeout, so a stop waits for at most one answer. The thread never b
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from typing import Protocol
@@ -35,6 +37,9 @@ Order = RampTo | MoveStage
 
 _BACKOFF_S = (0.0, 0.1, 0.2, 0.5, 1.0)
 _LONGEST_SLEEP_S = 0.05
+# How often the last stop is tried, and the rest between: with a driver's timeouts of 0.3 s it stays within `close`.
+_LAST_STOPS = 5
+_LAST_STOP_REST_S = 0.2
 
 
 class _Port(Protocol):
@@ -126,6 +131,7 @@ class LinkThread:
         self._closing = False
         self._fed_mono_ns = clock.mono_ns()
         self._sampled_mono_ns: int | None = None
+        self._turned_mono_ns = clock.mono_ns()
 
         # The thread's own.
         self._thread = threading.Thread(target=self._run, name=f"link to {device.words}", daemon=True)
@@ -144,6 +150,7 @@ class LinkThread:
         self._failures = 0
         self._next_open_mono_ns = 0
         self._next_poll_mono_ns = 0
+        self._rests = self._mistaken = False
 
     # ------------------------------------------------------------------ for control
 
@@ -178,6 +185,11 @@ class LinkThread:
         sampled = self._sampled_mono_ns
         return math.inf if sampled is None else (self._clock.mono_ns() - sampled) / 1e9
 
+    @property
+    def away_s(self) -> float:
+        """Wall time since the thread began a turn: a driver that never comes back keeps it away."""
+        return (self._clock.mono_ns() - self._turned_mono_ns) / 1e9 if self._thread.is_alive() and self._answered.is_set() else 0.0
+
     def feed(self) -> None:
         """Control is alive."""
         with self._wake:
@@ -197,14 +209,20 @@ class LinkThread:
             self._stop_asked = True
             self._wake.notify_all()
 
-    def close(self, timeout_s: float = 5.0) -> None:
-        """Stop motion, close the link, end the thread; never raises."""
+    def close(self, timeout_s: float = 5.0) -> bool:
+        """Stop motion, close the link, end the thread; never raises, any number of times.
+
+        Returns:
+            True if the device took the last stop, or never was ours to move; False if nobody knows whether it rests.
+        """
         with self._wake:
             self._orders.clear()
-            self._closing = True
+            # Who did not come back in time is not waited for a second time.
+            timeout_s, self._closing = 0.0 if self._closing else timeout_s, True
             self._wake.notify_all()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join(timeout_s)
+        return self._identity is None or (self._rests and not self._thread.is_alive())
 
     # ------------------------------------------------------------------ the thread
 
@@ -216,14 +234,28 @@ class LinkThread:
             self._open_error = error
             self._answered.set()
             return
+        self._turned_mono_ns = self._clock.mono_ns()
         self._answered.set()
         while not self._closing:
-            self._turn()
+            self._guarded(self._turn)
             self._sleep()
-        self._shut()
+        self._guarded(self._shut)
+
+    def _guarded(self, call: Callable[[], None]) -> None:
+        """Nothing may end the one thread that can stop the device: after a mistake of ours it stops it, and goes on."""
+        try:
+            call()
+            self._mistaken = False
+        except Exception as error:
+            self._stop_owed = True
+            mistaken, self._mistaken = self._mistaken, True
+            reason = f"its link thread made a mistake: {error!r}"
+            with contextlib.suppress(Exception):
+                None if mistaken else self._emit(DeviceFault(self._clock.now_ns(), self._device, reason))
+            time.sleep(_LONGEST_SLEEP_S)
 
     def _turn(self) -> None:
-        now = self._clock.mono_ns()
+        now = self._turned_mono_ns = self._clock.mono_ns()
         self._check_dead_man(now)
         if self._link is None and now >= self._next_open_mono_ns:
             self._attempt("opening the link again", self._open)
@@ -264,7 +296,8 @@ class LinkThread:
             if self._identity is not None and identity.name != self._identity.name:
                 raise LinkError(f"another device answers: {identity.name} instead of {self._identity.name}; check what is connected")
         except Exception:
-            link.close()
+            with contextlib.suppress(Exception):
+                link.close()
             raise
         self._port = _LoadFramePort(link, self._limits) if isinstance(link, LoadFrame) else _StagePort(link)
         self._link, self._identity = link, identity
@@ -327,7 +360,9 @@ class LinkThread:
             if self._may_move and not self._stop_owed:
                 self._stop_owed = True
                 self._emit(DeviceStopped(self._clock.now_ns(), self._device, f"the link failed while it may have moved: {reason}"))
-            self._link.close()
+            # A port's close never raises, but who wrote the driver may not have read that.
+            with contextlib.suppress(Exception):
+                self._link.close()
         self._link = self._port = None
         self._next_open_mono_ns = self._clock.mono_ns() + round(_BACKOFF_S[min(self._failures, len(_BACKOFF_S) - 1)] * 1e9)
         self._failures += 1
@@ -362,10 +397,16 @@ class LinkThread:
             self._stop_owed = True
 
     def _shut(self) -> None:
-        """Stop and close; a link that is down is tried once more if something may move."""
-        if self._link is None and self._may_move:
-            self._attempt("opening the link to stop", self._open)
-        self._stop_device()
+        """Stop and close; a stop that is not taken, or a link that is down, is tried again a few times."""
+        for rest_s in (_LAST_STOP_REST_S,) * _LAST_STOPS:
+            if self._link is None:
+                self._attempt("opening the link to stop", self._open)
+            self._stop_device()
+            if not self._stop_owed:
+                break
+            time.sleep(rest_s)
+        self._rests = not self._stop_owed
         if self._link is not None:
-            self._link.close()
+            with contextlib.suppress(Exception):
+                self._link.close()
             self._link = None
