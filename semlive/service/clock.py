@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 from semlive.data.clock import Clock
-from semlive.errors import BadConfig
+from semlive.errors import BadConfig, BadInput
 from semlive.formats.clock_file import decode_clock
 
 
@@ -50,6 +50,10 @@ class FileClock:
             if seen != self._seen:
                 self._clock = decode_clock(self._path.read_bytes())
                 self._seen = seen
+        except BadInput as error:
+            # Whoever asks for the time in the middle of a run may be the thread that has to stop the machine.
+            if self._seen == (0, 0):
+                raise BadConfig(f"{self._path}: {error}") from error
         except OSError as error:
             if self._seen == (0, 0):
                 raise BadConfig(
