@@ -33,6 +33,7 @@ class WatchSettings:
         stable_for_s: wall seconds for which size and times must stand still.
         stable_polls: scans for which they must stand still.
         give_up_after_s: a file that stands still for so long without becoming readable is refused.
+        max_bytes: a larger file is refused unread; the log takes twice as much at once.
         suffixes: endings of image files, lower case; other files are not looked at.
         ignore_suffixes: endings of files that will be renamed when they are whole.
         adopt: take files that are there when the watch begins; otherwise they are none of this run.
@@ -44,6 +45,7 @@ class WatchSettings:
     stable_for_s: float = 2.0
     stable_polls: int = 2
     give_up_after_s: float = 30.0
+    max_bytes: int = 2**28
     suffixes: tuple[str, ...] = (".tif", ".tiff", ".png")
     ignore_suffixes: tuple[str, ...] = (".tmp", ".temp", ".part", "~")
     adopt: bool = False
@@ -204,6 +206,11 @@ class Folder:
     def _try(self, name: str, now_ns: int) -> None:
         candidate = self._candidates[name]
         path = self.settings.folder / name
+        if candidate.key[0] > self.settings.max_bytes:
+            del self._candidates[name]
+            self._given_up[name] = candidate.key
+            self._refuse(name, candidate.key, f"is larger than {self.settings.max_bytes} bytes; export single images")
+            return
         try:
             data = path.read_bytes()
             state = path.stat()
@@ -239,12 +246,17 @@ class Folder:
             return
         self._hashes[sha256] = name
         self._taken[name] = _Taken(key, f"was taken as export {self._export}")
-        file = ExportedFile(self._export, name, data, sha256, key[1], self.clock.now_ns())
+        file = ExportedFile(self._export, _as_text(name), data, sha256, key[1], self.clock.now_ns())
         self._export += 1
         self.on_file(file)
 
     def _refuse(self, name: str, key: Key, reason: str, sha256: str = "") -> None:
-        self.on_refused(FileRefused(name, f"{name}: {reason}.", key[0], key[1], sha256, self.clock.now_ns()))
+        self.on_refused(FileRefused(_as_text(name), f"{_as_text(name)}: {reason}.", key[0], key[1], sha256, self.clock.now_ns()))
+
+
+def _as_text(name: str) -> str:
+    """A file name as it can be written down: bytes that are no text stand as escapes."""
+    return name.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def _same(one: Key, other: Key) -> bool:

@@ -40,12 +40,18 @@ class FolderWatcher:
         self._poll_s, self._on_trouble = settings.poll_s, on_trouble
         self._wake = threading.Event()
         self._stop = threading.Event()
+        self._failed = threading.Event()
         self._folder.open()
         self._thread = threading.Thread(target=self._run, name="watch", daemon=True)
 
     def start(self) -> None:
         """Begin to scan. Files that came since the watcher was made are new."""
         self._thread.start()
+
+    @property
+    def failed(self) -> bool:
+        """The thread is dead; nothing is taken from the folder any more."""
+        return self._failed.is_set()
 
     def wake(self) -> None:
         """Scan now."""
@@ -65,5 +71,5 @@ class FolderWatcher:
                 self._wake.wait(self._poll_s)
                 self._wake.clear()
         except Exception as exc:
+            self._failed.set()
             self._on_trouble(f"the watch of the export folder failed ({type(exc).__name__}: {exc}); stop the run and report this.")
-            raise
