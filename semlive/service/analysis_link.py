@@ -10,13 +10,15 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from semlive.errors import SemliveError
 from semlive.formats.log import LogMessage
 from semlive.service.analysis import INPUT_TOPICS
 from semlive.service.pipe import read_message, write_message
 from semlive.service.process import start_apart
 
 _MAX_RESTARTS = 3
+_FLUSH_AGAIN_S = 0.5
+
+_Messages = queue.SimpleQueue[LogMessage | None]
 
 
 class AnalysisLink:
@@ -27,51 +29,68 @@ class AnalysisLink:
     """
 
     def __init__(
-        self, log: Path, flush: Callable[[], object], on_output: Callable[[LogMessage], None], on_trouble: Callable[[str, bool], None]
+        self, log: Path, flush: Callable[[], bool], on_output: Callable[[LogMessage], None], on_trouble: Callable[[str, bool], None]
     ) -> None:
         """Start the child.
 
         Args:
             log: the growing log, for catching up.
-            flush: returns when everything recorded so far can be read from the log.
+            flush: tries to bring everything recorded so far to where it can be read from the log, and says whether it did.
             on_output: gets every output, in a thread of ours.
             on_trouble: gets a sentence, and whether the child is lost for good.
         """
         self._log, self._flush, self._on_output, self._on_trouble = log, flush, on_output, on_trouble
         self._given = self._taken = self._restarts = 0
-        self._closing = False
+        self._closing = self._killed = False
+        self._over = threading.Event()
+        self._finished = False
         self._lock = threading.Lock()
-        self._start([])
+        self._queue: _Messages = queue.SimpleQueue()
+        self._process = self._start([], self._queue)
 
     def give(self, message: LogMessage) -> None:
         """Hand over the next message of the log; those that analysis does not read are passed over. Never blocks."""
-        if message.topic in INPUT_TOPICS:
+        if message.topic in INPUT_TOPICS and not self._over.is_set():
             with self._lock:
                 self._given += 1
                 self._queue.put(message)
 
-    def close(self, timeout_s: float) -> None:
-        """Let the child finish what it has, then end it; never raises."""
-        self._closing = True
-        with self._lock:
-            self._queue.put(None)
-        self._reader.join(timeout_s)
-        if self._process.poll() is None:
-            self._process.kill()
-        self._reader.join(5.0)
-        self._process.wait()
+    def kill(self) -> None:
+        """Do not wait for it any more."""
+        self._killed = True
+        self._over.set()
+        self._process.kill()
 
-    def _start(self, arguments: list[str]) -> None:
+    def close(self, timeout_s: float) -> bool:
+        """Let the child finish what it has, then end it; never raises, any number of times.
+
+        Returns:
+            True if everything that it was given is analysed.
+        """
+        with self._lock:
+            self._closing = True
+            self._queue.put(None)
+        if not self._over.wait(timeout_s):
+            self.kill()
+        with self._lock:
+            reader, process = self._reader, self._process
+        if process.poll() is None:
+            process.kill()
+        reader.join(5.0)
+        process.wait()
+        return self._finished
+
+    def _start(self, arguments: list[str], messages: _Messages) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", "semlive.service.analysis", *arguments]
-        self._process = start_apart(command, stdout=subprocess.PIPE)
-        self._queue: queue.SimpleQueue[LogMessage | None] = queue.SimpleQueue()
-        self._writer = threading.Thread(target=self._write, args=(self._process, self._queue), name="analysis-writer", daemon=True)
-        self._reader = threading.Thread(target=self._read, args=(self._process,), name="analysis-reader", daemon=True)
-        self._writer.start()
+        process = start_apart(command, stdout=subprocess.PIPE)
+        writer = threading.Thread(target=self._write, args=(process, messages), name="analysis-writer", daemon=True)
+        self._reader = threading.Thread(target=self._read, args=(process,), name="analysis-reader", daemon=True)
+        writer.start()
         self._reader.start()
+        return process
 
     @staticmethod
-    def _write(process: subprocess.Popen[bytes], messages: queue.SimpleQueue[LogMessage | None]) -> None:
+    def _write(process: subprocess.Popen[bytes], messages: _Messages) -> None:
         stream = process.stdin
         if stream is None:
             return
@@ -86,22 +105,39 @@ class AnalysisLink:
         stream = process.stdout
         if stream is None:
             return
-        with contextlib.suppress(SemliveError), stream:
-            while (message := read_message(stream)) is not None:
-                self._taken += 1
-                self._on_output(message)
+        try:
+            with stream:
+                while (message := read_message(stream)) is not None:
+                    self._taken += 1
+                    self._on_output(message)
+        except Exception:
+            # Whatever is wrong with what it says, a child that cannot be understood is as good as dead.
+            process.kill()
         code = process.wait()
-        if not self._closing:
+        if code == 0 and self._closing:
+            self._finished = True
+            self._over.set()
+        elif not self._killed:
             self._again(code)
 
     def _again(self, code: int) -> None:
-        self._queue.put(None)
         self._restarts += 1
         lost = self._restarts > _MAX_RESTARTS
-        self._on_trouble(f"the analysis process died (exit code {code}); {'it is given up' if lost else 'it is started again'}", lost)
+        with self._lock:
+            # Whatever was given so far is recorded; once it is on disk the new child can read it there.
+            self._queue.put(None)
+            self._queue, given, taken = queue.SimpleQueue(), self._given, self._taken
+            if self._closing:
+                self._queue.put(None)
+        with contextlib.suppress(RuntimeError):
+            # The loop may be closed by now.
+            self._on_trouble(f"the analysis process died (exit code {code}); {'it is given up' if lost else 'it is started again'}", lost)
+        # The lock is free meanwhile: flushing takes as long as the disk likes, and the loop must be able to give.
+        while not lost and not self._flush():
+            lost = self._over.wait(_FLUSH_AGAIN_S)
         if lost:
+            self._over.set()
             return
         with self._lock:
-            # Whatever was given is recorded already; once it is on disk the new child can read it there.
-            self._flush()
-            self._start(["--log", str(self._log), "--inputs", str(self._given), "--skip", str(self._taken)])
+            if not self._killed:
+                self._process = self._start(["--log", str(self._log), "--inputs", str(given), "--skip", str(taken)], self._queue)

@@ -7,12 +7,13 @@ processes of their own that come back through `Control.soon`.
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ParamSpec
 
 from semlive.data.experiment import Plan
-from semlive.data.frame import ExportedFile
 from semlive.data.loading import DeviceIdentity
 from semlive.engine import (
     FINAL_STATES,
@@ -48,7 +49,7 @@ from semlive.engine import (
     step,
 )
 from semlive.engine.history import frame_load
-from semlive.errors import LinkError
+from semlive.errors import SemliveError
 from semlive.formats import message_values as values
 from semlive.formats.log import LogMessage
 from semlive.formats.messages import (
@@ -61,16 +62,21 @@ from semlive.formats.messages import (
     ScanMessage,
     from_json,
 )
-from semlive.ports import Trigger
 from semlive.service.analysis import READY
 from semlive.service.clock import FileClock, SystemClock
 from semlive.service.journal import Journal
 from semlive.service.link import LinkThread
+from semlive.service.trigger import TriggerLink
 
 P = ParamSpec("P")
 
 _DECODED = ("/sem/scan", "/sem/file", "/log", "/drift/estimate", "/elastic", "/fault", "/result")
 _TROUBLE = (State.FAULT, State.ESTOPPED)
+_ENDING = (State.STOPPING, *FINAL_STATES)
+_WARNED = (DeviceFault, DeviceStopped, LinkLost)
+# A driver that is away for longer will not come back: its own timeouts are tenths of a second.
+_AWAY_S = 4.0
+_AGAIN_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,18 +114,22 @@ class Control:
         self._loop = asyncio.get_running_loop()
         self._state: EngineState = start(plan, clock.now_ns())
         self._links: Mapping[Device, LinkThread] = {}
-        self._trigger: Trigger | None = None
+        self._trigger: TriggerLink | None = None
+        self._away: set[Device] = set()
+        self._start_again_mono_ns: int | None = None
         self._clock_revision = clock.current().revision
         self._drift_rate_px_s: tuple[float, float] | None = None
         self._elastic: ElasticMessage | None = None
         self._pairs_analysed = 0
         self._warnings: tuple[str, ...] = ()
         self._closed = False
+        self.failure: str | None = None
+        self.why: str | None = None
         self.analysis_ready = asyncio.Event()
         self.finished: asyncio.Future[Finish] = self._loop.create_future()
         self.troubled = asyncio.Event()
 
-    def connect(self, links: Mapping[Device, LinkThread], trigger: Trigger | None) -> None:
+    def connect(self, links: Mapping[Device, LinkThread], trigger: TriggerLink | None) -> None:
         """Who obeys from now on."""
         self._links, self._trigger = links, trigger
         self.handle(Opening(self._clock.now_ns()))
@@ -128,6 +138,7 @@ class Control:
         """All links are open and analysis is warm: begin."""
         now_ns = self._clock.now_ns()
         self.handle(Ready(now_ns, load_frame, stage))
+        self._start_again_mono_ns = self._clock.mono_ns() + _AGAIN_NS
         self.operator(Verb.START)
 
     def operator(self, verb: Verb) -> None:
@@ -138,22 +149,40 @@ class Control:
 
     def tick(self) -> None:
         """Time passes: feed the links, look at the clock, let the engine decide."""
-        for link in self._links.values():
+        self._guarded(self._tick)
+
+    def _tick(self) -> None:
+        for device, link in self._links.items():
             link.feed()
+            self._look_for(device, link)
         clock = self._clock.current()
         if clock.revision != self._clock_revision:
             self._clock_revision = clock.revision
             self._journal.note(values.clock_message(clock, "the simulation fell behind and stretched its clock"))
         self.handle(Tick(self._clock.now_ns()))
+        self._start_again()
         self._observe(self._snapshot())
 
     def soon(self, call: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
-        """Let the loop call one of these methods; the door for every other thread."""
-        self._loop.call_soon_threadsafe(lambda: None if self._closed else call(*args, **kwargs))
+        """Let the loop call something; the door for every other thread. If it raises, the run is over."""
+        self._loop.call_soon_threadsafe(lambda: None if self._closed else self._guarded(call, *args, **kwargs))
 
-    def from_link(self, event: Event) -> None:
-        """Take an event from a link's thread."""
-        self.soon(self.handle, event)
+    def fail(self, error: Exception) -> None:
+        """What we believe of the run may be wrong from here on: stop everything, write down why, end the run."""
+        self._stop_all("semlive itself failed")
+        if self.failure is None:
+            known = isinstance(error, SemliveError)
+            what = " ".join(str(error).split()) or type(error).__name__
+            self.failure = what if known else f"semlive itself failed ({type(error).__name__}: {what}); the log tells where"
+            told = "".join(traceback.format_exception(error))
+            # Writing it down may be just what fails.
+            with contextlib.suppress(Exception):
+                self.trouble(self.failure, "control", "stopped everything and ended the run")
+                self._journal.line(self._clock.now_ns(), told, "error")
+            with contextlib.suppress(Exception):
+                self.handle(Operator(self._clock.now_ns(), Verb.ABORT))
+        if not self.finished.done():
+            self.finished.set_result(Finish(State.ABORTED, self.failure))
 
     def close(self) -> None:
         """What still comes is too late: the log is being closed."""
@@ -164,15 +193,22 @@ class Control:
         self._record(event)
         if self._state.at in FINAL_STATES:
             return
+        before = self._state.at
         self._state, commands = step(self._state, event)
         for command in commands:
             self._execute(command)
-        if self._state.at in _TROUBLE:
-            self.troubled.set()
+        self._judge(before, event)
 
-    def exported(self, file: ExportedFile) -> None:
-        """A file is complete: its bytes go into the log first, then to analysis."""
-        self._journal.file(file)
+    def _judge(self, before: State, event: Event) -> None:
+        """Keep the reason of a trouble for the last sentence; whoever resumes is done with it."""
+        at = self._state.at
+        if at in _TROUBLE and before not in _TROUBLE:
+            self.why = progress(self._state).message
+            self.troubled.set()
+            if not isinstance(event, _WARNED):
+                self._warn(self.why)
+        elif at not in (*_TROUBLE, *_ENDING):
+            self.why = None
 
     def refused(self, name: str, reason: str) -> None:
         """The watcher refused a file."""
@@ -208,10 +244,21 @@ class Control:
                 # Every later frame is measured from the first pair; without it the specimen would be spent for nothing.
                 self.handle(DeviceFault(self._clock.now_ns(), Device.SEM, f"the first pair cannot be used: {payload.what}"))
 
+    def _guarded(self, call: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
+        """In asyncio an exception in a callback is a line on the terminal, and the run would go on without it."""
+        try:
+            call(*args, **kwargs)
+        except Exception as error:
+            self.fail(error)
+
+    def _stop_all(self, reason: str) -> None:
+        for link in self._links.values():
+            link.stop(reason)
+
     def _record(self, event: Event) -> None:
         if isinstance(event, LoadReading | StageReading):
             self._journal.sample(event.sample)
-        elif isinstance(event, DeviceFault | DeviceStopped | LinkLost):
+        elif isinstance(event, _WARNED):
             self._journal.fault(event.time_ns, event.reason, event.device.words, "told the engine")
             self._warn(f"{event.device.words}: {event.reason}")
 
@@ -226,12 +273,12 @@ class Control:
             self._journal.command(now_ns, "move_stage", {"x_um": command.x_um, "y_um": command.y_um}, "sent")
             self._links[Device.STAGE].send(command)
         elif isinstance(command, StopMotion):
-            for link in self._links.values():
-                link.stop(command.reason)
+            self._stop_all(command.reason)
             self._journal.command(now_ns, "stop", {"reason": command.reason}, "sent")
         elif isinstance(command, TriggerFrame):
             self._journal.command(now_ns, "trigger", {}, "sent")
-            self._loop.run_in_executor(None, self._scan_once)
+            if self._trigger is not None:
+                self._trigger.ask()
         elif isinstance(command, AcceptPair):
             self._journal.pair(command.decision)
         elif isinstance(command, RefuseFrame):
@@ -242,12 +289,21 @@ class Control:
             self._journal.line(now_ns, command.text)
             self.finished.set_result(command)
 
-    def _scan_once(self) -> None:
-        try:
-            if self._trigger is not None:
-                self._trigger.scan_once()
-        except LinkError as error:
-            self.from_link(DeviceFault(self._clock.now_ns(), Device.SEM, str(error)))
+    def _look_for(self, device: Device, link: LinkThread) -> None:
+        """A link thread that its driver keeps away cannot say so itself, and cannot stop the device either."""
+        if link.away_s < _AWAY_S:
+            self._away.discard(device)
+        elif device not in self._away:
+            self._away.add(device)
+            reason = f"its driver has not come back for {_AWAY_S:g} s, so it cannot be told to stop: stop the machine by hand"
+            self.handle(LinkLost(self._clock.now_ns(), device, reason))
+
+    def _start_again(self) -> None:
+        """A start that was refused (no fresh reading at that instant) is asked for again; nobody else would."""
+        due = self._start_again_mono_ns
+        if self._state.at is State.READY and due is not None and self._clock.mono_ns() >= due:
+            self._start_again_mono_ns = self._clock.mono_ns() + _AGAIN_NS
+            self.operator(Verb.START)
 
     def _warn(self, text: str) -> None:
         self._warnings = (*self._warnings, text)[-50:]

@@ -9,17 +9,17 @@ import platform
 import queue
 import signal
 import socket
+import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
 from semlive.data.loading import DeviceIdentity
-from semlive.engine import Device, DeviceFault, Finish, State, Verb
+from semlive.engine import Device, DeviceFault, Finish, State, Verb, start
 from semlive.errors import BadConfig, SemliveError
 from semlive.formats import message_values as values
 from semlive.formats.messages import RunMessage
-from semlive.ports import Trigger
 from semlive.service import drivers
 from semlive.service.analysis_link import AnalysisLink
 from semlive.service.clock import FileClock, SystemClock, open_clock
@@ -29,12 +29,17 @@ from semlive.service.journal import Journal
 from semlive.service.link import LinkThread
 from semlive.service.log_files import segment_path
 from semlive.service.record import Recorder
+from semlive.service.trigger import TriggerLink
 from semlive.service.watch import FolderWatcher, WatchSettings
 
 _TICK_S = 0.05
 _OPEN_TIMEOUT_S = 10.0
 # The last pairs may still be correlated when the protocol ends; a second each on a slow machine.
 _ANALYSIS_TIMEOUT_S = 120.0
+# Compiling for the first time takes half a minute on 2 cores.
+_READY_TIMEOUT_S = 300.0
+# SIGHUP: the terminal was closed; SIGBREAK: likewise, and Ctrl-Break, on Windows.
+_STOP_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name))
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,65 +96,119 @@ class _Daemon:
         watch = WatchSettings(folder=self._config.sem.folder, poll_s=self._config.sem.poll_s, stable_for_s=self._config.sem.stable_for_s)
         if not watch.folder.is_dir():
             raise BadConfig(f"sem.folder {watch.folder}: no such folder; create it or correct the path")
+        # A plan that breaks its limits is refused before anything is written.
+        start(self._config.plan(), clock.now_ns())
         with contextlib.ExitStack() as stack:
+            stack.enter_context(self._signals_heard())
             journal, recorder = self._open_log(stack, clock)
-            loop = asyncio.get_running_loop()
             self._control = control = Control(self._config.plan(), clock, journal, self._faces.observe)
             stack.callback(control.close)
-            stack.enter_context(self._signals_to(control))
-            analysis = AnalysisLink(
-                self._folder,
-                recorder.flush_wait,
-                lambda message: control.soon(control.output, message),
-                lambda what, lost: control.soon(_analysis_trouble, control, clock, what, lost),
-            )
-            stack.callback(analysis.close, 5.0)
-            journal.follow(analysis.give)
-            journal.note(self._run_message(clock))
-            journal.note(values.clock_message(clock.current(), "start of the run"))
-            links, trigger = self._links(control, clock), self._open_trigger(clock)
-            for link in links.values():
-                stack.callback(link.close)
-            control.connect(links, trigger)
-            identities = {device: await loop.run_in_executor(None, link.open, _OPEN_TIMEOUT_S) for device, link in links.items()}
-            self._check_attended(identities)
-            watcher = FolderWatcher(
-                watch,
-                clock,
-                lambda file: control.soon(control.exported, file),
-                lambda refused: control.soon(control.refused, refused.name, refused.reason),
-                lambda what: control.soon(control.trouble, what, "export folder", "kept trying"),
-            )
-            stack.callback(watcher.close)
-            finish = await self._loop(control, watcher, identities)
-            watcher.close()
-            for link in links.values():
-                await loop.run_in_executor(None, link.close)
-            await loop.run_in_executor(None, analysis.close, _ANALYSIS_TIMEOUT_S)
-            await asyncio.sleep(0)
-            if not await loop.run_in_executor(None, recorder.close):
-                raise SemliveError(f"{recorder.part}: the log could not be finished; make room on the disk, what was written is in it")
-        return Outcome(self._folder, finish.outcome is State.COMPLETE, finish.text)
+            try:
+                return await self._experiment(stack, clock, watch, journal, recorder)
+            except SemliveError:
+                raise
+            except Exception as error:
+                control.fail(error)
+                raise SemliveError(control.failure or str(error)) from error
 
-    async def _loop(self, control: Control, watcher: FolderWatcher, identities: Mapping[Device, DeviceIdentity]) -> Finish:
-        ready = asyncio.ensure_future(control.analysis_ready.wait())
-        started = False
-        try:
-            while not control.finished.done():
-                while not self._faces.verbs.empty():
-                    control.operator(self._faces.verbs.get())
-                if not started and ready.done():
-                    started = True
-                    watcher.start()
-                    control.ready(identities.get(Device.LOAD_FRAME), identities.get(Device.STAGE))
-                control.tick()
-                if control.troubled.is_set() and self._faces.stop_on_fault:
-                    control.troubled.clear()
-                    control.operator(Verb.STOP)
-                await asyncio.sleep(_TICK_S)
-        finally:
-            ready.cancel()
+    async def _experiment(
+        self, stack: contextlib.ExitStack, clock: SystemClock | FileClock, watch: WatchSettings, journal: Journal, recorder: Recorder
+    ) -> Outcome:
+        """From the open log to the finished one; the stack undoes in reverse, devices first."""
+        control, loop = self._running(), asyncio.get_running_loop()
+        analysis = AnalysisLink(
+            self._folder,
+            recorder.flush_wait,
+            lambda message: control.soon(control.output, message),
+            lambda what, lost: control.soon(_analysis_trouble, control, clock, what, lost),
+        )
+        stack.callback(analysis.close, 5.0)
+        journal.follow(analysis.give)
+        journal.note(self._run_message(clock))
+        journal.note(values.clock_message(clock.current(), "start of the run"))
+        watcher = FolderWatcher(
+            watch,
+            clock,
+            lambda file: control.soon(journal.file, file),
+            lambda refused: control.soon(control.refused, refused.name, refused.reason),
+            lambda what: control.soon(control.trouble, what, "export folder", "kept trying"),
+        )
+        stack.callback(watcher.close)
+        links, trigger = self._links(control, clock), self._open_trigger(control, clock)
+        if trigger is not None:
+            stack.callback(trigger.close)
+        stack.callback(_close_links, links)
+        control.connect(links, trigger)
+        identities = await self._open_links(links)
+        self._check_attended(identities)
+        finish = await self._loop(control, clock, watcher, identities)
+        texts = [control.failure or (f"{control.why}: {finish.text}" if control.why else finish.text)]
+        texts += await loop.run_in_executor(None, _close_links, links)
+        watcher.close()
+        if not await self._analysed(control, analysis):
+            texts.append(f"the last pairs are not analysed; semlive replay {self._folder} does it")
+        for text in texts[1:]:
+            control.trouble(text, "end of the run", "told the operator")
+        if not await loop.run_in_executor(None, recorder.close):
+            raise SemliveError(f"{recorder.part}: the log could not be finished; make room on the disk, what was written is in it")
+        return Outcome(self._folder, finish.outcome is State.COMPLETE and len(texts) == 1 and not control.failure, "; ".join(texts))
+
+    @staticmethod
+    async def _open_links(links: Mapping[Device, LinkThread]) -> Mapping[Device, DeviceIdentity]:
+        """Open them all at once, and keep feeding those that are open already."""
+        loop = asyncio.get_running_loop()
+        opening = asyncio.gather(*(loop.run_in_executor(None, link.open, _OPEN_TIMEOUT_S) for link in links.values()))
+        while not opening.done():
+            for link in links.values():
+                link.feed()
+            await asyncio.sleep(_TICK_S)
+        return dict(zip(links, opening.result(), strict=True))
+
+    async def _loop(
+        self,
+        control: Control,
+        clock: SystemClock | FileClock,
+        watcher: FolderWatcher,
+        identities: Mapping[Device, DeviceIdentity],
+    ) -> Finish:
+        started, deaf = False, False
+        ready_by = time.monotonic() + _READY_TIMEOUT_S
+        while not control.finished.done():
+            while not self._faces.verbs.empty():
+                control.operator(self._faces.verbs.get())
+            if not started and control.analysis_ready.is_set():
+                started = True
+                watcher.start()
+                control.ready(identities.get(Device.LOAD_FRAME), identities.get(Device.STAGE))
+            elif not started and time.monotonic() > ready_by:
+                raise SemliveError(f"the analysis process was not ready within {_READY_TIMEOUT_S:g} s; run again on an idle computer")
+            if watcher.failed and not deaf:
+                deaf = True
+                control.handle(DeviceFault(clock.now_ns(), Device.SEM, "the export folder is not watched any more"))
+            control.tick()
+            if control.troubled.is_set() and self._faces.stop_on_fault:
+                control.troubled.clear()
+                control.operator(Verb.STOP)
+            await asyncio.sleep(_TICK_S)
         return control.finished.result()
+
+    async def _analysed(self, control: Control, analysis: AnalysisLink) -> bool:
+        """Wait for the last pairs, but not longer than the operator does."""
+        asked = self._signals
+        closing = asyncio.get_running_loop().run_in_executor(None, analysis.close, _ANALYSIS_TIMEOUT_S)
+        while not closing.done():
+            control.tick()
+            if self._signals > asked:
+                analysis.kill()
+            await asyncio.sleep(_TICK_S)
+        # What it said last is in the loop's queue ahead of this.
+        await asyncio.sleep(0)
+        return closing.result()
+
+    def _running(self) -> Control:
+        if self._control is None:
+            raise RuntimeError("the run has not begun")
+        return self._control
 
     def _open_log(self, stack: contextlib.ExitStack, clock: SystemClock | FileClock) -> tuple[Journal, Recorder]:
         try:
@@ -174,7 +233,7 @@ class _Daemon:
             links[Device.LOAD_FRAME] = LinkThread(
                 Device.LOAD_FRAME,
                 lambda: drivers.open_load_frame(frame.driver, frame.settings, clock),
-                control.from_link,
+                lambda event: control.soon(control.handle, event),
                 clock=clock,
                 limits=plan.limits,
                 poll_s=frame.poll_s,
@@ -183,16 +242,19 @@ class _Daemon:
             links[Device.STAGE] = LinkThread(
                 Device.STAGE,
                 lambda: drivers.open_stage(stage.driver, stage.settings, clock),
-                control.from_link,
+                lambda event: control.soon(control.handle, event),
                 clock=clock,
                 limits=plan.limits,
                 poll_s=stage.poll_s,
             )
         return links
 
-    def _open_trigger(self, clock: SystemClock | FileClock) -> Trigger | None:
+    def _open_trigger(self, control: Control, clock: SystemClock | FileClock) -> TriggerLink | None:
         trigger = self._config.sem.trigger
-        return None if trigger is None else drivers.open_trigger(trigger.driver, trigger.settings, clock)
+        if trigger is None:
+            return None
+        opened = drivers.open_trigger(trigger.driver, trigger.settings, clock)
+        return TriggerLink(opened, lambda event: control.soon(control.handle, event), clock)
 
     def _check_attended(self, identities: Mapping[Device, DeviceIdentity]) -> None:
         for device, identity in identities.items():
@@ -215,14 +277,16 @@ class _Daemon:
         )
 
     @contextlib.contextmanager
-    def _signals_to(self, control: Control) -> Iterator[None]:
+    def _signals_heard(self) -> Iterator[None]:
         """First Ctrl-C or SIGTERM: stop and finish. Second: abort."""
 
         def asked(*_: object) -> None:
             self._signals += 1
-            control.soon(control.operator, Verb.STOP if self._signals == 1 else Verb.ABORT)
+            control, verb = self._control, Verb.STOP if self._signals == 1 else Verb.ABORT
+            if control is not None:
+                control.soon(control.operator, verb)
 
-        before = {number: signal.signal(number, asked) for number in (signal.SIGINT, signal.SIGTERM)}
+        before = {number: signal.signal(number, asked) for number in _STOP_SIGNALS}
         try:
             yield
         finally:
@@ -234,6 +298,14 @@ def _analysis_trouble(control: Control, clock: SystemClock | FileClock, what: st
     control.trouble(what, "analysis", "stopped" if lost else "started another that catches up from the log")
     if lost:
         control.handle(DeviceFault(clock.now_ns(), Device.SEM, "the analysis process is lost, so frames cannot be judged"))
+
+
+def _close_links(links: Mapping[Device, LinkThread]) -> list[str]:
+    """Stop all devices at once, then wait for each; says which one did not confirm."""
+    for link in links.values():
+        link.stop("the run is over")
+    unsure = [device for device, link in links.items() if not link.close()]
+    return [f"the {device.words} did not confirm that it stopped: look at the machine" for device in unsure]
 
 
 def _boot_id() -> str:
