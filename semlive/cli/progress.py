@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import queue
+import threading
 from types import TracebackType
 
 from rich.console import Console
@@ -12,30 +15,49 @@ from rich.text import Text
 from semlive.engine import State
 from semlive.service.control import Snapshot
 
+_MAX_WAITING = 200
+_TIDY_S = 2.0
+
 
 class ProgressView:
-    """Shows snapshots; a context, so that the terminal is left tidy."""
+    """Shows snapshots; a context, so that the terminal is left tidy.
+
+    A terminal may take no text for as long as it likes (Ctrl-S, a pipe that nobody reads), and the loop must not wait for
+    it: a thread of its own writes, and what it cannot keep up with is not shown.
+    """
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._live = Live(console=console, refresh_per_second=8, transient=True) if console.is_terminal else None
         self._shown: tuple[object, ...] = ()
-        self._warned = 0
+        self._warnings: tuple[str, ...] = ()
+        self._snapshots: queue.Queue[Snapshot | None] = queue.Queue(_MAX_WAITING)
+        self._thread = threading.Thread(target=self._run, name="progress", daemon=True)
 
     def __enter__(self) -> ProgressView:
-        if self._live is not None:
-            self._live.start()
+        self._thread.start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        if self._live is not None:
-            self._live.stop()
+        with contextlib.suppress(queue.Full):
+            self._snapshots.put(None, timeout=_TIDY_S)
+        self._thread.join(_TIDY_S)
 
     def show(self, snapshot: Snapshot) -> None:
-        """Show a snapshot; called with every tick."""
-        for warning in snapshot.warnings[self._warned :]:
+        """Show a snapshot; called with every tick, returns at once."""
+        with contextlib.suppress(queue.Full):
+            self._snapshots.put_nowait(snapshot)
+
+    def _run(self) -> None:
+        # A terminal that was closed refuses every word; nobody is there to be told.
+        with contextlib.suppress(OSError, ValueError), self._live or contextlib.nullcontext():
+            while (snapshot := self._snapshots.get()) is not None:
+                self._write(snapshot)
+
+    def _write(self, snapshot: Snapshot) -> None:
+        for warning in _new(self._warnings, snapshot.warnings):
             self._console.print(f"! {warning}", style="yellow", highlight=False)
-        self._warned = len(snapshot.warnings)
+        self._warnings = snapshot.warnings
         if self._live is not None:
             self._live.update(_panel(snapshot))
         key = (snapshot.progress.state, snapshot.progress.step, snapshot.progress.frames_of_pair, snapshot.pairs_analysed)
@@ -43,6 +65,14 @@ class ProgressView:
             self._shown = key
             if self._live is None or snapshot.progress.state is State.STEP_DONE:
                 self._console.print(progress_line(snapshot), highlight=False)
+
+
+def _new(before: tuple[str, ...], now: tuple[str, ...]) -> tuple[str, ...]:
+    """What was added at the end of a list that forgets its beginning."""
+    for known in range(min(len(before), len(now)), 0, -1):
+        if before[-known:] == now[:known]:
+            return now[known:]
+    return now
 
 
 def progress_line(snapshot: Snapshot) -> str:
