@@ -1,0 +1,138 @@
+"""The real daemon as a process, with drivers that fall ill on request."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from semlive.service.log_files import messages
+
+ENTRY_POINTS = """
+[semlive.load_frames]
+sick = sick_driver:SickLoadFrame
+[semlive.stages]
+sick = sick_driver:SickStage
+[semlive.triggers]
+sick = sick_driver:Sick
+"""
+
+
+def wait_until(true: Callable[[], bool], timeout_s: float = 30.0) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not true():
+        assert time.monotonic() < deadline, "it did not come to that in time"
+        time.sleep(0.02)
+
+
+@dataclass
+class Patient:
+    """A daemon whose devices are sick, and what is known of it from outside."""
+
+    folder: Path
+    config: dict[str, Any]
+    process: subprocess.Popen[str] | None = None
+    started: list[subprocess.Popen[str]] = field(default_factory=list)
+
+    @property
+    def log(self) -> Path:
+        return self.folder / "log" / "run"
+
+    @property
+    def daemon(self) -> subprocess.Popen[str]:
+        assert self.process is not None
+        return self.process
+
+    def start(self, *options: str, stderr: int = subprocess.PIPE) -> Patient:
+        packages = self.folder / "packages"
+        (packages / "sick-1.0.dist-info").mkdir(parents=True)
+        (packages / "sick-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: sick\nVersion: 1.0\n")
+        (packages / "sick-1.0.dist-info" / "entry_points.txt").write_text(ENTRY_POINTS)
+        path = self.folder / "run.yaml"
+        path.write_text(yaml.safe_dump(self.config), encoding="utf-8")
+        where = os.pathsep.join([str(packages), str(Path(__file__).with_name("sick"))])
+        command = [sys.executable, "-m", "semlive", "run", str(path), "--stop-on-fault", *options]
+        environment = {**os.environ, "PYTHONPATH": where}
+        self.process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=stderr, text=True, env=environment
+        )
+        self.started.append(self.process)
+        return self
+
+    def falls_ill(self, ill: str) -> None:
+        (self.folder / "ills" / ill).touch()
+
+    def gets_well(self, ill: str) -> None:
+        (self.folder / "ills" / ill).unlink()
+
+    def calls(self, name: str = "load frame") -> list[str]:
+        """Calls of a device that are no readings, in order."""
+        path = self.folder / "ills" / "calls"
+        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+        return [line.removeprefix(f"{name} ") for line in lines if line.startswith(name) and not line.endswith(" read")]
+
+    def logged(self, topic: str) -> list[dict[str, Any]]:
+        found = self.log.is_dir() and any(self.log.iterdir())
+        return [json.loads(one.payload) for one in messages(self.log) if one.topic == topic] if found else []
+
+    def reach(self, state: str) -> Patient:
+        wait_until(lambda: any(one["after"] == state for one in self.logged("/state")) or self.daemon.poll() is not None)
+        assert self.daemon.poll() is None, self.daemon.communicate()
+        return self
+
+    def child(self) -> int:
+        """The analysis process."""
+        (one,) = Path(f"/proc/{self.daemon.pid}/task/{self.daemon.pid}/children").read_text().split()
+        return int(one)
+
+    def end(self, timeout_s: float = 30.0) -> tuple[int, str]:
+        """Exit code and the last line on standard error."""
+        _, err = self.daemon.communicate(timeout=timeout_s)
+        assert "Traceback" not in err, err
+        assert "Traceback" not in err, err
+        return self.daemon.returncode, " ".join(err.split())
+
+    def is_in_order(self) -> None:
+        """The machine was told to rest as the last thing, and the log is whole."""
+        after_last_ramp = self.calls()[::-1]
+        assert "stop" in after_last_ramp[: after_last_ramp.index("ramp_to")], self.calls()
+        assert [one.name for one in self.log.iterdir()] == ["run.000.mcap"]
+
+
+@pytest.fixture
+def patient(tmp_path: Path) -> Any:
+    for name in ("export", "ills"):
+        (tmp_path / name).mkdir()
+    ills = str(tmp_path / "ills")
+    limits = dict(force_min_n=-50.0, force_max_n=900.0, extension_min_mm=-1.0, extension_max_mm=1.0, force_rate_max_n_s=50.0)
+    one = Patient(
+        tmp_path,
+        {
+            "run": {"name": "run", "folder": "log"},
+            "sem": {"folder": "export", "pixel_size_um": 1.0, "poll_s": 0.05, "stable_for_s": 0.1},
+            "load_frame": {"driver": "sick", "settings": {"ills": ills, "name": "load frame"}},
+            "limits": {**limits, "force_step_max_n": 900.0, "stage_travel_um": 100.0},
+            "dic": {"subset_px": 31, "step_px": 8, "roi_px": None},
+            "protocol": {"loads_n": [800.0], "ramp_rate_n_s": 10.0, "settle_s": 0.1, "hold_s": 0.0},
+        },
+    )
+    yield one
+    for process in one.started:
+        if process.poll() is None:
+            process.send_signal(signal.SIGKILL)
+            process.communicate()
+
+
+@pytest.fixture(scope="session", name="wait_until")
+def _wait_until() -> Callable[..., None]:
+    return wait_until
