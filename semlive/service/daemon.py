@@ -34,6 +34,7 @@ from semlive.service.watch import FolderWatcher, WatchSettings
 
 _TICK_S = 0.05
 _OPEN_TIMEOUT_S = 10.0
+_LOG_TIMEOUT_S = 10.0
 # The last pairs may still be correlated when the protocol ends; a second each on a slow machine.
 _ANALYSIS_TIMEOUT_S = 120.0
 # Compiling for the first time takes half a minute on 2 cores.
@@ -89,6 +90,7 @@ class _Daemon:
         self._config, self._faces = config, faces
         self._folder = config.run.folder / config.run.name
         self._signals = 0
+        self._log_ended = False
         self._control: Control | None = None
 
     async def run(self) -> Outcome:
@@ -149,7 +151,8 @@ class _Daemon:
             texts.append(f"the last pairs are not analysed; semlive replay {self._folder} does it")
         for text in texts[1:]:
             control.trouble(text, "end of the run", "told the operator")
-        if not await loop.run_in_executor(None, recorder.close):
+        self._log_ended = True
+        if not await loop.run_in_executor(None, recorder.close, _LOG_TIMEOUT_S):
             raise SemliveError(f"{recorder.part}: the log could not be finished; make room on the disk, what was written is in it")
         return Outcome(self._folder, finish.outcome is State.COMPLETE and len(texts) == 1 and not control.failure, "; ".join(texts))
 
@@ -218,7 +221,8 @@ class _Daemon:
         except OSError as error:
             raise BadConfig(f"{self._folder}: cannot be created ({error.strerror}); correct run.folder") from error
         recorder = Recorder(segment_path(self._folder, self._config.run.name, 0), clock, self._disk_trouble)
-        stack.callback(recorder.close)
+        # A disk that still refused when the run ended is not waited for a second time.
+        stack.callback(lambda: recorder.close(0.0 if self._log_ended else _LOG_TIMEOUT_S))
         return Journal(recorder), recorder
 
     def _disk_trouble(self, what: str) -> None:

@@ -155,9 +155,7 @@ def test_a_terminal_that_takes_no_text_does_not_hold_up_the_loop(patient: Any, w
     assert patient.daemon.returncode == 1
 
 
-def test_a_strange_file_name_does_no_harm_and_a_closed_terminal_stops_the_machine(
-    patient: Any, wait_until: Callable[..., None]
-) -> None:
+def test_a_strange_file_name_does_no_harm_and_a_closed_terminal_stops_the_machine(patient: Any, wait_until: Callable[..., None]) -> None:
     patient.start().reach("ramping")
     folder = os.fsencode(patient.folder / "export")
     for name, data in ((b"strange-\xff.png", b"no picture"), (b"other-\xfe.tif", b"")):

@@ -250,3 +250,30 @@ def test_the_thread_delivers_soon_and_stops(tmp_path: Path) -> None:
     watcher.close()
     assert [file.data for file in files] == [image(number) for number in range(3)]
     assert refused == []
+
+
+def test_a_giant_file_is_refused_unread(tmp_path: Path) -> None:
+    watched = Watched(tmp_path, WatchSettings(tmp_path, max_bytes=1000)).open()
+    (tmp_path / "a.tif").write_bytes(image(1))
+    watched.wait(8)
+    assert watched.files == []
+    [refused] = watched.refused
+    assert "larger than 1000 bytes" in refused.reason
+
+
+def test_a_dead_watch_is_known(tmp_path: Path) -> None:
+    def break_down(file: ExportedFile) -> None:
+        raise RuntimeError(file.name)
+
+    told: list[str] = []
+    refused: list[FileRefused] = []
+    watcher = FolderWatcher(WatchSettings(tmp_path, poll_s=0.02, stable_for_s=0.05), WallClock(), break_down, refused.append, told.append)
+    watcher.start()
+    assert not watcher.failed
+    (tmp_path / "a.tif").write_bytes(image(1))
+    deadline = time.monotonic() + 10.0
+    while not told and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert watcher.failed
+    assert "the watch of the export folder failed" in told[0]
+    watcher.close()
