@@ -25,6 +25,7 @@ from semlive.formats.clock_file import encode_clock
 from semlive_simulators.clockwork import BenchClock
 from semlive_simulators.exporters.facts import ImageFacts
 from semlive_simulators.kernels.pattern import gaussian
+from semlive_simulators.load_frame.lines import ascii_line, rtu_line
 from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
 from semlive_simulators.machine import Machine
 from semlive_simulators.scenario import BadScenario, Scenario, load_scenario
@@ -50,8 +51,9 @@ def write_atomically(path: Path, data: bytes) -> None:
 class Bench:
     """All parts wired together."""
 
-    def __init__(self, scenario: Scenario, out: Path, rate: float, port: int, triggered: bool) -> None:
+    def __init__(self, scenario: Scenario, out: Path, rate: float, port: int, triggered: bool, lines: frozenset[str] = frozenset()) -> None:
         self._scenario = scenario
+        self._lines = lines
         self._out = out
         self._export = out / "export"
         self._export.mkdir(parents=True, exist_ok=True)
@@ -80,15 +82,9 @@ class Bench:
     def run(self) -> int:
         """Serve until stopped; returns the exit code."""
         port = self._modbus.start()
-        self._clock.begin()
-        self._write_truth()
-        write_atomically(self._out / "ready.json", (json.dumps(self._ready(port), indent=2) + "\n").encode())
-        self._sem.start()
         try:
-            while not self._stop.wait(TICK_S):
-                self._machine.advance_to(self._clock.now_ns())
-                if self._registers.watchdog.expired:
-                    self._machine.expire()
+            with contextlib.ExitStack() as stack:
+                self._serve(port, stack)
         finally:
             self._sem.stop()
             self._modbus.stop()
@@ -97,6 +93,23 @@ class Bench:
             sys.stderr.write(f"bench: stopped by {type(self._failure).__name__}: {self._failure}\n")
             return 1
         return 0
+
+    def _serve(self, port: int, stack: contextlib.ExitStack) -> None:
+        ready, stand = self._ready(port), None
+        if "rtu" in self._lines:
+            ready["rtu_port"] = stack.enter_context(rtu_line(port, UNIT))
+        if "serial" in self._lines:
+            ready["serial_port"], stand = stack.enter_context(ascii_line(self._machine, self._clock.now_ns))
+        self._clock.begin()
+        self._write_truth()
+        write_atomically(self._out / "ready.json", (json.dumps(ready, indent=2) + "\n").encode())
+        self._sem.start()
+        while not self._stop.wait(TICK_S):
+            self._machine.advance_to(self._clock.now_ns())
+            if self._registers.watchdog.expired:
+                self._machine.expire()
+            if stand is not None:
+                stand.watch_limits()
 
     def _ready(self, port: int) -> dict[str, object]:
         return {
@@ -155,6 +168,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--port", type=int, default=0, help="TCP port on 127.0.0.1; 0 takes a free one")
     parser.add_argument("--mode", choices=("continuous", "triggered"), default="continuous")
     parser.add_argument("--seed", type=int, default=None, help="in place of the scenario's own")
+    parser.add_argument("--rtu", action="store_true", help="serve the registers as Modbus RTU too, over a pseudo-terminal")
+    parser.add_argument("--serial", action="store_true", help="serve the load frame as a serial test stand too, over a pseudo-terminal")
     parser.add_argument("--exit-with-stdin", action="store_true", help="end when standard input is closed")
     return parser
 
@@ -165,9 +180,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not 0 < options.rate < float("inf"):
         sys.stderr.write(f"bench: --rate must be a number > 0, not {options.rate}\n")
         return 2
+    if sys.platform == "win32" and (options.rtu or options.serial):
+        sys.stderr.write("bench: --rtu and --serial need pseudo-terminals, which Windows does not have; leave them out\n")
+        return 2
     try:
         scenario = load_scenario(options.scenario, options.seed)
-        bench = Bench(scenario, options.out.resolve(), options.rate, options.port, options.mode == "triggered")
+        lines = frozenset(name for name in ("rtu", "serial") if getattr(options, name))
+        bench = Bench(scenario, options.out.resolve(), options.rate, options.port, options.mode == "triggered", lines)
     except BadScenario as error:
         sys.stderr.write(f"bench: {error}\n")
         return 2
@@ -181,7 +200,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return bench.run()
     except RuntimeError as error:
-        sys.stderr.write(f"bench: {error}; choose another --port\n")
+        sys.stderr.write(f"bench: {error}\n")
         return 2
 
 

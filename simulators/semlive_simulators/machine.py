@@ -78,7 +78,7 @@ class Machine:
 
     def _remember(self) -> None:
         x_um, y_um = stages.true_position_um(self._stage, self._scenario.stage)
-        moving = self._stage.moving or self._load.drive is dynamics.Drive.RAMPING
+        moving = self._stage.moving or self._load.moving
         time_s = self._steps * STEP_NS * 1e-9
         self._memory.append(Remembered(time_s, self._load.force_n, x_um, y_um, self._stage.yaw_rad, moving))
         if len(self._memory) > _REMEMBERED:
@@ -106,7 +106,7 @@ class Machine:
             force_n=load.force_n + frame.cell_noise_n * gaussian(seed, _FORCE_STREAM, number),
             extension_mm=load.extension_mm + frame.extension_noise_mm * gaussian(seed, _EXTENSION_STREAM, number),
             target_n=load.target_n,
-            load_frame_moving=load.drive is dynamics.Drive.RAMPING,
+            load_frame_moving=load.moving,
             load_frame_fault=load.faulty,
             encoder_x_um=position.motor_x_um + stage.encoder_noise_um * gaussian(seed, _ENCODER_X_STREAM, number),
             encoder_y_um=position.motor_y_um + stage.encoder_noise_um * gaussian(seed, _ENCODER_Y_STREAM, number),
@@ -134,6 +134,11 @@ class Machine:
         with self._lock:
             self._load = dynamics.ramp_to(self._load, force_n, rate_n_s)
 
+    def jog(self, speed_mm_s: float) -> None:
+        """Start moving the crosshead in displacement control, positive pulls."""
+        with self._lock:
+            self._load = dynamics.jog(self._load, speed_mm_s)
+
     def stop_load(self) -> None:
         """Stop the load frame and hold position."""
         with self._lock:
@@ -156,7 +161,13 @@ class Machine:
             self._stage = stages.stop(self._stage)
 
     @property
-    def overloaded(self) -> bool:
-        """Whether the load frame stopped at its own force limit."""
+    def jogging_mm_s(self) -> float:
+        """Speed of the crosshead in displacement control, 0 if it is not driven so."""
         with self._lock:
-            return self._load.drive is dynamics.Drive.OVERLOAD
+            return self._load.jog_mm_s if self._load.drive is dynamics.Drive.JOGGING else 0.0
+
+    @property
+    def locked(self) -> bool:
+        """Whether the load frame obeys no motion before a stop: after its own force limit, or the emergency stop."""
+        with self._lock:
+            return self._load.drive in (dynamics.Drive.OVERLOAD, dynamics.Drive.EMERGENCY)

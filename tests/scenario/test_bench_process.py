@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from pymodbus.client import ModbusTcpClient
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
 from semlive.formats.clock_file import decode_clock
 from semlive_simulators.load_frame.registers import f32
@@ -141,6 +141,22 @@ def test_the_same_seed_scans_the_same_pixels(tmp_path: Path) -> None:
         hashes[name] = hashlib.sha256(pixels.tobytes()).hexdigest()
         assert truth(folder)["seed"] == int(seed)
     assert hashes["a"] == hashes["b"] != hashes["c"]
+
+
+def test_serial_lines_are_announced_and_speak_of_the_same_machine(tmp_path: Path) -> None:
+    process = start(tmp_path, "--rtu", "--serial")
+    said = ready(tmp_path)
+    client = ModbusSerialClient(said["rtu_port"], baudrate=19_200, timeout=2, retries=0)
+    assert client.connect()
+    assert client.read_input_registers(0, count=2, device_id=said["unit"]).registers == [0x5E31, 1]
+    with open(said["serial_port"], "r+b", buffering=0) as line:
+        line.write(b"u")
+        wait_for(lambda: client.read_input_registers(3, count=1, device_id=said["unit"]).registers == [1])
+        line.write(b"s")
+        wait_for(lambda: client.read_input_registers(3, count=1, device_id=said["unit"]).registers == [0])
+    client.close()
+    code, _, err = ended(process, signal.SIGTERM)
+    assert (code, err) == (0, "")
 
 
 def test_the_end_of_standard_input_ends_it(tmp_path: Path) -> None:

@@ -22,6 +22,11 @@ class LoadFrameParameters:
         force_limit_n: beyond this the machine stops with a fault.
         cell_noise_n: standard deviation of one reading of the load cell.
         extension_noise_mm: standard deviation of one reading of the crosshead.
+        extension_min_mm: where the lower limit switch sits.
+        extension_max_mm: where the upper one sits.
+        slip_n: the grips slip when the force first exceeds this.
+        slip_mm: how far they slip.
+        fracture_n: the specimen breaks beyond this force.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -34,6 +39,11 @@ class LoadFrameParameters:
     force_limit_n: float
     cell_noise_n: float
     extension_noise_mm: float
+    extension_min_mm: float = -5.0
+    extension_max_mm: float = 20.0
+    slip_n: float = math.inf
+    slip_mm: float = 0.0
+    fracture_n: float = math.inf
 
 
 class Drive(StrEnum):
@@ -41,8 +51,14 @@ class Drive(StrEnum):
 
     HOLDING = "holding"
     RAMPING = "ramping"
+    JOGGING = "jogging"
     OVERLOAD = "overload"
     WATCHDOG = "watchdog"
+    LIMIT = "limit switch"
+    EMERGENCY = "emergency stop"
+
+
+FAULTS = (Drive.OVERLOAD, Drive.WATCHDOG, Drive.LIMIT, Drive.EMERGENCY)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,12 +66,15 @@ class LoadFrameState:
     """The machine at an instant.
 
     Attributes:
-        drive: what it does; two of its words are faults.
+        drive: what it does; some of its words are faults.
         target_n: where the last ramp went.
         rate_n_s: how fast.
+        jog_mm_s: crosshead speed in displacement control, positive pulls.
         stiffness_n_mm: of machine and specimen in series.
         extension_mm: of the crosshead.
         relaxed_n: load lost by relaxation so far.
+        slipped_mm: how far the grips have slipped.
+        broken: whether the specimen is in two pieces.
     """
 
     stiffness_n_mm: float
@@ -64,16 +83,24 @@ class LoadFrameState:
     rate_n_s: float = 0.0
     extension_mm: float = 0.0
     relaxed_n: float = 0.0
+    jog_mm_s: float = 0.0
+    slipped_mm: float = 0.0
+    broken: bool = False
 
     @property
     def force_n(self) -> float:
         """True force on the specimen."""
-        return self.stiffness_n_mm * self.extension_mm - self.relaxed_n
+        return 0.0 if self.broken else self.stiffness_n_mm * (self.extension_mm - self.slipped_mm) - self.relaxed_n
+
+    @property
+    def moving(self) -> bool:
+        """Whether the crosshead is driven."""
+        return self.drive in (Drive.RAMPING, Drive.JOGGING)
 
     @property
     def faulty(self) -> bool:
         """Whether it stopped with a fault."""
-        return self.drive in (Drive.OVERLOAD, Drive.WATCHDOG)
+        return self.drive in FAULTS
 
 
 def at_rest(parameters: LoadFrameParameters, specimen_stiffness_n_mm: float) -> LoadFrameState:
@@ -86,6 +113,11 @@ def ramp_to(state: LoadFrameState, target_n: float, rate_n_s: float) -> LoadFram
     return replace(state, drive=Drive.RAMPING, target_n=target_n, rate_n_s=rate_n_s)
 
 
+def jog(state: LoadFrameState, speed_mm_s: float) -> LoadFrameState:
+    """Start moving in displacement control, positive pulls; also acknowledges a watchdog fault."""
+    return replace(state, drive=Drive.JOGGING, jog_mm_s=speed_mm_s)
+
+
 def stop(state: LoadFrameState) -> LoadFrameState:
     """Stop and hold position; acknowledges a fault. The target becomes the present load."""
     return replace(state, drive=Drive.HOLDING, target_n=state.force_n)
@@ -93,16 +125,31 @@ def stop(state: LoadFrameState) -> LoadFrameState:
 
 def expire(state: LoadFrameState) -> LoadFrameState:
     """The watchdog expired: stop, hold position, say so."""
-    return state if state.faulty else replace(state, drive=Drive.WATCHDOG, target_n=state.force_n)
+    return state if state.faulty else tripped(state, Drive.WATCHDOG)
+
+
+def tripped(state: LoadFrameState, fault: Drive) -> LoadFrameState:
+    """Stopped by a fault, holding position."""
+    return replace(state, drive=fault, target_n=state.force_n)
+
+
+def slip(state: LoadFrameState, slip_mm: float) -> LoadFrameState:
+    """The grips let the specimen go a little and hold again."""
+    return replace(state, slipped_mm=state.slipped_mm + slip_mm)
+
+
+def fracture(state: LoadFrameState) -> LoadFrameState:
+    """The specimen breaks; the machine does not know."""
+    return replace(state, broken=True)
 
 
 def step(state: LoadFrameState, parameters: LoadFrameParameters, dt_s: float) -> LoadFrameState:
     """The machine `dt_s` of experiment time later.
 
     A ramp runs at its rate and closes the last part exponentially; grips and machine creep all the while, which load control
-    makes good and a held position shows as falling load.
+    makes good and a held position shows as falling load. With a broken specimen load control runs away to the limit switch.
     """
-    lost = parameters.relaxation_fraction * state.stiffness_n_mm * state.extension_mm
+    lost = parameters.relaxation_fraction * state.stiffness_n_mm * (state.extension_mm - state.slipped_mm)
     relaxed = lost + (state.relaxed_n - lost) * math.exp(-dt_s / parameters.relaxation_time_s)
     moved = replace(state, relaxed_n=relaxed)
     if state.drive is Drive.RAMPING:
@@ -112,10 +159,33 @@ def step(state: LoadFrameState, parameters: LoadFrameParameters, dt_s: float) ->
         moved = replace(moved, extension_mm=state.extension_mm + change / state.stiffness_n_mm)
         if abs(state.target_n - moved.force_n) <= parameters.arrived_n:
             moved = replace(moved, drive=Drive.HOLDING)
-    if abs(moved.force_n) > parameters.force_limit_n and moved.drive is not Drive.OVERLOAD and not _unloading(moved):
-        moved = replace(moved, drive=Drive.OVERLOAD)
+    elif state.drive is Drive.JOGGING:
+        moved = replace(moved, extension_mm=state.extension_mm + state.jog_mm_s * dt_s)
+    return _overloaded(_yielding(_stopped_by_switch(moved, state, parameters), parameters), parameters)
+
+
+def _stopped_by_switch(moved: LoadFrameState, before: LoadFrameState, parameters: LoadFrameParameters) -> LoadFrameState:
+    outwards = moved.extension_mm - before.extension_mm
+    low, high = parameters.extension_min_mm, parameters.extension_max_mm
+    if (moved.extension_mm > high and outwards > 0) or (moved.extension_mm < low and outwards < 0):
+        return tripped(replace(moved, extension_mm=min(max(moved.extension_mm, low), high)), Drive.LIMIT)
+    return moved
+
+
+def _yielding(moved: LoadFrameState, parameters: LoadFrameParameters) -> LoadFrameState:
+    if moved.force_n > parameters.slip_n and moved.slipped_mm == 0.0:
+        moved = slip(moved, parameters.slip_mm)
+    return fracture(moved) if moved.force_n > parameters.fracture_n else moved
+
+
+def _overloaded(moved: LoadFrameState, parameters: LoadFrameParameters) -> LoadFrameState:
+    beyond = abs(moved.force_n) > parameters.force_limit_n
+    if beyond and moved.drive not in (Drive.OVERLOAD, Drive.EMERGENCY) and not _unloading(moved):
+        return replace(moved, drive=Drive.OVERLOAD)
     return moved
 
 
 def _unloading(state: LoadFrameState) -> bool:
+    if state.drive is Drive.JOGGING:
+        return state.jog_mm_s * state.force_n < 0
     return state.drive is Drive.RAMPING and abs(state.target_n) < abs(state.force_n)

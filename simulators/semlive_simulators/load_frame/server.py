@@ -119,7 +119,7 @@ class BenchRegisters:
             sound = math.isfinite(orders.target_n) and abs(orders.target_n) <= limit and 0 < orders.rate_n_s < math.inf
             if not sound:
                 return ExcCodes.ILLEGAL_VALUE
-            if self._machine.overloaded:
+            if self._machine.locked:
                 return ExcCodes.DEVICE_FAILURE
         if 7 in touched and orders.watchdog_s != old.watchdog_s:
             self.watchdog.set(orders.watchdog_s)
@@ -190,7 +190,9 @@ class ModbusThread:
         self._thread.start()
         self._listening.wait()
         if self._failure is not None:
-            raise RuntimeError(f"cannot listen on 127.0.0.1:{self._wanted_port} ({self._failure})") from self._failure
+            raise RuntimeError(
+                f"cannot listen on 127.0.0.1:{self._wanted_port} ({self._failure}); choose another --port"
+            ) from self._failure
         return self._port
 
     def stop(self) -> None:
