@@ -10,7 +10,7 @@ import numpy as np
 
 from semlive_simulators import stage as stages
 from semlive_simulators.kernels.pattern import gaussian
-from semlive_simulators.load_frame import dynamics
+from semlive_simulators.load_frame import dynamics, schedule
 from semlive_simulators.scenario import Scenario
 from semlive_simulators.specimen import Motion
 
@@ -43,9 +43,14 @@ class Reading:
     target_n: float
     load_frame_moving: bool
     load_frame_fault: bool
+    load_frame_drive: dynamics.Drive
     encoder_x_um: float
     encoder_y_um: float
     stage_moving: bool
+    beam_x_um: float
+    beam_y_um: float
+    beam_moving: bool
+    strain_gage: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,12 +78,15 @@ class Machine:
         self._steps = 0
         self._load = dynamics.at_rest(scenario.load_frame, scenario.specimen.stiffness_n_mm)
         self._stage = stages.StageState()
+        self._beam = stages.StageState()
         self._memory: list[Remembered] = []
         self._remember()
 
     def _remember(self) -> None:
-        x_um, y_um = stages.true_position_um(self._stage, self._scenario.stage)
-        moving = self._stage.moving or self._load.moving
+        stage_um = stages.true_position_um(self._stage, self._scenario.stage)
+        beam_um = stages.true_position_um(self._beam, self._scenario.beam_shift)
+        x_um, y_um = stage_um[0] + beam_um[0], stage_um[1] + beam_um[1]
+        moving = self._stage.moving or self._beam.moving or self._load.moving
         time_s = self._steps * STEP_NS * 1e-9
         self._memory.append(Remembered(time_s, self._load.force_n, x_um, y_um, self._stage.yaw_rad, moving))
         if len(self._memory) > _REMEMBERED:
@@ -91,7 +99,10 @@ class Machine:
             while self._steps < goal:
                 self._load = dynamics.step(self._load, self._scenario.load_frame, STEP_NS * 1e-9)
                 self._stage = stages.step(self._stage, self._scenario.stage, STEP_NS * 1e-9)
+                self._beam = stages.step(self._beam, self._scenario.beam_shift, STEP_NS * 1e-9)
                 self._steps += 1
+                now_s = self._steps * STEP_NS * 1e-9
+                self._load = schedule.struck(self._load, self._scenario.faults, now_s - STEP_NS * 1e-9, now_s)
                 self._remember()
 
     def read(self, time_ns: int) -> Reading:
@@ -100,7 +111,7 @@ class Machine:
         number = max(0, (time_ns - self._start_ns) * READINGS_PER_S // 1_000_000_000)
         seed, frame, stage = self._scenario.seed, self._scenario.load_frame, self._scenario.stage
         with self._lock:
-            load, position = self._load, self._stage
+            load, position, beam = self._load, self._stage, self._beam
         return Reading(
             number=number,
             force_n=load.force_n + frame.cell_noise_n * gaussian(seed, _FORCE_STREAM, number),
@@ -108,9 +119,14 @@ class Machine:
             target_n=load.target_n,
             load_frame_moving=load.moving,
             load_frame_fault=load.faulty,
+            load_frame_drive=load.drive,
             encoder_x_um=position.motor_x_um + stage.encoder_noise_um * gaussian(seed, _ENCODER_X_STREAM, number),
             encoder_y_um=position.motor_y_um + stage.encoder_noise_um * gaussian(seed, _ENCODER_Y_STREAM, number),
             stage_moving=position.moving,
+            beam_x_um=beam.motor_x_um,
+            beam_y_um=beam.motor_y_um,
+            beam_moving=beam.moving,
+            strain_gage=self._scenario.strain_gage.reading(self._scenario.specimen, load.force_n, seed, number),
         )
 
     def window(self, first_s: float, last_s: float) -> Window:
@@ -144,14 +160,21 @@ class Machine:
         with self._lock:
             self._load = dynamics.stop(self._load)
 
-    def move_stage(self, x_um: float, y_um: float) -> None:
-        """Start a motion of the stage."""
+    def move_stage(self, x_um: float, y_um: float, actuator: stages.Actuator = stages.Actuator.STAGE) -> None:
+        """Start a motion of the stage, or of the beam in its place."""
         with self._lock:
+            if actuator is stages.Actuator.BEAM_SHIFT:
+                # Another seed: what the beam's shift errs by is not what the stage's motion does.
+                self._beam = stages.go(self._beam, self._scenario.beam_shift, x_um, y_um, self._scenario.seed + 1)
+                return
             self._stage = stages.go(self._stage, self._scenario.stage, x_um, y_um, self._scenario.seed)
 
-    def stop_stage(self) -> None:
-        """Stop the stage."""
+    def stop_stage(self, actuator: stages.Actuator = stages.Actuator.STAGE) -> None:
+        """Stop the stage, or the beam's shift."""
         with self._lock:
+            if actuator is stages.Actuator.BEAM_SHIFT:
+                self._beam = stages.stop(self._beam)
+                return
             self._stage = stages.stop(self._stage)
 
     def expire(self) -> None:

@@ -11,6 +11,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from semlive_simulators.machine import STEP_NS, Machine, Window
 from semlive_simulators.scenario import BadScenario, Scenario
+from semlive_simulators.stage import Actuator
 
 START_NS = 1_767_600_000_000_000_000
 """When every played experiment begins: 2026-01-05 08:00 UTC."""
@@ -125,7 +126,7 @@ class Player:
         x_um, y_um = stop.shift_px[0] * pixel_um, stop.shift_px[1] * pixel_um
         for approach in range(_APPROACHES):
             if approach == 0 or not self._stage_within(x_um, y_um):
-                self._machine.move_stage(x_um, y_um)
+                self._machine.move_stage(x_um, y_um, self._scenario.shifts_by)
                 self._wait_for_rest(stop)
             if stop.load_n is not None and (approach == 0 or not self._load_within(stop.load_n)):
                 self._machine.ramp_to(stop.load_n, self._protocol.ramp_rate_n_s)
@@ -141,13 +142,16 @@ class Player:
             reading = self._machine.read(self.time_ns)
             if reading.load_frame_fault:
                 break
-            if not (reading.load_frame_moving or reading.stage_moving):
+            if not (reading.load_frame_moving or reading.stage_moving or reading.beam_moving):
                 return
         raise BadScenario(f"scenario {self._scenario.name}: {_words(stop)} ends in a fault or takes too long; change loads_n or load_frame")
 
     def _stage_within(self, x_um: float, y_um: float) -> bool:
         reading = self._machine.read(self.time_ns)
-        return max(abs(reading.encoder_x_um - x_um), abs(reading.encoder_y_um - y_um)) <= self._protocol.stage_tolerance_um
+        at_um = (reading.encoder_x_um, reading.encoder_y_um)
+        if self._scenario.shifts_by is Actuator.BEAM_SHIFT:
+            at_um = (reading.beam_x_um, reading.beam_y_um)
+        return max(abs(at_um[0] - x_um), abs(at_um[1] - y_um)) <= self._protocol.stage_tolerance_um
 
     def _load_within(self, load_n: float) -> bool:
         tolerance_n = max(self._protocol.load_tolerance_n, self._protocol.load_tolerance_fraction * abs(load_n))

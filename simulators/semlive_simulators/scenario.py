@@ -14,8 +14,10 @@ from semlive_simulators.effects.distortion import Distortion
 from semlive_simulators.effects.drift import Drift
 from semlive_simulators.exporters.settings import Export
 from semlive_simulators.load_frame.dynamics import LoadFrameParameters
+from semlive_simulators.load_frame.schedule import PlannedFault
+from semlive_simulators.load_frame.strain_gage import StrainGage
 from semlive_simulators.specimen import Specimen, Speckle
-from semlive_simulators.stage import StageParameters
+from semlive_simulators.stage import BEAM_SHIFT, Actuator, StageParameters
 
 FOLDER = Path(__file__).parent / "scenarios"
 
@@ -42,6 +44,10 @@ class Scenario:
         stage: the stage.
         export: how files are written.
         experiment: a fragment of the daemon's configuration, handed on as it is.
+        strain_gage: on the specimen.
+        beam_shift: the column's own way to move the picture.
+        shifts_by: which of the two a played experiment uses for its shifts.
+        faults: what goes wrong with the load frame, and when.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -59,6 +65,10 @@ class Scenario:
     stage: StageParameters
     export: Export
     experiment: dict[str, Any]
+    strain_gage: StrainGage = StrainGage()
+    beam_shift: StageParameters = BEAM_SHIFT
+    shifts_by: Actuator = Actuator.STAGE
+    faults: tuple[PlannedFault, ...] = ()
 
     def column(self) -> Column:
         """The column of this scenario."""

@@ -1,15 +1,23 @@
-"""The specimen stage: it moves slowly, not quite where it is told, and does not know it."""
+"""What moves the picture: the specimen stage, slow and not quite where it is told, and the beam's shift, quick but crooked."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 from pydantic import ConfigDict
 
 from semlive_simulators.kernels.pattern import gaussian
 
 _X_STREAM, _Y_STREAM, _YAW_STREAM = 11, 12, 13
+
+
+class Actuator(StrEnum):
+    """What is moved."""
+
+    STAGE = "stage"
+    BEAM_SHIFT = "beam_shift"
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +47,13 @@ class StageParameters:
     position_noise_um: float
     encoder_noise_um: float
     yaw_rad: float
+
+
+BEAM_SHIFT = StageParameters(
+    speed_um_s=100.0, travel_um=50.0, scale_x=1.03, scale_y=0.96, nonorthogonality_rad=0.035, backlash_um=0.0,
+    position_noise_um=0.005, encoder_noise_um=0.0, yaw_rad=0.0,
+)  # fmt: skip
+"""A beam shift: coils have no backlash and turn nothing, but their gains are percents off and their axes 2 degrees."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -141,6 +141,34 @@ def test_the_stage_goes_near_where_it_is_told(bench: Served) -> None:
 
 
 @pytest.mark.parametrize("mode", ["continuous"], indirect=True)
+def test_the_beam_is_shifted_beside_the_stage_with_errors_of_its_own(bench: Served) -> None:
+    assert bench.inputs(400, 1) == [0]
+    bench.client.write_registers(400, [*f32(20.0), *f32(-10.0), 1, 3], device_id=1)
+    bench.until(lambda: bench.inputs(400, 1) == [0] and abs(read_f32(bench.inputs(401, 2)) - 20.0) < 0.1)
+    assert bench.inputs(100, 1) == [0]
+    assert abs(read_f32(bench.inputs(101, 2))) < 0.5  # the stage has not moved
+    assert read_f32(bench.inputs(403, 2)) == pytest.approx(-10.0, abs=0.1)
+    newest = bench.machine.window(1e9, 1e9)
+    x_um, y_um = newest.motion.shift_px[-1] * 1.25
+    assert x_um == pytest.approx(1.03 * 20.0 + 0.96 * 0.035 * -10.0, abs=0.1)
+    assert y_um == pytest.approx(0.96 * -10.0, abs=0.1)
+    assert bench.client.write_registers(400, [*f32(60.0), *f32(0.0), 1, 4], device_id=1).exception_code == 3
+
+
+@pytest.mark.parametrize("mode", ["continuous"], indirect=True)
+def test_a_strain_gage_says_the_strain_and_a_fault_its_reason(bench: Served) -> None:
+    assert bench.inputs(300, 1) == [0]
+    assert abs(read_f32(bench.inputs(301, 2))) < 15e-6
+    bench.client.write_registers(0, [*f32(1000.0), *f32(100.0), 1, 1, 0, 0], device_id=1)
+    bench.until(lambda: bench.inputs(3, 1) == [0])
+    said = read_f32(bench.inputs(301, 2))
+    assert said == pytest.approx(1.005 * 1000.0 / 711_000 + 4e-6, abs=16e-6)
+    bench.machine.expire()
+    assert bench.inputs(3, 1) == [2]
+    assert bench.inputs(300, 1) == [2]
+
+
+@pytest.mark.parametrize("mode", ["continuous"], indirect=True)
 @pytest.mark.parametrize(
     ("address", "values", "exception"),
     [

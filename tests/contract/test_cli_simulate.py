@@ -154,6 +154,24 @@ def test_another_vendors_files_and_sidecars(tmp_path: Path) -> None:
     assert sorted(path.name for path in (tmp_path / "out" / "export").iterdir()) == ["x200_0003.tif", "x200_0003.txt"]
 
 
+def test_shifts_by_the_beam_are_quick_and_crooked(tmp_path: Path) -> None:
+    path = scenario_file(tmp_path)
+    path.write_text(path.read_text() + "shifts_by: beam_shift\n")
+    assert frames(path, "--out", tmp_path / "out", "--frames", "2") == 0
+    [frame] = json.loads((tmp_path / "out" / "truth.json").read_text())["frames"]
+    x_px, y_px = 1.03 * 24 + 0.96 * np.sin(0.035) * -10, 0.96 * np.cos(0.035) * -10
+    assert frame["stage_px"] == pytest.approx([x_px, y_px], abs=0.02)
+
+
+def test_a_planned_emergency_stop_ends_the_experiment_in_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = scenario_file(tmp_path)
+    path.write_text(path.read_text() + "faults: [{at_s: 345.0, what: emergency_stop, lasts_s: 10.0}]\n")
+    assert frames(path, "--out", tmp_path / "out", "--frames", "0,7") == 2
+    said = capsys.readouterr().err
+    assert "a load of 1800 N ends in a fault" in said  # pressed while a frame at 400 N was scanned
+    assert said.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("scenario", "options", "says"),
     [

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from semlive_simulators import stage
-from semlive_simulators.load_frame import dynamics
+from semlive_simulators.load_frame import dynamics, schedule
 from semlive_simulators.load_frame.dynamics import Drive, LoadFrameState
+from semlive_simulators.load_frame.schedule import Mishap, PlannedFault
 from semlive_simulators.scenario import load_scenario
 
 SCENARIO = load_scenario("paper_x200")
@@ -99,6 +100,80 @@ def test_an_expired_watchdog_is_a_fault_until_the_next_order() -> None:
     assert run(expired, 5.0)[-1].extension_mm == expired.extension_mm
     assert not dynamics.stop(expired).faulty
     assert not dynamics.ramp_to(expired, 0.0, 10.0).faulty
+
+
+def test_displacement_control_runs_at_its_speed() -> None:
+    state = run(dynamics.jog(dynamics.at_rest(MACHINE, SCENARIO.specimen.stiffness_n_mm), 0.01), 10.0)[-1]
+    assert state.moving
+    assert state.extension_mm == pytest.approx(0.1)
+    assert state.force_n + state.relaxed_n == pytest.approx(0.1 * state.stiffness_n_mm)
+
+
+def test_a_limit_switch_stops_the_way_out_and_lets_it_back() -> None:
+    near = dataclasses.replace(MACHINE, extension_max_mm=0.05)
+    state = dynamics.jog(dynamics.at_rest(near, SCENARIO.specimen.stiffness_n_mm), 0.01)
+    for _ in range(400):
+        state = dynamics.step(state, near, DT_S)
+    assert (state.drive, state.extension_mm) == (Drive.LIMIT, 0.05)
+    again = dynamics.step(dynamics.jog(state, 0.01), near, DT_S)
+    assert (again.drive, again.extension_mm) == (Drive.LIMIT, 0.05)
+    back = dynamics.step(dynamics.jog(state, -0.01), near, DT_S)
+    assert back.drive is Drive.JOGGING
+    assert back.extension_mm < 0.05
+
+
+def test_grips_slip_once_and_load_control_makes_it_good() -> None:
+    slipping = dataclasses.replace(MACHINE, slip_n=800.0, slip_mm=0.02)
+    state = dynamics.ramp_to(dynamics.at_rest(slipping, SCENARIO.specimen.stiffness_n_mm), 1200.0, 50.0)
+    forces = [state.force_n]
+    for _ in range(1200):
+        state = dynamics.step(state, slipping, DT_S)
+        forces.append(state.force_n)
+    drops = [before - after for before, after in itertools.pairwise(forces) if before - after > 10.0]
+    assert len(drops) == 1
+    assert drops[0] == pytest.approx(0.02 * state.stiffness_n_mm, abs=3.0)
+    assert state.slipped_mm == 0.02
+    assert state.force_n == pytest.approx(1200.0, abs=5.0)
+
+
+def test_a_broken_specimen_carries_nothing_and_load_control_runs_away_to_the_switch() -> None:
+    brittle = dataclasses.replace(MACHINE, fracture_n=700.0, extension_max_mm=0.3)
+    state = dynamics.ramp_to(dynamics.at_rest(brittle, SCENARIO.specimen.stiffness_n_mm), 1500.0, 50.0)
+    highest = 0.0
+    for _ in range(2000):
+        state = dynamics.step(state, brittle, DT_S)
+        highest = max(highest, state.force_n)
+    assert 690.0 < highest <= 700.0
+    assert state.broken
+    assert state.force_n == 0.0
+    assert (state.drive, state.extension_mm) == (Drive.LIMIT, 0.3)
+
+
+@pytest.mark.parametrize(("what", "drive"), [(Mishap.EMERGENCY_STOP, Drive.EMERGENCY), (Mishap.LIMIT_SWITCH, Drive.LIMIT)])
+def test_a_planned_stop_comes_at_its_instant(what: Mishap, drive: Drive) -> None:
+    ramping = dynamics.ramp_to(loaded(300.0), 800.0, 10.0)
+    faults = (PlannedFault(7.0, what),)
+    assert schedule.struck(ramping, faults, 6.9, 6.95) == ramping
+    stopped = schedule.struck(ramping, faults, 6.95, 7.0)
+    assert (stopped.drive, stopped.faulty, stopped.moving) == (drive, True, False)
+    assert schedule.struck(dynamics.stop(stopped), faults, 7.0, 7.05).drive is Drive.HOLDING
+
+
+def test_a_pressed_emergency_stop_obeys_nobody_until_it_is_released() -> None:
+    faults = (PlannedFault(7.0, Mishap.EMERGENCY_STOP, lasts_s=3.0),)
+    state = schedule.struck(loaded(300.0), faults, 6.95, 7.0)
+    for now_s in (7.05, 8.0, 9.95):
+        ordered = dynamics.ramp_to(dynamics.stop(state), 800.0, 10.0)
+        state = schedule.struck(ordered, faults, now_s - DT_S, now_s)
+        assert state.drive is Drive.EMERGENCY
+    assert schedule.struck(dynamics.stop(state), faults, 10.0, 10.05).drive is Drive.HOLDING
+
+
+def test_planned_slip_and_fracture_take_the_load_away() -> None:
+    held = loaded(300.0)
+    slipped = schedule.struck(held, (PlannedFault(1.0, Mishap.GRIP_SLIP, slip_mm=0.01),), 0.95, 1.0)
+    assert held.force_n - slipped.force_n == pytest.approx(0.01 * held.stiffness_n_mm)
+    assert schedule.struck(held, (PlannedFault(1.0, Mishap.FRACTURE),), 0.95, 1.0).force_n == 0.0
 
 
 def moved(state: stage.StageState, x_um: float, y_um: float) -> stage.StageState:

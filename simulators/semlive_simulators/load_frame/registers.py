@@ -47,7 +47,7 @@ class LoadFrameInputs:
 
 @dataclass(frozen=True, slots=True)
 class StageInputs:
-    """Input registers 100-106."""
+    """Input registers 100-106, and 400-406 for the beam's shift."""
 
     state: int
     x_um: float
@@ -55,8 +55,21 @@ class StageInputs:
     readings: int
 
     def registers(self) -> list[int]:
-        """All seven, from address 100."""
+        """All seven, from the first."""
         return [self.state, *f32(self.x_um), *f32(self.y_um), *u32(self.readings)]
+
+
+@dataclass(frozen=True, slots=True)
+class MoreInputs:
+    """Input registers 300-304."""
+
+    fault: int
+    strain_gage: float
+    readings: int
+
+    def registers(self) -> list[int]:
+        """All five, from address 300."""
+        return [self.fault, *f32(self.strain_gage), *u32(self.readings)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +104,7 @@ class LoadFrameOrders:
 
 @dataclass(frozen=True, slots=True)
 class StageOrders:
-    """Holding registers 100-105."""
+    """Holding registers 100-105, and 400-405 for the beam's shift."""
 
     x_um: float
     y_um: float
@@ -99,5 +112,5 @@ class StageOrders:
 
     @classmethod
     def decoded(cls, registers: list[int]) -> StageOrders:
-        """From the six registers at address 100."""
+        """From six registers."""
         return cls(read_f32(registers[0:2]), read_f32(registers[2:4]), registers[4])

@@ -13,19 +13,22 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from semlive_simulators.clockwork import BenchClock
+from semlive_simulators.load_frame.dynamics import FAULTS
 from semlive_simulators.load_frame.registers import (
     FAULT,
     MOVING,
     STOPPED,
     LoadFrameInputs,
     LoadFrameOrders,
+    MoreInputs,
     SemInputs,
     StageInputs,
     StageOrders,
 )
-from semlive_simulators.machine import Machine, Reading
+from semlive_simulators.machine import Machine
 from semlive_simulators.scenario import Scenario
 from semlive_simulators.sem import Sem
+from semlive_simulators.stage import Actuator
 
 UNIT = 1
 _READ_HOLDING, _READ_INPUT = 3, 4
@@ -86,8 +89,10 @@ class BenchRegisters:
         if touched.start < 100:
             return self._order_load_frame(registers, written, touched)
         if touched.start < 200:
-            return self._order_stage(written, touched)
-        return self._order_sem(written[200])
+            return self._order_stage(written, touched, 100, Actuator.STAGE)
+        if touched.start < 400:
+            return self._order_sem(written[200])
+        return self._order_stage(written, touched, 400, Actuator.BEAM_SHIFT)
 
     def _inputs(self, registers: list[int], start: int) -> list[int]:
         reading = self._machine.read(self._clock.now_ns())
@@ -100,9 +105,13 @@ class BenchRegisters:
             lag_s=self._clock.lag_s(),
             force_limit_n=self._scenario.load_frame.force_limit_n,
         )
-        stage = StageInputs(_stage_state(reading), reading.encoder_x_um, reading.encoder_y_um, reading.number)
+        stage = StageInputs(_stage_state(reading.stage_moving), reading.encoder_x_um, reading.encoder_y_um, reading.number)
+        beam = StageInputs(_stage_state(reading.beam_moving), reading.beam_x_um, reading.beam_y_um, reading.number)
+        drive = reading.load_frame_drive
+        more = MoreInputs(FAULTS.index(drive) + 1 if drive in FAULTS else 0, reading.strain_gage, reading.number)
         block = list(registers)
-        for address, words in ((0, load_frame.registers()), (100, stage.registers()), (200, self._sem_inputs().registers())):
+        for address, part in ((0, load_frame), (100, stage), (200, self._sem_inputs()), (300, more), (400, beam)):
+            words = part.registers()
             block[address - start : address - start + len(words)] = words
         return block
 
@@ -132,19 +141,20 @@ class BenchRegisters:
             self._machine.stop_load()
         return None
 
-    def _order_stage(self, written: list[int], touched: range) -> ExcCodes | None:
-        orders = StageOrders.decoded(written[100:106])
-        command = orders.command if 104 in touched else 0
+    def _order_stage(self, written: list[int], touched: range, first: int, actuator: Actuator) -> ExcCodes | None:
+        orders = StageOrders.decoded(written[first : first + 6])
+        command = orders.command if first + 4 in touched else 0
         if command not in (0, _GO, _STOP):
             return ExcCodes.ILLEGAL_VALUE
-        travel = self._scenario.stage.travel_um
+        parameters = self._scenario.stage if actuator is Actuator.STAGE else self._scenario.beam_shift
+        travel = parameters.travel_um
         if command == _GO and not (abs(orders.x_um) <= travel and abs(orders.y_um) <= travel):
             return ExcCodes.ILLEGAL_VALUE
         self._machine.advance_to(self._clock.now_ns())
         if command == _GO:
-            self._machine.move_stage(orders.x_um, orders.y_um)
+            self._machine.move_stage(orders.x_um, orders.y_um, actuator)
         elif command == _STOP:
-            self._machine.stop_stage()
+            self._machine.stop_stage(actuator)
         return None
 
     def _order_sem(self, word: int) -> ExcCodes | None:
@@ -155,8 +165,8 @@ class BenchRegisters:
         return None
 
 
-def _stage_state(reading: Reading) -> int:
-    return MOVING if reading.stage_moving else STOPPED
+def _stage_state(moving: bool) -> int:
+    return MOVING if moving else STOPPED
 
 
 def _device(registers: BenchRegisters) -> SimDevice:
@@ -164,8 +174,8 @@ def _device(registers: BenchRegisters) -> SimDevice:
         return SimData(address, count=count, values=0, datatype=DataType.REGISTERS)
 
     bits = [SimData(0, count=1, values=False, datatype=DataType.BITS)]
-    holding = [words(0, 8), words(100, 6), words(200, 1)]
-    inputs = [words(0, 16), words(100, 7), words(200, 2)]
+    holding = [words(0, 8), words(100, 6), words(200, 1), words(400, 6)]
+    inputs = [words(0, 16), words(100, 7), words(200, 2), words(300, 5), words(400, 7)]
     return SimDevice(id=UNIT, simdata=(bits, list(bits), holding, inputs), action=registers.action)
 
 

@@ -1,0 +1,61 @@
+"""Faults that a scenario plans for an instant: what a machine does when nobody asked for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+
+from pydantic import ConfigDict
+
+from semlive_simulators.load_frame import dynamics
+from semlive_simulators.load_frame.dynamics import Drive, LoadFrameState
+
+
+class Mishap(StrEnum):
+    """What happens."""
+
+    EMERGENCY_STOP = "emergency_stop"
+    LIMIT_SWITCH = "limit_switch"
+    GRIP_SLIP = "grip_slip"
+    FRACTURE = "fracture"
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedFault:
+    """A mishap at an instant.
+
+    Attributes:
+        at_s: when, seconds since the run began.
+        what: happens.
+        lasts_s: how long the emergency stop stays pressed.
+        slip_mm: how far the grips slip.
+    """
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    at_s: float
+    what: Mishap
+    lasts_s: float = 0.0
+    slip_mm: float = 0.0
+
+
+def struck(state: LoadFrameState, faults: Iterable[PlannedFault], before_s: float, now_s: float) -> LoadFrameState:
+    """The machine after what was planned for the time between two instants.
+
+    A pressed emergency stop holds as long as it lasts, whatever is ordered meanwhile.
+    """
+    for fault in faults:
+        if fault.what is Mishap.EMERGENCY_STOP and fault.at_s <= now_s and before_s < fault.at_s + fault.lasts_s:
+            state = dynamics.tripped(state, Drive.EMERGENCY)
+        if not before_s < fault.at_s <= now_s:
+            continue
+        if fault.what is Mishap.EMERGENCY_STOP:
+            state = dynamics.tripped(state, Drive.EMERGENCY)
+        elif fault.what is Mishap.LIMIT_SWITCH:
+            state = dynamics.tripped(state, Drive.LIMIT)
+        elif fault.what is Mishap.GRIP_SLIP:
+            state = dynamics.slip(state, fault.slip_mm)
+        else:
+            state = dynamics.fracture(state)
+    return state
