@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 import time
 from collections.abc import Iterator
@@ -169,6 +170,10 @@ def main() -> None:
     if hasattr(os, "nice"):
         # Links, watcher and recorder come first: they are late by milliseconds if correlation takes both cores.
         os.nice(10)
+    for name in ("SIGTERM", "SIGHUP"):
+        # A service manager tells the whole group to end; control ends us when the log is whole.
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
     parser = argparse.ArgumentParser()
     parser.add_argument("--log", type=Path, help="catch up from this log first")
     parser.add_argument("--inputs", type=int, default=0, help="how many of its input messages")

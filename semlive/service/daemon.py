@@ -7,6 +7,7 @@ import contextlib
 import os
 import platform
 import queue
+import shutil
 import signal
 import socket
 import time
@@ -14,10 +15,11 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from types import TracebackType
 
 from semlive.data.loading import DeviceIdentity
 from semlive.engine import Device, DeviceFault, Finish, State, Verb, start
-from semlive.errors import BadConfig, SemliveError
+from semlive.errors import BadConfig, BadInput, SemliveError
 from semlive.formats import message_values as values
 from semlive.formats.messages import RunMessage
 from semlive.service import drivers
@@ -92,6 +94,7 @@ class _Daemon:
         self._signals = 0
         self._log_ended = False
         self._control: Control | None = None
+        self._began = False
 
     async def run(self) -> Outcome:
         clock = open_clock(self._config.run.clock_file)
@@ -180,7 +183,7 @@ class _Daemon:
             while not self._faces.verbs.empty():
                 control.operator(self._faces.verbs.get())
             if not started and control.analysis_ready.is_set():
-                started = True
+                started = self._began = True
                 watcher.start()
                 control.ready(identities.get(Device.LOAD_FRAME), identities.get(Device.STAGE))
             elif not started and time.monotonic() > ready_by:
@@ -220,10 +223,18 @@ class _Daemon:
             raise BadConfig(f"{self._folder}: this run exists already; give run.name another name") from None
         except OSError as error:
             raise BadConfig(f"{self._folder}: cannot be created ({error.strerror}); correct run.folder") from error
+        stack.push(self._forget_what_was_refused)
         recorder = Recorder(segment_path(self._folder, self._config.run.name, 0), clock, self._disk_trouble)
         # A disk that still refused when the run ended is not waited for a second time.
         stack.callback(lambda: recorder.close(0.0 if self._log_ended else _LOG_TIMEOUT_S))
         return Journal(recorder), recorder
+
+    def _forget_what_was_refused(
+        self, _kind: type[BaseException] | None, error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        """Bad input before anything began leaves no run behind, so that the same run can be started once it is mended."""
+        if isinstance(error, BadInput) and not self._began:
+            shutil.rmtree(self._folder, ignore_errors=True)
 
     def _disk_trouble(self, what: str) -> None:
         """In the recorder's thread."""

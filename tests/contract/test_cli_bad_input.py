@@ -67,6 +67,9 @@ def test_a_refused_socket_is_named(tmp_path: Path, config: dict[str, Any]) -> No
     said = run(tmp_path, config)
     assert f"127.0.0.1:{port}" in said
     assert "check" in said
+    # Nothing was begun, so the same run can be started once the cable is in.
+    assert run(tmp_path, config) == said
+    assert not (tmp_path / "log" / "try").exists()
 
 
 def test_an_unknown_driver_is_named_with_those_there_are(tmp_path: Path, config: dict[str, Any]) -> None:
