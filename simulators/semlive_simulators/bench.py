@@ -129,7 +129,8 @@ class Bench:
         start_s = (item.start_time_ns - self._clock.start_ns) * 1e-9
         window = self._machine.window(start_s, start_s + self._scenario.scan.duration_s)
         self._truth.add_frame(
-            frame_truth(self._scenario, item.file, item.start_time_ns, start_s, window.motion, window.force_mean_n, window.moving)
+            frame_truth(self._scenario, item.file, item.start_time_ns, start_s, window.motion, window.force_mean_n, window.moving),
+            window.motion.history,
         )
         self._write_truth()
 

@@ -57,12 +57,13 @@ def simulate(scenario: Scenario, out: Path, wanted: frozenset[int] | None) -> It
             continue
         name = export.file_name(shot.frame)
         image = render_frame(scenario, shot.start_s, shot.window.motion, shot.frame, column)
-        told_ns = shot.end_ns + round(export.clock_offset_s * 1e9)
+        told_ns = scenario.told_ns(shot.end_ns, START_NS)
         facts = ImageFacts(scenario.scan, told_ns, shot.encoder_x_um, shot.encoder_y_um, shot.frame, name)
         for plan in plan_files(export.encode(image, facts), name, export):
             write_file(plan, out / "export", shot.end_ns, lambda _: contextlib.nullcontext())
         truth.add_frame(
-            frame_truth(scenario, name, shot.start_ns, shot.start_s, shot.window.motion, shot.window.force_mean_n, shot.window.moving)
+            frame_truth(scenario, name, shot.start_ns, shot.start_s, shot.window.motion, shot.window.force_mean_n, shot.window.moving),
+            shot.window.motion.history,
         )
         rows.append(_row(shot, facts))
         yield shot, total

@@ -48,3 +48,7 @@ class History:
     def changes_s(self) -> list[float]:
         """Times of everything that happened, in order."""
         return sorted([step.time_s for step in self.load_steps] + [move.time_s for move in self.moves])
+
+
+NOTHING_DONE = History()
+"""The history of a specimen that was just put in."""

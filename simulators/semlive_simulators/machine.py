@@ -9,15 +9,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from semlive_simulators import stage as stages
+from semlive_simulators.history import History, LoadStep, Move
 from semlive_simulators.kernels.pattern import gaussian
 from semlive_simulators.load_frame import dynamics, schedule
 from semlive_simulators.scenario import Scenario
-from semlive_simulators.specimen import Motion
+from semlive_simulators.specimen import Motion, at_rest
 
 STEP_NS = 50_000_000
 """Physics runs in steps of 50 ms on a grid fixed to the start of the run: half a row, 1 um of stage motion."""
 READINGS_PER_S = 100
 _REMEMBERED = 40_000
+_CONTROL_PASSES = 6
+"""Each pass gains the load cell's gain error: 2 % leaves 1e-10 of the load."""
 _FORCE_STREAM, _EXTENSION_STREAM, _ENCODER_X_STREAM, _ENCODER_Y_STREAM = 1, 2, 3, 4
 
 
@@ -80,6 +83,10 @@ class Machine:
         self._stage = stages.StageState()
         self._beam = stages.StageState()
         self._memory: list[Remembered] = []
+        self._readings = scenario.effects.readings()
+        self._history = History()
+        self._reached_n = 0.0
+        self._reached_px = (0.0, 0.0)
         self._remember()
 
     def _remember(self) -> None:
@@ -97,6 +104,7 @@ class Machine:
         goal = -((self._start_ns - time_ns) // STEP_NS)
         with self._lock:
             while self._steps < goal:
+                load, stage = self._load, self._stage
                 self._load = dynamics.step(self._load, self._scenario.load_frame, STEP_NS * 1e-9)
                 self._stage = stages.step(self._stage, self._scenario.stage, STEP_NS * 1e-9)
                 self._beam = stages.step(self._beam, self._scenario.beam_shift, STEP_NS * 1e-9)
@@ -104,6 +112,24 @@ class Machine:
                 now_s = self._steps * STEP_NS * 1e-9
                 self._load = schedule.struck(self._load, self._scenario.faults, now_s - STEP_NS * 1e-9, now_s)
                 self._remember()
+                self._note(load, stage)
+
+    def _note(self, load: dynamics.LoadFrameState, stage: stages.StageState) -> None:
+        """Enter into the history what ended with the last step; states are those before it, the lock is held."""
+        time_s = self._steps * STEP_NS * 1e-9
+        if load.moving and not self._load.moving:
+            step = LoadStep(time_s, self._load.force_n - self._reached_n)
+            self._history = History((*self._history.load_steps, step), self._history.moves)
+            self._reached_n = self._load.force_n
+        if stage.moving and not self._stage.moving:
+            pixel_um = self._scenario.scan.pixel_size_um
+            reached_px = (self._stage.motor_x_um / pixel_um, self._stage.motor_y_um / pixel_um)
+            move = Move(time_s, self._reached_px, reached_px)
+            self._history = History(self._history.load_steps, (*self._history.moves, move))
+            self._reached_px = reached_px
+
+    def _load_reading_n(self, force_n: float, time_s: float, history: History) -> float:
+        return self._readings.load_n(force_n, time_s, at_rest(load_n=force_n, history=history))
 
     def read(self, time_ns: int) -> Reading:
         """What the devices say at an instant."""
@@ -111,12 +137,14 @@ class Machine:
         number = max(0, (time_ns - self._start_ns) * READINGS_PER_S // 1_000_000_000)
         seed, frame, stage = self._scenario.seed, self._scenario.load_frame, self._scenario.stage
         with self._lock:
-            load, position, beam = self._load, self._stage, self._beam
+            load, position, history, beam = self._load, self._stage, self._history, self._beam
+        time_s = (time_ns - self._start_ns) * 1e-9
+        extension_mm = self._readings.extension_mm(load.extension_mm, load.force_n)
         return Reading(
             number=number,
-            force_n=load.force_n + frame.cell_noise_n * gaussian(seed, _FORCE_STREAM, number),
-            extension_mm=load.extension_mm + frame.extension_noise_mm * gaussian(seed, _EXTENSION_STREAM, number),
-            target_n=load.target_n,
+            force_n=self._load_reading_n(load.force_n, time_s, history) + frame.cell_noise_n * gaussian(seed, _FORCE_STREAM, number),
+            extension_mm=extension_mm + frame.extension_noise_mm * gaussian(seed, _EXTENSION_STREAM, number),
+            target_n=self._load_reading_n(load.target_n, time_s, history),
             load_frame_moving=load.moving,
             load_frame_fault=load.faulty,
             load_frame_drive=load.drive,
@@ -136,19 +164,25 @@ class Machine:
             step_s = STEP_NS * 1e-9
             behind = math.ceil((newest - first_s) / step_s) + 2
             recent = self._memory[-max(behind, 2) :]
+            history = self._history
         kept = [entry for entry in recent if first_s - step_s < entry.time_s < last_s + step_s] or recent[-1:]
         force = np.array([entry.force_n for entry in kept])
         yaw = np.array([entry.yaw_rad for entry in kept])
         position = np.array([(entry.x_um, entry.y_um) for entry in kept])
         specimen = self._scenario.specimen
         shift = position / self._scenario.scan.pixel_size_um + specimen.shift_px(force)
-        motion = Motion(np.array([entry.time_s for entry in kept]), shift, specimen.gradient(force, yaw))
+        motion = Motion(np.array([entry.time_s for entry in kept]), shift, specimen.gradient(force, yaw), force, history)
         return Window(motion, float(force.mean()), any(entry.moving for entry in kept))
 
     def ramp_to(self, force_n: float, rate_n_s: float) -> None:
-        """Start a ramp in load control."""
+        """Start a ramp in load control, to where the load cell will say `force_n`."""
         with self._lock:
-            self._load = dynamics.ramp_to(self._load, force_n, rate_n_s)
+            time_s, true_n = self._steps * STEP_NS * 1e-9, force_n
+            for _ in range(_CONTROL_PASSES):
+                step = LoadStep(time_s, true_n - self._reached_n)
+                history = History((*self._history.load_steps, step), self._history.moves)
+                true_n += force_n - self._load_reading_n(true_n, time_s, history)
+            self._load = dynamics.ramp_to(self._load, true_n, rate_n_s)
 
     def jog(self, speed_mm_s: float) -> None:
         """Start moving the crosshead in displacement control, positive pulls."""
@@ -158,7 +192,9 @@ class Machine:
     def stop_load(self) -> None:
         """Stop the load frame and hold position."""
         with self._lock:
-            self._load = dynamics.stop(self._load)
+            load = self._load
+            self._load = dynamics.stop(load)
+            self._note(load, self._stage)
 
     def move_stage(self, x_um: float, y_um: float, actuator: stages.Actuator = stages.Actuator.STAGE) -> None:
         """Start a motion of the stage, or of the beam in its place."""
@@ -175,13 +211,16 @@ class Machine:
             if actuator is stages.Actuator.BEAM_SHIFT:
                 self._beam = stages.stop(self._beam)
                 return
-            self._stage = stages.stop(self._stage)
+            stage = self._stage
+            self._stage = stages.stop(stage)
+            self._note(self._load, stage)
 
     def expire(self) -> None:
         """The watchdog expired: everything stops and holds, the load frame reports a fault."""
         with self._lock:
-            self._load = dynamics.expire(self._load)
-            self._stage = stages.stop(self._stage)
+            load, stage = self._load, self._stage
+            self._load, self._stage = dynamics.expire(load), stages.stop(stage)
+            self._note(load, stage)
 
     @property
     def jogging_mm_s(self) -> float:

@@ -101,11 +101,11 @@ class Timing:
 def timing(scan: Scan) -> Timing:
     """The timing of a scan as the scan generator means it."""
     rows = np.arange(scan.height_px)
-    order = rows if not scan.interlaced else np.where(rows % 2 == 0, rows // 2, (scan.height_px + 1) // 2 + rows // 2)
+    order: NDArray[np.int64] = rows if not scan.interlaced else np.where(rows % 2 == 0, rows // 2, (scan.height_px + 1) // 2 + rows // 2)
     visits = np.arange(scan.integrations)[:, None]
     if scan.integration == "frame":
-        row_start_s = order * scan.row_time_s + visits * scan.frame_time_s
+        row_start_s = np.asarray(order * scan.row_time_s + visits * scan.frame_time_s, dtype=np.float64)
     else:
-        row_start_s = (order * scan.integrations + visits) * scan.row_time_s
+        row_start_s = np.asarray((order * scan.integrations + visits) * scan.row_time_s, dtype=np.float64)
     reverse = rows % 2 == 1 if scan.direction == "snake" else np.zeros(scan.height_px, dtype=bool)
     return Timing(row_start_s, reverse, scan.dwell_time_s, scan.row_time_s)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import yaml
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, ConfigDict, InstanceOf, TypeAdapter, ValidationError
 
 from semlive_simulators.column import Column, Detector, Scan, build_column
+from semlive_simulators.effects.composition import Effects
 from semlive_simulators.effects.distortion import Distortion
 from semlive_simulators.effects.drift import Drift
+from semlive_simulators.effects.library import build_effects
 from semlive_simulators.exporters.settings import Export
 from semlive_simulators.load_frame.dynamics import LoadFrameParameters
 from semlive_simulators.load_frame.schedule import PlannedFault
@@ -48,6 +50,7 @@ class Scenario:
         beam_shift: the column's own way to move the picture.
         shifts_by: which of the two a played experiment uses for its shifts.
         faults: what goes wrong with the load frame, and when.
+        effects: whatever else is wrong, by name (`semlive_simulators.effects.library`); nothing by default.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -69,10 +72,17 @@ class Scenario:
     beam_shift: StageParameters = BEAM_SHIFT
     shifts_by: Actuator = Actuator.STAGE
     faults: tuple[PlannedFault, ...] = ()
+    effects: Annotated[InstanceOf[Effects], BeforeValidator(build_effects)] = field(default_factory=Effects)
 
     def column(self) -> Column:
         """The column of this scenario."""
-        return build_column(self.scan, self.detector, self.speckle, self.drift, self.distortion)
+        return build_column(self.scan, self.detector, self.speckle, self.drift, self.distortion, self.effects)
+
+    def told_ns(self, time_ns: int, run_start_ns: int) -> int:
+        """What the microscope's PC takes an instant for, UTC ns; `run_start_ns` is when the run began."""
+        since_start_s = (time_ns - run_start_ns) * 1e-9
+        wrong_s = self.effects.readings().stamp_s(since_start_s) - since_start_s
+        return time_ns + round(self.export.clock_offset_s * 1e9) + round(wrong_s * 1e9)
 
 
 def load_scenario(name: str, seed: int | None = None) -> Scenario:

@@ -128,7 +128,7 @@ class Sem:
             name = self._scenario.export.file_name(frame)
             self._finished.put(Exported(name, frame, start_ns, image))
             frame += 1
-            start_ns += round((scan.duration_s + scan.gap_s) * 1e9)
+            start_ns += round((self._column.duration_s + scan.gap_s) * 1e9)
 
     def _scan(self, frame: int, start_ns: int) -> NDArray[np.unsignedinteger] | None:
         """Scan one frame in strips, each when its time has passed; None if told to stop."""
@@ -160,7 +160,7 @@ class Sem:
         export, scan = self._scenario.export, self._scenario.scan
         end_ns = item.start_time_ns + round(scan.duration_s * 1e9)
         reading = self._machine.read(end_ns)
-        told_ns = end_ns + round(export.clock_offset_s * 1e9)
+        told_ns = self._scenario.told_ns(end_ns, self._clock.start_ns)
         facts = ImageFacts(scan, told_ns, reading.encoder_x_um, reading.encoder_y_um, item.frame, item.file)
 
         @contextlib.contextmanager

@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict
 
-from semlive_simulators.history import History
-
-_NOTHING_DONE = History()
+from semlive_simulators.history import NOTHING_DONE, History
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +106,7 @@ class Motion:
     shift_px: NDArray[np.float64]
     gradient: NDArray[np.float64]
     load_n: NDArray[np.float64] | None = None
-    history: History = _NOTHING_DONE
+    history: History = NOTHING_DONE
 
     def __post_init__(self) -> None:
         count = self.time_s.size
@@ -132,7 +130,7 @@ def at_rest(
     shift_px: ArrayLike = (0.0, 0.0),
     gradient: ArrayLike = ((0.0, 0.0), (0.0, 0.0)),
     load_n: float = 0.0,
-    history: History = _NOTHING_DONE,
+    history: History = NOTHING_DONE,
 ) -> Motion:
     """A specimen that does not move: shift (2,) in px, displacement gradient (2, 2), under a steady load."""
     shift = np.asarray(shift_px, dtype=np.float64).reshape(1, 2)

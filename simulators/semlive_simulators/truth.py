@@ -7,8 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from semlive_simulators.effects.library import as_mapping
+from semlive_simulators.effects.protocol import Instants
+from semlive_simulators.history import NOTHING_DONE, History
 from semlive_simulators.scenario import Scenario
-from semlive_simulators.specimen import Motion
+from semlive_simulators.specimen import Motion, at_rest
 
 DRIFT_EVERY_S = 5.0
 GRID_PX = 25.0
@@ -28,7 +31,8 @@ def frame_truth(
         load_mean_n: mean true load.
         moving: whether anything was driven during the scan.
     """
-    middle = motion.at(np.array([start_s + 0.5 * scenario.scan.duration_s]))
+    middle_s = np.array([start_s + 0.5 * scenario.scan.duration_s])
+    middle = scenario.effects.moved(Instants(middle_s, start_s, 0, scenario.scan, motion))
     gradient = middle.gradient[0]
     return {
         "file": file,
@@ -55,10 +59,13 @@ def distortion_truth(scenario: Scenario) -> dict[str, Any]:
     return {"x_px": x_px.tolist(), "y_px": y_px.tolist(), "ex_px": bend[..., 0].tolist(), "ey_px": bend[..., 1].tolist()}
 
 
-def drift_truth(scenario: Scenario, start_ns: int, now_ns: int) -> dict[str, Any]:
-    """True drift every 5 s from the start of the run up to now."""
+def drift_truth(scenario: Scenario, start_ns: int, now_ns: int, history: History = NOTHING_DONE) -> dict[str, Any]:
+    """True drift every 5 s from the start of the run up to now; jumps are not in it."""
     count = max(0, int((now_ns - start_ns) * 1e-9 / DRIFT_EVERY_S)) + 2
-    drift = scenario.drift.at(np.arange(count) * DRIFT_EVERY_S)
+    time_s = np.asarray(np.arange(count) * DRIFT_EVERY_S, dtype=np.float64)
+    drift = scenario.drift.at(time_s)
+    more = scenario.effects.drift_px(Instants(time_s, 0.0, 0, scenario.scan, at_rest(history=history)))
+    drift = drift if more is None else drift + more
     step_ns = round(DRIFT_EVERY_S * 1e9)
     return {
         "time_ns": [start_ns + index * step_ns for index in range(count)],
@@ -74,10 +81,12 @@ class Truth:
         self._scenario = scenario
         self._start_ns = start_ns
         self._frames: list[str] = []
+        self._history = NOTHING_DONE
         self._distortion = json.dumps(distortion_truth(scenario))
 
-    def add_frame(self, frame: dict[str, Any]) -> None:
-        """Keep the truth of a frame."""
+    def add_frame(self, frame: dict[str, Any], history: History) -> None:
+        """Keep the truth of a frame, and what had been done to the specimen by then."""
+        self._history = history
         self._frames.append(json.dumps(frame))
 
     def encode(self, now_ns: int, clock_stretches: int, worst_lag_s: float) -> bytes:
@@ -94,11 +103,12 @@ class Truth:
             "start_time_ns": self._start_ns,
             "clock_stretches": clock_stretches,
             "worst_lag_s": worst_lag_s,
+            "effects": as_mapping(scenario.effects),
         }
         parts = [
             json.dumps(head)[:-1],
             '"frames": [' + ",\n".join(self._frames) + "]",
-            '"drift": ' + json.dumps(drift_truth(scenario, self._start_ns, now_ns)),
+            '"drift": ' + json.dumps(drift_truth(scenario, self._start_ns, now_ns, self._history)),
             '"distortion": ' + self._distortion + "}",
         ]
         return (",\n".join(parts) + "\n").encode()

@@ -81,6 +81,8 @@ class Visits:
         time_s: (rows, width) seconds since the run began.
         start_s: when the frame began.
         frame: its number.
+        visit: number of the visit within the frame.
+        reversed_rows: (rows, 1) whether a row runs from right to left.
         scan: the raster.
         motion: of the specimen, its load and what was done to it.
         distortion_px: E at these addresses.
@@ -91,6 +93,8 @@ class Visits:
     time_s: Array
     start_s: float
     frame: int
+    visit: int
+    reversed_rows: NDArray[np.bool_]
     scan: Scan
     motion: Motion
     distortion_px: Plane
@@ -110,6 +114,16 @@ class Visits:
     def load_n(self) -> Array:
         """(rows, 1) true load when a row is visited."""
         return self.motion.load_at(self.time_s[:, :1])
+
+
+def approach(time_s: Array, change: float, time_constant_s: float) -> Array:
+    """An exponential approach to `change` from zero at the start of the run."""
+    return -change * np.expm1(-time_s / time_constant_s)
+
+
+def after(time_s: Array, instant_s: float) -> Array:
+    """1 from an instant on, 0 before."""
+    return np.where(time_s >= instant_s, 1.0, 0.0)
 
 
 def isotropic(strength: ArrayLike) -> Array:

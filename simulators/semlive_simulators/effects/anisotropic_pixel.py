@@ -1,0 +1,32 @@
+"""Pixels are wider than they are high."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by
+
+
+@dataclass(frozen=True, slots=True)
+class AnisotropicPixel(Effect):
+    """u = e (x - xc).
+
+    Attributes:
+        x_excess: e.
+    """
+
+    name: ClassVar[str] = "anisotropic_pixel"
+
+    x_excess: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> AnisotropicPixel:
+        """1 %, which is 5 px at the edge."""
+        return cls(by(magnification, 0.01, 0.01))
+
+    def deflection(self, at: Instants) -> Array:
+        """The same at all times."""
+        return np.broadcast_to(np.array([[self.x_excess, 0.0], [0.0, 0.0]]), (at.time_s.size, 2, 2))

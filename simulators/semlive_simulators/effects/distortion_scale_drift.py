@@ -1,0 +1,33 @@
+"""Working distance or high voltage wander, and the distortion grows or shrinks with them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Visits, approach, by
+
+
+@dataclass(frozen=True, slots=True)
+class DistortionScaleDrift(Effect):
+    """(u, v) = eta(T) E(R), eta = change (1 - exp(-T / tau)).
+
+    Attributes:
+        change: relative change of the distortion in all.
+        time_constant_s: tau.
+    """
+
+    name: ClassVar[str] = "distortion_scale_drift"
+
+    change: float
+    time_constant_s: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> DistortionScaleDrift:
+        """A tenth of the distortion."""
+        return cls(by(magnification, 0.1, 0.1), 3600.0)
+
+    def offset_px(self, at: Visits) -> Plane:
+        """The distortion, scaled."""
+        eta = approach(at.time_s, self.change, self.time_constant_s)
+        return eta * at.distortion_px[0], eta * at.distortion_px[1]

@@ -1,0 +1,35 @@
+"""A grip slips, a charge breaks down, metal clicks as it cools: a jump in the middle of a frame, and it stays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Visits, after, by
+
+
+@dataclass(frozen=True, slots=True)
+class DriftJump(Effect):
+    """(u, v) = J H(T - T_s).
+
+    Attributes:
+        x_px: J in x.
+        y_px: J in y.
+        at_s: T_s, seconds since the run began.
+    """
+
+    name: ClassVar[str] = "drift_jump"
+
+    x_px: float
+    y_px: float
+    at_s: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> DriftJump:
+        """0.5 or 5 px after ten minutes."""
+        return cls(by(magnification, 0.3, 3.0), by(magnification, 0.5, 5.0), 600.0)
+
+    def offset_px(self, at: Visits) -> Plane:
+        """From one pixel to the next."""
+        step = after(at.time_s, self.at_s)
+        return self.x_px * step, self.y_px * step

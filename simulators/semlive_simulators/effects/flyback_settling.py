@@ -1,0 +1,34 @@
+"""The beam has not come to rest when a row begins: inductance of the coils, slew of the amplifier, eddy currents."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Visits, by
+
+
+@dataclass(frozen=True, slots=True)
+class FlybackSettling(Effect):
+    """u = A exp(-x t_D / tau).
+
+    Attributes:
+        amplitude_px: A.
+        settling_s: tau.
+    """
+
+    name: ClassVar[str] = "flyback_settling"
+
+    amplitude_px: float
+    settling_s: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> FlybackSettling:
+        """0.5 px over 5 columns of 100 us, or 3 px over 40 columns of 5 us."""
+        return cls(by(magnification, 0.5, 3.0), by(magnification, 5e-4, 2e-4))
+
+    def offset_px(self, at: Visits) -> Plane:
+        """Falls from the left edge."""
+        return self.amplitude_px * np.exp(-at.x_px * at.scan.dwell_time_s / self.settling_s), np.zeros((1, 1))

@@ -1,0 +1,31 @@
+"""The bridge of the load cell warms up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from semlive_simulators.effects.protocol import Effect, Magnification, by
+from semlive_simulators.specimen import Motion
+
+
+@dataclass(frozen=True, slots=True)
+class LoadCellDrift(Effect):
+    """F_m = F + r T.
+
+    Attributes:
+        rate_n_per_s: r.
+    """
+
+    name: ClassVar[str] = "load_cell_drift"
+
+    rate_n_per_s: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> LoadCellDrift:
+        """7 N in an hour."""
+        return cls(by(magnification, 0.002, 0.002))
+
+    def load_reading_n(self, reading_n: float, time_s: float, motion: Motion) -> float:
+        """More with time."""
+        return reading_n + self.rate_n_per_s * time_s

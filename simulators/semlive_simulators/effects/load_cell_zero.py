@@ -1,0 +1,31 @@
+"""The load cell shows a load that is not there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from semlive_simulators.effects.protocol import Effect, Magnification, by
+from semlive_simulators.specimen import Motion
+
+
+@dataclass(frozen=True, slots=True)
+class LoadCellZero(Effect):
+    """F_m = F + z.
+
+    Attributes:
+        zero_n: z.
+    """
+
+    name: ClassVar[str] = "load_cell_zero"
+
+    zero_n: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> LoadCellZero:
+        """20 N, about 1 % of the largest load."""
+        return cls(by(magnification, 20.0, 20.0))
+
+    def load_reading_n(self, reading_n: float, time_s: float, motion: Motion) -> float:
+        """More by the zero."""
+        return reading_n + self.zero_n

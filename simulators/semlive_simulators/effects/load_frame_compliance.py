@@ -1,0 +1,30 @@
+"""Fixtures give way, and the extension counts it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from semlive_simulators.effects.protocol import Effect, Magnification, by
+
+
+@dataclass(frozen=True, slots=True)
+class LoadFrameCompliance(Effect):
+    """d = F / k_s + F / k_f.
+
+    Attributes:
+        fixture_stiffness_n_mm: k_f.
+    """
+
+    name: ClassVar[str] = "load_frame_compliance"
+
+    fixture_stiffness_n_mm: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> LoadFrameCompliance:
+        """5000 N/mm, a third of the specimen's."""
+        return cls(by(magnification, 5000.0, 5000.0))
+
+    def extension_reading_mm(self, reading_mm: float, load_n: float) -> float:
+        """More by what the fixtures give."""
+        return reading_mm + load_n / self.fixture_stiffness_n_mm

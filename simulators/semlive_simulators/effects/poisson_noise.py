@@ -1,0 +1,34 @@
+"""Few electrons: noise whose variance grows with the signal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from semlive_simulators.effects.protocol import Array, Effect, Magnification, by
+
+
+@dataclass(frozen=True, slots=True)
+class PoissonNoise(Effect):
+    """Variance a + b I, in place of the detector's.
+
+    Attributes:
+        dark_variance_levels2: a.
+        levels_per_electron: b.
+    """
+
+    name: ClassVar[str] = "poisson_noise"
+
+    dark_variance_levels2: float
+    levels_per_electron: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> PoissonNoise:
+        """8 or 11 grey levels in the bright dots."""
+        return cls(1.0, by(magnification, 0.35, 0.7))
+
+    def variance(self, variance: Array, grey: Array) -> Array:
+        """A line over the signal."""
+        return self.dark_variance_levels2 + self.levels_per_electron * np.maximum(grey, 0.0)

@@ -1,0 +1,37 @@
+"""Every row lies a little to the left or right of where it should: noise of the scan generator, stray fields, sound."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Visits, by
+from semlive_simulators.kernels.exposure import gaussians
+
+
+@dataclass(frozen=True, slots=True)
+class RowJitter(Effect):
+    """u = a(frame, visit, row), white and normal.
+
+    Attributes:
+        sd_px: standard deviation.
+        seed: of the jitter.
+    """
+
+    name: ClassVar[str] = "row_jitter"
+
+    sd_px: float
+    seed: int = 1
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> RowJitter:
+        """0.03 or 0.2 px."""
+        return cls(by(magnification, 0.03, 0.2))
+
+    def offset_px(self, at: Visits) -> Plane:
+        """One offset in x to a row."""
+        rows = at.y_px.shape[0]
+        stream = 1_000_003 * at.frame + at.visit
+        return self.sd_px * gaussians(self.seed, stream, int(at.y_px[0, 0]), rows)[:, None], np.zeros((1, 1))

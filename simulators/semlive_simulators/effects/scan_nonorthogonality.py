@@ -1,0 +1,32 @@
+"""Columns do not stand upright on rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by
+
+
+@dataclass(frozen=True, slots=True)
+class ScanNonorthogonality(Effect):
+    """u = skew (y - yc).
+
+    Attributes:
+        skew_rad: what the angle between the axes lacks.
+    """
+
+    name: ClassVar[str] = "scan_nonorthogonality"
+
+    skew_rad: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> ScanNonorthogonality:
+        """0.01 rad, which is 4.4 px at the edge."""
+        return cls(by(magnification, 0.01, 0.01))
+
+    def deflection(self, at: Instants) -> Array:
+        """The same at all times."""
+        return np.broadcast_to(np.array([[0.0, self.skew_rad], [0.0, 0.0]]), (at.time_s.size, 2, 2))

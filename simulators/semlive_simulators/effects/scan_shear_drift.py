@@ -1,0 +1,34 @@
+"""Cross-talk between the scan amplifiers wanders with temperature."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, approach, by
+
+
+@dataclass(frozen=True, slots=True)
+class ScanShearDrift(Effect):
+    """u = gamma(T) (y - yc), gamma = change (1 - exp(-T / tau)).
+
+    Attributes:
+        change: shear in all.
+        time_constant_s: tau.
+    """
+
+    name: ClassVar[str] = "scan_shear_drift"
+
+    change: float
+    time_constant_s: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> ScanShearDrift:
+        """5e-5, which is 0.022 px at the edge."""
+        return cls(by(magnification, 5e-5, 5e-5), 3600.0)
+
+    def deflection(self, at: Instants) -> Array:
+        """Rows slide over each other."""
+        return approach(at.time_s, self.change, self.time_constant_s)[:, None, None] * np.array([[0.0, 1.0], [0.0, 0.0]])

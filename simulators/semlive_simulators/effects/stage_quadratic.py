@@ -1,0 +1,39 @@
+"""The stage's error grows with the square of its position."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by
+
+
+@dataclass(frozen=True, slots=True)
+class StageQuadratic(Effect):
+    """m = c + q c^2 in each axis, c the commanded position.
+
+    Attributes:
+        quadratic_per_um: q.
+    """
+
+    name: ClassVar[str] = "stage_quadratic"
+
+    quadratic_per_um: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> StageQuadratic:
+        """0.5 px at 40 um, or 12 px at 1 um."""
+        return cls(by(magnification, 4e-4, 0.3))
+
+    def specimen_shift_px(self, at: Instants) -> Array:
+        """As the last move left it."""
+        place = np.zeros((at.time_s.size, 2))
+        for move in at.motion.history.moves:
+            place = np.where((at.time_s >= move.time_s)[:, None], np.array(move.to_px), place)
+        return self.quadratic_per_um * at.scan.pixel_size_um * place**2
+
+    def specimen_gradient(self, at: Instants) -> Array:
+        """Nothing is strained."""
+        return np.zeros((at.time_s.size, 2, 2))

@@ -1,0 +1,42 @@
+"""The stage's guides turn the specimen a little with each move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by
+from semlive_simulators.kernels.pattern import gaussian
+
+
+@dataclass(frozen=True, slots=True)
+class StageYaw(Effect):
+    """(u, v) = theta_n (-(y - yc), x - xc) after move n, theta_n normal.
+
+    Attributes:
+        sd_rad: of theta_n.
+        seed: of theta_n.
+    """
+
+    name: ClassVar[str] = "stage_yaw"
+
+    sd_rad: float
+    seed: int = 1
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> StageYaw:
+        """3e-4 rad, which is 0.15 px at the edge."""
+        return cls(by(magnification, 3e-4, 3e-4))
+
+    def specimen_shift_px(self, at: Instants) -> Array:
+        """The centre stays."""
+        return np.zeros((at.time_s.size, 2))
+
+    def specimen_gradient(self, at: Instants) -> Array:
+        """Skew."""
+        theta = np.zeros(at.time_s.size)
+        for number, move in enumerate(at.motion.history.moves):
+            theta = np.where(at.time_s >= move.time_s, self.sd_rad * gaussian(self.seed, 30, number), theta)
+        return theta[:, None, None] * np.array([[0.0, -1.0], [1.0, 0.0]])

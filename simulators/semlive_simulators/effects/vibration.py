@@ -1,0 +1,40 @@
+"""Floor, pumps, chiller, sound: one frequency, another phase in every frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Visits, by
+from semlive_simulators.kernels.pattern import gaussian
+
+
+@dataclass(frozen=True, slots=True)
+class Vibration(Effect):
+    """(u, v) = A sin(2 pi (f tau + phase of the frame)), tau the time in the frame, the phase a normal number of turns.
+
+    Attributes:
+        amplitude_x_px: A in x.
+        amplitude_y_px: A in y.
+        frequency_hz: between 0.1 and 200 Hz.
+        seed: of the phases.
+    """
+
+    name: ClassVar[str] = "vibration"
+
+    amplitude_x_px: float
+    amplitude_y_px: float
+    frequency_hz: float
+    seed: int = 1
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> Vibration:
+        """0.01 or 0.3 px at 23.7 Hz."""
+        return cls(by(magnification, 0.01, 0.3), by(magnification, 0.01, 0.2), 23.7)
+
+    def offset_px(self, at: Visits) -> Plane:
+        """The same wave in both axes."""
+        wave = np.sin(2 * np.pi * (self.frequency_hz * at.in_frame_s + gaussian(self.seed, 4, at.frame)))
+        return self.amplitude_x_px * wave, self.amplitude_y_px * wave

@@ -1,0 +1,31 @@
+"""Pixels truly take longer or shorter than the header says, rows do not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from semlive_simulators.effects.protocol import Effect, Magnification, by
+from semlive_simulators.scan import Scan, Timing
+
+
+@dataclass(frozen=True, slots=True)
+class WrongDwell(Effect):
+    """t = y t_R + x t_D (1 + delta).
+
+    Attributes:
+        dwell_error: delta, true dwell time over stated one, minus 1.
+    """
+
+    name: ClassVar[str] = "wrong_dwell"
+
+    dwell_error: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> WrongDwell:
+        """3 %."""
+        return cls(by(magnification, 0.03, 0.03))
+
+    def retime(self, timing: Timing, scan: Scan) -> Timing:
+        """The way through a row is stretched."""
+        return replace(timing, dwell_time_s=timing.dwell_time_s * (1 + self.dwell_error))

@@ -1,0 +1,32 @@
+"""Rows truly take longer or shorter than the header says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from semlive_simulators.effects.protocol import Effect, Magnification, by
+from semlive_simulators.scan import Scan, Timing
+
+
+@dataclass(frozen=True, slots=True)
+class WrongRowTime(Effect):
+    """t = y t_R (1 + delta) + x t_D.
+
+    Attributes:
+        row_time_error: delta, true row time over stated one, minus 1.
+    """
+
+    name: ClassVar[str] = "wrong_row_time"
+
+    row_time_error: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> WrongRowTime:
+        """4.4 %: the fly-back was forgotten, as W t_D = 0.1024 s is taken for t_R = 0.1071 s."""
+        return cls(by(magnification, 0.044, 0.044))
+
+    def retime(self, timing: Timing, scan: Scan) -> Timing:
+        """All row starts are stretched."""
+        stretch = 1 + self.row_time_error
+        return replace(timing, row_start_s=timing.row_start_s * stretch, row_time_s=timing.row_time_s * stretch)

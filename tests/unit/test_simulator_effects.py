@@ -1,0 +1,376 @@
+"""The library of effects: names, defaults, scenarios, and what the instruments say."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from semlive_simulators.effects.composition import Effects
+from semlive_simulators.effects.library import LIBRARY, as_mapping, build_effects
+from semlive_simulators.history import History, LoadStep, Move
+from semlive_simulators.machine import Machine
+from semlive_simulators.render import render_frame
+from semlive_simulators.scenario import BadScenario, Scenario, load_scenario
+from semlive_simulators.specimen import at_rest
+from semlive_simulators.truth import Truth, frame_truth
+
+NAMES = [
+    "row_jitter",
+    "mains_hum",
+    "line_sync_hum",
+    "vibration",
+    "flyback_settling",
+    "frame_start_settling",
+    "scan_nonlinearity",
+    "bidirectional_scan",
+    "interlaced_scan",
+    "frame_integration",
+    "wrong_row_time",
+    "wrong_dwell",
+    "timestamp_offset",
+    "magnification_drift",
+    "magnification_frame_instability",
+    "refocus_magnification_step",
+    "raster_rotation_drift",
+    "scan_shear_drift",
+    "aspect_drift",
+    "distortion_scale_drift",
+    "anisotropic_pixel",
+    "scan_nonorthogonality",
+    "out_of_plane_translation",
+    "tilt_with_load",
+    "creep_in_hold",
+    "load_step_transient",
+    "stage_step_transient",
+    "stage_backlash",
+    "stage_quadratic",
+    "stage_yaw",
+    "drift_jump",
+    "jump_within_pair",
+    "bending_misalignment",
+    "inplane_misalignment",
+    "inhomogeneous_strain",
+    "load_cell_zero",
+    "load_cell_gain",
+    "load_cell_drift",
+    "load_frame_compliance",
+    "friction_hysteresis",
+    "warmup_transient",
+    "thermal_oscillation",
+    "random_walk_drift",
+    "baseline_drift_underresolved",
+    "baseline_distortion_underresolved",
+    "charging_frame_ramp",
+    "charging_local_lens",
+    "charging_jump",
+    "contamination",
+    "defocus",
+    "gamma_change",
+    "poisson_noise",
+    "dic_subpixel_bias",
+    "dic_shape_mismatch",
+]
+
+STEPS = tuple(LoadStep(float(time_s), change_n) for time_s, change_n in ((500, 350.0), (3500, 1500.0), (6900, 350.0)))
+MOVES = tuple(
+    Move(float(time_s), (float(a), 0.0), (float(b), 0.0))
+    for time_s, a, b in ((490, 0, 24), (595, 24, -24), (2000, -24, 40), (6000, 40, 32))
+)
+HISTORY = History(STEPS, MOVES)
+STARTS_S = (0.0, 505.0, 600.0, 3600.0, 7000.0)
+
+PEAKS_PX: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {
+    "row_jitter": ((0.03, 0.25), (0.15, 2.5)),  # 3 to 5 standard deviations of 0.01-0.05 and 0.05-0.5
+    "mains_hum": ((0.001, 0.03), (0.05, 2.0)),
+    "line_sync_hum": ((0.001, 0.03), (0.05, 2.0)),
+    "vibration": ((0.005, 0.02), (0.04, 1.0)),
+    "flyback_settling": ((0.05, 2.0), (0.5, 10.0)),
+    "frame_start_settling": ((0.05, 1.0), (0.1, 5.0)),
+    "scan_nonlinearity": ((0.5, 2.0), (0.5, 3.0)),
+    "bidirectional_scan": ((0.1, 5.0), (0.1, 5.0)),
+    "magnification_drift": ((0.003, 0.4), (0.003, 0.4)),
+    "magnification_frame_instability": ((0.003, 0.1), (0.003, 0.1)),
+    "refocus_magnification_step": ((0.05, 1.0), (0.05, 1.0)),
+    "raster_rotation_drift": ((0.005, 0.05), (0.005, 0.05)),
+    "scan_shear_drift": ((0.003, 0.05), (0.003, 0.05)),
+    "aspect_drift": ((0.003, 0.05), (0.003, 0.05)),
+    "anisotropic_pixel": ((2.0, 10.0), (2.0, 10.0)),
+    "scan_nonorthogonality": ((2.0, 10.0), (2.0, 10.0)),
+    "out_of_plane_translation": ((0.02, 0.4), (0.02, 0.4)),
+    "tilt_with_load": ((0.01, 0.2), (1e-5, 0.004)),
+    "creep_in_hold": ((0.04, 0.4), (0.04, 0.4)),
+    "load_step_transient": ((0.1, 8.0), (4.0, 400.0)),
+    "stage_step_transient": ((0.05, 1.0), (1.0, 20.0)),
+    "stage_backlash": ((0.1, 4.0), (4.0, 200.0)),
+    "stage_quadratic": ((0.1, 4.0), (4.0, 200.0)),
+    "stage_yaw": ((0.02, 0.5), (0.02, 0.5)),
+    "drift_jump": ((0.05, 5.0), (0.5, 100.0)),
+    "jump_within_pair": ((0.05, 5.0), (0.5, 100.0)),
+    "bending_misalignment": ((0.005, 0.07), (1e-7, 0.005)),  # 0.05 at the edge is 0.07 in the corner
+    "inplane_misalignment": ((0.05, 1.0), (0.05, 1.0)),
+    "inhomogeneous_strain": ((0.05, 1.0), (0.05, 1.0)),
+    "warmup_transient": ((0.1, 5.0), (1.0, 100.0)),
+    "thermal_oscillation": ((0.02, 0.5), (0.5, 20.0)),
+    "random_walk_drift": ((0.1, 5.0), (3.0, 100.0)),
+    "baseline_drift_underresolved": ((0.05, 1.0), (1.0, 10.0)),
+    "baseline_distortion_underresolved": ((0.02, 0.1), (0.02, 0.1)),
+    "charging_frame_ramp": ((0.05, 5.0), (0.05, 5.0)),
+    "charging_local_lens": ((0.1, 10.0), (0.1, 10.0)),
+    "charging_jump": ((0.5, 50.0), (0.5, 50.0)),
+    "defocus": ((0.01, 0.3), (0.01, 0.3)),
+    "dic_shape_mismatch": ((0.05, 1.0), (0.05, 1.0)),
+}
+"""Largest displacement in the frame at x200 and at x10000 that the literature and experience give."""
+
+
+def calm(magnification: str, chosen: dict[str, Any], width: int = 1024, height: int = 884, bits: int = 16) -> Scenario:
+    paper = load_scenario("paper_x200")
+    flat = dataclasses.replace(paper.distortion.x, constant_px=0, xx_px=0, xy_px=0, yy_px=0, wave_px=0)
+    still = dataclasses.replace(paper.drift.x, warmup_px=0, linear_px_s=0, quadratic_px_s2=0)
+    row_s = paper.scan.row_time_s
+    scan = dataclasses.replace(paper.scan, width_px=width, height_px=height, frame_time_s=height * row_s)
+    if magnification == "x10000":
+        scan = dataclasses.replace(scan, dwell_time_s=5.1e-6, frame_time_s=height * 5.35e-3, pixel_size_um=0.025)
+    return dataclasses.replace(
+        paper,
+        scan=scan,
+        detector=dataclasses.replace(paper.detector, read_noise=0.0, shot_noise=0.0, bits=bits),
+        distortion=dataclasses.replace(paper.distortion, x=flat, y=flat),
+        drift=dataclasses.replace(paper.drift, x=still, y=still),
+        effects=build_effects(chosen),
+    )
+
+
+def peak_px(scenario: Scenario) -> float:
+    """Largest displacement over some rows of some frames of an experiment."""
+    column, found = scenario.column(), 0.0
+    for number, start_s in enumerate(STARTS_S):
+        load_n = sum(step.change_n for step in STEPS if step.time_s <= start_s)
+        motion = at_rest(load_n=load_n, history=HISTORY)
+        for rows in (range(0, 12), range(400, 406), range(878, 884)):
+            x_px, y_px, at = column.seen(rows, 0, start_s, motion, 3 * number)
+            found = max(found, float(np.hypot(at.x_px - x_px, at.y_px - y_px).max()))
+    return found
+
+
+def test_names_are_those_of_reports_and_files_are_named_alike() -> None:
+    assert len(NAMES) == 54
+    assert set(LIBRARY) == set(NAMES)
+    for name, kind in LIBRARY.items():
+        assert kind.__module__.rsplit(".", 1)[1] == name
+
+
+@pytest.mark.parametrize("magnification", ["x200", "x10000"])
+@pytest.mark.parametrize("name", NAMES)
+def test_there_are_defaults_and_they_survive_yaml(name: str, magnification: str) -> None:
+    effects = build_effects({name: magnification})
+    (effect,) = effects.members
+    assert type(effect).defaults(magnification) == effect  # type: ignore[arg-type]
+    assert build_effects(json.loads(json.dumps(as_mapping(effects)))) == effects
+    parameters = type(effect).__dataclass_params__  # type: ignore[attr-defined]
+    assert parameters.frozen
+    assert hasattr(type(effect), "__slots__")
+    with pytest.raises(ValueError, match="x200 or x10000"):
+        type(effect).defaults("x500")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("magnification", ["x200", "x10000"])
+@pytest.mark.parametrize("name", PEAKS_PX)
+def test_defaults_are_as_large_as_experience_says(name: str, magnification: str) -> None:
+    low, high = PEAKS_PX[name][magnification == "x10000"]
+    assert low <= peak_px(calm(magnification, {name: magnification})) <= high
+
+
+def test_nothing_is_on_by_default() -> None:
+    paper = load_scenario("paper_x200")
+    assert paper.effects == Effects()
+    small = dataclasses.replace(paper, scan=dataclasses.replace(paper.scan, width_px=64, height_px=48))
+    assert np.array_equal(render_frame(small, 9.0), render_frame(dataclasses.replace(small, effects=build_effects({})), 9.0))
+    nought = {"mains_hum": {"amplitude_x_px": 0, "amplitude_y_px": 0, "frequency_hz": 50, "phase_rad": 0}}
+    silent = render_frame(dataclasses.replace(small, effects=build_effects(nought)), 9.0)
+    assert np.abs(silent.astype(int) - render_frame(small, 9.0)).max() <= 1  # another order of sums
+
+
+def scenario_file(folder: Path, text: str) -> str:
+    path = folder / "mine.yaml"
+    path.write_text("extends: paper_x200\n" + text)
+    return str(path)
+
+
+def test_a_scenario_switches_effects_on(tmp_path: Path) -> None:
+    text = """
+effects:
+  mains_hum: x10000
+  frame_integration: {scans: 4}
+  magnification_drift: {defaults: x200, change: 7.0e-4}
+  drift_jump:
+"""
+    effects = load_scenario(scenario_file(tmp_path, text)).effects
+    assert as_mapping(effects) == {
+        "mains_hum": {"amplitude_x_px": 0.5, "amplitude_y_px": 0.25, "frequency_hz": 50.0, "phase_rad": 0.4},
+        "frame_integration": {"scans": 4},
+        "magnification_drift": {"change": 7e-4, "time_constant_s": 3600.0},
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("effects: {gremlins: {}}", "unknown effect gremlins; the known ones are row_jitter, .*magnification_drift"),
+        ("effects: {row_jitter: {defaults: x200, sd: 1}}", "row_jitter.sd: Unexpected"),
+        ("effects: {row_jitter: {sd_px: much}}", "row_jitter.sd_px: Input should be a valid number"),
+        ("effects: {row_jitter: {}}", "row_jitter.sd_px: "),
+        ("effects: {row_jitter: x300}", "x200 or x10000, not x300"),
+        ("effects: {row_jitter: 3}", "row_jitter: parameters must be a mapping"),
+        ("effects: [row_jitter]", "must be a mapping"),
+        ("effects: {frame_integration: {scans: 0}}", "at least 1"),
+    ],
+)
+def test_a_wrong_effect_is_refused_in_one_sentence(tmp_path: Path, text: str, says: str) -> None:
+    with pytest.raises(BadScenario, match=says) as caught:
+        load_scenario(scenario_file(tmp_path, text + "\n"))
+    assert "\n" not in str(caught.value)
+
+
+def levels(scenario: Scenario, start_s: float, frame: int = 0) -> NDArray[np.float64]:
+    """Grey levels of 8 bit."""
+    return render_frame(scenario, start_s, frame=frame) / 256.0
+
+
+def test_grey_follows_the_formulas() -> None:
+    start_s, size = 598.0, (64, 80)
+    y_px, x_px = np.mgrid[0 : size[1], 0 : size[0]].astype(float)
+    plain = levels(calm("x200", {}, *size), start_s)
+    time_s = start_s + y_px * load_scenario("paper_x200").scan.row_time_s + x_px * 1e-4
+
+    changed = levels(calm("x200", {"gamma_change": "x200"}, *size), start_s)
+    expected = np.where(time_s < 600.0, plain, 255 * 1.05 * (plain / 255) ** 0.9 - 8)
+    assert np.abs(changed - expected).max() < 0.02
+
+    box = {"loss_per_s": 2e-4, "box_width_px": 40.0, "box_height_px": 30.0}
+    dirty = levels(calm("x200", {"contamination": box}, *size), start_s)
+    inside = (np.abs(x_px - 31.5) <= 20) & (np.abs(y_px - 39.5) <= 15)
+    assert np.abs(dirty - np.where(inside, plain * (1 - 2e-4 * time_s), plain)).max() < 0.02
+
+    ramp = {"x_px": 0.0, "y_px": 0.0, "brightness_levels": 9.0, "charging_s": 3.0, "dose_s": 700.0}
+    charged = levels(calm("x200", {"charging_frame_ramp": ramp}, *size), start_s)
+    charge = (1 - np.exp(-(time_s - start_s) / 3.0)) * (1 - math.exp(-start_s / 700.0))
+    assert np.abs(charged - plain - 9.0 * charge).max() < 0.02
+
+    lens = {"peak_px": 0.0, "width_px": 12.0, "brightness_levels": 20.0, "charging_s": 900.0, "grains_px": [[20.0, 30.0]]}
+    lit = levels(calm("x200", {"charging_local_lens": lens}, *size), start_s)
+    glow = 20.0 * (1 - np.exp(-time_s / 900.0)) * np.exp(-0.5 * ((x_px - 20) ** 2 + (y_px - 30) ** 2) / 144.0)
+    assert np.abs(lit - plain - glow).max() < 0.02
+
+    both = levels(calm("x200", {"gamma_change": "x200", "contamination": box}, *size), start_s)
+    first = np.where(inside, plain * (1 - 2e-4 * time_s), plain)
+    assert np.abs(both - np.where(time_s < 600.0, first, 255 * 1.05 * (first / 255) ** 0.9 - 8)).max() < 0.02
+
+
+def test_a_discharge_flashes_when_it_jumps() -> None:
+    chosen = {"charging_jump": {"sd_px": 0.0, "mean_interval_s": 6.0, "flash_levels": 30.0, "flash_s": 0.3}}
+    scenario = calm("x200", chosen, 64, 80)
+    (effect,) = scenario.effects.members
+    brighter = levels(scenario, 0.0) - levels(calm("x200", {}, 64, 80), 0.0)
+    first_s = effect.instants_s(8.0)[0]  # type: ignore[attr-defined]
+    row_s = scenario.scan.row_time_s
+    rows = np.flatnonzero(brighter.mean(axis=1) > 15.0)
+    assert rows[0] * row_s == pytest.approx(first_s, abs=row_s)
+    assert brighter.max() == pytest.approx(30.0, abs=0.02)
+
+
+def test_noise_is_as_large_as_the_electrons_make_it() -> None:
+    chosen = {"poisson_noise": {"dark_variance_levels2": 2.0, "levels_per_electron": 0.6}}
+    clean = levels(calm("x200", {}, 384, 256), 0.0)
+    noisy = levels(calm("x200", chosen, 384, 256), 0.0, frame=5)
+    normal = (noisy - clean) / np.sqrt(2.0 + 0.6 * clean)
+    assert abs(normal.std() - 1) < 4 / math.sqrt(2 * normal.size)
+
+
+def test_defocus_blurs_like_a_spot_of_that_size() -> None:
+    blurred = calm("x200", {"defocus": {"blur_px_per_s": 1e-4, "magnification_per_px": 0.0}}, 96, 64)
+    spot = calm("x200", {}, 96, 64)
+    spot = dataclasses.replace(spot, scan=dataclasses.replace(spot.scan, spot_px=0.7))
+    assert np.abs(levels(blurred, 7000.0) - levels(spot, 7000.0)).max() < 0.05
+    assert levels(blurred, 7000.0).std() < 0.97 * levels(calm("x200", {}, 96, 64), 7000.0).std()
+
+
+def test_sharper_dots_do_not_move() -> None:
+    sharp, soft = calm("x200", {"dic_subpixel_bias": "x200"}, 160, 120), calm("x200", {}, 160, 120)
+    assert sharp.column().speckle.edge_px == pytest.approx(0.16 * soft.speckle.edge_px)
+    slopes = [np.abs(np.diff(levels(scenario, 0.0), axis=1)).max() for scenario in (sharp, soft)]
+    assert slopes[0] > 1.5 * slopes[1]
+    rows = range(0, 4)
+    assert np.array_equal(sharp.column().seen(rows, 0, 0.0, at_rest(), 0)[0], soft.column().seen(rows, 0, 0.0, at_rest(), 0)[0])
+
+
+def test_instruments_say_what_the_formulas_say() -> None:
+    motion = at_rest(load_n=1000.0, history=History((LoadStep(5.0, 1200.0), LoadStep(50.0, -200.0))))
+    cases: dict[str, tuple[dict[str, float], float]] = {
+        "load_cell_zero": ({"zero_n": 20.0}, 1020.0),
+        "load_cell_gain": ({"gain_error": 0.02}, 1020.0),
+        "load_cell_drift": ({"rate_n_per_s": 0.5}, 1050.0),
+        "friction_hysteresis": ({"friction_n": 15.0}, 985.0),
+    }
+    for name, (parameters, reading_n) in cases.items():
+        assert build_effects({name: parameters}).readings().load_n(1000.0, 100.0, motion) == pytest.approx(reading_n)
+    rising = build_effects({"friction_hysteresis": {"friction_n": 15.0}}).readings()
+    assert rising.load_n(1200.0, 20.0, motion) == 1215.0
+    both = build_effects({"load_cell_zero": {"zero_n": 20.0}, "load_cell_gain": {"gain_error": 0.02}}).readings()
+    assert both.load_n(1000.0, 0.0, motion) == pytest.approx(1.02 * 1020.0)
+    soft = build_effects({"load_frame_compliance": {"fixture_stiffness_n_mm": 4000.0}}).readings()
+    assert soft.extension_mm(0.1, 1000.0) == pytest.approx(0.35)
+    late = dataclasses.replace(load_scenario("paper_x200"), effects=build_effects({"timestamp_offset": {"offset_s": -2.5}}))
+    assert late.told_ns(9_000_000_000, 1_000_000_000) == 6_500_000_000
+
+
+@pytest.mark.parametrize("name", ["load_cell_zero", "load_cell_gain", "friction_hysteresis"])
+def test_the_load_frame_believes_its_cell(name: str) -> None:
+    scenario = dataclasses.replace(load_scenario("paper_x200"), effects=build_effects({name: "x200"}))
+    quiet = dataclasses.replace(scenario.load_frame, cell_noise_n=0.0, relaxation_fraction=0.0)
+    machine = Machine(dataclasses.replace(scenario, load_frame=quiet), 0)
+    machine.ramp_to(1000.0, 100.0)
+    reading = machine.read(30_000_000_000)
+    assert reading.force_n == pytest.approx(1000.0, abs=1.05)  # 1 N of true force is arrived
+    assert reading.target_n == pytest.approx(1000.0)
+    true_n = machine.window(29.0, 30.0).force_mean_n
+    assert true_n == pytest.approx({"load_cell_zero": 980.0, "load_cell_gain": 1000 / 1.02, "friction_hysteresis": 985.0}[name], abs=1.1)
+
+
+def test_the_machine_remembers_what_was_done() -> None:
+    scenario = load_scenario("paper_x200")
+    machine = Machine(scenario, 0)
+    machine.move_stage(10.0, -5.0)
+    machine.advance_to(5_000_000_000)
+    machine.ramp_to(200.0, 100.0)
+    machine.advance_to(20_000_000_000)
+    motion = machine.window(19.0, 20.0).motion
+    (move,), (step,) = motion.history.moves, motion.history.load_steps
+    assert move.to_px == pytest.approx((8.0, -4.0), abs=1.0)
+    assert 0.4 < move.time_s < 1.0
+    assert step.change_n == pytest.approx(200.0, abs=2.0)
+    assert 6.0 < step.time_s < 15.0
+    assert motion.load_at(np.array([19.5])) == pytest.approx(200.0, abs=2.0)
+
+
+def test_truth_tells_effects_drift_and_strain() -> None:
+    chosen = {"creep_in_hold": "x200", "thermal_oscillation": "x200"}
+    scenario = dataclasses.replace(load_scenario("paper_x200"), effects=build_effects(chosen))
+    history = History((LoadStep(10.0, 2000.0),))
+    frame = frame_truth(scenario, "a.tif", 0, 40.0, at_rest(load_n=2000.0, history=history), 2000.0, False)
+    creep = 6e-8 * 2000.0 * math.log(1 + (40.0 + 94.67 / 2 - 10.0) / 10.0)
+    assert frame["strain"]["eyy"] == pytest.approx(creep)
+    truth = Truth(scenario, 0)
+    truth.add_frame(frame, history)
+    told = json.loads(truth.encode(100_000_000_000, 0, 0.0))
+    assert told["effects"] == as_mapping(scenario.effects)
+    time_s = np.array(told["drift"]["time_ns"]) * 1e-9
+    expected = scenario.drift.at(time_s)[:, 1] + 0.2 * np.sin(2 * np.pi * time_s / 480.0 + 0.7)
+    np.testing.assert_allclose(told["drift"]["dy_px"], expected, atol=1e-12)
