@@ -68,7 +68,7 @@ class Scenario:
     stage: StageParameters
     export: Export
     experiment: dict[str, Any]
-    strain_gage: StrainGage = StrainGage()
+    strain_gage: StrainGage = field(default_factory=StrainGage)
     beam_shift: StageParameters = BEAM_SHIFT
     shifts_by: Actuator = Actuator.STAGE
     faults: tuple[PlannedFault, ...] = ()
