@@ -27,5 +27,5 @@ def test_time_goes_on_over_a_spoilt_clock_file(tmp_path: Path) -> None:
 def test_a_clock_file_that_is_none_from_the_beginning_is_named(tmp_path: Path) -> None:
     path = tmp_path / "clock.json"
     path.write_bytes(b"not a clock")
-    with pytest.raises(BadConfig, match="clock.json"):
+    with pytest.raises(BadConfig, match=r"clock\.json"):
         FileClock(path)
