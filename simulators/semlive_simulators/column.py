@@ -85,6 +85,16 @@ class Column:
         """From the start of a frame until all its rows are done, at least as long as the scan should take."""
         return max(self.scan.duration_s, self.rows_span_s(0, self.scan.height_px)[1])
 
+    @property
+    def plain(self) -> bool:
+        """Whether rows can be rendered in one go, each once and from left to right, by the fast kernel."""
+        return self.timing.plain and self.detector.bits == 8 and self.scan.spot_px == 0.0 and not self.effects.by_pixel
+
+    @property
+    def visits(self) -> int:
+        """How often each pixel is visited."""
+        return self.timing.row_start_s.shape[0]
+
     def rows_span_s(self, first_row: int, end_row: int) -> tuple[float, float]:
         """When rows `first_row` ... `end_row - 1` are first begun and last done, seconds since the frame began."""
         start_s = self.timing.row_start_s[:, first_row:end_row]
@@ -100,8 +110,7 @@ class Column:
             motion: of the specimen, covering these rows' times.
             frame: number of the scan; decides its noise.
         """
-        plain = self.timing.plain and self.detector.bits == 8 and self.scan.spot_px == 0.0 and not self.effects.by_pixel
-        if not plain:
+        if not self.plain:
             self._expose(out, first_row, start_time_s, motion, frame)
             return
         detector, speckle = self.detector, self.speckle
@@ -177,21 +186,40 @@ class Column:
 
     def _expose(self, out: NDArray[np.unsignedinteger], first_row: int, start_time_s: float, motion: Motion, frame: int) -> None:
         """The general case: every visit of every pixel at its own time."""
-        detector, speckle, optics = self.detector, self.speckle, self.effects.optics()
         signal = np.zeros(out.shape)
-        rows, visits = range(first_row, first_row + out.shape[0]), self.timing.row_start_s.shape[0]
-        for visit in range(visits):
-            x_px, y_px, at = self.seen(rows, visit, start_time_s, motion, frame)
-            spot_px = optics.spot_px(Instants(at.time_s[:, 0], start_time_s, frame, self.scan, motion))
-            seen = np.zeros(out.shape)
-            add_coverage(
-                seen, x_px, y_px, spot_px, 1.0,
-                speckle.seed, speckle.pitch_px, speckle.radius_px, speckle.radius_spread, speckle.presence, speckle.edge_px,
-            )  # fmt: skip
-            signal += optics.grey(detector.offset + detector.gain * seen, x_px, y_px, at)
-        signal /= visits
-        variance = optics.variance(detector.read_noise**2 + detector.shot_noise * signal, signal)
-        digitise(out, first_row, signal, np.maximum(variance, 0.0), 1.0 if detector.bits == 8 else 256.0, detector.seed, frame)
+        for visit in range(self.visits):
+            self.expose(signal, first_row, visit, start_time_s, motion, frame)
+        self.digitise(out, first_row, signal, frame)
+
+    def expose(self, signal: NDArray[np.float64], first_row: int, visit: int, start_time_s: float, motion: Motion, frame: int) -> None:
+        """Add what one visit of some rows sees; after all visits `digitise` makes grey levels of the sum.
+
+        Rows and visits may come in any pieces; the sum is the same to the last bit if each row's visits come in order.
+
+        Args:
+            signal: (rows, width) added to, zeros before the first visit.
+            first_row: its first row's number.
+            visit: number of the visit.
+            start_time_s: when the frame began, seconds since the run began.
+            motion: of the specimen, covering these rows' times on this visit.
+            frame: number of the frame.
+        """
+        detector, speckle, optics = self.detector, self.speckle, self.effects.optics()
+        x_px, y_px, at = self.seen(range(first_row, first_row + signal.shape[0]), visit, start_time_s, motion, frame)
+        spot_px = optics.spot_px(Instants(at.time_s[:, 0], start_time_s, frame, self.scan, motion))
+        seen = np.zeros(signal.shape)
+        add_coverage(
+            seen, x_px, y_px, spot_px, 1.0,
+            speckle.seed, speckle.pitch_px, speckle.radius_px, speckle.radius_spread, speckle.presence, speckle.edge_px,
+        )  # fmt: skip
+        signal += optics.grey(detector.offset + detector.gain * seen, x_px, y_px, at)
+
+    def digitise(self, out: NDArray[np.unsignedinteger], first_row: int, signal: NDArray[np.float64], frame: int) -> None:
+        """Write rows of a frame from the sum of all their visits."""
+        detector = self.detector
+        mean = signal / self.visits
+        variance = self.effects.optics().variance(detector.read_noise**2 + detector.shot_noise * mean, mean)
+        digitise(out, first_row, mean, np.maximum(variance, 0.0), 1.0 if detector.bits == 8 else 256.0, detector.seed, frame)
 
 
 def build_column(
