@@ -1,0 +1,63 @@
+"""The cases: what differs from the paper's numerical experiment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from numexp.noise import NoiseKind
+from semlive_simulators.effects.baseline_drift_underresolved import BaselineDriftUnderresolved
+from semlive_simulators.effects.magnification_drift import MagnificationDrift
+from semlive_simulators.effects.protocol import Effect
+
+Effects = Callable[[int], tuple[Effect, ...]]
+MAGNIFICATION_CHANGE = 5e-4
+MAGNIFICATION_TAU_S = 3600.0
+WANDER_PX = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One row, or several rows, of the table.
+
+    Attributes:
+        name: short.
+        about: one line.
+        noise: kind.
+        noise_px: standard deviation of a map's component.
+        effects: of a seed; beyond drift and distortion.
+        load_steps: pairs under load after the calibration.
+    """
+
+    name: str
+    about: str
+    noise: NoiseKind
+    noise_px: float = 0.025
+    effects: Effects = lambda seed: ()
+    load_steps: int = 0
+
+
+def _wander(seed: int) -> tuple[Effect, ...]:
+    """0.3 px rms along each axis, periods from four minutes (2.5 frames) to an hour."""
+    return (BaselineDriftUnderresolved(WANDER_PX, 240.0, 3600.0, seed),)
+
+
+def _magnification(seed: int) -> tuple[Effect, ...]:
+    """What is asked for as total is what the exponential reaches at the end of 30 frames."""
+    end_s = 6320.0
+    return (MagnificationDrift(MAGNIFICATION_CHANGE / -math.expm1(-end_s / MAGNIFICATION_TAU_S), MAGNIFICATION_TAU_S),)
+
+
+CASES = {
+    case.name: case
+    for case in (
+        Case("smooth", "quadratic drift, white noise of 0.025 px in every map", NoiseKind.WHITE),
+        Case("paper", "the same with 0.025 px in every position, so 0.035 px in every map", NoiseKind.WHITE, 0.025 * 2**0.5),
+        Case("correlated", "quadratic drift, 0.025 px of noise shared over 43 px subsets", NoiseKind.CORRELATED),
+        Case("exact", "quadratic drift, no noise", NoiseKind.NONE, 0.0),
+        Case("wander", "0.3 px rms of wandering drift on top, correlated noise", NoiseKind.CORRELATED, effects=_wander),
+        Case("magnification", "magnification drifts by 5e-4, correlated noise", NoiseKind.CORRELATED, effects=_magnification),
+        Case("tension", "seven load steps up to 3e-3 after the calibration, correlated noise", NoiseKind.CORRELATED, load_steps=7),
+    )
+}
