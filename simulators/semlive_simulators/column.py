@@ -14,8 +14,9 @@ from semlive_simulators.effects.drift import Drift
 from semlive_simulators.effects.protocol import Instants, Plane, Visits
 from semlive_simulators.kernels.exposure import add_coverage, digitise, seen_points
 from semlive_simulators.kernels.raster import raster_rows
+from semlive_simulators.patterns import Pattern, Speckle
 from semlive_simulators.scan import Scan, Timing
-from semlive_simulators.specimen import Motion, Speckle
+from semlive_simulators.specimen import Motion
 
 __all__ = ["Column", "Detector", "Scan", "build_column"]
 
@@ -71,7 +72,7 @@ class Column:
 
     scan: Scan
     detector: Detector
-    speckle: Speckle
+    speckle: Pattern
     drift: Drift
     distortion_px: tuple[NDArray[np.float64], NDArray[np.float64]]
     effects: Effects = field(default_factory=Effects)
@@ -83,12 +84,13 @@ class Column:
     @property
     def duration_s(self) -> float:
         """From the start of a frame until all its rows are done, at least as long as the scan should take."""
-        return max(self.scan.duration_s, self.rows_span_s(0, self.scan.height_px)[1])
+        return max(self.scan.duration_s, self.timing.end_s)
 
     @property
     def plain(self) -> bool:
         """Whether rows can be rendered in one go, each once and from left to right, by the fast kernel."""
-        return self.timing.plain and self.detector.bits == 8 and self.scan.spot_px == 0.0 and not self.effects.by_pixel
+        dots = isinstance(self.speckle, Speckle)
+        return dots and self.timing.plain and self.detector.bits == 8 and self.scan.spot_px == 0.0 and not self.effects.by_pixel
 
     @property
     def visits(self) -> int:
@@ -110,7 +112,7 @@ class Column:
             motion: of the specimen, covering these rows' times.
             frame: number of the scan; decides its noise.
         """
-        if not self.plain:
+        if not (self.plain and isinstance(self.speckle, Speckle)):
             self._expose(out, first_row, start_time_s, motion, frame)
             return
         detector, speckle = self.detector, self.speckle
@@ -208,10 +210,7 @@ class Column:
         x_px, y_px, at = self.seen(range(first_row, first_row + signal.shape[0]), visit, start_time_s, motion, frame)
         spot_px = optics.spot_px(Instants(at.time_s[:, 0], start_time_s, frame, self.scan, motion))
         seen = np.zeros(signal.shape)
-        add_coverage(
-            seen, x_px, y_px, spot_px, 1.0,
-            speckle.seed, speckle.pitch_px, speckle.radius_px, speckle.radius_spread, speckle.presence, speckle.edge_px,
-        )  # fmt: skip
+        add_coverage(seen, x_px, y_px, spot_px, 1.0, speckle.kind, speckle.seed, speckle.numbers)
         signal += optics.grey(detector.offset + detector.gain * seen, x_px, y_px, at)
 
     def digitise(self, out: NDArray[np.unsignedinteger], first_row: int, signal: NDArray[np.float64], frame: int) -> None:
@@ -223,7 +222,7 @@ class Column:
 
 
 def build_column(
-    scan: Scan, detector: Detector, speckle: Speckle, drift: Drift, distortion: Distortion, effects: Effects | None = None
+    scan: Scan, detector: Detector, speckle: Pattern, drift: Drift, distortion: Distortion, effects: Effects | None = None
 ) -> Column:
     """A column with its distortion worked out for every scan address."""
     x_px, y_px = np.meshgrid(np.arange(scan.width_px), np.arange(scan.height_px))

@@ -18,7 +18,8 @@ from semlive_simulators.exporters.settings import Export
 from semlive_simulators.load_frame.dynamics import LoadFrameParameters
 from semlive_simulators.load_frame.schedule import PlannedFault
 from semlive_simulators.load_frame.strain_gage import StrainGage
-from semlive_simulators.specimen import Specimen, Speckle
+from semlive_simulators.patterns import Pattern
+from semlive_simulators.specimen import Specimen
 from semlive_simulators.stage import BEAM_SHIFT, Actuator, StageParameters
 
 FOLDER = Path(__file__).parent / "scenarios"
@@ -59,7 +60,7 @@ class Scenario:
     seed: int
     first_scan_s: float
     scan: Scan
-    speckle: Speckle
+    speckle: Pattern
     specimen: Specimen
     detector: Detector
     drift: Drift
@@ -77,6 +78,11 @@ class Scenario:
     def column(self) -> Column:
         """The column of this scenario."""
         return build_column(self.scan, self.detector, self.speckle, self.drift, self.distortion, self.effects)
+
+    @property
+    def frame_duration_s(self) -> float:
+        """From the start of a frame until all its rows are truly done, at least as long as the scan should take."""
+        return max(self.scan.duration_s, self.effects.timing(self.scan).end_s)
 
     def told_ns(self, time_ns: int, run_start_ns: int) -> int:
         """What the microscope's PC takes an instant for, UTC ns; `run_start_ns` is when the run began."""

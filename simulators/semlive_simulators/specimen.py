@@ -1,4 +1,4 @@
-"""The specimen: an elastic sheet with gold dots, how it deforms, and how it has moved."""
+"""The specimen: an elastic sheet, how it deforms, and how it has moved."""
 
 from __future__ import annotations
 
@@ -57,34 +57,6 @@ class Specimen:
     def shift_px(self, force_n: ArrayLike) -> NDArray[np.float64]:
         """How far a force carries the centre of the field of view, (..., 2) in px."""
         return np.asarray(force_n, dtype=np.float64)[..., None] * np.asarray(self.shift_px_per_n)
-
-
-@dataclass(frozen=True, slots=True)
-class Speckle:
-    """Lithographic dots on an infinite plane, one at most in each square cell.
-
-    Attributes:
-        seed: which pattern.
-        pitch_px: edge of a cell; at least radius_px * (1 + radius_spread) + edge_px, so that no dot reaches beyond its neighbours.
-        radius_px: mean radius of a dot.
-        radius_spread: half range of the radius as a fraction of it.
-        presence: probability that a cell holds a dot.
-        edge_px: half width of a dot's soft edge.
-    """
-
-    __pydantic_config__ = ConfigDict(extra="forbid")
-
-    seed: int
-    pitch_px: float
-    radius_px: float
-    radius_spread: float
-    presence: float
-    edge_px: float
-
-    def __post_init__(self) -> None:
-        reach = self.radius_px * (1 + self.radius_spread) + self.edge_px
-        if reach > self.pitch_px:
-            raise ValueError(f"dots reach {reach:.2f} px, further than their pitch_px of {self.pitch_px}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,9 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from semlive_simulators.column import Column
+from semlive_simulators.patterns import Speckle
 from semlive_simulators.render import render_frame
 from semlive_simulators.scenario import Scenario, load_scenario
-from semlive_simulators.specimen import Motion, Speckle, at_rest
+from semlive_simulators.specimen import Motion, at_rest
 
 MASK = (1 << 64) - 1
 

@@ -26,8 +26,9 @@ from semlive_simulators.effects.protocol import (
     Stamps,
     Visits,
 )
+from semlive_simulators.patterns import Pattern
 from semlive_simulators.scan import Scan, Timing, timing
-from semlive_simulators.specimen import Motion, Speckle
+from semlive_simulators.specimen import Motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +110,7 @@ class Optics:
                 square = square + member.blur_px(at) ** 2
         return np.sqrt(square)
 
-    def speckle(self, speckle: Speckle) -> Speckle:
+    def speckle(self, speckle: Pattern) -> Pattern:
         """The pattern."""
         for member in self.members:
             if isinstance(member, ChangesSpeckle):

@@ -1,17 +1,17 @@
-"""Dots with edges too sharp for the pixels: interpolating between them is wrong by a wave over the fraction of a pixel."""
+"""Dots or islands with edges too sharp for the pixels: interpolating between them is wrong by a wave over the fraction of a pixel."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 from semlive_simulators.effects.protocol import Effect, Magnification, by
-from semlive_simulators.specimen import Speckle
+from semlive_simulators.patterns import Pattern
 
 
 @dataclass(frozen=True, slots=True)
 class DicSubpixelBias(Effect):
-    """The half width of the dots' edges is multiplied. Nothing moves: whatever correlation sees of it is its own bias.
+    """The half width of their edges is multiplied. Nothing moves: whatever correlation sees of it is its own bias.
 
     Attributes:
         edge_factor: at most 1.
@@ -30,6 +30,6 @@ class DicSubpixelBias(Effect):
         """A sixth of the width: edges of less than a pixel."""
         return cls(by(magnification, 0.16, 0.16))
 
-    def changed(self, speckle: Speckle) -> Speckle:
+    def changed(self, speckle: Pattern) -> Pattern:
         """Sharper."""
-        return replace(speckle, edge_px=self.edge_factor * speckle.edge_px)
+        return speckle.harder(self.edge_factor)

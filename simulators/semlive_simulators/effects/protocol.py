@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict
 
+from semlive_simulators.patterns import Pattern
 from semlive_simulators.scan import Scan, Timing
-from semlive_simulators.specimen import Motion, Speckle
+from semlive_simulators.specimen import Motion
 
 Array: TypeAlias = NDArray[np.float64]
 Plane: TypeAlias = tuple[Array, Array]
@@ -202,7 +203,7 @@ class Blurs(Protocol):
 class ChangesSpeckle(Protocol):
     """Changes the pattern itself."""
 
-    def changed(self, speckle: Speckle) -> Speckle:
+    def changed(self, speckle: Pattern) -> Pattern:
         """The pattern in place of the scenario's."""
         ...
 

@@ -7,8 +7,10 @@ import math
 import numpy as np
 from numba import njit
 
+from semlive_simulators.kernels.film import GRAINS, film_coverage, load_grains
 from semlive_simulators.kernels.pattern import _STEP_X, _STEP_Y, coverage, gaussian, gaussian_pair, load_dots, mix64
 
+DOTS, FILM = 0, 1
 _HEXAGON_X = np.array([0.0, 2.0, 1.0, -1.0, -2.0, -1.0, 1.0])
 _HEXAGON_Y = np.array([0.0, 0.0, 1.0, 1.0, 0.0, -1.0, -1.0]) * np.array([0.0, 0.0, *[math.sqrt(3.0)] * 2, 0.0, *[math.sqrt(3.0)] * 2])
 _HEXAGON_WEIGHT = np.array([0.5, *[1.0 / 12.0] * 6])
@@ -44,7 +46,7 @@ def seen_points(x_px, y_px, first_row, bend_x_px, bend_y_px, begin_maps, end_map
 
 
 @njit(cache=True, nogil=True)
-def add_coverage(signal, x_px, y_px, spot_px, weight, pattern_seed, pitch_px, radius_px, radius_spread, presence, edge_px):
+def add_coverage(signal, x_px, y_px, spot_px, weight, kind, pattern_seed, numbers):
     """Add what a probe of finite size sees.
 
     A Gaussian probe is seven points: the centre with weight 1/2 and a hexagon of radius 2 sigma with 1/12 each, exact for
@@ -56,14 +58,13 @@ def add_coverage(signal, x_px, y_px, spot_px, weight, pattern_seed, pitch_px, ra
         y_px: likewise.
         spot_px: (rows,) float64, standard deviation of the probe.
         weight: of this visit.
-        pattern_seed: of the speckle; the rest see `load_dots` and `coverage`.
-        pitch_px: edge of a cell.
-        radius_px: mean radius.
-        radius_spread: half range of the radius.
-        presence: probability of a dot.
-        edge_px: half width of an edge.
+        kind: DOTS or FILM.
+        pattern_seed: of the pattern.
+        numbers: (5,) float64; edge of a cell first, the rest see `load_dots` and `coverage`, or `film_coverage`.
     """
+    pitch_px = numbers[0]
     dots = np.empty((9, 4))
+    grains = np.empty((GRAINS, 3))
     for index in range(signal.shape[0]):
         spot = spot_px[index]
         points = 7 if spot > 0.0 else 1
@@ -81,8 +82,15 @@ def add_coverage(signal, x_px, y_px, spot_px, weight, pattern_seed, pitch_px, ra
                 if new_x != cell_x or new_y != cell_y:
                     cell_x = new_x
                     cell_y = new_y
-                    load_dots(cell_x, cell_y, pattern_seed, pitch_px, radius_px, radius_spread, presence, dots)
-                signal[index, column] += share * coverage(x, y, dots, edge_px)
+                    if kind == FILM:
+                        load_grains(cell_x, cell_y, pattern_seed, pitch_px, grains)
+                    else:
+                        load_dots(cell_x, cell_y, pattern_seed, pitch_px, numbers[1], numbers[2], numbers[3], dots)
+                if kind == FILM:
+                    seen = film_coverage(x, y, grains, pitch_px, numbers[1], numbers[2])
+                else:
+                    seen = coverage(x, y, dots, numbers[4])
+                signal[index, column] += share * seen
 
 
 @njit(cache=True, nogil=True)
