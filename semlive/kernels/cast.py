@@ -66,8 +66,12 @@ def _spread(work: Callable[[int, int], object], count: int, chunk: int) -> None:
             done.result()
 
 
-def coefficients(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Cubic B-spline coefficients of an image, (height, width), boundary mirrored about the outer samples.
+def coefficients(image: NDArray[np.float32], order: int = spline.CUBIC) -> NDArray[np.float32]:
+    """B-spline coefficients of an image, (height, width), boundary mirrored about the outer samples.
+
+    Args:
+        image: float32 grey levels.
+        order: of the spline, 3 or 5.
 
     Raises:
         ValueError: not a C-contiguous float32 image of at least 4 x 4 px.
@@ -76,17 +80,34 @@ def coefficients(image: NDArray[np.float32]) -> NDArray[np.float32]:
     if min(image.shape) < MIN_EDGE_PX:
         raise ValueError(f"image must be at least {MIN_EDGE_PX} px each way, not {image.shape}")
     c = image.copy()
-    _spread(lambda first, last: spline.filter_rows(c, first, last), c.shape[0], 64)
-    _spread(lambda first, last: spline.filter_columns(c, first, last), c.shape[1], 256)
+    _filter(c, order)
     return c
 
 
-def interpolator(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Coefficients with the mirrored border and the row padding that `correlate` reads over: (height + 4, width + 12)."""
-    c = coefficients(image)
-    border = icgn.BORDER
-    padded = np.pad(c, ((border, border), (border, border)), mode="reflect")
-    return np.pad(padded, ((0, 0), (0, icgn.LANES)))
+def _filter(c: NDArray[np.float32], order: int) -> None:
+    for pole, gain in zip(spline.POLES[order], spline.GAINS[order], strict=True):
+        _spread(lambda first, last: spline.filter_rows(c, first, last, pole, gain), c.shape[0], 64)  # noqa: B023
+        _spread(lambda first, last: spline.filter_columns(c, first, last, pole, gain), c.shape[1], 256)  # noqa: B023
+
+
+def interpolator(image: NDArray[np.float32], order: int = spline.CUBIC) -> NDArray[np.float32]:
+    """Coefficients with the mirrored border and the row padding that `correlate` reads over.
+
+    For a cubic spline (height + 4, width + 12), for a quintic one (height + 6, width + 14).
+    """
+    c = coefficients(image, order)
+    border = icgn.border_of(order)
+    height, width = c.shape
+    padded = np.zeros((height + 2 * border, width + 2 * border + icgn.LANES), dtype=np.float32)
+    padded[border : border + height, border : border + width] = c
+    rows = padded[border : border + height]
+    for k in range(1, border + 1):
+        rows[:, border - k] = rows[:, border + k]
+        rows[:, border + width - 1 + k] = rows[:, border + width - 1 - k]
+    for k in range(1, border + 1):
+        padded[border - k] = padded[border + k]
+        padded[border + height - 1 + k] = padded[border + height - 1 - k]
+    return padded
 
 
 def line_derivative(lines: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -99,7 +120,8 @@ def line_derivative(lines: NDArray[np.float32]) -> NDArray[np.float32]:
     if lines.shape[1] < MIN_EDGE_PX:
         raise ValueError(f"lines must have at least {MIN_EDGE_PX} samples, not {lines.shape[1]}")
     c = lines.copy()
-    _spread(lambda first, last: spline.filter_rows(c, first, last), c.shape[0], 64)
+    pole, gain = spline.POLES[spline.CUBIC][0], spline.GAINS[spline.CUBIC][0]
+    _spread(lambda first, last: spline.filter_rows(c, first, last, pole, gain), c.shape[0], 64)
     return np.float32(0.5) * (c[:, 2:] - c[:, :-2])
 
 

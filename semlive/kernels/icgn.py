@@ -17,6 +17,13 @@ from numpy import uint64
 LANES = 8
 EIGHT, ONE, TWO, THREE = uint64(LANES), uint64(1), uint64(2), uint64(3)
 BORDER = 2  # mirrored coefficients around the frame
+
+
+def border_of(order: int) -> int:
+    """Mirrored coefficients around the frame that a spline of this order needs."""
+    return order // 2 + 1
+
+
 CONVERGED, NOT_CONVERGED, LOW_ZNCC, OUTSIDE_IMAGE = 0, 1, 2, 3  # as in semlive.data.disparity.PoiStatus
 EDGE_SLACK_PX = 0.05  # into the mirrored border: costs 1e-3 px at most, keeps edge subsets that did not move
 MAX_GRADIENT = 0.5  # a subset that turns inside out has lost its way

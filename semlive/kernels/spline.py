@@ -1,7 +1,8 @@
-"""Cubic B-spline prefilter (Unser, Aldroubi, Eden 1993, doi:10.1109/78.193220): samples to coefficients.
+"""B-spline prefilter (Unser, Aldroubi, Eden 1993, doi:10.1109/78.193220): samples to coefficients.
 
-The interpolant ``sum c[k] beta3(x - k)`` passes through the samples; a local 4x4 scheme instead of the recursion leaves
-an S-shaped error of 5e-3 px in the disparity, the recursion 3e-4 px (speckle of 6.7 px, no noise).
+The interpolant ``sum c[k] beta(x - k)`` passes through the samples; a local 4x4 scheme instead of the recursion leaves
+an S-shaped error of 5e-3 px in the disparity, the recursion 3e-4 px (cubic, speckle of 6.7 px, no noise). The quintic spline's
+filter is two such recursions, one after the other.
 """
 
 from __future__ import annotations
@@ -9,8 +10,16 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-POLE = np.float32(np.sqrt(3.0) - 2.0)
-HORIZON = 16  # |POLE|^16 = 7e-10, below float32
+CUBIC, QUINTIC = 3, 5
+POLES = {
+    CUBIC: (np.float32(np.sqrt(3.0) - 2.0),),
+    QUINTIC: (
+        np.float32(np.sqrt(67.5 - np.sqrt(4436.25)) + np.sqrt(26.25) - 6.5),
+        np.float32(np.sqrt(67.5 + np.sqrt(4436.25)) - np.sqrt(26.25) - 6.5),
+    ),
+}
+GAINS = {CUBIC: (np.float32(6.0),), QUINTIC: tuple(np.float32((1.0 - float(z)) * (1.0 - 1.0 / float(z))) for z in POLES[QUINTIC])}
+HORIZON = 24  # terms of the mirrored start; 0.43^24 = 2e-9, below float32
 
 
 @njit(nogil=True, cache=True)
@@ -21,11 +30,9 @@ def _mirrored(k, n):
 
 
 @njit(nogil=True, cache=True)
-def filter_line(line):
+def filter_line(line, z, gain):
     """Coefficients of one line of float32 samples, in place, mirrored about its first and last sample."""
     n = line.size
-    z = POLE
-    gain = np.float32(6.0)
     total = line[0]
     power = z
     for k in range(1, HORIZON):
@@ -40,10 +47,10 @@ def filter_line(line):
 
 
 @njit(nogil=True, cache=True)
-def filter_rows(image, first, last):
+def filter_rows(image, first, last, z, gain):
     """Filter rows first..last-1 of an image along x, in place."""
     for y in range(first, last):
-        filter_line(image[y])
+        filter_line(image[y], z, gain)
 
 
 @njit(nogil=True, cache=True)
@@ -65,11 +72,9 @@ def _backward(target, source, z):
 
 
 @njit(nogil=True, cache=True)
-def filter_columns(image, first, last):
+def filter_columns(image, first, last, z, gain):
     """Filter columns first..last-1 of an image along y, in place, a row at a time so that the loops vectorise."""
     n = image.shape[0]
-    z = POLE
-    gain = np.float32(6.0)
     power = z
     top = image[0, first:last].copy()
     for k in range(1, HORIZON):

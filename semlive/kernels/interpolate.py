@@ -1,0 +1,95 @@
+"""B-spline interpolation along a piece of a line that moves slowly against the pixels, written for the vectoriser.
+
+Within a piece all pixels share their taps' offsets, so the taps are contiguous in memory. Positions are quadratic in the index,
+as a second-order shape function needs; for an affine one the curvatures are zero (two of 45 operations).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy import uint64
+
+LANES = 8
+EIGHT, ONE, TWO, THREE, FOUR, FIVE = uint64(LANES), uint64(1), uint64(2), uint64(3), uint64(4), uint64(5)
+
+
+# fastmath: all operands are finite by construction, and sums in any order are what makes the loops vectorise.
+@njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
+def cubic_piece(c, tap, stride, out, at, ramp, count, tx, ux, uxx, ty, vx, vxx, offset):
+    """Write the interpolated image, less `offset`, to out[at : at + count].
+
+    `tap` is the position in `c` of the first of four taps of the first pixel on the first of four rows, `tx` and `ty` are the
+    phases there, `ux`, `uxx`, `vx`, `vxx` their changes by the index and its square. `count` is a multiple of LANES; the loop's
+    bound says so to the compiler. Indices are unsigned: signed ones are checked for wrapping around, which costs 4x.
+    """
+    one, three, four, six = np.float32(1.0), np.float32(3.0), np.float32(4.0), np.float32(6.0)
+    scale = np.float32(1.0 / 36.0)
+    a0 = tap
+    a1 = a0 + stride
+    a2 = a1 + stride
+    a3 = a2 + stride
+    for i in range(count // EIGHT * EIGHT):
+        r = ramp[i]
+        t = tx + r * (ux + r * uxx)
+        t2 = t * t
+        o = one - t
+        x0 = o * o * o
+        x1 = four + t2 * (three * t - six)
+        x3 = t2 * t
+        x2 = six - x0 - x1 - x3
+        t = ty + r * (vx + r * vxx)
+        t2 = t * t
+        o = one - t
+        y0 = o * o * o
+        y1 = four + t2 * (three * t - six)
+        y3 = t2 * t
+        y2 = six - y0 - y1 - y3
+        g = (
+            y0 * (x0 * c[a0 + i] + x1 * c[a0 + i + ONE] + x2 * c[a0 + i + TWO] + x3 * c[a0 + i + THREE])
+            + y1 * (x0 * c[a1 + i] + x1 * c[a1 + i + ONE] + x2 * c[a1 + i + TWO] + x3 * c[a1 + i + THREE])
+            + y2 * (x0 * c[a2 + i] + x1 * c[a2 + i + ONE] + x2 * c[a2 + i + TWO] + x3 * c[a2 + i + THREE])
+            + y3 * (x0 * c[a3 + i] + x1 * c[a3 + i + ONE] + x2 * c[a3 + i + TWO] + x3 * c[a3 + i + THREE])
+        )
+        out[at + i] = g * scale - offset
+
+
+@njit(nogil=True, cache=True, error_model="numpy", fastmath=True, inline="always")
+def _quintic_weights(t):
+    """The six weights, times 120, at phase t."""
+    c5, c10, c20, c26, c30 = np.float32(5.0), np.float32(10.0), np.float32(20.0), np.float32(26.0), np.float32(30.0)
+    c50, c60, c66 = np.float32(50.0), np.float32(60.0), np.float32(66.0)
+    o = np.float32(1.0) - t
+    t2 = t * t
+    o2 = o * o
+    w0 = o2 * o2 * o
+    w1 = c26 + t * (c20 * t - c50) + t2 * t * (c20 + t * (c5 * t - c20))
+    w2 = c66 + t2 * (t2 * (c30 - c10 * t) - c60)
+    w3 = c26 + t * (c50 + c20 * t) + t2 * t * (t * (c10 * t - c20) - c20)
+    w5 = t2 * t2 * t
+    w4 = np.float32(120.0) - w0 - w1 - w2 - w3 - w5
+    return w0, w1, w2, w3, w4, w5
+
+
+@njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
+def quintic_piece(c, tap, stride, out, at, ramp, count, tx, ux, uxx, ty, vx, vxx, offset):
+    """As `cubic_piece`, with six taps each way."""
+    scale = np.float32(1.0 / 14400.0)
+    a0 = tap
+    a1 = a0 + stride
+    a2 = a1 + stride
+    a3 = a2 + stride
+    a4 = a3 + stride
+    a5 = a4 + stride
+    for k in range(count // EIGHT * EIGHT):
+        r = ramp[k]
+        x0, x1, x2, x3, x4, x5 = _quintic_weights(tx + r * (ux + r * uxx))
+        y0, y1, y2, y3, y4, y5 = _quintic_weights(ty + r * (vx + r * vxx))
+        b0, b1, b2, b3, b4, b5 = a0 + k, a1 + k, a2 + k, a3 + k, a4 + k, a5 + k
+        g0 = x0 * c[b0] + x1 * c[b0 + ONE] + x2 * c[b0 + TWO] + x3 * c[b0 + THREE] + x4 * c[b0 + FOUR] + x5 * c[b0 + FIVE]
+        g1 = x0 * c[b1] + x1 * c[b1 + ONE] + x2 * c[b1 + TWO] + x3 * c[b1 + THREE] + x4 * c[b1 + FOUR] + x5 * c[b1 + FIVE]
+        g2 = x0 * c[b2] + x1 * c[b2 + ONE] + x2 * c[b2 + TWO] + x3 * c[b2 + THREE] + x4 * c[b2 + FOUR] + x5 * c[b2 + FIVE]
+        g3 = x0 * c[b3] + x1 * c[b3 + ONE] + x2 * c[b3 + TWO] + x3 * c[b3 + THREE] + x4 * c[b3 + FOUR] + x5 * c[b3 + FIVE]
+        g4 = x0 * c[b4] + x1 * c[b4 + ONE] + x2 * c[b4 + TWO] + x3 * c[b4 + THREE] + x4 * c[b4 + FOUR] + x5 * c[b4 + FIVE]
+        g5 = x0 * c[b5] + x1 * c[b5 + ONE] + x2 * c[b5 + TWO] + x3 * c[b5 + THREE] + x4 * c[b5 + FOUR] + x5 * c[b5 + FIVE]
+        out[at + k] = (y0 * g0 + y1 * g1 + y2 * g2 + y3 * g3 + y4 * g4 + y5 * g5) * scale - offset
