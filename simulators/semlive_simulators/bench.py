@@ -127,7 +127,7 @@ class Bench:
 
     def _frame_exported(self, item: Exported) -> None:
         start_s = (item.start_time_ns - self._clock.start_ns) * 1e-9
-        window = self._machine.window(start_s, start_s + self._scenario.scan.duration_s)
+        window = item.window
         self._truth.add_frame(
             frame_truth(self._scenario, item.file, item.start_time_ns, start_s, window.motion, window.force_mean_n, window.moving),
             window.motion.history,

@@ -58,7 +58,7 @@ def simulate(scenario: Scenario, out: Path, wanted: frozenset[int] | None) -> It
         name = export.file_name(shot.frame)
         image = render_frame(scenario, shot.start_s, shot.window.motion, shot.frame, column)
         told_ns = scenario.told_ns(shot.end_ns, START_NS)
-        facts = ImageFacts(scenario.scan, told_ns, shot.encoder_x_um, shot.encoder_y_um, shot.frame, name)
+        facts = ImageFacts(scenario.scan, told_ns, shot.encoder_x_um, shot.encoder_y_um, shot.frame, name, shot.beam_x_um, shot.beam_y_um)
         for plan in plan_files(export.encode(image, facts), name, export):
             write_file(plan, out / "export", shot.end_ns, lambda _: contextlib.nullcontext())
         truth.add_frame(

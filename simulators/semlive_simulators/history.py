@@ -1,4 +1,4 @@
-"""What was done to the specimen before an instant: load steps and moves."""
+"""What was done before an instant: load steps, moves of the stage and shifts of the beam."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class LoadStep:
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """A move of the stage that ended.
+    """A move of the stage, or a shift of the beam, that ended.
 
     Attributes:
         time_s: when, seconds since the run began.
@@ -40,14 +40,25 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """Load steps and moves, each in order of time."""
+    """What was done, each kind in order of time.
+
+    Shifts of the beam are kept apart from moves of the stage: gears, guides and piezos do not move when coils do, so backlash, yaw,
+    relaxation and the stage's own errors must not see them. What follows from any new place in view, such as focusing
+    again, sees both.
+
+    Attributes:
+        load_steps: loads that were reached.
+        moves: of the stage.
+        beam_shifts: of the beam.
+    """
 
     load_steps: tuple[LoadStep, ...] = ()
     moves: tuple[Move, ...] = ()
+    beam_shifts: tuple[Move, ...] = ()
 
     def changes_s(self) -> list[float]:
         """Times of everything that happened, in order."""
-        return sorted([step.time_s for step in self.load_steps] + [move.time_s for move in self.moves])
+        return sorted(done.time_s for kind in (self.load_steps, self.moves, self.beam_shifts) for done in kind)
 
 
 NOTHING_DONE = History()

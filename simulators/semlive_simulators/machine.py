@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,8 @@ from semlive_simulators.specimen import Motion, at_rest
 STEP_NS = 50_000_000
 """Physics runs in steps of 50 ms on a grid fixed to the start of the run: half a row, 1 um of stage motion."""
 READINGS_PER_S = 100
-_REMEMBERED = 40_000
+_REMEMBERED_S = 600.0
+"""How long the past is kept beyond one frame, whose truth is asked for when its scan is over."""
 _CONTROL_PASSES = 6
 """Each pass gains the load cell's gain error: 2 % leaves 1e-10 of the load."""
 _FORCE_STREAM, _EXTENSION_STREAM, _ENCODER_X_STREAM, _ENCODER_Y_STREAM = 1, 2, 3, 4
@@ -85,8 +86,10 @@ class Machine:
         self._memory: list[Remembered] = []
         self._readings = scenario.effects.readings()
         self._history = History()
+        self._remembered = math.ceil((scenario.frame_duration_s + _REMEMBERED_S) / (STEP_NS * 1e-9))
         self._reached_n = 0.0
         self._reached_px = (0.0, 0.0)
+        self._beam_reached_px = (0.0, 0.0)
         self._remember()
 
     def _remember(self) -> None:
@@ -96,15 +99,15 @@ class Machine:
         moving = self._stage.moving or self._beam.moving or self._load.moving
         time_s = self._steps * STEP_NS * 1e-9
         self._memory.append(Remembered(time_s, self._load.force_n, x_um, y_um, self._stage.yaw_rad, moving))
-        if len(self._memory) > _REMEMBERED:
-            del self._memory[: _REMEMBERED // 2]
+        if len(self._memory) > 2 * self._remembered:
+            del self._memory[: self._remembered]
 
     def advance_to(self, time_ns: int) -> None:
         """Let time pass up to the first step at or after an instant; never goes back."""
         goal = -((self._start_ns - time_ns) // STEP_NS)
         with self._lock:
             while self._steps < goal:
-                load, stage = self._load, self._stage
+                load, stage, beam = self._load, self._stage, self._beam
                 self._load = dynamics.step(self._load, self._scenario.load_frame, STEP_NS * 1e-9)
                 self._stage = stages.step(self._stage, self._scenario.stage, STEP_NS * 1e-9)
                 self._beam = stages.step(self._beam, self._scenario.beam_shift, STEP_NS * 1e-9)
@@ -112,21 +115,27 @@ class Machine:
                 now_s = self._steps * STEP_NS * 1e-9
                 self._load = schedule.struck(self._load, self._scenario.faults, now_s - STEP_NS * 1e-9, now_s)
                 self._remember()
-                self._note(load, stage)
+                self._note(load, stage, beam)
 
-    def _note(self, load: dynamics.LoadFrameState, stage: stages.StageState) -> None:
+    def _note(self, load: dynamics.LoadFrameState, stage: stages.StageState, beam: stages.StageState) -> None:
         """Enter into the history what ended with the last step; states are those before it, the lock is held."""
         time_s = self._steps * STEP_NS * 1e-9
         if load.moving and not self._load.moving:
             step = LoadStep(time_s, self._load.force_n - self._reached_n)
-            self._history = History((*self._history.load_steps, step), self._history.moves)
+            self._history = replace(self._history, load_steps=(*self._history.load_steps, step))
             self._reached_n = self._load.force_n
         if stage.moving and not self._stage.moving:
-            pixel_um = self._scenario.scan.pixel_size_um
-            reached_px = (self._stage.motor_x_um / pixel_um, self._stage.motor_y_um / pixel_um)
-            move = Move(time_s, self._reached_px, reached_px)
-            self._history = History(self._history.load_steps, (*self._history.moves, move))
-            self._reached_px = reached_px
+            move = Move(time_s, self._reached_px, self._place_px(self._stage))
+            self._history = replace(self._history, moves=(*self._history.moves, move))
+            self._reached_px = move.to_px
+        if beam.moving and not self._beam.moving:
+            shift = Move(time_s, self._beam_reached_px, self._place_px(self._beam))
+            self._history = replace(self._history, beam_shifts=(*self._history.beam_shifts, shift))
+            self._beam_reached_px = shift.to_px
+
+    def _place_px(self, state: stages.StageState) -> tuple[float, float]:
+        pixel_um = self._scenario.scan.pixel_size_um
+        return state.motor_x_um / pixel_um, state.motor_y_um / pixel_um
 
     def _load_reading_n(self, force_n: float, time_s: float, history: History) -> float:
         return self._readings.load_n(force_n, time_s, at_rest(load_n=force_n, history=history))
@@ -180,7 +189,7 @@ class Machine:
             time_s, true_n = self._steps * STEP_NS * 1e-9, force_n
             for _ in range(_CONTROL_PASSES):
                 step = LoadStep(time_s, true_n - self._reached_n)
-                history = History((*self._history.load_steps, step), self._history.moves)
+                history = replace(self._history, load_steps=(*self._history.load_steps, step))
                 true_n += force_n - self._load_reading_n(true_n, time_s, history)
             self._load = dynamics.ramp_to(self._load, true_n, rate_n_s)
 
@@ -194,7 +203,7 @@ class Machine:
         with self._lock:
             load = self._load
             self._load = dynamics.stop(load)
-            self._note(load, self._stage)
+            self._note(load, self._stage, self._beam)
 
     def move_stage(self, x_um: float, y_um: float, actuator: stages.Actuator = stages.Actuator.STAGE) -> None:
         """Start a motion of the stage, or of the beam in its place."""
@@ -208,19 +217,19 @@ class Machine:
     def stop_stage(self, actuator: stages.Actuator = stages.Actuator.STAGE) -> None:
         """Stop the stage, or the beam's shift."""
         with self._lock:
+            stage, beam = self._stage, self._beam
             if actuator is stages.Actuator.BEAM_SHIFT:
-                self._beam = stages.stop(self._beam)
-                return
-            stage = self._stage
-            self._stage = stages.stop(stage)
-            self._note(self._load, stage)
+                self._beam = stages.stop(beam)
+            else:
+                self._stage = stages.stop(stage)
+            self._note(self._load, stage, beam)
 
     def expire(self) -> None:
         """The watchdog expired: everything stops and holds, the load frame reports a fault."""
         with self._lock:
             load, stage = self._load, self._stage
             self._load, self._stage = dynamics.expire(load), stages.stop(stage)
-            self._note(load, stage)
+            self._note(load, stage, self._beam)
 
     @property
     def jogging_mm_s(self) -> float:

@@ -72,6 +72,8 @@ class Shot:
         load_mean_n: mean reading of the load cell.
         encoder_x_um: stage position by its own encoder at the end.
         encoder_y_um: likewise.
+        beam_x_um: shift of the beam at the end by the column's own word.
+        beam_y_um: likewise.
     """
 
     frame: int
@@ -83,6 +85,8 @@ class Shot:
     load_mean_n: float
     encoder_x_um: float
     encoder_y_um: float
+    beam_x_um: float
+    beam_y_um: float
 
 
 class Player:
@@ -158,7 +162,7 @@ class Player:
         return abs(self._machine.read(self.time_ns).force_n - load_n) <= tolerance_n
 
     def _scan(self, frame: int, stop: Stop) -> Shot:
-        start_ns, duration_ns = self.time_ns, round(self._scenario.scan.duration_s * 1e9)
+        start_ns, duration_ns = self.time_ns, round(self._scenario.frame_duration_s * 1e9)
         end_ns, start_s = start_ns + duration_ns, (start_ns - START_NS) * 1e-9
         samples = math.ceil(duration_ns / _LOAD_SAMPLE_NS)
         loads = [self._machine.read(start_ns + round(duration_ns * sample / samples)).force_n for sample in range(samples)]
@@ -166,7 +170,8 @@ class Player:
         reading = self._machine.read(end_ns)
         window = self._machine.window(start_s, (end_ns - START_NS) * 1e-9)
         mean_n = math.fsum(loads) / len(loads)
-        return Shot(frame, stop, start_s, start_ns, end_ns, window, mean_n, reading.encoder_x_um, reading.encoder_y_um)
+        places_um = (reading.encoder_x_um, reading.encoder_y_um, reading.beam_x_um, reading.beam_y_um)
+        return Shot(frame, stop, start_s, start_ns, end_ns, window, mean_n, *places_um)
 
 
 def _words(stop: Stop) -> str:

@@ -92,6 +92,11 @@ class Timing:
     row_time_s: float
 
     @property
+    def end_s(self) -> float:
+        """When the last row is done, from the start of the frame."""
+        return float(self.row_start_s.max()) + self.row_time_s
+
+    @property
     def plain(self) -> bool:
         """Whether every row is visited once, from left to right and from top to bottom."""
         even = np.arange(self.row_start_s.shape[1]) * self.row_time_s

@@ -31,7 +31,7 @@ def frame_truth(
         load_mean_n: mean true load.
         moving: whether anything was driven during the scan.
     """
-    middle_s = np.array([start_s + 0.5 * scenario.scan.duration_s])
+    middle_s = np.array([start_s + 0.5 * scenario.frame_duration_s])
     middle = scenario.effects.moved(Instants(middle_s, start_s, 0, scenario.scan, motion))
     gradient = middle.gradient[0]
     return {

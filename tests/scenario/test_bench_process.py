@@ -192,11 +192,12 @@ def test_renaming_shows_the_final_name_only_when_whole(tmp_path: Path) -> None:
     sizes: set[int] = set()
 
     def complete() -> bool:
+        done = bool(truth(tmp_path)["frames"])  # before the look, which then cannot miss the final name
         for path in folder.glob("*"):
             seen.add(path.suffix)
             if path.suffix == ".tif":
                 sizes.add(path.stat().st_size)
-        return bool(truth(tmp_path)["frames"])
+        return done
 
     wait_for(complete)
     assert ended(process, signal.SIGTERM)[0] == 0

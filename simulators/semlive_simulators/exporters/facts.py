@@ -26,6 +26,8 @@ class ImageFacts:
         stage_y_um: likewise.
         frame: number of the frame.
         name: of the image file.
+        beam_x_um: shift of the beam by the column's own word.
+        beam_y_um: likewise.
     """
 
     scan: Scan
@@ -34,6 +36,8 @@ class ImageFacts:
     stage_y_um: float
     frame: int
     name: str = ""
+    beam_x_um: float = 0.0
+    beam_y_um: float = 0.0
 
     @property
     def end_time(self) -> datetime:

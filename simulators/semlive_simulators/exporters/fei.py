@@ -18,15 +18,15 @@ def fei_text(facts: ImageFacts, databar_rows: int) -> str:
     width_m, height_m = _fei(scan.width_px * scan.pixel_size_um / 1e6), _fei(scan.height_px * scan.pixel_size_um / 1e6)
     size = {"PixelWidth": pixel_m, "PixelHeight": pixel_m, "HorFieldsize": width_m, "VerFieldsize": height_m}
     stage = {"StageX": _fei(facts.stage_x_um * 1e-6), "StageY": _fei(facts.stage_y_um * 1e-6), "StageZ": "0.01", "StageR": "0"}
+    shift = {"BeamShiftX": _fei(facts.beam_x_um * 1e-6), "BeamShiftY": _fei(facts.beam_y_um * 1e-6)}
     dwell, frame_time = _fei(scan.dwell_time_s), repr(facts.frame_time_s)
     sections: dict[str, dict[str, object]] = {
         "User": {"Date": f"{end:%m/%d/%Y}", "Time": f"{end:%I:%M:%S %p}", "User": "supervisor", "UserText": "", "UserTextUnicode": ""},
         "System": {"Type": "SEM", "Dnumber": "SIM0200", "Software": "4.1.7.2114", "Source": "Tungsten", "Column": "virtual",
                    "Scan": "PIA 3.0", "Acq": "PIA 3.0", "SystemType": "Virtual Quanta 200"},
-        "Beam": {"HV": 30000, "Spot": 5, "BeamShiftX": 0, "BeamShiftY": 0, "ScanRotation": 0, "ImageMode": "Normal",
+        "Beam": {"HV": 30000, "Spot": 5, **shift, "ScanRotation": _fei(scan.rotation_rad), "ImageMode": "Normal",
                  "Beam": "EBeam", "Scan": "EScan"},
-        "EBeam": {"Source": "Tungsten", "HV": 30000, "HFW": width_m, "VFW": height_m, "WD": "0.01", **stage, "BeamShiftX": 0,
-                  "BeamShiftY": 0},
+        "EBeam": {"Source": "Tungsten", "HV": 30000, "HFW": width_m, "VFW": height_m, "WD": "0.01", **stage, **shift},
         "Scan": {"InternalScan": "true", "Dwelltime": dwell, **size, "Average": 0, "Integrate": 1, "FrameTime": frame_time},
         "EScan": {"Scan": "PIA 3.0", "InternalScan": "true", "Dwell": dwell, **size, "FrameTime": frame_time,
                   "LineTime": repr(facts.line_time_s), "Mainslock": "Off", "LineIntegration": facts.lines_integrated, "ScanInterlacing": 1},

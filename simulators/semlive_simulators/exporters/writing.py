@@ -65,13 +65,13 @@ def plan_files(product: Product, name: str, export: Export) -> tuple[FilePlan, .
     return image, FilePlan(beside, beside, (Write(image.last_s + export.sidecar_delay_s, 0, product.sidecar),))
 
 
-def write_file(plan: FilePlan, folder: Path, scan_end_ns: int, at: Callable[[float], AbstractContextManager[object]]) -> None:
+def write_file(plan: FilePlan, folder: Path, begin_ns: int, at: Callable[[float], AbstractContextManager[object]]) -> None:
     """Write a file as planned; its modification time is that of its last write.
 
     Args:
         plan: of the file.
         folder: where.
-        scan_end_ns: when the scan ended, UTC ns.
+        begin_ns: from when the plan counts, UTC ns: the end of the scan, or of the export before.
         at: gives a context that begins when so many seconds have passed since then.
     """
     working, path = folder / plan.working_name, folder / plan.name
@@ -84,7 +84,7 @@ def write_file(plan: FilePlan, folder: Path, scan_end_ns: int, at: Callable[[flo
             with at(piece.due_s):
                 stream.seek(piece.offset)
                 stream.write(piece.data)
-    last_ns = scan_end_ns + round(plan.last_s * 1e9)
+    last_ns = begin_ns + round(plan.last_s * 1e9)
     os.utime(working, ns=(last_ns, last_ns))
     if working != path:
         os.replace(working, path)
