@@ -10,8 +10,11 @@ import typer
 from rich.console import Console
 
 from semlive.cli.tables import score_table
+from semlive.report.errors import compare
 from semlive.report.score import load_truth
 from semlive.report.score import score as scored
+from semlive.report.score_figures import save_figures
+from semlive.report.truth import Truth
 from semlive.service.replay import last_result
 
 
@@ -19,10 +22,19 @@ def score(
     log: Annotated[Path, typer.Argument(help="One MCAP file, or a run folder of segments.")],
     truth: Annotated[Path, typer.Option("--truth", help="The truth.json that the simulator wrote.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    everything: Annotated[bool, typer.Option("--all", help="Every frame and pair in the table, as in the JSON.")] = False,
+    figures: Annotated[
+        Path | None, typer.Option("--figures", help="A folder for one PNG each, or a .png, .svg or .pdf file for one sheet.")
+    ] = None,
 ) -> None:
-    """Every recovered quantity against truth, with its uncertainty."""
-    scores = scored(last_result(log)[0], load_truth(truth))
+    """Every recovered quantity against truth, with its uncertainty, and whether the stated uncertainties hold."""
+    told = load_truth(truth)
+    result, _ = last_result(log)
+    scores = scored(result, told)
+    written = () if figures is None else save_figures(compare(result, Truth.of(told)), figures)
     if as_json:
         typer.echo(json.dumps({one.name: one.to_json() for one in scores}))
-    else:
-        Console().print(score_table(scores))
+        return
+    Console().print(score_table(scores, everything=everything))
+    for path in written:
+        typer.echo(f"figure: {path}")

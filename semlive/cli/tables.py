@@ -11,15 +11,21 @@ from semlive.data.strain import StrainSummary
 from semlive.report.score import Score
 
 
-def score_table(scores: Sequence[Score]) -> Table:
-    """Recovered beside true, each with its uncertainty."""
-    table = Table(title="recovered against true")
+def score_table(scores: Sequence[Score], *, everything: bool = False) -> Table:
+    """Recovered beside true, each with its uncertainty and whether the truth lies within it; by default without every frame and pair."""
+    scores = [one for one in scores if everything or not one.detail]
+    wrong = sum(not one.inside(0.95) for one in scores)
+    held = f"{len(scores) - wrong} of {len(scores)} within the stated 95 %; of an rms error, sigma is the rms of what was stated"
+    table = Table(title="recovered against true", caption=held)
     table.add_column("quantity")
     for name in ("true", "recovered", "± sigma", "error"):
         table.add_column(name, justify="right")
     table.add_column("unit")
+    table.add_column("inside")
     for one in scores:
-        table.add_row(one.name, *(_number(v) for v in (one.truth, one.value, one.sigma, one.error)), one.unit)
+        inside = "68 %" if one.inside(0.6827) else "95 %" if one.inside(0.95) else "no"
+        numbers = (_number(v) for v in (one.truth, one.value, one.sigma, one.error))
+        table.add_row(one.name, *numbers, one.unit, inside, style="bold red" if inside == "no" else None)
     return table
 
 
