@@ -13,10 +13,6 @@ import sys
 import time
 from pathlib import Path
 
-for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ.setdefault(name, "1")
-sys.path.insert(0, str(Path(__file__).parent))
-
 import numpy as np
 from numexp.cases import CASES
 from numexp.experiment import make_experiment
@@ -47,6 +43,8 @@ def main() -> None:
     methods = {"all": tuple(METHODS), "both": ("sutton2007", "joint")}.get(given.method, (given.method,))
     jobs = [(case, seed, methods) for seed in range(1, given.seeds + 1) for case in given.cases]
     results: Results = {}
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # read by the processes that are spawned next
     begin = time.perf_counter()
     with multiprocessing.get_context("spawn").Pool(given.processes) as pool:
         for done, (case, seed, measured) in enumerate(pool.imap_unordered(one, jobs), 1):
@@ -65,10 +63,9 @@ def _speed(results: Results) -> list[str]:
     found = [figures for (_, method), seeds in results.items() if method == "joint" for figures in seeds if figures.update_s]
     if not found:
         return []
-    update, solve = np.concatenate([one.update_s for one in found]), np.array([one.solve_s for one in found])
-    return [
-        f"joint, 18,000 points: update {np.median(update):.2f} s per pair, solution {np.median(solve):.2f} s (medians, processor time)."
-    ]
+    update_s = float(np.median(np.concatenate([one.update_s for one in found])))
+    solve_s = float(np.median([one.solve_s for one in found]))
+    return [f"joint, 18,000 points: update {update_s:.2f} s per pair, solution {solve_s:.2f} s (medians, processor time)."]
 
 
 def _write(lines: list[str]) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from numexp.noise import NoiseKind
+
 from semlive_simulators.effects.baseline_drift_underresolved import BaselineDriftUnderresolved
 from semlive_simulators.effects.magnification_drift import MagnificationDrift
 from semlive_simulators.effects.protocol import Effect

@@ -9,13 +9,13 @@ import numpy as np
 from numexp.cases import Case
 from numexp.noise import FrameNoise
 from numexp.world import DWELL_S, HEIGHT_PX, PAUSE_S, ROW_S, SCAN, WIDTH_PX, Field, World, lying, make_world, start_s
-from semlive_simulators.specimen import Motion
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.scan import Provenance, ScanTiming, Sourced
+from semlive_simulators.specimen import Motion
 
 GRID = Grid(101, 101, 5, 150, 120, 43)
 ARM_PX = (8.0, -16.0, 24.0, -32.0, 16.0, -8.0, 32.0)

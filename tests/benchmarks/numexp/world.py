@@ -6,18 +6,20 @@ equation (drift is taken at the time when the beam is at R), by iteration until 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from semlive_simulators.column import Column, Detector
+
+from semlive_simulators.column import Column
 from semlive_simulators.effects.composition import Effects
 from semlive_simulators.effects.distortion import AxisDistortion, Distortion
 from semlive_simulators.effects.drift import AxisDrift, Drift
 from semlive_simulators.effects.protocol import Effect
 from semlive_simulators.scan import Scan
-from semlive_simulators.specimen import Motion, Speckle, at_rest
+from semlive_simulators.scenario import load_scenario
+from semlive_simulators.specimen import Motion, at_rest
 
 Field: TypeAlias = NDArray[np.float64]
 
@@ -33,7 +35,7 @@ class World:
     """One experiment's truth.
 
     Attributes:
-        column: raster, drift and effects (its own distortion planes are for rendering and not used).
+        column: raster, drift and effects.
         distortion: E at any scan address.
     """
 
@@ -81,9 +83,8 @@ def make_world(rng: np.random.Generator, run_s: float, effects: tuple[Effect, ..
     """
     drift = Drift(*(_axis_drift(rng, run_s) for _ in range(2)))
     distortion = Distortion(*(_axis_distortion(rng) for _ in range(2)))
-    nothing = np.zeros((0, 0))
-    column = Column(SCAN, Detector(60, 100, 0, 0, 0), Speckle(0, 10, 4, 0.3, 0.8, 1), drift, (nothing, nothing), Effects(effects))
-    return World(column, distortion)
+    scenario = replace(load_scenario("paper_x200"), scan=SCAN, drift=drift, distortion=distortion, effects=Effects(effects))
+    return World(scenario.column(), distortion)
 
 
 def lying(shift_px: tuple[float, float], gradient: Field) -> Motion:
