@@ -21,15 +21,14 @@ from semlive.report.page import report_html
 from semlive.report.score import load_truth, score
 from semlive.service.replay import last_result, load_series
 
-# Chosen on 2 cores: at 40 a frame takes 2.4 s of wall time, of which rendering needs about 0.5 s and its correlation 1 s.
-_RATE = 40.0
-
 
 def demo(
     short: Annotated[bool, typer.Option("--short", help="Fewer pairs: 5 for calibration, 4 tensile.")] = False,
     scenario: Annotated[str | None, typer.Option(help="Name of a simulator scenario.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for everything the demo writes.")] = None,
-    rate: Annotated[float, typer.Option(help="Seconds of experiment per second of wall time.")] = _RATE,
+    rate: Annotated[
+        float | None, typer.Option(help="Seconds of experiment per second of wall time; chosen by the simulator, at most 40, if not given.")
+    ] = None,
     triggered: Annotated[bool, typer.Option("--triggered", help="The microscope scans when asked; otherwise all the time.")] = False,
 ) -> None:
     """Run a simulated in-situ tensile experiment through the daemon and compare the result with the truth."""
@@ -40,13 +39,17 @@ def demo(
     console.print(f"starting the simulated microscope, load frame and stage; everything goes to {folder}")
     with running_simulator(scenario or ("short" if short else "paper_x200"), folder / "instrument", rate, triggered=triggered) as bench:
         config = folder / "run.yaml"
-        config.write_text(yaml.safe_dump(daemon_config(bench, rate), sort_keys=False), encoding="utf-8")
+        config.write_text(yaml.safe_dump(daemon_config(bench, bench["rate"]), sort_keys=False), encoding="utf-8")
         code = _daemon(config)
         truth_file = Path(bench["truth_file"])
     if code != 0:
         raise SemliveError(f"the daemon ended with exit code {code}; its log is in {folder / 'log'}")
     _show(console, folder, truth_file)
     console.print(f"done in {time.monotonic() - began:.0f} s; try: semlive replay {folder / 'log' / 'demo'}")
+
+
+_SHIFTED: dict[str, dict[str, object]] = {"stage": {"kind": "specimen"}, "beam_shift": {"kind": "beam", "first_register": 400}}
+"""Which registers of the bench shift the picture: the stage's, which is the driver's default, or the beam's."""
 
 
 def daemon_config(bench: dict[str, Any], rate: float) -> dict[str, Any]:
@@ -61,7 +64,7 @@ def daemon_config(bench: dict[str, Any], rate: float) -> dict[str, Any]:
         "run": {"name": "demo", "folder": "log", "clock_file": bench["clock_file"]},
         "sem": {**sem, **experiment["sem"]},
         "load_frame": {"driver": "modbus", "poll_s": min(0.05, 1.0 / rate), "settings": link},
-        "stage": {"driver": "modbus", "poll_s": min(0.1, 2.0 / rate), "settings": link},
+        "stage": {"driver": "modbus", "poll_s": min(0.1, 2.0 / rate), "settings": {**link, **_SHIFTED[bench["shifts_by"]]}},
         **{key: section for key, section in experiment.items() if key != "sem"},
     }
 

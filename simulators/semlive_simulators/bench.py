@@ -12,6 +12,7 @@ import gc
 import json
 import os
 import signal
+import statistics
 import sys
 import threading
 import time
@@ -28,12 +29,17 @@ from semlive_simulators.kernels.pattern import gaussian
 from semlive_simulators.load_frame.lines import ascii_line, rtu_line
 from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
 from semlive_simulators.machine import Machine
+from semlive_simulators.passes import Exposure, passes
 from semlive_simulators.scenario import BadScenario, Scenario, load_scenario
 from semlive_simulators.sem import Exported, Sem
 from semlive_simulators.specimen import at_rest
 from semlive_simulators.truth import Truth, frame_truth
 
 TICK_S = 0.02
+MOST_RATE = 40.0
+"""At 40 a frame of 94.67 s takes 2.4 s of wall time; its correlation takes a daemon beside us about 1 s."""
+_SHARE = 0.5
+"""Part of its time that the scanning thread may work; the rest is for neighbours and a busy computer."""
 
 
 def write_atomically(path: Path, data: bytes) -> None:
@@ -51,7 +57,9 @@ def write_atomically(path: Path, data: bytes) -> None:
 class Bench:
     """All parts wired together."""
 
-    def __init__(self, scenario: Scenario, out: Path, rate: float, port: int, triggered: bool, lines: frozenset[str] = frozenset()) -> None:
+    def __init__(
+        self, scenario: Scenario, out: Path, rate: float | None, port: int, triggered: bool, lines: frozenset[str] = frozenset()
+    ) -> None:
         self._scenario = scenario
         self._lines = lines
         self._out = out
@@ -61,7 +69,8 @@ class Bench:
         self._stop = threading.Event()
         self._failure: BaseException | None = None
         _warm_up(scenario)
-        self._clock = BenchClock(rate, self._publish)
+        self._rate = _sustainable_rate(scenario) if rate is None else rate
+        self._clock = BenchClock(self._rate, self._publish)
         self._machine = Machine(scenario, self._clock.start_ns)
         self._truth = Truth(scenario, self._clock.start_ns)
         self._sem = Sem(scenario, self._clock, self._machine, self._export, triggered, self._frame_exported, self._fail)
@@ -120,6 +129,8 @@ class Bench:
             "clock_file": str(self._out / "clock.json"),
             "truth_file": str(self._out / "truth.json"),
             "pixel_size_m": self._scenario.scan.pixel_size_um / 1e6,
+            "rate": self._rate,
+            "shifts_by": self._scenario.shifts_by.value,
             "mode": "triggered" if self._triggered else "continuous",
             "scenario": self._scenario.name,
             "experiment": self._scenario.experiment,
@@ -142,8 +153,10 @@ class Bench:
 def _warm_up(scenario: Scenario) -> None:
     """Compile or load the kernels, and use what is slow the first time, before the clock starts."""
     column = scenario.column()
-    rows = np.empty((2, scenario.scan.width_px), dtype=scenario.detector.dtype)
-    column.render_rows(rows, 0, 0.0, at_rest(), 0)
+    exposure = Exposure(column, 0, 0.0)
+    for one in passes(column):
+        if one.first_row == 0:  # every visit of a band: what begins later, and what makes grey levels of them all
+            exposure.expose(one, at_rest())
     image = np.zeros((scenario.scan.height_px, scenario.scan.width_px), dtype=scenario.detector.dtype)
     scenario.export.encode(image, ImageFacts(scenario.scan, 0, 0.0, 0.0, 0))
     gaussian(scenario.seed, 0, 0)
@@ -151,6 +164,20 @@ def _warm_up(scenario: Scenario) -> None:
     gc.collect()
     gc.freeze()
     sys.setswitchinterval(5e-4)
+
+
+def _sustainable_rate(scenario: Scenario) -> float:
+    """The largest rate, up to `MOST_RATE`, at which this computer renders frames as they are scanned; to be called warm."""
+    column = scenario.column()
+    work = passes(column)
+    exposure, pieces = Exposure(column, 0, 0.0), work[len(work) // 2 : len(work) // 2 + 4]
+    seconds = []
+    for _ in range(5):
+        begin_s = time.perf_counter()
+        for one in pieces:
+            exposure.expose(one, at_rest())
+        seconds.append((time.perf_counter() - begin_s) / len(pieces))
+    return min(MOST_RATE, round(_SHARE * column.duration_s / (statistics.median(seconds) * len(work)), 1) or 0.1)
 
 
 def _stop_at_end_of_input(bench: Bench) -> None:
@@ -161,11 +188,15 @@ def _stop_at_end_of_input(bench: Bench) -> None:
     bench.stop()
 
 
+def _rate(text: str) -> float | None:
+    return None if text == "auto" else float(text)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="bench", description="Virtual SEM, load frame and specimen stage.")
     parser.add_argument("--scenario", default="paper_x200", help="name of a scenario, or a path ending in .yaml")
     parser.add_argument("--out", type=Path, required=True, help="folder for clock.json, ready.json, truth.json and export/")
-    parser.add_argument("--rate", type=float, default=1.0, help="experiment seconds per wall second")
+    parser.add_argument("--rate", type=_rate, default=1.0, help="experiment seconds per wall second, or auto: as fast as frames render")
     parser.add_argument("--port", type=int, default=0, help="TCP port on 127.0.0.1; 0 takes a free one")
     parser.add_argument("--mode", choices=("continuous", "triggered"), default="continuous")
     parser.add_argument("--seed", type=int, default=None, help="in place of the scenario's own")
@@ -178,8 +209,8 @@ def _parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the bench until SIGINT or SIGTERM; exit code 0, 1 for a failure on the way, 2 for bad input."""
     options = _parser().parse_args(argv)
-    if not 0 < options.rate < float("inf"):
-        sys.stderr.write(f"bench: --rate must be a number > 0, not {options.rate}\n")
+    if options.rate is not None and not 0 < options.rate < float("inf"):
+        sys.stderr.write(f"bench: --rate must be auto or a number > 0, not {options.rate}\n")
         return 2
     if sys.platform == "win32" and (options.rtu or options.serial):
         sys.stderr.write("bench: --rtu and --serial need pseudo-terminals, which Windows does not have; leave them out\n")

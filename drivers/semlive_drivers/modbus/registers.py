@@ -106,6 +106,18 @@ class StageMap:
     nonce: Point = Point(Kind.HOLDING, 105)
 
 
+STAGE_POINTS = ("motion", "x", "y", "counter", "target_x", "target_y", "command", "nonce")
+"""The points of a `StageMap` that are its own; the rest tell who answers."""
+
+
+def stage_at(first_register: int) -> StageMap:
+    """The map of a stage whose block begins elsewhere."""
+    usual = StageMap()
+    away = first_register - usual.motion.address
+    points: dict[str, Point] = {name: getattr(usual, name) for name in STAGE_POINTS}
+    return replace(usual, **{name: replace(point, address=point.address + away) for name, point in points.items()})
+
+
 @dataclass(frozen=True, slots=True)
 class TriggerMap:
     """Where a scan generator is asked for a frame."""

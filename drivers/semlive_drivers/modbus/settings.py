@@ -47,6 +47,9 @@ class StageSettings(DeviceSettings):
     """Settings of the stage."""
 
     kind: StageKind = StageKind.SPECIMEN
+    """What it moves: the specimen, or the beam."""
+    first_register: int = Field(default=100, ge=3, le=65_000)
+    """Where its block begins, in input and holding registers alike; the bench has the specimen stage at 100, the beam's shift at 400."""
 
 
 S = TypeVar("S", bound=BaseModel)

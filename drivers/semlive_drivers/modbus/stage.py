@@ -10,10 +10,11 @@ from semlive.ports import ClockSource
 from semlive_drivers.modbus.client import ModbusLink
 from semlive_drivers.modbus.codec import block_of, decode, decode_int, encode_block
 from semlive_drivers.modbus.device import FrozenCheck, greet, motion_state
-from semlive_drivers.modbus.registers import StageMap, overridden
+from semlive_drivers.modbus.registers import StageMap, overridden, stage_at
 from semlive_drivers.modbus.settings import StageSettings, checked
 
 GO, STOP = 1, 2
+_NAMES = {StageKind.SPECIMEN: "stage", StageKind.BEAM: "beam shift"}
 
 
 class ModbusStage:
@@ -31,7 +32,7 @@ class ModbusStage:
         self._nonce = clock.mono_ns() // 1_000_000 % 65_536
         greeting = greet(link, registers, settings.identity)
         # The map has no watchdog for the stage: nobody stops it when the link is gone.
-        self._identity = DeviceIdentity(f"stage at {link.where}", greeting.simulated, StopOnLinkLoss.ABSENT)
+        self._identity = DeviceIdentity(f"{_NAMES[settings.kind]} at {link.where}", greeting.simulated, StopOnLinkLoss.ABSENT)
 
     @property
     def identity(self) -> DeviceIdentity:
@@ -102,7 +103,7 @@ def open_stage(settings: Mapping[str, object], clock: ClockSource) -> ModbusStag
         LinkError: if the device answers nonsense.
     """
     known = checked(StageSettings, settings, "modbus stage")
-    registers = overridden(StageMap(), known.registers, "modbus stage: registers")
+    registers = overridden(stage_at(known.first_register), known.registers, "modbus stage: registers")
     link = ModbusLink(known.host, known.port, known.unit, known.timeout_s)
     try:
         return ModbusStage(link, registers, known, clock)
