@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numexp.cases import CASES
 from numexp.experiment import make_experiment
-from numexp.measure import Measured, measure
+from numexp.measure import measure
 from numexp.methods import METHODS
 from numexp.table import Results, table
 
@@ -25,11 +25,19 @@ BEGIN, END = "<!-- bench_estimate: begin -->", "<!-- bench_estimate: end -->"
 ENOUGH_SEEDS = 20
 
 
-def one(job: tuple[str, int, tuple[str, ...]]) -> tuple[str, int, dict[str, Measured]]:
-    """All methods on one experiment."""
-    case, seed, methods = job
-    experiment = make_experiment(CASES[case], seed)
-    return case, seed, {method: measure(experiment, METHODS[method](experiment)) for method in methods}
+Job = tuple[int, tuple[str, ...], tuple[str, ...]]
+"""Seed, cases of one setting, methods."""
+
+
+def run(job: Job) -> tuple[Job, Results]:
+    """All methods on the experiments of one seed and one setting."""
+    seed, cases, methods = job
+    results: Results = {}
+    for case in cases:
+        experiment = make_experiment(CASES[case], seed)
+        for method in methods:
+            results[case, method] = [measure(experiment, METHODS[method](experiment))]
+    return job, results
 
 
 def main() -> None:
@@ -41,16 +49,18 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2)
     given = parser.parse_args()
     methods = {"all": tuple(METHODS), "both": ("sutton2007", "joint")}.get(given.method, (given.method,))
-    jobs = [(case, seed, methods) for seed in range(1, given.seeds + 1) for case in given.cases]
+    settings = dict.fromkeys(CASES[name].setting for name in given.cases)
+    groups = [tuple(name for name in given.cases if CASES[name].setting == one) for one in settings]
+    jobs: list[Job] = [(seed, group, methods) for seed in range(1, given.seeds + 1) for group in groups]
     results: Results = {}
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # read by the processes that are spawned next
     begin = time.perf_counter()
     with multiprocessing.get_context("spawn").Pool(given.processes) as pool:
-        for done, (case, seed, measured) in enumerate(pool.imap_unordered(one, jobs), 1):
-            for method, figures in measured.items():
-                results.setdefault((case, method), []).append(figures)
-            sys.stderr.write(f"\r{done}/{len(jobs)} {case} seed {seed} {time.perf_counter() - begin:.0f} s   ")
+        for done, (job, found) in enumerate(pool.imap_unordered(run, jobs), 1):
+            for key, measured in found.items():
+                results.setdefault(key, []).extend(measured)
+            sys.stderr.write(f"\r{done}/{len(jobs)} seed {job[0]} {' '.join(job[1])} {time.perf_counter() - begin:.0f} s   ")
     sys.stderr.write("\n")
     lines = [*table(results, methods), "", *_speed(results)]
     sys.stdout.write(f"{given.seeds} seeds: 95th percentile (median), or a mean over seeds ± its standard error\n\n")

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from numexp.cases import Case
+from numexp.cases import Case, Setting
 from numexp.noise import FrameNoise
 from numexp.world import DWELL_S, HEIGHT_PX, PAUSE_S, ROW_S, SCAN, WIDTH_PX, Field, World, lying, make_world, start_s
 
@@ -77,6 +78,27 @@ class Experiment:
     pairs: tuple[Taken, ...]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Sights:
+    """Where the frames of one pair show what.
+
+    Attributes:
+        pair: its number.
+        phase: what it is for.
+        motion: of the specimen.
+        again_px: (n, 2) where the second frame shows what the first shows on the grid.
+        there_px: (n, 2) where each frame shows what frame 0 shows on the grid; without frame 0 itself.
+        displacement_px: (ny, nx, 2) true displacement of the material on the grid of frame 0.
+    """
+
+    pair: int
+    phase: Phase
+    motion: Motion
+    again_px: Field
+    there_px: dict[int, Field]
+    displacement_px: Field
+
+
 def make_experiment(case: Case, seed: int, grid: Grid = GRID, calibration_pairs: int = len(CROSS_PX)) -> Experiment:
     """The experiment of a case and a seed.
 
@@ -86,36 +108,46 @@ def make_experiment(case: Case, seed: int, grid: Grid = GRID, calibration_pairs:
         grid: of the maps; the paper's by default.
         calibration_pairs: how many of the cross's 15 positions are visited.
     """
-    rng = np.random.default_rng((seed, 2007))
-    count = calibration_pairs + case.load_steps
-    world = make_world(rng, start_s(2 * count) - PAUSE_S, case.effects(seed))
+    world, sights = imaged(case.setting, seed, grid, calibration_pairs)
     noise = FrameNoise(case.noise, case.noise_px, seed, WIDTH_PX, HEIGHT_PX)
-    poses = tuple(_poses(rng, calibration_pairs, case.load_steps))
-    here = np.stack(grid.mesh(), axis=-1).reshape(-1, 2)
-    reference = lying((0.0, 0.0), np.zeros((2, 2)))
-    material = world.material_px(here, 0, reference)
-    pairs = tuple(
-        _taken(world, noise, grid, here, material, pair, phase, motion) for pair, (phase, motion) in enumerate(poses)
-    )  # fmt: skip
-    return Experiment(case, seed, grid, world, pairs)
+    here = _points(grid)
+    return Experiment(case, seed, grid, world, tuple(_taken(noise, grid, here, one) for one in sights))
 
 
-def _taken(
-    world: World, noise: FrameNoise, grid: Grid, here: Field, material: Field, pair: int, phase: Phase, motion: Motion
-) -> Taken:  # fmt: skip
+@lru_cache(maxsize=1)
+def imaged(setting: Setting, seed: int, grid: Grid, calibration_pairs: int) -> tuple[World, tuple[Sights, ...]]:
+    """The world of a setting and what its frames show; kept while only the noise changes."""
+    rng = np.random.default_rng((seed, 2007))
+    count = calibration_pairs + setting.load_steps
+    world = make_world(rng, start_s(2 * count) - PAUSE_S, setting.effects(seed), setting.carried)
+    here, rest = _points(grid), lying((0.0, 0.0), np.zeros((2, 2)))
+    material = world.material_px(here, 0, rest)
+    poses = _poses(rng, calibration_pairs, setting.load_steps)
+    return world, tuple(_sights(world, grid, here, material, pair, *pose) for pair, pose in enumerate(poses))
+
+
+def _sights(world: World, grid: Grid, here: Field, material: Field, pair: int, phase: Phase, motion: Motion) -> Sights:
     first, second = 2 * pair, 2 * pair + 1
-    own = world.material_px(here, first, motion)
-    again = world.address_px(own, second, motion)
-    maps, seen = [_map(noise, grid, first, second, here, again)], []
-    for frame in (first, second) if pair else (second,):
-        there = world.address_px(material, frame, motion)
-        if pair:
+    again = world.address_px(world.material_px(here, first, motion), second, motion, here)
+    moved = motion.shift_px[0] + (material - SCAN.centre_px) @ motion.gradient[0].T
+    there = {first: world.address_px(material, first, motion, here + moved)} if pair else {}
+    there[second] = world.address_px(material, second, motion, there[first]) if pair else again
+    return Sights(pair, phase, motion, again, there, moved.reshape(*grid.shape, 2))
+
+
+def _taken(noise: FrameNoise, grid: Grid, here: Field, sights: Sights) -> Taken:
+    first, second = 2 * sights.pair, 2 * sights.pair + 1
+    maps, seen = [_map(noise, grid, first, second, here, sights.again_px)], []
+    for frame, there in sights.there_px.items():
+        if sights.pair:
             maps.append(_map(noise, grid, 0, frame, here, there))
-        gradient = motion.gradient[0]
-        moved = motion.shift_px[0] + (material - SCAN.centre_px) @ gradient.T
-        seen.append(Seen(_map(None, grid, 0, frame, here, there), moved.reshape(*grid.shape, 2), gradient))
+        seen.append(Seen(_map(None, grid, 0, frame, here, there), sights.displacement_px, sights.motion.gradient[0]))
     times = tuple(FrameTime(frame, start_s(frame), timing()) for frame in (first, second))
-    return Taken(pair, phase, (times[0], times[1]), tuple(maps), tuple(seen))
+    return Taken(sights.pair, sights.phase, (times[0], times[1]), tuple(maps), tuple(seen))
+
+
+def _points(grid: Grid) -> Field:
+    return np.stack(grid.mesh(), axis=-1).reshape(-1, 2)
 
 
 def _map(noise: FrameNoise | None, grid: Grid, reference: int, current: int, before: Field, after: Field) -> DisparityMap:

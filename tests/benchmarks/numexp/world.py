@@ -36,11 +36,14 @@ class World:
 
     Attributes:
         column: raster, drift and effects.
-        distortion: E at any scan address.
+        distortion: E.
+        carried: whether the distortion is carried along by the drift, as equations 6 and 9 of the paper have it (E at R - d);
+            otherwise it stays where the beam is (E at R).
     """
 
     column: Column
     distortion: Distortion
+    carried: bool
 
     def bend_px(self, at_px: Field) -> Field:
         """(..., 2) true distortion at scan addresses (..., 2)."""
@@ -48,24 +51,25 @@ class World:
 
     def material_px(self, address_px: Field, frame: int, motion: Motion) -> Field:
         """(n, 2) material points that a frame shows at scan addresses (n, 2)."""
-        maps = self._maps(address_px, frame, motion)
-        return np.einsum("nij,nj->ni", maps[:, :, :2], address_px - self.bend_px(address_px)) + maps[:, :, 2]
+        maps, bend = self._seen(address_px, frame, motion)
+        return np.einsum("nij,nj->ni", maps[:, :, :2], address_px - bend) + maps[:, :, 2]
 
-    def address_px(self, material_px: Field, frame: int, motion: Motion) -> Field:
-        """(n, 2) scan addresses at which a frame shows material points (n, 2)."""
-        address = material_px
+    def address_px(self, material_px: Field, frame: int, motion: Motion, near_px: Field | None = None) -> Field:
+        """(n, 2) scan addresses at which a frame shows material points (n, 2); `near_px` is where to begin looking."""
+        address = material_px if near_px is None else near_px
         for _ in range(MAX_ITERATIONS):
-            maps = self._maps(address, frame, motion)
-            ideal = np.linalg.solve(maps[:, :, :2], (material_px - maps[:, :, 2])[..., None])[..., 0]
-            found = ideal + self.bend_px(address)
+            maps, bend = self._seen(address, frame, motion)
+            found = np.linalg.solve(maps[:, :, :2], (material_px - maps[:, :, 2])[..., None])[..., 0] + bend
             if np.max(np.abs(found - address)) < STANDS_STILL_PX:
                 return found
             address = found
         raise RuntimeError(f"scan addresses of frame {frame} do not converge")
 
-    def _maps(self, address_px: Field, frame: int, motion: Motion) -> Field:
+    def _seen(self, address_px: Field, frame: int, motion: Motion) -> tuple[Field, Field]:
+        """Affine maps (n, 2, 3) and distortion (n, 2) at scan addresses."""
         time_s = start_s(frame) + address_px[:, 0] * DWELL_S + address_px[:, 1] * ROW_S
-        return self.column.row_maps(time_s, motion, start_s(frame), frame)
+        bend = self.bend_px(address_px - self.column.drift.at(time_s) if self.carried else address_px)
+        return self.column.row_maps(time_s, motion, start_s(frame), frame), bend
 
 
 def start_s(frame: int) -> float:
@@ -73,18 +77,19 @@ def start_s(frame: int) -> float:
     return frame * (SCAN.frame_time_s + PAUSE_S)
 
 
-def make_world(rng: np.random.Generator, run_s: float, effects: tuple[Effect, ...]) -> World:
+def make_world(rng: np.random.Generator, run_s: float, effects: tuple[Effect, ...], carried: bool) -> World:
     """A world with 10 to 20 px of drift along each axis during `run_s` and a distortion of -0.5 ... 1.5 px.
 
     Args:
         rng: decides drift and distortion.
         run_s: length of the run.
         effects: what else is wrong.
+        carried: see `World`.
     """
     drift = Drift(*(_axis_drift(rng, run_s) for _ in range(2)))
     distortion = Distortion(*(_axis_distortion(rng) for _ in range(2)))
     scenario = replace(load_scenario("paper_x200"), scan=SCAN, drift=drift, distortion=distortion, effects=Effects(effects))
-    return World(scenario.column(), distortion)
+    return World(scenario.column(), distortion, carried)
 
 
 def lying(shift_px: tuple[float, float], gradient: Field) -> Motion:
