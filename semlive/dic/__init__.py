@@ -1,7 +1,31 @@
 """Digital image correlation: from two frames to a disparity map."""
 
+from semlive.data.disparity import DisparityMap, PoiStatus
+from semlive.data.grid import Grid
+from semlive.data.quality import PatternQuality
+from semlive.data.rows import RowShifts
+from semlive.data.settings import DicSettings
+from semlive.dic.api import match
 from semlive.dic.correlate import correlate, warm_up
 from semlive.dic.grid import grid_for
+from semlive.dic.quality import quality
 from semlive.dic.reference import Reference, prepare
+from semlive.dic.rows import register_rows, row_jitter
 
-__all__ = ["Reference", "correlate", "grid_for", "prepare", "warm_up"]
+__all__ = [
+    "DicSettings",
+    "DisparityMap",
+    "Grid",
+    "PatternQuality",
+    "PoiStatus",
+    "Reference",
+    "RowShifts",
+    "correlate",
+    "grid_for",
+    "match",
+    "prepare",
+    "quality",
+    "register_rows",
+    "row_jitter",
+    "warm_up",
+]
