@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import Progress
 
 from semlive import dic as engine
 from semlive.data.disparity import DisparityMap, PoiStatus
-from semlive.data.frame import ExportedFile, Frame
-from semlive.data.settings import DicSettings, ScanProfile
+from semlive.data.settings import DicSettings
 from semlive.errors import BadInput
-from semlive.formats.frames import read_frame
+from semlive.formats.pictures import read_picture
 
-# Correlation asks nothing of the scan; a file without metadata is as good as any other.
-NO_SCAN = ScanProfile(dwell_time_s=1e-9, row_time_s=1.0, frame_time_s=None, pixel_size_m=1.0)
 HEADER = "x,y,u,v,sigma_u,sigma_v,zncc,status"
+Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 def dic(
@@ -34,26 +35,23 @@ def dic(
     out: Annotated[Path | None, typer.Option(help="CSV file to write; a folder if there are several current images.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
-    """Correlate images with a reference: x_current = x + u, in px."""
+    """Correlate images (TIFF, PNG, JPEG, BMP...) with a reference: x_current = x + u, in px."""
     settings = _settings(subset, step, roi)
-    reference_frame = _read(ref, 0)
-    currents = [_read(path, number) for number, path in enumerate(cur, start=1)]
-    files = _output_files(out, cur)
-    height, width = reference_frame.image.shape
+    image = _read(ref)
+    height, width = image.shape
     grid = engine.grid_for(settings, width, height)
+    for path in cur:
+        _read_alike(path, ref, image)  # a wrong file is told before an hour of work, not after; decoding costs a thirtieth of it
+    files = _output_files(out, cur)
     engine.warm_up(settings)
     start = time.perf_counter()
-    reference = engine.prepare(reference_frame.image, grid, settings)
+    reference = engine.prepare(image, grid, settings)
     prepared_s = time.perf_counter() - start
     figures = []
-    for number, (path, frame) in enumerate(zip(cur, currents, strict=True), start=1):
-        if frame.image.shape != reference_frame.image.shape:
-            raise BadInput(
-                f"{path}: is {frame.info.width_px} x {frame.info.height_px} px but {ref} is {width} x {height} px; "
-                "export all frames with the same size and databar."
-            )
+    for number, path in enumerate(_with_progress(cur), start=1):
+        current = _read_alike(path, ref, image)
         start = time.perf_counter()
-        disparity = engine.correlate(reference, frame.image, settings, reference_frame=0, current_frame=number)
+        disparity = engine.correlate(reference, current, settings, reference_frame=0, current_frame=number)
         wall_s = time.perf_counter() - start + prepared_s
         prepared_s = 0.0  # the reference is prepared once; its time is counted with the first image
         if files:
@@ -63,6 +61,18 @@ def dic(
             typer.echo(_sentence(path, disparity, wall_s))
     if as_json:
         typer.echo(json.dumps(figures[0] if len(figures) == 1 else figures))
+
+
+def _with_progress(paths: list[Path]) -> Iterator[Path]:
+    """The paths, one after the other, with a bar on a terminal's standard error or a line for each without one."""
+    console = Console(stderr=True)
+    if console.is_terminal:
+        with Progress(console=console, transient=True) as progress:
+            yield from progress.track(paths, description="correlating")
+        return
+    for number, path in enumerate(paths, start=1):
+        typer.echo(f"correlating {number} of {len(paths)}: {path.name}", err=True)
+        yield path
 
 
 def _settings(subset: int, step: int, roi: str | None) -> DicSettings:
@@ -79,14 +89,21 @@ def _settings(subset: int, step: int, roi: str | None) -> DicSettings:
         raise BadInput(f"--subset {subset} --step {step}: {error}.") from error
 
 
-def _read(path: Path, number: int) -> Frame:
+def _read(path: Path) -> Image:
     try:
         data = path.read_bytes()
-        mtime_ns = path.stat().st_mtime_ns
     except OSError as error:
         raise BadInput(f"{path}: cannot be read ({error.strerror}); give an image file that exists.") from error
-    digest = hashlib.sha256(data).hexdigest()
-    return read_frame(ExportedFile(number, str(path), data, digest, mtime_ns, mtime_ns), NO_SCAN)
+    return read_picture(data, str(path))
+
+
+def _read_alike(path: Path, ref: Path, reference: Image) -> Image:
+    """A current image, of the reference's size and depth."""
+    image = _read(path)
+    (height, width), (h1, w1) = reference.shape, image.shape
+    if (height, width) != (h1, w1):
+        raise BadInput(f"{path}: is {w1} x {h1} px but {ref} is {width} x {height} px; export all frames with the same size and databar.")
+    return image
 
 
 def _output_files(out: Path | None, cur: list[Path]) -> list[Path]:

@@ -3,6 +3,7 @@
 import csv
 import json
 
+import cv2
 import numpy as np
 import pytest
 import tifffile
@@ -75,6 +76,56 @@ def test_without_json_a_person_reads_a_line(folder):
     assert result.exit_code == 0
     assert "120 of 120 points" in result.stdout
     assert "(+1.25" in result.stdout
+
+
+def test_progress_is_on_standard_error_alone(folder):
+    result = run(folder / "ref.tif", folder / "a.tif", folder / "b.tif", "--step", 20, "--json")
+    assert len(json.loads(result.stdout)) == 2
+    assert result.stderr.splitlines() == ["correlating 1 of 2: a.tif", "correlating 2 of 2: b.tif"]
+
+
+def write_as(path, image):
+    """The grey image in the format its name says, as colour where that is what people have."""
+    if path.name == "colour.png":
+        image = np.stack([image, image // 2 + 40, 255 - image // 3], axis=2)
+    elif path.name == "sixteen.png":
+        image = image.astype(np.uint16) * 257
+    elif path.name == "colour.tif":
+        tifffile.imwrite(path, np.stack([image, image, image // 2], axis=2), photometric="rgb")
+        return
+    cv2.imwrite(str(path), image)
+
+
+@pytest.mark.parametrize("name", ["a.bmp", "a.jpg", "a.pgm", "colour.png", "sixteen.png", "colour.tif"])
+def test_any_image_is_read(folder, name):
+    suffix = name.rpartition(".")[0]
+    first, second = folder / f"1_{name}", folder / f"2_{name}"
+    for path, image in ((first, speckle()), (second, speckle(1.25, -0.5))):
+        write_as(path.with_name(name), image)
+        path.with_name(name).rename(path)
+    out = folder / f"{suffix}.csv"
+    result = run(first, second, "--subset", 31, "--roi", "30,25,89,74", "--out", out, "--json")
+    assert result.exit_code == 0, result.output
+    rows = list(csv.DictReader(out.read_text().splitlines()))
+    assert {row["status"] for row in rows} == {"converged"}
+    assert np.mean([float(row["u"]) for row in rows]) == pytest.approx(1.25, abs=0.01)
+
+
+def test_uniform_rows_are_no_reason_to_refuse_an_image(folder):
+    image = speckle()
+    image[92:] = 0
+    tifffile.imwrite(folder / "blank.tif", image)
+    result = run(folder / "ref.tif", folder / "blank.tif", "--subset", 21, "--json")
+    assert result.exit_code == 0, result.output
+    figures = json.loads(result.stdout)
+    assert 0.5 < figures["converged"] / figures["points"] < 0.95
+
+
+def test_a_wrong_file_is_told_before_anything_is_written(folder):
+    result = run(folder / "ref.tif", folder / "a.tif", folder / "small.tif", "--out", folder / "maps")
+    assert isinstance(result.exception, BadInput)
+    assert (result.stdout, result.stderr) == ("", "")
+    assert not (folder / "maps").exists()
 
 
 @pytest.mark.parametrize(
