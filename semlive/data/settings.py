@@ -40,11 +40,24 @@ class EstimateSettings:
         drift_knots_per_frame: knots of the drift spline in each frame time.
         distortion_knot_px: knot distance of the distortion spline.
         window_points: edge of the virtual strain gauge in POI.
+        method: ``joint``, or ``sutton2007`` for the published procedure.
+        sutton_smoothing_px: standard deviation of the Gaussian that smooths local drift over positions in ``sutton2007``; the paper
+            does not mention one, but its figures are not reached without.
+        sutton_phases_apart: whether ``sutton2007`` estimates the drift of calibration and of measurement apart (footnote 5).
     """
 
     drift_knots_per_frame: float = 1.0
     distortion_knot_px: float = 100.0
     window_points: int = 9
+    method: str = "joint"
+    sutton_smoothing_px: float = 60.0
+    sutton_phases_apart: bool = True
+
+    def __post_init__(self) -> None:
+        if self.method not in ("joint", "sutton2007"):
+            raise ValueError(f"method must be joint or sutton2007, not {self.method}")
+        if not self.sutton_smoothing_px >= 0:
+            raise ValueError(f"sutton_smoothing_px must be at least 0, not {self.sutton_smoothing_px}")
 
 
 @dataclass(frozen=True, slots=True)
