@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, ConfigDict, InstanceOf, TypeAdapter, Valid
 from semlive_simulators.column import Column, Detector, Scan, build_column
 from semlive_simulators.effects.composition import Effects
 from semlive_simulators.effects.distortion import Distortion
+from semlive_simulators.effects.distortion_shapes import named
 from semlive_simulators.effects.drift import Drift
 from semlive_simulators.effects.library import build_effects
 from semlive_simulators.exporters.settings import Export
@@ -64,7 +65,7 @@ class Scenario:
     specimen: Specimen
     detector: Detector
     drift: Drift
-    distortion: Distortion
+    distortion: Annotated[Distortion, BeforeValidator(named)]
     load_frame: LoadFrameParameters
     stage: StageParameters
     export: Export

@@ -1,4 +1,7 @@
-"""Spatial distortion: the raster is bent, the same in every frame (Sutton 2007: a cosine wave plus a quadratic surface)."""
+"""Spatial distortion: the raster is bent, the same in every frame (Sutton 2007: a cosine wave plus a quadratic surface).
+
+A second wave, and what the beam has not yet settled from where a line and a frame begin, make fields as an SEM has them.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +25,14 @@ class AxisDistortion:
         wave_x: its periods across the frame's width.
         wave_y: its periods across the frame's height.
         wave_phase_rad: its phase in the centre.
+        ripple_px: amplitude of a second wave.
+        ripple_x: its periods across the frame's width.
+        ripple_y: its periods across the frame's height.
+        ripple_phase_rad: its phase in the centre.
+        left_px: at the left edge, where lines begin, gone exponentially to the right.
+        left_reach: distance on which it falls by e, as a fraction of the frame's width.
+        top_px: at the top edge, where the frame begins, gone exponentially downwards.
+        top_reach: distance on which it falls by e, as a fraction of the frame's height.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -34,11 +45,26 @@ class AxisDistortion:
     wave_x: float
     wave_y: float
     wave_phase_rad: float
+    ripple_px: float = 0.0
+    ripple_x: float = 0.0
+    ripple_y: float = 0.0
+    ripple_phase_rad: float = 0.0
+    left_px: float = 0.0
+    left_reach: float = 0.1
+    top_px: float = 0.0
+    top_reach: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not (self.left_reach > 0 and self.top_reach > 0):
+            raise ValueError(f"left_reach and top_reach must be above 0, not {self.left_reach} and {self.top_reach}")
 
     def at(self, X: NDArray[np.float64], Y: NDArray[np.float64]) -> NDArray[np.float64]:
         """This component in px at frame coordinates X, Y in -1 ... 1."""
         wave = np.cos(np.pi * (self.wave_x * X + self.wave_y * Y) + self.wave_phase_rad)
-        return self.constant_px + self.xx_px * X * X + self.xy_px * X * Y + self.yy_px * Y * Y + self.wave_px * wave
+        plain = self.constant_px + self.xx_px * X * X + self.xy_px * X * Y + self.yy_px * Y * Y + self.wave_px * wave
+        ripple = self.ripple_px * np.cos(np.pi * (self.ripple_x * X + self.ripple_y * Y) + self.ripple_phase_rad)
+        left = self.left_px * np.exp(-(X + 1.0) / (2.0 * self.left_reach))
+        return plain + ripple + left + self.top_px * np.exp(-(Y + 1.0) / (2.0 * self.top_reach))
 
 
 @dataclass(frozen=True, slots=True)

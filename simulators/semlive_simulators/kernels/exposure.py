@@ -86,10 +86,7 @@ def add_coverage(signal, x_px, y_px, spot_px, weight, kind, pattern_seed, number
                         load_grains(cell_x, cell_y, pattern_seed, pitch_px, grains)
                     else:
                         load_dots(cell_x, cell_y, pattern_seed, pitch_px, numbers[1], numbers[2], numbers[3], dots)
-                if kind == FILM:
-                    seen = film_coverage(x, y, grains, pitch_px, numbers[1], numbers[2])
-                else:
-                    seen = coverage(x, y, dots, numbers[4])
+                seen = film_coverage(x, y, grains, pitch_px, numbers[1], numbers[2]) if kind == FILM else coverage(x, y, dots, numbers[4])
                 signal[index, column] += share * seen
 
 
