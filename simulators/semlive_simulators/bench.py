@@ -106,9 +106,9 @@ class Bench:
     def _serve(self, port: int, stack: contextlib.ExitStack) -> None:
         ready, stand = self._ready(port), None
         if "rtu" in self._lines:
-            ready["rtu_port"] = stack.enter_context(rtu_line(port, UNIT))
+            ready["rtu_port"] = stack.enter_context(rtu_line(port, UNIT, self._registers.troubles))
         if "serial" in self._lines:
-            ready["serial_port"], stand = stack.enter_context(ascii_line(self._machine, self._clock.now_ns))
+            ready["serial_port"], stand = stack.enter_context(ascii_line(self._machine, self._clock.now_ns, self._registers.troubles))
         self._clock.begin()
         self._write_truth()
         write_atomically(self._out / "ready.json", (json.dumps(ready, indent=2) + "\n").encode())

@@ -45,10 +45,12 @@ def lines(tmp_path: Path) -> Iterator[Lines]:
     clock = BenchClock(RATE, lambda _: None)
     machine = Machine(SMALL, clock.start_ns)
     sem = Sem(SMALL, clock, machine, tmp_path, True, lambda _: None, lambda _: None)
-    server = ModbusThread(BenchRegisters(SMALL, clock, machine, sem), 0)
+    registers = BenchRegisters(SMALL, clock, machine, sem)
+    server = ModbusThread(registers, 0)
     port = server.start()
     clock.begin()
-    with rtu_line(port, UNIT) as rtu, ascii_line(machine, clock.now_ns) as (serial, stand):
+    troubles = registers.troubles
+    with rtu_line(port, UNIT, troubles) as rtu, ascii_line(machine, clock.now_ns, troubles) as (serial, stand):
         yield Lines(rtu, serial, stand, machine)
     server.stop()
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 
 from semlive_simulators.load_frame.rtu import RtuGateway
 from semlive_simulators.load_frame.serial_ascii import BAUD, SerialStand
+from semlive_simulators.load_frame.trouble import Line, Piece, Troubles, troubled
 from semlive_simulators.machine import Machine
 
 RTU_BAUD = 19_200
@@ -17,34 +18,35 @@ if sys.platform != "win32":
 
 
 @contextlib.contextmanager
-def rtu_line(port: int, unit: int) -> Iterator[str]:
+def rtu_line(port: int, unit: int, troubles: Troubles) -> Iterator[str]:
     """Modbus RTU with the registers of the TCP server at a port; gives the path to open (19,200 baud, no parity).
 
     Raises:
         RuntimeError: the system has no pseudo-terminals.
     """
     gateway = RtuGateway(port, unit)
+    troubles.spare(gateway.port)
     try:
-        with _line("rtu", gateway.answer, RTU_BAUD) as path:
+        with _line("rtu", troubled(troubles, Line.RTU, gateway.answer), RTU_BAUD) as path:
             yield path
     finally:
         gateway.close()
 
 
 @contextlib.contextmanager
-def ascii_line(machine: Machine, now_ns: Callable[[], int]) -> Iterator[tuple[str, SerialStand]]:
+def ascii_line(machine: Machine, now_ns: Callable[[], int], troubles: Troubles) -> Iterator[tuple[str, SerialStand]]:
     """A test stand that obeys single letters; gives the path to open (115,200 baud, no parity) and the stand.
 
     Raises:
         RuntimeError: the system has no pseudo-terminals.
     """
     stand = SerialStand(machine, now_ns)
-    with _line("serial", stand.answer, BAUD) as path:
+    with _line("serial", troubled(troubles, Line.SERIAL, stand.answer), BAUD) as path:
         yield path, stand
 
 
 @contextlib.contextmanager
-def _line(name: str, answer: Callable[[bytes], bytes], baud: int) -> Iterator[str]:
+def _line(name: str, answer: Callable[[bytes], tuple[Piece, ...]], baud: int) -> Iterator[str]:
     if sys.platform == "win32":
         raise RuntimeError(f"a serial line needs a pseudo-terminal, which Windows does not have; leave --{name} out")
     line = PtyLine(name, answer, baud)

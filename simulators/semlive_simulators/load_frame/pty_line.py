@@ -12,6 +12,8 @@ import threading
 import tty
 from collections.abc import Callable
 
+from semlive_simulators.load_frame.trouble import Piece
+
 _BITS_PER_BYTE = 10  # start, 8 data, stop
 _MIN_SILENCE_S = 0.004
 """The scheduler's own gaps inside a burst are shorter: 0.3 ms in the median, seldom more than 2 ms."""
@@ -22,11 +24,11 @@ class PtyLine:
 
     Args:
         name: of the thread.
-        answer: called with each burst; gives the bytes of the reply, none for silence.
+        answer: called with each burst; gives the pieces of the reply, none for silence.
         baud: what the wire would carry.
     """
 
-    def __init__(self, name: str, answer: Callable[[bytes], bytes], baud: int) -> None:
+    def __init__(self, name: str, answer: Callable[[bytes], tuple[Piece, ...]], baud: int) -> None:
         self._answer = answer
         self._byte_s = _BITS_PER_BYTE / baud
         self._stop = threading.Event()
@@ -56,6 +58,8 @@ class PtyLine:
                 continue
             if burst:
                 reply = self._answer(burst)
-                self._stop.wait(self._byte_s * (len(burst) + len(reply)))
+                self._stop.wait(self._byte_s * len(burst))
                 burst = b""
-                os.write(self._ours, reply)
+                for piece in reply:
+                    self._stop.wait(piece.wait_s + self._byte_s * len(piece.data))
+                    os.write(self._ours, piece.data)

@@ -114,3 +114,19 @@ class StageOrders:
     def decoded(cls, registers: list[int]) -> StageOrders:
         """From six registers."""
         return cls(read_f32(registers[0:2]), read_f32(registers[2:4]), registers[4])
+
+
+@dataclass(frozen=True, slots=True)
+class TroubleOrders:
+    """Holding registers 900-903."""
+
+    what: int
+    lines: int
+    count: int
+    wait_s: float
+
+    @classmethod
+    def decoded(cls, registers: list[int]) -> TroubleOrders:
+        """From four registers."""
+        what, lines, count, hundredths = registers
+        return cls(what, lines, count, hundredths * 0.01)

@@ -32,6 +32,11 @@ class RtuGateway:
         self._number = 0
         self._link = socket.create_connection(("127.0.0.1", port), timeout=_TIMEOUT_S)
 
+    @property
+    def port(self) -> int:
+        """Its own end of the link to the server."""
+        return self._link.getsockname()[1]
+
     def answer(self, frame: bytes) -> bytes:
         """The reply to a frame; empty where a device keeps silent."""
         if len(frame) < 4 or crc16(frame[:-2]) != frame[-2:]:

@@ -9,7 +9,6 @@ import threading
 import time
 
 from pymodbus.constants import ExcCodes
-from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from semlive_simulators.clockwork import BenchClock
@@ -24,7 +23,11 @@ from semlive_simulators.load_frame.registers import (
     SemInputs,
     StageInputs,
     StageOrders,
+    TroubleOrders,
 )
+from semlive_simulators.load_frame.schedule import troubles
+from semlive_simulators.load_frame.trouble import Line, Trouble, Troubles
+from semlive_simulators.load_frame.troubled_tcp import TroubledServer
 from semlive_simulators.machine import Machine
 from semlive_simulators.scenario import Scenario
 from semlive_simulators.sem import Sem
@@ -71,6 +74,7 @@ class BenchRegisters:
         self._machine = machine
         self._sem = sem
         self.watchdog = Watchdog()
+        self.troubles = Troubles(troubles(scenario.faults), lambda: (clock.now_ns() - clock.start_ns) * 1e-9)
 
     async def action(
         self, function: int, start: int, address: int, count: int, registers: list[int], values: list[int] | list[bool] | None
@@ -92,7 +96,9 @@ class BenchRegisters:
             return self._order_stage(written, touched, 100, Actuator.STAGE)
         if touched.start < 400:
             return self._order_sem(written[200])
-        return self._order_stage(written, touched, 400, Actuator.BEAM_SHIFT)
+        if touched.start < 900:
+            return self._order_stage(written, touched, 400, Actuator.BEAM_SHIFT)
+        return self._order_trouble(TroubleOrders.decoded(written[900:904]))
 
     def _inputs(self, registers: list[int], start: int) -> list[int]:
         reading = self._machine.read(self._clock.now_ns())
@@ -164,6 +170,16 @@ class BenchRegisters:
             return ExcCodes.DEVICE_BUSY
         return None
 
+    def _order_trouble(self, orders: TroubleOrders) -> ExcCodes | None:
+        kinds, lines = tuple(Trouble), [line for bit, line in enumerate(Line) if orders.lines >> bit & 1]
+        if orders.what > len(kinds) or orders.lines >> len(Line):
+            return ExcCodes.ILLEGAL_VALUE
+        if orders.what == 0:
+            self.troubles.clear()
+        else:
+            self.troubles.order(kinds[orders.what - 1], lines, orders.count, orders.wait_s)
+        return None
+
 
 def _stage_state(moving: bool) -> int:
     return MOVING if moving else STOPPED
@@ -174,7 +190,7 @@ def _device(registers: BenchRegisters) -> SimDevice:
         return SimData(address, count=count, values=0, datatype=DataType.REGISTERS)
 
     bits = [SimData(0, count=1, values=False, datatype=DataType.BITS)]
-    holding = [words(0, 8), words(100, 6), words(200, 1), words(400, 6)]
+    holding = [words(0, 8), words(100, 6), words(200, 1), words(400, 6), words(900, 4)]
     inputs = [words(0, 16), words(100, 7), words(200, 2), words(300, 5), words(400, 7)]
     return SimDevice(id=UNIT, simdata=(bits, list(bits), holding, inputs), action=registers.action)
 
@@ -224,7 +240,7 @@ class ModbusThread:
         self._server_stop = asyncio.Event()
         # What goes wrong is told in one sentence by `start`; the library would add its own.
         logging.getLogger("pymodbus.logging").addHandler(logging.NullHandler())
-        server = ModbusTcpServer(_device(self._registers), address=("127.0.0.1", self._wanted_port))
+        server = TroubledServer(_device(self._registers), ("127.0.0.1", self._wanted_port), self._registers.troubles)
         await server.serve_forever(background=True)
         self._port = server.transport.sockets[0].getsockname()[1]  # type: ignore[union-attr]
         self._listening.set()

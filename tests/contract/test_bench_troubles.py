@@ -1,0 +1,253 @@
+"""Lines in trouble on request, seen by masters that others wrote: pymodbus over TCP and RTU, pyserial for letters."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+import serial
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+from pymodbus.exceptions import ModbusException
+from pymodbus.framer import FramerType
+
+from semlive.errors import LinkError
+from semlive_drivers.modbus.load_frame import open_load_frame
+from semlive_simulators.clockwork import BenchClock
+from semlive_simulators.load_frame.lines import ascii_line, rtu_line
+from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
+from semlive_simulators.load_frame.trouble import Line, Trouble
+from semlive_simulators.machine import Machine
+from semlive_simulators.scenario import load_scenario
+from semlive_simulators.sem import Sem
+
+Client = ModbusTcpClient | ModbusSerialClient
+PAPER = load_scenario("paper_x200")
+TIMEOUT_S = 0.5
+LINES = {"tcp": 0b001, "rtu": 0b010, "serial": 0b100}
+REPLIES = [trouble for trouble in Trouble if trouble is not Trouble.SILENT]
+
+
+class Wall:
+    """Experiment time is wall time."""
+
+    def now_ns(self) -> int:
+        return time.time_ns()
+
+    def mono_ns(self) -> int:
+        return time.monotonic_ns()
+
+
+@dataclass
+class Troubled:
+    """A bench without its loop on all three lines, and a quiet way to its control registers."""
+
+    port: int
+    rtu: str
+    stand: str
+    control: ModbusTcpClient
+    machine: Machine
+    now_ns: Callable[[], int]
+
+    def order(self, trouble: Trouble, line: str, count: int = 1, wait_s: float = 0.1) -> None:
+        words = [list(Trouble).index(trouble) + 1, LINES[line], count, round(wait_s * 100)]
+        assert not self.control.write_registers(900, words, device_id=UNIT).isError()
+
+    @contextlib.contextmanager
+    def master(self, line: str) -> Iterator[Client]:
+        client: Client = (
+            ModbusTcpClient("127.0.0.1", port=self.port, timeout=TIMEOUT_S, retries=0)
+            if line == "tcp"
+            else ModbusSerialClient(self.rtu, framer=FramerType.RTU, baudrate=19_200, timeout=TIMEOUT_S, retries=0)
+        )
+        try:
+            assert client.connect()
+            yield client
+        finally:
+            client.close()
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Troubled]:
+    scenario = replace(PAPER, scan=replace(PAPER.scan, width_px=64, height_px=55, frame_time_s=6.0))
+    clock = BenchClock(5.0, lambda _: None)  # nothing advances the machine between requests
+    machine = Machine(scenario, clock.start_ns)
+    sem = Sem(scenario, clock, machine, tmp_path_factory.mktemp("export"), True, lambda _: None, lambda _: None)
+    registers = BenchRegisters(scenario, clock, machine, sem)
+    server = ModbusThread(registers, 0)
+    port = server.start()
+    clock.begin()
+    troubles = registers.troubles
+    machine.read(clock.now_ns())  # what is slow the first time
+    control = ModbusTcpClient("127.0.0.1", port=port, timeout=2, retries=0)
+    assert control.connect()
+    troubles.spare(control.socket.getsockname()[1])
+    with rtu_line(port, UNIT, troubles) as rtu, ascii_line(machine, clock.now_ns, troubles) as (stand, _):
+        yield Troubled(port, rtu, stand, control, machine, clock.now_ns)
+    control.close()
+    server.stop()
+
+
+@pytest.fixture(autouse=True)
+def quiet(bench: Troubled) -> Iterator[None]:
+    yield
+    assert not bench.control.write_registers(900, [0, 0, 0, 0], device_id=UNIT).isError()
+
+
+def wait_until(true: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 10
+    while not true():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def asked(client: Client, address: int, count: int) -> list[int] | None:
+    """Registers, or None where the master says that something is wrong."""
+    try:
+        answer = client.read_input_registers(address, count=count, device_id=UNIT)
+    except ModbusException:
+        return None
+    return None if answer.isError() else answer.registers
+
+
+@pytest.mark.parametrize("line", ["tcp", "rtu"])
+@pytest.mark.parametrize("trouble", REPLIES)
+def test_a_master_gets_the_truth_or_an_error_and_then_the_truth_again(bench: Troubled, line: str, trouble: Trouble) -> None:
+    with bench.master(line) as client:
+        assert asked(client, 0, 2) == [0x5E31, 1]
+        bench.order(trouble, line, wait_s=0.1)
+        spoilt = asked(client, 0, 2)
+        # An echo over TCP has the right transaction number: pymodbus takes it for an answer without registers.
+        assert spoilt in (None, [0x5E31, 1]) or (line, trouble, spoilt) == ("tcp", Trouble.ECHO, [])
+        if trouble in (Trouble.LATE, Trouble.SPLIT, Trouble.TWICE):
+            assert spoilt is not None  # within the master's patience
+        if trouble is Trouble.LOST or (line, trouble) == ("rtu", Trouble.WRONG_CHECK):
+            assert spoilt is None
+        time.sleep(0.15)  # what comes late has come
+        if not client.connected:
+            assert client.connect()
+        assert [asked(client, 0, 2) for _ in range(2)][-1] == [0x5E31, 1]
+
+
+@pytest.mark.parametrize("line", ["tcp", "rtu"])
+def test_a_reply_later_than_the_masters_patience_is_an_error(bench: Troubled, line: str) -> None:
+    with bench.master(line) as client:
+        bench.order(Trouble.LATE, line, wait_s=2 * TIMEOUT_S)
+        assert asked(client, 0, 2) is None
+
+
+@pytest.mark.parametrize("line", ["tcp", "rtu"])
+def test_a_lost_reply_has_acted_and_a_silent_device_has_not(bench: Troubled, line: str) -> None:
+    def beat(word: int) -> None:
+        with bench.master(line) as client, contextlib.suppress(ModbusException):
+            client.write_register(6, word, device_id=UNIT)
+
+    def told() -> list[int]:
+        return bench.control.read_holding_registers(6, count=1, device_id=UNIT).registers
+
+    bench.order(Trouble.LOST, line)
+    beat(21)
+    assert told() == [21]
+    bench.order(Trouble.SILENT, line, wait_s=1.5 * TIMEOUT_S)
+    beat(22)
+    assert told() == [21]
+    time.sleep(TIMEOUT_S)
+    beat(23)
+    assert told() == [23]
+
+
+def test_trouble_counts_replies_and_keeps_to_its_line(bench: Troubled) -> None:
+    with bench.master("tcp") as tcp, bench.master("rtu") as rtu:
+        bench.order(Trouble.LOST, "rtu", count=2)
+        assert asked(tcp, 0, 2) is not None
+        assert [asked(rtu, 0, 2) is None for _ in range(3)] == [True, True, False]
+
+
+def test_the_driver_says_link_error_or_the_truth_and_a_new_link_works(bench: Troubled) -> None:
+    bench.machine.ramp_to(200.0, 100.0)
+    wait_until(lambda: bench.machine.read(bench.now_ns()).force_n > 195.0)
+    settings = {"port": bench.port, "timeout_s": TIMEOUT_S, "watchdog_s": 0.0}
+    for trouble in REPLIES:
+        device = open_load_frame(settings, Wall())
+        bench.order(trouble, "tcp", wait_s=0.05)
+        said_n = None
+        with contextlib.suppress(LinkError):
+            said_n = device.read().force_n
+        device.close()
+        assert said_n is None or abs(said_n - 200.0) < 10
+        assert said_n is not None or trouble not in (Trouble.LATE, Trouble.SPLIT, Trouble.TWICE)
+        assert said_n is None or trouble not in (Trouble.LOST, Trouble.WRONG_CHECK)
+        bench.order(Trouble.TWICE, "tcp", count=0)  # an order for no reply at all
+        again = open_load_frame(settings, Wall())
+        assert abs(again.read().force_n - 200.0) < 10
+        again.close()
+    bench.machine.ramp_to(0.0, 100.0)
+
+
+@pytest.mark.parametrize(
+    ("trouble", "hears"),
+    [
+        (Trouble.LATE, b"S M\r\n"),
+        (Trouble.LOST, b""),
+        (Trouble.NOISE, b"\xc3\x5a\xf1S M\r\n"),
+        (Trouble.WRONG_CHECK, b"\xd3 M\r\n"),
+        (Trouble.SPLIT, b"S M\r\n"),
+        (Trouble.ECHO, b"pS M\r\n"),
+        (Trouble.TWICE, b"S M\r\nS M\r\n"),
+        (Trouble.SILENT, b""),
+    ],
+)
+def test_letters_over_pyserial(bench: Troubled, trouble: Trouble, hears: bytes) -> None:
+    with serial.Serial(bench.stand, 115_200, timeout=0.25) as port:
+        bench.order(trouble, "serial", wait_s=0.1)
+        began = time.monotonic()
+        port.write(b"p")
+        assert port.read(64) == hears
+        if trouble in (Trouble.LATE, Trouble.SPLIT, Trouble.TWICE):
+            assert time.monotonic() - began > 0.1
+        port.write(b"p")
+        assert port.read(64) == b"S M\r\n"
+
+
+@pytest.mark.parametrize("words", [[9, 1, 1, 1], [1, 8, 1, 1]])
+def test_an_unknown_trouble_or_line_is_refused(bench: Troubled, words: list[int]) -> None:
+    assert bench.control.write_registers(900, words, device_id=UNIT).exception_code == 3
+
+
+def test_a_scenario_plans_trouble_for_a_while(tmp_path: Path) -> None:
+    path = tmp_path / "troubled.yaml"
+    path.write_text(
+        "extends: paper_x200\nfaults:\n"
+        "  - {at_s: 20.0, lasts_s: 10.0, what: lost, line: tcp}\n"
+        "  - {at_s: 25.0, lasts_s: 40.0, what: late, wait_s: 0.01}\n"
+        "  - {at_s: 2.0, what: grip_slip, slip_mm: 0.01}\n"
+    )
+    scenario = load_scenario(str(path))
+    clock = BenchClock(20.0, lambda _: None)
+    machine = Machine(scenario, clock.start_ns)
+    sem = Sem(scenario, clock, machine, tmp_path, True, lambda _: None, lambda _: None)
+    registers = BenchRegisters(scenario, clock, machine, sem)
+    troubles, now = registers.troubles, clock.start_ns
+
+    def what(line: Line) -> Trouble | None:
+        found = troubles.take(line, troubles.mark())
+        return found.trouble if found else None
+
+    seen: list[tuple[Trouble | None, Trouble | None]] = []
+    clock.now_ns = lambda: now  # type: ignore[method-assign]
+    for second in (19, 21, 26, 31, 66):
+        now = clock.start_ns + second * 1_000_000_000
+        seen.append((what(Line.TCP), what(Line.RTU)))
+    late, lost = Trouble.LATE, Trouble.LOST
+    assert seen == [(None, None), (lost, None), (lost, late), (late, late), (None, None)]
+
+
+def test_nothing_is_slower_for_it(bench: Troubled) -> None:
+    with bench.master("tcp") as client:
+        began = time.process_time()
+        for _ in range(50):
+            assert asked(client, 4, 2) is not None
+        assert (time.process_time() - began) / 50 < 0.02  # the driver asks every 25 ms
