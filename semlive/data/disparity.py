@@ -20,6 +20,8 @@ class PoiStatus(IntEnum):
     OUTSIDE_IMAGE = 3
     LOW_CONTRAST = 4
     NO_SEED = 5
+    AMBIGUOUS = 6
+    INCONSISTENT = 7
 
     @property
     def word(self) -> str:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from semlive.data.grid import Grid
+from semlive.dic.ambiguity import ambiguous
 
 BLOCK = 32  # edge of a block, in binned pixels
 SEARCH = 16  # search radius around the frame's shift, in binned pixels
@@ -33,13 +34,15 @@ class CoarseReference:
         binning: pixels per binned pixel, 2, or 1 for small frames.
         image: (h, w) binned float32 grey levels.
         spectrum: spectrum of the windowed, padded image.
-        centres: (n, 2) block centres (x, y) in binned pixels, those with contrast.
+        centres: (n, 2) block centres (x, y) in binned pixels, those with contrast and at no repeating place.
+        ambiguous: (ny, nx) points whose subsets repeat within the search range.
     """
 
     binning: int
     image: NDArray[np.float32]
     spectrum: NDArray[np.complex64]
     centres: NDArray[np.int64]
+    ambiguous: NDArray[np.bool_]
 
 
 def prepare_coarse(image: NDArray[np.float32], grid: Grid) -> CoarseReference:
@@ -49,9 +52,21 @@ def prepare_coarse(image: NDArray[np.float32], grid: Grid) -> CoarseReference:
     height, width = binned.shape
     x = _lattice(grid.x0_px, grid.x0_px + (grid.nx - 1) * grid.step_px, binning, width)
     y = _lattice(grid.y0_px, grid.y0_px + (grid.ny - 1) * grid.step_px, binning, height)
-    centres = [(cx, cy) for cy in y for cx in x if np.ptp(_block(binned, cx, cy)) > 0]
+    spectrum = _spectrum(binned)
+    repeating = ambiguous(binned, spectrum, _padded(binned.shape), grid, binning)
+
+    def unique(cx: int, cy: int) -> bool:
+        i = np.clip(round((cx * binning - grid.x0_px) / grid.step_px), 0, grid.nx - 1)
+        j = np.clip(round((cy * binning - grid.y0_px) / grid.step_px), 0, grid.ny - 1)
+        return not repeating[j, i]
+
+    centres = [(cx, cy) for cy in y for cx in x if np.ptp(_block(binned, cx, cy)) > 0 and unique(cx, cy)]
     return CoarseReference(
-        binning=binning, image=binned, spectrum=_spectrum(binned), centres=np.array(centres, dtype=np.int64).reshape(-1, 2)
+        binning=binning,
+        image=binned,
+        spectrum=spectrum,
+        centres=np.array(centres, dtype=np.int64).reshape(-1, 2),
+        ambiguous=repeating,
     )
 
 

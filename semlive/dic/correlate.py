@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,10 +14,12 @@ from semlive.dic.coarse import match, nearest_field, smooth_field
 from semlive.dic.grid import grid_for
 from semlive.dic.reference import Reference, prepare
 from semlive.dic.uncertainty import noise_variance
+from semlive.dic.verify import Measured, refused
 from semlive.errors import BadInput
 from semlive.kernels import cast
 from semlive.kernels.icgn import CHAINED, SEEDED, SKIP
 
+FINAL = (PoiStatus.CONVERGED, PoiStatus.LOW_CONTRAST, PoiStatus.AMBIGUOUS)
 MAX_PASSES = 12  # retries from neighbours; each heals one ring of POI
 MAX_TRAVEL_PX = 8.0  # IC-GN has no business further from its start than a speckle or two
 
@@ -56,6 +59,19 @@ def correlate(
     p = solutions.parameters
     sums = reference.sums
     variance = noise_variance(p, solutions.zncc, sums.norm, reference.grid.subset_px)
+    sigma_u, sigma_v = np.sqrt(2.0 * variance * sums.variance_u), np.sqrt(2.0 * variance * sums.variance_v)
+    measured = Measured(
+        u_px=np.where(valid, p[..., 0], 0.0),
+        v_px=np.where(valid, p[..., 3], 0.0),
+        gradient=p[..., [1, 2, 4, 5]],
+        sigma_px=np.maximum(sigma_u, sigma_v),
+        residual=variance,
+        contrast=sums.norm**2 / reference.grid.subset_px**2,
+        valid=valid,
+    )
+    verdict = refused(measured, reference.grid)
+    valid &= verdict == PoiStatus.CONVERGED
+    status = np.where(verdict == PoiStatus.CONVERGED, solutions.status, verdict)
 
     def where_valid(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.where(valid, values, 0.0)
@@ -66,10 +82,10 @@ def correlate(
         grid=reference.grid,
         u_px=where_valid(p[..., 0]),
         v_px=where_valid(p[..., 3]),
-        sigma_u_px=where_valid(np.sqrt(2.0 * variance * sums.variance_u)),
-        sigma_v_px=where_valid(np.sqrt(2.0 * variance * sums.variance_v)),
+        sigma_u_px=where_valid(sigma_u),
+        sigma_v_px=where_valid(sigma_v),
         zncc=where_valid(solutions.zncc),
-        status=solutions.status,
+        status=status,
     )
 
 
@@ -87,6 +103,7 @@ def solve(reference: Reference, current: NDArray[np.float32], matches: NDArray[n
     """
     grid = reference.grid
     status = np.where(reference.status == PoiStatus.CONVERGED, PoiStatus.NO_SEED, reference.status).astype(np.uint8)
+    status[(status == PoiStatus.NO_SEED) & reference.coarse.ambiguous] = PoiStatus.AMBIGUOUS
     solutions = cast.Solutions(
         parameters=np.zeros((*grid.shape, 6)),
         zncc=np.zeros(grid.shape),
@@ -111,12 +128,12 @@ def solve(reference: Reference, current: NDArray[np.float32], matches: NDArray[n
         )
 
     attempt(status == PoiStatus.NO_SEED, CHAINED, smooth_field(matches, grid))
-    failed = ~np.isin(status, (PoiStatus.CONVERGED, PoiStatus.LOW_CONTRAST))
+    failed = ~np.isin(status, FINAL)
     if failed.any():
         attempt(failed, CHAINED, nearest_field(matches, grid))
     fresh = status == PoiStatus.CONVERGED
     for _ in range(MAX_PASSES):
-        failed = ~np.isin(status, (PoiStatus.CONVERGED, PoiStatus.LOW_CONTRAST))
+        failed = ~np.isin(status, FINAL)
         seeds, reachable = _from_neighbours(solutions, fresh, grid.step_px)
         if not (failed & reachable).any():
             break
@@ -152,9 +169,8 @@ def warm_up(settings: DicSettings) -> None:
     Args:
         settings: those to be used; only the sizes are replaced.
     """
-    y, x = np.mgrid[0:96, 0:96]
-    speckle = np.sin(0.9 * x + 0.3 * np.sin(0.5 * y)) * np.sin(0.8 * y + 0.4 * np.cos(0.4 * x))
-    image = (128.0 + 100.0 * speckle).astype(np.uint8)
+    speckle = cv2.GaussianBlur(np.random.default_rng(1).standard_normal((96, 96)), (0, 0), 2.0)  # must not repeat itself
+    image = np.clip(128.0 + 280.0 * speckle, 0, 255).astype(np.uint8)
     small = dataclasses.replace(settings, subset_px=21, step_px=20, roi_px=None)
     reference = prepare(image, grid_for(small, 96, 96), small)
     current = np.roll(image, 1, axis=1)

@@ -1,0 +1,206 @@
+"""Converged is not yet right: what a whole map says about each of its points.
+
+IC-GN converges wherever a subset resembles the reference: on the half of a subset that is not covered, on the edge of a blank
+area, on both sides of a crack at once. ZNCC alone does not tell, for it depends on noise and contrast. Four things do.
+
+- The residual. It is noise wherever the model holds, within 18 % of the map's ordinary in 10^5 fully visible subsets; a subset
+  of which a part is covered or moved otherwise leaves more.
+- The jump. A subset across a crack of width J turns the jump into strain 1.5 J / subset, which points half a subset away lack.
+- The neighbours. A point that is ordinary in residual, uncertainty and contrast is trusted; one that is not has to agree
+  with a plane through the trusted around it.
+- Company. Points that agree with nobody around are not believed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from semlive.data.disparity import PoiStatus
+from semlive.data.grid import Grid
+
+ORDINARY_RESIDUAL = 1.25  # times the map's ordinary; 18 % above was the most in 10^5 good points
+PLAIN_RESIDUAL = 1.13  # one good point in a thousand is above and has to agree with its neighbours
+MISFIT = 0.015  # of the speckle's variance: saturation, curvature and interpolation leave as much
+ORDINARY_SIGMA = 1.2  # times the map's median; at 20 grey of noise wrong points begin at 1.22
+SPREADING_SIGMA = 1.35  # beyond, a point is told by its neighbours but tells nothing to others
+NOISE_SIGMA_PX = 3.3  # / subset: the stated sigma of a subset without speckle, whose gradients are noise alone
+SAFE_SIGMA = 0.35  # of that: far from blank, whatever the rest of the map; wrong points begin at 0.42
+MAX_CONTRAST = 1.7  # times the map's median variance; more is an edge, which hides the speckle
+JUMP_PX = 0.9  # makes the subset's centre wrong by half as much
+SIGMAS = 5.0
+AGREES_PX = 0.08  # and once the ordinary sigma
+BENDS_PX = 0.4  # at the subset's edge
+REACH = 4  # points on each side that a plane is fitted to
+MIN_SUPPORT = 12  # trusted points among the 81
+LINKS_PX = 0.3  # apart, after each other's strain
+MIN_COMPANY = 6
+MAX_ROUNDS = 200
+SOFT = 0.05  # keeps a plane through a single line of points from tipping
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """What is known of each point of a map, (ny, nx) each.
+
+    Attributes:
+        u_px: displacement along x.
+        v_px: displacement along y.
+        gradient: (ny, nx, 4) du/dx, du/dy, dv/dx, dv/dy.
+        sigma_px: the larger standard uncertainty of u and v.
+        residual: noise variance of one frame as the residual has it, grey^2.
+        contrast: variance of the reference subset, noise included, grey^2.
+        valid: where IC-GN converged.
+    """
+
+    u_px: NDArray[np.float64]
+    v_px: NDArray[np.float64]
+    gradient: NDArray[np.floating]
+    sigma_px: NDArray[np.floating]
+    residual: NDArray[np.floating]
+    contrast: NDArray[np.floating]
+    valid: NDArray[np.bool_]
+
+
+def refused(measured: Measured, grid: Grid) -> NDArray[np.uint8]:
+    """(ny, nx) PoiStatus: CONVERGED where a point is believed, else why not (CONVERGED too where it was not valid before).
+
+    Args:
+        measured: the map.
+        grid: its points.
+    """
+    m = measured
+    verdict = np.full(m.valid.shape, PoiStatus.CONVERGED, dtype=np.uint8)
+    if not m.valid.any():
+        return verdict
+    ordinary = float(np.percentile(m.residual[m.valid], 20))
+    contrast = float(np.median(m.contrast[m.valid]))
+    limit = max(ORDINARY_RESIDUAL * ordinary, ordinary + MISFIT * max(contrast - ordinary, 0.0))
+    fits = m.valid & (m.residual <= limit)
+    verdict[m.valid & ~fits] = PoiStatus.LOW_ZNCC
+    safe = SAFE_SIGMA * NOISE_SIGMA_PX / grid.subset_px
+    sound = fits & (m.sigma_px <= max(SPREADING_SIGMA * float(np.median(m.sigma_px[fits])), safe)) if fits.any() else fits
+    torn = fits & _torn(m, sound, grid)
+    verdict[torn] = PoiStatus.INCONSISTENT
+    fits &= ~torn
+    if not fits.any():
+        return verdict
+    sigma = float(np.median(m.sigma_px[fits]))
+    signal = m.contrast - ordinary
+    usual = float(np.median(signal[fits]))
+    plain = fits & (m.sigma_px <= max(ORDINARY_SIGMA * sigma, safe)) & (signal <= MAX_CONTRAST * usual)
+    plain &= m.residual <= max(PLAIN_RESIDUAL * ordinary, ordinary + 0.5 * MISFIT * max(contrast - ordinary, 0.0))
+    trusted = plain & ~_alone(m, plain, grid)
+    suspect = fits & ~trusted
+    if suspect.any():
+        believed = _confirmed(m, trusted, suspect, m.sigma_px <= max(SPREADING_SIGMA * sigma, safe), grid)
+        verdict[suspect & ~believed] = PoiStatus.INCONSISTENT
+    return verdict
+
+
+def _torn(m: Measured, sound: NDArray[np.bool_], grid: Grid) -> NDArray[np.bool_]:
+    """Where the displacement drops across a subset as it does on neither side half a subset away, or a whole one.
+
+    Args:
+        m: the map.
+        sound: points to compare with.
+        grid: the points.
+    """
+    jump = np.zeros(sound.shape)
+    for distance in (0.5, 1.0):
+        steps = max(1, round(distance * grid.subset_px / grid.step_px))
+        for axis in range(2):
+            slope = m.gradient[..., axis::2]  # du/dx and dv/dx drop along x
+            least = np.full(sound.shape, np.inf)
+            for way in (-steps, steps):
+                other = slope - _shifted(slope, way, axis)
+                excess = np.hypot(other[..., 0], other[..., 1])
+                least = np.where(_shifted(sound, way, axis), np.minimum(least, excess), least)
+            jump = np.maximum(jump, np.where(np.isfinite(least), least, 0.0))
+    return jump * (grid.subset_px / 1.5) > np.maximum(JUMP_PX, SIGMAS * 4.0 * m.sigma_px)
+
+
+def _shifted(values: NDArray, steps: int, axis: int) -> NDArray:
+    """Values `steps` points further along x (axis 0) or y (axis 1), zero beyond the map."""
+    out = np.zeros_like(values)
+    dim = 1 - axis
+    n = values.shape[dim]
+    if abs(steps) >= n:
+        return out
+    to, source = [slice(None)] * 2, [slice(None)] * 2
+    to[dim] = slice(max(-steps, 0), n - max(steps, 0))
+    source[dim] = slice(max(steps, 0), n - max(-steps, 0))
+    out[tuple(to)] = values[tuple(source)]
+    return out
+
+
+def _alone(m: Measured, plain: NDArray[np.bool_], grid: Grid) -> NDArray[np.bool_]:
+    """Plain points in groups of fewer than MIN_COMPANY that agree with one another."""
+    linked = np.zeros((2 * plain.shape[0] - 1, 2 * plain.shape[1] - 1), dtype=bool)
+    linked[::2, ::2] = plain
+    for axis, place in ((0, np.s_[::2, 1::2]), (1, np.s_[1::2, ::2])):
+        cut = np.s_[:, :-1] if axis == 0 else np.s_[:-1, :]
+        both = (plain & _shifted(plain, 1, axis))[cut]
+        half = 0.5 * grid.step_px
+        apart = np.zeros(both.shape)
+        for value, k in ((m.u_px, 0), (m.v_px, 2)):
+            slope = m.gradient[..., k + axis]
+            apart = np.maximum(apart, np.abs(_shifted(value, 1, axis) - value - half * (slope + _shifted(slope, 1, axis)))[cut])
+        linked[place] = both & (apart <= LINKS_PX + 3.0 * m.sigma_px[cut])
+    label, _ = ndimage.label(linked)
+    label = label[::2, ::2]
+    size = np.bincount(label.ravel())
+    enough = min(MIN_COMPANY, plain.size)
+    return plain & (size[label] < enough)
+
+
+def _confirmed(
+    m: Measured, trusted: NDArray[np.bool_], suspect: NDArray[np.bool_], spreading: NDArray[np.bool_], grid: Grid
+) -> NDArray[np.bool_]:
+    """Suspects that agree with a plane through the trusted points around; those confirmed are trusted in turn."""
+    trusted = trusted.copy()
+    believed = np.zeros(suspect.shape, dtype=bool)
+    tolerance = AGREES_PX + np.minimum(m.sigma_px, SPREADING_SIGMA * np.median(m.sigma_px[trusted])) if trusted.any() else 0.0
+    for _ in range(MAX_ROUNDS):
+        u, v, slope, support = _plane(m, trusted)
+        apart = np.hypot(m.u_px - u, m.v_px - v)
+        bent = np.linalg.norm(m.gradient - slope / grid.step_px, axis=-1) * (grid.subset_px // 2)
+        fresh = suspect & ~believed & (support >= MIN_SUPPORT) & (apart <= tolerance) & (bent <= BENDS_PX)
+        believed |= fresh
+        if not (fresh & spreading).any():
+            break
+        trusted |= fresh & spreading
+    return believed
+
+
+def _plane(m: Measured, trusted: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray]:
+    """Least-squares planes of u and v through the trusted points within REACH.
+
+    Returns:
+        u and v there, (ny, nx, 4) slopes per point of the grid ordered as `Measured.gradient`, and the number of points.
+    """
+    edge = 2 * REACH + 1
+    ny, nx = trusted.shape
+    weight = trusted.astype(np.float64)
+    x, y = np.arange(nx) - 0.5 * nx, (np.arange(ny) - 0.5 * ny)[:, None]
+
+    def total(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return ndimage.uniform_filter(values * weight, edge, mode="constant") * edge**2
+
+    count = np.round(total(np.ones_like(weight)))
+    n = np.maximum(count, 1.0)
+    mx, my = total(x + 0.0 * weight) / n, total(y + 0.0 * weight) / n
+    xx, yy = total(x * x + 0.0 * weight) / n - mx * mx + SOFT, total(y * y + 0.0 * weight) / n - my * my + SOFT
+    xy = total(x * y + 0.0 * weight) / n - mx * my
+    det = xx * yy - xy * xy
+    at, slopes = [], []
+    for value in (m.u_px, m.v_px):
+        held = np.where(trusted, value, 0.0)
+        mean = total(held) / n
+        cx, cy = total(held * x) / n - mean * mx, total(held * y) / n - mean * my
+        slopes += [(yy * cx - xy * cy) / det, (xx * cy - xy * cx) / det]
+        at.append(mean + slopes[-2] * (x - mx) + slopes[-1] * (y - my))
+    return at[0], at[1], np.stack(slopes, axis=-1), count
