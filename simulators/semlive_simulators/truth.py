@@ -12,9 +12,11 @@ from semlive_simulators.effects.protocol import Instants
 from semlive_simulators.history import NOTHING_DONE, History
 from semlive_simulators.scenario import Scenario
 from semlive_simulators.specimen import Motion, at_rest
+from semlive_simulators.strain_field import strain_field
 
 DRIFT_EVERY_S = 5.0
 GRID_PX = 25.0
+FIELD_PX = 50.0
 
 
 def frame_truth(
@@ -30,23 +32,32 @@ def frame_truth(
         motion: of the specimen during the scan.
         load_mean_n: mean true load.
         moving: whether anything was driven during the scan.
+
+    Returns:
+        What goes into the file. ``strain`` is the mean over the frame; if strain is not the same everywhere, ``field`` holds
+        displacement and strain at points about 50 px apart, in material coordinates.
     """
     middle_s = np.array([start_s + 0.5 * scenario.frame_duration_s])
     middle = scenario.effects.moved(Instants(middle_s, start_s, 0, scenario.scan, motion))
     gradient = middle.gradient[0]
-    return {
+    truth: dict[str, Any] = {
         "file": file,
         "start_time_ns": start_time_ns,
         "row_time_s": scenario.scan.row_time_s,
         "load_mean_n": load_mean_n,
         "stage_px": middle.shift_px[0].tolist(),
         "gradient": gradient.tolist(),
-        "strain": {
-            "exx": float(gradient[0, 0]),
-            "eyy": float(gradient[1, 1]),
-            "exy": float(0.5 * (gradient[0, 1] + gradient[1, 0])),
-        },
         "moving": moving,
+    }
+    if not scenario.effects.deforming:
+        exy = float(0.5 * (gradient[0, 1] + gradient[1, 0]))
+        return truth | {"strain": {"exx": float(gradient[0, 0]), "eyy": float(gradient[1, 1]), "exy": exy}}
+    field = strain_field(scenario.effects, scenario.scan, motion, float(middle_s[0]), start_s, FIELD_PX)
+    components = {"exx": field.exx, "eyy": field.eyy, "exy": field.exy}
+    points = {"x_px": field.x_px, "y_px": field.y_px, "u_px": field.u_px, "v_px": field.v_px}
+    return truth | {
+        "strain": {name: float(values.mean()) for name, values in components.items()},
+        "field": {name: values.tolist() for name, values in (points | components).items()},
     }
 
 

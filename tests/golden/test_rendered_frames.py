@@ -20,7 +20,7 @@ PULLED = Motion(
 @pytest.mark.parametrize(
     ("name", "digest"),
     [
-        ("paper_x200", "812ad841cf23949c36a13de47583ecc23c05a4613c462a8870ebd5b00a9cf3d5"),  # with the noise of the paper's instrument, 0.025 px
+        ("paper_x200", "812ad841cf23949c36a13de47583ecc23c05a4613c462a8870ebd5b00a9cf3d5"),
         ("paper_x10000", "c426dcfc920785827fa6cafe75b86356056f498d8c253ddd9a7132e3b1f6e4cf"),
         ("short", "b7f97cb6759094e0ad0a8d5c39ceb0b1a70a8a6b3be6a7c693d3a74e91cc5db8"),
     ],

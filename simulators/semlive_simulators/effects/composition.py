@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semlive_simulators.effects.protocol import (
     Array,
@@ -12,6 +13,7 @@ from semlive_simulators.effects.protocol import (
     ChangesGrey,
     ChangesNoise,
     ChangesSpeckle,
+    Cuts,
     Deflects,
     Deforms,
     Drifts,
@@ -72,6 +74,14 @@ class Effects:
     def material_px(self, x_px: Array, y_px: Array, at: Visits) -> list[Plane]:
         """The deformations of every effect that has one."""
         return [member.material_px(x_px, y_px, at) for member in self.members if isinstance(member, Deforms)]
+
+    def absent(self, x_px: Array, y_px: Array, at: Visits) -> NDArray[np.bool_]:
+        """Which material points no longer exist."""
+        gone = np.zeros(np.broadcast_shapes(x_px.shape, y_px.shape), dtype=bool)
+        for member in self.members:
+            if isinstance(member, Cuts):
+                gone |= member.absent(x_px, y_px, at)
+        return gone
 
     @property
     def deforming(self) -> bool:

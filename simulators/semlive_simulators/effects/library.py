@@ -28,6 +28,9 @@ from semlive_simulators.effects.frame_integration import FrameIntegration
 from semlive_simulators.effects.frame_start_settling import FrameStartSettling
 from semlive_simulators.effects.friction_hysteresis import FrictionHysteresis
 from semlive_simulators.effects.gamma_change import GammaChange
+from semlive_simulators.effects.grain_contrast import GrainContrast
+from semlive_simulators.effects.grain_strain import GrainStrain
+from semlive_simulators.effects.hole import Hole
 from semlive_simulators.effects.inhomogeneous_strain import InhomogeneousStrain
 from semlive_simulators.effects.inplane_misalignment import InplaneMisalignment
 from semlive_simulators.effects.interlaced_scan import InterlacedScan
@@ -41,7 +44,9 @@ from semlive_simulators.effects.load_step_transient import LoadStepTransient
 from semlive_simulators.effects.magnification_drift import MagnificationDrift
 from semlive_simulators.effects.magnification_frame_instability import MagnificationFrameInstability
 from semlive_simulators.effects.mains_hum import MainsHum
+from semlive_simulators.effects.notch import Notch
 from semlive_simulators.effects.out_of_plane_translation import OutOfPlaneTranslation
+from semlive_simulators.effects.plastic_hardening import PlasticHardening
 from semlive_simulators.effects.poisson_noise import PoissonNoise
 from semlive_simulators.effects.protocol import Effect
 from semlive_simulators.effects.random_walk_drift import RandomWalkDrift
@@ -126,7 +131,10 @@ _ALL: tuple[type[Effect], ...] = (
 )
 LIBRARY: dict[str, type[Effect]] = {kind.name: kind for kind in _ALL}
 """Every effect by its name; effects act in this order."""
-_ADAPTERS: dict[str, TypeAdapter[Effect]] = {name: TypeAdapter(kind) for name, kind in LIBRARY.items()}
+MATERIAL: dict[str, type[Effect]] = {kind.name: kind for kind in (PlasticHardening, GrainStrain, GrainContrast, Hole, Notch)}
+"""What a specimen may be besides a plain elastic sheet: not wrong, but to be measured. Chosen among the effects, acts before them."""
+_KNOWN = MATERIAL | LIBRARY
+_ADAPTERS: dict[str, TypeAdapter[Effect]] = {name: TypeAdapter(kind) for name, kind in _KNOWN.items()}
 
 
 def build_effects(chosen: object) -> Effects:
@@ -145,10 +153,10 @@ def build_effects(chosen: object) -> Effects:
         return chosen
     if not isinstance(chosen, dict):
         raise ValueError("effects must be a mapping from names to parameters")
-    unknown = sorted(str(name) for name in chosen if name not in LIBRARY)
+    unknown = sorted(str(name) for name in chosen if name not in _KNOWN)
     if unknown:
-        raise ValueError(f"unknown effect {', '.join(unknown)}; the known ones are {', '.join(LIBRARY)}")
-    return Effects(tuple(_built(name, chosen[name]) for name in LIBRARY if chosen.get(name) is not None))
+        raise ValueError(f"unknown effect {', '.join(unknown)}; the known ones are {', '.join(LIBRARY | MATERIAL)}")
+    return Effects(tuple(_built(name, chosen[name]) for name in _KNOWN if chosen.get(name) is not None))
 
 
 def _built(name: str, parameters: Any) -> Effect:
@@ -161,7 +169,7 @@ def _built(name: str, parameters: Any) -> Effect:
     adapter = _ADAPTERS[name]
     try:
         if magnification is not None:
-            fields = adapter.dump_python(LIBRARY[name].defaults(magnification)) | fields
+            fields = adapter.dump_python(_KNOWN[name].defaults(magnification)) | fields
         return adapter.validate_python(fields)
     except ValidationError as error:
         first = error.errors()[0]

@@ -191,6 +191,15 @@ class Deforms(Protocol):
 
 
 @runtime_checkable
+class Cuts(Protocol):
+    """Takes material away."""
+
+    def absent(self, x_px: Array, y_px: Array, at: Visits) -> NDArray[np.bool_]:
+        """Which of material points (rows, width) are not there."""
+        ...
+
+
+@runtime_checkable
 class Blurs(Protocol):
     """Widens the probe."""
 

@@ -1,0 +1,84 @@
+"""The true deformation of a frame, point by point: for specimens that do not deform alike everywhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive_simulators.effects.composition import Effects
+from semlive_simulators.effects.protocol import Array, Instants, Plane, Visits
+from semlive_simulators.scan import Scan
+from semlive_simulators.specimen import Motion
+
+_HALF_STEP_PX = 0.01
+"""For differences: the fields bend over tens of px, so that they are right to 1e-8 of the strain, and rounding adds 1e-11."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StrainField:
+    """Displacement and small strain at material points, those that exist.
+
+    Attributes:
+        x_px: (n,) material points, px of the frame.
+        y_px: likewise.
+        u_px: (n,) displacement to the right, without drift and distortion.
+        v_px: (n,) displacement down.
+        exx: (n,) strain.
+        eyy: likewise.
+        exy: likewise.
+    """
+
+    x_px: Array
+    y_px: Array
+    u_px: Array
+    v_px: Array
+    exx: Array
+    eyy: Array
+    exy: Array
+
+
+def strain_field(effects: Effects, scan: Scan, motion: Motion, time_s: float, start_s: float, every_px: float) -> StrainField:
+    """The true field at an instant.
+
+    Args:
+        effects: what deforms.
+        scan: gives the frame, whose edges are included.
+        motion: of the specimen.
+        time_s: the instant, seconds since the run began.
+        start_s: when the frame began.
+        every_px: distance of the points, about.
+    """
+    across = np.linspace(0.0, scan.width_px - 1.0, max(2, round(scan.width_px / every_px) + 1))
+    down = np.linspace(0.0, scan.height_px - 1.0, max(2, round(scan.height_px / every_px) + 1))
+    x_px, y_px = np.meshgrid(across, down)
+    at = _visits(scan, motion, x_px, y_px, time_s, start_s)
+    state = effects.moved(Instants(np.array([time_s]), start_s, 0, scan, motion))
+    gradient, shift = state.gradient[0], state.shift_px[0]
+    centre = scan.centre_px
+
+    def more(dx_px: float, dy_px: float) -> Plane:
+        planes = effects.material_px(x_px + dx_px, y_px + dy_px, at)
+        return sum((p[0] for p in planes), np.zeros(x_px.shape)), sum((p[1] for p in planes), np.zeros(x_px.shape))
+
+    (u_px, v_px), step = more(0.0, 0.0), _HALF_STEP_PX
+    ux, vx = _difference(more(step, 0.0), more(-step, 0.0), step)
+    uy, vy = _difference(more(0.0, step), more(0.0, -step), step)
+    u_px = u_px + shift[0] + gradient[0, 0] * (x_px - centre[0]) + gradient[0, 1] * (y_px - centre[1])
+    v_px = v_px + shift[1] + gradient[1, 0] * (x_px - centre[0]) + gradient[1, 1] * (y_px - centre[1])
+    exy = 0.5 * (gradient[0, 1] + uy + gradient[1, 0] + vx)
+    there = ~effects.absent(x_px, y_px, at)
+    planes = (x_px, y_px, u_px, v_px, gradient[0, 0] + ux, gradient[1, 1] + vy, exy)
+    return StrainField(*(plane[there] for plane in planes))
+
+
+def _difference(ahead: Plane, behind: Plane, half_step_px: float) -> Plane:
+    return (ahead[0] - behind[0]) / (2.0 * half_step_px), (ahead[1] - behind[1]) / (2.0 * half_step_px)
+
+
+def _visits(scan: Scan, motion: Motion, x_px: Array, y_px: Array, time_s: float, start_s: float) -> Visits:
+    """All points at one instant."""
+    forward: NDArray[np.bool_] = np.zeros((x_px.shape[0], 1), dtype=bool)
+    still = np.zeros(x_px.shape)
+    return Visits(x_px[:1], y_px[:, :1], np.full(x_px.shape, time_s), start_s, 0, 0, forward, scan, motion, (still, still))
