@@ -1,0 +1,28 @@
+"""The procedure as published: M. A. Sutton et al., Experimental Mechanics (2007), equations 1-10 and Fig. 3.
+
+Velocity of drift at every position from the two frames of each pair by central difference; a B-spline of few coefficients
+in time at every position; integration, the first frame along the beam's way; then a B-spline distortion and all motions at
+once from the first frames of the pairs (bundle adjustment); and again with the distortion taken out, until it settles.
+A batch and a reference for comparison: the second frames tell of drift alone, and there is no covariance but a plain estimate.
+
+What the paper leaves open is stated in `Options` and in the settings. Its figures on its own numerical experiment are not
+reached without a smoothing of the local drift over positions, which it does not mention: 60 px, Gaussian, by default.
+"""
+
+from semlive.estimate.sutton.publish import correction, correction_strain_sigma, estimate, live_rate, mean_strain_covariance
+from semlive.estimate.sutton.solve import Options, SuttonSolution, solve
+from semlive.estimate.sutton.state import SuttonState, init, update
+
+__all__ = [
+    "Options",
+    "SuttonSolution",
+    "SuttonState",
+    "correction",
+    "correction_strain_sigma",
+    "estimate",
+    "init",
+    "live_rate",
+    "mean_strain_covariance",
+    "solve",
+    "update",
+]

@@ -1,0 +1,171 @@
+"""Relaxation: drift, then distortion and motions, then drift again without distortion, until it settles (Sutton 2007, Fig. 3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.drift import FrameTime
+from semlive.errors import IllPosed
+from semlive.estimate.sutton.bundle import Bundle, Translated, adjusted
+from semlive.estimate.sutton.drift import LocalDrift, Removal, estimated
+from semlive.estimate.sutton.state import PairMaps, SuttonState
+from semlive.estimate.sutton.surface import Surface
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What the paper leaves open.
+
+    Attributes:
+        drift_coefficients: of the spline in time at each position ("reduced order"), at most.
+        carried: fraction of the drift that carries the distortion along: 1 as in equations 6, 9 and 10.
+        relaxation: fraction of each new distortion that is taken over.
+        settled_px: the distortion has settled when no point of the grid moves by more.
+        passes: at most.
+        remove_drift: False leaves drift in, to see what it does.
+    """
+
+    drift_coefficients: int = 4
+    carried: float = 1.0
+    relaxation: float = 0.8
+    settled_px: float = 1e-4
+    passes: int = 12
+    remove_drift: bool = True
+
+
+PUBLISHED = Options()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SuttonSolution:
+    """Drift of each phase, distortion and motions.
+
+    Attributes:
+        state: the maps.
+        options: what the paper leaves open.
+        drifts: one for each phase whose drift is estimated apart.
+        bundle: distortion and motions; None before the first translation.
+        changes_px: largest change of the distortion in each pass.
+    """
+
+    state: SuttonState
+    options: Options
+    drifts: tuple[LocalDrift, ...]
+    bundle: Bundle | None
+    changes_px: tuple[float, ...]
+
+    @property
+    def noise_floor_px(self) -> float:
+        """Robust standard deviation of what is left unexplained, per component and POI of a map."""
+        if self.bundle is not None:
+            return self.bundle.residual_px
+        first = self.state.pairs[0].times
+        return self.drifts[0].velocity_sd_px_s * (first[1].start_s - first[0].start_s)
+
+    def drift_of(self, frame: int) -> LocalDrift:
+        """The drift of the phase that a frame belongs to."""
+        begun_s = self.state.frame_time(frame).start_s
+        return [one for one in self.drifts if one.first.start_s <= begun_s][-1]
+
+    def drift_px(self, address_px: Array, when: FrameTime) -> Array:
+        """(n, 2) drift at scan addresses of a frame."""
+        return self.drift_of(when.frame).at(address_px, when) if self.options.remove_drift else np.zeros_like(address_px)
+
+    def correction_px(self, address_px: Array, when: FrameTime) -> Array:
+        """(n, 2) drift and distortion together at scan addresses of a frame."""
+        drift = self.drift_px(address_px, when)
+        return drift if self.bundle is None else drift + self.bundle.surface.at(address_px - self.options.carried * drift)
+
+
+def solve(state: SuttonState, options: Options = PUBLISHED) -> SuttonSolution:
+    """The whole procedure on everything given so far.
+
+    Raises:
+        IllPosed: there are no data, or none within a pair.
+    """
+    if not state.pairs:
+        raise IllPosed("no pair has been accumulated yet, so there is nothing to estimate: add pair 0 first")
+    solution = SuttonSolution(state, options, _drifts(state, options, None), None, ())
+    images = _translated(solution)
+    if not images:
+        return solution
+    here = _grid_points(state)
+    flat = _flat(state, [here, *(one.after_px for one in images), *(one.before_px for one in images)])
+    for _ in range(options.passes):
+        bundle = adjusted(_translated(solution), flat, here)
+        solution = _relaxed(solution, bundle, here)
+        if solution.changes_px[-1] <= options.settled_px or not options.remove_drift:
+            break
+        solution = replace(solution, drifts=_drifts(state, options, _removal(solution)))
+    return solution
+
+
+def _relaxed(solution: SuttonSolution, new: Bundle, here: Array) -> SuttonSolution:
+    """The new motions, and the distortion between old and new; the first is taken as it is."""
+    old = solution.bundle
+    if old is None:
+        return replace(solution, bundle=new, changes_px=(float("inf"),))
+    step = new.surface.coefficients - old.surface.coefficients
+    surface = replace(old.surface, coefficients=old.surface.coefficients + solution.options.relaxation * step)
+    change = float(np.abs(surface.at(here) - old.surface.at(here)).max())
+    return replace(solution, bundle=replace(new, surface=surface), changes_px=(*solution.changes_px, change))
+
+
+def _drifts(state: SuttonState, options: Options, removal: Removal | None) -> tuple[LocalDrift, ...]:
+    smoothing_px = state.settings.sutton_smoothing_px
+    return tuple(
+        estimated(phase, state.grid, state.height_px, options.drift_coefficients, smoothing_px, removal) for phase in _phases(state)
+    )
+
+
+def _phases(state: SuttonState) -> list[list[PairMaps]]:
+    """Calibration and measurement apart (footnote 5), or everything as one record; a phase of one pair joins the one before."""
+    whole = list(state.pairs)
+    cut = next((at for at, one in enumerate(whole) if not one.calibrates), len(whole))
+    if not state.settings.sutton_phases_apart or cut == 0 or len(whole) - cut < 2:
+        return [whole]
+    return [whole[:cut], whole[cut:]]
+
+
+def _removal(solution: SuttonSolution) -> Removal | None:
+    bundle, carried = solution.bundle, solution.options.carried
+    if bundle is None:
+        return None
+
+    def removal(before_px: Array, after_px: Array, first: FrameTime, second: FrameTime) -> Array:
+        before = before_px - carried * solution.drift_px(before_px, first)
+        after = after_px - carried * solution.drift_px(after_px, second)
+        return bundle.surface.at(after) - bundle.surface.at(before)
+
+    return removal
+
+
+def _translated(solution: SuttonSolution) -> list[Translated]:
+    """The translated images of the calibration with drift removed."""
+    state, carried, found = solution.state, solution.options.carried, []
+    reference = state.pairs[0].times[0]
+    for one in state.pairs:
+        dmap = one.from_reference
+        if dmap is None or not one.calibrates or not dmap.valid.any():
+            continue
+        before = _grid_points(state)[dmap.valid.ravel()]
+        after = before + np.stack((dmap.u_px[dmap.valid], dmap.v_px[dmap.valid]), axis=1)
+        drift_before, drift_after = solution.drift_px(before, reference), solution.drift_px(after, one.times[0])
+        moved = after - drift_after - before + drift_before
+        found.append(Translated(one.pair, before - carried * drift_before, after - carried * drift_after, moved))
+    return found
+
+
+def _flat(state: SuttonState, addresses: list[Array]) -> Surface:
+    low = np.min([one.min(axis=0) for one in addresses], axis=0)
+    high = np.max([one.max(axis=0) for one in addresses], axis=0)
+    return Surface.flat(low - 1.0, high + 1.0, state.settings.distortion_knot_px)
+
+
+def _grid_points(state: SuttonState) -> Array:
+    return np.stack(state.grid.mesh(), axis=-1).reshape(-1, 2)
