@@ -14,7 +14,8 @@ import numpy as np
 from numba.core import config
 from numpy.typing import DTypeLike, NDArray
 
-from semlive.kernels import icgn, spline, subsets
+from semlive.kernels import icgn, spline, subsets, warp
+from semlive.kernels.interpolate import LANES
 
 MIN_EDGE_PX = 4
 
@@ -98,7 +99,7 @@ def interpolator(image: NDArray[np.float32], order: int = spline.CUBIC) -> NDArr
     c = coefficients(image, order)
     border = icgn.border_of(order)
     height, width = c.shape
-    padded = np.zeros((height + 2 * border, width + 2 * border + icgn.LANES), dtype=np.float32)
+    padded = np.zeros((height + 2 * border, width + 2 * border + LANES), dtype=np.float32)
     padded[border : border + height, border : border + width] = c
     rows = padded[border : border + height]
     for k in range(1, border + 1):
@@ -134,15 +135,17 @@ class SubsetSums:
         image: (height, width + pad) float32 grey levels.
         gradient_x: same shape, derivative along x, scaled.
         gradient_y: same shape, derivative along y, scaled.
+        valid: same shape, 1 where a pixel counts, else 0 (as the images are there); no rows at all if every pixel counts.
         x0_px: column of the first POI.
         y0_px: row of the first POI.
         step_px: distance of neighbouring POI.
         half_px: half the subset, without its centre.
+        pixels: (ny, nx) valid pixels of each subset.
         mean: (ny, nx) mean of each subset.
         norm: (ny, nx) root of its centred sum of squares.
-        gradient_sum: (ny, nx, 6) sums of the derivatives by the affine parameters.
-        gradient_image_sum: (ny, nx, 6) sums of their products with the centred image.
-        lower: (ny, nx, 6, 6) Cholesky factors of the Gauss-Newton matrices (lower triangles).
+        gradient_sum: (ny, nx, n) sums of the derivatives by the n = 6 or 12 parameters.
+        gradient_image_sum: (ny, nx, n) sums of their products with the centred image.
+        lower: (ny, nx, n, n) Cholesky factors of the Gauss-Newton matrices (lower triangles).
         variance_u: (ny, nx) variance of u in px^2 for noise of one grey level; zero where singular.
         variance_v: (ny, nx) variance of v likewise.
         sssig: (ny, nx) smaller eigenvalue of the 2x2 sum of squared gradients, (grey/px)^2.
@@ -152,10 +155,12 @@ class SubsetSums:
     image: NDArray[np.float32]
     gradient_x: NDArray[np.float32]
     gradient_y: NDArray[np.float32]
+    valid: NDArray[np.float32]
     x0_px: int
     y0_px: int
     step_px: int
     half_px: int
+    pixels: NDArray[np.float64]
     mean: NDArray[np.float64]
     norm: NDArray[np.float64]
     gradient_sum: NDArray[np.float64]
@@ -180,6 +185,14 @@ def gradients(image: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[
     return along_x, along_y
 
 
+def _row_padded(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The image with LANES columns more: whole vectors may be read at a row's end."""
+    height, width = image.shape
+    padded = np.zeros((height, width + LANES), dtype=np.float32)
+    padded[:, :width] = image
+    return padded
+
+
 def subset_sums(
     image: NDArray[np.float32],
     gradient_x: NDArray[np.float32],
@@ -190,8 +203,22 @@ def subset_sums(
     step_px: int,
     shape: tuple[int, int],
     half_px: int,
+    parameters: int = warp.AFFINE,
+    valid: NDArray[np.float32] | None = None,
 ) -> SubsetSums:
     """Prepare every subset of a grid of `shape` = (ny, nx) POI.
+
+    Args:
+        image: (height, width) grey levels.
+        gradient_x: same shape, derivative along x.
+        gradient_y: same shape, derivative along y.
+        x0_px: column of the first POI.
+        y0_px: row of the first POI.
+        step_px: distance of neighbouring POI.
+        shape: (ny, nx).
+        half_px: half the subset, without its centre.
+        parameters: of the shape function, 6 (affine) or 12 (second order).
+        valid: same shape as the image, 1 where a pixel counts, else 0.
 
     Raises:
         ValueError: arrays of wrong dtype, shape or layout, or a subset that leaves the image.
@@ -207,21 +234,27 @@ def subset_sums(
         raise ValueError(
             f"subsets from ({x0_px - half_px}, {y0_px - half_px}) to ({right}, {bottom}) leave the {width} x {height} px image"
         )
-    pad = ((0, 0), (0, icgn.LANES))
+    if parameters not in (warp.AFFINE, warp.QUADRATIC):
+        raise ValueError(f"parameters must be {warp.AFFINE} or {warp.QUADRATIC}, not {parameters}")
+    if valid is not None:
+        checked(valid, "valid", np.float32, (height, width))
+        image, gradient_x, gradient_y = image * valid, gradient_x * valid, gradient_y * valid
     result = SubsetSums(
         width_px=width,
-        image=np.pad(image, pad),
-        gradient_x=np.pad(gradient_x, pad),
-        gradient_y=np.pad(gradient_y, pad),
+        image=_row_padded(image),
+        gradient_x=_row_padded(gradient_x),
+        gradient_y=_row_padded(gradient_y),
+        valid=_row_padded(valid) if valid is not None else np.zeros((0, width + LANES), dtype=np.float32),
         x0_px=x0_px,
         y0_px=y0_px,
         step_px=step_px,
         half_px=half_px,
+        pixels=np.zeros(shape),
         mean=np.zeros(shape),
         norm=np.zeros(shape),
-        gradient_sum=np.zeros((*shape, subsets.PARAMETERS)),
-        gradient_image_sum=np.zeros((*shape, subsets.PARAMETERS)),
-        lower=np.zeros((*shape, subsets.PARAMETERS, subsets.PARAMETERS)),
+        gradient_sum=np.zeros((*shape, parameters)),
+        gradient_image_sum=np.zeros((*shape, parameters)),
+        lower=np.zeros((*shape, parameters, parameters)),
         variance_u=np.zeros(shape),
         variance_v=np.zeros(shape),
         sssig=np.zeros(shape),
@@ -231,8 +264,8 @@ def subset_sums(
         r = result
         for j in range(first, last):
             subsets.sum_row(
-                r.image, r.gradient_x, r.gradient_y, y0_px + j * step_px, x0_px, step_px, half_px, r.mean[j], r.norm[j],
-                r.gradient_sum[j], r.gradient_image_sum[j], r.lower[j], r.variance_u[j], r.variance_v[j], r.sssig[j],
+                r.image, r.gradient_x, r.gradient_y, r.valid, y0_px + j * step_px, x0_px, step_px, half_px, r.pixels[j], r.mean[j],
+                r.norm[j], r.gradient_sum[j], r.gradient_image_sum[j], r.lower[j], r.variance_u[j], r.variance_v[j], r.sssig[j],
             )  # fmt: skip
 
     _spread(rows, ny, 2)
@@ -248,12 +281,14 @@ class Solutions:
         zncc: (ny, nx) zero-normalised cross-correlation before the last update.
         status: (ny, nx) uint8, PoiStatus.
         iterations: (ny, nx) int32 iterations spent on the last attempt.
+        curvatures: (ny, nx, 6) second derivatives (uxx, uxy, uyy, vxx, vxy, vyy); None if they are not wanted.
     """
 
     parameters: NDArray[np.float64]
     zncc: NDArray[np.float64]
     status: NDArray[np.uint8]
     iterations: NDArray[np.int32]
+    curvatures: NDArray[np.float64] | None = None
 
 
 def correlate(
@@ -267,6 +302,7 @@ def correlate(
     tolerance_px: float,
     min_zncc: float,
     max_travel_px: float,
+    order: int = spline.CUBIC,
 ) -> None:
     """Run IC-GN on the POI marked in `todo` (icgn.SKIP, SEEDED or CHAINED), writing into `solutions`.
 
@@ -280,32 +316,38 @@ def correlate(
         tolerance_px: largest motion of a subset corner in the last update.
         min_zncc: correlation below which a solution is refused.
         max_travel_px: distance from the first guess at which a POI is given up.
+        order: of the spline `current` was made with.
 
     Raises:
         ValueError: arrays of wrong dtype, shape or layout.
     """
     r = reference
     ny, nx = r.mean.shape
-    border, lanes = icgn.BORDER, icgn.LANES
-    checked(current, "current", np.float32, (r.image.shape[0] + 2 * border, r.width_px + 2 * border + lanes))
+    border, six = icgn.border_of(order), warp.AFFINE
+    checked(current, "current", np.float32, (r.image.shape[0] + 2 * border, r.width_px + 2 * border + LANES))
     checked(todo, "todo", np.uint8, (ny, nx))
-    checked(seeds, "seeds", np.float64, (ny, nx, subsets.PARAMETERS))
+    checked(seeds, "seeds", np.float64, (ny, nx, six))
     s = solutions
-    checked(s.parameters, "parameters", np.float64, (ny, nx, subsets.PARAMETERS))
+    checked(s.parameters, "parameters", np.float64, (ny, nx, six))
     checked(s.zncc, "zncc", np.float64, (ny, nx))
     checked(s.status, "status", np.uint8, (ny, nx))
     checked(s.iterations, "iterations", np.int32, (ny, nx))
+    curvatures = np.zeros((ny, nx, six)) if s.curvatures is None else s.curvatures
+    checked(curvatures, "curvatures", np.float64, (ny, nx, six))
     size = 2 * r.half_px + 1
-    mask = np.concatenate([np.ones(size, dtype=np.float32), np.zeros(lanes, dtype=np.float32)])
-    ramp = np.arange(size + lanes, dtype=np.float32)
-    images = (current.ravel(), current.shape[1], r.image.ravel(), r.gradient_x.ravel(), r.gradient_y.ravel(), r.image.shape[1])
+    whole = np.concatenate([np.ones(size, dtype=np.float32), np.zeros(LANES, dtype=np.float32)])
+    ramp = np.arange(size + LANES, dtype=np.float32)
+    images = (r.image.ravel(), r.gradient_x.ravel(), r.gradient_y.ravel(), r.valid.ravel(), r.image.shape[1])
 
     def rows(first: int, last: int) -> None:
         for j in range(first, last):
+            if not todo[j].any():
+                continue
             icgn.correlate_row(
-                *images, mask, ramp, r.width_px, r.y0_px + j * r.step_px, r.x0_px, r.step_px,
-                r.half_px, r.mean[j], r.norm[j], r.gradient_sum[j], r.gradient_image_sum[j], r.lower[j], todo[j], seeds[j],
-                max_iterations, tolerance_px, min_zncc, max_travel_px, s.parameters[j], s.zncc[j], s.status[j], s.iterations[j],
+                current.ravel(), current.shape[1], order, *images, whole, ramp, r.width_px, r.y0_px + j * r.step_px, r.x0_px,
+                r.step_px, r.half_px, r.pixels[j], r.mean[j], r.norm[j], r.gradient_sum[j], r.gradient_image_sum[j], r.lower[j],
+                todo[j], seeds[j], max_iterations, tolerance_px, min_zncc, max_travel_px, s.parameters[j], curvatures[j], s.zncc[j],
+                s.status[j], s.iterations[j],
             )  # fmt: skip
 
     _spread(rows, ny, 1)

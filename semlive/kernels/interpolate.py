@@ -15,7 +15,7 @@ EIGHT, ONE, TWO, THREE, FOUR, FIVE = uint64(LANES), uint64(1), uint64(2), uint64
 
 
 # fastmath: all operands are finite by construction, and sums in any order are what makes the loops vectorise.
-@njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
+@njit(nogil=True, cache=True, error_model="numpy", fastmath=True, inline="always")
 def cubic_piece(c, tap, stride, out, at, ramp, count, tx, ux, uxx, ty, vx, vxx, offset):
     """Write the interpolated image, less `offset`, to out[at : at + count].
 
@@ -71,7 +71,7 @@ def _quintic_weights(t):
     return w0, w1, w2, w3, w4, w5
 
 
-@njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
+@njit(nogil=True, cache=True, error_model="numpy", fastmath=True, inline="always")
 def quintic_piece(c, tap, stride, out, at, ramp, count, tx, ux, uxx, ty, vx, vxx, offset):
     """As `cubic_piece`, with six taps each way."""
     scale = np.float32(1.0 / 14400.0)

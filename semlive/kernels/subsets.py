@@ -1,7 +1,7 @@
 """What a subset of the reference contributes to every later correlation: sums, Gauss-Newton matrix, its factor.
 
-Affine parameters are ordered (u, du/dx, du/dy, v, dv/dx, dv/dy); the derivative of the reference by them at (dx, dy) from
-the centre is (gx, gx dx, gx dy, gy, gy dx, gy dy).
+The derivative of the reference by the affine parameters at (dx, dy) from the centre is (gx, gx dx, gx dy, gy, gy dx, gy dy), by
+those of second order (gx dx^2 / 2, gx dx dy, gx dy^2 / 2), then likewise with gy. Images come with zeros where a mask is.
 """
 
 from __future__ import annotations
@@ -9,7 +9,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-PARAMETERS = 6
+from semlive.kernels.warp import AFFINE, QUADRATIC
+
+# Per derivative of second order beyond the affine ones: axis of the gradient, powers of dx and dy, factor.
+AXIS = np.array([0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1])
+POWER_X = np.array([0, 1, 0, 0, 1, 0, 2, 1, 0, 2, 1, 0])
+POWER_Y = np.array([0, 0, 1, 0, 0, 1, 0, 1, 2, 0, 1, 2])
+FACTOR = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 1.0, 0.5, 0.5, 1.0, 0.5])
+AFFINE_SUMS, QUADRATIC_SUMS = 20, 30  # column sums needed
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -85,9 +92,41 @@ def _fill_block(matrix, row, column, c0, c1, c2, offsets):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def _add_high(sum0, sum1, a, b, factor0, factor1):
+    for x in range(sum0.size):
+        product = a[x] * b[x]
+        sum0[x] += factor0 * product
+        sum1[x] += factor1 * product
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _add_scaled(total, a, b, factor):
+    for x in range(total.size):
+        total[x] += factor * (a[x] * b[x])
+
+
+@njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
+def _power_moment(values, powers):
+    total = np.float32(0.0)
+    for k in range(powers.size):
+        total += values[k] * powers[k]
+    return np.float64(total)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _total(values):
+    """Plain sum in float64: mean and norm of an image far from its mean grey are small differences of large sums."""
+    total = 0.0
+    for k in range(values.size):
+        total += np.float64(values[k])
+    return total
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def factor(matrix):
     """Cholesky factor in place in the lower triangle; False where the matrix is not positive definite."""
-    for j in range(PARAMETERS):
+    n = matrix.shape[0]
+    for j in range(n):
         pivot = matrix[j, j]
         for k in range(j):
             pivot -= matrix[j, k] * matrix[j, k]
@@ -95,7 +134,7 @@ def factor(matrix):
             return False
         pivot = np.sqrt(pivot)
         matrix[j, j] = pivot
-        for i in range(j + 1, PARAMETERS):
+        for i in range(j + 1, n):
             value = matrix[i, j]
             for k in range(j):
                 value -= matrix[i, k] * matrix[j, k]
@@ -106,9 +145,10 @@ def factor(matrix):
 @njit(nogil=True, cache=True, error_model="numpy")
 def inverse_diagonal(lower, j):
     """Element (j, j) of the inverse of the matrix whose factor is given."""
-    column = np.zeros(PARAMETERS)
+    n = lower.shape[0]
+    column = np.zeros(n)
     total = 0.0
-    for i in range(j, PARAMETERS):
+    for i in range(j, n):
         value = 1.0 if i == j else 0.0
         for k in range(j, i):
             value -= lower[i, k] * column[k]
@@ -118,8 +158,10 @@ def inverse_diagonal(lower, j):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _column_sums(image, gradient_x, gradient_y, ones, sums, y_centre, half):
+def _column_sums(image, gradient_x, gradient_y, valid, sums, y_centre, half):
+    """Sums over the subset's rows, column by column; `sums` is as long as `AFFINE_SUMS` or `QUADRATIC_SUMS`."""
     sums[:] = np.float32(0.0)
+    ones = np.ones(image.shape[1], dtype=np.float32)
     for y in range(y_centre - half, y_centre + half + 1):
         dy = np.float32(y - y_centre)
         f, gx, gy = image[y], gradient_x[y], gradient_y[y]
@@ -132,62 +174,85 @@ def _column_sums(image, gradient_x, gradient_y, ones, sums, y_centre, half):
         _add2(sums[15], sums[16], gy, ones, dy)
         _add1(sums[17], f, ones)
         _add1(sums[18], f, f)
+        if valid.shape[0] > 0:
+            _add1(sums[19], valid[y], ones)
+        if sums.shape[0] == QUADRATIC_SUMS:
+            square = dy * dy
+            _add_high(sums[20], sums[21], gx, gx, square * dy, square * square)
+            _add_high(sums[22], sums[23], gx, gy, square * dy, square * square)
+            _add_high(sums[24], sums[25], gy, gy, square * dy, square * square)
+            _add_scaled(sums[26], gx, f, square)
+            _add_scaled(sums[27], gy, f, square)
+            _add_scaled(sums[28], gx, ones, square)
+            _add_scaled(sums[29], gy, ones, square)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _gradient_sum(c, axis, power_y):
+    """Column sums of a gradient times dy^power_y."""
+    return c[28 + axis] if power_y == 2 else c[13 + 2 * axis + power_y]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _gradient_image_sum(c, axis, power_y):
+    return c[26 + axis] if power_y == 2 else c[9 + 2 * axis + power_y]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _fill_quadratic(matrix, c, powers):
+    """The 12 x 12 Gauss-Newton matrix of a second-order shape function."""
+    table = np.empty((3, 5, 5))
+    for pair in range(3):
+        for power_y in range(5):
+            columns = c[3 * pair + power_y] if power_y < 3 else c[20 + 2 * pair + power_y - 3]
+            for power_x in range(5 - power_y):
+                table[pair, power_x, power_y] = _power_moment(columns, powers[power_x])
+    for k in range(QUADRATIC):
+        for m in range(k + 1):
+            value = table[AXIS[k] + AXIS[m], POWER_X[k] + POWER_X[m], POWER_Y[k] + POWER_Y[m]]
+            matrix[k, m] = matrix[m, k] = FACTOR[k] * FACTOR[m] * value
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def sum_row(
-    image,
-    gradient_x,
-    gradient_y,
-    y_centre,
-    x0,
-    step,
-    half,
-    mean,
-    norm,
-    gradient_sum,
-    gradient_image_sum,
-    lower,
-    variance_u,
-    variance_v,
-    sssig,
-):
-    """Fill one row of POI.
+    image, gradient_x, gradient_y, valid, y_centre, x0, step, half, pixels, mean, norm, gradient_sum, gradient_image_sum, lower,
+    variance_u, variance_v, sssig,
+):  # fmt: skip
+    """Fill one row of POI; `valid` is an image of 0 and 1, or empty if all pixels are.
 
-    Per POI: `mean` and `norm` (root of the centred sum of squares) of the subset, the sums of the 6 derivatives, their sums
-    with the centred image, the Cholesky factor of the Gauss-Newton matrix, the variances of u and v for unit noise, and
-    `sssig`, the smaller eigenvalue of the 2x2 sum of squared gradients. A matrix that cannot be factored leaves
-    `variance_u` zero.
+    Per POI: `pixels` that are valid, their `mean` and `norm` (root of the centred sum of squares), the sums of the
+    derivatives, their sums with the centred image, the Cholesky factor of the Gauss-Newton matrix, the variances of u and v
+    for unit noise, and `sssig`, the smaller eigenvalue of the 2x2 sum of squared gradients. A matrix that cannot be factored
+    leaves `variance_u` zero.
     """
     size = 2 * half + 1
-    pixels = float(size * size)
+    count = gradient_sum.shape[1]
     offsets = np.arange(-half, half + 1).astype(np.float32)
-    ones = np.ones(image.shape[1], dtype=np.float32)
-    sums = np.empty((19, image.shape[1]), dtype=np.float32)
-    _column_sums(image, gradient_x, gradient_y, ones, sums, y_centre, half)
+    powers = np.ones((5, size), dtype=np.float32)
+    for k in range(1, 5):
+        powers[k] = powers[k - 1] * offsets
+    sums = np.empty((AFFINE_SUMS if count == AFFINE else QUADRATIC_SUMS, image.shape[1]), dtype=np.float32)
+    _column_sums(image, gradient_x, gradient_y, valid, sums, y_centre, half)
     for i in range(mean.size):
         low = x0 + i * step - half
         c = sums[:, low : low + size]
-        total, _, _ = _moments(c[17], offsets)
-        square, _, _ = _moments(c[18], offsets)
-        mean[i] = total / pixels
-        norm[i] = np.sqrt(max(square - total * mean[i], 0.0))
-        for axis in range(2):
-            s0, s1, _ = _moments(c[13 + 2 * axis], offsets)
-            s2, _, _ = _moments(c[14 + 2 * axis], offsets)
-            f0, f1, _ = _moments(c[9 + 2 * axis], offsets)
-            f2, _, _ = _moments(c[10 + 2 * axis], offsets)
-            at = 3 * axis
-            gradient_sum[i, at] = s0
-            gradient_sum[i, at + 1] = s1
-            gradient_sum[i, at + 2] = s2
-            gradient_image_sum[i, at] = f0 - mean[i] * s0
-            gradient_image_sum[i, at + 1] = f1 - mean[i] * s1
-            gradient_image_sum[i, at + 2] = f2 - mean[i] * s2
+        pixels[i] = _total(c[19]) if valid.shape[0] > 0 else float(size * size)
+        total = _total(c[17])
+        mean[i] = total / max(pixels[i], 1.0)
+        norm[i] = np.sqrt(max(_total(c[18]) - total * mean[i], 0.0))
+        for k in range(count):
+            power_x, power_y = POWER_X[k], POWER_Y[k]
+            s = FACTOR[k] * _power_moment(_gradient_sum(c, AXIS[k], power_y), powers[power_x])
+            gradient_sum[i, k] = s
+            t = FACTOR[k] * _power_moment(_gradient_image_sum(c, AXIS[k], power_y), powers[power_x])
+            gradient_image_sum[i, k] = t - mean[i] * s
         matrix = lower[i]
-        _fill_block(matrix, 0, 0, c[0], c[1], c[2], offsets)
-        _fill_block(matrix, 3, 0, c[3], c[4], c[5], offsets)
-        _fill_block(matrix, 3, 3, c[6], c[7], c[8], offsets)
+        if count == AFFINE:
+            _fill_block(matrix, 0, 0, c[0], c[1], c[2], offsets)
+            _fill_block(matrix, 3, 0, c[3], c[4], c[5], offsets)
+            _fill_block(matrix, 3, 3, c[6], c[7], c[8], offsets)
+        else:
+            _fill_quadratic(matrix, c, powers)
         xx, xy, yy = matrix[0, 0], matrix[3, 0], matrix[3, 3]
         sssig[i] = 0.5 * (xx + yy) - np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
         if factor(matrix):
