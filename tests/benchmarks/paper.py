@@ -1,0 +1,104 @@
+"""The paper's experiments side by side with its figures: ``python tests/benchmarks/paper.py --scenario paper_x200 --out DIR``.
+
+Runs the experiment whole through the daemon (or takes a run folder that is already in DIR), compares it with truth and with the
+paper, prints the table, and writes it with its figure into docs/paper.md and docs/. About 4 minutes on two cores at x200.
+``--quick`` plays few pairs and leaves the docs as they are.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import yaml
+from sidebyside.facts import CURVE_WINDOWS, PAPER, QUICK_WINDOWS, WIDER_WINDOWS, PaperFigures
+from sidebyside.figure import curve_svg
+from sidebyside.measure import RunFigures, measure
+from sidebyside.table import curve_markdown, markdown, rows
+
+from semlive.errors import BadInput
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+QUICK = {
+    "calibration_shifts_px": [[0, 0], [9, 0], [-9, 0], [0, 8], [0, -8]],
+    "translation_shifts_px": [],
+    "loads_n": [100, 800, 1500, 2200],
+}
+
+
+def run_demo(scenario: str, folder: Path, rate: float, *, quick: bool) -> None:
+    """Play a scenario through the daemon."""
+    name = scenario
+    if quick:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        path = folder.parent / "quick.yaml"
+        experiment = {"protocol": QUICK, "limits": {"force_step_max_n": 2200}}
+        path.write_text(yaml.safe_dump({"extends": scenario, "experiment": experiment}), encoding="utf-8")
+        name = str(path)
+    command = [sys.executable, "-m", "semlive", "demo", "--scenario", name, "--out", str(folder), "--rate", str(rate)]
+    subprocess.run(command, check=True)
+
+
+def section(figures: RunFigures, paper: PaperFigures, scenario: str) -> str:
+    """What stands between a scenario's markers."""
+    said = f"{figures.frames} frames, {figures.points} points in each. The gauge is (points - 1) × step + subset."
+    return "\n\n".join(
+        (
+            markdown(figures, paper),
+            said,
+            f"![Scatter of displacement and strain against gauge length, {paper.title}]({scenario.replace('_', '-')}.svg)",
+            "All frames and components together, root mean square:",
+            curve_markdown(figures),
+        )
+    )
+
+
+def write_between(text: str, scenario: str, new: str) -> str:
+    """The document with a scenario's section replaced.
+
+    Raises:
+        BadInput: its markers are missing.
+    """
+    begin, end = f"<!-- {scenario}: begin -->", f"<!-- {scenario}: end -->"
+    before, found, rest = text.partition(begin)
+    _, closed, after = rest.partition(end)
+    if not (found and closed):
+        raise BadInput(f"docs/paper.md: lacks {begin} or {end}; put both back")
+    return f"{before}{begin}\n{new}\n{end}{after}"
+
+
+def main() -> int:
+    """Run, measure, print, write."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--scenario", choices=list(PAPER), default="paper_x200")
+    parser.add_argument("--out", type=Path, required=True, help="folder for the run and the results; a run that is already in it is taken")
+    parser.add_argument("--rate", type=float, default=40.0, help="seconds of experiment per second of wall time")
+    parser.add_argument("--quick", action="store_true", help="few pairs and gauge lengths; the docs stay as they are")
+    parser.add_argument("--no-docs", action="store_true", help="leave the docs as they are")
+    options = parser.parse_args()
+    paper, out = PAPER[options.scenario], options.out.resolve()
+    run = out if (out / "log" / "demo").is_dir() else out / "run"
+    if not (run / "log" / "demo").is_dir():
+        run_demo(options.scenario, run, options.rate, quick=options.quick)
+    figures = measure(run, QUICK_WINDOWS if options.quick else (*CURVE_WINDOWS, *WIDER_WINDOWS))
+    table, svg = rows(figures, paper), curve_svg(figures, paper)
+    text = section(figures, paper, options.scenario)
+    sys.stdout.write(text + "\n")
+    (out / f"{options.scenario}.md").write_text(text + "\n", encoding="utf-8")
+    (out / f"{options.scenario}.svg").write_text(svg, encoding="utf-8")
+    (out / f"{options.scenario}.json").write_text(json.dumps([vars(row) for row in table], indent=1), encoding="utf-8")
+    if not (options.quick or options.no_docs):
+        page = DOCS / "paper.md"
+        page.write_text(write_between(page.read_text(encoding="utf-8"), options.scenario, text), encoding="utf-8")
+        (DOCS / f"{options.scenario.replace('_', '-')}.svg").write_text(svg, encoding="utf-8")
+    missed = [row.quantity for row in table if row.held is False]
+    for quantity in missed:
+        sys.stdout.write(f"bar missed: {quantity}\n")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

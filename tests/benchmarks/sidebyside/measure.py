@@ -1,0 +1,191 @@
+"""From a run folder to the figures that are set beside the paper's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive import mechanics
+from semlive.data.disparity import DisparityMap
+from semlive.data.displacement import Displacement
+from semlive.data.experiment import Phase
+from semlive.data.results import FrameResult, RunResult
+from semlive.data.strain import ElasticConstants
+from semlive.errors import BadInput
+from semlive.formats.maps import decode_map
+from semlive.formats.messages import DIC_MAP
+from semlive.report.errors import COMPONENTS, Errors, compare
+from semlive.report.noise import gauge_rows, independent_values, noise_scatter
+from semlive.report.score import Score, score
+from semlive.report.truth import Truth, load_truth, seen
+from semlive.service.log_files import messages
+from semlive.service.replay import last_result
+
+Field = NDArray[np.float64]
+FIELDS = ("u", "v", *COMPONENTS)
+
+
+@dataclass(frozen=True)
+class GaugeRow:
+    """One gauge length of one phase; every value is the rms over the phase's frames, dictionaries are keyed by FIELDS."""
+
+    window_points: int
+    vsg_px: int
+    measured: dict[str, float]  # scatter over the field
+    predicted: dict[str, float]  # the same from the DIC's own noise alone
+    correction: dict[str, float]  # scatter of the error of drift and distortion correction, alone
+    chance: float  # standard deviation of measured / predicted that chance allows
+
+    def ratio(self, name: str) -> float:
+        return self.measured[name] / self.predicted[name]
+
+
+@dataclass(frozen=True)
+class PhaseFigures:
+    """Mean strain over the field of one phase's frames, (frames, 3)."""
+
+    error: Field
+    sigma: Field
+    correction: Field  # the correction's share in it
+    uncorrected: Field  # what the raw disparity says
+    curve: tuple[GaugeRow, ...]
+
+
+@dataclass(frozen=True)
+class RunFigures:
+    """Everything of one run that the table needs."""
+
+    frames: int
+    points: int
+    errors: Errors
+    scores: tuple[Score, ...]
+    elastic: ElasticConstants | None
+    true_elastic: tuple[float, float]
+    stated_sigma_px: float
+    noise_floor_px: float
+    displacement_rms_px: float
+    correction_rms_px: float
+    phases: dict[str, PhaseFigures]
+
+
+def measure(run: Path, windows: tuple[int, ...]) -> RunFigures:
+    """Measure a run folder of ``semlive demo``.
+
+    Raises:
+        BadInput: it is not one.
+    """
+    log, truth_file = run / "log" / "demo", run / "instrument" / "truth.json"
+    if not log.is_dir():
+        raise BadInput(f"{run}: holds no log/demo; give a folder that semlive demo wrote")
+    told = load_truth(truth_file)
+    truth = Truth.of(told)
+    result, _ = last_result(log)
+    errors = compare(result, truth)
+    shares = dict(_shares(log, result, truth))
+    phases = {
+        phase.value: _phase(result, errors, shares, phase, windows) for phase in Phase if any(one.phase is phase for one in errors.frames)
+    }
+    sigma = [one.sigma_px[one.valid] for one in errors.frames]
+    grid = errors.grid
+    return RunFigures(
+        frames=len(result.frames),
+        points=grid.nx * grid.ny,
+        errors=errors,
+        scores=score(result, told),
+        elastic=result.elastic,
+        true_elastic=(truth.youngs_modulus_gpa, truth.poissons_ratio),
+        stated_sigma_px=_rms(np.concatenate(sigma)),
+        noise_floor_px=errors.noise_floor_px,
+        displacement_rms_px=_rms(np.concatenate([one.displacement_px[one.valid] for one in errors.frames])),
+        correction_rms_px=_rms(
+            np.concatenate([share[frame.valid] for frame, (share, _) in zip(errors.frames, shares.values(), strict=True)])
+        ),
+        phases=phases,
+    )
+
+
+def _shares(log: Path, result: RunResult, truth: Truth) -> Iterator[tuple[int, tuple[Field, DisparityMap]]]:
+    """For every frame but 0: (ny, nx, 2) error of what was subtracted, less its mean, and the map it was subtracted from."""
+    infos = {2 * one.pair + member: info for one in result.decisions for member, info in enumerate((one.first, one.second))}
+    moved = {one.summary.frame: one.displacement for one in result.frames}
+    for message in messages(log):
+        if message.topic != DIC_MAP:
+            continue
+        disparity = decode_map(message.payload)
+        if disparity.reference != 0:
+            continue
+        corrected, valid = moved[disparity.current], disparity.valid
+        given = np.stack((disparity.u_px - corrected.u_px, disparity.v_px - corrected.v_px), axis=-1)
+        address = np.stack(disparity.grid.mesh(), axis=-1)
+        # Displacement is disparity less correction, so what the correction has too little the displacement has too much.
+        share = seen(truth, infos[0], infos[disparity.current], address).correction_px - given
+        share = np.where(valid[..., None], share - share[valid].mean(axis=0), 0.0)
+        yield disparity.current, (share, disparity)
+
+
+def _phase(
+    result: RunResult, errors: Errors, shares: dict[int, tuple[Field, DisparityMap]], phase: Phase, windows: tuple[int, ...]
+) -> PhaseFigures:
+    chosen = [one for one in errors.frames if one.phase is phase]
+    frames = {one.summary.frame: one for one in result.frames}
+    corrections = {one.frame: _as_displacement(frames[one.frame], shares[one.frame][0]) for one in chosen}
+    raw = [replace(frames[one.frame].displacement, u_px=d.u_px, v_px=d.v_px) for one in chosen for d in [shares[one.frame][1]]]
+    residual = {one.frame: _as_displacement(frames[one.frame], one.displacement_px) for one in chosen}
+    said = np.sqrt(np.mean([(one.sigma_px[one.valid] ** 2).mean(axis=0) for one in chosen], axis=0))
+    rows = []
+    for points in windows:
+        expected = noise_scatter(errors.grid, points, float(said[0]), float(said[1]), full=True)
+        values = independent_values(errors.grid, points) * len(chosen) / (1 + (len(chosen) - 1) / 4)
+        rows.append(
+            GaugeRow(
+                points,
+                errors.grid.vsg_px(points),
+                _scatter(((residual[one.frame], frames[one.frame].displacement) for one in chosen), points),
+                {name: getattr(expected, name) for name in FIELDS},
+                _scatter(((corrections[one.frame], corrections[one.frame]) for one in chosen), points),
+                float(1 / np.sqrt(2 * values)),
+            )
+        )
+    return PhaseFigures(
+        np.array([one.mean_strain - one.true_strain for one in chosen]),
+        np.array([one.mean_sigma for one in chosen]),
+        np.array([_mean_strain(one) for one in corrections.values()]),
+        np.array([_mean_strain(one) - own.true_strain for one, own in zip(raw, chosen, strict=True)]),
+        tuple(rows),
+    )
+
+
+def _as_displacement(frame: FrameResult, value_px: Field) -> Displacement:
+    return replace(frame.displacement, u_px=np.ascontiguousarray(value_px[..., 0]), v_px=np.ascontiguousarray(value_px[..., 1]))
+
+
+def _mean_strain(one: Displacement) -> list[float]:
+    mean = mechanics.summary(one, mechanics.strain(one, 3)).mean
+    return [mean.exx, mean.eyy, mean.exy]
+
+
+def _scatter(frames: Iterator[tuple[Displacement, Displacement]], points: int) -> dict[str, float]:
+    """Scatter over the whole gauges of each frame, rms over frames: averaged displacement of the first, strain of the second."""
+    variances: dict[str, list[float]] = {name: [] for name in FIELDS}
+    half = points // 2
+    for averaged, strained in frames:
+        grid, valid = averaged.grid, averaged.valid
+        rows_y, rows_x = (gauge_rows(count, points, full=True)[0] for count in (grid.ny, grid.nx))
+        count = rows_y @ valid.astype(np.float64) @ rows_x.T
+        whole = valid[half : grid.ny - half, half : grid.nx - half] & (count > 0.5)
+        for name, value in (("u", averaged.u_px), ("v", averaged.v_px)):
+            variances[name].append(float(np.var((rows_y @ np.where(valid, value, 0.0) @ rows_x.T)[whole] / count[whole])))
+        field = mechanics.strain(strained, points)
+        inside = np.zeros_like(field.valid)
+        inside[half : grid.ny - half, half : grid.nx - half] = True
+        for name in COMPONENTS:
+            variances[name].append(float(np.var(getattr(field, name)[inside & field.valid])))
+    return {name: float(np.sqrt(np.mean(one))) for name, one in variances.items()}
+
+
+def _rms(values: Field) -> float:
+    return float(np.sqrt(np.mean(values**2)))
