@@ -10,8 +10,9 @@ what is already said is never edited: a later pair gives a later revision.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
-from semlive import dic, estimate, mechanics
+from semlive import dic, mechanics
 from semlive.data.disparity import DisparityMap
 from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
@@ -22,6 +23,7 @@ from semlive.data.results import FrameResult, PairResult, RunResult
 from semlive.data.settings import AnalysisSettings
 from semlive.data.strain import ElasticConstants
 from semlive.errors import IllPosed
+from semlive.estimate.method import METHODS, Method
 from semlive.mechanics.reference import at_rest
 
 
@@ -33,7 +35,7 @@ class Begun:
         settings: how.
         grid: the POI, in frame 0.
         reference: frame 0 made ready for correlation; None where disparity maps come from elsewhere.
-        estimator: what drift, distortion and motion are known from.
+        estimator: what drift, distortion and motion are known from: the state of the method that the settings name.
         pairs: the pairs so far.
         from_frame_0: disparity from frame 0 to every later frame.
     """
@@ -41,9 +43,14 @@ class Begun:
     settings: AnalysisSettings
     grid: Grid
     reference: dic.Reference | None
-    estimator: estimate.EstimatorState
+    estimator: Any
     pairs: tuple[PairDecision, ...]
     from_frame_0: tuple[DisparityMap, ...]
+
+    @property
+    def method(self) -> Method:
+        """The method of estimation."""
+        return METHODS[self.settings.estimate.method]
 
 
 def analyse(settings: AnalysisSettings, begun: Begun | None, pair: Pair) -> tuple[Begun, PairResult]:
@@ -70,7 +77,8 @@ def begin(settings: AnalysisSettings, first: Frame) -> Begun:
 
 def begin_from_maps(settings: AnalysisSettings, first: FrameInfo, grid: Grid) -> Begun:
     """A run whose disparity maps come from a log or from another DIC engine."""
-    return Begun(settings, grid, None, estimate.init(settings.estimate, grid, first.width_px, first.height_px), (), ())
+    estimator = METHODS[settings.estimate.method].init(settings.estimate, grid, first.width_px, first.height_px)
+    return Begun(settings, grid, None, estimator, (), ())
 
 
 def correlate(begun: Begun, pair: Pair) -> tuple[DisparityMap, ...]:
@@ -91,25 +99,25 @@ def correlate(begun: Begun, pair: Pair) -> tuple[DisparityMap, ...]:
 def update(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> tuple[Begun, PairResult]:
     """Everything after correlation: take the maps in, estimate, correct the pair's frames."""
     begun = absorb(begun, decision, maps)
-    solution = estimate.solve(begun.estimator)
+    solution = begun.method.solve(begun.estimator)
     frames = tuple(_corrected(begun, solution, frame) for frame in (2 * decision.pair, 2 * decision.pair + 1))
     elastic = _elastic(begun, solution, _tension_frames(begun, solution))
-    return begun, PairResult(decision, maps, estimate.estimate(solution, revision=len(begun.pairs)), (frames[0], frames[1]), elastic)
+    return begun, PairResult(decision, maps, begun.method.estimate(solution, revision=len(begun.pairs)), (frames[0], frames[1]), elastic)
 
 
 def absorb(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> Begun:
     """Take a pair's maps in, from images or from a log, without asking what follows."""
     pairs = (*begun.pairs, decision)
-    estimator = estimate.update(begun.estimator, decision.pair, decision.step.phase, frame_times(pairs[0], decision), maps)
+    estimator = begun.method.update(begun.estimator, decision.pair, decision.step.phase, frame_times(pairs[0], decision), maps)
     from_frame_0 = (*begun.from_frame_0, *(one for one in maps if one.reference == 0))
     return replace(begun, estimator=estimator, pairs=pairs, from_frame_0=from_frame_0)
 
 
 def conclude(begun: Begun) -> RunResult:
     """The whole run, every frame corrected with the newest estimate."""
-    solution = estimate.solve(begun.estimator)
+    solution = begun.method.solve(begun.estimator)
     frames = tuple(_corrected(begun, solution, 2 * decision.pair + member) for decision in begun.pairs for member in (0, 1))
-    newest = estimate.estimate(solution, revision=len(begun.pairs))
+    newest = begun.method.estimate(solution, revision=len(begun.pairs))
     return RunResult(begun.pairs, newest, frames, _elastic(begun, solution, frames), newest.notes)
 
 
@@ -123,24 +131,24 @@ def frame_times(reference: PairDecision, decision: PairDecision) -> tuple[FrameT
     return first, second
 
 
-def _corrected(begun: Begun, solution: estimate.Solution, frame: int) -> FrameResult:
+def _corrected(begun: Begun, solution: Any, frame: int) -> FrameResult:
     if frame == 0:
         still = at_rest(begun.grid)
         field = mechanics.strain(still, begun.settings.estimate.window_points)
         return FrameResult(still, field, mechanics.summary(still, field))
     disparity = next(one for one in begun.from_frame_0 if one.current == frame)
-    displacement = mechanics.displacement(disparity, estimate.correction(solution, disparity))
+    displacement = mechanics.displacement(disparity, begun.method.correction(solution, disparity))
     field = mechanics.strain(displacement, begun.settings.estimate.window_points)
-    systematic = estimate.correction_strain_sigma(solution, disparity)
+    systematic = begun.method.correction_strain_sigma(solution, disparity)
     return FrameResult(displacement, field, mechanics.summary(displacement, field, solution.noise_floor_px, systematic))
 
 
-def _tension_frames(begun: Begun, solution: estimate.Solution) -> tuple[FrameResult, ...]:
+def _tension_frames(begun: Begun, solution: Any) -> tuple[FrameResult, ...]:
     tension = [decision.pair for decision in begun.pairs if decision.step.phase is Phase.TENSION]
     return tuple(_corrected(begun, solution, 2 * pair + member) for pair in tension for member in (0, 1))
 
 
-def _elastic(begun: Begun, solution: estimate.Solution, frames: tuple[FrameResult, ...]) -> ElasticConstants | None:
+def _elastic(begun: Begun, solution: Any, frames: tuple[FrameResult, ...]) -> ElasticConstants | None:
     """From one point for each load step: the frames of a pair share their gradient, their difference says nothing of stiffness."""
     specimen, summaries = begun.settings.specimen, {one.summary.frame: one.summary for one in frames}
     points = [
@@ -150,7 +158,7 @@ def _elastic(begun: Begun, solution: estimate.Solution, frames: tuple[FrameResul
     ]
     if specimen.area_mm2 is None or not points:
         return None
-    covariance = estimate.mean_strain_covariance(solution, [one.frame for _, one in points])
+    covariance = begun.method.mean_strain_covariance(solution, [one.frame for _, one in points])
     try:
         return mechanics.elastic_constants(points, specimen.area_mm2, specimen.loading_axis, covariance=covariance)
     except IllPosed:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -14,12 +15,22 @@ from semlive.service.replay import replay_images
 from semlive.service.result_json import differences, result_json
 
 
+class EstimationMethod(StrEnum):
+    """Methods of estimation."""
+
+    JOINT = "joint"
+    SUTTON2007 = "sutton2007"
+
+
 def replay(
     log: Annotated[Path, typer.Argument(help="One MCAP file, or a run folder of segments.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    method: Annotated[
+        EstimationMethod | None, typer.Option(help="Method of estimation; by default the one that the run's configuration names.")
+    ] = None,
 ) -> None:
     """Recompute the analysis from the log's raw images and print the result."""
-    replayed = replay_images(log)
+    replayed = replay_images(log, method.value if method else None)
     result = result_json(replayed.result, replayed.settings)
     if as_json:
         typer.echo(json.dumps(result))

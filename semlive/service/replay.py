@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,8 +39,12 @@ class Replayed:
     recorded: dict[str, Any] | None
 
 
-def replay_images(log: Path) -> Replayed:
+def replay_images(log: Path, method: str | None = None) -> Replayed:
     """Correlate the log's images again and estimate anew.
+
+    Args:
+        log: one file, or a run folder of segments.
+        method: of estimation, instead of the one that the run's configuration names.
 
     Raises:
         BadLog: the log cannot be read or holds no pair.
@@ -50,11 +54,18 @@ def replay_images(log: Path) -> Replayed:
     for message in messages(log):
         if message.topic in INPUT_TOPICS:
             state, _ = feed(state, message)
+            state = _estimating_by(state, method)
         elif message.topic == "/result":
             recorded = _recorded(message.payload)
     if state.begun is None or state.settings is None:
         raise BadLog(f"{log}: holds no pair; nothing to replay")
     return Replayed(pipeline.conclude(state.begun), state.settings, recorded)
+
+
+def _estimating_by(state: AnalysisState, method: str | None) -> AnalysisState:
+    if method is None or state.settings is None or state.settings.estimate.method == method:
+        return state
+    return replace(state, settings=replace(state.settings, estimate=replace(state.settings.estimate, method=method)))
 
 
 def last_result(log: Path) -> tuple[RunResult, AnalysisSettings]:

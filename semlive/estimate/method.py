@@ -1,0 +1,53 @@
+"""The methods of estimation by name: modules with the same doors, each with a state and a solution of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive import estimate as joint
+from semlive.data.disparity import DisparityMap
+from semlive.data.drift import Correction, Estimate, FrameTime
+from semlive.data.experiment import Phase
+from semlive.data.grid import Grid
+from semlive.data.settings import EstimateSettings
+from semlive.data.strain import Tensor2
+from semlive.estimate import sutton
+
+
+class Method(Protocol):
+    """Maps in, estimate and corrections out. A state goes back only to the method that it came from."""
+
+    def init(self, settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) -> Any:
+        """A state that has seen nothing."""
+        ...
+
+    def update(self, state: Any, pair: int, phase: Phase, times: tuple[FrameTime, FrameTime], maps: tuple[DisparityMap, ...]) -> Any:
+        """The state with one pair more."""
+        ...
+
+    def solve(self, state: Any) -> Any:
+        """The solution, with its `noise_floor_px`."""
+        ...
+
+    def estimate(self, solution: Any, revision: int) -> Estimate:
+        """Everything known."""
+        ...
+
+    def correction(self, solution: Any, dmap: DisparityMap) -> Correction:
+        """Drift and distortion in a map from frame 0."""
+        ...
+
+    def correction_strain_sigma(self, solution: Any, dmap: DisparityMap) -> Tensor2:
+        """Uncertainty that the correction gives to a mean strain."""
+        ...
+
+    def mean_strain_covariance(self, solution: Any, frames: Sequence[int]) -> NDArray[np.float64]:
+        """(2 n, 2 n) covariance of the mean strains of n frames."""
+        ...
+
+
+METHODS: dict[str, Method] = {"joint": joint, "sutton2007": sutton}
