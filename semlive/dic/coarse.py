@@ -24,6 +24,8 @@ MIN_BLOCK_ZNCC = 0.5  # the best of 33 x 33 unrelated positions stays below 0.35
 OUTLIER_PX = 4.0  # distortion leaves 2 px about the affine fit
 LOW_PASS = 0.15  # of the phase correlation, cycles per binned pixel: noise above, speckle below
 CANDIDATES = 3
+MIN_CONSENSUS = 6  # blocks that agree on an affine map of six unknowns
+TURNS = (-9.0, -6.0, -3.0, 3.0, 6.0, 9.0)  # degrees
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,13 +82,75 @@ def match(reference: CoarseReference, image: NDArray[np.float32]) -> NDArray[np.
     current = _bin(image, reference.binning)
     enough = max(1, len(reference.centres) // 2)
     best = np.empty((0, 4))
-    for shift in _candidate_shifts(reference.spectrum, current):
-        matches = _match_blocks(reference, current, shift)
+    for shift, _ in candidate_shifts(reference.spectrum, current):
+        matches = match_blocks(reference.image, reference.centres, current, shift)
         if len(matches) > len(best):
             best = matches
         if len(best) >= enough:
             break
+    if len(best) < enough:
+        best = search(reference, current, best)
     return best * reference.binning
+
+
+def search(reference: CoarseReference, current: NDArray[np.float32], matches: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 4) x, y, u, v in binned pixels where one shift of the frame did not find half of the blocks.
+
+    Blocks that agree on an affine map lead to the others; if too few do, the frame may have turned, and is tried at angles up
+    to 9 degrees, 3 apart (a block still correlates at half of that).
+
+    Args:
+        reference: from `prepare_coarse`.
+        current: binned current frame.
+        matches: those found so far.
+    """
+    few = max(MIN_CONSENSUS, len(reference.centres) // 8)
+    best = _led(reference, current, matches)
+    if len(best) >= few:
+        return best
+    height, width = reference.image.shape
+    tries = []
+    for degrees in TURNS:
+        turn = cv2.getRotationMatrix2D((width / 2.0, height / 2.0), degrees, 1.0)
+        turned = cv2.warpAffine(reference.image, turn, (width, height), flags=cv2.INTER_LINEAR)
+        for shift, height_of_peak in candidate_shifts(_spectrum(turned), current)[:1]:
+            tries.append((height_of_peak, degrees, turn + np.array([[0, 0, shift[0]], [0, 0, shift[1]]])))
+    for _, _, affine in sorted(tries, key=lambda t: (-t[0], t[1]))[:2]:
+        found = _led(reference, current, warped_blocks(reference, current, affine))
+        if len(found) > len(best):
+            best = found
+    return best if len(best) else matches
+
+
+def _led(reference: CoarseReference, current: NDArray[np.float32], matches: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Matches found again around the affine map on which the given ones agree; none if they do not agree."""
+    few = max(MIN_CONSENSUS, len(reference.centres) // 8)
+    best = np.empty((0, 4))
+    for _ in range(2):
+        if len(matches) < MIN_CONSENSUS:
+            break
+        coefficients, good = _robust_affine(matches[:, 0], matches[:, 1], matches[:, 2:])
+        if good.sum() < max(MIN_CONSENSUS, len(matches) // 2):
+            break
+        if len(matches) > len(best):
+            best = matches
+        c = coefficients
+        affine = np.array([[1.0 + c[1, 0], c[2, 0], c[0, 0]], [c[1, 1], 1.0 + c[2, 1], c[0, 1]]])
+        matches = warped_blocks(reference, current, affine)
+    return best if len(matches) <= len(best) or len(matches) < few else matches
+
+
+def warped_blocks(reference: CoarseReference, current: NDArray[np.float32], affine: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 4) x, y, u, v in binned pixels of blocks of the reference drawn as an affine map (2, 3) has it."""
+    height, width = current.shape
+    drawn = cv2.warpAffine(reference.image, affine, (width, height), flags=cv2.INTER_LINEAR)
+    inverse = cv2.invertAffineTransform(affine)
+    half = BLOCK // 2
+    centres = np.round(reference.centres @ affine[:, :2].T + affine[:, 2]).astype(np.int64)
+    inside = np.all((centres >= half) & (centres <= np.array([width, height]) - half), axis=1)
+    found = match_blocks(drawn, centres[inside], current, (0, 0))
+    origin = found[:, :2] @ inverse[:, :2].T + inverse[:, 2]
+    return np.column_stack([origin, found[:, :2] + found[:, 2:] - origin])
 
 
 def _bin(image: NDArray[np.float32], binning: int) -> NDArray[np.float32]:
@@ -122,8 +186,8 @@ def _spectrum(image: NDArray[np.float32]) -> NDArray[np.complex64]:
     return np.asarray(fft.rfft2((image - image.mean()) * window, s=_padded(image.shape)))
 
 
-def _candidate_shifts(spectrum: NDArray[np.complex64], current: NDArray[np.float32]) -> list[tuple[int, int]]:
-    """Whole-frame shifts (x, y) in binned pixels worth trying, best first; no shift at all is the last."""
+def candidate_shifts(spectrum: NDArray[np.complex64], current: NDArray[np.float32]) -> list[tuple[tuple[int, int], float]]:
+    """Whole-frame shifts (x, y) in binned pixels worth trying and their correlation, best first; no shift at all is the last."""
     height, width = _padded(current.shape)
     cross = _spectrum(current) * np.conj(spectrum)
     fy = fft.fftfreq(height).astype(np.float32)[:, None]
@@ -134,24 +198,26 @@ def _candidate_shifts(spectrum: NDArray[np.complex64], current: NDArray[np.float
     shifts = []
     for _ in range(CANDIDATES):
         y, x = np.unravel_index(int(np.argmax(surface)), surface.shape)
-        shifts.append((int(x) - width * (x > width // 2), int(y) - height * (y > height // 2)))
+        shifts.append(((int(x) - width * (x > width // 2), int(y) - height * (y > height // 2)), float(surface[y, x])))
         rows = np.arange(y - 4, y + 5) % height
         columns = np.arange(x - 4, x + 5) % width
         surface[np.ix_(rows, columns)] = -np.inf
-    return [*shifts, (0, 0)]
+    return [*shifts, ((0, 0), 0.0)]
 
 
-def _match_blocks(reference: CoarseReference, current: NDArray[np.float32], shift: tuple[int, int]) -> NDArray[np.float64]:
-    """(n, 4) x, y, u, v in binned pixels of the blocks found around a shift."""
+def match_blocks(
+    image: NDArray[np.float32], centres: NDArray[np.int64], current: NDArray[np.float32], shift: tuple[int, int]
+) -> NDArray[np.float64]:
+    """(n, 4) x, y, u, v in binned pixels of the blocks of an image found around a shift."""
     found = []
     reach = BLOCK // 2 + SEARCH
     height, width = current.shape
-    for cx, cy in reference.centres:
+    for cx, cy in centres:
         left, right = max(cx + shift[0] - reach, 0), min(cx + shift[0] + reach + 1, width)
         top, bottom = max(cy + shift[1] - reach, 0), min(cy + shift[1] + reach + 1, height)
         if right - left < BLOCK + 2 or bottom - top < BLOCK + 2:
             continue
-        block = np.ascontiguousarray(_block(reference.image, cx, cy))
+        block = np.ascontiguousarray(_block(image, cx, cy))
         score = cv2.matchTemplate(np.ascontiguousarray(current[top:bottom, left:right]), block, cv2.TM_CCOEFF_NORMED)
         y, x = np.unravel_index(int(np.argmax(score)), score.shape)
         if not MIN_BLOCK_ZNCC <= score[y, x] <= 1.001 or x in (0, score.shape[1] - 1) or y in (0, score.shape[0] - 1):

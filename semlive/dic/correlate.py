@@ -13,6 +13,7 @@ from semlive.data.settings import DicSettings
 from semlive.dic.coarse import match, nearest_field, smooth_field
 from semlive.dic.grid import grid_for
 from semlive.dic.reference import Reference, prepare
+from semlive.dic.retry import guesses
 from semlive.dic.uncertainty import noise_variance
 from semlive.dic.verify import Measured, refused
 from semlive.errors import BadInput
@@ -134,33 +135,15 @@ def solve(reference: Reference, current: NDArray[np.float32], matches: NDArray[n
     fresh = status == PoiStatus.CONVERGED
     for _ in range(MAX_PASSES):
         failed = ~np.isin(status, FINAL)
-        seeds, reachable = _from_neighbours(solutions, fresh, grid.step_px)
+        first, reachable, second, torn = guesses(solutions, fresh, grid.step_px)
         if not (failed & reachable).any():
             break
-        attempt(failed & reachable, SEEDED, seeds)
+        attempt(failed & reachable, SEEDED, first)
+        again = failed & torn & (status != PoiStatus.CONVERGED)
+        if again.any():
+            attempt(again, SEEDED, second)
         fresh = failed & (status == PoiStatus.CONVERGED)
     return solutions
-
-
-def _from_neighbours(solutions: cast.Solutions, fresh: NDArray[np.bool_], step_px: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """First guesses extrapolated from the best of the eight neighbours among `fresh`, and where there is one."""
-    ny, nx = fresh.shape
-    seeds = np.zeros((ny, nx, 6))
-    best = np.zeros((ny, nx))
-    score = np.where(fresh, solutions.zncc, 0.0)
-    for dy in (-1, 0, 1):
-        for dx in (-1, 0, 1):
-            if dx == dy == 0:
-                continue
-            to = (slice(max(-dy, 0), ny - max(dy, 0)), slice(max(-dx, 0), nx - max(dx, 0)))
-            source = (slice(max(dy, 0), ny - max(-dy, 0)), slice(max(dx, 0), nx - max(-dx, 0)))
-            better = score[source] > best[to]
-            p = solutions.parameters[source][better]
-            p[:, 0] -= step_px * (dx * p[:, 1] + dy * p[:, 2])
-            p[:, 3] -= step_px * (dx * p[:, 4] + dy * p[:, 5])
-            seeds[to][better] = p
-            best[to][better] = score[source][better]
-    return seeds, best > 0.0
 
 
 def warm_up(settings: DicSettings) -> None:
