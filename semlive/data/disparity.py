@@ -22,6 +22,7 @@ class PoiStatus(IntEnum):
     NO_SEED = 5
     AMBIGUOUS = 6
     INCONSISTENT = 7
+    MASKED = 8
 
     @property
     def word(self) -> str:

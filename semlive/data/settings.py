@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,6 +17,9 @@ class DicSettings:
         max_iterations: IC-GN iterations before a POI is given up.
         tolerance_px: IC-GN stops when the update moves no subset corner by more than this.
         min_zncc: a POI below this is not believed.
+        interpolation: of the current image: ``cubic`` or ``quintic`` B-spline (a third of the bias, twice the time).
+        shape_function: of a subset: ``affine`` or ``quadratic`` (follows strain gradients, at twice the noise).
+        min_valid_fraction: a subset with a smaller part outside masked and saturated areas is not measured.
     """
 
     subset_px: int = 43
@@ -24,12 +28,21 @@ class DicSettings:
     max_iterations: int = 30
     tolerance_px: float = 1e-3
     min_zncc: float = 0.7
+    interpolation: Literal["cubic", "quintic"] = "cubic"
+    shape_function: Literal["affine", "quadratic"] = "affine"
+    min_valid_fraction: float = 0.5
 
     def __post_init__(self) -> None:
         if self.subset_px < 5 or self.subset_px % 2 == 0:
             raise ValueError(f"subset_px must be odd and at least 5, not {self.subset_px}")
         if self.step_px < 1:
             raise ValueError(f"step_px must be at least 1, not {self.step_px}")
+        if self.interpolation not in ("cubic", "quintic"):
+            raise ValueError(f"interpolation must be cubic or quintic, not {self.interpolation}")
+        if self.shape_function not in ("affine", "quadratic"):
+            raise ValueError(f"shape_function must be affine or quadratic, not {self.shape_function}")
+        if not 0.0 < self.min_valid_fraction <= 1.0:
+            raise ValueError(f"min_valid_fraction must be above 0 and at most 1, not {self.min_valid_fraction}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,8 +19,10 @@ from semlive.dic.verify import Measured, refused
 from semlive.errors import BadInput
 from semlive.kernels import cast
 from semlive.kernels.icgn import CHAINED, SEEDED, SKIP
+from semlive.kernels.spline import CUBIC, QUINTIC
 
-FINAL = (PoiStatus.CONVERGED, PoiStatus.LOW_CONTRAST, PoiStatus.AMBIGUOUS)
+FINAL = (PoiStatus.CONVERGED, PoiStatus.LOW_CONTRAST, PoiStatus.AMBIGUOUS, PoiStatus.MASKED)
+ORDER = {"cubic": CUBIC, "quintic": QUINTIC}  # of the spline
 MAX_PASSES = 12  # retries from neighbours; each heals one ring of POI
 MAX_TRAVEL_PX = 8.0  # IC-GN has no business further from its start than a speckle or two
 
@@ -35,7 +37,7 @@ def correlate(
 ) -> DisparityMap:
     """Disparity at every POI of the reference: ``x_current = x_reference + u``.
 
-    IC-GN with an affine shape function and ZNSSD on a cubic B-spline; the result does not depend on the number of threads.
+    IC-GN under ZNSSD with the shape function the reference was prepared for; the result does not depend on the number of threads.
 
     Args:
         reference: from `prepare`.
@@ -59,7 +61,15 @@ def correlate(
     valid = solutions.status == PoiStatus.CONVERGED
     p = solutions.parameters
     sums = reference.sums
-    variance = noise_variance(p, solutions.zncc, sums.norm, reference.grid.subset_px)
+    variance = noise_variance(
+        p,
+        solutions.zncc,
+        sums.norm,
+        reference.grid.subset_px,
+        interpolation=settings.interpolation,
+        fitted=sums.gradient_sum.shape[-1],
+        pixels=sums.pixels,
+    )
     sigma_u, sigma_v = np.sqrt(2.0 * variance * sums.variance_u), np.sqrt(2.0 * variance * sums.variance_v)
     measured = Measured(
         u_px=np.where(valid, p[..., 0], 0.0),
@@ -67,7 +77,7 @@ def correlate(
         gradient=p[..., [1, 2, 4, 5]],
         sigma_px=np.maximum(sigma_u, sigma_v),
         residual=variance,
-        contrast=sums.norm**2 / reference.grid.subset_px**2,
+        contrast=sums.norm**2 / np.maximum(sums.pixels, 1.0),
         valid=valid,
     )
     verdict = refused(measured, reference.grid)
@@ -113,7 +123,8 @@ def solve(reference: Reference, current: NDArray[np.float32], matches: NDArray[n
     )
     if not len(matches):
         return solutions
-    interpolator = cast.interpolator(current)
+    order = ORDER[settings.interpolation]
+    interpolator = cast.interpolator(current, order)
 
     def attempt(where: NDArray[np.bool_], how: int, seeds: NDArray[np.float64]) -> None:
         cast.correlate(
@@ -126,6 +137,7 @@ def solve(reference: Reference, current: NDArray[np.float32], matches: NDArray[n
             tolerance_px=settings.tolerance_px,
             min_zncc=settings.min_zncc,
             max_travel_px=MAX_TRAVEL_PX,
+            order=order,
         )
 
     attempt(status == PoiStatus.NO_SEED, CHAINED, smooth_field(matches, grid))

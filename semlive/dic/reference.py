@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from semlive.data.disparity import PoiStatus
 from semlive.data.grid import Grid
@@ -13,6 +14,7 @@ from semlive.data.settings import DicSettings
 from semlive.dic.coarse import CoarseReference, prepare_coarse
 from semlive.errors import BadInput
 from semlive.kernels import cast
+from semlive.kernels.warp import AFFINE, QUADRATIC
 
 SOBEL_VARIANCE = 0.1875  # sum of squares of the Sobel stencil / 8
 SOBEL_SPLINE_COVARIANCE = 0.40192  # its scalar product with the cubic spline's derivative stencil
@@ -28,7 +30,7 @@ class Reference:
         grid: the POI.
         shape: (height, width) of the frame.
         sums: the image, its gradients, and each subset's sums and factored Gauss-Newton matrix.
-        status: (ny, nx) uint8, PoiStatus: CONVERGED where a POI can be correlated, else LOW_CONTRAST.
+        status: (ny, nx) uint8, PoiStatus: CONVERGED where a POI can be correlated, else LOW_CONTRAST or MASKED.
         noise_grey: standard deviation of the frame's white noise in grey levels.
         coarse: half-resolution image and spectrum for first guesses.
     """
@@ -61,7 +63,7 @@ def noise_of(image: NDArray[np.float32]) -> float:
     return float(np.median(stencil)) / (6.0 * 0.6745) if stencil.size else 0.0
 
 
-def gradient_gain(lines: NDArray[np.float32], sobel: NDArray[np.float32], noise_grey: float) -> float:
+def gradient_gain(lines: NDArray[np.float32], sobel: NDArray[np.float32], noise_grey: float, used: float = 1.0) -> float:
     """Factor that makes the Sobel derivative along lines the best guess of the true one (regression, noise taken out).
 
     The derivative of the interpolating spline is the true one, but passes 7 times the noise: used in IC-GN it raises the
@@ -72,33 +74,45 @@ def gradient_gain(lines: NDArray[np.float32], sobel: NDArray[np.float32], noise_
         lines: (n, length) some lines of an image.
         sobel: (n, length) its Sobel derivatives along these lines.
         noise_grey: standard deviation of the image's noise.
+        used: part of the image that is not masked; the Sobel derivative is zero elsewhere.
     """
     derivative = cast.line_derivative(np.ascontiguousarray(lines))
     smooth = np.ascontiguousarray(sobel[:, 1:-1])
-    overlap = float(np.vdot(smooth, derivative)) / smooth.size - SOBEL_SPLINE_COVARIANCE * noise_grey**2
+    overlap = float(np.vdot(smooth, derivative)) / smooth.size - used * SOBEL_SPLINE_COVARIANCE * noise_grey**2
     energy = float(np.vdot(smooth, smooth)) / smooth.size
     return min(max(overlap / energy, 0.1), 3.0) if energy > 0.0 else 1.0
 
 
-def prepare(image: NDArray[np.uint8] | NDArray[np.uint16], grid: Grid, settings: DicSettings) -> Reference:
+def prepare(
+    image: NDArray[np.uint8] | NDArray[np.uint16], grid: Grid, settings: DicSettings, mask: NDArray[np.bool_] | None = None
+) -> Reference:
     """Prepare a reference frame.
 
     Args:
         image: (height, width) uint8 or uint16.
         grid: the POI, from `grid_for`.
         settings: as for the grid.
+        mask: (height, width) True where the frame may be used; None uses all of it. Subsets are measured with the pixels they
+            have left, and are MASKED where fewer than `min_valid_fraction` are.
 
     Raises:
-        BadInput: grid and settings disagree about the subset.
+        BadInput: grid and settings disagree about the subset, or the mask has another size than the frame.
         ValueError: not such an image, or a grid that leaves it.
     """
     if grid.subset_px != settings.subset_px:
         raise BadInput(f"the grid was made for subsets of {grid.subset_px} px, the settings say {settings.subset_px}: make a new grid")
     f = cast.grey(image)
+    usable = None if mask is None else _usable(mask, f.shape)
+    if mask is not None:
+        f = np.where(mask, f - f[mask].mean() if mask.any() else f, np.float32(0.0)).astype(np.float32)
     noise = noise_of(f)
     gradient_x, gradient_y = cast.gradients(f)
-    gain_x = gradient_gain(f[1:-1:4], gradient_x[1:-1:4], noise)
-    gain_y = gradient_gain(f[:, 1:-1:4].T, gradient_y[:, 1:-1:4].T, noise)
+    if usable is not None:
+        gradient_x *= usable
+        gradient_y *= usable
+    used = 1.0 if usable is None else float(usable.mean())
+    gain_x = gradient_gain(f[1:-1:4], gradient_x[1:-1:4], noise, used)
+    gain_y = gradient_gain(f[:, 1:-1:4].T, gradient_y[:, 1:-1:4].T, noise, used)
     gradient_x *= np.float32(gain_x)
     gradient_y *= np.float32(gain_y)
     sums = cast.subset_sums(
@@ -110,12 +124,29 @@ def prepare(image: NDArray[np.uint8] | NDArray[np.uint16], grid: Grid, settings:
         step_px=grid.step_px,
         shape=grid.shape,
         half_px=grid.subset_px // 2,
+        parameters=AFFINE if settings.shape_function == "affine" else QUADRATIC,
+        valid=usable,
     )
-    pixels = grid.subset_px**2
-    variance = noise * noise
+    status = _judge(sums, noise, max(gain_x, gain_y))
+    status[sums.pixels < settings.min_valid_fraction * grid.subset_px**2] = PoiStatus.MASKED
+    return Reference(grid=grid, shape=f.shape, sums=sums, status=status, noise_grey=noise, coarse=prepare_coarse(f, grid))
+
+
+def _usable(mask: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """1 where a pixel and the eight around it, which its derivative needs, may be used, else 0."""
+    if mask.shape != shape:
+        raise BadInput(
+            f"the mask is {mask.shape[1]} x {mask.shape[0]} px but the frame {shape[1]} x {shape[0]} px: give a mask of its size"
+        )
+    return ndimage.binary_erosion(mask, np.ones((3, 3)), border_value=1).astype(np.float32)
+
+
+def _judge(sums: cast.SubsetSums, noise_grey: float, gain: float) -> NDArray[np.uint8]:
+    """CONVERGED where a subset has contrast enough in both directions, else LOW_CONTRAST."""
+    pixels = np.maximum(sums.pixels, 1.0)
+    variance = noise_grey * noise_grey
     signal = sums.norm**2 / pixels - variance
-    sssig = sums.sssig - SOBEL_VARIANCE * max(gain_x, gain_y) ** 2 * variance * pixels
+    sssig = sums.sssig - SOBEL_VARIANCE * gain**2 * variance * pixels
     enough = (signal > MIN_SIGNAL_TO_NOISE * variance) & (sums.variance_u > 0.0) & (sums.variance_v > 0.0)
     enough &= sssig * MAX_SIGMA_PX**2 > 2.0 * variance
-    status = np.where(enough, PoiStatus.CONVERGED, PoiStatus.LOW_CONTRAST).astype(np.uint8)
-    return Reference(grid=grid, shape=f.shape, sums=sums, status=status, noise_grey=noise, coarse=prepare_coarse(f, grid))
+    return np.where(enough, PoiStatus.CONVERGED, PoiStatus.LOW_CONTRAST).astype(np.uint8)
