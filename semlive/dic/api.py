@@ -18,7 +18,14 @@ MIN_EDGE_PX = 16
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 
-def match(reference: Image, current: Image, grid: Grid | None = None, settings: DicSettings | None = None) -> DisparityMap:
+def match(
+    reference: Image,
+    current: Image,
+    grid: Grid | None = None,
+    settings: DicSettings | None = None,
+    *,
+    mask: NDArray[np.bool_] | None = None,
+) -> DisparityMap:
     """Find where every point of one image went in another: ``x_current = x_reference + u``, y likewise with v.
 
     With many current images of one reference, prepare it once: ``prepared = prepare(reference, grid, settings)``, then
@@ -29,19 +36,19 @@ def match(reference: Image, current: Image, grid: Grid | None = None, settings: 
         current: (height, width) grey levels, same size.
         grid: the points, from `grid_for`; None lays points over the whole frame, as `settings` say.
         settings: subset, step, tolerances; None takes the defaults (and the grid's subset and step, if a grid is given).
+        mask: (height, width) True where the reference may be used; None uses all of it.
 
     Returns:
         u, v, their standard uncertainties, ZNCC and status at every point; where `valid` is False the numbers mean nothing.
 
     Raises:
-        BadInput: not such images, unlike sizes, or no subset fits.
+        BadInput: not such images, unlike sizes, no subset fits, or a mask of another size.
 
     Example:
         >>> import numpy as np
         >>> from semlive.dic import match
-        >>> y, x = np.mgrid[0:120, 0:160]
-        >>> pattern = np.sin(0.9 * x + np.sin(0.5 * y)) * np.sin(0.8 * y + np.cos(0.4 * x))
-        >>> reference = (128 + 100 * pattern).astype(np.uint8)
+        >>> squares = np.random.default_rng(1).integers(40, 216, (30, 40))
+        >>> reference = np.kron(squares, np.ones((4, 4))).astype(np.uint8)
         >>> moved = np.roll(reference, (3, -2), axis=(0, 1))
         >>> found = match(reference, moved)
         >>> print(f"{np.median(found.u_px[found.valid]):.2f} {np.median(found.v_px[found.valid]):.2f}")
@@ -58,7 +65,7 @@ def match(reference: Image, current: Image, grid: Grid | None = None, settings: 
         grid = grid_for(settings, width, height)
     else:
         _check_grid(grid, width, height)
-    return correlate(prepare(reference, grid, settings), current, settings, reference_frame=0, current_frame=1)
+    return correlate(prepare(reference, grid, settings, mask), current, settings, reference_frame=0, current_frame=1)
 
 
 def _check(name: str, image: object) -> None:
