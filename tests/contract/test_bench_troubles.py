@@ -84,6 +84,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Troubled]:
     machine.read(clock.now_ns())  # what is slow the first time
     control = ModbusTcpClient("127.0.0.1", port=port, timeout=2, retries=0)
     assert control.connect()
+    assert control.socket is not None
     troubles.spare(control.socket.getsockname()[1])
     with rtu_line(port, UNIT, troubles) as rtu, ascii_line(machine, clock.now_ns, troubles) as (stand, _):
         yield Troubled(port, rtu, stand, control, machine, clock.now_ns)
@@ -110,7 +111,7 @@ def asked(client: Client, address: int, count: int) -> list[int] | None:
         answer = client.read_input_registers(address, count=count, device_id=UNIT)
     except ModbusException:
         return None
-    return None if answer.isError() else answer.registers
+    return None if answer.isError() else list(answer.registers)
 
 
 @pytest.mark.parametrize("line", ["tcp", "rtu"])
@@ -146,7 +147,7 @@ def test_a_lost_reply_has_acted_and_a_silent_device_has_not(bench: Troubled, lin
             client.write_register(6, word, device_id=UNIT)
 
     def told() -> list[int]:
-        return bench.control.read_holding_registers(6, count=1, device_id=UNIT).registers
+        return list(bench.control.read_holding_registers(6, count=1, device_id=UNIT).registers)
 
     bench.order(Trouble.LOST, line)
     beat(21)

@@ -194,3 +194,27 @@ def test_a_folder_in_use_is_left_alone(tmp_path: Path) -> None:
     assert code == 2
     assert "is not empty" in err
     assert [path.name for path in tmp_path.iterdir()] == ["precious.txt"]
+
+
+@pytest.mark.parametrize("name", ["paper_x200", "paper_x10000"])
+def test_the_papers_scenarios_give_the_same_bytes_again(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "fewer_pixels.yaml"
+    stops = "experiment: {protocol: {calibration_shifts_px: [[0, 0], [8, 0]], translation_shifts_px: [], loads_n: []}}"
+    path.write_text(f"extends: {name}\nscan: {{width_px: 160, height_px: 138}}\nexport: {{databar_rows: 30}}\n{stops}\n")
+    for folder in ("one", "two"):
+        assert frames(path, "--out", tmp_path / folder, "--frames", "0,3") == 0
+    one, two = contents(tmp_path / "one"), contents(tmp_path / "two")
+    assert len(one) == 4
+    assert {file: data for file, (data, _) in one.items()} == {file: data for file, (data, _) in two.items()}
+    assert frames(path, "--out", tmp_path / "other", "--frames", "0,3", "--seed", "99") == 0
+    other = contents(tmp_path / "other")
+    assert all(other[file][0] != one[file][0] for file in one if file != "frames.csv")
+
+
+def test_a_frame_that_takes_longer_than_its_header_says_is_played_so(tmp_path: Path) -> None:
+    path = scenario_file(tmp_path)
+    path.write_text(path.read_text() + "effects: {wrong_row_time: {row_time_error: 0.1}}\n")
+    assert frames(path, "--out", tmp_path / "out", "--frames", "0,1") == 0
+    rows = list(csv.DictReader((tmp_path / "out" / "frames.csv").read_text().splitlines()))
+    assert float(rows[1]["start_s"]) - float(rows[0]["start_s"]) == pytest.approx(1.1 * 23.67 + 0.4)
+    assert float(rows[0]["row_time_s"]) == pytest.approx(23.67 / 221)  # as the header says
