@@ -6,7 +6,7 @@ import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import typer
@@ -32,12 +32,18 @@ def dic(
     roi: Annotated[
         str | None, typer.Option(help="First and last possible subset centres, x0,y0,x1,y1; the whole frame if not given.")
     ] = None,
+    mask: Annotated[Path | None, typer.Option(help="Image of the reference's size, 0 where it must not be used.")] = None,
+    interpolation: Annotated[str, typer.Option(help="Spline: cubic, or quintic: a third of the bias at twice the time.")] = "cubic",
+    shape: Annotated[
+        str, typer.Option(help="Shape function: affine, or quadratic: follows strain gradients, at twice the noise.")
+    ] = "affine",
     out: Annotated[Path | None, typer.Option(help="CSV file to write; a folder if there are several current images.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
     """Correlate images (TIFF, PNG, JPEG, BMP...) with a reference: x_current = x + u, in px."""
-    settings = _settings(subset, step, roi)
+    settings = _settings(subset, step, roi, interpolation, shape)
     image = _read(ref)
+    used = None if mask is None else _read_alike(mask, ref, image) > 0
     height, width = image.shape
     grid = engine.grid_for(settings, width, height)
     for path in cur:
@@ -45,7 +51,7 @@ def dic(
     files = _output_files(out, cur)
     engine.warm_up(settings)
     start = time.perf_counter()
-    reference = engine.prepare(image, grid, settings)
+    reference = engine.prepare(image, grid, settings, used)
     prepared_s = time.perf_counter() - start
     figures = []
     for number, path in enumerate(_with_progress(cur), start=1):
@@ -75,7 +81,7 @@ def _with_progress(paths: list[Path]) -> Iterator[Path]:
         yield path
 
 
-def _settings(subset: int, step: int, roi: str | None) -> DicSettings:
+def _settings(subset: int, step: int, roi: str | None, interpolation: str, shape: str) -> DicSettings:
     corners: tuple[int, int, int, int] | None = None
     if roi is not None:
         try:
@@ -83,8 +89,15 @@ def _settings(subset: int, step: int, roi: str | None) -> DicSettings:
         except ValueError:
             raise BadInput(f"--roi {roi}: is not four whole numbers; write x0,y0,x1,y1 as in --roi 101,101,846,696.") from None
         corners = (x0, y0, x1, y1)
+    splines: dict[str, Literal["cubic", "quintic"]] = {"cubic": "cubic", "quintic": "quintic"}
+    shapes: dict[str, Literal["affine", "quadratic"]] = {"affine": "affine", "quadratic": "quadratic"}
+    for option, word, known in (("--interpolation", interpolation, splines), ("--shape", shape, shapes)):
+        if word not in known:
+            raise BadInput(f"{option} {word}: is not known; take {' or '.join(known)}.")
     try:
-        return DicSettings(subset_px=subset, step_px=step, roi_px=corners)
+        return DicSettings(
+            subset_px=subset, step_px=step, roi_px=corners, interpolation=splines[interpolation], shape_function=shapes[shape]
+        )
     except ValueError as error:
         raise BadInput(f"--subset {subset} --step {step}: {error}.") from error
 

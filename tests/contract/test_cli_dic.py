@@ -121,6 +121,28 @@ def test_uniform_rows_are_no_reason_to_refuse_an_image(folder):
     assert 0.5 < figures["converged"] / figures["points"] < 0.95
 
 
+def test_a_mask_leaves_points_out(folder):
+    mask = np.full((100, 120), 255, dtype=np.uint8)
+    mask[:, :60] = 0
+    cv2.imwrite(str(folder / "mask.png"), mask)
+    out = folder / "masked.csv"
+    options = ("--subset", 21, "--roi", "20,20,100,80", "--mask", folder / "mask.png", "--out", out, "--json")
+    result = run(folder / "ref.tif", folder / "a.tif", *options)
+    assert result.exit_code == 0, result.output
+    rows = list(csv.DictReader(out.read_text().splitlines()))
+    assert all(row["status"] != "converged" for row in rows if int(row["x"]) < 48)
+    right = [row for row in rows if int(row["x"]) > 72]
+    assert all(row["status"] == "converged" for row in right)
+    assert np.mean([float(row["u"]) for row in right]) == pytest.approx(1.25, abs=0.01)
+
+
+@pytest.mark.parametrize("options", [("--interpolation", "quintic"), ("--shape", "quadratic")])
+def test_other_splines_and_shapes(folder, options):
+    result = run(folder / "ref.tif", folder / "a.tif", "--subset", 31, "--roi", "30,25,89,74", "--json", *options)
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["converged"] == 120
+
+
 def test_a_wrong_file_is_told_before_anything_is_written(folder):
     result = run(folder / "ref.tif", folder / "a.tif", folder / "small.tif", "--out", folder / "maps")
     assert isinstance(result.exception, BadInput)
@@ -136,6 +158,8 @@ def test_a_wrong_file_is_told_before_anything_is_written(folder):
         (["ref.tif", "small.tif"], "small.tif: is 120 x 80 px but .*ref.tif is 120 x 100 px; export"),
         (["ref.tif", "a.tif", "--subset", "20"], "subset_px must be odd"),
         (["ref.tif", "a.tif", "--step", "0"], "step_px must be at least 1"),
+        (["ref.tif", "a.tif", "--mask", "small.tif"], "small.tif: is 120 x 80 px but"),
+        (["ref.tif", "a.tif", "--shape", "cubic"], "--shape cubic: is not known; take affine or quadratic"),
         (["ref.tif", "a.tif", "--roi", "1,2,3"], "--roi 1,2,3: is not four whole numbers"),
         (["ref.tif", "a.tif", "--subset", "101"], "no subset of 101 px fits into the whole frame"),
         (["ref.tif", "a.tif", "--out", "."], "is a folder"),
