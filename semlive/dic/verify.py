@@ -3,7 +3,7 @@
 IC-GN converges wherever a subset resembles the reference: on the half of a subset that is not covered, on the edge of a blank
 area, on both sides of a crack at once. ZNCC alone does not tell, for it depends on noise and contrast. Four things do.
 
-- The residual. It is noise wherever the model holds, within 18 % of the map's ordinary in 10^5 fully visible subsets; a subset
+- The residual. It is noise wherever the model holds, within 15 % of the map's ordinary in 10^5 fully visible subsets; a subset
   of which a part is covered or moved otherwise leaves more.
 - The jump. A subset across a crack of width J turns the jump into strain 1.5 J / subset, which points half a subset away lack.
 - The neighbours. A point that is ordinary in residual, uncertainty and contrast is trusted; one that is not has to agree
@@ -22,11 +22,13 @@ from scipy import ndimage
 from semlive.data.disparity import PoiStatus
 from semlive.data.grid import Grid
 
-ORDINARY_RESIDUAL = 1.25  # times the map's ordinary; 18 % above was the most in 10^5 good points
-PLAIN_RESIDUAL = 1.13  # one good point in a thousand is above and has to agree with its neighbours
+ORDINARY_RESIDUAL = 1.22  # times the map's ordinary; 15 % above was the most in 10^5 good points
+PLAIN_RESIDUAL = 1.1  # one good point in a thousand is above and has to agree with its neighbours
+MAX_SPREAD = 0.25  # of the residual among good subsets; white noise scatters by 3.5 %, a pattern that changes by 25 %
 MISFIT = 0.015  # of the speckle's variance: saturation, curvature and interpolation leave as much
 ORDINARY_SIGMA = 1.2  # times the map's median; at 20 grey of noise wrong points begin at 1.22
 SPREADING_SIGMA = 1.35  # beyond, a point is told by its neighbours but tells nothing to others
+WEAK_SIGMA = 2.5  # beyond, too little of the subset is left to tell anything
 NOISE_SIGMA_PX = 3.3  # / subset: the stated sigma of a subset without speckle, whose gradients are noise alone
 SAFE_SIGMA = 0.35  # of that: far from blank, whatever the rest of the map; wrong points begin at 0.42
 MAX_CONTRAST = 1.7  # times the map's median variance; more is an edge, which hides the speckle
@@ -76,9 +78,12 @@ def refused(measured: Measured, grid: Grid) -> NDArray[np.uint8]:
     verdict = np.full(m.valid.shape, PoiStatus.CONVERGED, dtype=np.uint8)
     if not m.valid.any():
         return verdict
-    ordinary = float(np.percentile(m.residual[m.valid], 20))
+    low, mid = (float(q) for q in np.percentile(m.residual[m.valid], (10, 35)))
+    spread = min((mid - low) / 0.9, MAX_SPREAD * mid)  # standard deviation, of the lower part, which nothing hidden is in
+    ordinary = mid + 0.4 * spread
     contrast = float(np.median(m.contrast[m.valid]))
-    limit = max(ORDINARY_RESIDUAL * ordinary, ordinary + MISFIT * max(contrast - ordinary, 0.0))
+    misfit = MISFIT * max(contrast - ordinary, 0.0)
+    limit = max(ORDINARY_RESIDUAL * ordinary, ordinary + 6.0 * spread, ordinary + misfit)
     fits = m.valid & (m.residual <= limit)
     verdict[m.valid & ~fits] = PoiStatus.LOW_ZNCC
     safe = SAFE_SIGMA * NOISE_SIGMA_PX / grid.subset_px
@@ -92,9 +97,11 @@ def refused(measured: Measured, grid: Grid) -> NDArray[np.uint8]:
     signal = m.contrast - ordinary
     usual = float(np.median(signal[fits]))
     plain = fits & (m.sigma_px <= max(ORDINARY_SIGMA * sigma, safe)) & (signal <= MAX_CONTRAST * usual)
-    plain &= m.residual <= max(PLAIN_RESIDUAL * ordinary, ordinary + 0.5 * MISFIT * max(contrast - ordinary, 0.0))
+    plain &= m.residual <= max(PLAIN_RESIDUAL * ordinary, ordinary + 3.0 * spread, ordinary + 0.5 * misfit)
     trusted = plain & ~_alone(m, plain, grid)
-    suspect = fits & ~trusted
+    weak = fits & (m.sigma_px > max(WEAK_SIGMA * sigma, safe))
+    verdict[weak] = PoiStatus.LOW_CONTRAST
+    suspect = fits & ~trusted & ~weak
     if suspect.any():
         believed = _confirmed(m, trusted, suspect, m.sigma_px <= max(SPREADING_SIGMA * sigma, safe), grid)
         verdict[suspect & ~believed] = PoiStatus.INCONSISTENT
@@ -163,7 +170,7 @@ def _confirmed(
     """Suspects that agree with a plane through the trusted points around; those confirmed are trusted in turn."""
     trusted = trusted.copy()
     believed = np.zeros(suspect.shape, dtype=bool)
-    tolerance = AGREES_PX + np.minimum(m.sigma_px, SPREADING_SIGMA * np.median(m.sigma_px[trusted])) if trusted.any() else 0.0
+    tolerance = AGREES_PX + np.where(spreading, m.sigma_px, 0.5 * np.median(m.sigma_px[trusted]) if trusted.any() else 0.0)
     for _ in range(MAX_ROUNDS):
         u, v, slope, support = _plane(m, trusted)
         apart = np.hypot(m.u_px - u, m.v_px - v)

@@ -1,0 +1,164 @@
+"""Large strain in steps: when the reference no longer resembles what is seen, a later frame takes its place.
+
+Results stay on the grid of the first reference. If a point x went to x + u0(x) in the frame that is the reference now, and what
+is there went on by u1, then u(x) = u0(x) + u1(x + u0(x)), u1 interpolated between the points of the newer grid. Variances add:
+the noise of the frame in between is in both maps with opposite sign and cancels in part, so the stated sum is an upper bound.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.disparity import DisparityMap, PoiStatus
+from semlive.data.grid import Grid
+from semlive.data.settings import DicSettings
+from semlive.dic.correlate import correlate
+from semlive.dic.grid import grid_for
+from semlive.dic.reference import Reference, prepare
+
+KEPT = 0.95  # of the points that the reference began with; fewer ask for a new one
+KEPT_ZNCC = 0.9  # of the median correlation that it began with
+CUT_PX = 1.0  # corners of a cell that differ by more than their cell's strain are on two sides of a crack
+MAX_CELL_STRAIN = 0.3
+
+Image = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """A specimen followed from its first reference on; a value, `follow` returns the next one.
+
+    Attributes:
+        grid: the points, in the first reference.
+        first_frame: its number.
+        base: the reference in use.
+        base_map: where the points are in it; None while it is the first.
+        kept: how many points its first map had, None before.
+        zncc: their median correlation then.
+        last_image: the latest frame.
+        last_map: and its map; None before the first.
+    """
+
+    grid: Grid
+    first_frame: int
+    base: Reference
+    base_map: DisparityMap | None = None
+    kept: int | None = None
+    zncc: float = 0.0
+    last_image: Image | None = None
+    last_map: DisparityMap | None = None
+
+
+def begin(image: Image, grid: Grid, settings: DicSettings, frame: int = 0) -> Track:
+    """Start from a first reference.
+
+    Args:
+        image: (height, width) uint8 or uint16.
+        grid: the points, from `grid_for`.
+        settings: as for `prepare`.
+        frame: its number.
+
+    Raises:
+        BadInput: as `prepare`.
+    """
+    return Track(grid=grid, first_frame=frame, base=prepare(image, grid, settings))
+
+
+def follow(track: Track, image: Image, settings: DicSettings, frame: int, *, renew: bool = False) -> tuple[DisparityMap, Track]:
+    """The map from the first reference to one more frame, and the track after it.
+
+    Args:
+        track: from `begin` or from the frame before.
+        image: the next frame.
+        settings: as for `begin`.
+        frame: its number.
+        renew: take the frame before as reference whether or not it is needed.
+
+    Raises:
+        BadInput: the frames differ in size.
+    """
+    m = _composed(track, correlate(track.base, image, settings, reference_frame=track.first_frame, current_frame=frame))
+    if (renew or _worn(track, m)) and track.last_map is not None and track.last_map.valid.any():
+        fresh = _renewed(track, settings)
+        again = _composed(fresh, correlate(fresh.base, image, settings, reference_frame=track.first_frame, current_frame=frame))
+        if renew or again.valid.sum() > m.valid.sum() or _median_zncc(again) > _median_zncc(m):
+            track, m = fresh, again
+    if track.kept is None:
+        track = dataclasses.replace(track, kept=int(m.valid.sum()), zncc=_median_zncc(m))
+    return m, dataclasses.replace(track, last_image=image, last_map=m)
+
+
+def _median_zncc(m: DisparityMap) -> float:
+    return float(np.median(m.zncc[m.valid])) if m.valid.any() else 0.0
+
+
+def _worn(track: Track, m: DisparityMap) -> bool:
+    """Whether the reference no longer resembles the frame."""
+    before = track.kept if track.kept is not None else (track.base_map.valid.sum() if track.base_map else m.status.size)
+    return bool(m.valid.sum() < KEPT * before or _median_zncc(m) < KEPT_ZNCC * track.zncc)
+
+
+def _renewed(track: Track, settings: DicSettings) -> Track:
+    """The track with the latest frame as reference, its points laid over wherever the first ones are now."""
+    image, m = track.last_image, track.last_map
+    if image is None or m is None:
+        return track
+    x, y = m.grid.mesh()
+    x, y = (x + m.u_px)[m.valid], (y + m.v_px)[m.valid]
+    half, step = settings.subset_px // 2, settings.step_px
+    height, width = image.shape
+    left, top = max(int(x.min()) - step, half), max(int(y.min()) - step, half)
+    right, bottom = min(int(x.max()) + 2 * step, width - 1 - half), min(int(y.max()) + 2 * step, height - 1 - half)
+    grid = grid_for(dataclasses.replace(settings, roi_px=(left, top, right, bottom)), width, height)
+    return Track(
+        grid=track.grid, first_frame=track.first_frame, base=prepare(image, grid, settings), base_map=m, last_image=image, last_map=m
+    )
+
+
+def _composed(track: Track, newer: DisparityMap) -> DisparityMap:
+    """A map on the grid of the reference in use, told on the grid of the first."""
+    older = track.base_map
+    if older is None:
+        return newer
+    grid = newer.grid
+    x, y = older.grid.mesh()
+    fx, fy = (x + older.u_px - grid.x0_px) / grid.step_px, (y + older.v_px - grid.y0_px) / grid.step_px
+    inside = older.valid & (fx >= 0) & (fy >= 0) & (fx <= grid.nx - 1) & (fy <= grid.ny - 1)
+    i = np.clip(np.floor(fx).astype(np.intp), 0, max(grid.nx - 2, 0))
+    j = np.clip(np.floor(fy).astype(np.intp), 0, max(grid.ny - 2, 0))
+    i1, j1 = np.minimum(i + 1, grid.nx - 1), np.minimum(j + 1, grid.ny - 1)
+    corners = ((j, i), (j, i1), (j1, i), (j1, i1))
+    tx, ty = np.clip(fx - i, 0.0, 1.0), np.clip(fy - j, 0.0, 1.0)
+    weights = ((1 - ty) * (1 - tx), (1 - ty) * tx, ty * (1 - tx), ty * tx)
+
+    def at(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.sum([w * values[c] for w, c in zip(weights, corners, strict=True)], axis=0)
+
+    def spread(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.ptp([values[c] for c in corners], axis=0)
+
+    whole = inside & np.all([newer.valid[c] for c in corners], axis=0)
+    torn = whole & (np.maximum(spread(newer.u_px), spread(newer.v_px)) > CUT_PX + MAX_CELL_STRAIN * grid.step_px)
+    valid = whole & ~torn
+    worst = np.max([newer.status[c] for c in corners], axis=0)
+    status = np.where(older.valid, np.where(inside, worst, PoiStatus.OUTSIDE_IMAGE), older.status)
+    status = np.where(torn, PoiStatus.INCONSISTENT, status).astype(np.uint8)
+
+    def where_valid(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.where(valid, values, 0.0)
+
+    return DisparityMap(
+        reference=track.first_frame,
+        current=newer.current,
+        grid=older.grid,
+        u_px=where_valid(older.u_px + at(newer.u_px)),
+        v_px=where_valid(older.v_px + at(newer.v_px)),
+        sigma_u_px=where_valid(np.hypot(older.sigma_u_px, at(newer.sigma_u_px))),
+        sigma_v_px=where_valid(np.hypot(older.sigma_v_px, at(newer.sigma_v_px))),
+        zncc=where_valid(at(newer.zncc)),
+        status=status,
+    )
