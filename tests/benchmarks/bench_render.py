@@ -1,0 +1,55 @@
+"""Processor time of a rendered frame, one thread, warm: ``python tests/benchmarks/bench_render.py [scenario ...]``.
+
+Bars: 0.5 s for a frame, 6 s for one of 16 integrated scans.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import time
+
+from semlive_simulators.effects.library import build_effects
+from semlive_simulators.render import render_frame
+from semlive_simulators.scenario import Scenario, load_scenario
+
+REPEATS = 3
+EXTRAS = {
+    "plain": {},
+    "grains": {"grain_strain": "x200", "grain_contrast": "x200"},
+    "notch": {"notch": "x200"},
+    "charging and hum": {"charging_jump": "x200", "charging_local_lens": "x200", "mains_hum": "x200", "vibration": "x200"},
+}
+
+
+def cpu_s(scenario: Scenario) -> float:
+    """Least processor time of a few renderings after one that compiles."""
+    column, spent = scenario.column(), []
+    for frame in range(REPEATS + 1):
+        begin = time.thread_time()
+        render_frame(scenario, 100.0 * frame, frame=frame, column=column)
+        spent.append(time.thread_time() - begin)
+    return min(spent[1:])
+
+
+def main(names: list[str]) -> int:
+    """Print a table; 1 if a plain frame misses its bar."""
+    late = 0
+    for name in names or ["paper_x200", "paper_x10000"]:
+        for bits in (8, 16):
+            for what, chosen in EXTRAS.items():
+                scenario = load_scenario(name)
+                if chosen and (bits == 16 or scenario.scan.integrations > 1):
+                    continue
+                detector = dataclasses.replace(scenario.detector, bits=bits)
+                scenario = dataclasses.replace(scenario, detector=detector, effects=build_effects(chosen))
+                bar_s = 0.5 if scenario.scan.integrations == 1 else 6.0 * scenario.scan.integrations / 16
+                spent_s = cpu_s(scenario)
+                late += not chosen and spent_s > bar_s
+                sys.stdout.write(f"{name:14} {bits:2} bit  {what:17} {spent_s:7.3f} s of {bar_s} s\n")
+                sys.stdout.flush()
+    return 1 if late else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
