@@ -124,7 +124,7 @@ class ExportDesk:
         """Write the image; gives the instant from which its plans count, and the plans that are left."""
         scenario, reading = self._scenario, item.reading
         begin_ns = max(item.end_time_ns, self._free_ns)
-        name = scenario.export.file_name(item.frame)
+        name = scenario.export.free_name(item.frame, lambda other: (self._folder / other).exists())
         told_ns = scenario.told_ns(item.end_time_ns, self._clock.start_ns)
         facts = ImageFacts(
             scenario.scan, told_ns, reading.encoder_x_um, reading.encoder_y_um, item.frame, name, reading.beam_x_um, reading.beam_y_um

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
@@ -32,6 +33,13 @@ class Style(StrEnum):
     PREALLOCATE = "preallocate"
 
 
+class Collision(StrEnum):
+    """What software does when a file of that name is there already."""
+
+    OVERWRITE = "overwrite"
+    NUMBER = "number"
+
+
 Encoder = Callable[[Pixels, ImageFacts, int], Product]
 _ENCODERS: dict[Vendor, Encoder] = {
     Vendor.FEI: fei.encode,
@@ -59,7 +67,8 @@ class Export:
         vendor: whose files they are.
         clock_offset_s: clock of the microscope's PC minus experiment time; shifts the times inside the files.
         sidecar_delay_s: from the end of the image file to the sidecar, for vendors that have one.
-        counter_restarts_after: files after which the number in the name begins at 1 again and old files are overwritten; 0 never.
+        counter_restarts_after: files after which the number in the name begins at 1 again; 0 never.
+        collision: what becomes of a file whose name is taken: ``overwrite`` replaces the old one, ``number`` adds ``_1``, ``_2``, ...
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -74,6 +83,7 @@ class Export:
     clock_offset_s: float = 0.0
     sidecar_delay_s: float = 0.0
     counter_restarts_after: int = 0
+    collision: Collision = Collision.OVERWRITE
 
     def __post_init__(self) -> None:
         if self.chunks < 1:
@@ -90,6 +100,14 @@ class Export:
         """Name of the image file of a frame, counted from 0."""
         number = frame % self.counter_restarts_after if self.counter_restarts_after else frame
         return f"{self.prefix}{number + 1:04d}{self.suffix}"
+
+    def free_name(self, frame: int, taken: Callable[[str], bool]) -> str:
+        """Name of the image file in a folder where some names are taken."""
+        name = self.file_name(frame)
+        if self.collision is Collision.OVERWRITE or not taken(name):
+            return name
+        stem = name.removesuffix(self.suffix)
+        return next(other for count in itertools.count(1) if not taken(other := f"{stem}_{count}{self.suffix}"))
 
     def encode(self, image: Pixels, facts: ImageFacts) -> Product:
         """The files of a frame."""
