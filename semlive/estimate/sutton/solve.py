@@ -91,13 +91,13 @@ def solve(state: SuttonState, options: Options = PUBLISHED) -> SuttonSolution:
     if not state.pairs:
         raise IllPosed("no pair has been accumulated yet, so there is nothing to estimate: add pair 0 first")
     solution = SuttonSolution(state, options, _drifts(state, options, None), None, ())
-    images = _translated(solution)
+    images = translated(solution)
     if not images:
         return solution
     here = _grid_points(state)
     flat = _flat(state, [here, *(one.after_px for one in images), *(one.before_px for one in images)])
     for _ in range(options.passes):
-        bundle = adjusted(_translated(solution), flat, here)
+        bundle = adjusted(translated(solution), flat, here)
         solution = _relaxed(solution, bundle, here)
         if solution.changes_px[-1] <= options.settled_px or not options.remove_drift:
             break
@@ -145,7 +145,7 @@ def _removal(solution: SuttonSolution) -> Removal | None:
     return removal
 
 
-def _translated(solution: SuttonSolution) -> list[Translated]:
+def translated(solution: SuttonSolution) -> list[Translated]:
     """The translated images of the calibration with drift removed."""
     state, carried, found = solution.state, solution.options.carried, []
     reference = state.pairs[0].times[0]
