@@ -15,7 +15,7 @@ class DicSettings:
         step_px: distance of neighbouring POI.
         roi_px: first and last possible subset centres (x0, y0, x1, y1), inclusive; None covers the frame.
         max_iterations: IC-GN iterations before a POI is given up.
-        tolerance_px: IC-GN stops when the update moves no subset corner by more than this.
+        tolerance_px: IC-GN stops when the next update is expected to move no subset corner by more than this.
         min_zncc: a POI below this is not believed.
         interpolation: of the current image: ``cubic`` or ``quintic`` B-spline (a third of the bias, twice the time).
         shape_function: of a subset: ``affine`` or ``quadratic`` (follows strain gradients, at twice the noise).
@@ -59,7 +59,7 @@ class EstimateSettings:
         sutton_phases_apart: whether ``sutton2007`` estimates the drift of calibration and of measurement apart (footnote 5).
     """
 
-    drift_knots_per_frame: float = 1.0
+    drift_knots_per_frame: float = 3.0
     distortion_knot_px: float = 100.0
     window_points: int = 9
     method: str = "joint"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +12,11 @@ from numpy.typing import NDArray
 from semlive.data.disparity import DisparityMap
 from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
+from semlive.data.grid import Grid
 from semlive.errors import IllPosed
-from semlive.estimate.blocks import BlockColumns, block_columns
+from semlive.estimate.blocks import BlockColumns, Blocks, block_columns
 from semlive.estimate.state import EstimatorState, MapRows, ReferenceNoise
-from semlive.model import Axis, DriftSpline, Layout, MotionKind, Sighting, UniformSpline, sighting
+from semlive.model import Axis, DistortionSpline, DriftSpline, Layout, MotionKind, Sighting, UniformSpline, sighting
 
 SIGMA_FLOOR_PX = 1e-4  # noise-free synthetic maps come with sigma 0
 MAX_DRIFT_KNOTS = 4000
@@ -150,6 +152,27 @@ def marginal(state: EstimatorState) -> tuple[NDArray[np.float64], NDArray[np.flo
     return precision, information
 
 
+def pull(state: EstimatorState, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) what the residuals at `parameters` ask for, ``A^T W (y - A parameters)`` with the noise of frame 0 integrated out.
+
+    The same as ``marginal(state)[1] - marginal(state)[0] @ parameters``, without its rounding: displacements of 30 px that agree
+    to 1e-7 px leave nothing of the difference of two sums.
+    """
+    total, noise = np.zeros(len(parameters)), np.zeros((state.blocks.size, 2))
+    for rows in state.rows:
+        if not rows.weight.any():
+            continue
+        misfit = (rows.disparity_px - predicted(state, rows, parameters)) * rows.weight
+        for axis, (index, design) in enumerate(map_columns(state, rows, state.about)):
+            total[index] += design.T @ misfit[:, axis]
+        if rows.from_reference:
+            noise -= misfit
+    for axis in (0, 1):
+        weight = state.reference.weight[:, axis]
+        total -= state.reference.coupling[axis].T @ np.where(weight > 0, noise[:, axis] / np.where(weight > 0, weight, 1.0), 0.0)
+    return total
+
+
 def _without_redundancy(maps: tuple[MapRows, ...]) -> tuple[MapRows, ...]:
     """A map within a pair loses its weight in the blocks where both frames were seen against frame 0."""
     across = [one for one in maps if one.from_reference and not one.within_pair]
@@ -178,7 +201,9 @@ def _parts(state: EstimatorState, rows: MapRows, about: NDArray[np.float64]) -> 
     blocks = len(rows.position_px)
     ideal = rows.position_px - (evaluated(state.layout, rows.at_reference, about, blocks) if about.size else 0.0)
     nowhere, every = np.zeros(0), np.arange(blocks)
-    seen = Sighting(rows.current, rows.current // 2, nowhere, nowhere, nowhere, ideal)
+    pair = rows.current // 2
+    turn_rad = state.motions.turn_rad(pair, about[state.layout.part("motion")]) if about.size else 0.0
+    seen = Sighting(rows.current, pair, nowhere, nowhere, nowhere, ideal, turn_rad)
     moving = [effect for effect in state.model if effect.needs_ideal]
     return [*rows.difference, *(block_columns(one.name, part, every, blocks) for one in moving for part in one.columns(seen))]
 
@@ -238,7 +263,10 @@ def _map_rows(state: EstimatorState, dmap: DisparityMap) -> MapRows:
         if effect.needs_ideal or not used.any():
             continue
         difference += [block_columns(effect.name, part, at, blocks.size) for part in effect.columns(current)]
-        before = [block_columns(effect.name, part, at, blocks.size, sign=-1.0) for part in effect.columns(reference)]
+        if isinstance(effect, DistortionSpline) and used.all():
+            before = _resting(effect, dmap.grid)
+        else:
+            before = [block_columns(effect.name, part, at, blocks.size, sign=-1.0) for part in effect.columns(reference)]
         difference += before
         at_reference += [replace(part, value=-part.value) for part in before]
     if not used.any():
@@ -249,6 +277,15 @@ def _map_rows(state: EstimatorState, dmap: DisparityMap) -> MapRows:
         dmap.reference, dmap.current, blocks.mean(disparity, used), _weights(state, dmap, used, noisy), noisy,
         tuple(difference), position, () if within else tuple(at_reference),
     )  # fmt: skip
+
+
+@lru_cache(maxsize=4)
+def _resting(distortion: DistortionSpline, grid: Grid) -> list[BlockColumns]:
+    """Columns of the distortion at the grid itself, where every map begins; a third of a map's cost."""
+    blocks = Blocks.of(grid)
+    x, y = (one.ravel() for one in grid.mesh())
+    seen = Sighting(0, 0, x, y, np.zeros((1, len(x))))
+    return [block_columns(distortion.name, part, blocks.block, blocks.size, sign=-1.0) for part in distortion.columns(seen)]
 
 
 def _weights(state: EstimatorState, dmap: DisparityMap, used: NDArray[np.bool_], noisy_frames: int) -> NDArray[np.float64]:

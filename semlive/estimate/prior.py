@@ -13,6 +13,25 @@ from semlive.model import MotionKind
 GAUGE_PX = 1e-4  # pins directions that data cannot see, so its size changes no answer
 SHIFT_PX = 1e3
 GRADIENT = 0.1
+AXES = 0.02
+
+
+# Below any smoothness that the data choose there is this one, so that a high order leaves nothing free: second differences of knots.
+BASE_PX = 3.0
+ANYWHERE_PX = 300.0
+
+
+@dataclass(frozen=True, slots=True)
+class Smoothness:
+    """How one component of a spline is expected to vary: ``size`` is the typical difference of an order from knot to knot.
+
+    Attributes:
+        order: 2 where it may bend anywhere; higher orders leave long waves free and hold short ones more tightly.
+        size_px: typical difference of that order.
+    """
+
+    order: int
+    size_px: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,14 +40,14 @@ class Hyper:
 
     Attributes:
         noise_scale: what the DIC's own sigmas must be multiplied with to explain the residuals.
-        drift_px: typical second difference of the drift from knot to knot, along x and y.
-        distortion_px: typical second difference of the distortion from knot to knot, along x and y.
+        drift: smoothness of the drift along x and y.
+        distortion: smoothness of the distortion along x and y.
         rotation_rad: typical rotation of the specimen by a translation.
     """
 
     noise_scale: float = 1.0
-    drift_px: tuple[float, float] = (0.05, 0.05)
-    distortion_px: tuple[float, float] = (0.5, 0.5)
+    drift: tuple[Smoothness, Smoothness] = (Smoothness(2, 0.05), Smoothness(2, 0.05))
+    distortion: tuple[Smoothness, Smoothness] = (Smoothness(2, 0.5), Smoothness(2, 0.5))
     rotation_rad: float = 1e-2
 
 
@@ -46,6 +65,8 @@ def gauge_precision(state: EstimatorState) -> NDArray[np.float64]:
     if state.drift is not None:
         start = state.drift.rows([0.0]) / GAUGE_PX
         _add(total, layout.part("drift"), start.T @ start)
+    axes = np.arange(*layout.part("axes").indices(layout.size))
+    total[axes, axes] = AXES**-2.0
     motion = layout.part("motion")
     precision = [
         value
@@ -72,21 +93,17 @@ def belief_precision(state: EstimatorState, hyper: Hyper) -> NDArray[np.float64]
     """(n, n) smoothness of drift (its second derivative is white noise) and of distortion (bending energy), size of rotations."""
     layout = state.layout
     total = np.zeros((layout.size, layout.size))
-    for name, roughness, scale in _rough(state, hyper):
-        part = layout.part(name)
-        for axis in (0, 1):
+    for effect, kinds in ((state.distortion, hyper.distortion), (state.drift, hyper.drift)):
+        if effect is None:
+            continue
+        part = layout.part(effect.name)
+        base = effect.roughness() * BASE_PX**-2.0
+        for axis, kind in enumerate(kinds):
             one = slice(part.start + axis, part.stop, 2)
-            total[one, one] += roughness / scale[axis] ** 2
+            total[one, one] += base + effect.roughness(kind.order) * kind.size_px**-2.0
     at = angles(state)
     total[at, at] = hyper.rotation_rad**-2.0
     return total
-
-
-def _rough(state: EstimatorState, hyper: Hyper) -> list[tuple[str, NDArray[np.float64], tuple[float, float]]]:
-    found = [("distortion", state.distortion.roughness(), hyper.distortion_px)]
-    if state.drift is not None:
-        found.append(("drift", state.drift.roughness(), hyper.drift_px))
-    return found
 
 
 def _add(total: NDArray[np.float64], part: slice, one: NDArray[np.float64]) -> None:

@@ -153,7 +153,7 @@ def _covered(solution: Solution) -> NDArray[np.bool_]:
     was never seen (rows, after translations along x only).
     """
     state, part = solution.state, solution.state.layout.part("distortion")
-    loose = replace(solution.hyper, distortion_px=Hyper().distortion_px)
+    loose = replace(solution.hyper, distortion=Hyper().distortion)
     prior = gauge_precision(state) + belief_precision(state, loose)
     _, factor = posterior(marginal(state), prior, loose.noise_scale)
     own = np.zeros((len(factor), part.stop - part.start))

@@ -13,7 +13,7 @@ from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
 from semlive.errors import IllPosed
 from semlive.estimate.blocks import BlockColumns, Blocks
-from semlive.model import DistortionSpline, DriftSpline, Effect, Layout, PairMotions
+from semlive.model import DistortionSpline, DriftSpline, Effect, Layout, PairMotions, ScanAxes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,6 +94,7 @@ class EstimatorState:
         blocks: partition of the grid.
         distortion: the distortion effect.
         drift: the drift effect, lengthened as time goes on; None before the first pair.
+        axes: the axes of the scan.
         motions: the motion effect, one pair more with each update.
         frames: times of all frames in order of arrival.
         phases: phase of each pair in order of arrival.
@@ -111,6 +112,7 @@ class EstimatorState:
     blocks: Blocks
     distortion: DistortionSpline
     drift: DriftSpline | None
+    axes: ScanAxes
     motions: PairMotions
     frames: tuple[FrameTime, ...]
     phases: tuple[Phase, ...]
@@ -123,7 +125,8 @@ class EstimatorState:
     @property
     def model(self) -> tuple[Effect, ...]:
         """The named effects."""
-        return (self.distortion, self.drift, self.motions) if self.drift is not None else (self.distortion, self.motions)
+        drift = () if self.drift is None else (self.drift,)
+        return (self.distortion, *drift, self.axes, self.motions)
 
     @property
     def layout(self) -> Layout:
@@ -158,7 +161,7 @@ def init(settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) 
     if grid.nx < 3 or grid.ny < 3:
         raise IllPosed(f"a grid of {grid.nx} x {grid.ny} points cannot carry a strain: give at least 3 x 3 points")
     distortion = DistortionSpline.covering(width_px, height_px, settings.distortion_knot_px)
-    n = distortion.size
+    n = distortion.size + ScanAxes().size
     blocks, nothing = Blocks.of(grid), np.zeros(0)
     return EstimatorState(
         settings=settings,
@@ -168,6 +171,7 @@ def init(settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) 
         blocks=blocks,
         distortion=distortion,
         drift=None,
+        axes=ScanAxes(),
         motions=PairMotions(),
         frames=(),
         phases=(),

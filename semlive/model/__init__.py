@@ -9,6 +9,7 @@ the specimen does: gamma = 0), d the drift in absolute time, shift_n and G_n the
 pair. Every effect is linear in its own parameters and contributes columns of one design matrix.
 """
 
+from semlive.model.axes import ScanAxes
 from semlive.model.basis import UniformSpline
 from semlive.model.distortion import DistortionSpline
 from semlive.model.drift import DriftSpline
@@ -26,6 +27,7 @@ __all__ = [
     "Layout",
     "MotionKind",
     "PairMotions",
+    "ScanAxes",
     "Sighting",
     "UniformSpline",
     "offsets",

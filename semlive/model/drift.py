@@ -57,9 +57,9 @@ class DriftSpline:
         """(n, size / 2) dense rows of the basis' time derivative, 1/s."""
         return _dense(*self.spline.local_rate(time_s), self.spline.size)
 
-    def roughness(self) -> NDArray[np.float64]:
-        """(size / 2, size / 2) integral of d''(t)^2, in units that make it a sum of squared second differences of knots."""
-        return self.spline.gram(2) * self.spline.spacing**3
+    def roughness(self, order: int = 2) -> NDArray[np.float64]:
+        """(size / 2, size / 2) sum of squared differences of an order of neighbouring coefficients."""
+        return self.spline.roughness(order)
 
 
 def _dense(index: NDArray[np.int64], value: NDArray[np.float64], size: int) -> NDArray[np.float64]:

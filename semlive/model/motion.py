@@ -69,6 +69,13 @@ class PairMotions:
             return _column(Axis.X, part.start, (0, 2), (one, -py)), _column(Axis.Y, part.start, (1, 2), (one, px))
         return _column(Axis.X, part.start, (0, 1, 2), (one, px, py)), _column(Axis.Y, part.start, (3, 4, 5), (one, px, py))
 
+    def turn_rad(self, pair: int, parameters: NDArray[np.float64]) -> float:
+        """Rotation of a pair that moved rigidly, else 0."""
+        if pair not in self.pairs:
+            return 0.0
+        part, kind = self.part(pair)
+        return float(parameters[part][2]) if kind is MotionKind.RIGID else 0.0
+
     def shift_and_gradient(self, pair: int, parameters: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(2,) shift and (2, 2) gradient of one pair; zero for the reference pair."""
         if pair not in self.pairs:
