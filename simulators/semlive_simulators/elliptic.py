@@ -42,7 +42,8 @@ class EllipticHole:
         size, m = 0.5 * (self.semi_x_px + self.semi_y_px), self._flatness
         z = ((x_px - self.x_px) + 1j * (y_px - self.y_px)) / size
         root = np.sqrt(z * z - 4.0 * m)
-        return 0.5 * np.where(np.abs(z + root) >= np.abs(z - root), z + root, z - root)
+        larger: NDArray[np.complex128] = np.where(np.abs(z + root) >= np.abs(z - root), z + root, z - root)
+        return 0.5 * larger
 
     @property
     def _flatness(self) -> float:

@@ -92,7 +92,7 @@ GRAINS = {"defaults": "x200", "grain_px": 25.0}
 
 @pytest.mark.parametrize("chosen", [{"hole": HOLE}, {"notch": NOTCH}, {"grain_strain": GRAINS}, {"hole": HOLE, "grain_strain": GRAINS}])
 def test_the_picture_shows_each_point_where_the_truth_says_it_went(chosen: dict[str, object]) -> None:
-    world, force = scene(**chosen), 1500.0
+    world, force = dataclasses.replace(scene(), effects=build_effects(chosen)), 1500.0
     motion = at_rest((1.3, -0.7), world.specimen.gradient(force), force)
     column = world.column()
     x_px, y_px, at = column.seen(range(120), 0, 0.0, motion, 0)

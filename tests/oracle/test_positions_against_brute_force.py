@@ -135,7 +135,7 @@ def film_at(film: GoldFilm, x: float, y: float) -> float:
 
 
 def test_an_integrated_frame_of_film_is_the_mean_of_what_each_visit_saw() -> None:
-    world, _, _ = busy("paper_x10000", {})
+    world, _, jump_s = busy("paper_x10000", {})
     scan = dataclasses.replace(world.scan, width_px=40, height_px=24, frame_time_s=24 * world.scan.row_time_s * 30)
     detector = dataclasses.replace(world.detector, read_noise=0.0, shot_noise=0.0, bits=16)
     world = dataclasses.replace(world, scan=dataclasses.replace(scan, direction="snake"), detector=detector)
@@ -144,7 +144,6 @@ def test_an_integrated_frame_of_film_is_the_mean_of_what_each_visit_saw() -> Non
     z = np.stack([gaussians(WALK["seed"], 43 + axis, 0, 100) for axis in range(2)], axis=-1)
     drift, film = drift_at(world, z), world.speckle
     assert isinstance(film, GoldFilm)
-    jump_s = next(member.at_s for member in world.effects.members if member.name == "drift_jump")
     for y in range(0, 24, 5):
         for x in range(1, 40, 6):
             seen = []
