@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -168,23 +168,34 @@ def _mean_strain(one: Displacement) -> list[float]:
     return [mean.exx, mean.eyy, mean.exy]
 
 
-def _scatter(frames: Iterator[tuple[Displacement, Displacement]], points: int) -> dict[str, float]:
+def _scatter(frames: Iterable[tuple[Displacement, Displacement]], points: int) -> dict[str, float]:
     """Scatter over the whole gauges of each frame, rms over frames: averaged displacement of the first, strain of the second."""
     variances: dict[str, list[float]] = {name: [] for name in FIELDS}
-    half = points // 2
+    half, rows = points // 2, None
     for averaged, strained in frames:
         grid, valid = averaged.grid, averaged.valid
-        rows_y, rows_x = (gauge_rows(count, points, full=True)[0] for count in (grid.ny, grid.nx))
-        count = rows_y @ valid.astype(np.float64) @ rows_x.T
+        rows = rows or tuple(gauge_rows(count, points, full=True) for count in (grid.ny, grid.nx))
+        (mean_y, _), (mean_x, _) = rows
+        count = mean_y @ valid.astype(np.float64) @ mean_x.T
         whole = valid[half : grid.ny - half, half : grid.nx - half] & (count > 0.5)
         for name, value in (("u", averaged.u_px), ("v", averaged.v_px)):
-            variances[name].append(float(np.var((rows_y @ np.where(valid, value, 0.0) @ rows_x.T)[whole] / count[whole])))
-        field = mechanics.strain(strained, points)
-        inside = np.zeros_like(field.valid)
-        inside[half : grid.ny - half, half : grid.nx - half] = True
-        for name in COMPONENTS:
-            variances[name].append(float(np.var(getattr(field, name)[inside & field.valid])))
+            variances[name].append(float(np.var((mean_y @ np.where(valid, value, 0.0) @ mean_x.T)[whole] / count[whole])))
+        for name, values in _strains(strained, points, rows).items():
+            variances[name].append(float(np.var(values)))
     return {name: float(np.sqrt(np.mean(one))) for name, one in variances.items()}
+
+
+def _strains(one: Displacement, points: int, rows: tuple[tuple[Field, Field], ...]) -> dict[str, Field]:
+    """Strain at the whole gauges; where no point is missing the plane fit separates, which is the same and forty times faster."""
+    if one.valid.all():
+        (mean_y, slope_y), (mean_x, slope_x) = rows
+        xx, yy = mean_y @ one.u_px @ slope_x.T, slope_y @ one.v_px @ mean_x.T
+        xy = 0.5 * (slope_y @ one.u_px @ mean_x.T + mean_y @ one.v_px @ slope_x.T)
+        return {name: value / one.grid.step_px for name, value in zip(COMPONENTS, (xx, yy, xy), strict=True)}
+    field, half = mechanics.strain(one, points), points // 2
+    inside = np.zeros_like(field.valid)
+    inside[half : one.grid.ny - half, half : one.grid.nx - half] = True
+    return {name: getattr(field, name)[inside & field.valid] for name in COMPONENTS}
 
 
 def _rms(values: Field) -> float:
