@@ -313,7 +313,7 @@ def correlate(
         seeds: (ny, nx, 6) first guesses.
         solutions: arrays to write into; POI marked SKIP keep theirs.
         max_iterations: iterations before a POI is given up.
-        tolerance_px: largest motion of a subset corner in the last update.
+        tolerance_px: largest motion of a subset corner expected of the next update.
         min_zncc: correlation below which a solution is refused.
         max_travel_px: distance from the first guess at which a POI is given up.
         order: of the spline `current` was made with.
