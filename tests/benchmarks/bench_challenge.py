@@ -80,7 +80,7 @@ class Star:
 
 @dataclasses.dataclass(frozen=True)
 class Line:
-    """One row of the table."""
+    """One row of the table; `converged` is the share of points where the period is one that the subset resolves."""
 
     subset_px: int
     resolution_px: float
@@ -102,8 +102,9 @@ def star_lines(star: Star, speckles: list[Speckle], subsets: tuple[int, ...], no
     period = star.period_px(x)
     for subset in subsets:
         half = subset // 2
+        # Five rows, the middle one judged: points of a single row have too few neighbours to be compared with.
         settings = dic.DicSettings(
-            subset_px=subset, step_px=1, roi_px=(half, star.centre_px, star.width - 1 - half, star.centre_px), **options
+            subset_px=subset, step_px=1, roi_px=(half, star.centre_px - 2, star.width - 1 - half, star.centre_px + 2), **options
         )
         grid = dic.grid_for(settings, star.width, star.height)
         found, sigma, valid = (np.full((len(images), draws, grid.nx), np.nan) for _ in range(3))
@@ -113,9 +114,9 @@ def star_lines(star: Star, speckles: list[Speckle], subsets: tuple[int, ...], no
             floor.append(np.mean(2.0 * noise**2 / np.convolve(squares, np.ones(subset), mode="valid")))
             for draw in range(draws):
                 m = dic.match(expose(first, noise, 2 * draw), expose(second, noise, 2 * draw + 1), grid, settings)
-                found[i, draw] = np.where(m.valid, m.v_px, np.nan)[0]
-                sigma[i, draw] = m.sigma_v_px[0]
-                valid[i, draw] = m.valid[0]
+                found[i, draw] = np.where(m.valid, m.v_px, np.nan)[2]
+                sigma[i, draw] = m.sigma_v_px[2]
+                valid[i, draw] = m.valid[2]
         columns = grid.x_px.astype(int)
         repeated = np.isfinite(found).all(axis=1)  # at (pattern, column), in every draw
         amplitude = np.where(repeated, found.mean(axis=1), 0.0).sum(axis=0) / np.maximum(repeated.sum(axis=0), 1) / AMPLITUDE_PX
@@ -123,7 +124,9 @@ def star_lines(star: Star, speckles: list[Speckle], subsets: tuple[int, ...], no
         noise_px = float(np.sqrt(np.mean(np.var(found, axis=1, ddof=1)[long])))
         stated = float(np.sqrt(np.mean(np.moveaxis(sigma, 1, 2)[long] ** 2)))
         shortest = resolution(period[columns], amplitude, repeated.any(axis=0))
-        yield Line(subset, shortest, noise_px, float(np.sqrt(np.mean(floor))), stated, float(np.mean(valid)))
+        yield Line(
+            subset, shortest, noise_px, float(np.sqrt(np.mean(floor))), stated, float(valid[:, :, period[columns] >= shortest].mean())
+        )
 
 
 def resolution(period: NDArray, amplitude: NDArray, known: NDArray) -> float:
