@@ -159,8 +159,12 @@ def test_serial_lines_are_announced_and_speak_of_the_same_machine(tmp_path: Path
     assert (code, err) == (0, "")
 
 
-def test_the_end_of_standard_input_ends_it(tmp_path: Path) -> None:
-    process = start(tmp_path, "--exit-with-stdin", stdin=subprocess.PIPE)
+def test_it_chooses_a_rate_and_the_end_of_standard_input_ends_it(tmp_path: Path) -> None:
+    process = start(tmp_path, "--rate", "auto", "--exit-with-stdin", stdin=subprocess.PIPE)
+    said = ready(tmp_path)
+    assert said["rate"] == decode_clock(Path(said["clock_file"]).read_bytes()).rate
+    assert 0 < said["rate"] <= 40
+    assert said["shifts_by"] == "stage"
     time.sleep(0.2)
     assert process.poll() is None
     code, _, err = ended(process, None)  # communicate closes its input

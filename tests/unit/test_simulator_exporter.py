@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from xml.etree import ElementTree
 
@@ -60,3 +61,16 @@ def test_the_directory_is_behind_the_pixels_so_that_half_a_file_cannot_be_read()
 
 def test_the_same_frame_gives_the_same_bytes() -> None:
     assert encode_tiff(IMAGE, FACTS, databar_rows=60) == DATA
+
+
+def test_fei_tells_integrated_frames_and_where_the_beam_is() -> None:
+    scan = replace(SCAN, integrations=16, rotation_rad=0.1)
+    facts = replace(FACTS, scan=scan, beam_x_um=0.25, beam_y_um=-0.5)
+    with tifffile.TiffFile(io.BytesIO(encode_tiff(IMAGE, facts, databar_rows=60))) as tif:
+        fei = tif.fei_metadata
+    assert fei is not None
+    assert (fei["Image"]["Integrate"], fei["Scan"]["Integrate"]) == (16, 1)  # as a Quanta writes it: they can differ
+    assert fei["EScan"]["FrameTime"] == 94.67  # of one scan
+    assert fei["Beam"]["BeamShiftX"] == pytest.approx(2.5e-7)
+    assert fei["Beam"]["BeamShiftY"] == pytest.approx(-5e-7)
+    assert fei["Beam"]["ScanRotation"] == pytest.approx(0.1)
