@@ -99,12 +99,13 @@ def prepare(
         BadInput: grid and settings disagree about the subset, or the mask has another size than the frame.
         ValueError: not such an image, or a grid that leaves it.
     """
+    if mask is not None and mask.shape != image.shape:
+        (h0, w0), (h1, w1) = mask.shape, image.shape
+        raise BadInput(f"the mask is {w0} x {h0} px but the frame {w1} x {h1} px: give a mask of its size")
     if grid.subset_px != settings.subset_px:
         raise BadInput(f"the grid was made for subsets of {grid.subset_px} px, the settings say {settings.subset_px}: make a new grid")
-    f = cast.grey(image)
-    usable = None if mask is None else _usable(mask, f.shape)
-    if mask is not None:
-        f = np.where(mask, f - f[mask].mean() if mask.any() else f, np.float32(0.0)).astype(np.float32)
+    usable = None if mask is None or mask.all() else _usable(mask)
+    f = cast.grey(image, None if usable is None else mask)
     noise = noise_of(f)
     gradient_x, gradient_y = cast.gradients(f)
     if usable is not None:
@@ -132,12 +133,8 @@ def prepare(
     return Reference(grid=grid, shape=f.shape, sums=sums, status=status, noise_grey=noise, coarse=prepare_coarse(f, grid))
 
 
-def _usable(mask: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.float32]:
+def _usable(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
     """1 where a pixel and the eight around it, which its derivative needs, may be used, else 0."""
-    if mask.shape != shape:
-        raise BadInput(
-            f"the mask is {mask.shape[1]} x {mask.shape[0]} px but the frame {shape[1]} x {shape[0]} px: give a mask of its size"
-        )
     return ndimage.binary_erosion(mask, np.ones((3, 3)), border_value=1).astype(np.float32)
 
 

@@ -42,8 +42,12 @@ def checked(array: object, name: str, dtype: DTypeLike, shape: tuple[int | None,
     return array
 
 
-def grey(image: object) -> NDArray[np.float32]:
+def grey(image: object, mask: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
     """An 8 or 16 bit image as float32 grey levels, its mean subtracted (float32 sums of squares lose nothing then).
+
+    Args:
+        image: (height, width) uint8 or uint16.
+        mask: (height, width) True where the image may be used; the mean is that part's, the rest is made zero.
 
     Raises:
         ValueError: not a two-dimensional uint8 or uint16 array of at least 4 x 4 px.
@@ -52,7 +56,10 @@ def grey(image: object) -> NDArray[np.float32]:
         raise ValueError(f"image must be a uint8 or uint16 array, not {getattr(image, 'dtype', type(image).__name__)}")
     if image.ndim != 2 or min(image.shape) < MIN_EDGE_PX:
         raise ValueError(f"image must be (height, width) of at least {MIN_EDGE_PX} px each, not {image.shape}")
-    return np.subtract(image, np.float32(image.mean()), dtype=np.float32)
+    if mask is None:
+        return np.subtract(image, np.float32(image.mean()), dtype=np.float32)
+    mean = np.float32(image[mask].mean() if mask.any() else 0.0)
+    return np.where(mask, np.subtract(image, mean, dtype=np.float32), np.float32(0.0))
 
 
 def _spread(work: Callable[[int, int], object], count: int, chunk: int) -> None:
