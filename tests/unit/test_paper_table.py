@@ -1,0 +1,58 @@
+"""The comparison with the paper: where a figure is reached, what is pooled, and where the page is written."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from semlive.errors import BadInput
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+from paper import write_between
+from sidebyside.facts import PAPER
+from sidebyside.measure import FIELDS, GaugeRow
+from sidebyside.table import Row, reached_at
+
+PAGE = Path(__file__).parents[2] / "docs" / "paper.md"
+
+
+def line(vsg_px: int, strain: float) -> GaugeRow:
+    return GaugeRow((vsg_px - 43) // 5 + 1, vsg_px, dict.fromkeys(FIELDS, strain), dict.fromkeys(FIELDS, 2 * strain), {}, 0.1)
+
+
+def test_the_gauge_that_reaches_a_figure_is_interpolated() -> None:
+    curve = tuple(line(length, 4.0 / length**2) for length in (50, 100, 200, 400))
+    assert reached_at(curve, 4.0 / 141.0**2) == "141 px"
+    assert reached_at(curve, 1.0) == "≤ 50 px"
+    assert reached_at(curve, 1e-9) == "> 400 px"
+    assert curve[0].ratio("exx") == 0.5
+
+
+def test_a_curve_that_rises_again_has_not_reached_a_figure_before() -> None:
+    assert reached_at((line(50, 1e-4), line(100, 3e-4), line(200, 1e-4)), 2e-4).removesuffix(" px").isdigit()
+    assert int(reached_at((line(50, 1e-4), line(100, 3e-4), line(200, 1e-4)), 2e-4).split()[0]) > 100
+
+
+def test_a_section_is_replaced_and_nothing_else() -> None:
+    text = "a\n<!-- one: begin -->\nold\n<!-- one: end -->\nb\n<!-- two: begin -->\n<!-- two: end -->\n"
+    new = write_between(text, "one", "new")
+    assert new == text.replace("old", "new")
+    assert write_between(new, "one", "new") == new
+    with pytest.raises(BadInput, match="lacks <!-- three: begin -->"):
+        write_between(text, "three", "new")
+
+
+def test_a_missed_bar_says_so() -> None:
+    assert Row("a", "b", "c", "≤ 1", held=False).markdown() == "| a | b | c | ≤ 1 **missed** | – |"
+    assert Row("a", "b", "c").markdown() == "| a | b | c | – | – |"
+
+
+@pytest.mark.checkout
+def test_the_page_holds_every_experiment() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    for scenario in PAPER:
+        section = text.partition(f"<!-- {scenario}: begin -->")[2].partition(f"<!-- {scenario}: end -->")[0]
+        assert "| Young's modulus |" in section
+        assert (PAGE.parent / f"{scenario.replace('_', '-')}.svg").is_file()
