@@ -29,7 +29,7 @@ def match(
     """Find where every point of one image went in another: ``x_current = x_reference + u``, y likewise with v.
 
     With many current images of one reference, prepare it once: ``prepared = prepare(reference, grid, settings)``, then
-    ``correlate(prepared, current, settings, reference_frame=0, current_frame=n)`` for each; it saves a third of the time.
+    ``correlate(prepared, current, settings, reference_frame=0, current_frame=n)`` for each; it saves a quarter of the time.
 
     Args:
         reference: (height, width) grey levels, uint8 or uint16.
