@@ -30,8 +30,9 @@ def canonical(name: str) -> str:
 def imported(folder: Path) -> set[str]:
     """The distributions whose modules are imported below a folder, but for the standard library and its own modules."""
     distributions = packages_distributions()
-    paths = list(folder.rglob("*.py"))
-    neighbours = {path.stem for path in paths}
+    # The peers are run by interpreters of their own, in environments that the benchmark makes.
+    paths = [path for path in folder.rglob("*.py") if path.parent.name != "peers"]
+    neighbours = {path.stem for path in paths} | {path.parent.name for path in paths}
     found = set()
     for path in paths:
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
