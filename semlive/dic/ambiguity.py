@@ -96,4 +96,4 @@ def _likeness(a: NDArray[np.float32], b: NDArray[np.float32], window: int) -> ND
 
     ma, mb = mean(a), mean(b)
     va, vb = np.maximum(mean(a * a) - ma * ma, 0), np.maximum(mean(b * b) - mb * mb, 0)
-    return (mean(a * b) - ma * mb) / np.sqrt(va * vb + np.float32(1e-6))
+    return np.asarray((mean(a * b) - ma * mb) / np.sqrt(va * vb + np.float32(1e-6)), dtype=np.float32)

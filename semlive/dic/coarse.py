@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
+from scipy.spatial import KDTree
 
 from semlive.data.grid import Grid
 from semlive.dic.ambiguity import ambiguous
@@ -112,7 +113,7 @@ def search(reference: CoarseReference, current: NDArray[np.float32], matches: ND
     tries = []
     for degrees in TURNS:
         turn = cv2.getRotationMatrix2D((width / 2.0, height / 2.0), degrees, 1.0)
-        turned = cv2.warpAffine(reference.image, turn, (width, height), flags=cv2.INTER_LINEAR)
+        turned = np.asarray(cv2.warpAffine(reference.image, turn, (width, height), flags=cv2.INTER_LINEAR), dtype=np.float32)
         for shift, height_of_peak in candidate_shifts(_spectrum(turned), current)[:1]:
             tries.append((height_of_peak, degrees, turn + np.array([[0, 0, shift[0]], [0, 0, shift[1]]])))
     for _, _, affine in sorted(tries, key=lambda t: (-t[0], t[1]))[:2]:
@@ -143,7 +144,7 @@ def _led(reference: CoarseReference, current: NDArray[np.float32], matches: NDAr
 def warped_blocks(reference: CoarseReference, current: NDArray[np.float32], affine: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 4) x, y, u, v in binned pixels of blocks of the reference drawn as an affine map (2, 3) has it."""
     height, width = current.shape
-    drawn = cv2.warpAffine(reference.image, affine, (width, height), flags=cv2.INTER_LINEAR)
+    drawn = np.asarray(cv2.warpAffine(reference.image, affine, (width, height), flags=cv2.INTER_LINEAR), dtype=np.float32)
     inverse = cv2.invertAffineTransform(affine)
     half = BLOCK // 2
     centres = np.round(reference.centres @ affine[:, :2].T + affine[:, 2]).astype(np.int64)
@@ -238,9 +239,9 @@ def _vertex(before: float, at: float, after: float) -> float:
 
 def nearest_field(matches: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
     """(ny, nx, 6) first guesses: the motion of the nearest block, right on both sides of a jump."""
-    dx = grid.x_px[None, :, None] - matches[:, 0]
-    dy = grid.y_px[:, None, None] - matches[:, 1]
-    nearest = np.argmin(dx**2 + dy**2, axis=2)
+    x, y = grid.mesh()
+    _, nearest = KDTree(matches[:, :2]).query(np.column_stack([x.ravel(), y.ravel()]))
+    nearest = np.asarray(nearest).reshape(grid.shape)
     seeds = np.zeros((*grid.shape, 6))
     seeds[:, :, 0] = matches[nearest, 2]
     seeds[:, :, 3] = matches[nearest, 3]

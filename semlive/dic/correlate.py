@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap, PoiStatus
+from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
 from semlive.dic.coarse import match, nearest_field, smooth_field
 from semlive.dic.grid import grid_for
@@ -58,6 +59,12 @@ def correlate(
         )
     current = cast.grey(image)
     solutions = solve(reference, current, match(reference.coarse, current), settings)
+    found = measured(reference, solutions, settings)
+    return concluded(found, reference.grid, reference_frame=reference_frame, current_frame=current_frame)
+
+
+def measured(reference: Reference, solutions: cast.Solutions, settings: DicSettings) -> Measured:
+    """What the solutions say, with their uncertainties; zero where nothing converged."""
     valid = solutions.status == PoiStatus.CONVERGED
     p = solutions.parameters
     sums = reference.sums
@@ -70,19 +77,23 @@ def correlate(
         fitted=sums.gradient_sum.shape[-1],
         pixels=sums.pixels,
     )
-    sigma_u, sigma_v = np.sqrt(2.0 * variance * sums.variance_u), np.sqrt(2.0 * variance * sums.variance_v)
-    measured = Measured(
+    return Measured(
         u_px=np.where(valid, p[..., 0], 0.0),
         v_px=np.where(valid, p[..., 3], 0.0),
-        gradient=p[..., [1, 2, 4, 5]],
-        sigma_px=np.maximum(sigma_u, sigma_v),
-        residual=variance,
-        contrast=sums.norm**2 / np.maximum(sums.pixels, 1.0),
-        valid=valid,
+        gradient=p[..., [1, 2, 4, 5]].astype(np.float32),
+        sigma_u_px=np.sqrt(2.0 * variance * sums.variance_u),
+        sigma_v_px=np.sqrt(2.0 * variance * sums.variance_v),
+        zncc=solutions.zncc,
+        residual=variance.astype(np.float32),
+        contrast=(sums.norm**2 / np.maximum(sums.pixels, 1.0)).astype(np.float32),
+        status=solutions.status,
     )
-    verdict = refused(measured, reference.grid)
-    valid &= verdict == PoiStatus.CONVERGED
-    status = np.where(verdict == PoiStatus.CONVERGED, solutions.status, verdict)
+
+
+def concluded(found: Measured, grid: Grid, *, reference_frame: int, current_frame: int) -> DisparityMap:
+    """The map of what is believed of it."""
+    verdict = refused(found, grid)
+    valid = found.valid & (verdict == PoiStatus.CONVERGED)
 
     def where_valid(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.where(valid, values, 0.0)
@@ -90,17 +101,23 @@ def correlate(
     return DisparityMap(
         reference=reference_frame,
         current=current_frame,
-        grid=reference.grid,
-        u_px=where_valid(p[..., 0]),
-        v_px=where_valid(p[..., 3]),
-        sigma_u_px=where_valid(sigma_u),
-        sigma_v_px=where_valid(sigma_v),
-        zncc=where_valid(solutions.zncc),
-        status=status,
+        grid=grid,
+        u_px=where_valid(found.u_px),
+        v_px=where_valid(found.v_px),
+        sigma_u_px=where_valid(found.sigma_u_px),
+        sigma_v_px=where_valid(found.sigma_v_px),
+        zncc=where_valid(found.zncc),
+        status=np.where(verdict == PoiStatus.CONVERGED, found.status, verdict),
     )
 
 
-def solve(reference: Reference, current: NDArray[np.float32], matches: NDArray[np.float64], settings: DicSettings) -> cast.Solutions:
+def solve(
+    reference: Reference,
+    current: NDArray[np.float32],
+    matches: NDArray[np.float64],
+    settings: DicSettings,
+    guess: NDArray[np.float64] | None = None,
+) -> cast.Solutions:
     """Affine parameters at every POI.
 
     A first pass along rows from a smooth field of first guesses; what failed again from the nearest block (a jump within the
@@ -111,6 +128,7 @@ def solve(reference: Reference, current: NDArray[np.float32], matches: NDArray[n
         current: (height, width) current frame, float32 grey levels.
         matches: from `coarse.match`.
         settings: tolerance, iterations, smallest ZNCC.
+        guess: (ny, nx, 6) first guesses; None takes `coarse.smooth_field`.
     """
     grid = reference.grid
     status = np.where(reference.status == PoiStatus.CONVERGED, PoiStatus.NO_SEED, reference.status).astype(np.uint8)
@@ -140,7 +158,7 @@ def solve(reference: Reference, current: NDArray[np.float32], matches: NDArray[n
             order=order,
         )
 
-    attempt(status == PoiStatus.NO_SEED, CHAINED, smooth_field(matches, grid))
+    attempt(status == PoiStatus.NO_SEED, CHAINED, smooth_field(matches, grid) if guess is None else guess)
     failed = ~np.isin(status, FINAL)
     if failed.any():
         attempt(failed, CHAINED, nearest_field(matches, grid))

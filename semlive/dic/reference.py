@@ -18,6 +18,7 @@ from semlive.kernels.warp import AFFINE, QUADRATIC
 
 SOBEL_VARIANCE = 0.1875  # sum of squares of the Sobel stencil / 8
 SOBEL_SPLINE_COVARIANCE = 0.40192  # its scalar product with the cubic spline's derivative stencil
+TRAITS_EDGE_PX = 2048  # noise and gains of larger frames are told from their middle, so that parts of them agree
 MIN_SIGNAL_TO_NOISE = 1.0  # variance of the speckle in a subset, in noise variances; below, ZNCC cannot pass 0.5
 MAX_SIGMA_PX = 0.25  # a subset whose predicted uncertainty is worse has no contrast in some direction
 
@@ -106,16 +107,73 @@ def prepare(
         raise BadInput(f"the grid was made for subsets of {grid.subset_px} px, the settings say {settings.subset_px}: make a new grid")
     usable = None if mask is None or mask.all() else _usable(mask)
     f = cast.grey(image, None if usable is None else mask)
+    used = 1.0 if usable is None else float(usable.mean())
+    gradients = _gradients(f, usable)
+    part = middle(f.shape)
+    traits = traits_of(f[part], gradients[0][part], gradients[1][part], used)
+    return prepare_part(f, gradients, usable, grid, settings, traits, prepare_coarse(f, grid))
+
+
+@dataclass(frozen=True, slots=True)
+class Traits:
+    """What holds for a whole frame.
+
+    Attributes:
+        noise_grey: standard deviation of the frame's white noise.
+        gain_x: of the Sobel derivative along x.
+        gain_y: along y.
+    """
+
+    noise_grey: float
+    gain_x: float
+    gain_y: float
+
+
+def middle(shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """The part of a frame that its traits are told from: all of it, or the middle of a large one."""
+    first = [max(0, (n - TRAITS_EDGE_PX) // 2) for n in shape]
+    return slice(first[0], first[0] + TRAITS_EDGE_PX), slice(first[1], first[1] + TRAITS_EDGE_PX)
+
+
+def traits_of(f: NDArray[np.float32], gradient_x: NDArray[np.float32], gradient_y: NDArray[np.float32], used: float = 1.0) -> Traits:
+    """Noise and gains from the `middle` of a frame and its Sobel derivatives; `used` is the part that is not masked."""
     noise = noise_of(f)
+    gain_x = gradient_gain(f[1:-1:4], gradient_x[1:-1:4], noise, used)
+    gain_y = gradient_gain(f[:, 1:-1:4].T, gradient_y[:, 1:-1:4].T, noise, used)
+    return Traits(noise, gain_x, gain_y)
+
+
+def _gradients(f: NDArray[np.float32], usable: NDArray[np.float32] | None) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     gradient_x, gradient_y = cast.gradients(f)
     if usable is not None:
         gradient_x *= usable
         gradient_y *= usable
-    used = 1.0 if usable is None else float(usable.mean())
-    gain_x = gradient_gain(f[1:-1:4], gradient_x[1:-1:4], noise, used)
-    gain_y = gradient_gain(f[:, 1:-1:4].T, gradient_y[:, 1:-1:4].T, noise, used)
-    gradient_x *= np.float32(gain_x)
-    gradient_y *= np.float32(gain_y)
+    return gradient_x, gradient_y
+
+
+def prepare_part(
+    f: NDArray[np.float32],
+    gradients: tuple[NDArray[np.float32], NDArray[np.float32]],
+    usable: NDArray[np.float32] | None,
+    grid: Grid,
+    settings: DicSettings,
+    traits: Traits,
+    coarse: CoarseReference,
+) -> Reference:
+    """Prepare a frame or a part of one, given what holds for the whole.
+
+    Args:
+        f: (height, width) grey levels, the frame's mean subtracted.
+        gradients: Sobel derivatives along x and y, scaled here in place.
+        usable: 1 where a pixel may be used, None for all.
+        grid: points in this part.
+        settings: as for the grid.
+        traits: of the frame.
+        coarse: for first guesses in this part.
+    """
+    gradient_x, gradient_y = gradients
+    gradient_x *= np.float32(traits.gain_x)
+    gradient_y *= np.float32(traits.gain_y)
     sums = cast.subset_sums(
         f,
         gradient_x,
@@ -128,9 +186,9 @@ def prepare(
         parameters=AFFINE if settings.shape_function == "affine" else QUADRATIC,
         valid=usable,
     )
-    status = _judge(sums, noise, max(gain_x, gain_y))
+    status = _judge(sums, traits.noise_grey, max(traits.gain_x, traits.gain_y))
     status[sums.pixels < settings.min_valid_fraction * grid.subset_px**2] = PoiStatus.MASKED
-    return Reference(grid=grid, shape=f.shape, sums=sums, status=status, noise_grey=noise, coarse=prepare_coarse(f, grid))
+    return Reference(grid=grid, shape=f.shape, sums=sums, status=status, noise_grey=traits.noise_grey, coarse=coarse)
 
 
 def _usable(mask: NDArray[np.bool_]) -> NDArray[np.float32]:

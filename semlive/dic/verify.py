@@ -25,6 +25,7 @@ from semlive.data.grid import Grid
 ORDINARY_RESIDUAL = 1.22  # times the map's ordinary; 15 % above was the most in 10^5 good points
 PLAIN_RESIDUAL = 1.1  # one good point in a thousand is above and has to agree with its neighbours
 MAX_SPREAD = 0.25  # of the residual among good subsets; white noise scatters by 3.5 %, a pattern that changes by 25 %
+PLAIN_MISFIT = 0.5  # part of it that asks for no confirmation
 MISFIT = 0.015  # of the speckle's variance: saturation, curvature and interpolation leave as much
 ORDINARY_SIGMA = 1.2  # times the map's median; at 20 grey of noise wrong points begin at 1.22
 SPREADING_SIGMA = 1.35  # beyond, a point is told by its neighbours but tells nothing to others
@@ -36,9 +37,9 @@ JUMP_PX = 0.9  # makes the subset's centre wrong by half as much
 SIGMAS = 5.0
 AGREES_PX = 0.08  # and once the ordinary sigma
 BENDS_PX = 0.4  # at the subset's edge
-REACH = 4  # points on each side that a plane is fitted to
-MIN_SUPPORT = 12  # trusted points among the 81
-LINKS_PX = 0.3  # apart, after each other's strain
+MAX_REACH = 4  # points on each side that a plane is fitted to, within half a subset
+MIN_SUPPORT = 0.15  # part of the points around that has to be trusted
+LINKS_PX = 0.6  # apart, after each other's strain
 MIN_COMPANY = 6
 MAX_ROUNDS = 200
 SOFT = 0.05  # keeps a plane through a single line of points from tipping
@@ -52,19 +53,33 @@ class Measured:
         u_px: displacement along x.
         v_px: displacement along y.
         gradient: (ny, nx, 4) du/dx, du/dy, dv/dx, dv/dy.
-        sigma_px: the larger standard uncertainty of u and v.
+        sigma_u_px: standard uncertainty of u.
+        sigma_v_px: of v.
+        zncc: correlation.
         residual: noise variance of one frame as the residual has it, grey^2.
         contrast: variance of the reference subset, noise included, grey^2.
-        valid: where IC-GN converged.
+        status: PoiStatus as IC-GN left it.
     """
 
     u_px: NDArray[np.float64]
     v_px: NDArray[np.float64]
-    gradient: NDArray[np.floating]
-    sigma_px: NDArray[np.floating]
-    residual: NDArray[np.floating]
-    contrast: NDArray[np.floating]
-    valid: NDArray[np.bool_]
+    gradient: NDArray[np.float32]
+    sigma_u_px: NDArray[np.float64]
+    sigma_v_px: NDArray[np.float64]
+    zncc: NDArray[np.float64]
+    residual: NDArray[np.float32]
+    contrast: NDArray[np.float32]
+    status: NDArray[np.uint8]
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Where IC-GN converged."""
+        return self.status == PoiStatus.CONVERGED
+
+    @property
+    def sigma_px(self) -> NDArray[np.float64]:
+        """The larger standard uncertainty of u and v."""
+        return np.maximum(self.sigma_u_px, self.sigma_v_px)
 
 
 def refused(measured: Measured, grid: Grid) -> NDArray[np.uint8]:
@@ -97,7 +112,7 @@ def refused(measured: Measured, grid: Grid) -> NDArray[np.uint8]:
     signal = m.contrast - ordinary
     usual = float(np.median(signal[fits]))
     plain = fits & (m.sigma_px <= max(ORDINARY_SIGMA * sigma, safe)) & (signal <= MAX_CONTRAST * usual)
-    plain &= m.residual <= max(PLAIN_RESIDUAL * ordinary, ordinary + 3.0 * spread, ordinary + 0.5 * misfit)
+    plain &= m.residual <= max(PLAIN_RESIDUAL * ordinary, ordinary + 3.0 * spread, ordinary + PLAIN_MISFIT * misfit)
     trusted = plain & ~_alone(m, plain, grid)
     weak = fits & (m.sigma_px > max(WEAK_SIGMA * sigma, safe))
     verdict[weak] = PoiStatus.LOW_CONTRAST
@@ -117,17 +132,23 @@ def _torn(m: Measured, sound: NDArray[np.bool_], grid: Grid) -> NDArray[np.bool_
         grid: the points.
     """
     jump = np.zeros(sound.shape)
+    moved = np.stack([m.u_px, m.v_px], axis=-1)
     for distance in (0.5, 1.0):
         steps = max(1, round(distance * grid.subset_px / grid.step_px))
         for axis in range(2):
             slope = m.gradient[..., axis::2]  # du/dx and dv/dx drop along x
+            there = {way: _shifted(sound, way * steps, axis) for way in (-1, 1)}
+            slopes = {way: _shifted(slope, way * steps, axis) for way in (-1, 1)}
             least = np.full(sound.shape, np.inf)
-            for way in (-steps, steps):
-                other = slope - _shifted(slope, way, axis)
-                excess = np.hypot(other[..., 0], other[..., 1])
-                least = np.where(_shifted(sound, way, axis), np.minimum(least, excess), least)
+            for way in (-1, 1):
+                excess = np.linalg.norm(slope - slopes[way], axis=-1) * (grid.subset_px / 1.5)
+                least = np.where(there[way], np.minimum(least, excess), least)
+            # A wave as short as a subset has such slopes too, but no step.
+            ramp = (slopes[-1] + slopes[1]) * (steps * grid.step_px)
+            step = np.linalg.norm(_shifted(moved, steps, axis) - _shifted(moved, -steps, axis) - ramp, axis=-1)
+            least = np.where(there[-1] & there[1], np.minimum(least, step), least)
             jump = np.maximum(jump, np.where(np.isfinite(least), least, 0.0))
-    return jump * (grid.subset_px / 1.5) > np.maximum(JUMP_PX, SIGMAS * 4.0 * m.sigma_px)
+    return jump > np.maximum(JUMP_PX, SIGMAS * 4.0 * m.sigma_px)
 
 
 def _shifted(values: NDArray, steps: int, axis: int) -> NDArray:
@@ -148,8 +169,8 @@ def _alone(m: Measured, plain: NDArray[np.bool_], grid: Grid) -> NDArray[np.bool
     """Plain points in groups of fewer than MIN_COMPANY that agree with one another."""
     linked = np.zeros((2 * plain.shape[0] - 1, 2 * plain.shape[1] - 1), dtype=bool)
     linked[::2, ::2] = plain
-    for axis, place in ((0, np.s_[::2, 1::2]), (1, np.s_[1::2, ::2])):
-        cut = np.s_[:, :-1] if axis == 0 else np.s_[:-1, :]
+    full, every, odd, cut_last = slice(None), slice(None, None, 2), slice(1, None, 2), slice(None, -1)
+    for axis, place, cut in ((0, (every, odd), (full, cut_last)), (1, (odd, every), (cut_last, full))):
         both = (plain & _shifted(plain, 1, axis))[cut]
         half = 0.5 * grid.step_px
         apart = np.zeros(both.shape)
@@ -157,7 +178,8 @@ def _alone(m: Measured, plain: NDArray[np.bool_], grid: Grid) -> NDArray[np.bool
             slope = m.gradient[..., k + axis]
             apart = np.maximum(apart, np.abs(_shifted(value, 1, axis) - value - half * (slope + _shifted(slope, 1, axis)))[cut])
         linked[place] = both & (apart <= LINKS_PX + 3.0 * m.sigma_px[cut])
-    label, _ = ndimage.label(linked)
+    label = np.zeros(linked.shape, dtype=np.int32)
+    ndimage.label(linked, output=label)
     label = label[::2, ::2]
     size = np.bincount(label.ravel())
     enough = min(MIN_COMPANY, plain.size)
@@ -170,12 +192,14 @@ def _confirmed(
     """Suspects that agree with a plane through the trusted points around; those confirmed are trusted in turn."""
     trusted = trusted.copy()
     believed = np.zeros(suspect.shape, dtype=bool)
+    reach = int(np.clip(round(grid.subset_px / 2 / grid.step_px), 1, MAX_REACH))
+    enough = max(3.0, MIN_SUPPORT * (2 * reach + 1) ** 2)
     tolerance = AGREES_PX + np.where(spreading, m.sigma_px, 0.5 * np.median(m.sigma_px[trusted]) if trusted.any() else 0.0)
     for _ in range(MAX_ROUNDS):
-        u, v, slope, support = _plane(m, trusted)
+        u, v, slope, support = _plane(m, trusted, reach)
         apart = np.hypot(m.u_px - u, m.v_px - v)
         bent = np.linalg.norm(m.gradient - slope / grid.step_px, axis=-1) * (grid.subset_px // 2)
-        fresh = suspect & ~believed & (support >= MIN_SUPPORT) & (apart <= tolerance) & (bent <= BENDS_PX)
+        fresh = suspect & ~believed & (support >= enough) & (apart <= tolerance) & (bent <= BENDS_PX)
         believed |= fresh
         if not (fresh & spreading).any():
             break
@@ -183,13 +207,15 @@ def _confirmed(
     return believed
 
 
-def _plane(m: Measured, trusted: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray]:
-    """Least-squares planes of u and v through the trusted points within REACH.
+def _plane(
+    m: Measured, trusted: NDArray[np.bool_], reach: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray]:
+    """Least-squares planes of u and v through the trusted points within `reach`.
 
     Returns:
         u and v there, (ny, nx, 4) slopes per point of the grid ordered as `Measured.gradient`, and the number of points.
     """
-    edge = 2 * REACH + 1
+    edge = 2 * reach + 1
     ny, nx = trusted.shape
     weight = trusted.astype(np.float64)
     x, y = np.arange(nx) - 0.5 * nx, (np.arange(ny) - 0.5 * ny)[:, None]

@@ -1,0 +1,83 @@
+"""Hard cases: what is converged is right, what repeats is ambiguous, bands and steps change nothing."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from semlive import dic
+from semlive.data.disparity import PoiStatus
+from semlive.data.settings import DicSettings
+from semlive.dic.incremental import begin, follow
+from semlive.dic.tiles import bands, correlate_tiled
+
+FOLDER = Path(__file__).parents[2] / "benchmarks"
+
+
+def _load(name):
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = module
+        spec.loader.exec_module(module)
+    return sys.modules[name]
+
+
+@pytest.fixture(scope="module")
+def hard():
+    return _load("hard_scenes")
+
+
+@pytest.fixture(scope="module")
+def bench(hard):
+    return _load("bench_dic_hard")
+
+
+@pytest.mark.parametrize("number", [8, 11, 13, 20, 22, 23, 54, 101])
+def test_nothing_wrong_calls_itself_converged(bench, hard, number):
+    settings = DicSettings(step_px=8, roi_px=None)
+    s = hard.scene(number)
+    m = bench.correlate(s, settings)
+    verdict = bench.judge(s, m)
+    assert not verdict.wrong.any()
+    assert verdict.matchable.sum() == 0 or m.valid[verdict.matchable].mean() >= 0.99
+    assert np.all(m.status[verdict.repeating] == PoiStatus.AMBIGUOUS)
+
+
+def test_bands_find_what_the_whole_frame_finds(bench, hard):
+    s = hard.scene(7)
+    settings = DicSettings(step_px=8, roi_px=None)
+    grid = dic.grid_for(settings, 640, 560)
+    assert len(list(bands(grid, (560, 640), 300_000, 10_000))) > 1
+    one, many = bench.correlate(s, settings), correlate_tiled(s.first, s.second, grid, settings, band_px=300_000)
+    assert np.array_equal(one.status, many.status)
+    for name in ("u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc"):
+        assert np.max(np.abs(getattr(one, name) - getattr(many, name))) < 1e-6, name  # float32 sums, other row offsets
+
+
+@pytest.mark.parametrize("renew", [False, True])
+def test_twenty_percent_of_strain_in_steps(hard, renew):
+    rng = np.random.default_rng(3)
+    base = hard.texture(rng)
+    x, y = np.meshgrid(np.arange(640.0), np.arange(560.0))
+    settings = DicSettings(step_px=10, roi_px=(150, 130, 490, 430))
+    grid = dic.grid_for(settings, 640, 560)
+
+    def frame(strain):
+        motion = hard.Affine(np.diag([1.0 - 0.3 * strain, 1.0 + strain]), np.array([10.0, -20.0]) * strain)
+        grey = 128.0 + hard._sample(base, *motion.back(x, y)) + 5.0 * rng.standard_normal(x.shape)
+        return np.clip(np.round(grey), 0, 255).astype(np.uint8), motion
+
+    track = begin(frame(0.0)[0], grid, settings)
+    for step in range(1, 5):
+        image, motion = frame(0.05 * step)
+        m, track = follow(track, image, settings, step, renew=renew)
+    u, v = motion.at(*grid.mesh())
+    assert (track.base_map is not None) == renew
+    assert m.valid.mean() > 0.99
+    errors = (m.v_px - v)[m.valid]
+    assert abs(errors.mean()) < 0.01
+    assert np.max(np.abs((m.u_px - u)[m.valid])) < 0.15
+    assert errors.std() < 1.3 * m.sigma_v_px[m.valid].mean()  # 50 independent values know it to 10 %
