@@ -32,7 +32,7 @@ SPREADING_SIGMA = 1.35  # beyond, a point is told by its neighbours but tells no
 WEAK_SIGMA = 2.5  # beyond, too little of the subset is left to tell anything
 NOISE_SIGMA_PX = 3.3  # / subset: the stated sigma of a subset without speckle, whose gradients are noise alone
 SAFE_SIGMA = 0.35  # of that: far from blank, whatever the rest of the map; wrong points begin at 0.42
-MAX_CONTRAST = 1.7  # times the map's median variance; more is an edge, which hides the speckle
+EXCESS_PX = 30.0  # / subset: variance above the map's median, of an edge, which hides speckle; small subsets scatter more
 JUMP_PX = 0.9  # makes the subset's centre wrong by half as much
 SIGMAS = 5.0
 AGREES_PX = 0.08  # and once the ordinary sigma
@@ -111,7 +111,7 @@ def refused(measured: Measured, grid: Grid) -> NDArray[np.uint8]:
     sigma = float(np.median(m.sigma_px[fits]))
     signal = m.contrast - ordinary
     usual = float(np.median(signal[fits]))
-    plain = fits & (m.sigma_px <= max(ORDINARY_SIGMA * sigma, safe)) & (signal <= MAX_CONTRAST * usual)
+    plain = fits & (m.sigma_px <= max(ORDINARY_SIGMA * sigma, safe)) & (signal <= (1.0 + EXCESS_PX / grid.subset_px) * usual)
     plain &= m.residual <= max(PLAIN_RESIDUAL * ordinary, ordinary + 3.0 * spread, ordinary + PLAIN_MISFIT * misfit)
     trusted = plain & ~_alone(m, plain, grid)
     weak = fits & (m.sigma_px > max(WEAK_SIGMA * sigma, safe))
