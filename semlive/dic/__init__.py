@@ -8,9 +8,11 @@ from semlive.data.settings import DicSettings
 from semlive.dic.api import match
 from semlive.dic.correlate import correlate, warm_up
 from semlive.dic.grid import grid_for
+from semlive.dic.incremental import begin, follow
 from semlive.dic.quality import quality
 from semlive.dic.reference import Reference, prepare
 from semlive.dic.rows import register_rows, row_jitter
+from semlive.dic.tiles import correlate_tiled
 
 __all__ = [
     "DicSettings",
@@ -20,7 +22,10 @@ __all__ = [
     "PoiStatus",
     "Reference",
     "RowShifts",
+    "begin",
     "correlate",
+    "correlate_tiled",
+    "follow",
     "grid_for",
     "match",
     "prepare",
