@@ -67,11 +67,11 @@ def adjusted(images: Sequence[Translated], flat: Surface, grid_px: Array) -> Bun
         rows = flat.rows(image.after_px) - flat.rows(image.before_px)
         normal[:size, :size] += (rows.T @ rows).toarray()
         normal[:size, at] = normal[at, :size] = rows.sum(axis=0)
-        normal[at, at] = rows.shape[0]
+        normal[at, at] = len(image.moved_px)
         right[:size] += rows.T @ image.moved_px
         right[at] = image.moved_px.sum(axis=0)
     plane = np.column_stack((np.ones(len(grid_px)), (grid_px - grid_px.mean(axis=0)) / np.ptp(grid_px, axis=0)))
-    affine = np.asarray(np.linalg.pinv(plane) @ flat.rows(grid_px))
+    affine = np.asarray((flat.rows(grid_px).T @ np.linalg.pinv(plane).T).T)
     information = max(float(np.trace(normal[:size, :size])) / size, 1.0)
     normal[:size, :size] += GAUGE_WEIGHT * count * len(grid_px) * affine.T @ affine + RIDGE * information * np.eye(size)
     factor = cho_factor(normal, lower=True)

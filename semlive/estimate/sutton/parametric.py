@@ -66,7 +66,7 @@ def classical(solution: SuttonSolution) -> Classical:
         normal[own, own] = len(rows) * np.eye(2)
         right[:size] += np.einsum("nci,nc->i", rows, image.moved_px)
         right[own] = image.moved_px.sum(axis=0)
-    found = np.linalg.lstsq(normal, right, rcond=1e-12)[0]
+    found = np.asarray(np.linalg.lstsq(normal, right, rcond=1e-12)[0], dtype=np.float64)
     shifts = found[size:].reshape(-1, 2)
     left = [image.moved_px - shift - rows @ found[:size] for image, shift, rows in zip(images, shifts, differences, strict=True)]
     residual = 1.4826 * float(np.median(np.abs(np.concatenate(left))))

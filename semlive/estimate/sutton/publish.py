@@ -178,7 +178,7 @@ def _affine(solution: SuttonSolution, dmap: DisparityMap) -> tuple[Array, Array]
     x, y = (one[dmap.valid] for one in dmap.grid.mesh())
     centred = np.column_stack((np.ones(x.size), x - 0.5 * (state.width_px - 1), y - 0.5 * (state.height_px - 1)))
     moved = np.stack(((dmap.u_px - found.u_px)[dmap.valid], (dmap.v_px - found.v_px)[dmap.valid]), axis=1)
-    fit = np.linalg.lstsq(centred, moved, rcond=None)[0]
+    fit = np.asarray(np.linalg.lstsq(centred, moved, rcond=None)[0], dtype=np.float64)
     return fit[0], fit[1:].T
 
 
