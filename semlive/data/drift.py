@@ -102,6 +102,46 @@ class Correction:
     v_px: NDArray[np.float64]
 
 
+@dataclass(frozen=True, slots=True)
+class TermTest:
+    """Whether the data asked for an optional term of the model.
+
+    Attributes:
+        name: ``magnification``, ``raster_rotation``, or ``coupling`` (whether the drift carries the distortion along).
+        used: whether the estimate has it.
+        f_ratio: mean square per degree of freedom that the term explains, in units of the noise.
+        evidence: natural logarithm of how much likelier the data are with it.
+        value: gamma of the coupling, 0 for the others.
+        sigma: standard uncertainty of the value.
+    """
+
+    name: str
+    used: bool
+    f_ratio: float
+    evidence: float
+    value: float = 0.0
+    sigma: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RasterWander:
+    """Change of the raster since the start of frame 0, at the middle of every frame; zero where its term is not used.
+
+    Attributes:
+        frame: (n,) numbers of the frames.
+        magnification: (n,) relative change; positive makes everything larger.
+        magnification_sigma: (n,) standard uncertainty.
+        rotation_rad: (n,) rotation of what is seen, positive from x towards y.
+        rotation_sigma_rad: (n,) standard uncertainty.
+    """
+
+    frame: NDArray[np.int64]
+    magnification: NDArray[np.float64]
+    magnification_sigma: NDArray[np.float64]
+    rotation_rad: NDArray[np.float64]
+    rotation_sigma_rad: NDArray[np.float64]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
     """One revision of everything the estimator knows.
@@ -112,6 +152,8 @@ class Estimate:
         motions: one for each pair.
         noise_floor_px: robust standard deviation of what the model leaves unexplained, per component.
         notes: sentences for the operator (what is not determined, and why).
+        terms: optional terms of the model, and whether the data asked for them.
+        raster: change of magnification and rotation of the raster.
     """
 
     drift: DriftEstimate
@@ -119,3 +161,5 @@ class Estimate:
     motions: tuple[Motion, ...]
     noise_floor_px: float
     notes: tuple[str, ...]
+    terms: tuple[TermTest, ...] = ()
+    raster: RasterWander | None = None

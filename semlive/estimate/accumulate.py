@@ -16,10 +16,23 @@ from semlive.data.grid import Grid
 from semlive.errors import IllPosed
 from semlive.estimate.blocks import BlockColumns, Blocks, block_columns
 from semlive.estimate.state import EstimatorState, MapRows, ReferenceNoise
-from semlive.model import Axis, DistortionSpline, DriftSpline, Layout, MotionKind, Sighting, UniformSpline, sighting
+from semlive.model import (
+    Axis,
+    DistortionSpline,
+    DriftSpline,
+    Layout,
+    MotionKind,
+    RasterChange,
+    RasterTerm,
+    Sighting,
+    UniformSpline,
+    sighting,
+    with_drift,
+)
 
 SIGMA_FLOOR_PX = 1e-4  # noise-free synthetic maps come with sigma 0
 MAX_DRIFT_KNOTS = 4000
+RASTER_KNOT_FRAMES = 8.0  # lens and high voltage wander in hours; faster changes are no drift of the magnification
 
 _KIND = {Phase.CALIBRATION: MotionKind.RIGID, Phase.TRANSLATION: MotionKind.GRADIENT, Phase.TENSION: MotionKind.GRADIENT}
 
@@ -71,14 +84,16 @@ def update(
         raise IllPosed(f"no point of pair {pair} was correlated, so it says nothing: check focus and contrast of its frames")
     duration_s = max(when.timing.duration_s for when in times)
     drift = state.drift or DriftSpline(UniformSpline(0.0, duration_s / state.settings.drift_knots_per_frame, 1))
+    raster = state.raster or _raster(state, duration_s)
     # A point may lie a little below the last row; an eighth of a frame covers any subset that was still inside the image.
-    drift = drift.until(times[1].start_s + 1.125 * times[1].timing.duration_s)
+    end_s = times[1].start_s + 1.125 * times[1].timing.duration_s
+    drift, raster = drift.until(end_s), tuple(one.until(end_s) for one in raster)
     if drift.spline.size > MAX_DRIFT_KNOTS:
         raise IllPosed(f"the run is {times[1].start_s:.0f} s long at pair {pair}, more than {MAX_DRIFT_KNOTS} drift knots: start a new run")
     motions = state.motions if pair == 0 else state.motions.having(pair, _KIND[phase])
-    grown = _grown(
-        replace(state, drift=drift, motions=motions, frames=(*state.frames, *times), phases=(*state.phases, phase)), state.layout
-    )
+    frames, phases = (*state.frames, *times), (*state.phases, phase)
+    larger = replace(state, drift=drift, raster=raster, motions=motions, frames=frames, phases=phases)
+    grown = _grown(larger, state.layout)
     rows = _without_redundancy(tuple(_map_rows(grown, dmap) for dmap in maps))
     sums = Sums(grown.precision.copy(), grown.information.copy(), grown.reference.copy())
     for one in rows:
@@ -229,6 +244,23 @@ def _component(layout: Layout, columns: list[BlockColumns], axis: Axis) -> tuple
     return unique, design
 
 
+def carried_along(state: EstimatorState) -> EstimatorState:
+    """The same data with the distortion carried along by the drift that the state is linearised about: all columns made anew."""
+    carried = replace(state, distortion=replace(state.distortion, carried=True))
+    kept = tuple(replace(_map_rows(carried, rows.dmap), weight=rows.weight) for rows in state.rows)
+    nothing, n = ReferenceNoise.nothing(state.blocks.size, state.layout.size), state.layout.size
+    sums = Sums(np.zeros((n, n)), np.zeros(n), nothing)
+    for one in kept:
+        add_rows(carried, one, carried.about, sums)
+    return replace(carried, rows=kept, precision=sums.precision, information=sums.information, reference=sums.reference)
+
+
+def _raster(state: EstimatorState, duration_s: float) -> tuple[RasterChange, ...]:
+    x, y = (float(one) for one in state.centre_px)
+    spline = UniformSpline(0.0, RASTER_KNOT_FRAMES * duration_s, 1)
+    return tuple(RasterChange(term, spline, (x, y), x) for term in RasterTerm)
+
+
 def _grown(state: EstimatorState, before: Layout) -> EstimatorState:
     layout = state.layout
     index = before.within(layout)
@@ -258,12 +290,14 @@ def _map_rows(state: EstimatorState, dmap: DisparityMap) -> MapRows:
     at = blocks.block[used]
     reference = sighting(state.frame_time(dmap.reference), x[used], y[used])
     current = sighting(state.frame_time(dmap.current), x[used] + disparity[used, 0], y[used] + disparity[used, 1])
+    if state.distortion.carried:
+        reference, current = (with_drift(state.model, state.about, one) for one in (reference, current))
     difference, at_reference = [], []
     for effect in state.model:
         if effect.needs_ideal or not used.any():
             continue
         difference += [block_columns(effect.name, part, at, blocks.size) for part in effect.columns(current)]
-        if isinstance(effect, DistortionSpline) and used.all():
+        if isinstance(effect, DistortionSpline) and not effect.carried and used.all():
             before = _resting(effect, dmap.grid)
         else:
             before = [block_columns(effect.name, part, at, blocks.size, sign=-1.0) for part in effect.columns(reference)]
@@ -275,7 +309,7 @@ def _map_rows(state: EstimatorState, dmap: DisparityMap) -> MapRows:
     position = blocks.mean(np.stack((x, y), axis=1), used) - state.centre_px
     return MapRows(
         dmap.reference, dmap.current, blocks.mean(disparity, used), _weights(state, dmap, used, noisy), noisy,
-        tuple(difference), position, () if within else tuple(at_reference),
+        tuple(difference), position, () if within else tuple(at_reference), dmap,
     )  # fmt: skip
 
 

@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.estimate.state import EstimatorState
-from semlive.model import MotionKind
+from semlive.model import MotionKind, RasterChange
 
 GAUGE_PX = 1e-4  # pins directions that data cannot see, so its size changes no answer
 SHIFT_PX = 1e3
 GRADIENT = 0.1
 AXES = 0.02
+RASTER_PX = 5.0  # 1 % of magnification
+STILL_PX = 1e-7
 
 
 # Below any smoothness that the data choose there is this one, so that a high order leaves nothing free: second differences of knots.
@@ -43,20 +45,24 @@ class Hyper:
         drift: smoothness of the drift along x and y.
         distortion: smoothness of the distortion along x and y.
         rotation_rad: typical rotation of the specimen by a translation.
+        raster_px: typical second difference, from knot to knot, of magnification and rotation of the raster, at half the
+            image's width; 0 where the raster keeps still.
     """
 
     noise_scale: float = 1.0
     drift: tuple[Smoothness, Smoothness] = (Smoothness(2, 0.05), Smoothness(2, 0.05))
     distortion: tuple[Smoothness, Smoothness] = (Smoothness(2, 0.5), Smoothness(2, 0.5))
     rotation_rad: float = 1e-2
+    raster_px: tuple[float, float] = (0.0, 0.0)
 
 
 def gauge_precision(state: EstimatorState) -> NDArray[np.float64]:
     """(n, n) gauges F1 to F3 and the wide priors of shifts and gradients.
 
     F1, F2: mean and best affine map of the distortion over the grid are zero (unknown translations determine neither;
-    they cannot make strain out of none). F3: the drift is zero at the start of frame 0. F4, a step of the drift between
-    pairs against the shift of the specimen, is left to the smoothness of the drift: interpolated, and sigma says so.
+    they cannot make strain out of none). F3: drift, magnification and rotation are zero at the start of frame 0. F4, a step
+    of the drift between pairs against the shift of the specimen, is left to the smoothness of the drift: interpolated, and
+    sigma says so.
     """
     layout = state.layout
     total = np.zeros((layout.size, layout.size))
@@ -65,6 +71,10 @@ def gauge_precision(state: EstimatorState) -> NDArray[np.float64]:
     if state.drift is not None:
         start = state.drift.rows([0.0]) / GAUGE_PX
         _add(total, layout.part("drift"), start.T @ start)
+    for change in state.raster:
+        part = layout.part(change.name)
+        start = change.rows([0.0]) * change.radius_px / GAUGE_PX
+        total[part, part] += start.T @ start
     axes = np.arange(*layout.part("axes").indices(layout.size))
     total[axes, axes] = AXES**-2.0
     motion = layout.part("motion")
@@ -76,6 +86,12 @@ def gauge_precision(state: EstimatorState) -> NDArray[np.float64]:
     diagonal = np.arange(motion.start, motion.stop)
     total[diagonal, diagonal] = precision
     return total
+
+
+def raster_belief(change: RasterChange, size_px: float) -> NDArray[np.float64]:
+    """(size, size) precision of what the raster does: smooth in time, or nothing where `size_px` is 0."""
+    one = np.eye(change.size)
+    return one * STILL_PX**-2.0 if size_px == 0.0 else one * RASTER_PX**-2.0 + change.roughness() * size_px**-2.0
 
 
 def angles(state: EstimatorState) -> NDArray[np.int64]:
@@ -101,6 +117,9 @@ def belief_precision(state: EstimatorState, hyper: Hyper) -> NDArray[np.float64]
         for axis, kind in enumerate(kinds):
             one = slice(part.start + axis, part.stop, 2)
             total[one, one] += base + effect.roughness(kind.order) * kind.size_px**-2.0
+    for change, size_px in zip(state.raster, hyper.raster_px, strict=False):
+        part = layout.part(change.name)
+        total[part, part] += raster_belief(change, size_px)
     at = angles(state)
     total[at, at] = hyper.rotation_rad**-2.0
     return total

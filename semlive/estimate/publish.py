@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from semlive.data.disparity import DisparityMap
-from semlive.data.drift import Correction, DistortionField, DriftEstimate, Estimate, FrameTime, Motion
+from semlive.data.drift import Correction, DistortionField, DriftEstimate, Estimate, FrameTime, Motion, RasterWander
+from semlive.data.experiment import Phase
 from semlive.data.strain import Tensor2
 from semlive.estimate.accumulate import marginal
 from semlive.estimate.prior import Hyper, belief_precision, gauge_precision
 from semlive.estimate.solve import Solution, posterior
 from semlive.estimate.state import EstimatorState
-from semlive.model import Axis, MotionKind, Sighting, offsets, sighting
+from semlive.model import Axis, MotionKind, Sighting, offsets, sighting, with_drift
 
 SAMPLES_PER_FRAME = 12
 # An address counts as calibrated when the data reduced the standard deviation of its distortion below this fraction. Of the paper's
@@ -31,7 +32,8 @@ def estimate(solution: Solution, revision: int) -> Estimate:
     state = solution.state
     distortion = _distortion(solution)
     motions = tuple(_motion(solution, pair) for pair in (0, *state.motions.pairs))
-    return Estimate(_drift(solution, revision), distortion, motions, solution.noise_floor_px, _notes(solution, distortion))
+    notes = _notes(solution, distortion)
+    return Estimate(_drift(solution, revision), distortion, motions, solution.noise_floor_px, notes, solution.terms, _wander(solution))
 
 
 def live_rate(solution: Solution) -> NDArray[np.float64]:
@@ -49,7 +51,7 @@ def correction(solution: Solution, dmap: DisparityMap) -> Correction:
     Raises:
         IllPosed: the map's frame is not part of the estimate.
     """
-    reference, current = _sightings(solution.state, dmap)
+    reference, current = _sightings(solution, dmap)
     model = tuple(effect for effect in solution.state.model if not effect.needs_ideal)
     parameters = np.concatenate([solution.part(effect.name) for effect in model])
     both = offsets(model, parameters, current) - offsets(model, parameters, reference)
@@ -65,7 +67,7 @@ def correction_strain_sigma(solution: Solution, dmap: DisparityMap) -> Tensor2:
 
     This is the systematic part: the same for every point of the frame, whatever its own DIC noise.
     """
-    reference, current = _sightings(solution.state, dmap)
+    reference, current = _sightings(solution, dmap)
     layout, valid = solution.state.layout, dmap.valid.ravel()
     if valid.sum() < 3:
         return Tensor2(np.inf, np.inf, np.inf)
@@ -104,12 +106,26 @@ def mean_strain_covariance(solution: Solution, frames: Sequence[int]) -> NDArray
     return solution.covariance_of(rows.reshape(2 * len(frames), -1))
 
 
-def _sightings(state: EstimatorState, dmap: DisparityMap) -> tuple[Sighting, Sighting]:
+def _sightings(solution: Solution, dmap: DisparityMap) -> tuple[Sighting, Sighting]:
+    state = solution.state
     if dmap.reference != 0:
         raise ValueError(f"corrections are for maps from frame 0, not from frame {dmap.reference}")
     x, y = dmap.grid.mesh()
     reference = sighting(state.frame_time(0), x, y)
-    return reference, sighting(state.frame_time(dmap.current), x + dmap.u_px, y + dmap.v_px)
+    current = sighting(state.frame_time(dmap.current), x + dmap.u_px, y + dmap.v_px)
+    return with_drift(state.model, solution.mean, reference), with_drift(state.model, solution.mean, current)
+
+
+def _wander(solution: Solution) -> RasterWander:
+    frames = sorted(solution.state.frames, key=_start)
+    middle_s = [when.start_s + 0.5 * when.timing.duration_s for when in frames]
+    values = []
+    for change in solution.state.raster:
+        part = solution.state.layout.part(change.name)
+        rows = change.rows(middle_s)
+        variance = np.einsum("ni,ij,nj->n", rows, solution.covariance[part, part], rows, optimize=True)
+        values += [rows @ solution.mean[part], np.sqrt(np.clip(variance, 0.0, None))]
+    return RasterWander(np.array([when.frame for when in frames], dtype=np.int64), *values)
 
 
 def _drift(solution: Solution, revision: int) -> DriftEstimate:
@@ -200,11 +216,28 @@ def _notes(solution: Solution, distortion: DistortionField) -> tuple[str, ...]:
         notes.append(
             "the affine part of the distortion is not determined by unknown translations and set to zero: it scales strain, it makes none"
         )
+    notes += _term_notes(solution)
     frames = sorted(solution.state.frames, key=_start)
     gap_s = max((after.start_s - before.start_s - before.timing.duration_s for before, after in itertools.pairwise(frames)), default=0.0)
     if gap_s > 0:
         notes.append(f"drift between pairs is interpolated over gaps of up to {gap_s:.0f} s: it cannot be told from motion of the specimen")
     return tuple(notes)
+
+
+def _term_notes(solution: Solution) -> list[str]:
+    tests, notes = {one.name: one for one in solution.terms}, []
+    gamma = tests.get("coupling")
+    if gamma is not None and gamma.used:
+        notes.append(
+            f"the drift carries the distortion along (gamma {gamma.value:.2f} +- {gamma.sigma:.2f} before, 1 taken): E is at R - d"
+        )
+    strained = Phase.TENSION in solution.state.phases
+    for name, what in (("magnification", "strain"), ("raster_rotation", "rotation of the specimen")):
+        if name in tests and tests[name].used:
+            said = f"the {name.replace('_', ' ')} drifts (evidence {tests[name].evidence:.0f}) and is corrected"
+            end = f", under load only as it goes on smoothly: a step of it cannot be told from {what}" if strained else ""
+            notes.append(said + end)
+    return notes
 
 
 def _start(when: FrameTime) -> float:

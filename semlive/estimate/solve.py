@@ -8,13 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, get_lapack_funcs
 
+from semlive.data.drift import TermTest
 from semlive.errors import IllPosed
-from semlive.estimate.accumulate import marginal, predicted, pull, relinearised
+from semlive.estimate.accumulate import carried_along, marginal, predicted, pull, relinearised
 from semlive.estimate.evidence import Misfit, likeliest_hyper, steady
 from semlive.estimate.prior import Hyper, belief_precision, gauge_precision
 from semlive.estimate.state import EstimatorState
+from semlive.estimate.terms import coupling, raster_terms
 
 CLIP = 4.0
+CARRIED_PASSES = 2  # the drift that was found with the wrong coupling is wrong by 0.02 px, which matters times 5e-3
 # Noise of a block's mean is never taken for smaller, px: with exact synthetic data the information matrix would span more than the
 # 16 decades of a double.
 MIN_BLOCK_NOISE_PX = 1e-5
@@ -33,6 +36,7 @@ class Solution:
         mean: (n,) posterior mean.
         covariance: (n, n) posterior covariance.
         noise_floor_px: robust standard deviation of one POI that the model leaves unexplained, per component.
+        terms: optional terms, and whether the data asked for them.
     """
 
     state: EstimatorState
@@ -40,6 +44,7 @@ class Solution:
     mean: NDArray[np.float64]
     covariance: NDArray[np.float64]
     noise_floor_px: float
+    terms: tuple[TermTest, ...] = ()
 
     def part(self, name: str) -> NDArray[np.float64]:
         """Posterior mean of one effect's parameters."""
@@ -62,19 +67,58 @@ def solve(state: EstimatorState) -> Solution:
     if state.drift is None:
         raise IllPosed("no pair has been accumulated yet, so there is nothing to estimate: add pair 0 first")
     gauge = gauge_precision(state)
-    hyper = Hyper()
-    mean, _ = posterior(marginal(state), belief_precision(state, hyper) + gauge, hyper.noise_scale)
-    state = relinearised(state, mean)
-    data = Misfit(marginal(state)[0], pull(state, mean), mean)
+    mean, _ = posterior(marginal(state), belief_precision(state, Hyper()) + gauge, 1.0)
+    fitted, tests = _with_raster_terms(_fitted(relinearised(state, mean), Hyper(), gauge, mean), gauge)
+    # A wrong magnification looks like a wrong coupling and the other way round; coupling is judged with magnification in the model,
+    # and magnification once more after the coupling.
+    test = _coupling(fitted, gauge)
+    if test.used:
+        for _ in range(CARRIED_PASSES):
+            still = replace(fitted.hyper, raster_px=(0.0, 0.0))
+            fitted = _fitted(carried_along(relinearised(fitted.state, fitted.mean)), still, gauge, fitted.mean)
+        fitted, tests = _with_raster_terms(fitted, gauge)
+    state, hyper = fitted.state, fitted.hyper
+    mean, factor = _posterior_about(fitted.data, belief_precision(state, hyper) + gauge, hyper.noise_scale)
+    covariance = _inverse(factor)
+    _, floor_px = _noise(state, fitted.data.precision, hyper, mean, covariance)
+    return Solution(state, hyper, mean, covariance, floor_px, (*tests, test))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fitted:
+    """A fit on the way: the state's data about a mean, and the hyper-parameters chosen there."""
+
+    state: EstimatorState
+    data: Misfit
+    hyper: Hyper
+    mean: NDArray[np.float64]
+
+
+def _fitted(state: EstimatorState, hyper: Hyper, gauge: NDArray[np.float64], near: NDArray[np.float64]) -> _Fitted:
+    """Noise scale, then smoothness, of a state, and the mean with these."""
+    data = Misfit(marginal(state)[0], pull(state, near), near)
     for choose in (None, likeliest_hyper):
         mean, factor = _posterior_about(data, belief_precision(state, hyper) + gauge, hyper.noise_scale)
         scale, _ = _noise(state, data.precision, hyper, mean, _inverse(factor))
         hyper = replace(hyper, noise_scale=scale)
         hyper = choose(state, data, hyper, gauge) if choose else hyper
-    mean, factor = _posterior_about(data, belief_precision(state, hyper) + gauge, hyper.noise_scale)
-    covariance = _inverse(factor)
-    _, floor_px = _noise(state, data.precision, hyper, mean, covariance)
-    return Solution(state, hyper, mean, covariance, floor_px)
+    mean, _ = _posterior_about(data, belief_precision(state, hyper) + gauge, hyper.noise_scale)
+    return _Fitted(state, data, hyper, mean)
+
+
+def _with_raster_terms(fitted: _Fitted, gauge: NDArray[np.float64]) -> tuple[_Fitted, tuple[TermTest, ...]]:
+    hyper, tests = raster_terms(fitted.state, fitted.data, fitted.hyper, gauge)
+    if hyper.raster_px == fitted.hyper.raster_px:
+        return fitted, tests
+    # Noise and smoothness were judged without what has now come in.
+    fitted = _fitted(fitted.state, hyper, gauge, fitted.mean)
+    hyper, tests = raster_terms(fitted.state, fitted.data, fitted.hyper, gauge)
+    return _fitted(fitted.state, hyper, gauge, fitted.mean), tests
+
+
+def _coupling(fitted: _Fitted, gauge: NDArray[np.float64]) -> TermTest:
+    state, hyper = fitted.state, fitted.hyper
+    return coupling(state, fitted.data, fitted.mean, belief_precision(state, hyper) + gauge, hyper.noise_scale)
 
 
 def posterior(data: Information, prior: NDArray[np.float64], noise_scale: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from semlive.data.disparity import DisparityMap
 from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
 from semlive.errors import IllPosed
 from semlive.estimate.blocks import BlockColumns, Blocks
-from semlive.model import DistortionSpline, DriftSpline, Effect, Layout, PairMotions, ScanAxes
+from semlive.model import DistortionSpline, DriftSpline, Effect, Layout, PairMotions, RasterChange, ScanAxes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,6 +30,7 @@ class MapRows:
         difference: columns of the effects that act at the scan address.
         position_px: (blocks, 2) mean address in the reference frame, relative to the image centre.
         at_reference: columns at the reference frame, which give the ideal position; empty within a pair.
+        dmap: the map, for columns that are made anew.
     """
 
     reference: int
@@ -39,6 +41,7 @@ class MapRows:
     difference: tuple[BlockColumns, ...]
     position_px: NDArray[np.float64]
     at_reference: tuple[BlockColumns, ...]
+    dmap: DisparityMap
 
     @property
     def from_reference(self) -> bool:
@@ -94,6 +97,7 @@ class EstimatorState:
         blocks: partition of the grid.
         distortion: the distortion effect.
         drift: the drift effect, lengthened as time goes on; None before the first pair.
+        raster: what of the raster may change in time, held at zero unless the data ask for it; empty before the first pair.
         axes: the axes of the scan.
         motions: the motion effect, one pair more with each update.
         frames: times of all frames in order of arrival.
@@ -112,6 +116,7 @@ class EstimatorState:
     blocks: Blocks
     distortion: DistortionSpline
     drift: DriftSpline | None
+    raster: tuple[RasterChange, ...]
     axes: ScanAxes
     motions: PairMotions
     frames: tuple[FrameTime, ...]
@@ -126,7 +131,7 @@ class EstimatorState:
     def model(self) -> tuple[Effect, ...]:
         """The named effects."""
         drift = () if self.drift is None else (self.drift,)
-        return (self.distortion, *drift, self.axes, self.motions)
+        return (self.distortion, *drift, *self.raster, self.axes, self.motions)
 
     @property
     def layout(self) -> Layout:
@@ -171,6 +176,7 @@ def init(settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) 
         blocks=blocks,
         distortion=distortion,
         drift=None,
+        raster=(),
         axes=ScanAxes(),
         motions=PairMotions(),
         frames=(),

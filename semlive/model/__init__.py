@@ -2,11 +2,12 @@
 
 The measurement model, for frame n, scan address R = (x, y) and time ``t_n(R) = T_n + x t_D + y t_R``::
 
-    R = p_0 + E(R) + d(t_n(R)) + shift_n + G_n (p_0 - c)
+    R = p_0 + E(R - gamma d) + d(t_n(R)) + A(t_n(R)) (R - c) + shift_n + G_n (p_0 - c)
 
-p_0 is the ideal position in pair 0, E the static distortion at the scan address (it stays where the beam is, whatever
-the specimen does: gamma = 0), d the drift in absolute time, shift_n and G_n the motion of the specimen in the frame's
-pair. Every effect is linear in its own parameters and contributes columns of one design matrix.
+p_0 is the ideal position in pair 0, E the static distortion at the scan address (it stays where the beam is, whatever the
+specimen does, gamma = 0, or is carried along by the drift, gamma = 1), d the drift in absolute time, A magnification and
+rotation of the raster that wander, shift_n and G_n the motion of the specimen in the frame's pair. Every effect is
+linear in its own parameters and contributes columns of one design matrix.
 """
 
 from semlive.model.axes import ScanAxes
@@ -14,8 +15,9 @@ from semlive.model.basis import UniformSpline
 from semlive.model.distortion import DistortionSpline
 from semlive.model.drift import DriftSpline
 from semlive.model.effect import Axis, Columns, Effect, Layout, Sighting
-from semlive.model.forward import offsets, scan_address
+from semlive.model.forward import offsets, scan_address, with_drift
 from semlive.model.motion import MotionKind, PairMotions
+from semlive.model.raster_change import RasterChange, RasterTerm
 from semlive.model.raster_time import sighting
 
 __all__ = [
@@ -27,10 +29,13 @@ __all__ = [
     "Layout",
     "MotionKind",
     "PairMotions",
+    "RasterChange",
+    "RasterTerm",
     "ScanAxes",
     "Sighting",
     "UniformSpline",
     "offsets",
     "scan_address",
     "sighting",
+    "with_drift",
 ]

@@ -26,10 +26,13 @@ class DistortionSpline:
     Attributes:
         along_x: over columns.
         along_y: over rows.
+        carried: whether the distortion is carried along by the drift, E(R - d) as in equations 6 and 9 of Sutton 2007 (gamma = 1),
+            and does not stay at the scan address, E(R) (gamma = 0).
     """
 
     along_x: UniformSpline
     along_y: UniformSpline
+    carried: bool = False
 
     @classmethod
     def covering(cls, width_px: int, height_px: int, knot_px: float) -> DistortionSpline:
@@ -49,13 +52,18 @@ class DistortionSpline:
 
     @property
     def needs_ideal(self) -> bool:
-        """False: the distortion belongs to the scan address (gamma = 0)."""
+        """False: it belongs to the scan address, drift taken off or not."""
         return False
 
     def columns(self, seen: Sighting) -> tuple[Columns, ...]:
         """Tensor-product basis rows at the scan addresses."""
-        index_x, value_x = self.along_x.local(seen.x_px)
-        index_y, value_y = self.along_y.local(seen.y_px)
+        x_px, y_px = seen.x_px, seen.y_px
+        if self.carried:
+            if seen.drift_px is None:
+                raise ValueError("a distortion that is carried along needs the drift at the points")
+            x_px, y_px = x_px - seen.drift_px[:, 0], y_px - seen.drift_px[:, 1]
+        index_x, value_x = self.along_x.local(x_px)
+        index_y, value_y = self.along_y.local(y_px)
         index = index_y[:, :, None] * self.along_x.size + index_x[:, None, :]
         value = value_y[:, :, None] * value_x[:, None, :]
         return (Columns(Axis.EACH, index.reshape(len(index), -1), value.reshape(len(index), -1)),)

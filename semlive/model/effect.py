@@ -32,6 +32,7 @@ class Sighting:
         visit_time_s: (visits, n) when the beam was there, seconds after the start of frame 0.
         ideal_px: (n, 2) ideal position in pair 0 relative to the image centre, or None where no effect needs it.
         turn_rad: rotation of the specimen since pair 0 that columns are linearised about; 0 where it is not known to be rigid.
+        drift_px: (n, 2) drift at the visits, where the distortion is carried along by it; else None.
     """
 
     frame: int
@@ -41,6 +42,7 @@ class Sighting:
     visit_time_s: NDArray[np.float64]
     ideal_px: NDArray[np.float64] | None = None
     turn_rad: float = 0.0
+    drift_px: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.drift import FrameTime
+from semlive.model.distortion import DistortionSpline
+from semlive.model.drift import DriftSpline
 from semlive.model.effect import Axis, Effect, Layout, Sighting
 from semlive.model.raster_time import sighting
 
@@ -17,6 +20,7 @@ ITERATIONS = 8  # distortion gradients are below 2e-2, so each pass gains two di
 def offsets(model: Sequence[Effect], parameters: NDArray[np.float64], seen: Sighting) -> NDArray[np.float64]:
     """(n, 2) what all effects together add to the ideal position: ``R - p_0``."""
     layout = Layout.of(model)
+    seen = with_drift(model, parameters, seen)
     total = np.zeros((len(seen.x_px), 2))
     for effect in model:
         own = parameters[layout.part(effect.name)]
@@ -24,8 +28,16 @@ def offsets(model: Sequence[Effect], parameters: NDArray[np.float64], seen: Sigh
             if columns.axis is Axis.EACH:
                 total += np.einsum("nk,nkc->nc", columns.value, own.reshape(-1, 2)[columns.index])
             else:
-                total[:, columns.axis is Axis.Y] += np.sum(columns.value * own[columns.index], axis=1)
+                total[:, int(columns.axis is Axis.Y)] += np.sum(columns.value * own[columns.index], axis=1)
     return total
+
+
+def with_drift(model: Sequence[Effect], parameters: NDArray[np.float64], seen: Sighting) -> Sighting:
+    """The sighting with the drift at its points, where the model's distortion is carried along by it; else as it was."""
+    drift = next((effect for effect in model if isinstance(effect, DriftSpline)), None)
+    if drift is None or seen.drift_px is not None or not any(isinstance(one, DistortionSpline) and one.carried for one in model):
+        return seen
+    return replace(seen, drift_px=offsets((drift,), parameters[Layout.of(model).part(drift.name)], seen))
 
 
 def scan_address(

@@ -62,6 +62,9 @@ def prior_roots(state: EstimatorState) -> Iterator[tuple[slice, np.ndarray]]:
             yield one, gauges[name]
             value, vector = np.linalg.eigh(belief[one, one])
             yield one, (vector * np.sqrt(np.where(value > 1e-13 * value[-1], value, 0.0))).T
+    for change in state.raster:
+        part = state.layout.part(change.name)
+        yield part, np.linalg.cholesky((gauge_precision(state) + belief)[part, part]).T
     for name in ("axes", "motion"):
         part = state.layout.part(name)
         yield part, np.diag(np.sqrt(np.diag(gauge_precision(state) + belief)[part]))

@@ -1,0 +1,113 @@
+"""Optional terms, each decided by the data: magnification and rotation of the raster, and whether drift carries the distortion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from semlive.data.drift import FrameTime, TermTest
+from semlive.estimate.accumulate import map_columns, predicted
+from semlive.estimate.evidence import Misfit, marginal_of, steady
+from semlive.estimate.prior import Hyper, belief_precision, raster_belief
+from semlive.estimate.state import EstimatorState, MapRows
+from semlive.model import RasterChange, sighting
+
+RASTER_CANDIDATES = 10.0 ** np.arange(-3.0, 1.01, 0.5)  # px at half the image's width, second difference from knot to knot
+# Natural logarithm of how much likelier the data must become. Over 60 experiments without the effect the largest was below 1.
+DECISIVE = 6.0
+COUPLING_SIGMAS = 4.0
+
+
+def raster_terms(state: EstimatorState, data: Misfit, hyper: Hyper, gauge: NDArray[np.float64]) -> tuple[Hyper, tuple[TermTest, ...]]:
+    """Which terms of the raster the data ask for, and how large they may be.
+
+    Each is tested with all other parameters integrated out and the noise as it is in blocks of a subset's size, so that overlapping
+    subsets do not count more than once.
+    """
+    bare, sizes, tests = data.scaled(hyper.noise_scale**-2.0).believing(gauge), list(hyper.raster_px), []
+    for number, change in enumerate(state.raster):
+        part = state.layout.part(change.name)
+        off = replace(hyper, raster_px=tuple(0.0 if i == number else one for i, one in enumerate(sizes)))
+        own = marginal_of(bare, belief_precision(state, off), np.arange(part.start, part.stop))
+        gains = np.array([_gain(own, change, gauge[part, part], size) for size in RASTER_CANDIDATES])
+        best = int(np.argmax(gains))
+        used = bool(gains[best] > DECISIVE)
+        sizes[number] = float(RASTER_CANDIDATES[best]) if used else 0.0
+        tests.append(TermTest(change.name, used, _f_ratio(own), float(gains[best])))
+    return replace(hyper, raster_px=(sizes[0], sizes[1])), tuple(tests)
+
+
+def coupling(state: EstimatorState, data: Misfit, mean: NDArray[np.float64], prior: NDArray[np.float64], noise_scale: float) -> TermTest:
+    """How far the drift carries the distortion: gamma of E(R - gamma d), by one column beside all others.
+
+    The column is what the maps would show more if the estimated distortion were carried by the estimated drift; its coefficient is
+    found with everything else free, so the rest of the model has had its chance to explain the same.
+    """
+    own, pulled, across = 0.0, 0.0, np.zeros(len(mean))
+    noise, noise_pull = np.zeros((state.blocks.size, 2)), np.zeros((state.blocks.size, 2))
+    for rows in state.rows:
+        if not rows.weight.any() or not rows.disparity_px.any():
+            continue
+        column = _carried_column(state, rows, mean)
+        misfit = rows.disparity_px - predicted(state, rows, mean)
+        own += float(np.sum(rows.weight * column**2))
+        pulled += float(np.sum(rows.weight * column * misfit))
+        for axis, (index, design) in enumerate(map_columns(state, rows, state.about)):
+            across[index] += design.T @ (rows.weight[:, axis] * column[:, axis])
+        if rows.from_reference:
+            noise -= rows.weight * column
+            noise_pull -= rows.weight * misfit
+    seen = state.reference.weight > 0
+    per = np.where(seen, 1.0 / np.where(seen, state.reference.weight, 1.0), 0.0)
+    own -= float(np.sum(noise**2 * per))
+    pulled -= float(np.sum(noise * noise_pull * per))
+    for axis in (0, 1):
+        across -= state.reference.coupling[axis].T @ (noise[:, axis] * per[:, axis])
+    weight = noise_scale**-2.0
+    full = data.scaled(weight).believing(prior)
+    factor = cho_factor(steady(full.precision), lower=True, check_finite=False)
+    solved = cho_solve((factor[0], True), np.column_stack((across * weight, full.pull)), check_finite=False)
+    # `mean` is the best fit of all others, but for rounding, so what they would take over is the step that is left.
+    step = full.about + solved[:, 1] - mean
+    known = own * weight - float(across @ solved[:, 0]) * weight
+    gamma = (pulled * weight - float(across @ step) * weight) / known if known > 0 else 0.0
+    sigma = known**-0.5 if known > 0 else np.inf
+    # Far from both 0 and 1 it is neither: something else is wrong, and carrying would only hide it.
+    carried = bool(abs(gamma - 1.0) < 0.4 and gamma > COUPLING_SIGMAS * sigma)
+    return TermTest("coupling", carried, (gamma / sigma) ** 2, 0.5 * (gamma**2 - (1.0 - gamma) ** 2) / sigma**2, float(gamma), float(sigma))
+
+
+def _carried_column(state: EstimatorState, rows: MapRows, mean: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(blocks, 2) what carrying adds to a map, taken at the middle of each block."""
+    here = rows.position_px + state.centre_px
+    there = here + rows.disparity_px
+    return _carried_at(state, state.frame_time(rows.current), there, mean) - _carried_at(
+        state, state.frame_time(rows.reference), here, mean
+    )
+
+
+def _carried_at(state: EstimatorState, when: FrameTime, at: NDArray[np.float64], mean: NDArray[np.float64]) -> NDArray[np.float64]:
+    assert state.drift is not None  # there are rows
+    seen = sighting(when, at[:, 0], at[:, 1])
+    drift = state.drift.rows(seen.visit_time_s.mean(axis=0)) @ mean[state.layout.part("drift")].reshape(-1, 2)
+    bend = mean[state.layout.part("distortion")]
+    before = at - drift
+    return state.distortion.field(bend, before[:, 0], before[:, 1]) - state.distortion.field(bend, at[:, 0], at[:, 1])
+
+
+def _gain(own: Misfit, change: RasterChange, gauge: NDArray[np.float64], size_px: float) -> float:
+    """How much likelier the data become with the term, natural logarithm; its gauge is in what is known already."""
+    prior = raster_belief(change, size_px)
+    after = own.precision + prior
+    fit = float(own.pull @ np.linalg.solve(after, own.pull))
+    return 0.5 * (fit + float(np.linalg.slogdet(prior + gauge)[1]) - float(np.linalg.slogdet(after)[1]))
+
+
+def _f_ratio(own: Misfit) -> float:
+    """Mean square per degree of freedom that the term would explain; 1 where there is nothing, whatever its number of knots."""
+    values, vectors = np.linalg.eigh(own.precision)
+    told = values > 1e-3  # a tenth of a pixel and better is told by the data at all
+    return float(np.mean((own.pull @ vectors[:, told]) ** 2 / values[told])) if told.any() else 0.0

@@ -1,0 +1,107 @@
+"""Terms that the data ask for: magnification that drifts, distortion that the drift carries along, scans that are integrated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from semlive import estimate as estimating
+from semlive.data.drift import Estimate
+from semlive.data.scan import Provenance, ScanTiming, Sourced
+from semlive.data.settings import EstimateSettings
+
+WIDTH_PX, HEIGHT_PX = 1024, 884
+CENTRE = np.array([WIDTH_PX - 1, HEIGHT_PX - 1]) / 2
+
+
+def changed(world: Any, **more: Any) -> Any:
+    """The world with another error of the beam: `carried` distortion, `growth` of magnification in 1/s, or `scans` integrated."""
+    carried, growth, scans = more.get("carried", False), more.get("growth", 0.0), more.get("scans", 1)
+    kind = type(world)
+    timing = scan_timing(scans)
+
+    class Changed(kind):  # type: ignore[misc, valid-type]
+        def error(self, at: Any, start_s: float) -> Any:
+            first_s = start_s + at[..., 0] * timing.dwell_time_s.value + at[..., 1] * timing.row_time_s.value
+            visits = [first_s + scan * timing.frame_time_s.value for scan in range(scans)]
+            drift = np.mean([self.drift(time_s) for time_s in visits], axis=0)
+            grown = growth * np.mean(visits, axis=0)
+            return self.distortion(at - drift if carried else at) + drift + grown[..., None] * (at - CENTRE)
+
+        def pairs(self, steps: Any) -> Any:
+            for taken in super().pairs(steps):
+                yield replace(taken, times=tuple(replace(when, timing=timing) for when in taken.times))
+
+    return Changed(world.seed, world.grid, world.noise_px)
+
+
+def scan_timing(scans: int) -> ScanTiming:
+    frame_s = 94.67 / scans
+    dwell, row, frame = (Sourced(one, Provenance.CONFIG) for one in (1e-4 / scans, frame_s / HEIGHT_PX, frame_s))
+    return ScanTiming(dwell, row, frame, Sourced(scans, Provenance.CONFIG))
+
+
+def solved(world: Any, steps: list[Any]) -> tuple[Estimate, float]:
+    """The estimate, and the largest rms error of a frame's correction, px, its best affine map removed."""
+    state = estimating.init(EstimateSettings(), world.grid, WIDTH_PX, HEIGHT_PX)
+    taken = list(world.pairs(steps))
+    for one in taken:
+        state = estimating.update(state, one.pair, one.step.phase, one.times, one.maps)
+    solution = estimating.solve(state)
+    worst = 0.0
+    for one in taken[1:]:
+        for dmap in one.maps[1:]:
+            found = estimating.correction(solution, dmap)
+            error = np.stack((found.u_px, found.v_px), axis=-1) - one.correction_px[dmap.current]
+            worst = max(worst, float(np.sqrt(np.mean((error - error.mean(axis=(0, 1))) ** 2))))
+    return estimating.estimate(solution, 0), worst
+
+
+@pytest.fixture(scope="module")
+def steps(plans: dict[str, list[Any]]) -> list[Any]:
+    return [one for one in plans["short"] if one.strain == 0.0][:5]
+
+
+def used(found: Estimate) -> dict[str, bool]:
+    return {one.name: one.used for one in found.terms}
+
+
+def test_nothing_is_added_where_nothing_is_missing(world: Callable[..., Any], steps: list[Any]) -> None:
+    for seed in (1, 2, 3):
+        found, worst = solved(world(seed), steps)
+        assert not any(used(found).values()), found.terms
+        assert found.raster is not None
+        assert np.abs(found.raster.magnification).max() < 1e-7
+        assert worst < 0.006
+
+
+def test_drifting_magnification_is_found_and_corrected(world: Callable[..., Any], steps: list[Any]) -> None:
+    """5e-4 in two hours: without the term it is 0.1 px at the edge after the five pairs of this plan, and strain of 1.3e-4."""
+    growth = 5e-4 / 6400.0
+    found, worst = solved(changed(world(4), growth=growth), steps)
+    assert used(found) == {"magnification": True, "raster_rotation": False, "coupling": False}
+    assert any("the magnification drifts" in note for note in found.notes)
+    assert found.raster is not None
+    change = found.raster.magnification[-1] - found.raster.magnification[0]
+    true = growth * 94.67 * (4 * 4 + 1)
+    sigma = float(np.hypot(found.raster.magnification_sigma[-1], found.raster.magnification_sigma[0]))
+    assert abs(change - true) < 3.5 * sigma
+    assert sigma < 0.15 * true
+    assert worst < 0.01
+
+
+def test_distortion_carried_by_drift_is_found(world: Callable[..., Any], steps: list[Any]) -> None:
+    found, worst = solved(changed(world(5, noise_px=0.005), carried=True), steps)
+    assert used(found)["coupling"], found.terms
+    assert worst < 0.004
+
+
+@pytest.mark.parametrize("scans", [2, 16])
+def test_integrated_scans_see_the_mean_drift_of_their_visits(world: Callable[..., Any], steps: list[Any], scans: int) -> None:
+    found, worst = solved(changed(world(6, noise_px=0.0), scans=scans), steps)
+    assert worst < 5e-4
+    assert not used(found)["coupling"]
