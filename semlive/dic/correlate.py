@@ -159,8 +159,7 @@ def solve(
         )
 
     attempt(status == PoiStatus.NO_SEED, CHAINED, smooth_field(matches, grid) if guess is None else guess)
-    failed = ~np.isin(status, FINAL)
-    if failed.any():
+    if (failed := ~np.isin(status, FINAL)).any():
         attempt(failed, CHAINED, nearest_field(matches, grid))
     fresh = status == PoiStatus.CONVERGED
     for _ in range(MAX_PASSES):
@@ -169,9 +168,7 @@ def solve(
         if not (failed & reachable).any():
             break
         attempt(failed & reachable, SEEDED, first)
-        again = failed & torn & (status != PoiStatus.CONVERGED)
-        if again.any():
-            attempt(again, SEEDED, second)
+        attempt(failed & torn & (status != PoiStatus.CONVERGED), SEEDED, second)
         fresh = failed & (status == PoiStatus.CONVERGED)
     return solutions
 
