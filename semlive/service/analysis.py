@@ -54,8 +54,10 @@ from semlive.service.result_json import result_json
 INPUT_TOPICS = frozenset({"/run", "/sem/file", SEM_ORIGINAL, "/pair", "/state"})
 READY = "analysis is ready"
 
-# A pair is made of the newest frames; eight cover a hold of several scans.
+# A pair is named after its frames were read, and while a correlation takes long many more are read than a hold has: 22 scans
+# came between at 16 times life on a busy computer. So what limits them is memory, and never fewer are kept than a hold needs.
 _KEPT_FRAMES = 8
+_KEPT_BYTES = 512 * 2**20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,8 +110,13 @@ def _decode(state: AnalysisState, message: LogMessage) -> tuple[AnalysisState, t
     except BadImage as error:
         refused = told.model_copy(update={"decision": "refused", "reason": str(error)})
         return replace(state, announced=None), (_message(refused, message.publish_time_ns),)
-    frames = (*state.frames, frame)[-_KEPT_FRAMES:]
+    frames = _newest((*state.frames, frame))
     return replace(state, announced=None, frames=frames), (_message(values.scan_message(frame.info), frame.info.end_time_ns),)
+
+
+def _newest(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
+    kept = max(_KEPT_FRAMES, _KEPT_BYTES // max(1, frames[-1].image.nbytes))
+    return frames[-kept:]
 
 
 def _analyse(state: AnalysisState, decision: PairDecision, time_ns: int) -> tuple[AnalysisState, tuple[LogMessage, ...]]:

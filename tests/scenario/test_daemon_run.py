@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 from semlive.formats.log import LogMessage
 from semlive.formats.maps import decode_displacement, decode_strain
 from semlive.formats.messages import DISPLACEMENT_FIELD, STRAIN_FIELD
-from semlive.service.analysis import INPUT_TOPICS
+from semlive.service.analysis import INPUT_TOPICS, AnalysisState, feed
 from semlive.service.log_files import messages
 from semlive.service.pipe import read_message
 
@@ -95,6 +95,18 @@ def test_the_log_holds_the_fields_of_every_frame_and_analysing_again_gives_the_s
         sd = summaries[strain.frame]["sd"]
         for name in ("exx", "eyy", "exy"):
             assert getattr(strain, name)[strain.valid].std() == pytest.approx(sd[name], rel=1e-6)
+
+
+def test_a_pair_named_long_after_its_frames_were_read_still_has_them(finished: Any) -> None:
+    inputs = [message for message in messages(finished.log) if message.topic in INPUT_TOPICS]
+    early = [message for message in inputs if message.topic != "/pair"]
+    late = next(message for message in inputs if message.topic == "/pair")
+    state, outputs = AnalysisState(), ()
+    for message in early:
+        state, _ = feed(state, message)
+    assert len(state.frames) > 8
+    _, outputs = feed(state, late)
+    assert any(message.topic == STRAIN_FIELD for message in outputs)
 
 
 def test_the_hold_is_kept_and_nothing_moves_while_a_pair_is_taken(finished: Any) -> None:
