@@ -69,19 +69,19 @@ def holes():
 
 def solved(interpolation, shape_function, masked):
     first, second = bent_pair()
-    mask = holes() if masked else None
+    mask = holes()
     if masked:
         first[~mask] = 0  # what the mask hides must not matter
     settings = DicSettings(
         subset_px=2 * HALF + 1,
         step_px=9,
         roi_px=(30, 30, 100, 70),
-        tolerance_px=1e-6,
+        tolerance_px=1e-5,
         interpolation=interpolation,
         shape_function=shape_function,
     )
     grid = dic.grid_for(settings, 140, 110)
-    reference = dic.prepare(first, grid, settings, mask)
+    reference = dic.prepare(first, grid, settings, mask if masked else None)
     shape = grid.shape
     solutions = cast.Solutions(
         np.zeros((*shape, 6)), np.zeros(shape), np.zeros(shape, np.uint8), np.zeros(shape, np.int32), np.zeros((*shape, 6))
@@ -91,7 +91,7 @@ def solved(interpolation, shape_function, masked):
     seeds[..., 0], seeds[..., 3] = -2.4 + 4e-3 * (x - 70), 1.7 + 2e-3 * (x - 70)
     cast.correlate(
         reference.sums, cast.interpolator(cast.grey(second), ORDER[interpolation]), np.full(shape, SEEDED, np.uint8), seeds, solutions,
-        max_iterations=50, tolerance_px=1e-6, min_zncc=0.5, max_travel_px=4.0, order=ORDER[interpolation],
+        max_iterations=50, tolerance_px=1e-5, min_zncc=0.5, max_travel_px=4.0, order=ORDER[interpolation],
     )  # fmt: skip
     return first.astype(float), second.astype(float), mask, grid, reference, solutions
 
@@ -109,8 +109,8 @@ def test_solution_solves_its_equations(interpolation, shape_function, masked):
         here = np.s_[y - HALF : y + HALF + 1, x - HALF : x + HALF + 1]
         counts = np.ones(dx.shape, dtype=bool)
         if masked:
-            eroded = ~ndimage.binary_dilation(~mask, np.ones((3, 3)))
-            counts = eroded[here]
+            hidden = ndimage.maximum_filter((~mask).astype(np.uint8), size=3)
+            counts = hidden[here] == 0
             assert reference.sums.pixels[j, i] == counts.sum()
         gx, gy = (ndimage.sobel(first, axis=axis)[here] / 8.0 for axis in (1, 0))
         powers = [np.ones_like(dx), dx, dy, dx * dx / 2.0, dx * dy, dy * dy / 2.0]
@@ -132,6 +132,7 @@ def test_solution_solves_its_equations(interpolation, shape_function, masked):
             residual = normalised(f) - normalised(deformed(q / lever))
             return derivatives @ residual / lever
 
+        assert solutions.curvatures is not None
         p, bend = solutions.parameters[j, i], solutions.curvatures[j, i]
         ours = np.concatenate([p[:3], p[3:]] if used == 3 else [p[:3], bend[:3], p[3:], bend[3:]]) * lever
         found = optimize.root(equations, np.round(ours, 1), method="hybr", tol=1e-12)
