@@ -37,7 +37,9 @@ def replay(
         return
     console = Console()
     console.print(result_table(replayed.result))
-    if replayed.recorded is None:
+    if method is not None:
+        console.print(f"estimated by {method}; without --method the result is compared with the live one")
+    elif replayed.recorded is None:
         console.print("the log holds no final result to compare with: the run did not end by itself")
     elif differing := differences(replayed.recorded, result):
         console.print(f"live and replayed results differ in {len(differing)} values, the first {differing[0]}")

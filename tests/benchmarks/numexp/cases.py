@@ -16,6 +16,7 @@ Effects = Callable[[int], tuple[Effect, ...]]
 MAGNIFICATION_CHANGE = 5e-4
 MAGNIFICATION_TAU_S = 3600.0
 WANDER_PX = 0.3
+END_S = 6320.0  # of 30 frames
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +66,13 @@ def _wander(seed: int) -> tuple[Effect, ...]:
 def _magnification(seed: int) -> tuple[Effect, ...]:
     """The total is what the exponential reaches at the end of 30 frames."""
     del seed
-    end_s = 6320.0
-    return (MagnificationDrift(MAGNIFICATION_CHANGE / -math.expm1(-end_s / MAGNIFICATION_TAU_S), MAGNIFICATION_TAU_S),)
+    return (MagnificationDrift(MAGNIFICATION_CHANGE / -math.expm1(-END_S / MAGNIFICATION_TAU_S), MAGNIFICATION_TAU_S),)
+
+
+def magnification_growth(begin_s: float, end_s: float) -> float:
+    """True relative change of the magnification between two instants."""
+    reached = [math.expm1(-time_s / MAGNIFICATION_TAU_S) / math.expm1(-END_S / MAGNIFICATION_TAU_S) for time_s in (begin_s, end_s)]
+    return MAGNIFICATION_CHANGE * (reached[1] - reached[0])
 
 
 PLAIN = Setting(_nothing)

@@ -34,8 +34,9 @@ def joint(experiment: Experiment) -> Found:
     begin = time.process_time()
     solution = estimate.solve(state)
     spent_s = time.process_time() - begin
-    distortion = estimate.estimate(solution, len(experiment.pairs)).distortion
-    return Found(distortion, lambda dmap: estimate.correction(solution, dmap), None, tuple(spent), spent_s)
+    found = estimate.estimate(solution, len(experiment.pairs))
+    grown = None if found.raster is None else float(found.raster.magnification[-1] - found.raster.magnification[0])
+    return Found(found.distortion, lambda dmap: estimate.correction(solution, dmap), grown, tuple(spent), spent_s)
 
 
 def sutton2007(experiment: Experiment) -> Found:

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numexp.cases import MAGNIFICATION_CHANGE
+from numexp.cases import magnification_growth
 from numexp.measure import Measured
-from numexp.world import Field
+from numexp.world import SCAN, Field, start_s
 
 Results = dict[tuple[str, str], list[Measured]]
 """(case, method) -> one for each seed."""
@@ -84,7 +84,9 @@ def _sd(one: Measured) -> float:
 
 
 def _magnification(one: Measured) -> float:
-    return abs(one.magnification / MAGNIFICATION_CHANGE - 1.0) if one.magnification is not None else float("nan")
+    middle_s = 0.5 * SCAN.frame_time_s
+    true = magnification_growth(middle_s, start_s(29) + middle_s)
+    return abs(one.magnification / true - 1.0) if one.magnification is not None else float("nan")
 
 
 _distortion = percentile(lambda one: one.distortion_max_px)
