@@ -62,6 +62,12 @@ class Blocks:
         return len(self.members)
 
     @property
+    def layout(self) -> tuple[int, int]:
+        """(rows, columns) of blocks."""
+        columns = int(self.block[self.shape[1] - 1]) + 1
+        return self.size // columns, columns
+
+    @property
     def full_count(self) -> NDArray[np.int64]:
         """(blocks,) number of POI in each block."""
         return (self.members >= 0).sum(axis=1)
