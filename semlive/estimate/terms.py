@@ -16,7 +16,8 @@ from semlive.estimate.state import EstimatorState, MapRows
 from semlive.model import RasterChange, sighting
 
 RASTER_CANDIDATES = 10.0 ** np.arange(-3.0, 1.01, 0.5)  # px at half the image's width, second difference from knot to knot
-# Natural logarithm of how much likelier the data must become. Over 60 experiments without the effect the largest was below 1.
+# Natural logarithm of how much likelier the data must become: a Bayes factor of 400 comes by chance in less than one run of 400 (Ville).
+# A drift of the magnification by 5e-4 reaches 4,000 and more with correlated noise.
 DECISIVE = 6.0
 COUPLING_SIGMAS = 4.0
 
