@@ -163,7 +163,8 @@ def solve(
         attempt(failed, CHAINED, nearest_field(matches, grid))
     fresh = status == PoiStatus.CONVERGED
     for _ in range(MAX_PASSES):
-        failed = ~np.isin(status, FINAL)
+        if not (failed := ~np.isin(status, FINAL)).any():
+            break
         first, reachable, second, torn = guesses(solutions, fresh, grid.step_px)
         if not (failed & reachable).any():
             break
