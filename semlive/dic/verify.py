@@ -39,6 +39,7 @@ AGREES_PX = 0.08  # and once the ordinary sigma
 BENDS_PX = 0.4  # at the subset's edge
 MAX_REACH = 4  # points on each side that a plane is fitted to, within half a subset
 MIN_SUPPORT = 0.15  # part of the points around that has to be trusted
+MIN_LINES = 3  # of points that a slope across them is told from
 LINKS_PX = 0.6  # apart, after each other's strain
 MIN_COMPANY = 6
 MAX_ROUNDS = 200
@@ -193,12 +194,14 @@ def _confirmed(
     trusted = trusted.copy()
     believed = np.zeros(suspect.shape, dtype=bool)
     reach = int(np.clip(round(grid.subset_px / 2 / grid.step_px), 1, MAX_REACH))
-    enough = max(3.0, MIN_SUPPORT * (2 * reach + 1) ** 2)
+    around = [min(2 * reach + 1, n) for n in (grid.ny, grid.nx)]
+    enough = max(3.0, MIN_SUPPORT * around[0] * around[1])
+    told = np.array([grid.nx >= MIN_LINES, grid.ny >= MIN_LINES] * 2)  # slopes that the points can tell
     tolerance = AGREES_PX + np.where(spreading, m.sigma_px, 0.5 * np.median(m.sigma_px[trusted]) if trusted.any() else 0.0)
     for _ in range(MAX_ROUNDS):
         u, v, slope, support = _plane(m, trusted, reach)
         apart = np.hypot(m.u_px - u, m.v_px - v)
-        bent = np.linalg.norm(m.gradient - slope / grid.step_px, axis=-1) * (grid.subset_px // 2)
+        bent = np.linalg.norm((m.gradient - slope / grid.step_px) * told, axis=-1) * (grid.subset_px // 2)
         fresh = suspect & ~believed & (support >= enough) & (apart <= tolerance) & (bent <= BENDS_PX)
         believed |= fresh
         if not (fresh & spreading).any():
