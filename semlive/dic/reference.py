@@ -105,10 +105,10 @@ def prepare(
         raise BadInput(f"the mask is {w0} x {h0} px but the frame {w1} x {h1} px: give a mask of its size")
     if grid.subset_px != settings.subset_px:
         raise BadInput(f"the grid was made for subsets of {grid.subset_px} px, the settings say {settings.subset_px}: make a new grid")
-    usable = None if mask is None or mask.all() else _usable(mask)
+    usable = None if mask is None or mask.all() else usable_part(mask)
     f = cast.grey(image, None if usable is None else mask)
-    used = 1.0 if usable is None else float(usable.mean())
-    gradients = _gradients(f, usable)
+    used = 1.0 if usable is None else np.count_nonzero(usable) / usable.size
+    gradients = gradients_of(f, usable)
     part = middle(f.shape)
     traits = traits_of(f[part], gradients[0][part], gradients[1][part], used)
     return prepare_part(f, gradients, usable, grid, settings, traits, prepare_coarse(f, grid))
@@ -143,7 +143,8 @@ def traits_of(f: NDArray[np.float32], gradient_x: NDArray[np.float32], gradient_
     return Traits(noise, gain_x, gain_y)
 
 
-def _gradients(f: NDArray[np.float32], usable: NDArray[np.float32] | None) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def gradients_of(f: NDArray[np.float32], usable: NDArray[np.float32] | None) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Sobel derivatives along x and y, zero where a pixel or one around it may not be used."""
     gradient_x, gradient_y = cast.gradients(f)
     if usable is not None:
         gradient_x *= usable
@@ -191,7 +192,7 @@ def prepare_part(
     return Reference(grid=grid, shape=f.shape, sums=sums, status=status, noise_grey=traits.noise_grey, coarse=coarse)
 
 
-def _usable(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
+def usable_part(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
     """1 where a pixel and the eight around it, which its derivative needs, may be used, else 0."""
     return ndimage.binary_erosion(mask, np.ones((3, 3)), border_value=1).astype(np.float32)
 

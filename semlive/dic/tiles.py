@@ -1,7 +1,8 @@
 """Frames of any size in bounded memory: bands of full width, one after the other, and one verdict over the whole map.
 
-A band is what `correlate` is given, with so many rows of points more on each side as retries can reach, so that the result is
-that of the whole frame at once. Both images may be memory maps: only bands of them are ever read.
+A band is what `correlate` is given, with so many rows of points more on each side as retries can reach, so that the result is,
+byte for byte, that of the whole frame at once. Frames beyond WHOLE_PX alone differ: they get their first guesses cell by cell.
+Images and mask may be memory maps: only bands of them are ever read.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
 from semlive.dic.coarse import CoarseReference, match, prepare_coarse, smooth_field
 from semlive.dic.correlate import MAX_PASSES, concluded, measured, solve
-from semlive.dic.reference import Traits, middle, prepare_part, traits_of
+from semlive.dic.reference import Traits, gradients_of, middle, prepare_part, traits_of, usable_part
 from semlive.dic.verify import Measured
 from semlive.errors import BadInput
 from semlive.kernels import cast
@@ -31,9 +32,15 @@ CELL_MARGIN_PX = 192
 FIELD_MARGIN_PX = 300  # four times the width that first guesses are smoothed over
 ROOM_PX = 48  # around the subsets of a band, beyond where its first guesses lead
 SPLINE_PX = 24  # a spline's coefficients forget its boundary within float32
+SLICE_ROWS = 1024  # read at a time where a whole image has to be looked through
 HALO = MAX_PASSES + 1
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+def is_large(shape: tuple[int, ...], grid: Grid) -> bool:
+    """Whether a frame or a grid asks for bands: at once, it would take more than 1 GB."""
+    return shape[0] * shape[1] > WHOLE_PX**2 or grid.nx * grid.ny > BAND_POINTS
 
 
 def correlate_tiled(
@@ -42,6 +49,7 @@ def correlate_tiled(
     grid: Grid,
     settings: DicSettings,
     *,
+    mask: NDArray[np.bool_] | None = None,
     reference_frame: int = 0,
     current_frame: int = 1,
     band_px: int = BAND_PX,
@@ -54,20 +62,25 @@ def correlate_tiled(
         current: of the same size.
         grid: the points, from `grid_for`.
         settings: as for `prepare`.
+        mask: (height, width) True where the reference may be used; None uses all of it.
         reference_frame: number of the reference frame.
         current_frame: number of the current frame.
         band_px: pixels of a band.
         band_points: points of a band.
 
     Raises:
-        BadInput: the images differ in size, or grid and settings about the subset.
+        BadInput: the images differ in size, grid and settings about the subset, or the mask has another size than the images.
     """
     if reference.shape != current.shape:
         (h0, w0), (h1, w1) = reference.shape, current.shape
         raise BadInput(f"the reference is {w0} x {h0} px but the current image {w1} x {h1} px: give two images of one size")
     if grid.subset_px != settings.subset_px:
         raise BadInput(f"the grid was made for subsets of {grid.subset_px} px, the settings say {settings.subset_px}: make a new grid")
-    pair = _Pair(reference, current, np.float32(reference.mean()), np.float32(current.mean()))
+    if mask is not None and mask.shape != reference.shape:
+        (h0, w0), (h1, w1) = mask.shape, reference.shape
+        raise BadInput(f"the mask is {w0} x {h0} px but the images {w1} x {h1} px: give a mask of their size")
+    mask = None if mask is None or mask.all() else mask
+    pair = _Pair(reference, current, mask, _mean(reference, mask), _mean(current, None))
     traits = pair.traits()
     matches, ambiguous = first_guesses(pair, grid)
     guess = smooth_field(matches, grid) if max(reference.shape) <= WHOLE_PX and len(matches) else None
@@ -82,21 +95,49 @@ def correlate_tiled(
     return concluded(whole, grid, reference_frame=reference_frame, current_frame=current_frame)
 
 
+def _mean(image: Image, mask: NDArray[np.bool_] | None) -> np.float32:
+    """Of the part of an image that may be used, as `prepare` has it."""
+    if mask is None:
+        return np.float32(image.mean())
+    total = count = 0
+    for first in range(0, image.shape[0], SLICE_ROWS):
+        rows = slice(first, first + SLICE_ROWS)
+        total += int(image[rows].sum(dtype=np.int64, where=mask[rows]))
+        count += int(np.count_nonzero(mask[rows]))
+    return np.float32(total / count if count else 0.0)
+
+
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class _Pair:
-    """Two images and their means."""
+    """Two images, which part of the first may be used (None: all of it), and their means."""
 
     reference: Image
     current: Image
+    mask: NDArray[np.bool_] | None
     mean_reference: np.float32
     mean_current: np.float32
 
     def grey(self, rows: slice, columns: slice) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """A part of both as float32 grey levels, the whole images' means subtracted."""
-        return (
-            np.subtract(self.reference[rows, columns], self.mean_reference, dtype=np.float32),
-            np.subtract(self.current[rows, columns], self.mean_current, dtype=np.float32),
-        )
+        """A part of both as float32 grey levels, the whole images' means subtracted, zero where masked."""
+        f = np.subtract(self.reference[rows, columns], self.mean_reference, dtype=np.float32)
+        if self.mask is not None:
+            f[~self.mask[rows, columns]] = 0.0
+        return f, np.subtract(self.current[rows, columns], self.mean_current, dtype=np.float32)
+
+    def usable(self, rows: slice) -> NDArray[np.float32] | None:
+        """1 where a pixel of these rows and the eight around it may be used, else 0; None for all."""
+        if self.mask is None:
+            return None
+        first = max(rows.start - 1, 0)
+        return np.ascontiguousarray(usable_part(self.mask[first : rows.stop + 1])[rows.start - first :][: rows.stop - rows.start])
+
+    def used(self) -> float:
+        """The part of the reference that is not masked."""
+        if self.mask is None:
+            return 1.0
+        height = self.reference.shape[0]
+        parts = (self.usable(slice(first, min(first + SLICE_ROWS, height))) for first in range(0, height, SLICE_ROWS))
+        return sum(np.count_nonzero(part) for part in parts if part is not None) / self.reference.size
 
     def traits(self) -> Traits:
         """Those of the reference."""
@@ -105,8 +146,11 @@ class _Pair:
         top, left = max(rows.start - 1, 0), max(columns.start - 1, 0)
         f, _ = self.grey(slice(top, min(rows.stop + 1, height)), slice(left, min(columns.stop + 1, width)))
         inner = (slice(rows.start - top, rows.stop - top), slice(columns.start - left, columns.stop - left))
-        gradient_x, gradient_y = cast.gradients(f)
-        return traits_of(f[inner], gradient_x[inner], gradient_y[inner])
+        gradient_x, gradient_y = (g[inner] for g in cast.gradients(np.ascontiguousarray(f)))
+        usable = self.usable(rows)
+        if usable is not None:
+            gradient_x, gradient_y = gradient_x * usable[:, columns], gradient_y * usable[:, columns]
+        return traits_of(f[inner], gradient_x, gradient_y, self.used())
 
 
 def bands(grid: Grid, shape: tuple[int, ...], band_px: int, band_points: int) -> Iterator[tuple[int, int]]:
@@ -186,7 +230,8 @@ def _band(
         here = dataclasses.replace(grid, y0_px=grid.y0_px - top)
         none = np.empty((0, 0), dtype=np.float32)
         coarse = CoarseReference(1, none, none.astype(np.complex64), np.empty((0, 2), dtype=np.int64), ambiguous.copy())
-        reference = prepare_part(f, cast.gradients(f), None, here, settings, traits, coarse)
+        usable = pair.usable(slice(top, bottom))
+        reference = prepare_part(f, gradients_of(f, usable), usable, here, settings, traits, coarse)
         solutions = solve(reference, g, matches - np.array([0, top, 0, 0]), settings, seeds)
         if not _cramped(solutions, here, top > 0, bottom < height, bottom - top):
             break

@@ -27,6 +27,7 @@ PLAIN_RESIDUAL = 1.1  # one good point in a thousand is above and has to agree w
 MAX_SPREAD = 0.25  # of the residual among good subsets; white noise scatters by 3.5 %, a pattern that changes by 25 %
 PLAIN_MISFIT = 0.5  # part of it that asks for no confirmation
 MISFIT = 0.015  # of the speckle's variance: saturation, curvature and interpolation leave as much
+CONFIRMED_MISFIT = 0.06  # part of it that neighbours may excuse: where one frame alone is saturated 3 % of a subset leave as much
 ORDINARY_SIGMA = 1.2  # times the map's median; at 20 grey of noise wrong points begin at 1.22
 SPREADING_SIGMA = 1.35  # beyond, a point is told by its neighbours but tells nothing to others
 WEAK_SIGMA = 2.5  # beyond, too little of the subset is left to tell anything
@@ -103,6 +104,7 @@ def refused(measured: Measured, grid: Grid) -> NDArray[np.uint8]:
     fits = m.valid & (m.residual <= limit)
     verdict[m.valid & ~fits] = PoiStatus.LOW_ZNCC
     safe = SAFE_SIGMA * NOISE_SIGMA_PX / grid.subset_px
+    excusable = m.valid & ~fits & (m.residual <= ordinary + CONFIRMED_MISFIT * max(contrast - ordinary, 0.0))
     sound = fits & (m.sigma_px <= max(SPREADING_SIGMA * float(np.median(m.sigma_px[fits])), safe)) if fits.any() else fits
     torn = fits & _torn(m, sound, grid)
     verdict[torn] = PoiStatus.INCONSISTENT
@@ -118,9 +120,11 @@ def refused(measured: Measured, grid: Grid) -> NDArray[np.uint8]:
     weak = fits & (m.sigma_px > max(WEAK_SIGMA * sigma, safe))
     verdict[weak] = PoiStatus.LOW_CONTRAST
     suspect = fits & ~trusted & ~weak
-    if suspect.any():
-        believed = _confirmed(m, trusted, suspect, m.sigma_px <= max(SPREADING_SIGMA * sigma, safe), grid)
+    excusable &= m.sigma_px <= max(WEAK_SIGMA * sigma, safe)
+    if suspect.any() or excusable.any():
+        believed = _confirmed(m, trusted, suspect | excusable, fits & (m.sigma_px <= max(SPREADING_SIGMA * sigma, safe)), grid)
         verdict[suspect & ~believed] = PoiStatus.INCONSISTENT
+        verdict[excusable & believed] = PoiStatus.CONVERGED
     return verdict
 
 

@@ -1,4 +1,4 @@
-"""Wrong points that call themselves converged, counted in hard cases: ``python tests/benchmarks/bench_dic_hard.py [points]``.
+"""Wrong points that call themselves converged, counted in hard cases: ``python tests/benchmarks/bench_dic_hard.py --points 1e6``.
 
 A point is wrong if it is off by more than max(0.5 px, 6 stated sigma). A point is matchable if its whole subset, one pixel
 around included, is seen in both frames and moves as one, its texture does not repeat itself and the noise is 10 grey at most.
@@ -6,6 +6,7 @@ around included, is seen in both frames and moves as one, its texture does not r
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
@@ -91,21 +92,21 @@ def judge(s: Scene, m: DisparityMap) -> Verdict:
     )
 
 
-def campaign(points: int, first: int = 0) -> Iterator[tuple[Scene, DisparityMap, Verdict]]:
+def campaign(points: int, first: int = 0, settings: DicSettings = SETTINGS) -> Iterator[tuple[Scene, DisparityMap, Verdict]]:
     """Scenes until so many points were tried."""
     number = first
     while points > 0:
         s = scene(number)
-        m = correlate(s)
+        m = correlate(s, settings)
         yield s, m, judge(s, m)
         points -= m.status.size
         number += 1
 
 
-def tally(points: int, first: int = 0) -> dict[str, Count]:
+def tally(points: int, first: int = 0, settings: DicSettings = SETTINGS) -> dict[str, Count]:
     """Counts by case."""
     counts: dict[str, Count] = defaultdict(Count)
-    for s, m, verdict in campaign(points, first):
+    for s, m, verdict in campaign(points, first, settings):
         c = counts[s.name]
         c.points += m.status.size
         c.converged += int(m.valid.sum())
@@ -120,7 +121,14 @@ def tally(points: int, first: int = 0) -> dict[str, Count]:
 
 def main() -> None:
     """Run and print."""
-    counts = tally(int(float(sys.argv[1])) if len(sys.argv) > 1 else 1_000_000)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--points", type=float, default=1e6)
+    parser.add_argument("--first", type=int, default=0, help="number of the first scene; from another one on all scenes are others")
+    parser.add_argument("--subset", type=int, default=SETTINGS.subset_px)
+    parser.add_argument("--shape", choices=("affine", "quadratic"), default="affine")
+    given = parser.parse_args()
+    settings = DicSettings(subset_px=given.subset, step_px=SETTINGS.step_px, roi_px=None, shape_function=given.shape)
+    counts = tally(int(given.points), given.first, settings)
     sys.stdout.write(f"{'case':20}{'points':>9}{'converged':>11}{'wrong':>7}{'worst px':>10}{'matchable':>11}{'converged':>11}{'%':>8}\n")
     for name, c in sorted(counts.items()):
         part = f"{100 * c.matched / c.matchable:8.2f}" if c.matchable else "       -"
