@@ -165,7 +165,7 @@ def prepare_part(
 
     Args:
         f: (height, width) grey levels, the frame's mean subtracted.
-        gradients: Sobel derivatives along x and y, scaled here in place.
+        gradients: Sobel derivatives along x and y.
         usable: 1 where a pixel may be used, None for all.
         grid: points in this part.
         settings: as for the grid.
@@ -173,8 +173,6 @@ def prepare_part(
         coarse: for first guesses in this part.
     """
     gradient_x, gradient_y = gradients
-    gradient_x *= np.float32(traits.gain_x)
-    gradient_y *= np.float32(traits.gain_y)
     sums = cast.subset_sums(
         f,
         gradient_x,
@@ -185,6 +183,7 @@ def prepare_part(
         shape=grid.shape,
         half_px=grid.subset_px // 2,
         parameters=AFFINE if settings.shape_function == "affine" else QUADRATIC,
+        gains=(traits.gain_x, traits.gain_y),
         valid=usable,
     )
     status = _judge(sums, traits.noise_grey, max(traits.gain_x, traits.gain_y))

@@ -18,6 +18,7 @@ from semlive.kernels import icgn, spline, subsets, warp
 from semlive.kernels.interpolate import LANES
 
 MIN_EDGE_PX = 4
+ROWS_AT_ONCE = 4  # of POI that a thread takes; a constant
 
 
 def thread_count() -> int:
@@ -139,10 +140,9 @@ class SubsetSums:
 
     Attributes:
         width_px: image width; the arrays below are padded along rows.
-        image: (height, width + pad) float32 grey levels.
-        gradient_x: same shape, derivative along x, scaled.
-        gradient_y: same shape, derivative along y, scaled.
-        valid: same shape, 1 where a pixel counts, else 0 (as the images are there); no rows at all if every pixel counts.
+        planes: (height, 3, width + pad) float32: each row's grey levels and scaled derivatives along x and y, side by side because
+            they are used together.
+        valid: (height, width + pad), 1 where a pixel counts, else 0 (as the planes are there); no rows at all if every pixel counts.
         x0_px: column of the first POI.
         y0_px: row of the first POI.
         step_px: distance of neighbouring POI.
@@ -159,9 +159,7 @@ class SubsetSums:
     """
 
     width_px: int
-    image: NDArray[np.float32]
-    gradient_x: NDArray[np.float32]
-    gradient_y: NDArray[np.float32]
+    planes: NDArray[np.float32]
     valid: NDArray[np.float32]
     x0_px: int
     y0_px: int
@@ -176,6 +174,16 @@ class SubsetSums:
     variance_u: NDArray[np.float64]
     variance_v: NDArray[np.float64]
     sssig: NDArray[np.float64]
+
+    @property
+    def gradient_x(self) -> NDArray[np.float32]:
+        """(height, width) scaled derivative along x."""
+        return self.planes[:, 1, : self.width_px]
+
+    @property
+    def gradient_y(self) -> NDArray[np.float32]:
+        """(height, width) scaled derivative along y."""
+        return self.planes[:, 2, : self.width_px]
 
 
 def gradients(image: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -192,12 +200,9 @@ def gradients(image: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[
     return along_x, along_y
 
 
-def _row_padded(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The image with LANES columns more: whole vectors may be read at a row's end."""
-    height, width = image.shape
-    padded = np.zeros((height, width + LANES), dtype=np.float32)
-    padded[:, :width] = image
-    return padded
+def _pitch(width: int) -> int:
+    """Floats from one row to the next: whole vectors may be read at a row's end."""
+    return (width + 2 * LANES - 1) // LANES * LANES
 
 
 def subset_sums(
@@ -211,6 +216,7 @@ def subset_sums(
     shape: tuple[int, int],
     half_px: int,
     parameters: int = warp.AFFINE,
+    gains: tuple[float, float] = (1.0, 1.0),
     valid: NDArray[np.float32] | None = None,
 ) -> SubsetSums:
     """Prepare every subset of a grid of `shape` = (ny, nx) POI.
@@ -225,6 +231,7 @@ def subset_sums(
         shape: (ny, nx).
         half_px: half the subset, without its centre.
         parameters: of the shape function, 6 (affine) or 12 (second order).
+        gains: what the derivatives along x and y are multiplied with.
         valid: same shape as the image, 1 where a pixel counts, else 0.
 
     Raises:
@@ -245,13 +252,19 @@ def subset_sums(
         raise ValueError(f"parameters must be {warp.AFFINE} or {warp.QUADRATIC}, not {parameters}")
     if valid is not None:
         checked(valid, "valid", np.float32, (height, width))
-        image, gradient_x, gradient_y = image * valid, gradient_x * valid, gradient_y * valid
+    pitch = _pitch(width)
+    planes = np.empty((height, 3, pitch), dtype=np.float32)
+    weights = np.zeros((0 if valid is None else height, pitch), dtype=np.float32)
+    planes[:, :, width:] = 0.0
+    for k, (plane, gain) in enumerate(((image, 1.0), (gradient_x, gains[0]), (gradient_y, gains[1]))):
+        np.multiply(plane, np.float32(gain), out=planes[:, k, :width])
+    if valid is not None:
+        weights[:, :width] = valid
+        planes[:, :, :width] *= valid[:, None]
     result = SubsetSums(
         width_px=width,
-        image=_row_padded(image),
-        gradient_x=_row_padded(gradient_x),
-        gradient_y=_row_padded(gradient_y),
-        valid=_row_padded(valid) if valid is not None else np.zeros((0, width + LANES), dtype=np.float32),
+        planes=planes,
+        valid=weights,
         x0_px=x0_px,
         y0_px=y0_px,
         step_px=step_px,
@@ -266,16 +279,15 @@ def subset_sums(
         variance_v=np.zeros(shape),
         sssig=np.zeros(shape),
     )
+    r = result
 
     def rows(first: int, last: int) -> None:
-        r = result
-        for j in range(first, last):
-            subsets.sum_row(
-                r.image, r.gradient_x, r.gradient_y, r.valid, y0_px + j * step_px, x0_px, step_px, half_px, r.pixels[j], r.mean[j],
-                r.norm[j], r.gradient_sum[j], r.gradient_image_sum[j], r.lower[j], r.variance_u[j], r.variance_v[j], r.sssig[j],
-            )  # fmt: skip
+        subsets.sum_rows(
+            planes.ravel(), weights.ravel(), pitch, first, last, x0_px, y0_px, step_px, half_px, r.pixels, r.mean, r.norm,
+            r.gradient_sum, r.gradient_image_sum, r.lower, r.variance_u, r.variance_v, r.sssig,
+        )  # fmt: skip
 
-    _spread(rows, ny, 2)
+    _spread(rows, ny, ROWS_AT_ONCE)
     return result
 
 
@@ -331,7 +343,7 @@ def correlate(
     r = reference
     ny, nx = r.mean.shape
     border, six = icgn.border_of(order), warp.AFFINE
-    checked(current, "current", np.float32, (r.image.shape[0] + 2 * border, r.width_px + 2 * border + LANES))
+    checked(current, "current", np.float32, (r.planes.shape[0] + 2 * border, r.width_px + 2 * border + LANES))
     checked(todo, "todo", np.uint8, (ny, nx))
     checked(seeds, "seeds", np.float64, (ny, nx, six))
     s = solutions
@@ -344,7 +356,7 @@ def correlate(
     size = 2 * r.half_px + 1
     whole = np.concatenate([np.ones(size, dtype=np.float32), np.zeros(LANES, dtype=np.float32)])
     ramp = np.arange(size + LANES, dtype=np.float32)
-    images = (r.image.ravel(), r.gradient_x.ravel(), r.gradient_y.ravel(), r.valid.ravel(), r.image.shape[1])
+    images = (r.planes.ravel(), r.valid.ravel(), r.planes.shape[2])
 
     def rows(first: int, last: int) -> None:
         for j in range(first, last):

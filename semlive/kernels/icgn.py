@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy import uint64
 
-from semlive.kernels.interpolate import EIGHT, LANES, cubic_piece, quintic_piece
+from semlive.kernels.interpolate import EIGHT, LANES, THREE, cubic_piece, quintic_piece
 from semlive.kernels.warp import AFFINE, QUADRATIC, compose_inverse, move, reach, solve
 
 CONVERGED, NOT_CONVERGED, LOW_ZNCC, OUTSIDE_IMAGE = 0, 1, 2, 3  # as in semlive.data.disparity.PoiStatus
@@ -64,11 +64,12 @@ def _interpolate(c, stride, order, x, y, p, half, low, width, ramp, offset, g):
     length = (width + LANES - 1) // LANES * LANES
     for row in range(2 * half + 1):
         dy = row - half
-        # by the index k = dx + half, column minus k and line are left + k slope + k^2 curvature
+        # Relative to (x, y): where a subset lies in the frame must not change how its positions are rounded.
+        # By the index k = dx + half, column minus k and line are left + k slope + k^2 curvature
         slope_x = p[1] + dy * p[7] - 2.0 * half * uxx
         slope_y = p[4] + dy * p[10] - 2.0 * half * vxx
-        left_x = x - half + p[0] + dy * (p[2] + 0.5 * dy * p[8]) - half * (p[1] + dy * p[7] - half * uxx)
-        left_y = y + dy + p[3] + dy * (p[5] + 0.5 * dy * p[11]) - half * (p[4] + dy * p[10] - half * vxx)
+        left_x = p[0] - half + dy * (p[2] + 0.5 * dy * p[8]) - half * (p[1] + dy * p[7] - half * uxx)
+        left_y = p[3] + dy + dy * (p[5] + 0.5 * dy * p[11]) - half * (p[4] + dy * p[10] - half * vxx)
         start = low
         while start < stop:
             at_x = left_x + start * (slope_x + start * uxx)
@@ -82,7 +83,7 @@ def _interpolate(c, stride, order, x, y, p, half, low, width, ramp, offset, g):
                 count = _piece_length(at_x, ux, uxx, count)
                 count = _piece_length(at_y, vx, vxx, count)
             padded = uint64((count + LANES - 1) // LANES * LANES)
-            tap = uint64((int(cell_y) + 1) * stride + int(cell_x) + start + 1)  # border minus the taps before a pixel: 1 for any order
+            tap = uint64((y + int(cell_y) + 1) * stride + x + int(cell_x) + start + 1)  # border minus the taps before a pixel: 1 for any order
             to = uint64(row * length + start - low)
             tx, ty = np.float32(at_x - cell_x), np.float32(at_y - cell_y)
             fx, fxx, fy, fyy = np.float32(ux), np.float32(uxx), np.float32(vx), np.float32(vxx)
@@ -102,18 +103,18 @@ def _clear(sums, count):
 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
-def _add_rows(g, w, stride_w, at_w, f, gx, gy, stride, at, size, sums, count, mean):
+def _add_rows(g, w, stride_w, at_w, planes, pitch, at, size, sums, count, mean):
     for row in range(size):
         dy = np.float32(row - size // 2)
         r = uint64(row)
-        to, pixel, weight = r * count, at + r * stride, at_w + r * stride_w
+        to, pixel, weight = r * count, at + r * THREE * pitch, at_w + r * stride_w
         for i in range(count // EIGHT * EIGHT):
             v = g[to + i] * w[weight + i]
-            a = v * gx[pixel + i]
-            b = v * gy[pixel + i]
+            a = v * planes[pixel + pitch + i]
+            b = v * planes[pixel + pitch + pitch + i]
             sums[i] += v
             sums[i + G_G] += v * v
-            sums[i + G_F] += v * (f[pixel + i] - mean)
+            sums[i + G_F] += v * (planes[pixel + i] - mean)
             sums[i + X] += a
             sums[i + X_DY] += a * dy
             sums[i + Y] += b
@@ -121,15 +122,15 @@ def _add_rows(g, w, stride_w, at_w, f, gx, gy, stride, at, size, sums, count, me
 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
-def _add_rows_quadratic(g, w, stride_w, at_w, gx, gy, stride, at, size, sums, count):
+def _add_rows_quadratic(g, w, stride_w, at_w, planes, pitch, at, size, sums, count):
     for row in range(size):
         dy = np.float32(row - size // 2)
         r = uint64(row)
-        to, pixel, weight = r * count, at + r * stride, at_w + r * stride_w
+        to, pixel, weight = r * count, at + r * THREE * pitch, at_w + r * stride_w
         for i in range(count // EIGHT * EIGHT):
             v = g[to + i] * w[weight + i] * dy * dy
-            sums[i + X_DY2] += v * gx[pixel + i]
-            sums[i + Y_DY2] += v * gy[pixel + i]
+            sums[i + X_DY2] += v * planes[pixel + pitch + i]
+            sums[i + Y_DY2] += v * planes[pixel + pitch + pitch + i]
 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
@@ -167,7 +168,7 @@ def _reduce(sums, low, half, width, count, total, projection):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _subset_sums(
-    c, stride_c, order, f, gx, gy, weights, masked, stride, ramp, xc, yc, half, p, mean, count, g, sums, total, projection
+    c, stride_c, order, planes, weights, masked, pitch, ramp, xc, yc, half, p, mean, count, g, sums, total, projection
 ):  # fmt: skip
     """One pass over the deformed subset: `total` = (g, gg, gf) and `projection`, of the current image less `mean`."""
     size = 2 * half + 1
@@ -178,12 +179,12 @@ def _subset_sums(
         padded = uint64((width + LANES - 1) // LANES * LANES)
         _clear(sums, padded)
         _interpolate(c, stride_c, order, xc, yc, p, half, low, width, ramp, mean, g)
-        at = uint64((yc - half) * stride + xc - half + low)
+        at = uint64((yc - half) * 3 * pitch + xc - half + low)
         # without a mask one row of weights serves all rows
         at_w, stride_w = uint64(low), uint64(weights.size // size if masked else 0)
-        _add_rows(g, weights, stride_w, at_w, f, gx, gy, uint64(stride), at, size, sums, padded, mean)
+        _add_rows(g, weights, stride_w, at_w, planes, uint64(pitch), at, size, sums, padded, mean)
         if count == QUADRATIC:
-            _add_rows_quadratic(g, weights, stride_w, at_w, gx, gy, uint64(stride), at, size, sums, padded)
+            _add_rows_quadratic(g, weights, stride_w, at_w, planes, uint64(pitch), at, size, sums, padded)
         _reduce(sums, low, half, width, count, total, projection)
 
 
@@ -220,14 +221,15 @@ def _strayed(q, start_u, start_v, half, max_travel_px):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def correlate_row(
-    c, stride_c, order, f, gx, gy, valid, stride, row_weights, ramp, width, y, x0, step, half, pixels, mean, norm, gradient_sum,
+    c, stride_c, order, planes, valid, pitch, row_weights, ramp, width, y, x0, step, half, pixels, mean, norm, gradient_sum,
     gradient_image_sum, lower, todo, seed, max_iterations, tolerance_px, min_zncc, max_travel_px, p, curvature, zncc, status,
     iterations,
 ):  # fmt: skip
     """Correlate one row of POI, from left to right.
 
-    `c`, `f`, `gx`, `gy` are images laid out as one line, `stride_c` and `stride` floats a row: a view of a row would cost
-    more (two counted references) than the arithmetic on it. `valid` is such an image of 0 and 1, or empty if all pixels count;
+    `c` is an image laid out as one line, `stride_c` floats a row: a view of a row would cost more (two counted references) than
+    the arithmetic on it. So is `planes`, for each row the reference's grey levels and its derivatives along x and y, `pitch` floats
+    each. `valid` is an image of 0 and 1 of this pitch, or empty if all pixels count;
     `row_weights` are 1 for a row's pixels, 0 for its padding.
 
     Iteration stops when the next update, were it four times as large as expected, would move no corner by more than `tolerance_px`.
@@ -270,15 +272,13 @@ def correlate_row(
         centre = np.float32(mean[i])
         shift = mean[i] - np.float64(centre)
         if masked:
-            _gather_weights(valid, stride, (y - half) * stride + xc - half, size, row_weights, weights)
+            _gather_weights(valid, pitch, (y - half) * pitch + xc - half, size, row_weights, weights)
         while spent < max_iterations:
             if not _inside(xc, y, half, q, width, height):
                 result = OUTSIDE_IMAGE
                 break
             spent += 1
-            _subset_sums(
-                c, stride_c, order, f, gx, gy, weights, masked, stride, ramp, xc, y, half, q, centre, count, g, columns, sums, update
-            )
+            _subset_sums(c, stride_c, order, planes, weights, masked, pitch, ramp, xc, y, half, q, centre, count, g, columns, sums, update)
             g_mean = sums[0] / pixels[i]
             g_norm = np.sqrt(max(sums[1] - sums[0] * g_mean, 0.0))
             if not g_norm > 1e-6 * norm[i]:
