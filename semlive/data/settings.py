@@ -19,7 +19,9 @@ class DicSettings:
         min_zncc: a POI below this is not believed.
         interpolation: of the current image: ``cubic`` or ``quintic`` B-spline (a third of the bias, twice the time).
         shape_function: of a subset: ``affine`` or ``quadratic`` (follows strain gradients, at twice the noise).
-        min_valid_fraction: a subset with a smaller part outside masked and saturated areas is not measured.
+        min_valid_fraction: a subset with a smaller part outside masked areas is not measured.
+        search_px: no point moved further than this along x or y; None if that is not known. First guesses are then looked for no
+            further, and a pattern that repeats itself at more than twice the distance is not ambiguous.
     """
 
     subset_px: int = 43
@@ -31,6 +33,7 @@ class DicSettings:
     interpolation: Literal["cubic", "quintic"] = "cubic"
     shape_function: Literal["affine", "quadratic"] = "affine"
     min_valid_fraction: float = 0.5
+    search_px: float | None = None
 
     def __post_init__(self) -> None:
         if self.subset_px < 5 or self.subset_px % 2 == 0:
@@ -43,6 +46,8 @@ class DicSettings:
             raise ValueError(f"shape_function must be affine or quadratic, not {self.shape_function}")
         if not 0.0 < self.min_valid_fraction <= 1.0:
             raise ValueError(f"min_valid_fraction must be above 0 and at most 1, not {self.min_valid_fraction}")
+        if self.search_px is not None and not self.search_px > 0.0:
+            raise ValueError(f"search_px must be above 0, not {self.search_px}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,12 +13,13 @@ from scipy import fft, ndimage
 
 from semlive.data.grid import Grid
 
-SEARCH_PX = 64.0  # motion that is looked for; two positions within it are twice as far apart at most
+SEARCH_PX = 64.0  # motion that is looked for if nothing is known of it; two positions within it are twice as far apart at most
 MIN_PEAK = 0.05  # of the frame's autocorrelation: a repeating twentieth of the frame
 CHANCES = 5.0  # standard deviations of the autocorrelation of so many independent blobs
 WINDOWED = 0.26  # part of the frame's area that a Hann window both ways leaves to it
 MAX_LAGS = 24  # strongest first; a lattice has each period many times
 MIN_LAG = 3  # binned pixels; nearer is the speckle itself
+MIN_EDGE = 16  # binned pixels of the autocorrelation to look at; a blob is narrower
 MIN_LIKENESS = 0.6  # ZNCC of a subset with its like; noise of 20 grey leaves 0.9, a position between pixels 0.8 of a true repeat
 HIGH_PASS = 0.02  # cycles per binned pixel; shading repeats itself everywhere
 
@@ -38,16 +39,16 @@ def repeats(spectrum: NDArray[np.complex64], shape: tuple[int, int], reach: int)
     surface = np.asarray(fft.irfft2(power, s=shape))
     if not surface[0, 0] > 0.0:
         return []
-    reach = min(reach, height // 2 - 1, width // 2 - 1)
-    lags = np.arange(-reach, reach + 1)
-    near = surface[np.ix_(np.arange(0, reach + 1), lags % width)] / surface[0, 0]
-    blob = 2.27 * _half_width(near[0, reach:]) * _half_width(near[:, reach])  # sum of squares of a Gaussian main lobe
+    edge = min(max(reach, MIN_EDGE) + 1, height // 2 - 1, width // 2 - 1)  # one more: the flank of a peak beyond is no peak
+    lags = np.arange(-edge, edge + 1)
+    near = surface[np.ix_(np.arange(0, edge + 1), lags % width)] / surface[0, 0]
+    blob = 2.27 * _half_width(near[0, edge:]) * _half_width(near[:, edge])  # sum of squares of a Gaussian main lobe
     chance = np.sqrt(blob / (WINDOWED * height * width))
     top = (near == ndimage.maximum_filter(near, 3)) & (near >= max(MIN_PEAK, CHANCES * chance))
     y, x = np.nonzero(top)
-    x -= reach
-    kept = (x**2 + y**2 >= MIN_LAG**2) & ((y > 0) | (x > 0))
-    order = np.argsort(-near[y[kept], x[kept] + reach], kind="stable")[:MAX_LAGS]
+    x -= edge
+    kept = (x**2 + y**2 >= MIN_LAG**2) & ((y > 0) | (x > 0)) & (np.maximum(np.abs(x), y) <= reach)
+    order = np.argsort(-near[y[kept], x[kept] + edge], kind="stable")[:MAX_LAGS]
     return [(int(x[kept][k]), int(y[kept][k])) for k in order]
 
 
@@ -61,7 +62,12 @@ def _half_width(line: NDArray[np.float32]) -> float:
 
 
 def ambiguous(
-    image: NDArray[np.float32], spectrum: NDArray[np.complex64], padded: tuple[int, int], grid: Grid, binning: int
+    image: NDArray[np.float32],
+    spectrum: NDArray[np.complex64],
+    padded: tuple[int, int],
+    grid: Grid,
+    binning: int,
+    search_px: float | None = None,
 ) -> NDArray[np.bool_]:
     """(ny, nx) True where the reference subset resembles another place within the search range.
 
@@ -71,11 +77,13 @@ def ambiguous(
         padded: shape of the frame the spectrum was made from.
         grid: points of the full frame.
         binning: pixels per binned pixel.
+        search_px: longest motion along x or y; None takes SEARCH_PX.
     """
     height, width = image.shape
+    reach = int(2 * (SEARCH_PX if search_px is None else search_px) / binning)
     found = np.zeros(image.shape, dtype=bool)
     window = max(5, grid.subset_px // binning) | 1
-    for x, y in repeats(spectrum, padded, int(2 * SEARCH_PX / binning)):
+    for x, y in repeats(spectrum, padded, reach):
         if abs(x) >= width or y >= height:
             continue
         here = np.s_[: height - y, max(-x, 0) : width - max(x, 0)]

@@ -39,6 +39,7 @@ class CoarseReference:
         spectrum: spectrum of the windowed, padded image.
         centres: (n, 2) block centres (x, y) in binned pixels, those with contrast and at no repeating place.
         ambiguous: (ny, nx) points whose subsets repeat within the search range.
+        search: longest motion along x or y in binned pixels; None if it is not known.
     """
 
     binning: int
@@ -46,17 +47,18 @@ class CoarseReference:
     spectrum: NDArray[np.complex64]
     centres: NDArray[np.int64]
     ambiguous: NDArray[np.bool_]
+    search: int | None = None
 
 
-def prepare_coarse(image: NDArray[np.float32], grid: Grid) -> CoarseReference:
-    """Bin the reference, transform it and lay out blocks over the grid."""
+def prepare_coarse(image: NDArray[np.float32], grid: Grid, search_px: float | None = None) -> CoarseReference:
+    """Bin the reference, transform it and lay out blocks over the grid; `search_px` as in `DicSettings`."""
     binning = 2 if min(image.shape) >= 4 * (BLOCK + SEARCH) else 1
     binned = _bin(image, binning)
     height, width = binned.shape
     x = _lattice(grid.x0_px, grid.x0_px + (grid.nx - 1) * grid.step_px, binning, width)
     y = _lattice(grid.y0_px, grid.y0_px + (grid.ny - 1) * grid.step_px, binning, height)
     spectrum = _spectrum(binned)
-    repeating = ambiguous(binned, spectrum, _padded(binned.shape), grid, binning)
+    repeating = ambiguous(binned, spectrum, _padded(binned.shape), grid, binning, search_px)
 
     i = np.clip(np.round((x * binning - grid.x0_px) / grid.step_px).astype(np.intp), 0, grid.nx - 1)
     j = np.clip(np.round((y * binning - grid.y0_px) / grid.step_px).astype(np.intp), 0, grid.ny - 1)
@@ -68,6 +70,7 @@ def prepare_coarse(image: NDArray[np.float32], grid: Grid) -> CoarseReference:
         spectrum=spectrum,
         centres=np.array(centres, dtype=np.int64).reshape(-1, 2),
         ambiguous=repeating,
+        search=None if search_px is None else int(np.ceil(search_px / binning)) + 1,
     )
 
 
@@ -79,9 +82,14 @@ def match(reference: CoarseReference, image: NDArray[np.float32]) -> NDArray[np.
         image: (height, width) current frame, float32 grey levels.
     """
     current = _bin(image, reference.binning)
+    limit = reference.search
+    if limit is not None and limit <= SEARCH:
+        return match_blocks(reference.image, reference.centres, current, (0, 0), limit) * reference.binning
     enough = max(1, len(reference.centres) // 2)
     best = np.empty((0, 4))
     for shift, _ in candidate_shifts(reference.spectrum, current):
+        if limit is not None and max(abs(shift[0]), abs(shift[1])) > limit:
+            continue
         matches = match_blocks(reference.image, reference.centres, current, shift)
         if len(matches) > len(best):
             best = matches
@@ -205,11 +213,11 @@ def candidate_shifts(spectrum: NDArray[np.complex64], current: NDArray[np.float3
 
 
 def match_blocks(
-    image: NDArray[np.float32], centres: NDArray[np.int64], current: NDArray[np.float32], shift: tuple[int, int]
+    image: NDArray[np.float32], centres: NDArray[np.int64], current: NDArray[np.float32], shift: tuple[int, int], search: int = SEARCH
 ) -> NDArray[np.float64]:
-    """(n, 4) x, y, u, v in binned pixels of the blocks of an image found around a shift."""
+    """(n, 4) x, y, u, v in binned pixels of the blocks of an image found within `search` of a shift."""
     found = []
-    reach = BLOCK // 2 + SEARCH
+    reach = BLOCK // 2 + search
     height, width = current.shape
     for cx, cy in centres:
         left, right = max(cx + shift[0] - reach, 0), min(cx + shift[0] + reach + 1, width)

@@ -111,7 +111,7 @@ def prepare(
     gradients = gradients_of(f, usable)
     part = middle(f.shape)
     traits = traits_of(f[part], gradients[0][part], gradients[1][part], used)
-    return prepare_part(f, gradients, usable, grid, settings, traits, prepare_coarse(f, grid))
+    return prepare_part(f, gradients, usable, grid, settings, traits, prepare_coarse(f, grid, settings.search_px))
 
 
 @dataclass(frozen=True, slots=True)

@@ -82,7 +82,7 @@ def correlate_tiled(
     mask = None if mask is None or mask.all() else mask
     pair = _Pair(reference, current, mask, _mean(reference, mask), _mean(current, None))
     traits = pair.traits()
-    matches, ambiguous = first_guesses(pair, grid)
+    matches, ambiguous = first_guesses(pair, grid, settings.search_px)
     guess = smooth_field(matches, grid) if max(reference.shape) <= WHOLE_PX and len(matches) else None
     whole = _empty(grid)
     for first, last in bands(grid, reference.shape, band_px, band_points):
@@ -163,12 +163,12 @@ def bands(grid: Grid, shape: tuple[int, ...], band_px: int, band_points: int) ->
         yield first, min(first + rows, grid.ny)
 
 
-def first_guesses(pair: _Pair, grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def first_guesses(pair: _Pair, grid: Grid, search_px: float | None) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """(n, 4) matches of blocks all over the frame, and (ny, nx) where the pattern repeats itself."""
     height, width = pair.reference.shape
     if max(height, width) <= WHOLE_PX:
         f, g = pair.grey(slice(None), slice(None))
-        coarse = prepare_coarse(f, grid)
+        coarse = prepare_coarse(f, grid, search_px)
         return match(coarse, g), coarse.ambiguous
     found, ambiguous = [], np.zeros(grid.shape, dtype=bool)
     for j, rows in _cells(grid.y_px):
@@ -183,7 +183,7 @@ def first_guesses(pair: _Pair, grid: Grid) -> tuple[NDArray[np.float64], NDArray
                 nx=columns - i,
                 ny=rows - j,
             )
-            coarse = prepare_coarse(f, cell)
+            coarse = prepare_coarse(f, cell, search_px)
             found.append(match(coarse, g) + np.array([x0, y0, 0, 0]))
             ambiguous[j:rows, i:columns] = coarse.ambiguous
     return np.concatenate(found), ambiguous
