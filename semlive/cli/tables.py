@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from semlive.data.results import RunResult
@@ -16,16 +17,17 @@ def score_table(scores: Sequence[Score], *, everything: bool = False) -> Table:
     scores = [one for one in scores if everything or not one.detail]
     wrong = sum(not one.inside(0.95) for one in scores)
     held = f"{len(scores) - wrong} of {len(scores)} within the stated 95 %; of an rms error, sigma is the rms of what was stated"
-    table = Table(title="recovered against true", caption=held)
-    table.add_column("quantity")
-    for name in ("true", "recovered", "± sigma", "error"):
-        table.add_column(name, justify="right")
-    table.add_column("unit")
-    table.add_column("inside")
+    # One line each on a terminal of 80 columns: no frame between columns, the unit beside the name, the error left to --json.
+    table = Table(title="recovered against true", caption=held, box=SIMPLE_HEAD, padding=0)
+    table.add_column("quantity", no_wrap=True)
+    for name in ("true", "recovered", "± sigma"):
+        table.add_column(name, justify="right", no_wrap=True, min_width=9)
+    table.add_column("inside", no_wrap=True, min_width=6)
     for one in scores:
         inside = "68 %" if one.inside(0.6827) else "95 %" if one.inside(0.95) else "no"
-        numbers = (_number(v) for v in (one.truth, one.value, one.sigma, one.error))
-        table.add_row(one.name, *numbers, one.unit, inside, style="bold red" if inside == "no" else None)
+        numbers = _number(one.truth), _number(one.value), f"{one.sigma:.2g}"
+        name = f"{one.name}, {one.unit}" if one.unit else one.name
+        table.add_row(name.replace(", the worst of", ", worst of"), *numbers, inside, style="bold red" if inside == "no" else None)
     return table
 
 
