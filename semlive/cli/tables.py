@@ -16,13 +16,13 @@ def score_table(scores: Sequence[Score], *, everything: bool = False) -> Table:
     """Recovered beside true, each with its uncertainty and whether the truth lies within it; by default without every frame and pair."""
     scores = [one for one in scores if everything or not one.detail]
     wrong = sum(not one.inside(0.95) for one in scores)
-    held = f"{len(scores) - wrong} of {len(scores)} within the stated 95 %; of an rms error, sigma is the rms of what was stated"
+    held = f"{len(scores) - wrong} of {len(scores)} within the stated 95 %; an rms error is held against the rms of the stated"
     # One line each on a terminal of 80 columns: no frame between columns, the unit beside the name, the error left to --json.
     table = Table(title="recovered against true", caption=held, box=SIMPLE_HEAD, padding=0)
-    table.add_column("quantity", no_wrap=True)
+    table.add_column("quantity", no_wrap=True, max_width=42)
     for name in ("true", "recovered", "± sigma"):
         table.add_column(name, justify="right", no_wrap=True, min_width=9)
-    table.add_column("inside", no_wrap=True, min_width=6)
+    table.add_column("in", no_wrap=True, min_width=4)
     for one in scores:
         inside = "68 %" if one.inside(0.6827) else "95 %" if one.inside(0.95) else "no"
         numbers = _number(one.truth), _number(one.value), f"{one.sigma:.2g}"
