@@ -37,11 +37,15 @@ def dic(
     shape: Annotated[
         str, typer.Option(help="Shape function: affine, or quadratic: follows strain gradients, at twice the noise.")
     ] = "affine",
+    search: Annotated[
+        float | None,
+        typer.Option(help="Longest motion in px along x or y, if known: regular patterns are measured up to half their pitch."),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="CSV file to write; a folder if there are several current images.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
     """Correlate images (TIFF, PNG, JPEG, BMP...) with a reference: x_current = x + u, in px."""
-    settings = _settings(subset, step, roi, interpolation, shape)
+    settings = _settings(subset, step, roi, interpolation, shape, search)
     image = _read(ref)
     used = None if mask is None else _read_alike(mask, ref, image) > 0
     height, width = image.shape
@@ -51,13 +55,16 @@ def dic(
     files = _output_files(out, cur)
     engine.warm_up(settings)
     start = time.perf_counter()
-    reference = engine.prepare(image, grid, settings, used)
+    reference = None if engine.is_large(image.shape, grid) else engine.prepare(image, grid, settings, used)
     prepared_s = time.perf_counter() - start
     figures = []
     for number, path in enumerate(_with_progress(cur), start=1):
         current = _read_alike(path, ref, image)
         start = time.perf_counter()
-        disparity = engine.correlate(reference, current, settings, reference_frame=0, current_frame=number)
+        if reference is None:
+            disparity = engine.correlate_tiled(image, current, grid, settings, mask=used, current_frame=number)
+        else:
+            disparity = engine.correlate(reference, current, settings, reference_frame=0, current_frame=number)
         wall_s = time.perf_counter() - start + prepared_s
         prepared_s = 0.0  # the reference is prepared once; its time is counted with the first image
         if files:
@@ -81,7 +88,7 @@ def _with_progress(paths: list[Path]) -> Iterator[Path]:
         yield path
 
 
-def _settings(subset: int, step: int, roi: str | None, interpolation: str, shape: str) -> DicSettings:
+def _settings(subset: int, step: int, roi: str | None, interpolation: str, shape: str, search: float | None) -> DicSettings:
     corners: tuple[int, int, int, int] | None = None
     if roi is not None:
         try:
@@ -94,9 +101,16 @@ def _settings(subset: int, step: int, roi: str | None, interpolation: str, shape
     for option, word, known in (("--interpolation", interpolation, splines), ("--shape", shape, shapes)):
         if word not in known:
             raise BadInput(f"{option} {word}: is not known; take {' or '.join(known)}.")
+    if search is not None and not search > 0.0:
+        raise BadInput(f"--search {search:g}: is no distance; give the longest motion in px, or leave the option out.")
     try:
         return DicSettings(
-            subset_px=subset, step_px=step, roi_px=corners, interpolation=splines[interpolation], shape_function=shapes[shape]
+            subset_px=subset,
+            step_px=step,
+            roi_px=corners,
+            interpolation=splines[interpolation],
+            shape_function=shapes[shape],
+            search_px=search,
         )
     except ValueError as error:
         raise BadInput(f"--subset {subset} --step {step}: {error}.") from error

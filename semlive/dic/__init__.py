@@ -12,7 +12,7 @@ from semlive.dic.incremental import begin, follow
 from semlive.dic.quality import quality
 from semlive.dic.reference import Reference, prepare
 from semlive.dic.rows import register_rows, row_jitter
-from semlive.dic.tiles import correlate_tiled
+from semlive.dic.tiles import correlate_tiled, is_large
 
 __all__ = [
     "DicSettings",
@@ -27,6 +27,7 @@ __all__ = [
     "correlate_tiled",
     "follow",
     "grid_for",
+    "is_large",
     "match",
     "prepare",
     "quality",

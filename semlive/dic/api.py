@@ -11,6 +11,7 @@ from semlive.data.settings import DicSettings
 from semlive.dic.correlate import correlate
 from semlive.dic.grid import grid_for
 from semlive.dic.reference import prepare
+from semlive.dic.tiles import correlate_tiled, is_large
 from semlive.errors import BadInput
 
 MIN_EDGE_PX = 16
@@ -30,6 +31,7 @@ def match(
 
     With many current images of one reference, prepare it once: ``prepared = prepare(reference, grid, settings)``, then
     ``correlate(prepared, current, settings, reference_frame=0, current_frame=n)`` for each; it saves a quarter of the time.
+    Frames beyond 4096 x 4096 px and grids beyond 400,000 points are worked on in bands, in bounded memory; they may be memory maps.
 
     Args:
         reference: (height, width) grey levels, uint8 or uint16.
@@ -65,6 +67,8 @@ def match(
         grid = grid_for(settings, width, height)
     else:
         _check_grid(grid, width, height)
+    if is_large(reference.shape, grid):
+        return correlate_tiled(reference, current, grid, settings, mask=mask)
     return correlate(prepare(reference, grid, settings, mask), current, settings, reference_frame=0, current_frame=1)
 
 

@@ -106,9 +106,10 @@ def refused(measured: Measured, grid: Grid) -> NDArray[np.uint8]:
     safe = SAFE_SIGMA * NOISE_SIGMA_PX / grid.subset_px
     excusable = m.valid & ~fits & (m.residual <= ordinary + CONFIRMED_MISFIT * max(contrast - ordinary, 0.0))
     sound = fits & (m.sigma_px <= max(SPREADING_SIGMA * float(np.median(m.sigma_px[fits])), safe)) if fits.any() else fits
-    torn = fits & _torn(m, sound, grid)
-    verdict[torn] = PoiStatus.INCONSISTENT
+    torn = (fits | excusable) & _torn(m, sound, grid)
+    verdict[torn & fits] = PoiStatus.INCONSISTENT
     fits &= ~torn
+    excusable &= ~torn
     if not fits.any():
         return verdict
     sigma = float(np.median(m.sigma_px[fits]))

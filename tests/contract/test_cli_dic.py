@@ -11,6 +11,7 @@ import typer
 from typer.testing import CliRunner
 
 from semlive.cli.dic import dic
+from semlive.dic import tiles
 from semlive.errors import BadInput
 
 
@@ -136,11 +137,25 @@ def test_a_mask_leaves_points_out(folder):
     assert np.mean([float(row["u"]) for row in right]) == pytest.approx(1.25, abs=0.01)
 
 
-@pytest.mark.parametrize("options", [("--interpolation", "quintic"), ("--shape", "quadratic")])
-def test_other_splines_and_shapes(folder, options):
+@pytest.mark.parametrize("options", [("--interpolation", "quintic"), ("--shape", "quadratic"), ("--search", "4")])
+def test_other_splines_shapes_and_searches(folder, options):
     result = run(folder / "ref.tif", folder / "a.tif", "--subset", 31, "--roi", "30,25,89,74", "--json", *options)
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["converged"] == 120
+
+
+def test_large_frames_are_worked_on_in_bands_and_nobody_sees_it(folder, monkeypatch):
+    mask = np.full((100, 120), 255, dtype=np.uint8)
+    mask[30:50, 40:60] = 0
+    cv2.imwrite(str(folder / "mask.png"), mask)
+    tables = []
+    for limit in (tiles.BAND_POINTS, 50):
+        monkeypatch.setattr(tiles, "BAND_POINTS", limit)
+        out = folder / f"{limit}.csv"
+        result = run(folder / "ref.tif", folder / "a.tif", "--subset", 21, "--mask", folder / "mask.png", "--out", out, "--json")
+        assert result.exit_code == 0, result.output
+        tables.append(out.read_text())
+    assert tables[0] == tables[1]
 
 
 def test_a_wrong_file_is_told_before_anything_is_written(folder):
@@ -160,6 +175,7 @@ def test_a_wrong_file_is_told_before_anything_is_written(folder):
         (["ref.tif", "a.tif", "--step", "0"], "step_px must be at least 1"),
         (["ref.tif", "a.tif", "--mask", "small.tif"], "small.tif: is 120 x 80 px but"),
         (["ref.tif", "a.tif", "--shape", "cubic"], "--shape cubic: is not known; take affine or quadratic"),
+        (["ref.tif", "a.tif", "--search", "0"], "--search 0: is no distance"),
         (["ref.tif", "a.tif", "--roi", "1,2,3"], "--roi 1,2,3: is not four whole numbers"),
         (["ref.tif", "a.tif", "--subset", "101"], "no subset of 101 px fits into the whole frame"),
         (["ref.tif", "a.tif", "--out", "."], "is a folder"),

@@ -10,8 +10,10 @@ import pytest
 from semlive import dic
 from semlive.data.disparity import PoiStatus
 from semlive.data.settings import DicSettings
+from semlive.dic import tiles
 from semlive.dic.incremental import begin, follow
 from semlive.dic.tiles import bands, correlate_tiled
+from semlive.errors import BadInput
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 
@@ -46,15 +48,44 @@ def test_nothing_wrong_calls_itself_converged(bench, hard, number):
     assert np.all(m.status[verdict.repeating] == PoiStatus.AMBIGUOUS)
 
 
-def test_bands_find_what_the_whole_frame_finds(bench, hard):
-    s = hard.scene(7)
-    settings = DicSettings(step_px=8, roi_px=None)
+@pytest.mark.parametrize(("number", "masked", "interpolation"), [(7, False, "cubic"), (17, True, "cubic"), (10, True, "quintic")])
+def test_bands_find_what_the_whole_frame_finds(bench, hard, number, masked, interpolation):
+    s = hard.scene(number)
+    mask = ~hard.blobs(np.random.default_rng(number), 0.2) if masked else None
+    settings = DicSettings(step_px=12, roi_px=None, interpolation=interpolation)
     grid = dic.grid_for(settings, 640, 560)
-    assert len(list(bands(grid, (560, 640), 300_000, 10_000))) > 1
-    one, many = bench.correlate(s, settings), correlate_tiled(s.first, s.second, grid, settings, band_px=300_000)
-    assert np.array_equal(one.status, many.status)
-    for name in ("u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc"):
-        assert np.max(np.abs(getattr(one, name) - getattr(many, name))) < 1e-6, name  # float32 sums, other row offsets
+    assert len(list(bands(grid, (560, 640), 400_000, 10_000))) > 1
+    one = dic.match(s.first, s.second, grid, settings, mask=mask)
+    many = correlate_tiled(s.first, s.second, grid, settings, mask=mask, band_px=400_000)
+    for name in ("status", "u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc"):
+        assert np.array_equal(getattr(one, name), getattr(many, name)), name
+
+
+def test_very_large_frames_get_first_guesses_cell_by_cell(hard, monkeypatch):
+    s = hard.moved(np.random.default_rng(3), 5.0)
+    settings = DicSettings(step_px=12, roi_px=None)
+    one = dic.match(s.first, s.second, settings=settings)
+    monkeypatch.setattr(tiles, "WHOLE_PX", 400)
+    monkeypatch.setattr(tiles, "CELL_PX", 256)
+    assert dic.is_large(s.first.shape, one.grid)
+    many = dic.match(s.first, s.second, settings=settings)
+    assert np.mean(one.status == many.status) > 0.995
+    both = one.valid & many.valid
+    assert np.max(np.hypot(one.u_px - many.u_px, one.v_px - many.v_px)[both]) < 2e-3  # other first guesses, same solution
+
+
+def test_what_is_large():
+    few, many = (dic.Grid(x0_px=50, y0_px=50, step_px=5, nx=nx, ny=700, subset_px=43) for nx in (500, 600))
+    assert not dic.is_large((4096, 4096), few)
+    assert dic.is_large((4096, 4097), few)
+    assert dic.is_large((3000, 3000), many)
+
+
+def test_a_mask_of_another_size_is_refused_by_bands(hard):
+    s = hard.scene(0)
+    settings = DicSettings(step_px=40, roi_px=None)
+    with pytest.raises(BadInput, match="the mask is 10 x 20 px but the images 640 x 560 px: give a mask of their size"):
+        correlate_tiled(s.first, s.second, dic.grid_for(settings, 640, 560), settings, mask=np.ones((20, 10), dtype=bool))
 
 
 @pytest.mark.parametrize("renew", [False, True])
