@@ -38,6 +38,7 @@ class Begun:
         estimator: what drift, distortion and motion are known from: the state of the method that the settings name.
         pairs: the pairs so far.
         from_frame_0: disparity from frame 0 to every later frame.
+        solution: the method's after the newest pair that was asked for one; None before.
     """
 
     settings: AnalysisSettings
@@ -46,6 +47,7 @@ class Begun:
     estimator: Any
     pairs: tuple[PairDecision, ...]
     from_frame_0: tuple[DisparityMap, ...]
+    solution: Any = None
 
     @property
     def method(self) -> Method:
@@ -99,7 +101,8 @@ def correlate(begun: Begun, pair: Pair) -> tuple[DisparityMap, ...]:
 def update(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> tuple[Begun, PairResult]:
     """Everything after correlation: take the maps in, estimate, correct the pair's frames."""
     begun = absorb(begun, decision, maps)
-    solution = begun.method.solve(begun.estimator)
+    solution = begun.method.follow(begun.estimator, begun.solution)
+    begun = replace(begun, solution=solution)
     frames = tuple(_corrected(begun, solution, frame) for frame in (2 * decision.pair, 2 * decision.pair + 1))
     elastic = _elastic(begun, solution, _tension_frames(begun, solution))
     return begun, PairResult(decision, maps, begun.method.estimate(solution, revision=len(begun.pairs)), (frames[0], frames[1]), elastic)

@@ -1,6 +1,7 @@
 """From disparity maps to drift, distortion and motion, with uncertainty."""
 
 from semlive.estimate.accumulate import update
+from semlive.estimate.follow import follow
 from semlive.estimate.publish import correction, correction_strain_sigma, estimate, live_rate, mean_strain_covariance
 from semlive.estimate.solve import Solution, solve
 from semlive.estimate.state import EstimatorState, init
@@ -11,6 +12,7 @@ __all__ = [
     "correction",
     "correction_strain_sigma",
     "estimate",
+    "follow",
     "init",
     "live_rate",
     "mean_strain_covariance",

@@ -32,6 +32,7 @@ from semlive.model import (
 
 SIGMA_FLOOR_PX = 1e-4  # noise-free synthetic maps come with sigma 0
 MAX_DRIFT_KNOTS = 4000
+TREND_KNOTS = 6
 RASTER_KNOT_FRAMES = 8.0  # lens and high voltage wander in hours; faster changes are no drift of the magnification
 
 _KIND = {Phase.CALIBRATION: MotionKind.RIGID, Phase.TRANSLATION: MotionKind.GRADIENT, Phase.TENSION: MotionKind.GRADIENT}
@@ -59,7 +60,7 @@ def update(
 
     Args:
         state: what was known before.
-        pair: number of the pair, larger than all before; pair 0 comes first.
+        pair: number of the pair; pair 0 comes first, the others in any order: the times of their frames say where they belong.
         phase: what the pair is for: in calibration the specimen moves rigidly, else its gradient is free.
         times: when the two frames were scanned.
         maps: 2k -> 2k+1, and for k > 0 also 0 -> 2k and 0 -> 2k+1; any of them may be missing.
@@ -68,7 +69,7 @@ def update(
         The new state; the old one stays as it was.
 
     Raises:
-        IllPosed: pair 0 is missing, pairs come out of order, or the run is longer than the drift spline can be.
+        IllPosed: pair 0 is missing, a pair comes twice or from before it, or the run is longer than the drift spline can be.
 
     The maps of a run compare frames, so their noise is shared: that of frame 0 by every map from frame 0 (with drift of
     one sign it passes for distortion, and taking it as independent made the distortion's error twice as large), that of
@@ -78,8 +79,10 @@ def update(
     """
     if not state.phases and pair != 0:
         raise IllPosed(f"pair {pair} came before pair 0, the reference of all others: give pair 0 first")
-    if state.frames and times[0].start_s < max(when.start_s for when in state.frames):
-        raise IllPosed(f"pair {pair} was scanned before a pair already known: give pairs in the order of their times")
+    if any(when.frame // 2 == pair for when in state.frames):
+        raise IllPosed(f"pair {pair} is in the estimate already: give each pair once")
+    if state.frames and times[0].start_s < state.frames[0].start_s:
+        raise IllPosed(f"pair {pair} was scanned before pair 0, the reference of all others: begin with the earliest pair")
     if not any(dmap.valid.any() for dmap in maps):
         raise IllPosed(f"no point of pair {pair} was correlated, so it says nothing: check focus and contrast of its frames")
     duration_s = max(when.timing.duration_s for when in times)
@@ -91,11 +94,11 @@ def update(
     if drift.spline.size > MAX_DRIFT_KNOTS:
         raise IllPosed(f"the run is {times[1].start_s:.0f} s long at pair {pair}, more than {MAX_DRIFT_KNOTS} drift knots: start a new run")
     motions = state.motions if pair == 0 else state.motions.having(pair, _KIND[phase])
-    frames, phases = (*state.frames, *times), (*state.phases, phase)
+    frames, phases = tuple(sorted((*state.frames, *times), key=_start)), (*state.phases, phase)
     larger = replace(state, drift=drift, raster=raster, motions=motions, frames=frames, phases=phases)
     grown = _grown(larger, state.layout)
     rows = _without_redundancy(tuple(_map_rows(grown, dmap) for dmap in maps))
-    sums = Sums(grown.precision.copy(), grown.information.copy(), grown.reference.copy())
+    sums = Sums(grown.precision, grown.information, grown.reference.copy())  # made by `_grown` for this state alone
     for one in rows:
         add_rows(grown, one, grown.about, sums)
     return replace(grown, rows=(*grown.rows, *rows), precision=sums.precision, information=sums.information, reference=sums.reference)
@@ -146,9 +149,12 @@ def add_rows(state: EstimatorState, rows: MapRows, about: NDArray[np.float64], s
         sums.information[index] += weighted.T @ disparity
         if rows.from_reference:
             noise = sums.reference
-            first = np.where(noise.prior[:, axis] == 0.0, weight, 0.0)  # frame 0 is as noisy as the first frame seen against it
-            noise.prior[:, axis] += first
-            noise.weight[:, axis] += weight + first
+            # Frame 0 is as noisy as the earliest frame seen against it, whatever the order in which the pairs come.
+            earlier = (weight > 0) & (rows.current < noise.seen_in[:, axis])
+            prior = np.where(earlier, weight, noise.prior[:, axis])
+            noise.weight[:, axis] += weight + (prior - noise.prior[:, axis])
+            noise.prior[:, axis] = prior
+            noise.seen_in[:, axis] = np.where(earlier, rows.current, noise.seen_in[:, axis])
             noise.coupling[axis][:, index] -= weighted
             noise.information[:, axis] -= weight * disparity
 
@@ -160,10 +166,10 @@ def marginal(state: EstimatorState) -> tuple[NDArray[np.float64], NDArray[np.flo
     for axis in (0, 1):
         seen = noise.weight[:, axis] > 0
         touched = np.flatnonzero(noise.coupling[axis].any(axis=0))
-        coupling = noise.coupling[axis][np.ix_(seen, touched)]
-        scaled = coupling / noise.weight[seen, axis, None]
-        precision[np.ix_(touched, touched)] -= coupling.T @ scaled
-        information[touched] -= scaled.T @ noise.information[seen, axis]
+        root = 1.0 / np.sqrt(noise.weight[seen, axis])
+        half = noise.coupling[axis][np.ix_(seen, touched)] * root[:, None]
+        precision[np.ix_(touched, touched)] -= half.T @ half
+        information[touched] -= half.T @ (noise.information[seen, axis] * root)
     return precision, information
 
 
@@ -177,9 +183,9 @@ def pull(state: EstimatorState, parameters: NDArray[np.float64]) -> NDArray[np.f
     for rows in state.rows:
         if not rows.weight.any():
             continue
-        misfit = (rows.disparity_px - predicted(state, rows, parameters)) * rows.weight
-        for axis, (index, design) in enumerate(map_columns(state, rows, state.about)):
-            total[index] += design.T @ misfit[:, axis]
+        parts = _parts(state, rows, state.about)
+        misfit = (rows.disparity_px - evaluated(state.layout, parts, parameters, len(rows.position_px))) * rows.weight
+        add_projected(state.layout, parts, misfit, total)
         if rows.from_reference:
             noise -= misfit
     for axis in (0, 1):
@@ -207,6 +213,21 @@ def evaluated(layout: Layout, columns: Sequence[BlockColumns], parameters: NDArr
         else:
             total[:, int(part.axis is Axis.Y)] += part.value @ own[part.index]
     return total
+
+
+def projected(state: EstimatorState, rows: MapRows, field: NDArray[np.float64], total: NDArray[np.float64]) -> None:
+    """Add a map's design matrix, transposed, times a field (blocks, 2) to `total` (n,), in place."""
+    add_projected(state.layout, _parts(state, rows, state.about), field, total)
+
+
+def add_projected(layout: Layout, columns: Sequence[BlockColumns], field: NDArray[np.float64], total: NDArray[np.float64]) -> None:
+    """Add columns, transposed, times a field (blocks, 2) to `total` (n,), in place."""
+    for part in columns:
+        own = total[layout.part(part.effect)]
+        if part.axis is Axis.EACH:
+            own.reshape(-1, 2)[part.index] += part.value.T @ field
+        else:
+            own[part.index] += part.value.T @ field[:, int(part.axis is Axis.Y)]
 
 
 def _parts(state: EstimatorState, rows: MapRows, about: NDArray[np.float64]) -> list[BlockColumns]:
@@ -255,6 +276,10 @@ def carried_along(state: EstimatorState) -> EstimatorState:
     return replace(carried, rows=kept, precision=sums.precision, information=sums.information, reference=sums.reference)
 
 
+def _start(when: FrameTime) -> float:
+    return when.start_s
+
+
 def _raster(state: EstimatorState, duration_s: float) -> tuple[RasterChange, ...]:
     x, y = (float(one) for one in state.centre_px)
     spline = UniformSpline(0.0, RASTER_KNOT_FRAMES * duration_s, 1)
@@ -265,16 +290,28 @@ def _grown(state: EstimatorState, before: Layout) -> EstimatorState:
     layout = state.layout
     index = before.within(layout)
     precision, information = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
-    precision[np.ix_(index, index)] = state.precision
+    moved = [(before.part(name), slice(layout.part(name).start, layout.part(name).start + size)) for name, size in before.of_each()]
+    for old_row, row in moved:
+        for old_column, column in moved:
+            precision[row, column] = state.precision[old_row, old_column]
     information[index] = state.information
     about = np.zeros(0)
     if state.about.size:
         about = np.zeros(layout.size)
         about[index] = state.about
+        _go_on(about[layout.part("drift")].reshape(-1, 2), before.part("drift"))
     before_noise = state.reference
     coupling = np.zeros((2, state.blocks.size, layout.size))
     coupling[:, :, index] = before_noise.coupling
     return replace(state, precision=precision, information=information, about=about, reference=replace(before_noise, coupling=coupling))
+
+
+def _go_on(drift: NDArray[np.float64], known: slice) -> None:
+    """Coefficients that no pair has touched yet go on at the rate of the last ones, in place: columns may need the drift there."""
+    count = (known.stop - known.start) // 2
+    last = min(TREND_KNOTS, count - 1)
+    rate = (drift[count - 1] - drift[count - 1 - last]) / last
+    drift[count:] = drift[count - 1] + rate * np.arange(1, len(drift) - count + 1)[:, None]
 
 
 def _map_rows(state: EstimatorState, dmap: DisparityMap) -> MapRows:
@@ -296,12 +333,12 @@ def _map_rows(state: EstimatorState, dmap: DisparityMap) -> MapRows:
     for effect in state.model:
         if effect.needs_ideal or not used.any():
             continue
-        difference += [block_columns(effect.name, part, at, blocks.size) for part in effect.columns(current)]
+        after = [block_columns(effect.name, part, at, blocks.size) for part in effect.columns(current)]
         if isinstance(effect, DistortionSpline) and not effect.carried and used.all():
             before = _resting(effect, dmap.grid)
         else:
             before = [block_columns(effect.name, part, at, blocks.size, sign=-1.0) for part in effect.columns(reference)]
-        difference += before
+        difference += _together(after, before)
         at_reference += [replace(part, value=-part.value) for part in before]
     if not used.any():
         difference = [BlockColumns("distortion", Axis.EACH, np.zeros(1, dtype=np.int64), np.zeros((blocks.size, 1)))]
@@ -311,6 +348,13 @@ def _map_rows(state: EstimatorState, dmap: DisparityMap) -> MapRows:
         dmap.reference, dmap.current, blocks.mean(disparity, used), _weights(state, dmap, used, noisy), noisy,
         tuple(difference), position, () if within else tuple(at_reference), dmap,
     )  # fmt: skip
+
+
+def _together(after: list[BlockColumns], before: list[BlockColumns]) -> list[BlockColumns]:
+    """Columns of one effect in two frames; one matrix where they touch the same parameters, as the distortion's do."""
+    if len(after) == len(before) and all(np.array_equal(one.index, two.index) for one, two in zip(after, before, strict=True)):
+        return [replace(one, value=one.value + two.value) for one, two in zip(after, before, strict=True)]
+    return [*after, *before]
 
 
 @lru_cache(maxsize=4)

@@ -30,7 +30,11 @@ class Method(Protocol):
         ...
 
     def solve(self, state: Any) -> Any:
-        """The solution, with its `noise_floor_px`."""
+        """The solution, with its `noise_floor_px`; everything that the data choose is chosen anew."""
+        ...
+
+    def follow(self, state: Any, known: Any) -> Any:
+        """The solution after a further pair, given that of an earlier one or None."""
         ...
 
     def estimate(self, solution: Any, revision: int) -> Estimate:

@@ -18,6 +18,7 @@ from semlive.estimate.state import EstimatorState
 from semlive.estimate.terms import coupling, raster_terms
 
 CLIP = 4.0
+MIRROR = 128  # parameters
 CARRIED_PASSES = 2  # the drift that was found with the wrong coupling is wrong by 0.02 px, which matters times 5e-3
 # Noise of a block's mean is never taken for smaller, px: with exact synthetic data the information matrix would span more than the
 # 16 decades of a double.
@@ -78,11 +79,22 @@ def solve(state: EstimatorState) -> Solution:
             still = replace(fitted.hyper, raster_px=(0.0, 0.0))
             fitted = _fitted(carried_along(relinearised(fitted.state, fitted.mean)), still, gauge, fitted.mean)
         fitted, tests = _with_raster_terms(fitted, gauge)
-    state, hyper = fitted.state, fitted.hyper
-    mean, factor = _posterior_about(fitted.data, belief_precision(state, hyper) + gauge, hyper.noise_scale)
+    return _concluded(fitted.state, fitted.data, fitted.hyper, gauge, (*tests, test))
+
+
+def solve_as(state: EstimatorState, hyper: Hyper, terms: tuple[TermTest, ...]) -> Solution:
+    """The posterior with noise scale, smoothness and terms as they were chosen before, re-linearised about a first solution."""
+    gauge = gauge_precision(state)
+    near, _ = posterior(marginal(state), belief_precision(state, hyper) + gauge, hyper.noise_scale)
+    state = relinearised(state, near)
+    return _concluded(state, Misfit(marginal(state)[0], pull(state, near), near), hyper, gauge, terms)
+
+
+def _concluded(state: EstimatorState, data: Misfit, hyper: Hyper, gauge: NDArray[np.float64], terms: tuple[TermTest, ...]) -> Solution:
+    mean, factor = _posterior_about(data, belief_precision(state, hyper) + gauge, hyper.noise_scale)
     covariance = _inverse(factor)
-    _, floor_px = _noise(state, fitted.data.precision, hyper, mean, covariance)
-    return Solution(state, hyper, mean, covariance, floor_px, (*tests, test))
+    _, floor_px = _noise(state, data.precision, hyper, mean, covariance)
+    return Solution(state, hyper, mean, covariance, floor_px, terms)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,16 +157,22 @@ def _factor(precision: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def residuals(state: EstimatorState, mean: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """(blocks, 2) residual of each map's block means, px, with the noise of frame 0 taken out of the maps from it."""
+    """(blocks, 2) residual of the block means of each map with any weight, px, without the noise of frame 0 in maps from it."""
     noise_px = state.reference.mean_px(mean)
-    return [rows.disparity_px - predicted(state, rows, mean) + (noise_px if rows.from_reference else 0.0) for rows in state.rows]
+    told = [rows for rows in state.rows if rows.weight.any()]
+    return [rows.disparity_px - predicted(state, rows, mean) + (noise_px if rows.from_reference else 0.0) for rows in told]
 
 
 def _inverse(factor: NDArray[np.float64]) -> NDArray[np.float64]:
     """Inverse from a lower Cholesky factor, symmetric."""
     (potri,) = get_lapack_funcs(("potri",), (factor,))
     lower, _ = potri(factor, lower=1)
-    return np.tril(lower) + np.tril(lower, -1).T
+    for start in range(0, len(lower), MIRROR):  # in pieces: transposing at once misses the cache and takes as long as inverting
+        stop = start + MIRROR
+        square = lower[start:stop, start:stop]
+        lower[start:stop, start:stop] = np.tril(square) + np.tril(square, -1).T
+        lower[start:stop, stop:] = lower[stop:, start:stop].T
+    return lower
 
 
 def _noise(
@@ -167,7 +185,8 @@ def _noise(
     """
     blocks, noise = state.blocks, state.reference
     z, variance, fields = [(noise.mean_px(mean) * np.sqrt(noise.prior))[noise.prior > 0]], [], []
-    for rows, residual in zip(state.rows, residuals(state, mean), strict=True):
+    told = [rows for rows in state.rows if rows.weight.any()]
+    for rows, residual in zip(told, residuals(state, mean), strict=True):
         used = rows.weight > 0
         fields.append(residual * np.sqrt(rows.weight))
         z.append(fields[-1][used])
@@ -191,6 +210,8 @@ def _scatter(blocks: Blocks, fields: list[NDArray[np.float64]], limit: float) ->
     neighbours correlated by r along x and y, what is slow has ``(1 + 2 r_x) (1 + 2 r_y)`` times the variance of white blocks.
     Taking overlap for granted made sigmas of white noise too large by 1.46.
     """
+    if not fields:
+        return 1.0
     seen = np.clip(np.stack(fields), -limit, limit).reshape(len(fields), *blocks.layout, 2)
     along_x, along_y = seen[:, :, 1:] * seen[:, :, :-1], seen[:, 1:] * seen[:, :-1]
     inflation = 1.0

@@ -61,23 +61,26 @@ class ReferenceNoise:
     Attributes:
         weight: (blocks, 2) information on each, its prior included.
         prior: (blocks, 2) the prior's part.
+        seen_in: (blocks, 2) the frame that the prior was taken from.
         coupling: (2, blocks, n) information shared with the parameters, for x and y.
         information: (blocks, 2) information vector.
     """
 
     weight: NDArray[np.float64]
     prior: NDArray[np.float64]
+    seen_in: NDArray[np.int64]
     coupling: NDArray[np.float64]
     information: NDArray[np.float64]
 
     @classmethod
     def nothing(cls, blocks: int, size: int) -> ReferenceNoise:
         """Before the first map."""
-        return cls(np.zeros((blocks, 2)), np.zeros((blocks, 2)), np.zeros((2, blocks, size)), np.zeros((blocks, 2)))
+        unseen = np.full((blocks, 2), np.iinfo(np.int64).max)
+        return cls(np.zeros((blocks, 2)), np.zeros((blocks, 2)), unseen, np.zeros((2, blocks, size)), np.zeros((blocks, 2)))
 
     def copy(self) -> ReferenceNoise:
         """With arrays of its own."""
-        return ReferenceNoise(self.weight.copy(), self.prior.copy(), self.coupling.copy(), self.information.copy())
+        return ReferenceNoise(self.weight.copy(), self.prior.copy(), self.seen_in.copy(), self.coupling.copy(), self.information.copy())
 
     def mean_px(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """(blocks, 2) its posterior mean, given the parameters."""
@@ -100,7 +103,7 @@ class EstimatorState:
         raster: what of the raster may change in time, held at zero unless the data ask for it; empty before the first pair.
         axes: the axes of the scan.
         motions: the motion effect, one pair more with each update.
-        frames: times of all frames in order of arrival.
+        frames: times of all frames in the order of their times.
         phases: phase of each pair in order of arrival.
         rows: block means of all maps, kept for re-linearisation and re-weighting.
         about: parameters about which the information is linearised; empty means zero.

@@ -14,7 +14,7 @@ from semlive.model.axes import ScanAxes
 from semlive.model.basis import UniformSpline
 from semlive.model.distortion import DistortionSpline
 from semlive.model.drift import DriftSpline
-from semlive.model.effect import Axis, Columns, Effect, Layout, Sighting
+from semlive.model.effect import Axis, Columns, Effect, Layout, Sighting, TensorColumns
 from semlive.model.forward import offsets, scan_address, with_drift
 from semlive.model.motion import MotionKind, PairMotions
 from semlive.model.raster_change import RasterChange, RasterTerm
@@ -33,6 +33,7 @@ __all__ = [
     "RasterTerm",
     "ScanAxes",
     "Sighting",
+    "TensorColumns",
     "UniformSpline",
     "offsets",
     "scan_address",

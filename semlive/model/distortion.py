@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from semlive.data.grid import Grid
 from semlive.model.basis import UniformSpline
-from semlive.model.effect import Axis, Columns, Sighting
+from semlive.model.effect import Axis, Sighting, TensorColumns
 
 # Distortion is smooth over most of the frame. With knots 100 px apart a cubic leaves 1e-4 px of a wave of 1100 px, 5e-6 of false
 # strain between two places; a quintic, of as many knots, leaves 3e-7 px.
@@ -55,7 +55,7 @@ class DistortionSpline:
         """False: it belongs to the scan address, drift taken off or not."""
         return False
 
-    def columns(self, seen: Sighting) -> tuple[Columns, ...]:
+    def columns(self, seen: Sighting) -> tuple[TensorColumns, ...]:
         """Tensor-product basis rows at the scan addresses."""
         x_px, y_px = seen.x_px, seen.y_px
         if self.carried:
@@ -64,9 +64,7 @@ class DistortionSpline:
             x_px, y_px = x_px - seen.drift_px[:, 0], y_px - seen.drift_px[:, 1]
         index_x, value_x = self.along_x.local(x_px)
         index_y, value_y = self.along_y.local(y_px)
-        index = index_y[:, :, None] * self.along_x.size + index_x[:, None, :]
-        value = value_y[:, :, None] * value_x[:, None, :]
-        return (Columns(Axis.EACH, index.reshape(len(index), -1), value.reshape(len(index), -1)),)
+        return (TensorColumns(Axis.EACH, index_x, value_x, index_y, value_y, (self.along_y.size, self.along_x.size)),)
 
     def field(self, parameters: NDArray[np.float64], x_px: ArrayLike, y_px: ArrayLike) -> NDArray[np.float64]:
         """(n, 2) E at scan addresses."""

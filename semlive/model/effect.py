@@ -60,6 +60,37 @@ class Columns:
     value: NDArray[np.float64]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TensorColumns:
+    """Columns that are a product of one row over x and one over y, as those of a surface; `index` and `value` as in `Columns`.
+
+    Attributes:
+        axis: the component acted on.
+        index_x: (n, kx) index along x.
+        value_x: (n, kx) factor along x.
+        index_y: (n, ky) index along y.
+        value_y: (n, ky) factor along y.
+        shape: (ny, nx) of the coefficients; coefficient (iy, ix) is ``iy * nx + ix``.
+    """
+
+    axis: Axis
+    index_x: NDArray[np.int64]
+    value_x: NDArray[np.float64]
+    index_y: NDArray[np.int64]
+    value_y: NDArray[np.float64]
+    shape: tuple[int, int]
+
+    @property
+    def index(self) -> NDArray[np.int64]:
+        """(n, ky kx) index within the effect's own parameters."""
+        return (self.index_y[:, :, None] * self.shape[1] + self.index_x[:, None, :]).reshape(len(self.index_x), -1)
+
+    @property
+    def value(self) -> NDArray[np.float64]:
+        """(n, ky kx) px per unit of the parameter."""
+        return (self.value_y[:, :, None] * self.value_x[:, None, :]).reshape(len(self.value_x), -1)
+
+
 class Effect(Protocol):
     """Something that displaces the scan address of a material point, linear in its parameters."""
 
@@ -78,7 +109,7 @@ class Effect(Protocol):
         """Whether the columns depend on the ideal position, which is itself estimated (so they are re-linearised)."""
         ...
 
-    def columns(self, seen: Sighting) -> tuple[Columns, ...]:
+    def columns(self, seen: Sighting) -> tuple[Columns | TensorColumns, ...]:
         """The effect's columns for the points of a sighting."""
         ...
 
@@ -110,6 +141,10 @@ class Layout:
         at = self.names.index(name)
         start = sum(self.sizes[:at])
         return slice(start, start + self.sizes[at])
+
+    def of_each(self) -> tuple[tuple[str, int], ...]:
+        """Name and number of parameters of each effect."""
+        return tuple(zip(self.names, self.sizes, strict=True))
 
     def within(self, larger: Layout) -> NDArray[np.int64]:
         """(size,) index of each parameter in a layout to which effects have appended parameters."""

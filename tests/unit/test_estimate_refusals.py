@@ -59,9 +59,15 @@ def test_pair_0_comes_first() -> None:
         estimating.update(fresh(), 1, Phase.CALIBRATION, times(1, 60.0), (shifted(2, 3, 0.0, 0.0),))
 
 
-def test_pairs_come_in_the_order_of_their_times() -> None:
-    with pytest.raises(IllPosed, match="order of their times"):
-        moved(moved(first(), 2, 5.0, 0.0), 1, 5.0, 0.0)
+def test_a_pair_is_taken_once() -> None:
+    with pytest.raises(IllPosed, match="each pair once"):
+        moved(moved(first(), 1, 5.0, 0.0), 1, 5.0, 0.0)
+
+
+def test_a_pair_from_before_pair_0_is_refused() -> None:
+    maps = (shifted(2, 3, 0.0, 0.0), shifted(0, 2, 5.0, 0.0), shifted(0, 3, 5.0, 0.0))
+    with pytest.raises(IllPosed, match="earliest pair"):
+        estimating.update(first(), 1, Phase.CALIBRATION, times(1, -60.0), maps)
 
 
 def test_a_pair_without_points_is_refused() -> None:

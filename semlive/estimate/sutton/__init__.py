@@ -10,7 +10,7 @@ reached without a smoothing of the local drift over positions, which it does not
 """
 
 from semlive.estimate.sutton.publish import correction, correction_strain_sigma, estimate, live_rate, mean_strain_covariance
-from semlive.estimate.sutton.solve import Options, SuttonSolution, solve
+from semlive.estimate.sutton.solve import Options, SuttonSolution, follow, solve
 from semlive.estimate.sutton.state import SuttonState, init, update
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "correction",
     "correction_strain_sigma",
     "estimate",
+    "follow",
     "init",
     "live_rate",
     "mean_strain_covariance",

@@ -82,6 +82,11 @@ class SuttonSolution:
         return drift if self.bundle is None else drift + self.bundle.surface.at(address_px - self.options.carried * drift)
 
 
+def follow(state: SuttonState, known: SuttonSolution | None) -> SuttonSolution:
+    """The solution after a further pair: a batch, so the same as `solve`, with the options of the earlier solution."""
+    return solve(state, known.options if known is not None else PUBLISHED)
+
+
 def solve(state: SuttonState, options: Options = PUBLISHED) -> SuttonSolution:
     """The whole procedure on everything given so far.
 

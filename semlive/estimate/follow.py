@@ -1,0 +1,50 @@
+"""The solution from pair to pair: what the data choose is chosen anew on a geometric schedule, kept in between."""
+
+from __future__ import annotations
+
+import itertools
+
+from semlive.errors import IllPosed
+from semlive.estimate.accumulate import update
+from semlive.estimate.solve import Solution, solve, solve_as
+from semlive.estimate.state import EstimatorState
+
+
+def follow(state: EstimatorState, known: Solution | None) -> Solution:
+    """The solution after a further pair, given that of an earlier one.
+
+    Noise scale, smoothness, optional terms and coupling are chosen anew after 1, 2, 3, 4, 6, 8, 12, 16, 24, ... pairs and kept in
+    between: what half as many pairs more can tell of them is little, and choosing takes four times as long as all the rest. It is the
+    number of pairs that decides, so a log replayed gives what was said live. Between two choices the result is the exact least
+    squares over all maps with these choices, linearised about its own first solution.
+
+    Args:
+        state: everything accumulated.
+        known: the solution after an earlier pair; None chooses anew.
+
+    Raises:
+        IllPosed: there are no data, or they are not finite; or `known` is of pairs that the state does not have.
+    """
+    if known is None or chosen_anew(len(state.phases)):
+        return solve(state)
+    if known.state.distortion.carried:  # its columns hold the drift, so those of the earlier pairs are taken over
+        state = _caught_up(known.state, state)
+    return solve_as(state, known.hyper, known.terms)
+
+
+def chosen_anew(pairs: int) -> bool:
+    """Whether the number of pairs is a power of two, or one and a half times one."""
+    power = 1 << (pairs.bit_length() - 1)
+    return pairs in (power, power + power // 2)
+
+
+def _caught_up(known: EstimatorState, state: EstimatorState) -> EstimatorState:
+    """The earlier state with the pairs that it has not seen."""
+    seen = set(known.motions.pairs)
+    if not seen <= set(state.motions.pairs):
+        raise IllPosed("the earlier solution is of another run: begin without one")
+    for pair, phase in itertools.islice(zip((0, *state.motions.pairs), state.phases, strict=True), 1, None):
+        if pair not in seen:
+            maps = tuple(rows.dmap for rows in state.rows if rows.current // 2 == pair)
+            known = update(known, pair, phase, (state.frame_time(2 * pair), state.frame_time(2 * pair + 1)), maps)
+    return known
