@@ -20,6 +20,7 @@ from semlive.dic.verify import Measured, refused
 from semlive.errors import BadInput
 from semlive.kernels import cast
 from semlive.kernels.icgn import CHAINED, SEEDED, SKIP
+from semlive.kernels.planes import planes_through
 from semlive.kernels.spline import CUBIC, QUINTIC
 
 FINAL = (PoiStatus.CONVERGED, PoiStatus.LOW_CONTRAST, PoiStatus.AMBIGUOUS, PoiStatus.MASKED)
@@ -186,3 +187,5 @@ def warm_up(settings: DicSettings) -> None:
     reference = prepare(image, grid_for(small, 96, 96), small)
     current = np.roll(image, 1, axis=1)
     correlate(reference, current, small, reference_frame=0, current_frame=1)
+    nothing = np.zeros((1, 1), dtype=np.bool_)
+    planes_through(np.zeros((1, 1)), np.zeros((1, 1)), nothing, nothing, 1)  # of which a clean pair has no need

@@ -1,7 +1,8 @@
 """B-spline interpolation along a piece of a line that moves slowly against the pixels, written for the vectoriser.
 
 Within a piece all pixels share their taps' offsets, so the taps are contiguous in memory. Positions are quadratic in the index,
-as a second-order shape function needs; for an affine one the curvatures are zero (two of 45 operations).
+as a second-order shape function needs; an affine one passes curvatures of zero as constants, which costs nothing. The result is
+left multiplied by what makes the weights' denominators whole (`SCALE`), for whoever sums it up.
 """
 
 from __future__ import annotations
@@ -11,20 +12,20 @@ from numba import njit
 from numpy import uint64
 
 LANES = 8
+SCALE = {3: 36.0, 5: 14400.0}
 EIGHT, ONE, TWO, THREE, FOUR, FIVE = uint64(LANES), uint64(1), uint64(2), uint64(3), uint64(4), uint64(5)
 
 
 # fastmath: all operands are finite by construction, and sums in any order are what makes the loops vectorise.
 @njit(nogil=True, cache=True, error_model="numpy", fastmath=True, inline="always")
 def cubic_piece(c, tap, stride, out, at, ramp, count, tx, ux, uxx, ty, vx, vxx, offset):
-    """Write the interpolated image, less `offset`, to out[at : at + count].
+    """Write 36 times the interpolated image, less `offset`, to out[at : at + count].
 
     `tap` is the position in `c` of the first of four taps of the first pixel on the first of four rows, `tx` and `ty` are the
     phases there, `ux`, `uxx`, `vx`, `vxx` their changes by the index and its square. `count` is a multiple of LANES; the loop's
     bound says so to the compiler. Indices are unsigned: signed ones are checked for wrapping around, which costs 4x.
     """
     one, three, four, six = np.float32(1.0), np.float32(3.0), np.float32(4.0), np.float32(6.0)
-    scale = np.float32(1.0 / 36.0)
     a0 = tap
     a1 = a0 + stride
     a2 = a1 + stride
@@ -34,24 +35,26 @@ def cubic_piece(c, tap, stride, out, at, ramp, count, tx, ux, uxx, ty, vx, vxx, 
         t = tx + r * (ux + r * uxx)
         t2 = t * t
         o = one - t
-        x0 = o * o * o
+        o2 = o * o
+        x0 = o2 * o
         x1 = four + t2 * (three * t - six)
+        x2 = four - o2 * (three * t + three)
         x3 = t2 * t
-        x2 = six - x0 - x1 - x3
         t = ty + r * (vx + r * vxx)
         t2 = t * t
         o = one - t
-        y0 = o * o * o
+        o2 = o * o
+        y0 = o2 * o
         y1 = four + t2 * (three * t - six)
+        y2 = four - o2 * (three * t + three)
         y3 = t2 * t
-        y2 = six - y0 - y1 - y3
         g = (
             y0 * (x0 * c[a0 + i] + x1 * c[a0 + i + ONE] + x2 * c[a0 + i + TWO] + x3 * c[a0 + i + THREE])
             + y1 * (x0 * c[a1 + i] + x1 * c[a1 + i + ONE] + x2 * c[a1 + i + TWO] + x3 * c[a1 + i + THREE])
             + y2 * (x0 * c[a2 + i] + x1 * c[a2 + i + ONE] + x2 * c[a2 + i + TWO] + x3 * c[a2 + i + THREE])
             + y3 * (x0 * c[a3 + i] + x1 * c[a3 + i + ONE] + x2 * c[a3 + i + TWO] + x3 * c[a3 + i + THREE])
         )
-        out[at + i] = g * scale - offset
+        out[at + i] = g - offset
 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath=True, inline="always")
@@ -73,8 +76,7 @@ def _quintic_weights(t):
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath=True, inline="always")
 def quintic_piece(c, tap, stride, out, at, ramp, count, tx, ux, uxx, ty, vx, vxx, offset):
-    """As `cubic_piece`, with six taps each way."""
-    scale = np.float32(1.0 / 14400.0)
+    """As `cubic_piece`, with six taps each way: 14400 times the image."""
     a0 = tap
     a1 = a0 + stride
     a2 = a1 + stride
@@ -92,4 +94,4 @@ def quintic_piece(c, tap, stride, out, at, ramp, count, tx, ux, uxx, ty, vx, vxx
         g3 = x0 * c[b3] + x1 * c[b3 + ONE] + x2 * c[b3 + TWO] + x3 * c[b3 + THREE] + x4 * c[b3 + FOUR] + x5 * c[b3 + FIVE]
         g4 = x0 * c[b4] + x1 * c[b4 + ONE] + x2 * c[b4 + TWO] + x3 * c[b4 + THREE] + x4 * c[b4 + FOUR] + x5 * c[b4 + FIVE]
         g5 = x0 * c[b5] + x1 * c[b5 + ONE] + x2 * c[b5 + TWO] + x3 * c[b5 + THREE] + x4 * c[b5 + FOUR] + x5 * c[b5 + FIVE]
-        out[at + k] = (y0 * g0 + y1 * g1 + y2 * g2 + y3 * g3 + y4 * g4 + y5 * g5) * scale - offset
+        out[at + k] = (y0 * g0 + y1 * g1 + y2 * g2 + y3 * g3 + y4 * g4 + y5 * g5) - offset
