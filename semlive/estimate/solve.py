@@ -6,19 +6,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, get_lapack_funcs
+from scipy.linalg import cho_solve
 
 from semlive.data.drift import TermTest
 from semlive.errors import IllPosed
 from semlive.estimate.accumulate import carried_along, marginal, predicted, pull, relinearised
+from semlive.estimate.arrow import Factor, cholesky, factored, sides, steady
 from semlive.estimate.blocks import Blocks
-from semlive.estimate.evidence import Misfit, likeliest_hyper, steady
+from semlive.estimate.evidence import Misfit, likeliest_hyper
 from semlive.estimate.prior import Hyper, belief_precision, gauge_precision
 from semlive.estimate.state import EstimatorState
 from semlive.estimate.terms import coupling, raster_terms
 
 CLIP = 4.0
-MIRROR = 128  # parameters
 CARRIED_PASSES = 2  # the drift that was found with the wrong coupling is wrong by 0.02 px, which matters times 5e-3
 # Noise of a block's mean is never taken for smaller, px: with exact synthetic data the information matrix would span more than the
 # 16 decades of a double.
@@ -69,7 +69,7 @@ def solve(state: EstimatorState) -> Solution:
     if state.drift is None:
         raise IllPosed("no pair has been accumulated yet, so there is nothing to estimate: add pair 0 first")
     gauge = gauge_precision(state)
-    mean, _ = posterior(marginal(state), belief_precision(state, Hyper()) + gauge, 1.0)
+    mean = _first_mean(state, belief_precision(state, Hyper()) + gauge, 1.0)
     fitted, tests = _with_raster_terms(_fitted(relinearised(state, mean), Hyper(), gauge, mean), gauge)
     # A wrong magnification looks like a wrong coupling and the other way round; coupling is judged with magnification in the model,
     # and magnification once more after the coupling.
@@ -85,14 +85,14 @@ def solve(state: EstimatorState) -> Solution:
 def solve_as(state: EstimatorState, hyper: Hyper, terms: tuple[TermTest, ...]) -> Solution:
     """The posterior with noise scale, smoothness and terms as they were chosen before, re-linearised about a first solution."""
     gauge = gauge_precision(state)
-    near, _ = posterior(marginal(state), belief_precision(state, hyper) + gauge, hyper.noise_scale)
+    near = _first_mean(state, belief_precision(state, hyper) + gauge, hyper.noise_scale)
     state = relinearised(state, near)
     return _concluded(state, Misfit(marginal(state)[0], pull(state, near), near), hyper, gauge, terms)
 
 
 def _concluded(state: EstimatorState, data: Misfit, hyper: Hyper, gauge: NDArray[np.float64], terms: tuple[TermTest, ...]) -> Solution:
-    mean, factor = _posterior_about(data, belief_precision(state, hyper) + gauge, hyper.noise_scale)
-    covariance = _inverse(factor)
+    mean, factor = _posterior_about(state, data, belief_precision(state, hyper) + gauge, hyper.noise_scale)
+    covariance = factor.inverse()
     _, floor_px = _noise(state, data.precision, hyper, mean, covariance)
     return Solution(state, hyper, mean, covariance, floor_px, terms)
 
@@ -111,11 +111,11 @@ def _fitted(state: EstimatorState, hyper: Hyper, gauge: NDArray[np.float64], nea
     """Noise scale, then smoothness, of a state, and the mean with these."""
     data = Misfit(marginal(state)[0], pull(state, near), near)
     for choose in (None, likeliest_hyper):
-        mean, factor = _posterior_about(data, belief_precision(state, hyper) + gauge, hyper.noise_scale)
-        scale, _ = _noise(state, data.precision, hyper, mean, _inverse(factor))
+        mean, factor = _posterior_about(state, data, belief_precision(state, hyper) + gauge, hyper.noise_scale)
+        scale, _ = _noise(state, data.precision, hyper, mean, factor.inverse())
         hyper = replace(hyper, noise_scale=scale)
         hyper = choose(state, data, hyper, gauge) if choose else hyper
-    mean, _ = _posterior_about(data, belief_precision(state, hyper) + gauge, hyper.noise_scale)
+    mean, _ = _posterior_about(state, data, belief_precision(state, hyper) + gauge, hyper.noise_scale)
     return _Fitted(state, data, hyper, mean)
 
 
@@ -136,24 +136,23 @@ def _coupling(fitted: _Fitted, gauge: NDArray[np.float64]) -> TermTest:
 
 def posterior(data: Information, prior: NDArray[np.float64], noise_scale: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(n,) posterior mean and (n, n) lower Cholesky factor of its precision, for information at unit noise scale."""
-    factor = _factor(data[0] * noise_scale**-2.0 + prior)
+    factor = cholesky(steady(data[0] * noise_scale**-2.0 + prior))
     return cho_solve((factor, True), data[1] * noise_scale**-2.0, check_finite=False), factor
 
 
-def _posterior_about(data: Misfit, prior: NDArray[np.float64], noise_scale: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The same from the data about a point: the step is small, so it is exact."""
+def _first_mean(state: EstimatorState, prior: NDArray[np.float64], noise_scale: float) -> NDArray[np.float64]:
+    precision, information = marginal(state)
+    weight = noise_scale**-2.0
+    return factored(precision * weight + prior, sides(state)).solve(information * weight)
+
+
+def _posterior_about(
+    state: EstimatorState, data: Misfit, prior: NDArray[np.float64], noise_scale: float
+) -> tuple[NDArray[np.float64], Factor]:
+    """Mean and factor from the data about a point: the step is small, so it is exact."""
     believed = data.scaled(noise_scale**-2.0).believing(prior)
-    factor = _factor(believed.precision)
-    return data.about + cho_solve((factor, True), believed.pull, check_finite=False), factor
-
-
-def _factor(precision: NDArray[np.float64]) -> NDArray[np.float64]:
-    try:
-        return cho_factor(steady(precision), lower=True, check_finite=True)[0]
-    except (LinAlgError, ValueError) as error:
-        raise IllPosed(
-            "drift, distortion and motion cannot be told from the pairs so far: a map holds numbers that are not finite"
-        ) from error
+    factor = factored(believed.precision, sides(state))
+    return data.about + factor.solve(believed.pull), factor
 
 
 def residuals(state: EstimatorState, mean: NDArray[np.float64]) -> list[NDArray[np.float64]]:
@@ -161,18 +160,6 @@ def residuals(state: EstimatorState, mean: NDArray[np.float64]) -> list[NDArray[
     noise_px = state.reference.mean_px(mean)
     told = [rows for rows in state.rows if rows.weight.any()]
     return [rows.disparity_px - predicted(state, rows, mean) + (noise_px if rows.from_reference else 0.0) for rows in told]
-
-
-def _inverse(factor: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Inverse from a lower Cholesky factor, symmetric."""
-    (potri,) = get_lapack_funcs(("potri",), (factor,))
-    lower, _ = potri(factor, lower=1)
-    for start in range(0, len(lower), MIRROR):  # in pieces: transposing at once misses the cache and takes as long as inverting
-        stop = start + MIRROR
-        square = lower[start:stop, start:stop]
-        lower[start:stop, start:stop] = np.tril(square) + np.tril(square, -1).T
-        lower[start:stop, stop:] = lower[stop:, start:stop].T
-    return lower
 
 
 def _noise(

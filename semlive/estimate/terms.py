@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from semlive.data.drift import FrameTime, TermTest
-from semlive.estimate.accumulate import map_columns, predicted
-from semlive.estimate.evidence import Misfit, marginal_of, steady
+from semlive.estimate.accumulate import predicted, projected
+from semlive.estimate.arrow import factored, sides
+from semlive.estimate.evidence import Misfit, marginal_of
 from semlive.estimate.prior import Hyper, belief_precision, raster_belief
 from semlive.estimate.state import EstimatorState, MapRows
 from semlive.model import RasterChange, sighting
@@ -28,11 +28,12 @@ def raster_terms(state: EstimatorState, data: Misfit, hyper: Hyper, gauge: NDArr
     Each is tested with all other parameters integrated out and the noise as it is in blocks of a subset's size, so that overlapping
     subsets do not count more than once.
     """
+    where = sides(state)
     bare, sizes, tests = data.scaled(hyper.noise_scale**-2.0).believing(gauge), list(hyper.raster_px), []
     for number, change in enumerate(state.raster):
         part = state.layout.part(change.name)
         off = replace(hyper, raster_px=tuple(0.0 if i == number else one for i, one in enumerate(sizes)))
-        own = marginal_of(bare, belief_precision(state, off), np.arange(part.start, part.stop))
+        own = marginal_of(bare, belief_precision(state, off), where, np.arange(part.start, part.stop))
         gains = np.array([_gain(own, change, gauge[part, part], size) for size in RASTER_CANDIDATES])
         best = int(np.argmax(gains))
         used = bool(gains[best] > DECISIVE)
@@ -56,8 +57,7 @@ def coupling(state: EstimatorState, data: Misfit, mean: NDArray[np.float64], pri
         misfit = rows.disparity_px - predicted(state, rows, mean)
         own += float(np.sum(rows.weight * column**2))
         pulled += float(np.sum(rows.weight * column * misfit))
-        for axis, (index, design) in enumerate(map_columns(state, rows, state.about)):
-            across[index] += design.T @ (rows.weight[:, axis] * column[:, axis])
+        projected(state, rows, rows.weight * column, across)
         if rows.from_reference:
             noise -= rows.weight * column
             noise_pull -= rows.weight * misfit
@@ -69,8 +69,7 @@ def coupling(state: EstimatorState, data: Misfit, mean: NDArray[np.float64], pri
         across -= state.reference.coupling[axis].T @ (noise[:, axis] * per[:, axis])
     weight = noise_scale**-2.0
     full = data.scaled(weight).believing(prior)
-    factor = cho_factor(steady(full.precision), lower=True, check_finite=False)
-    solved = cho_solve((factor[0], True), np.column_stack((across * weight, full.pull)), check_finite=False)
+    solved = factored(full.precision, sides(state)).solve(np.column_stack((across * weight, full.pull)))
     # `mean` is the best fit of all others, but for rounding, so what they would take over is the step that is left.
     step = full.about + solved[:, 1] - mean
     known = own * weight - float(across @ solved[:, 0]) * weight

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -49,8 +49,7 @@ class UniformSpline:
         Close to the integral of the squared derivative, but as strict with the outermost coefficients. Of those the domain holds
         only the tail, and integrals over it would let a quintic's be anything up to 1e5 px.
         """
-        difference = np.diff(np.eye(self.size), n=order, axis=0)
-        return difference.T @ difference
+        return _roughness(self.size, order)
 
     def _local(self, position: ArrayLike, derivative: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         scaled = (np.asarray(position, dtype=np.float64).ravel() - self.origin) / self.spacing
@@ -68,6 +67,14 @@ def _evaluate(f: NDArray[np.float64], degree: int, derivative: int) -> NDArray[n
     for k in range(1, len(power)):
         np.multiply(power[k - 1], f, out=power[k])
     return power.T @ coefficients
+
+
+@lru_cache(maxsize=64)
+def _roughness(size: int, order: int) -> NDArray[np.float64]:
+    difference = np.diff(np.eye(size), n=order, axis=0)
+    table = difference.T @ difference
+    table.setflags(write=False)
+    return table
 
 
 @cache

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -79,9 +80,7 @@ class DistortionSpline:
 
         Nothing below the order is penalised.
         """
-        x, y = self.along_x, self.along_y
-        parts = [math.comb(order, i) * np.kron(y.roughness(i), x.roughness(order - i)) for i in range(order + 1)]
-        return np.sum(parts, axis=0)
+        return _roughness(self.along_x, self.along_y, order)
 
     def affine_rows(self, grid: Grid) -> NDArray[np.float64]:
         """(3, size / 2) rows giving one component's best affine map over a grid: mean, change over half the extent in x, in y."""
@@ -95,6 +94,13 @@ class DistortionSpline:
         mean_x, slope_x = to_x @ rows_x
         mean_y, slope_y = to_y @ rows_y
         return np.stack((np.kron(mean_y, mean_x), np.kron(mean_y, slope_x), np.kron(slope_y, mean_x)))
+
+
+@lru_cache(maxsize=16)
+def _roughness(x: UniformSpline, y: UniformSpline, order: int) -> NDArray[np.float64]:
+    table = np.sum([math.comb(order, i) * np.kron(y.roughness(i), x.roughness(order - i)) for i in range(order + 1)], axis=0)
+    table.setflags(write=False)
+    return table
 
 
 def _mean_and_slope(position: NDArray[np.float64]) -> NDArray[np.float64]:

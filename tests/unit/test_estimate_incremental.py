@@ -1,0 +1,209 @@
+"""Pairs in any order, solutions from pair to pair, and the linear algebra under them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from semlive import estimate as estimating
+from semlive.data.disparity import DisparityMap, PoiStatus
+from semlive.data.drift import FrameTime
+from semlive.data.experiment import Phase
+from semlive.data.grid import Grid
+from semlive.data.scan import Provenance, ScanTiming, Sourced
+from semlive.data.settings import EstimateSettings
+from semlive.errors import IllPosed
+from semlive.estimate.accumulate import carried_along, map_columns, marginal, pull, relinearised
+from semlive.estimate.arrow import eliminated, factored, sides
+from semlive.estimate.blocks import Blocks, block_columns
+from semlive.estimate.follow import chosen_anew
+from semlive.estimate.prior import Hyper, belief_precision, gauge_precision
+from semlive.estimate.solve import posterior, solve_as
+from semlive.estimate.state import EstimatorState
+from semlive.model import Columns, DistortionSpline, sighting
+
+GRID = Grid(40, 40, 20, 10, 8, 43)
+PHASES = (Phase.CALIBRATION, Phase.CALIBRATION, Phase.TRANSLATION, Phase.CALIBRATION, Phase.TENSION, Phase.TENSION)
+SETTINGS = EstimateSettings(drift_knots_per_frame=1.0, distortion_knot_px=80.0)
+
+
+def when(frame: int, start_s: float) -> FrameTime:
+    def known(value: float) -> Sourced[float]:
+        return Sourced(value, Provenance.CONFIG)
+
+    return FrameTime(frame, start_s, ScanTiming(known(1e-4), known(0.05), known(12.0), Sourced(1, Provenance.CONFIG)))
+
+
+def times(pair: int) -> tuple[FrameTime, FrameTime]:
+    return when(2 * pair, 60.0 * pair), when(2 * pair + 1, 60.0 * pair + 14.0)
+
+
+def maps(pair: int) -> tuple[DisparityMap, ...]:
+    """Drift and a motion, with noise and a tenth of the points missing; the same whenever the pair comes."""
+    n = 2 * pair
+    wanted = [(n, n + 1)] + ([(0, n), (0, n + 1)] if pair else [])
+    shift = np.array([6.0 * np.cos(2.4 * pair), 6.0 * np.sin(2.4 * pair)]) if pair else np.zeros(2)
+    found = []
+    for reference, current in wanted:
+        rng = np.random.default_rng((pair, reference, current))
+        drift = 0.02 * (60.0 * (current // 2 - reference // 2) + 14.0 * (current % 2 - reference % 2))
+        moved = drift + (shift if reference == 0 else 0.0)
+        noise = rng.normal(0, 0.02, (2, *GRID.shape))
+        u, v = np.broadcast_to(moved, (2,))[:, None, None] + noise
+        status = np.where(rng.random(GRID.shape) < 0.1, PoiStatus.LOW_ZNCC, PoiStatus.CONVERGED).astype(np.uint8)
+        sigma = rng.uniform(0.01, 0.03, GRID.shape)
+        found.append(DisparityMap(reference, current, GRID, u.copy(), v.copy(), sigma, 1.3 * sigma, np.ones(GRID.shape), status))
+    return tuple(found)
+
+
+def accumulated(order: tuple[int, ...]) -> EstimatorState:
+    state = estimating.init(SETTINGS, GRID, 280, 240)
+    for pair in order:
+        state = estimating.update(state, pair, PHASES[pair], times(pair), maps(pair))
+    return state
+
+
+def about_of(state: EstimatorState, rng_seed: int) -> np.ndarray:
+    """A point to linearise about that does not depend on the order of the pairs."""
+    about = np.zeros(state.layout.size)
+    rng = np.random.default_rng(rng_seed)
+    for name in ("distortion", "drift"):
+        part = state.layout.part(name)
+        about[part] = 0.3 * rng.normal(size=part.stop - part.start)
+    start = state.layout.part("motion").start
+    for pair in state.motions.pairs:
+        part, kind = state.motions.part(pair)
+        about[start + part.start : start + part.stop] = 1e-3 * np.random.default_rng((rng_seed, pair)).normal(size=kind.value)
+    return about
+
+
+def at_once(state: EstimatorState, prior: np.ndarray) -> np.ndarray:
+    """All rows of all maps in one least squares, noise of frame 0 among its unknowns, nothing integrated out, refined by its rows."""
+    n, blocks = state.layout.size, state.blocks.size
+    total, rows_of_all = np.zeros((n + 2 * blocks,) * 2), []
+    total[:n, :n] = prior
+    level = np.zeros((blocks, 2))
+    for rows in sorted(state.rows, key=lambda one: (one.current, one.reference)):
+        for axis, (index, design) in enumerate(map_columns(state, rows, state.about)):
+            whole, weight = np.zeros((blocks, n + 2 * blocks)), rows.weight[:, axis]
+            whole[:, index] = design
+            if rows.reference == 0:
+                whole[:, n + axis * blocks : n + (axis + 1) * blocks] = -np.eye(blocks)
+                level[:, axis] = np.where(level[:, axis] > 0, level[:, axis], weight)
+            total += whole.T @ (whole * weight[:, None])
+            rows_of_all.append((whole, weight, rows.disparity_px[:, axis]))
+    noise = np.where(level > 0, level, 1.0).T.ravel()
+    total[np.arange(n, len(total)), np.arange(n, len(total))] += noise
+    scale = 1.0 / np.sqrt(np.diag(total))
+    factor = np.linalg.inv(total * scale[:, None] * scale)
+    solved = np.zeros(len(total))
+    for _ in range(3):
+        asked = -np.concatenate((prior @ solved[:n], noise * solved[n:]))
+        asked += np.sum([whole.T @ (weight * (value - whole @ solved)) for whole, weight, value in rows_of_all], axis=0)
+        solved += factor @ (asked * scale) * scale
+    return solved[:n]
+
+
+def named(state: EstimatorState, parameters: np.ndarray) -> dict[str, np.ndarray]:
+    """Parameters by what they mean, whatever the order in which the pairs came."""
+    found = {name: parameters[state.layout.part(name)] for name in state.layout.names if name != "motion"}
+    motion = parameters[state.layout.part("motion")]
+    return found | {f"motion {pair}": motion[state.motions.part(pair)[0]] for pair in state.motions.pairs}
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2, 3, 4, 5), (0, 5, 4, 3, 2, 1), (0, 3, 1, 4, 2, 5)])
+def test_every_pair_in_any_order_gives_the_batch(order: tuple[int, ...]) -> None:
+    state = estimating.init(SETTINGS, GRID, 280, 240)
+    for count, pair in enumerate(order, 1):
+        state = estimating.update(state, pair, PHASES[pair], times(pair), maps(pair))
+        moved = relinearised(state, about_of(state, 3))
+        prior = gauge_precision(moved) + belief_precision(moved, Hyper())
+        factor = factored(marginal(moved)[0] + prior, sides(moved))
+        near = factor.solve(marginal(moved)[1])
+        mean = near + factor.solve(pull(moved, near) - prior @ near)
+        sorted_state = accumulated(tuple(sorted(order[:count])))
+        assert sorted_state.drift == state.drift
+        batch = relinearised(sorted_state, about_of(sorted_state, 3))
+        expected = at_once(batch, gauge_precision(batch) + belief_precision(batch, Hyper()))
+        found, wanted = named(moved, mean), named(batch, expected)
+        assert found.keys() == wanted.keys()
+        for name, one in found.items():
+            assert np.abs(one - wanted[name]).max() <= 1e-9 * max(np.abs(wanted[name]).max(), 1e-3), (order[:count], name)
+
+
+def test_choices_are_made_at_powers_of_two_and_half_way_between() -> None:
+    assert [n for n in range(1, 50) if chosen_anew(n)] == [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48]
+
+
+def test_between_choices_the_data_decide_everything_but_the_choices() -> None:
+    known = estimating.solve(accumulated((0, 1, 2, 3)))
+    state = accumulated((0, 1, 2, 3, 4))
+    followed = estimating.follow(state, known)
+    assert followed.hyper == known.hyper and followed.terms == known.terms
+    np.testing.assert_array_equal(followed.mean, solve_as(state, known.hyper, known.terms).mean)
+    prior = gauge_precision(state) + belief_precision(state, known.hyper)
+    near, _ = posterior(marginal(state), prior, known.hyper.noise_scale)
+    again = relinearised(state, near)
+    expected, factor = posterior(marginal(again), prior, known.hyper.noise_scale)
+    np.testing.assert_allclose(followed.mean, expected, atol=1e-7)
+    np.testing.assert_allclose(np.diag(followed.covariance), np.diag(np.linalg.inv(factor @ factor.T)), rtol=1e-5)
+
+
+def test_on_the_schedule_and_without_a_solution_before_all_is_chosen_anew() -> None:
+    early = estimating.solve(accumulated((0, 1)))
+    state = accumulated((0, 1, 2, 3))
+    np.testing.assert_array_equal(estimating.follow(state, early).mean, estimating.solve(state).mean)
+    five = accumulated((0, 1, 2, 3, 4))
+    np.testing.assert_array_equal(estimating.follow(five, None).mean, estimating.solve(five).mean)
+
+
+def test_a_carried_distortion_takes_new_pairs_up() -> None:
+    known = estimating.solve(accumulated((0, 1, 2, 3)))
+    known = replace(known, state=carried_along(known.state))
+    followed = estimating.follow(accumulated((0, 1, 2, 3, 4)), known)
+    assert followed.state.distortion.carried
+    assert sorted(followed.state.motions.pairs) == [1, 2, 3, 4]
+    whole = solve_as(carried_along(followed.state), known.hyper, known.terms)
+    part = whole.state.layout.part("drift")
+    assert np.abs(followed.mean[part] - whole.mean[part]).max() < 0.01
+    with pytest.raises(IllPosed, match="another run"):
+        estimating.follow(accumulated((0, 1, 2, 4, 5)), known)
+
+
+def test_the_arrow_factor_is_that_of_the_whole_matrix() -> None:
+    state = accumulated((0, 1, 2, 3, 4))
+    precision, information = marginal(state)
+    whole = precision + gauge_precision(state) + belief_precision(state, Hyper())
+    where = sides(state)
+    assert not whole[np.ix_(where.x, where.y)].any()
+    factor = factored(whole, where)
+    scale = 1.0 / np.sqrt(np.diag(whole))
+    inverse = np.linalg.inv(whole * scale[:, None] * scale) * scale[:, None] * scale
+    spread = np.sqrt(np.diag(inverse))
+    assert np.abs((factor.inverse() - inverse) / spread[:, None] / spread).max() < 1e-6
+    np.testing.assert_allclose(factor.solve(information), factor.inverse() @ information, atol=1e-5)
+    part = state.layout.part("drift")
+    gone = np.ones(len(whole), dtype=bool)
+    gone[part] = False
+    left, asked = eliminated(whole, information, where, gone)
+    expected = np.linalg.inv(inverse[part, part])
+    np.testing.assert_allclose(left, expected, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_allclose(np.linalg.solve(left, asked), factor.solve(information)[part], atol=1e-5)
+
+
+@pytest.mark.parametrize("step_px", [5, 50])
+def test_block_means_of_a_surface_equal_those_of_its_plain_columns(step_px: int) -> None:
+    grid = Grid(30, 30, step_px, 12, 9, 43)
+    blocks, distortion = Blocks.of(grid), DistortionSpline.covering(700, 500, 90.0)
+    rng = np.random.default_rng(2)
+    x, y = (one.ravel() for one in grid.mesh())
+    used = rng.random(len(x)) < 0.8
+    seen = sighting(when(0, 0.0), x[used] + rng.normal(0, 3, used.sum()), y[used] + rng.normal(0, 3, used.sum()))
+    (surface,) = distortion.columns(seen)
+    quick = block_columns("distortion", surface, blocks.block[used], blocks.size, sign=-1.0)
+    plain = block_columns("distortion", Columns(surface.axis, surface.index, surface.value), blocks.block[used], blocks.size, sign=-1.0)
+    spread = np.zeros_like(quick.value)
+    spread[:, plain.index] = plain.value
+    np.testing.assert_allclose(quick.value, spread, atol=1e-13)
