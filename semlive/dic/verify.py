@@ -34,13 +34,15 @@ WEAK_SIGMA = 2.5  # beyond, too little of the subset is left to tell anything
 NOISE_SIGMA_PX = 3.3  # / subset: the stated sigma of a subset without speckle, whose gradients are noise alone
 SAFE_SIGMA = 0.35  # of that: far from blank, whatever the rest of the map; wrong points begin at 0.42
 EXCESS_PX = 30.0  # / subset: variance above the map's median, of an edge, which hides speckle; small subsets scatter more
-JUMP_PX = 0.9  # makes the subset's centre wrong by half as much
-SIGMAS = 5.0
+JUMP_PX = 0.75  # makes the subset's centre wrong by half as much; at 0.9, 82 of 10^6 points beside cracks were wrong at 20 grey
+SIGMAS = 3.0
+TORN_AROUND = 4  # of eight neighbours: a point among such is torn too
 AGREES_PX = 0.08  # and once the ordinary sigma
 BENDS_PX = 0.4  # at the subset's edge
 MAX_REACH = 4  # points on each side that a plane is fitted to, within half a subset
 MIN_SUPPORT = 0.15  # part of the points around that has to be trusted
 MIN_LINES = 3  # of points that a slope across them is told from
+EXCUSING = 0.5  # part of them that has to be trusted to excuse a residual; along a crack it is less
 LINKS_PX = 0.6  # apart, after each other's strain
 MIN_COMPANY = 6
 MAX_ROUNDS = 200
@@ -106,7 +108,7 @@ def refused(measured: Measured, grid: Grid) -> NDArray[np.uint8]:
     safe = SAFE_SIGMA * NOISE_SIGMA_PX / grid.subset_px
     excusable = m.valid & ~fits & (m.residual <= ordinary + CONFIRMED_MISFIT * max(contrast - ordinary, 0.0))
     sound = fits & (m.sigma_px <= max(SPREADING_SIGMA * float(np.median(m.sigma_px[fits])), safe)) if fits.any() else fits
-    torn = (fits | excusable) & _torn(m, sound, grid)
+    torn = _torn(m, fits | excusable, sound, grid)
     verdict[torn & fits] = PoiStatus.INCONSISTENT
     fits &= ~torn
     excusable &= ~torn
@@ -123,17 +125,18 @@ def refused(measured: Measured, grid: Grid) -> NDArray[np.uint8]:
     suspect = fits & ~trusted & ~weak
     excusable &= m.sigma_px <= max(WEAK_SIGMA * sigma, safe)
     if suspect.any() or excusable.any():
-        believed = _confirmed(m, trusted, suspect | excusable, fits & (m.sigma_px <= max(SPREADING_SIGMA * sigma, safe)), grid)
+        believed = _confirmed(m, trusted, suspect, excusable, fits & (m.sigma_px <= max(SPREADING_SIGMA * sigma, safe)), grid)
         verdict[suspect & ~believed] = PoiStatus.INCONSISTENT
         verdict[excusable & believed] = PoiStatus.CONVERGED
     return verdict
 
 
-def _torn(m: Measured, sound: NDArray[np.bool_], grid: Grid) -> NDArray[np.bool_]:
+def _torn(m: Measured, among: NDArray[np.bool_], sound: NDArray[np.bool_], grid: Grid) -> NDArray[np.bool_]:
     """Where the displacement drops across a subset as it does on neither side half a subset away, or a whole one.
 
     Args:
         m: the map.
+        among: points to tell it of.
         sound: points to compare with.
         grid: the points.
     """
@@ -154,7 +157,8 @@ def _torn(m: Measured, sound: NDArray[np.bool_], grid: Grid) -> NDArray[np.bool_
             step = np.linalg.norm(_shifted(moved, steps, axis) - _shifted(moved, -steps, axis) - ramp, axis=-1)
             least = np.where(there[-1] & there[1], np.minimum(least, step), least)
             jump = np.maximum(jump, np.where(np.isfinite(least), least, 0.0))
-    return jump > np.maximum(JUMP_PX, SIGMAS * 4.0 * m.sigma_px)
+    torn = among & (jump > np.maximum(JUMP_PX, SIGMAS * 4.0 * m.sigma_px))
+    return torn | (among & (ndimage.convolve(torn.astype(np.uint8), np.ones((3, 3), np.uint8), mode="constant") >= TORN_AROUND))
 
 
 def _shifted(values: NDArray, steps: int, axis: int) -> NDArray:
@@ -193,21 +197,29 @@ def _alone(m: Measured, plain: NDArray[np.bool_], grid: Grid) -> NDArray[np.bool
 
 
 def _confirmed(
-    m: Measured, trusted: NDArray[np.bool_], suspect: NDArray[np.bool_], spreading: NDArray[np.bool_], grid: Grid
+    m: Measured,
+    trusted: NDArray[np.bool_],
+    suspect: NDArray[np.bool_],
+    excusable: NDArray[np.bool_],
+    spreading: NDArray[np.bool_],
+    grid: Grid,
 ) -> NDArray[np.bool_]:
-    """Suspects that agree with a plane through the trusted points around; those confirmed are trusted in turn."""
+    """Suspects that agree with a plane through the trusted points around; those confirmed are trusted in turn.
+
+    Excusable ones, of a larger residual, must have more trusted points around, and are not trusted in turn.
+    """
     trusted = trusted.copy()
     believed = np.zeros(suspect.shape, dtype=bool)
     reach = int(np.clip(round(grid.subset_px / 2 / grid.step_px), 1, MAX_REACH))
     around = [min(2 * reach + 1, n) for n in (grid.ny, grid.nx)]
-    enough = max(3.0, MIN_SUPPORT * around[0] * around[1])
+    enough = np.maximum(3.0, np.where(excusable, EXCUSING, MIN_SUPPORT) * around[0] * around[1])
     told = np.array([grid.nx >= MIN_LINES, grid.ny >= MIN_LINES] * 2)  # slopes that the points can tell
     tolerance = AGREES_PX + np.where(spreading, m.sigma_px, 0.5 * np.median(m.sigma_px[trusted]) if trusted.any() else 0.0)
     for _ in range(MAX_ROUNDS):
         u, v, slope, support = _plane(m, trusted, reach)
         apart = np.hypot(m.u_px - u, m.v_px - v)
         bent = np.linalg.norm((m.gradient - slope / grid.step_px) * told, axis=-1) * (grid.subset_px // 2)
-        fresh = suspect & ~believed & (support >= enough) & (apart <= tolerance) & (bent <= BENDS_PX)
+        fresh = (suspect | excusable) & ~believed & (support >= enough) & (apart <= tolerance) & (bent <= BENDS_PX)
         believed |= fresh
         if not (fresh & spreading).any():
             break
