@@ -21,6 +21,7 @@ from scipy import ndimage
 
 from semlive.data.disparity import PoiStatus
 from semlive.data.grid import Grid
+from semlive.kernels.planes import planes_through
 
 ORDINARY_RESIDUAL = 1.22  # times the map's ordinary; 15 % above was the most in 10^5 good points
 PLAIN_RESIDUAL = 1.1  # one good point in a thousand is above and has to agree with its neighbours
@@ -46,7 +47,6 @@ EXCUSING = 0.5  # part of them that has to be trusted to excuse a residual; alon
 LINKS_PX = 0.6  # apart, after each other's strain
 MIN_COMPANY = 6
 MAX_ROUNDS = 200
-SOFT = 0.05  # keeps a plane through a single line of points from tipping
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,6 +140,9 @@ def _torn(m: Measured, among: NDArray[np.bool_], sound: NDArray[np.bool_], grid:
         sound: points to compare with.
         grid: the points.
     """
+    span = np.ptp(m.gradient.reshape(-1, 4), axis=0) * (grid.subset_px / 1.5)
+    if max(np.hypot(span[0], span[2]), np.hypot(span[1], span[3])) <= JUMP_PX:
+        return np.zeros(sound.shape, dtype=bool)  # no two slopes differ enough anywhere
     jump = np.zeros(sound.shape)
     moved = np.stack([m.u_px, m.v_px], axis=-1)
     for distance in (0.5, 1.0):
@@ -215,45 +218,19 @@ def _confirmed(
     enough = np.maximum(3.0, np.where(excusable, EXCUSING, MIN_SUPPORT) * around[0] * around[1])
     told = np.array([grid.nx >= MIN_LINES, grid.ny >= MIN_LINES] * 2)  # slopes that the points can tell
     tolerance = AGREES_PX + np.where(spreading, m.sigma_px, 0.5 * np.median(m.sigma_px[trusted]) if trusted.any() else 0.0)
+    u_px, v_px = (np.ascontiguousarray(value, dtype=np.float64) for value in (m.u_px, m.v_px))
+    near = pending = suspect | excusable
     for _ in range(MAX_ROUNDS):
-        u, v, slope, support = _plane(m, trusted, reach)
-        apart = np.hypot(m.u_px - u, m.v_px - v)
-        bent = np.linalg.norm((m.gradient - slope / grid.step_px) * told, axis=-1) * (grid.subset_px // 2)
-        fresh = (suspect | excusable) & ~believed & (support >= enough) & (apart <= tolerance) & (bent <= BENDS_PX)
+        u, v, slope, support = planes_through(u_px, v_px, trusted, near, reach)
+        apart = np.hypot(u_px[near] - u, v_px[near] - v)
+        bent = np.linalg.norm((m.gradient[near] - slope / grid.step_px) * told, axis=-1) * (grid.subset_px // 2)
+        fresh = np.zeros(suspect.shape, dtype=bool)
+        fresh[near] = (support >= enough[near]) & (apart <= tolerance[near]) & (bent <= BENDS_PX)
         believed |= fresh
-        if not (fresh & spreading).any():
+        news = fresh & spreading & ~trusted
+        if not news.any():
             break
-        trusted |= fresh & spreading
+        trusted |= news
+        # to the others nothing has changed
+        near = pending & ~believed & ndimage.maximum_filter(news, 2 * reach + 1, mode="constant")
     return believed
-
-
-def _plane(
-    m: Measured, trusted: NDArray[np.bool_], reach: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray]:
-    """Least-squares planes of u and v through the trusted points within `reach`.
-
-    Returns:
-        u and v there, (ny, nx, 4) slopes per point of the grid ordered as `Measured.gradient`, and the number of points.
-    """
-    edge = 2 * reach + 1
-    ny, nx = trusted.shape
-    weight = trusted.astype(np.float64)
-    x, y = np.arange(nx) - 0.5 * nx, (np.arange(ny) - 0.5 * ny)[:, None]
-
-    def total(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return ndimage.uniform_filter(values * weight, edge, mode="constant") * edge**2
-
-    count = np.round(total(np.ones_like(weight)))
-    n = np.maximum(count, 1.0)
-    mx, my = total(x + 0.0 * weight) / n, total(y + 0.0 * weight) / n
-    xx, yy = total(x * x + 0.0 * weight) / n - mx * mx + SOFT, total(y * y + 0.0 * weight) / n - my * my + SOFT
-    xy = total(x * y + 0.0 * weight) / n - mx * my
-    det = xx * yy - xy * xy
-    at, slopes = [], []
-    for value in (m.u_px, m.v_px):
-        held = np.where(trusted, value, 0.0)
-        mean = total(held) / n
-        cx, cy = total(held * x) / n - mean * mx, total(held * y) / n - mean * my
-        slopes += [(yy * cx - xy * cy) / det, (xx * cy - xy * cx) / det]
-        at.append(mean + slopes[-2] * (x - mx) + slopes[-1] * (y - my))
-    return at[0], at[1], np.stack(slopes, axis=-1), count
