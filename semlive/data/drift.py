@@ -95,11 +95,13 @@ class Correction:
         frame: number of the current frame; the reference is frame 0.
         u_px: (ny, nx) ``[E(R_n) + d(t_n)] - [E(R_0) + d(t_0)]``, x component.
         v_px: (ny, nx) likewise, y.
+        valid: (ny, nx) False where the frame shows a point beyond what the calibration covered; None where nothing is known against it.
     """
 
     frame: int
     u_px: NDArray[np.float64]
     v_px: NDArray[np.float64]
+    valid: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, slots=True)

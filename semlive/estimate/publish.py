@@ -4,36 +4,35 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.drift import Correction, DistortionField, DriftEstimate, Estimate, FrameTime, Motion, RasterWander
 from semlive.data.experiment import Phase
 from semlive.data.strain import Tensor2
-from semlive.estimate.accumulate import marginal
-from semlive.estimate.prior import Hyper, belief_precision, gauge_precision
-from semlive.estimate.solve import Solution, posterior
-from semlive.estimate.state import EstimatorState
+from semlive.estimate.consistency import consistency
+from semlive.estimate.solve import Solution
+from semlive.estimate.support import Calibration, calibration, outside_notes, pointwise, support
 from semlive.model import Axis, MotionKind, Sighting, offsets, sighting, with_drift
 
 SAMPLES_PER_FRAME = 12
-# An address counts as calibrated when the data reduced the standard deviation of its distortion below this fraction. Of the paper's
-# grid this leaves nothing after seven pairs along x (error 0.05 px rms), all after one more along y (0.013 px); +-4 px crosses fail.
-COVERED = 0.1
-MIN_COVERED = 0.5
 
 
 def estimate(solution: Solution, revision: int) -> Estimate:
     """Everything known, as one revision."""
     state = solution.state
-    distortion = _distortion(solution)
+    known = calibration(solution)
+    distortion = _distortion(solution, known)
     motions = tuple(_motion(solution, pair) for pair in (0, *state.motions.pairs))
-    notes = _notes(solution, distortion)
+    notes = _notes(solution, known)
     return Estimate(_drift(solution, revision), distortion, motions, solution.noise_floor_px, notes, solution.terms, _wander(solution))
+
+
+def checks(solution: Solution) -> tuple[str, ...]:
+    """Whether halves of the data agree, one sentence each; a warning where they do not."""
+    return tuple(one.told() for one in consistency(solution))
 
 
 def live_rate(solution: Solution) -> NDArray[np.float64]:
@@ -50,6 +49,8 @@ def correction(solution: Solution, dmap: DisparityMap) -> Correction:
 
     Raises:
         IllPosed: the map's frame is not part of the estimate.
+
+    Points that a frame shows beyond the addresses seen in calibration are marked: the distortion there would be extrapolated.
     """
     reference, current = _sightings(solution, dmap)
     model = tuple(effect for effect in solution.state.model if not effect.needs_ideal)
@@ -59,7 +60,11 @@ def correction(solution: Solution, dmap: DisparityMap) -> Correction:
     u, v = (np.ascontiguousarray(one.reshape(dmap.grid.shape)) for one in both.T)
     u.setflags(write=False)
     v.setflags(write=False)
-    return Correction(dmap.current, u, v)
+    area, valid = support(solution.state), None
+    if area is not None and dmap.current > 1:
+        valid = area.holds(current.x_px, current.y_px).reshape(dmap.grid.shape)
+        valid.setflags(write=False)
+    return Correction(dmap.current, u, v, valid)
 
 
 def correction_strain_sigma(solution: Solution, dmap: DisparityMap) -> Tensor2:
@@ -152,45 +157,14 @@ def _drift(solution: Solution, revision: int) -> DriftEstimate:
     )
 
 
-def _distortion(solution: Solution) -> DistortionField:
+def _distortion(solution: Solution, known: Calibration) -> DistortionField:
     state, grid = solution.state, solution.state.grid
     part = state.layout.part("distortion")
     x, y = grid.mesh()
     ex, ey = (one.reshape(grid.shape) for one in state.distortion.field(solution.mean[part], x, y).T)
     covariance = solution.covariance[part, part]
-    variance = 0.5 * (_pointwise(state, covariance[0::2, 0::2]) + _pointwise(state, covariance[1::2, 1::2]))
-    return DistortionField(grid, ex, ey, np.sqrt(variance), _covered(solution))
-
-
-def _covered(solution: Solution) -> NDArray[np.bool_]:
-    """(ny, nx) True where the data, not the belief about smoothness, determine the distortion.
-
-    Judged under a fixed, loose belief: the likeliest one is tight when what was seen is smooth, and would vouch for what
-    was never seen (rows, after translations along x only).
-    """
-    state, part = solution.state, solution.state.layout.part("distortion")
-    loose = replace(solution.hyper, distortion=Hyper().distortion)
-    prior = gauge_precision(state) + belief_precision(state, loose)
-    _, factor = posterior(marginal(state), prior, loose.noise_scale)
-    own = np.zeros((len(factor), part.stop - part.start))
-    own[part] = np.eye(part.stop - part.start)
-    half = solve_triangular(factor, own, lower=True, check_finite=False)
-    before = np.asarray(np.linalg.inv(prior[part, part]), dtype=np.float64)
-    after = half.T @ half
-    ratio = [_pointwise(state, after[at, at]) / _pointwise(state, before[at, at]) for at in (slice(0, None, 2), slice(1, None, 2))]
-    return np.sqrt(0.5 * (ratio[0] + ratio[1])) < COVERED
-
-
-def _pointwise(state: EstimatorState, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(ny, nx) variance of one component on the grid, from the covariance of its coefficients."""
-    index_x, value_x = state.distortion.along_x.local(state.grid.x_px)
-    index_y, value_y = state.distortion.along_y.local(state.grid.y_px)
-    rows_x, rows_y = np.zeros((state.grid.nx, state.distortion.along_x.size)), np.zeros((state.grid.ny, state.distortion.along_y.size))
-    np.put_along_axis(rows_x, index_x, value_x, axis=1)
-    np.put_along_axis(rows_y, index_y, value_y, axis=1)
-    four = covariance.reshape(rows_y.shape[1], rows_x.shape[1], rows_y.shape[1], rows_x.shape[1])
-    along_y = np.einsum("yi,yj,iajb->yab", rows_y, rows_y, four, optimize=True)
-    return np.clip(np.einsum("xa,xb,yab->yx", rows_x, rows_x, along_y, optimize=True), 0.0, None)
+    variance = 0.5 * (pointwise(state, covariance[0::2, 0::2]) + pointwise(state, covariance[1::2, 1::2]))
+    return DistortionField(grid, ex, ey, np.sqrt(variance), known.covered)
 
 
 def _motion(solution: Solution, pair: int) -> Motion:
@@ -208,14 +182,16 @@ def _motion(solution: Solution, pair: int) -> Motion:
     return Motion(pair, shift, shift_sigma, gradient, gradient_sigma)
 
 
-def _notes(solution: Solution, distortion: DistortionField) -> tuple[str, ...]:
+def _notes(solution: Solution, known: Calibration) -> tuple[str, ...]:
     notes = []
-    if float(distortion.valid.mean()) < MIN_COVERED:
-        notes.append("distortion not determined yet: needs translations in both directions")
+    if not known.enough:
+        warned = "WARNING, the load steps are corrected with it all the same: " if Phase.TENSION in solution.state.phases else ""
+        notes.append(warned + known.told())
     else:
         notes.append(
             "the affine part of the distortion is not determined by unknown translations and set to zero: it scales strain, it makes none"
         )
+    notes += outside_notes(solution.state)
     notes += _term_notes(solution)
     frames = sorted(solution.state.frames, key=_start)
     gap_s = max((after.start_s - before.start_s - before.timing.duration_s for before, after in itertools.pairwise(frames)), default=0.0)

@@ -1,0 +1,196 @@
+"""What the calibration covered: how far it moved, how well that fixes the distortion, and which scan addresses it visited."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from semlive.data.experiment import Phase
+from semlive.errors import IllPosed
+from semlive.estimate.accumulate import marginal
+from semlive.estimate.prior import Hyper, belief_precision, gauge_precision
+from semlive.estimate.solve import Solution, posterior
+from semlive.estimate.state import EstimatorState
+
+Field = NDArray[np.float64]
+# An address counts as calibrated when the data reduced the standard deviation of its distortion below this fraction. Of the paper's
+# grid this leaves nothing after seven pairs along x (error 0.05 px rms), all after one more along y (0.013 px); +-4 px crosses fail.
+COVERED = 0.1
+MIN_COVERED = 0.5
+MARGIN_SUBSETS = 1.0  # half a block to its outer points, and half a subset: so far did the outer points see
+TOLD_FRACTION = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Support:
+    """The rectangle of scan addresses that the calibration's frames showed points at.
+
+    Attributes:
+        x_px: first and last address along x.
+        y_px: along y.
+    """
+
+    x_px: tuple[float, float]
+    y_px: tuple[float, float]
+
+    def holds(self, x_px: Field, y_px: Field) -> NDArray[np.bool_]:
+        """Where addresses lie inside."""
+        inside_x = (x_px >= self.x_px[0]) & (x_px <= self.x_px[1])
+        return inside_x & (y_px >= self.y_px[0]) & (y_px <= self.y_px[1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """How well the pairs so far fix the distortion, judged under a fixed, loose belief about its smoothness.
+
+    The likeliest belief is tight when what was seen is smooth, and would vouch for what was never seen (rows, after translations
+    along x only).
+
+    Attributes:
+        covered: (ny, nx) True where the data, not the belief, determine the distortion.
+        lever_px: (2,) extent of the translations along x and y.
+        wave_sigma_px: (2,) uncertainty of a wave of one period over the grid, running along x and along y.
+    """
+
+    covered: NDArray[np.bool_]
+    lever_px: tuple[float, float]
+    wave_sigma_px: tuple[float, float]
+
+    @property
+    def enough(self) -> bool:
+        """Whether most of the grid is covered."""
+        return float(self.covered.mean()) >= MIN_COVERED
+
+    def told(self) -> str:
+        """What is missing, with the figures that show why."""
+        weak = int(np.argmax(self.wave_sigma_px))
+        advice = "in both directions" if max(self.lever_px) < 2 * min(self.lever_px) else f"along {'xy'[weak]}"
+        return (
+            f"distortion not determined yet: needs translations in both directions; the pairs so far moved {self.lever_px[0]:.3g} px along "
+            f"x and {self.lever_px[1]:.3g} px along y, which leaves waves of the distortion running along x uncertain by "
+            f"{self.wave_sigma_px[0]:.2g} px and along y by {self.wave_sigma_px[1]:.2g} px: add larger translations {advice}"
+        )
+
+
+def calibration(solution: Solution) -> Calibration:
+    """Judge the pairs so far."""
+    state, part = solution.state, solution.state.layout.part("distortion")
+    loose = replace(solution.hyper, distortion=Hyper().distortion)
+    prior = gauge_precision(state) + belief_precision(state, loose)
+    _, factor = posterior(marginal(state), prior, loose.noise_scale)
+    own = np.zeros((len(factor), part.stop - part.start))
+    own[part] = np.eye(part.stop - part.start)
+    half = solve_triangular(factor, own, lower=True, check_finite=False)
+    before = np.asarray(np.linalg.inv(prior[part, part]), dtype=np.float64)
+    after = half.T @ half
+    one, two = slice(0, None, 2), slice(1, None, 2)
+    ratio = [pointwise(state, after[at, at]) / pointwise(state, before[at, at]) for at in (one, two)]
+    covered = np.sqrt(0.5 * (ratio[0] + ratio[1])) < COVERED
+    waves = _waves(state)
+    sigma = np.sqrt(np.maximum(*(np.einsum("ki,ij,kj->k", waves, after[at, at], waves) for at in (one, two))))
+    return Calibration(covered, levers_px(solution), (float(sigma[0]), float(sigma[1])))
+
+
+def require_calibration(solution: Solution) -> Calibration:
+    """The judgement, if it is good enough to correct with.
+
+    Raises:
+        IllPosed: the translations went in one direction only, or were too small; the sentence holds the figures.
+    """
+    found = calibration(solution)
+    if not found.enough:
+        raise IllPosed(found.told())
+    return found
+
+
+def levers_px(solution: Solution) -> tuple[float, float]:
+    """Extent along x and y of how the picture lay in calibration and translation pairs: specimen's motion and drift together."""
+    state = solution.state
+    drift = state.drift
+    assert drift is not None  # a solution has data
+    places = []
+    for pair, phase in zip((0, *state.motions.pairs), state.phases, strict=True):
+        if phase is Phase.TENSION and pair:
+            continue
+        shift, _ = state.motions.shift_and_gradient(pair, solution.part("motion"))
+        times_s = [when.start_s for when in state.frames if when.frame // 2 == pair]
+        places += [shift + one for one in drift.rows(times_s) @ solution.part("drift").reshape(-1, 2)]
+    extent = np.ptp(np.array(places), axis=0)
+    return float(extent[0]), float(extent[1])
+
+
+def support(state: EstimatorState) -> Support | None:
+    """Where the frames of calibration and translation pairs showed points; None before load steps, and without calibration."""
+    if Phase.TENSION not in state.phases:
+        return None
+    phase = dict(zip((0, *state.motions.pairs), state.phases, strict=True))
+    margin = MARGIN_SUBSETS * state.grid.subset_px
+    lowest, highest = [], []
+    for rows in state.rows:
+        if not rows.from_reference or rows.within_pair or phase[rows.current // 2] is Phase.TENSION:
+            continue
+        seen = rows.weight.any(axis=1)
+        if seen.any():
+            there = (rows.position_px + rows.disparity_px)[seen] + state.centre_px
+            lowest.append(there.min(axis=0))
+            highest.append(there.max(axis=0))
+    if not lowest:
+        return None
+    # The first and last points of a frame lie half a block beyond the middles of its outer blocks.
+    low, high = np.min(lowest, axis=0) - margin, np.max(highest, axis=0) + margin
+    return Support((float(low[0]), float(high[0])), (float(low[1]), float(high[1])))
+
+
+def outside_notes(state: EstimatorState) -> list[str]:
+    """A sentence about frames with points beyond the calibrated addresses."""
+    area = support(state)
+    if area is None:
+        return []
+    worst, worst_frame, frames = 0.0, -1, 0
+    for rows in state.rows:
+        if not rows.from_reference or not rows.dmap.valid.any():
+            continue
+        there = rows.position_px + state.centre_px + rows.disparity_px
+        seen = rows.weight.any(axis=1)
+        fraction = 1.0 - float(area.holds(there[seen, 0], there[seen, 1]).mean()) if seen.any() else 0.0
+        frames += fraction > TOLD_FRACTION
+        if fraction > worst:
+            worst, worst_frame = fraction, rows.current
+    if frames == 0:
+        return []
+    return [
+        f"WARNING: the specimen left the area that the calibration covered (x {area.x_px[0]:.0f} ... {area.x_px[1]:.0f}, "
+        f"y {area.y_px[0]:.0f} ... {area.y_px[1]:.0f} px): {frames} frames have points beyond it, frame {worst_frame} "
+        f"{100 * worst:.0f} %; these have no displacement; calibrate with larger translations or bring the specimen back"
+    ]
+
+
+def pointwise(state: EstimatorState, covariance: Field) -> Field:
+    """(ny, nx) variance of one component on the grid, from the covariance of its coefficients."""
+    rows_y, rows_x = _splines_on_grid(state)
+    four = covariance.reshape(rows_y.shape[1], rows_x.shape[1], rows_y.shape[1], rows_x.shape[1])
+    along_y = np.einsum("yi,yj,iajb->yab", rows_y, rows_y, four, optimize=True)
+    return np.clip(np.einsum("xa,xb,yab->yx", rows_x, rows_x, along_y, optimize=True), 0.0, None)
+
+
+def _splines_on_grid(state: EstimatorState) -> tuple[Field, Field]:
+    index_x, value_x = state.distortion.along_x.local(state.grid.x_px)
+    index_y, value_y = state.distortion.along_y.local(state.grid.y_px)
+    rows_x, rows_y = np.zeros((state.grid.nx, state.distortion.along_x.size)), np.zeros((state.grid.ny, state.distortion.along_y.size))
+    np.put_along_axis(rows_x, index_x, value_x, axis=1)
+    np.put_along_axis(rows_y, index_y, value_y, axis=1)
+    return rows_y, rows_x
+
+
+def _waves(state: EstimatorState) -> Field:
+    """(2, m) the amplitude of a cosine of one period over the grid, along x and along y, as a function of one component's coefficients."""
+    rows_y, rows_x = _splines_on_grid(state)
+    flat_x, flat_y = rows_x.mean(axis=0), rows_y.mean(axis=0)
+    wave_x, wave_y = (
+        2.0 * np.cos(2.0 * np.pi * (np.arange(count) + 0.5) / count) @ rows / count
+        for count, rows in ((state.grid.nx, rows_x), (state.grid.ny, rows_y))
+    )
+    return np.stack((np.kron(flat_y, wave_x), np.kron(wave_y, flat_x)))
