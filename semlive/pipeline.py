@@ -14,7 +14,7 @@ from typing import Any
 
 from semlive import dic, mechanics
 from semlive.data.disparity import DisparityMap
-from semlive.data.drift import FrameTime
+from semlive.data.drift import Estimate, FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.frame import Frame, FrameInfo
 from semlive.data.grid import Grid
@@ -23,7 +23,9 @@ from semlive.data.results import FrameResult, PairResult, RunResult
 from semlive.data.settings import AnalysisSettings
 from semlive.data.strain import ElasticConstants
 from semlive.errors import IllPosed
+from semlive.estimate.follow import chosen_anew
 from semlive.estimate.method import METHODS, Method
+from semlive.estimate.stage_path import stage_path_notes
 from semlive.mechanics.reference import at_rest
 
 
@@ -105,7 +107,9 @@ def update(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...])
     begun = replace(begun, solution=solution)
     frames = tuple(_corrected(begun, solution, frame) for frame in (2 * decision.pair, 2 * decision.pair + 1))
     elastic = _elastic(begun, solution, _tension_frames(begun, solution))
-    return begun, PairResult(decision, maps, begun.method.estimate(solution, revision=len(begun.pairs)), (frames[0], frames[1]), elastic)
+    # The checks cost more than the update, so they keep to the schedule on which smoothness is chosen; the end is always checked.
+    newest = _estimate(begun, solution, checked=chosen_anew(len(begun.pairs)))
+    return begun, PairResult(decision, maps, newest, (frames[0], frames[1]), elastic)
 
 
 def absorb(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> Begun:
@@ -120,8 +124,16 @@ def conclude(begun: Begun) -> RunResult:
     """The whole run, every frame corrected with the newest estimate."""
     solution = begun.method.solve(begun.estimator)
     frames = tuple(_corrected(begun, solution, 2 * decision.pair + member) for decision in begun.pairs for member in (0, 1))
-    newest = begun.method.estimate(solution, revision=len(begun.pairs))
+    newest = _estimate(begun, solution, checked=True)
     return RunResult(begun.pairs, newest, frames, _elastic(begun, solution, frames), newest.notes)
+
+
+def _estimate(begun: Begun, solution: Any, *, checked: bool) -> Estimate:
+    """What is known, with what the stage's commands and, where due, the halves of the data say of it."""
+    found = begun.method.estimate(solution, revision=len(begun.pairs))
+    checks = begun.method.checks(solution) if checked else ()
+    path = stage_path_notes(((one.pair, one.step.shift_um) for one in begun.pairs if one.step.phase is not Phase.TENSION), found.motions)
+    return replace(found, notes=(*found.notes, *path, *checks))
 
 
 def frame_times(reference: PairDecision, decision: PairDecision) -> tuple[FrameTime, FrameTime]:

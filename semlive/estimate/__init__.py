@@ -2,13 +2,14 @@
 
 from semlive.estimate.accumulate import update
 from semlive.estimate.follow import follow
-from semlive.estimate.publish import correction, correction_strain_sigma, estimate, live_rate, mean_strain_covariance
+from semlive.estimate.publish import checks, correction, correction_strain_sigma, estimate, live_rate, mean_strain_covariance
 from semlive.estimate.solve import Solution, solve
 from semlive.estimate.state import EstimatorState, init
 
 __all__ = [
     "EstimatorState",
     "Solution",
+    "checks",
     "correction",
     "correction_strain_sigma",
     "estimate",

@@ -41,6 +41,10 @@ class Method(Protocol):
         """Everything known."""
         ...
 
+    def checks(self, solution: Any) -> tuple[str, ...]:
+        """Whether the estimate agrees with itself, one sentence each; costly, so not after every pair."""
+        ...
+
     def correction(self, solution: Any, dmap: DisparityMap) -> Correction:
         """Drift and distortion in a map from frame 0."""
         ...

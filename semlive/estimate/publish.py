@@ -18,6 +18,7 @@ from semlive.estimate.support import Calibration, calibration, outside_notes, po
 from semlive.model import Axis, MotionKind, Sighting, offsets, sighting, with_drift
 
 SAMPLES_PER_FRAME = 12
+UNEXPLAINED = 2.0  # times the stated noise; rendered frames and the numerical experiment stay within 1.1
 
 
 def estimate(solution: Solution, revision: int) -> Estimate:
@@ -32,7 +33,13 @@ def estimate(solution: Solution, revision: int) -> Estimate:
 
 def checks(solution: Solution) -> tuple[str, ...]:
     """Whether halves of the data agree, one sentence each; a warning where they do not."""
-    return tuple(one.told() for one in consistency(solution))
+    said = [one.told() for one in consistency(solution)]
+    if solution.hyper.noise_scale > UNEXPLAINED:
+        said.append(
+            f"WARNING: the model leaves {solution.noise_floor_px:.2g} px unexplained, {solution.hyper.noise_scale:.1f} times what the "
+            "correlation says of its noise: something moved or changed that the model does not have"
+        )
+    return tuple(said)
 
 
 def live_rate(solution: Solution) -> NDArray[np.float64]:

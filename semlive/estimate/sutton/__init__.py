@@ -9,7 +9,7 @@ What the paper leaves open is stated in `Options` and in the settings. Its figur
 reached without a smoothing of the local drift over positions, which it does not mention: 60 px, Gaussian, by default.
 """
 
-from semlive.estimate.sutton.publish import correction, correction_strain_sigma, estimate, live_rate, mean_strain_covariance
+from semlive.estimate.sutton.publish import checks, correction, correction_strain_sigma, estimate, live_rate, mean_strain_covariance
 from semlive.estimate.sutton.solve import Options, SuttonSolution, follow, solve
 from semlive.estimate.sutton.state import SuttonState, init, update
 
@@ -17,6 +17,7 @@ __all__ = [
     "Options",
     "SuttonSolution",
     "SuttonState",
+    "checks",
     "correction",
     "correction_strain_sigma",
     "estimate",

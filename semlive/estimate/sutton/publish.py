@@ -27,6 +27,12 @@ def estimate(solution: SuttonSolution, revision: int) -> Estimate:
     return Estimate(_drift(solution, revision), distortion, motions, solution.noise_floor_px, _notes(solution, distortion))
 
 
+def checks(solution: SuttonSolution) -> tuple[str, ...]:
+    """The published procedure has no checks of its own."""
+    del solution
+    return ()
+
+
 def correction(solution: SuttonSolution, dmap: DisparityMap) -> Correction:
     """Drift and distortion in a map from frame 0, to be subtracted to get displacement.
 
