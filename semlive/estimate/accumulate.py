@@ -106,10 +106,10 @@ def update(
 
 def relinearised(state: EstimatorState, about: NDArray[np.float64]) -> EstimatorState:
     """The same data about other parameters: only what touches effects that need the ideal position is summed anew."""
-    precision, information, reference = state.precision.copy(), state.information.copy(), state.reference.copy()
+    precision, information, reference, layout = state.precision.copy(), state.information.copy(), state.reference.copy(), state.layout
     moving = np.zeros(len(information), dtype=bool)
     for effect in state.model:
-        moving[state.layout.part(effect.name)] = effect.needs_ideal
+        moving[layout.part(effect.name)] = effect.needs_ideal
     precision[moving, :] = 0.0
     precision[:, moving] = 0.0
     information[moving] = 0.0
@@ -117,12 +117,17 @@ def relinearised(state: EstimatorState, about: NDArray[np.float64]) -> Estimator
     for rows in state.rows:
         if rows.within_pair:
             continue
-        for axis, (index, design) in enumerate(map_columns(state, rows, about)):
-            own = moving[index]
-            weighted = design[:, own] * rows.weight[:, axis, None]
-            precision[np.ix_(index[own], index)] += weighted.T @ design
-            information[index[own]] += weighted.T @ rows.disparity_px[:, axis]
-            reference.coupling[axis][:, index[own]] -= weighted
+        parts = _parts(state, rows, about)
+        own = [part for part in parts if moving[layout.part(part.effect)].any()]
+        for axis in (Axis.X, Axis.Y) if own else ():
+            index, design = _component(layout, own, axis)
+            weighted = design * rows.weight[:, int(axis is Axis.Y), None]
+            for part in parts:
+                at = _joint_index(layout, part, axis)
+                if at is not None:
+                    precision[np.ix_(index, at)] += weighted.T @ part.value
+            information[index] += weighted.T @ rows.disparity_px[:, int(axis is Axis.Y)]
+            reference.coupling[int(axis is Axis.Y)][:, index] -= weighted
     precision[np.ix_(~moving, moving)] = precision[np.ix_(moving, ~moving)].T
     return replace(state, about=about, precision=precision, information=information, reference=reference)
 
@@ -248,13 +253,10 @@ def _component(layout: Layout, columns: list[BlockColumns], axis: Axis) -> tuple
     """Joint indices and design matrix of one component; parameters that several columns touch are summed."""
     indices, values = [], []
     for part in columns:
-        if part.axis is Axis.EACH:
-            indices.append(layout.part(part.effect).start + 2 * part.index + (axis is Axis.Y))
-        elif part.axis is axis:
-            indices.append(layout.part(part.effect).start + part.index)
-        else:
-            continue
-        values.append(part.value)
+        at = _joint_index(layout, part, axis)
+        if at is not None:
+            indices.append(at)
+            values.append(part.value)
     joined = np.concatenate(indices)
     unique, where = np.unique(joined, return_inverse=True)
     design = np.zeros((len(values[0]), len(unique)))
@@ -263,6 +265,13 @@ def _component(layout: Layout, columns: list[BlockColumns], axis: Axis) -> tuple
         design[:, where[at : at + value.shape[1]]] += value
         at += value.shape[1]
     return unique, design
+
+
+def _joint_index(layout: Layout, part: BlockColumns, axis: Axis) -> NDArray[np.int64] | None:
+    """(m,) joint parameter indices of columns in one component, or None if they do not act on it."""
+    if part.axis is Axis.EACH:
+        return layout.part(part.effect).start + 2 * part.index + (axis is Axis.Y)
+    return layout.part(part.effect).start + part.index if part.axis is axis else None
 
 
 def carried_along(state: EstimatorState) -> EstimatorState:
