@@ -149,11 +149,11 @@ def frame_times(reference: PairDecision, decision: PairDecision) -> tuple[FrameT
 def _corrected(begun: Begun, solution: Any, frame: int) -> FrameResult:
     if frame == 0:
         still = at_rest(begun.grid)
-        field = mechanics.strain(still, begun.settings.estimate.window_points)
+        field = mechanics.strain_as(still, begun.settings.estimate.window_points, begun.settings.estimate.strain)
         return FrameResult(still, field, mechanics.summary(still, field))
     disparity = next(one for one in begun.from_frame_0 if one.current == frame)
     displacement = mechanics.displacement(disparity, begun.method.correction(solution, disparity))
-    field = mechanics.strain(displacement, begun.settings.estimate.window_points)
+    field = mechanics.strain_as(displacement, begun.settings.estimate.window_points, begun.settings.estimate.strain)
     systematic = begun.method.correction_strain_sigma(solution, disparity)
     return FrameResult(displacement, field, mechanics.summary(displacement, field, solution.noise_floor_px, systematic))
 

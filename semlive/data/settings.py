@@ -51,6 +51,33 @@ class DicSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class StrainSettings:
+    """How the virtual strain gauge fits displacement.
+
+    Attributes:
+        order: of the local polynomial, 1 or 2.
+        weights: over the window: ``uniform``, or ``gaussian`` (smoother, at the same noise a longer window).
+        measure: ``engineering`` small strain, or ``green_lagrange``.
+        butterworth_points: wavelength in POI at which displacement is cut before the fit, as in the published procedure; None: not.
+    """
+
+    order: int = 1
+    weights: Literal["uniform", "gaussian"] = "uniform"
+    measure: Literal["engineering", "green_lagrange"] = "engineering"
+    butterworth_points: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.order not in (1, 2):
+            raise ValueError(f"order must be 1 or 2, not {self.order}")
+        if self.weights not in ("uniform", "gaussian"):
+            raise ValueError(f"weights must be uniform or gaussian, not {self.weights}")
+        if self.measure not in ("engineering", "green_lagrange"):
+            raise ValueError(f"measure must be engineering or green_lagrange, not {self.measure}")
+        if self.butterworth_points is not None and not self.butterworth_points > 2:
+            raise ValueError(f"butterworth_points must be above 2, not {self.butterworth_points}")
+
+
+@dataclass(frozen=True, slots=True)
 class EstimateSettings:
     """How drift and distortion are estimated.
 
@@ -61,6 +88,7 @@ class EstimateSettings:
         method: ``joint``, or ``sutton2007`` for the published procedure.
         sutton_smoothing_px: standard deviation of the Gaussian that smooths local drift over positions in ``sutton2007``; the paper
             does not mention one, but its figures are not reached without.
+        strain: how the gauge fits.
         sutton_phases_apart: whether ``sutton2007`` estimates the drift of calibration and of measurement apart (footnote 5).
     """
 
@@ -70,6 +98,7 @@ class EstimateSettings:
     method: str = "joint"
     sutton_smoothing_px: float = 60.0
     sutton_phases_apart: bool = True
+    strain: StrainSettings = StrainSettings()
 
     def __post_init__(self) -> None:
         if self.method not in ("joint", "sutton2007"):

@@ -2,8 +2,20 @@
 
 from semlive.mechanics.displacement import displacement
 from semlive.mechanics.elastic import elastic_constants
+from semlive.mechanics.local_fit import butterworth, noise_curve, strain_as
 from semlive.mechanics.strain import strain
 from semlive.mechanics.summary import mean_gradient, pooled, summary
 from semlive.mechanics.translation import false_strain
 
-__all__ = ["displacement", "elastic_constants", "false_strain", "mean_gradient", "pooled", "strain", "summary"]
+__all__ = [
+    "butterworth",
+    "displacement",
+    "elastic_constants",
+    "false_strain",
+    "mean_gradient",
+    "noise_curve",
+    "pooled",
+    "strain",
+    "strain_as",
+    "summary",
+]
