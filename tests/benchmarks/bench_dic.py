@@ -1,73 +1,211 @@
-"""Speed and accuracy of the DIC engine: ``python tests/benchmarks/bench_dic.py``.
+"""Speed, memory and accuracy of the DIC engine, each beside its bar: ``python tests/benchmarks/bench_dic.py [quick]``.
 
 The job: 1024 x 884 px, 8 bit, subset 43, 150 x 120 = 18,000 POI 5 px apart, shift (3.3, -2.7) px plus 1e-3 strain, speckle of
-6.7 px, rendered analytically. Prints wall and processor seconds of the best of several runs and errors against the truth.
+6.7 px, rendered analytically. Times are the best of RUNS, taken in turns (one and two threads, new and kept reference), so that
+what else the machine does meets all alike; the median beside it tells how much that was. ``quick`` leaves out the large frames.
 """
 
 from __future__ import annotations
 
+import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import patch
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "dic"))
 from speckle import Affine, Speckle, expose
 
 from semlive import dic
+from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
 from semlive.dic.coarse import match, smooth_field
-from semlive.dic.correlate import solve
+from semlive.dic.correlate import ORDER, solve
 from semlive.kernels import cast
+from semlive.kernels.icgn import CHAINED
 
-RUNS = 7
+RUNS = 15
+SETTINGS = DicSettings()
+STRAIN = Affine(u=3.3, v=-2.7, ux=1e-3, vy=-3e-4, uy=2e-4, xc=473.5, yc=398.5)
+FRAME = (1024, 884)
+MEMORY = """
+import sys
+import numpy as np
+from semlive import dic
+from semlive.data.settings import DicSettings
+
+def peak():  # not ru_maxrss, which begins with the parent's
+    return int(open("/proc/self/status").read().split("VmHWM:")[1].split()[0]) / 1024
+
+imported = peak()
+first, second = np.load(sys.argv[1])
+settings = DicSettings()
+dic.match(first, second, dic.grid_for(settings, 1024, 884), settings)
+print(imported, peak())
+"""
 
 
-def best_of(work: Callable[[], object]) -> tuple[float, float]:
-    """(wall, processor) seconds of the fastest of RUNS runs."""
-    figures = []
-    for _ in range(RUNS):
+@dataclass
+class Watch:
+    """Wall and processor seconds of several runs of something."""
+
+    wall: list[float]
+    cpu: list[float]
+
+    def run(self, work: Callable[[], object]) -> None:
+        """Once more."""
         wall, cpu = time.perf_counter(), time.process_time()
         work()
-        figures.append((time.perf_counter() - wall, time.process_time() - cpu))
-    return min(figures)
+        self.wall.append(time.perf_counter() - wall)
+        self.cpu.append(time.process_time() - cpu)
+
+
+def say(what: str, value: float, unit: str, bar: str = "") -> None:
+    """One line."""
+    sys.stdout.write(f"{what:58} {value:9.3f} {unit:10} {bar}\n")
+    sys.stdout.flush()
+
+
+def in_turns(jobs: dict[tuple[str, int], Callable[[], object]]) -> dict[tuple[str, int], Watch]:
+    """Run jobs, named by what they do and their number of threads, in turns."""
+    watches = {key: Watch([], []) for key in jobs}
+    for _ in range(RUNS):
+        for key, work in jobs.items():
+            with patch.object(cast, "thread_count", lambda n=key[1]: n):
+                watches[key].run(work)
+    return watches
+
+
+def kernel(reference: dic.Reference, image: NDArray[np.uint8], grid: Grid) -> Callable[[], object]:
+    """IC-GN alone, from the first guesses on."""
+    current = cast.grey(image)
+    seeds = smooth_field(match(reference.coarse, current), grid)
+    interpolator = cast.interpolator(current, ORDER[SETTINGS.interpolation])
+    todo = np.full(grid.shape, CHAINED, dtype=np.uint8)
+    out = cast.Solutions(np.zeros((*grid.shape, 6)), np.zeros(grid.shape), np.zeros(grid.shape, np.uint8), np.zeros(grid.shape, np.int32))
+    limits = {"max_iterations": SETTINGS.max_iterations, "tolerance_px": SETTINGS.tolerance_px, "min_zncc": SETTINGS.min_zncc}
+    return lambda: cast.correlate(reference.sums, interpolator, todo, seeds, out, max_travel_px=8.0, **limits)
+
+
+def speed(pairs: dict[int, tuple[NDArray[np.uint8], NDArray[np.uint8]]], grid: Grid) -> None:
+    """The times of the job."""
+    jobs: dict[tuple[str, int], Callable[[], object]] = {}
+    for noise, (first, second) in pairs.items():
+        reference = dic.prepare(first, grid, SETTINGS)
+
+        def kept(reference: dic.Reference = reference, second: NDArray[np.uint8] = second) -> object:
+            return dic.correlate(reference, second, SETTINGS, reference_frame=0, current_frame=1)
+
+        def new(first: NDArray[np.uint8] = first, second: NDArray[np.uint8] = second) -> object:
+            prepared = dic.prepare(first, grid, SETTINGS)
+            return dic.correlate(prepared, second, SETTINGS, reference_frame=0, current_frame=1)
+
+        for threads in (1, 2):
+            jobs[f"new reference, {noise} grey", threads] = new
+            jobs[f"kept reference, {noise} grey", threads] = kept
+            jobs[f"IC-GN alone, {noise} grey", threads] = kernel(reference, second, grid)
+    watches = in_turns(jobs)
+    bars = {"new reference, 2 grey": ("0.15", "0.27"), "new reference, 5 grey": ("0.25", ""), "kept reference, 2 grey": ("0.12", "")}
+    for (what, threads), watch in watches.items():
+        wall, cpu = bars.get(what, ("", "")) if threads == 2 else ("", "")
+        for unit, values, bar in (("s wall", watch.wall, wall), ("s CPU", watch.cpu, cpu)):
+            say(f"{what}, {threads} threads (median {np.median(values):.3f})", min(values), unit, bar and f"bar {bar}")
+    for what, bar in (("IC-GN alone, 2 grey", "1.8"), ("new reference, 2 grey", "1.6")):
+        ratio = min(watches[what, 1].wall) / min(watches[what, 2].wall)
+        say(f"{what}, one thread over two", ratio, "x wall", f"bar {bar}")
+
+
+def accuracy(images: tuple[NDArray[np.float64], NDArray[np.float64]], grid: Grid) -> None:
+    """Errors of single pairs; `bench_dic_accuracy.py` pools many."""
+    true_u, true_v = STRAIN.at(*grid.mesh())
+    gradient = np.gradient(images[0], axis=1)
+    sum_x = np.mean(gradient**2) * SETTINGS.subset_px**2
+    for noise in (0.0, 2.0, 5.0, 7.0):
+        first, second = (expose(image, noise, seed) for seed, image in enumerate(images))
+        reference = dic.prepare(first, grid, SETTINGS)
+        current = cast.grey(second)
+        iterations = solve(reference, current, match(reference.coarse, current), SETTINGS).iterations.mean()
+        m = dic.correlate(reference, second, SETTINGS, reference_frame=0, current_frame=1)
+        ok = m.valid
+        du, dv = (m.u_px - true_u)[ok], (m.v_px - true_v)[ok]
+        floor = np.sqrt(2.0) * max(noise, 12**-0.5) / np.sqrt(sum_x)
+        sys.stdout.write(
+            f"noise {noise:.0f}: {iterations:.2f} iterations, converged {ok.sum()}/{ok.size}; bias {du.mean():+.1e} {dv.mean():+.1e}, "
+            f"sd {du.std():.2e} {dv.std():.2e}, floor {floor:.2e}, ratio {du.std() / floor:.2f}, stated/found "
+            f"{np.sqrt(np.mean(m.sigma_u_px[ok] ** 2)) / du.std():.3f} {np.sqrt(np.mean(m.sigma_v_px[ok] ** 2)) / dv.std():.3f}, "
+            f"noise estimate {reference.noise_grey:.2f}\n"
+        )
+
+
+def speckled(width: int, height: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """A pair of any size, shifted by (5, -3) px, 5 grey of noise."""
+    rng = np.random.default_rng(7)
+    smooth = cv2.GaussianBlur(rng.standard_normal((height + 16, width + 16), dtype=np.float32), (0, 0), 2.0)
+    frames = []
+    for x, y in ((0, 0), (5, -3)):
+        cut = 276.0 * smooth[8 - y : 8 - y + height, 8 - x : 8 - x + width]
+        frames.append(np.clip(128.0 + cut + 5.0 * rng.standard_normal(cut.shape, dtype=np.float32), 0, 255).astype(np.uint8))
+    return frames[0], frames[1]
+
+
+def sizes() -> None:
+    """Time per point over the number of points, and a large frame."""
+    for nx, ny, runs in ((40, 25, RUNS), (125, 80, RUNS), (400, 250, 3), (1250, 800, 1)):
+        width, height = (nx - 1) * 5 + 103, (ny - 1) * 5 + 103
+        settings = DicSettings(roi_px=(51, 51, width - 52, height - 52))
+        grid = dic.grid_for(settings, width, height)
+        first, second = speckled(width, height)
+        watch = Watch([], [])
+        for _ in range(runs):
+            watch.run(lambda: dic.match(first, second, grid, settings))  # noqa: B023
+        say(
+            f"{grid.nx * grid.ny} points, {width} x {height} px, per point",
+            1e6 * min(watch.cpu) / (grid.nx * grid.ny),
+            "us CPU",
+            "bar: flat",
+        )
+    settings = DicSettings(step_px=10, roi_px=(48, 48, 48 + 3990, 48 + 3990))
+    grid = dic.grid_for(settings, 4096, 4096)
+    first, second = speckled(4096, 4096)
+    watch = Watch([], [])
+    for _ in range(3):
+        watch.run(lambda: dic.match(first, second, grid, settings))
+    say(f"4096 x 4096 px, {grid.nx * grid.ny} points", min(watch.wall), "s wall", "bar 3")
+    say("", min(watch.cpu), "s CPU")
+
+
+def memory(pair: tuple[NDArray[np.uint8], NDArray[np.uint8]], folder: Path) -> None:
+    """Peak of a process that does the job once."""
+    path = folder / "pair.npy"
+    np.save(path, np.stack(pair))
+    done = subprocess.run([sys.executable, "-c", MEMORY, str(path)], check=True, capture_output=True, text=True)
+    imported, peak = (float(word) for word in done.stdout.split())
+    say("peak memory of a process that does it", peak, "MB", "bar 400")
+    say("of that, the interpreter and its imports", imported, "MB")
 
 
 def main() -> None:
     """Run and print."""
-    settings = DicSettings()
     start = time.perf_counter()
-    dic.warm_up(settings)
-    sys.stdout.write(f"warm-up {time.perf_counter() - start:.1f} s, threads {cast.thread_count()}\n")
-    speckle = Speckle(1024, 884)
-    strain = Affine(u=3.3, v=-2.7, ux=1e-3, vy=-3e-4, uy=2e-4, xc=473.5, yc=398.5)
-    images = speckle.render(), speckle.render(strain)
-    grid = dic.grid_for(settings, 1024, 884)
-    true_u, true_v = strain.at(*grid.mesh())
-    for noise in (0.0, 2.0, 5.0, 7.0):
-        first, second = (expose(image, noise, seed) for seed, image in enumerate(images))
-        prepared = best_of(lambda: dic.prepare(first, grid, settings))  # noqa: B023
-        reference = dic.prepare(first, grid, settings)
-        pair = best_of(lambda: dic.correlate(reference, second, settings, reference_frame=0, current_frame=1))  # noqa: B023
-        m = dic.correlate(reference, second, settings, reference_frame=0, current_frame=1)
-        current = cast.grey(second)
-        seeding = best_of(lambda: smooth_field(match(reference.coarse, current), grid))  # noqa: B023
-        iterations = solve(reference, current, match(reference.coarse, current), settings).iterations.mean()
-        ok = m.valid
-        du, dv = (m.u_px - true_u)[ok], (m.v_px - true_v)[ok]
-        gx = np.gradient(images[0], axis=1)
-        sum_x = np.mean(gx**2) * settings.subset_px**2
-        floor = np.sqrt(2.0) * max(noise, 12**-0.5) / np.sqrt(sum_x)
-        sys.stdout.write(
-            f"noise {noise:.0f}: prepare {prepared[0]:.3f} s, correlate {pair[0]:.3f} s wall {pair[1]:.3f} s cpu "
-            f"(first guess {seeding[0]:.3f}), "
-            f"{iterations:.2f} iterations, converged {ok.sum()}/{ok.size}; bias {du.mean():+.1e} {dv.mean():+.1e}, "
-            f"sd {du.std():.2e} {dv.std():.2e}, floor {floor:.2e}, ratio {du.std() / floor:.2f}, predicted/observed "
-            f"{np.sqrt(np.mean(m.sigma_u_px[ok] ** 2)) / du.std():.3f} {np.sqrt(np.mean(m.sigma_v_px[ok] ** 2)) / dv.std():.3f}, "
-            f"noise estimate {reference.noise_grey:.2f}\n"
-        )
+    dic.warm_up(SETTINGS)
+    sys.stdout.write(f"warm-up {time.perf_counter() - start:.1f} s\n")
+    speckle = Speckle(*FRAME)
+    images = speckle.render(), speckle.render(STRAIN)
+    grid = dic.grid_for(SETTINGS, *FRAME)
+    pairs = {noise: (expose(images[0], noise, 0), expose(images[1], noise, 1)) for noise in (2, 5)}
+    speed(pairs, grid)
+    with tempfile.TemporaryDirectory() as folder:
+        memory(pairs[2], Path(folder))
+    if "quick" not in sys.argv[1:]:
+        sizes()
+    accuracy(images, grid)
 
 
 if __name__ == "__main__":
