@@ -76,7 +76,7 @@ def planes_through(
     checked(v, "v", np.float64, shape)
     checked(trusted, "trusted", np.bool_, u.shape)
     checked(at, "at", np.bool_, shape)
-    rows, columns = np.nonzero(at)
+    rows, columns = (np.ascontiguousarray(k) for k in np.nonzero(at))  # views otherwise, for which all would be compiled again
     out = np.zeros((rows.size, 7))
     _fit(u, v, trusted, rows, columns, reach, out)
     return out[:, 0], out[:, 1], out[:, 2:6], out[:, 6]
