@@ -60,12 +60,15 @@ def daemon_config(bench: dict[str, Any], rate: float) -> dict[str, Any]:
     sem = {"folder": bench["export_folder"], "poll_s": 0.05, "stable_for_s": 0.15, "profile": {"start_sigma_s": 0.01}}
     if bench["mode"] == "triggered":
         sem["trigger"] = {"driver": "modbus", "settings": link}
+    # Three minutes of wall time: analysis says when a frame was scanned, and on a busy computer it may be some pairs behind.
+    protocol = {"frame_timeout_s": max(900.0, 180.0 * rate), **experiment["protocol"]}
     return {
         "run": {"name": "demo", "folder": "log", "clock_file": bench["clock_file"]},
         "sem": {**sem, **experiment["sem"]},
         "load_frame": {"driver": "modbus", "poll_s": min(0.05, 1.0 / rate), "settings": link},
         "stage": {"driver": "modbus", "poll_s": min(0.1, 2.0 / rate), "settings": {**link, **_SHIFTED[bench["shifts_by"]]}},
-        **{key: section for key, section in experiment.items() if key != "sem"},
+        **{key: section for key, section in experiment.items() if key not in ("sem", "protocol")},
+        "protocol": protocol,
     }
 
 
