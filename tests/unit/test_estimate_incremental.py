@@ -141,7 +141,8 @@ def test_between_choices_the_data_decide_everything_but_the_choices() -> None:
     known = estimating.solve(accumulated((0, 1, 2, 3)))
     state = accumulated((0, 1, 2, 3, 4))
     followed = estimating.follow(state, known)
-    assert followed.hyper == known.hyper and followed.terms == known.terms
+    assert followed.hyper == known.hyper
+    assert followed.terms == known.terms
     np.testing.assert_array_equal(followed.mean, solve_as(state, known.hyper, known.terms).mean)
     prior = gauge_precision(state) + belief_precision(state, known.hyper)
     near, _ = posterior(marginal(state), prior, known.hyper.noise_scale)
