@@ -142,8 +142,7 @@ def solve(
     )
     if not len(matches):
         return solutions
-    order = ORDER[settings.interpolation]
-    interpolator = cast.interpolator(current, order)
+    interpolator = cast.interpolator(current, order := ORDER[settings.interpolation])
 
     def attempt(where: NDArray[np.bool_], how: int, seeds: NDArray[np.float64]) -> None:
         cast.correlate(
