@@ -14,10 +14,10 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from unittest.mock import patch
 
 import cv2
 import numpy as np
+from numba.core import config
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "dic"))
@@ -76,10 +76,12 @@ def say(what: str, value: float, unit: str, bar: str = "") -> None:
 def in_turns(jobs: dict[tuple[str, int], Callable[[], object]]) -> dict[tuple[str, int], Watch]:
     """Run jobs, named by what they do and their number of threads, in turns."""
     watches = {key: Watch([], []) for key in jobs}
+    usual = cast.thread_count()
     for _ in range(RUNS):
         for key, work in jobs.items():
-            with patch.object(cast, "thread_count", lambda n=key[1]: n):
-                watches[key].run(work)
+            config.NUMBA_NUM_THREADS = key[1]  # what NUMBA_NUM_THREADS sets, and all that `cast.thread_count` reads
+            watches[key].run(work)
+    config.NUMBA_NUM_THREADS = usual
     return watches
 
 
