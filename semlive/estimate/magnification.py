@@ -114,7 +114,8 @@ def magnification_from_distances(points_px: Field, pairs: NDArray[np.int64], dis
         raise IllPosed("the known distances run along two directions at most: add diagonal ones, or points off the lines")
     left = distances_um - np.sqrt(np.maximum(rows @ metric, 0.0))
     variance = max(float(np.sum(left**2)) / max(len(pairs) - 3, 1), sigma_um**2)
-    return _pixel(metric, np.linalg.inv(weighted.T @ weighted) * variance, float(np.sqrt(np.mean(left**2))))
+    covariance = np.asarray(np.linalg.inv(weighted.T @ weighted) * variance, dtype=np.float64)
+    return _pixel(np.asarray(metric, dtype=np.float64), covariance, float(np.sqrt(np.mean(left**2))))
 
 
 def _pixel(metric: Field, covariance: Field, residual_um: float) -> PixelSize:
@@ -131,7 +132,7 @@ def _pixel(metric: Field, covariance: Field, residual_um: float) -> PixelSize:
 
 def _need_area(spread: Field, count: int, least: int, what: str) -> None:
     extent = np.linalg.svd(spread, compute_uv=False) if count else np.zeros(2)
-    if count < least or extent[-1] < MIN_LEVERAGE * extent[0]:
+    if count < least or extent[-1] <= MIN_LEVERAGE * extent[0]:
         raise IllPosed(
             f"{count} {what} reaching {extent[0]:.3g} px along one direction and {extent[-1]:.3g} px across do not tell the size "
             f"of a pixel in x and y: give at least {least} in two directions"

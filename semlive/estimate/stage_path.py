@@ -60,7 +60,7 @@ def stage_path(commands_um: Field, shifts_px: Field) -> StagePath:
     count = len(commands_um)
     spread = commands_um - commands_um.mean(axis=0) if count else commands_um
     extent = np.linalg.svd(spread, compute_uv=False) if count else np.zeros(2)
-    if count < 4 or extent[-1] < MIN_ACROSS * extent[0]:
+    if count < 4 or extent[-1] <= MIN_ACROSS * extent[0]:
         raise IllPosed(f"{count} commanded positions do not span an area: the stage's scale and angle need four in two directions")
     seen = shifts_px - shifts_px.mean(axis=0)
     solved = np.linalg.lstsq(spread, seen, rcond=None)[0]

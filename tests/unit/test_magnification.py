@@ -120,3 +120,4 @@ def test_the_path_is_told_only_where_it_can_be() -> None:
     assert "90.00" in said
     assert stage_path_notes(commands[:5], motions) == ()
     assert stage_path_notes(commands, motions[:3]) == ()
+    assert stage_path_notes([(pair, (0.0, 0.0)) for pair, _ in commands], motions) == ()
