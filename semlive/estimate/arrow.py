@@ -153,7 +153,7 @@ def cholesky(precision: Matrix) -> Matrix:
     """
     try:
         if np.isfinite(precision).all():
-            return np.linalg.cholesky(precision)
+            return np.asarray(np.linalg.cholesky(precision), dtype=np.float64)
     except LinAlgError as error:
         raise _unknown() from error
     raise _unknown()
