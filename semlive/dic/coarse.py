@@ -227,20 +227,26 @@ def match_blocks(
         block = np.ascontiguousarray(_block(image, cx, cy))
         score = cv2.matchTemplate(np.ascontiguousarray(current[top:bottom, left:right]), block, cv2.TM_CCOEFF_NORMED)
         y, x = np.unravel_index(int(np.argmax(score)), score.shape)
-        if not MIN_BLOCK_ZNCC <= score[y, x] <= 1.001 or x in (0, score.shape[1] - 1) or y in (0, score.shape[0] - 1):
+        # Best at the edge of the search means better beyond it, unless the frame ends there: a block at the frame's edge stays at it.
+        beyond_x = (x == 0 and left > 0) or (x == score.shape[1] - 1 and right < width)
+        beyond_y = (y == 0 and top > 0) or (y == score.shape[0] - 1 and bottom < height)
+        if not MIN_BLOCK_ZNCC <= score[y, x] <= 1.001 or beyond_x or beyond_y:
             continue
         half = BLOCK // 2
-        u = left + x + half - cx + _vertex(score[y, x - 1], score[y, x], score[y, x + 1])
-        v = top + y + half - cy + _vertex(score[y - 1, x], score[y, x], score[y + 1, x])
+        u = left + x + half - cx + _vertex(score[y], int(x))
+        v = top + y + half - cy + _vertex(score[:, x], int(y))
         # A block of even size is centred half a pixel before cx, cy; the field is smooth enough not to care.
         found.append((cx, cy, u, v))
     return np.array(found, dtype=np.float64).reshape(-1, 4)
 
 
-def _vertex(before: float, at: float, after: float) -> float:
-    """Position of a parabola's top about its middle sample."""
-    curvature = float(before) - 2.0 * float(at) + float(after)
-    return 0.5 * (float(before) - float(after)) / curvature if curvature < 0.0 else 0.0
+def _vertex(score: NDArray[np.float32], at: int) -> float:
+    """Position of a parabola's top about a sample of a line of scores; 0 for the first and the last."""
+    if not 0 < at < score.size - 1:
+        return 0.0
+    before, middle, after = (float(one) for one in score[at - 1 : at + 2])
+    curvature = before - 2.0 * middle + after
+    return 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0
 
 
 def nearest_field(matches: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
