@@ -131,15 +131,8 @@ def solve(
         settings: tolerance, iterations, smallest ZNCC.
         guess: (ny, nx, 6) first guesses; None takes `coarse.smooth_field`.
     """
-    grid = reference.grid
-    status = np.where(reference.status == PoiStatus.CONVERGED, PoiStatus.NO_SEED, reference.status).astype(np.uint8)
-    status[(status == PoiStatus.NO_SEED) & reference.coarse.ambiguous] = PoiStatus.AMBIGUOUS
-    solutions = cast.Solutions(
-        parameters=np.zeros((*grid.shape, 6)),
-        zncc=np.zeros(grid.shape),
-        status=status,
-        iterations=np.zeros(grid.shape, dtype=np.int32),
-    )
+    grid, solutions = reference.grid, _unsolved(reference)
+    status = solutions.status
     if not len(matches):
         return solutions
     interpolator = cast.interpolator(current, order := ORDER[settings.interpolation])
@@ -172,6 +165,14 @@ def solve(
         attempt(failed & torn & (status != PoiStatus.CONVERGED), SEEDED, second)
         fresh = failed & (status == PoiStatus.CONVERGED)
     return solutions
+
+
+def _unsolved(reference: Reference) -> cast.Solutions:
+    shape = reference.grid.shape
+    status = np.where(reference.status == PoiStatus.CONVERGED, PoiStatus.NO_SEED, reference.status).astype(np.uint8)
+    status[(status == PoiStatus.NO_SEED) & reference.coarse.ambiguous] = PoiStatus.AMBIGUOUS
+    iterations = np.zeros(shape, dtype=np.int32)
+    return cast.Solutions(parameters=np.zeros((*shape, 6)), zncc=np.zeros(shape), status=status, iterations=iterations)
 
 
 def warm_up(settings: DicSettings) -> None:
