@@ -240,7 +240,7 @@ def match_blocks(
     return np.array(found, dtype=np.float64).reshape(-1, 4)
 
 
-def _vertex(score: NDArray[np.float32], at: int) -> float:
+def _vertex(score: NDArray, at: int) -> float:
     """Position of a parabola's top about a sample of a line of scores; 0 for the first and the last."""
     if not 0 < at < score.size - 1:
         return 0.0

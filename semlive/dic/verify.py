@@ -232,5 +232,6 @@ def _confirmed(
             break
         trusted |= news
         # to the others nothing has changed
-        near = pending & ~believed & ndimage.maximum_filter(news, 2 * reach + 1, mode="constant")
+        reached = np.asarray(ndimage.maximum_filter(news, 2 * reach + 1, mode="constant"), dtype=bool)
+        near = pending & ~believed & reached
     return believed
