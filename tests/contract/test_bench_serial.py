@@ -134,7 +134,7 @@ def test_a_stand_that_obeys_letters(lines: Lines) -> None:
         assert heard(line, b"e0002.4a") == b"2.4 mm/min\r\n"
         assert heard(line, b"u", 0.02) == b""
         assert heard(line, b"p") == b"U M\r\n"
-        until(lambda: float(heard(line, b"n", 0.03).split()[2]) > 300.0)
+        until(lambda: float(heard(line, b"n").split()[2]) > 300.0)
         assert heard(line, b"s", 0.02) == b""
         assert heard(line, b"p") == b"S M\r\n"
         held = [float(word) for word in heard(line, b"n").split()[::2]]
