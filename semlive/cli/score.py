@@ -28,8 +28,8 @@ def score(
     ] = None,
 ) -> None:
     """Every recovered quantity against truth, with its uncertainty, and whether the stated uncertainties hold."""
-    told = load_truth(truth)
     result, _ = last_result(log)
+    told = load_truth(truth)
     scores = scored(result, told)
     written = () if figures is None else save_figures(compare(result, Truth.of(told)), figures)
     if as_json:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
-from scipy.stats import chi2, norm
+from scipy.special import gammaincc, ndtri
 
 from semlive.estimate.accumulate import Sums, add_rows, marginal
 from semlive.estimate.evidence import steady
@@ -117,7 +117,7 @@ def _sigmas(difference: Field, covariance: Field) -> float:
     # A weighted sum of squares is about a chi square with this freedom (Satterthwaite).
     freedom = max(float(counted.sum() ** 2 / np.sum(counted**2)), 1.0)
     ratio = float(weight @ (difference @ vectors) ** 2 / counted.sum())
-    return float(-norm.ppf(np.clip(chi2.sf(ratio * freedom, freedom), 1e-300, 1.0 - 1e-16)))
+    return float(-ndtri(np.clip(gammaincc(0.5 * freedom, 0.5 * ratio * freedom), 1e-300, 1.0 - 1e-16)))
 
 
 def _half(state: EstimatorState, choose: Chooser) -> EstimatorState:
