@@ -4,7 +4,7 @@ Baker, Matthews 2004, doi:10.1023/B:VISI.0000011205.11775.fd; Pan, Li, Tong 2013
 
 With the reference's sums known, ZNSSD and its gradient need seven sums of the interpolated image only (nine for second order).
 They are gathered column by column, four rows at a time, and columns are added up once, at the subset's end, which needs no wider
-sums than float32: a column has 43 terms. Most of an iteration is interpolation, 42 operations a pixel.
+sums than float32: a column has 43 terms.
 A row of the subset is cut where it crosses a pixel boundary of the current image, so that inside a piece the taps are
 contiguous; rows and pieces are padded to LANES (43 -> 48 px), and weights of 0 take out what does not count: the padding and
 masked pixels alike.
@@ -127,7 +127,7 @@ def _add_row(g, to, w, weight, planes, pixel, pitch, dy, sums, count, mean):
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
 def _add_rows(g, w, stride_w, at_w, planes, pitch, at, size, sums, count, mean):
-    """Four rows at a time: to begin a loop costs as much as ten columns, for the compiler then checks that nothing overlaps."""
+    """Four rows at a time, so that fewer loops are begun: the compiler checks before each that nothing overlaps."""
     one, two, three = np.float32(1.0), np.float32(2.0), np.float32(3.0)
     to, pixel, weight = uint64(0), at, at_w
     line = THREE * pitch

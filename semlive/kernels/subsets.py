@@ -6,7 +6,7 @@ those of second order (gx dx^2 / 2, gx dx dy, gx dy^2 / 2), then likewise with g
 Sums over a subset are taken in two steps. Products are summed over the subset's rows, column by column, once for a row of POI,
 `BLOCK` columns at a time, so that the running sums stay in the nearest cache at places the vectoriser knows not to overlap.
 They are laid out by the column's remainder on division by the step: then the k-th column of all the row's subsets is a stretch
-of memory, and columns are summed for all subsets at once instead of one by one (a third of the time).
+of memory, and columns are summed for all subsets at once instead of one by one (23 ms of processor time in place of 43).
 """
 
 from __future__ import annotations
