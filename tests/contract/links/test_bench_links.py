@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -57,22 +58,23 @@ def test_a_load_frame_that_is_left_alone_in_a_ramp_stops_by_itself(ready: dict[s
     assert again.read().motion is MotionState.STOPPED
     with pytest.raises(LinkError, match=r"the value is not allowed \(exception 3\)"):
         again.ramp_to(5000.0, 10.0)
+    again.stop()
+    assert again.read().motion is MotionState.STOPPED
+    # A device that may be moving keeps its watchdog when the link closes, and that would stop the stage of the next test.
     again.close()
 
 
 def test_a_stage_goes_where_it_is_sent(ready: dict[str, object]) -> None:
-    stage = open_stage({"port": ready["port"]}, FileClock(Path(str(ready["clock_file"]))))
-    stage.move_to(10.0, -5.0)
-    assert stage.read().motion is MotionState.MOVING
-    wait_until(lambda: stage.read().motion is MotionState.STOPPED)
-    sample = stage.read()
+    with closing(open_stage({"port": ready["port"]}, FileClock(Path(str(ready["clock_file"]))))) as stage:
+        stage.move_to(10.0, -5.0)
+        assert stage.read().motion is MotionState.MOVING
+        wait_until(lambda: stage.read().motion is MotionState.STOPPED)
+        sample = stage.read()
     assert (sample.x_um, sample.y_um) == pytest.approx((10.0, -5.0), abs=2.0)
-    stage.close()
 
 
 def test_a_second_trigger_finds_the_sem_busy(ready: dict[str, object]) -> None:
-    trigger = open_trigger({"port": ready["port"]}, FileClock(Path(str(ready["clock_file"]))))
-    trigger.scan_once()
-    with pytest.raises(LinkError, match="the device is busy"):
+    with closing(open_trigger({"port": ready["port"]}, FileClock(Path(str(ready["clock_file"]))))) as trigger:
         trigger.scan_once()
-    trigger.close()
+        with pytest.raises(LinkError, match="the device is busy"):
+            trigger.scan_once()
