@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from semlive.estimate.support import Calibration, calibration, outside_notes, po
 from semlive.model import Axis, MotionKind, Sighting, offsets, sighting, with_drift
 
 SAMPLES_PER_FRAME = 12
+ENOUGH = 40
 UNEXPLAINED = 2.0  # times the stated noise; rendered frames and the numerical experiment stay within 1.1
 
 
@@ -77,8 +79,10 @@ def correction(solution: Solution, dmap: DisparityMap) -> Correction:
 def correction_strain_sigma(solution: Solution, dmap: DisparityMap) -> Tensor2:
     """Standard uncertainty that the correction of a map from frame 0 gives to the mean strain over its valid points.
 
-    This is the systematic part: the same for every point of the frame, whatever its own DIC noise.
+    This is the systematic part: the same for every point of the frame, whatever its own DIC noise. Corrections are smooth, so
+    some ENOUGH points each way stand for all: within 1 % of what 18,000 points give (6 % in frame 1), at a ninth of their time.
     """
+    dmap = _thinned(dmap)
     reference, current = _sightings(solution, dmap)
     layout, valid = solution.state.layout, dmap.valid.ravel()
     if valid.sum() < 3:
@@ -99,6 +103,22 @@ def correction_strain_sigma(solution: Solution, dmap: DisparityMap) -> Tensor2:
     rows = np.stack((along[0, 0], along[1, 1], 0.5 * (along[1, 0] + along[0, 1])))
     sigma = np.sqrt(np.clip(np.diag(solution.covariance_of(rows)), 0.0, None))
     return Tensor2(*(float(one) for one in sigma))
+
+
+def _thinned(dmap: DisparityMap) -> DisparityMap:
+    """Every k-th point of every k-th row, with ENOUGH of them along the shorter side."""
+    k = max(1, min(dmap.grid.shape) // ENOUGH)
+    rows, columns = (slice((n - 1) % k // 2, None, k) for n in dmap.grid.shape)
+    grid = replace(
+        dmap.grid,
+        x0_px=dmap.grid.x0_px + columns.start * dmap.grid.step_px,
+        y0_px=dmap.grid.y0_px + rows.start * dmap.grid.step_px,
+        step_px=k * dmap.grid.step_px,
+        nx=len(range(*columns.indices(dmap.grid.nx))),
+        ny=len(range(*rows.indices(dmap.grid.ny))),
+    )
+    maps = {name: getattr(dmap, name)[rows, columns] for name in ("u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc", "status")}
+    return replace(dmap, grid=grid, **maps)
 
 
 def mean_strain_covariance(solution: Solution, frames: Sequence[int]) -> NDArray[np.float64]:

@@ -7,6 +7,7 @@ import queue
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -42,6 +43,7 @@ class AnalysisLink:
         self._log, self._flush, self._on_output, self._on_trouble = log, flush, on_output, on_trouble
         self._given = self._taken = self._restarts = 0
         self._closing = self._killed = False
+        self._heard_s = time.monotonic()
         self._over = threading.Event()
         self._finished = False
         self._lock = threading.Lock()
@@ -61,15 +63,25 @@ class AnalysisLink:
         self._over.set()
         self._process.kill()
 
+    def drain(self, quiet_s: float) -> bool:
+        """Let the child finish what it has, however long that takes while it keeps saying something, then end it; never raises.
+
+        Returns:
+            True if everything that it was given is analysed.
+        """
+        self._heard_s = time.monotonic()
+        self._let_end()
+        while not self._over.is_set() and (left_s := self._heard_s + quiet_s - time.monotonic()) > 0:
+            self._over.wait(left_s)
+        return self.close(0.0)
+
     def close(self, timeout_s: float) -> bool:
         """Let the child finish what it has, then end it; never raises, any number of times.
 
         Returns:
             True if everything that it was given is analysed.
         """
-        with self._lock:
-            self._closing = True
-            self._queue.put(None)
+        self._let_end()
         if not self._over.wait(timeout_s):
             self.kill()
         with self._lock:
@@ -79,6 +91,11 @@ class AnalysisLink:
         reader.join(5.0)
         process.wait()
         return self._finished
+
+    def _let_end(self) -> None:
+        with self._lock:
+            self._closing = True
+            self._queue.put(None)
 
     def _start(self, arguments: list[str], messages: _Messages) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", "semlive.service.analysis", *arguments]
@@ -109,6 +126,7 @@ class AnalysisLink:
             with stream:
                 while (message := read_message(stream)) is not None:
                     self._taken += 1
+                    self._heard_s = time.monotonic()
                     self._on_output(message)
         except Exception:
             # Whatever is wrong with what it says, a child that cannot be understood is as good as dead.

@@ -37,8 +37,9 @@ from semlive.service.watch import FolderWatcher, WatchSettings
 _TICK_S = 0.05
 _OPEN_TIMEOUT_S = 10.0
 _LOG_TIMEOUT_S = 10.0
-# The last pairs may still be correlated when the protocol ends; a second each on a slow machine.
-_ANALYSIS_TIMEOUT_S = 120.0
+# Pairs may still wait for their analysis when the protocol ends, so it has the time it needs while results keep coming. Between
+# two of them lie seconds, or what a new child needs to catch up; the conclusion of 22 pairs took two minutes on a busy computer.
+_ANALYSIS_QUIET_S = 300.0
 # Compiling for the first time takes half a minute on 2 cores.
 _READY_TIMEOUT_S = 300.0
 # SIGHUP: the terminal was closed; SIGBREAK: likewise, and Ctrl-Break, on Windows.
@@ -201,7 +202,7 @@ class _Daemon:
     async def _analysed(self, control: Control, analysis: AnalysisLink) -> bool:
         """Wait for the last pairs, but not longer than the operator does."""
         asked = self._signals
-        closing = asyncio.get_running_loop().run_in_executor(None, analysis.close, _ANALYSIS_TIMEOUT_S)
+        closing = asyncio.get_running_loop().run_in_executor(None, analysis.drain, _ANALYSIS_QUIET_S)
         while not closing.done():
             control.tick()
             if self._signals > asked:
