@@ -108,7 +108,7 @@ class Machine:
         with self._lock:
             while self._steps < goal:
                 load, stage, beam = self._load, self._stage, self._beam
-                self._load = dynamics.step(self._load, self._scenario.load_frame, STEP_NS * 1e-9)
+                self._load = dynamics.step(self._load, self._scenario.load_frame, STEP_NS * 1e-9, self._elongation_mm)
                 self._stage = stages.step(self._stage, self._scenario.stage, STEP_NS * 1e-9)
                 self._beam = stages.step(self._beam, self._scenario.beam_shift, STEP_NS * 1e-9)
                 self._steps += 1
@@ -132,6 +132,12 @@ class Machine:
             shift = Move(time_s, self._beam_reached_px, self._place_px(self._beam))
             self._history = replace(self._history, beam_shifts=(*self._history.beam_shifts, shift))
             self._beam_reached_px = shift.to_px
+
+    def _elongation_mm(self, peak_n: float) -> float:
+        return self._scenario.effects.plastic_strain(peak_n) * self._scenario.specimen.length_mm
+
+    def _plastic(self, load: dynamics.LoadFrameState) -> float:
+        return load.plastic_mm / self._scenario.specimen.length_mm
 
     def _place_px(self, state: stages.StageState) -> tuple[float, float]:
         pixel_um = self._scenario.scan.pixel_size_um
@@ -163,7 +169,7 @@ class Machine:
             beam_x_um=beam.motor_x_um,
             beam_y_um=beam.motor_y_um,
             beam_moving=beam.moving,
-            strain_gage=self._scenario.strain_gage.reading(self._scenario.specimen, load.force_n, seed, number),
+            strain_gage=self._scenario.strain_gage.reading(self._scenario.specimen, load.force_n, seed, number, self._plastic(load)),
         )
 
     def window(self, first_s: float, last_s: float) -> Window:

@@ -11,9 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from semlive_simulators import stage
+from semlive_simulators.effects.library import build_effects
 from semlive_simulators.load_frame import dynamics, schedule
 from semlive_simulators.load_frame.dynamics import Drive, LoadFrameState
 from semlive_simulators.load_frame.schedule import Mishap, PlannedFault
+from semlive_simulators.machine import Machine
 from semlive_simulators.scenario import load_scenario
 
 SCENARIO = load_scenario("paper_x200")
@@ -107,6 +109,50 @@ def test_displacement_control_runs_at_its_speed() -> None:
     assert state.moving
     assert state.extension_mm == pytest.approx(0.1)
     assert state.force_n + state.relaxed_n == pytest.approx(0.1 * state.stiffness_n_mm)
+
+
+def plastic_mm(peak_n: float) -> float:
+    """Ramberg and Osgood's law for 50 mm of annealed sheet, written out once more."""
+    return 50.0 * 0.002 * (max(peak_n, 0.0) / 10.0 / 95.0) ** 2.25
+
+
+@settings(max_examples=10, deadline=None)
+@given(target_n=st.floats(300, 2200))
+def test_a_yielding_specimen_is_pulled_until_the_load_is_there_and_stays_longer(target_n: float) -> None:
+    stiff = dataclasses.replace(MACHINE, relaxation_fraction=0.0)
+    state = dynamics.ramp_to(dynamics.at_rest(stiff, SCENARIO.specimen.stiffness_n_mm), target_n, 100.0)
+    while state.moving:
+        state = dynamics.step(state, stiff, DT_S, plastic_mm)
+    assert abs(state.force_n - target_n) <= stiff.arrived_n
+    assert state.extension_mm == pytest.approx(state.force_n / state.stiffness_n_mm + plastic_mm(state.force_n), rel=1e-9)
+    peak_n = state.force_n
+    state = dynamics.ramp_to(state, 0.0, 100.0)
+    while state.moving:
+        state = dynamics.step(state, stiff, DT_S, plastic_mm)
+    assert state.extension_mm == pytest.approx(plastic_mm(peak_n) + state.force_n / state.stiffness_n_mm, rel=1e-9)
+
+
+def test_in_displacement_control_a_yielding_specimen_carries_less() -> None:
+    stiff = dataclasses.replace(MACHINE, relaxation_fraction=0.0)
+    state = dynamics.jog(dynamics.at_rest(stiff, SCENARIO.specimen.stiffness_n_mm), 0.02)
+    for _ in range(600):
+        state = dynamics.step(state, stiff, DT_S, plastic_mm)
+    assert state.extension_mm == pytest.approx(0.6)
+    assert state.force_n < 0.9 * 0.6 * state.stiffness_n_mm
+    assert state.force_n / state.stiffness_n_mm + plastic_mm(state.force_n) == pytest.approx(0.6, abs=1e-8)
+
+
+def test_crosshead_and_strain_gage_see_plastic_strain() -> None:
+    plastic = build_effects({"plastic_hardening": {"area_mm2": 10.0, "proof_stress_mpa": 95.0, "exponent": 2.25}})
+    readings = []
+    for scenario in (SCENARIO, dataclasses.replace(SCENARIO, effects=plastic)):
+        machine = Machine(scenario, 0)
+        machine.ramp_to(2200.0, 100.0)
+        readings.append(machine.read(30_000_000_000))
+    elastic, longer = readings
+    assert longer.force_n == pytest.approx(elastic.force_n, abs=2.0)
+    assert longer.extension_mm - elastic.extension_mm == pytest.approx(plastic_mm(2200.0), rel=2e-3)
+    assert longer.strain_gage - elastic.strain_gage == pytest.approx(1.005 * plastic_mm(2200.0) / 50.0, rel=2e-3)
 
 
 def test_a_limit_switch_stops_the_way_out_and_lets_it_back() -> None:

@@ -18,6 +18,7 @@ from semlive_simulators.effects.protocol import (
     Deforms,
     Drifts,
     Effect,
+    Flows,
     Instants,
     MovesSpecimen,
     Offsets,
@@ -96,6 +97,11 @@ class Effects:
                 shift = motion.shift_px + member.specimen_shift_px(at)
                 motion = replace(motion, shift_px=shift, gradient=motion.gradient + member.specimen_gradient(at))
         return motion
+
+    def plastic_strain(self, peak_n: float) -> float:
+        """Sum of the plastic strains along y after a load was the highest so far."""
+        peak = np.array([peak_n])
+        return float(sum(member.plastic_strain(peak)[0] for member in self.members if isinstance(member, Flows)))
 
     def optics(self) -> Optics:
         """What probe, pattern and detector become."""

@@ -14,7 +14,7 @@ from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnifi
 class PlasticHardening(Effect):
     """Ramberg and Osgood's law (1943): eyy = s / E + 0.002 (s_max / s_02)^n, the second part at constant volume.
 
-    The elastic part is the specimen's own. The load frame's extension does not know of the plastic part.
+    The elastic part is the specimen's own. Crosshead and strain gage see the plastic part as well.
 
     Attributes:
         area_mm2: cross-section, which makes stresses of loads.

@@ -236,6 +236,15 @@ class ChangesNoise(Protocol):
 
 
 @runtime_checkable
+class Flows(Protocol):
+    """Makes the specimen longer for good."""
+
+    def plastic_strain(self, peak_n: Array) -> Array:
+        """(n,) plastic strain along y after loads (n,) were the highest so far, N; must not fall with them."""
+        ...
+
+
+@runtime_checkable
 class ReadsLoad(Protocol):
     """Falsifies what the load cell says."""
 

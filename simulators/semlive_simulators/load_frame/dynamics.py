@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -75,6 +76,8 @@ class LoadFrameState:
         relaxed_n: load lost by relaxation so far.
         slipped_mm: how far the grips have slipped.
         broken: whether the specimen is in two pieces.
+        peak_n: highest force so far.
+        plastic_mm: how much longer the specimen is for good.
     """
 
     stiffness_n_mm: float
@@ -86,11 +89,18 @@ class LoadFrameState:
     jog_mm_s: float = 0.0
     slipped_mm: float = 0.0
     broken: bool = False
+    peak_n: float = 0.0
+    plastic_mm: float = 0.0
 
     @property
     def force_n(self) -> float:
         """True force on the specimen."""
-        return 0.0 if self.broken else self.stiffness_n_mm * (self.extension_mm - self.slipped_mm) - self.relaxed_n
+        return 0.0 if self.broken else self.elastic_n - self.relaxed_n
+
+    @property
+    def elastic_n(self) -> float:
+        """The force if nothing relaxed."""
+        return self.stiffness_n_mm * (self.extension_mm - self.slipped_mm - self.plastic_mm)
 
     @property
     def moving(self) -> bool:
@@ -143,13 +153,26 @@ def fracture(state: LoadFrameState) -> LoadFrameState:
     return replace(state, broken=True)
 
 
-def step(state: LoadFrameState, parameters: LoadFrameParameters, dt_s: float) -> LoadFrameState:
+def elastic(peak_n: float) -> float:
+    """A specimen that never gets longer for good."""
+    return 0.0 * peak_n
+
+
+def step(
+    state: LoadFrameState, parameters: LoadFrameParameters, dt_s: float, elongation_mm: Callable[[float], float] = elastic
+) -> LoadFrameState:
     """The machine `dt_s` of experiment time later.
+
+    Args:
+        state: as it is.
+        parameters: of the machine.
+        dt_s: how much later.
+        elongation_mm: how much longer the specimen is for good after a highest force, N; must not fall.
 
     A ramp runs at its rate and closes the last part exponentially; grips and machine creep all the while, which load control
     makes good and a held position shows as falling load. With a broken specimen load control runs away to the limit switch.
     """
-    lost = parameters.relaxation_fraction * state.stiffness_n_mm * (state.extension_mm - state.slipped_mm)
+    lost = parameters.relaxation_fraction * state.elastic_n
     relaxed = lost + (state.relaxed_n - lost) * math.exp(-dt_s / parameters.relaxation_time_s)
     moved = replace(state, relaxed_n=relaxed)
     if state.drive is Drive.RAMPING:
@@ -157,11 +180,28 @@ def step(state: LoadFrameState, parameters: LoadFrameParameters, dt_s: float) ->
         most = state.rate_n_s * dt_s
         change = max(-most, min(most, -missing * math.expm1(-dt_s / parameters.approach_time_s)))
         moved = replace(moved, extension_mm=state.extension_mm + change / state.stiffness_n_mm)
+        if moved.force_n > state.peak_n:  # the controller goes on until the force is there, whatever the specimen gives way
+            plastic_mm = elongation_mm(moved.force_n)
+            more_mm = plastic_mm - moved.plastic_mm
+            moved = replace(moved, peak_n=moved.force_n, plastic_mm=plastic_mm, extension_mm=moved.extension_mm + more_mm)
         if abs(state.target_n - moved.force_n) <= parameters.arrived_n:
             moved = replace(moved, drive=Drive.HOLDING)
     elif state.drive is Drive.JOGGING:
         moved = replace(moved, extension_mm=state.extension_mm + state.jog_mm_s * dt_s)
-    return _overloaded(_yielding(_stopped_by_switch(moved, state, parameters), parameters), parameters)
+    flowed = _flowing(_stopped_by_switch(moved, state, parameters), elongation_mm)
+    return _overloaded(_yielding(flowed, parameters), parameters)
+
+
+def _flowing(moved: LoadFrameState, elongation_mm: Callable[[float], float]) -> LoadFrameState:
+    """At a given extension: the force at which load and plastic elongation agree, by bisection to 1e-9 of the highest force."""
+    low, high = moved.peak_n, moved.force_n
+    if high <= low or moved.broken:
+        return moved
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        flows = replace(moved, plastic_mm=elongation_mm(middle)).force_n > middle
+        low, high = (middle, high) if flows else (low, middle)
+    return replace(moved, peak_n=high, plastic_mm=elongation_mm(high))
 
 
 def _stopped_by_switch(moved: LoadFrameState, before: LoadFrameState, parameters: LoadFrameParameters) -> LoadFrameState:
