@@ -2,8 +2,9 @@
 
 The noise of one POI is a weighted sum of the grey noise in its subset, the weights being the gradients of the speckle there.
 Two POI share the pixels in which their subsets overlap, so over a speckle that is alike everywhere their noise correlates by
-the overlap, ``(1 - |dx| / subset) (1 - |dy| / subset)``. A plane fit over a window is linear, and over a rectangle it
-separates into columns and rows; so does the covariance, and every figure here is exact for that correlation.
+the overlap, ``(1 - |dx| / subset) (1 - |dy| / subset)``; over a coarse speckle by less, because a few steep edges weigh most. A plane
+fit over a window is linear, and over a rectangle it separates into columns and rows; so does the covariance, and every figure here
+is exact for the correlation given.
 """
 
 from __future__ import annotations
@@ -37,10 +38,34 @@ class NoiseScatter:
     exy: float
 
 
-def overlap_correlation(count: int, grid: Grid) -> Field:
-    """(count, count) correlation of the noise of POI in a row, from the overlap of their subsets."""
-    lag_px = grid.step_px * np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
-    return np.clip(1.0 - lag_px / max(grid.subset_px, 1), 0.0, None)
+@dataclass(frozen=True, slots=True, eq=False)
+class NoiseCorrelation:
+    """Correlation of the noise of two POI by how far they are apart: the product of one factor along x and one along y.
+
+    Attributes:
+        u_x: (lags,) of u, by the lag along x in POI; zero beyond.
+        u_y: of u along y.
+        v_x: of v along x.
+        v_y: of v along y.
+    """
+
+    u_x: Field
+    u_y: Field
+    v_x: Field
+    v_y: Field
+
+    @classmethod
+    def by_overlap(cls, grid: Grid) -> NoiseCorrelation:
+        """That of subsets with gradients that are alike everywhere."""
+        lags = -(-grid.subset_px // grid.step_px)
+        shared = np.clip(1.0 - grid.step_px * np.arange(lags) / max(grid.subset_px, 1), 0.0, None)
+        return cls(shared, shared, shared, shared)
+
+
+def _among(count: int, by_lag: Field) -> Field:
+    """(count, count) correlation of the noise of POI in a row."""
+    lag = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    return np.where(lag < len(by_lag), by_lag[np.minimum(lag, len(by_lag) - 1)], 0.0)
 
 
 def gauge_rows(count: int, window_points: int, *, full: bool) -> tuple[Field, Field]:
@@ -64,7 +89,9 @@ def gauge_rows(count: int, window_points: int, *, full: bool) -> tuple[Field, Fi
     return mean, from_mean / np.maximum((from_mean**2).sum(axis=1, keepdims=True), 0.5)
 
 
-def noise_scatter(grid: Grid, window_points: int, sigma_u_px: float, sigma_v_px: float, *, full: bool) -> NoiseScatter:
+def noise_scatter(
+    grid: Grid, window_points: int, sigma_u_px: float, sigma_v_px: float, *, full: bool, correlation: NoiseCorrelation | None = None
+) -> NoiseScatter:
     """Expected scatter of a field of displacement or strain from noise of the DIC.
 
     Args:
@@ -73,14 +100,18 @@ def noise_scatter(grid: Grid, window_points: int, sigma_u_px: float, sigma_v_px:
         sigma_u_px: standard deviation of the noise of u.
         sigma_v_px: of v.
         full: over whole gauges only; otherwise over those cut by the grid's edge too.
+        correlation: of the noise of neighbours; by the overlap of their subsets if it is not given.
     """
+    known = correlation or NoiseCorrelation.by_overlap(grid)
     (mean_x, slope_x), (mean_y, slope_y) = (gauge_rows(count, window_points, full=full) for count in (grid.nx, grid.ny))
-    along_x, along_y = overlap_correlation(grid.nx, grid), overlap_correlation(grid.ny, grid)
-    flat = _variance(mean_x, along_x, mean_y, along_y)
-    by_x = _variance(slope_x, along_x, mean_y, along_y) / grid.step_px**2
-    by_y = _variance(mean_x, along_x, slope_y, along_y) / grid.step_px**2
+    flat, by_x, by_y = [], [], []
+    for along_x, along_y in ((known.u_x, known.u_y), (known.v_x, known.v_y)):
+        x, y = _among(grid.nx, along_x), _among(grid.ny, along_y)
+        flat.append(_variance(mean_x, x, mean_y, y))
+        by_x.append(_variance(slope_x, x, mean_y, y) / grid.step_px**2)
+        by_y.append(_variance(mean_x, x, slope_y, y) / grid.step_px**2)
     u2, v2 = sigma_u_px**2, sigma_v_px**2
-    variances = (flat * u2, flat * v2, by_x * u2, by_y * v2, 0.25 * (by_y * u2 + by_x * v2))
+    variances = (flat[0] * u2, flat[1] * v2, by_x[0] * u2, by_y[1] * v2, 0.25 * (by_y[0] * u2 + by_x[1] * v2))
     return NoiseScatter(*(float(np.sqrt(one)) for one in variances))
 
 
@@ -95,7 +126,8 @@ def independent_values(grid: Grid, window_points: int = 1) -> float:
     """
     (mean_x, slope_x), (mean_y, _) = (gauge_rows(count, window_points, full=False) for count in (grid.nx, grid.ny))
     rows_x = mean_x if window_points == 1 else slope_x
-    x, y = rows_x @ overlap_correlation(grid.nx, grid) @ rows_x.T, mean_y @ overlap_correlation(grid.ny, grid) @ mean_y.T
+    shared = NoiseCorrelation.by_overlap(grid).u_x
+    x, y = rows_x @ _among(grid.nx, shared) @ rows_x.T, mean_y @ _among(grid.ny, shared) @ mean_y.T
     return float((np.trace(x) * np.trace(y)) ** 2 / ((x**2).sum() * (y**2).sum()))
 
 

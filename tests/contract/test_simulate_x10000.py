@@ -30,11 +30,14 @@ def test_the_scenario_says_what_the_paper_says() -> None:
     assert isinstance(PAPER.speckle, GoldFilm)
     assert PAPER.shifts_by is Actuator.BEAM_SHIFT
     shifts = np.array(PAPER.experiment["protocol"]["calibration_shifts_px"], dtype=float)
-    steps = np.abs(np.diff(shifts, axis=0))
     assert len(shifts) == 11
-    assert steps.max() < 10
-    assert (steps.sum(axis=0) < 50).all()
-    assert ((steps > 0).sum(axis=1) == 1).all()  # horizontal or vertical, never both
+    along_x, along_y = shifts[:6], shifts[6:]  # the two strokes of a cross; the beam goes back between them
+    assert (along_x[:, 1] == 0).all()
+    assert (along_y[:, 0] == 0).all()
+    for stroke in (along_x[:, 0], along_y[:, 1]):
+        assert (np.abs(np.diff(stroke)) < 20 / 1.03).all()  # two translations
+        assert stroke.sum() == pytest.approx(0)
+        assert (np.abs(1.03 * stroke) < 50).all()
     loads = PAPER.experiment["protocol"]["loads_n"]
     assert len(loads) == 1 + 9 + 1
     assert max(loads) <= PAPER.experiment["limits"]["force_max_n"]
@@ -83,5 +86,5 @@ def test_simulate_writes_integrated_frames_and_their_truth(tmp_path: Path) -> No
     assert float(rows[1]["start_s"]) - float(rows[0]["start_s"]) == pytest.approx(75.68 + 0.4)
     truth = json.loads((tmp_path / "out" / "truth.json").read_text(encoding="utf-8"))
     assert truth["pixel_size_m"] == pytest.approx(25e-9)
-    assert truth["frames"][0]["stage_px"][0] == pytest.approx(-18 * 1.03, abs=2.0)
-    assert truth["frames"][2]["stage_px"][0] == pytest.approx(18 * 1.03, abs=2.0)
+    assert truth["frames"][0]["stage_px"][0] == pytest.approx(48 * 1.03, abs=2.0)
+    assert truth["frames"][2]["stage_px"][1] == pytest.approx(-38.4 * 0.96, abs=2.0)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from sidebyside.neighbours import exported_frame, noise_correlation
 
 from semlive import mechanics
 from semlive.data.disparity import DisparityMap
@@ -19,7 +20,7 @@ from semlive.errors import BadInput
 from semlive.formats.maps import decode_map
 from semlive.formats.messages import DIC_MAP
 from semlive.report.errors import COMPONENTS, Errors, compare
-from semlive.report.noise import gauge_rows, independent_values, noise_scatter
+from semlive.report.noise import NoiseCorrelation, gauge_rows, independent_values, noise_scatter
 from semlive.report.score import Score, score
 from semlive.report.truth import Truth, load_truth, seen
 from semlive.service.log_files import messages
@@ -83,11 +84,17 @@ def measure(run: Path, windows: tuple[int, ...]) -> RunFigures:
         raise BadInput(f"{run}: holds no log/demo; give a folder that semlive demo wrote")
     told = load_truth(truth_file)
     truth = Truth.of(told)
-    result, _ = last_result(log)
+    result, settings = last_result(log)
+    middle = result.decisions[len(result.decisions) // 2]
+    exports = (result.decisions[0].first.export, middle.first.export)
+    images = (exported_frame(log, export, settings).image for export in exports)
+    alike = noise_correlation(*images, result.frames[0].displacement.grid, settings)
     errors = compare(result, truth)
     shares = dict(_shares(log, result, truth))
     phases = {
-        phase.value: _phase(result, errors, shares, phase, windows) for phase in Phase if any(one.phase is phase for one in errors.frames)
+        phase.value: _phase(result, errors, shares, phase, windows, alike)
+        for phase in Phase
+        if any(one.phase is phase for one in errors.frames)
     }
     sigma = [one.sigma_px[one.valid] for one in errors.frames]
     grid = errors.grid
@@ -118,7 +125,8 @@ def _shares(log: Path, result: RunResult, truth: Truth) -> Iterator[tuple[int, t
         disparity = decode_map(message.payload)
         if disparity.reference != 0:
             continue
-        corrected, valid = moved[disparity.current], disparity.valid
+        corrected = moved[disparity.current]
+        valid = disparity.valid & corrected.valid  # beyond the calibrated addresses the correction is extrapolated and marked
         given = np.stack((disparity.u_px - corrected.u_px, disparity.v_px - corrected.v_px), axis=-1)
         address = np.stack(disparity.grid.mesh(), axis=-1)
         # Displacement is disparity less correction, so what the correction has too little the displacement has too much.
@@ -128,7 +136,12 @@ def _shares(log: Path, result: RunResult, truth: Truth) -> Iterator[tuple[int, t
 
 
 def _phase(
-    result: RunResult, errors: Errors, shares: dict[int, tuple[Field, DisparityMap]], phase: Phase, windows: tuple[int, ...]
+    result: RunResult,
+    errors: Errors,
+    shares: dict[int, tuple[Field, DisparityMap]],
+    phase: Phase,
+    windows: tuple[int, ...],
+    alike: NoiseCorrelation,
 ) -> PhaseFigures:
     chosen = [one for one in errors.frames if one.phase is phase]
     frames = {one.summary.frame: one for one in result.frames}
@@ -138,7 +151,7 @@ def _phase(
     said = np.sqrt(np.mean([(one.sigma_px[one.valid] ** 2).mean(axis=0) for one in chosen], axis=0))
     rows = []
     for points in windows:
-        expected = noise_scatter(errors.grid, points, float(said[0]), float(said[1]), full=True)
+        expected = noise_scatter(errors.grid, points, float(said[0]), float(said[1]), full=True, correlation=alike)
         values = independent_values(errors.grid, points) * len(chosen) / (1 + (len(chosen) - 1) / 4)
         rows.append(
             GaugeRow(
