@@ -93,11 +93,22 @@ def correlate(begun: Begun, pair: Pair) -> tuple[DisparityMap, ...]:
     if not begun.pairs:
         return (dic.correlate(reference, pair.second.image, settings, reference_frame=0, current_frame=1),)
     own = dic.prepare(pair.first.image, begun.grid, settings)
+    within = dic.correlate(own, pair.second.image, settings, reference_frame=2 * k, current_frame=2 * k + 1)
+    smear = dic.lacking(_smear(begun.pairs[0], begun.from_frame_0[0]), _smear(pair.decision, within))
     return (
-        dic.correlate(own, pair.second.image, settings, reference_frame=2 * k, current_frame=2 * k + 1),
-        dic.correlate(reference, pair.first.image, settings, reference_frame=0, current_frame=2 * k),
-        dic.correlate(reference, pair.second.image, settings, reference_frame=0, current_frame=2 * k + 1),
+        within,
+        dic.correlate_alike(reference, pair.first.image, settings, smear, reference_frame=0, current_frame=2 * k),
+        dic.correlate_alike(reference, pair.second.image, settings, smear, reference_frame=0, current_frame=2 * k + 1),
     )
+
+
+def _smear(decision: PairDecision, within: DisparityMap) -> dic.Smear | None:
+    """How drift smeared a pair's frames; None where a frame is one scan."""
+    timing = decision.first.timing
+    if timing.integrations.value < 2:
+        return None
+    apart_s = (decision.second.start_time_ns.value - decision.first.start_time_ns.value) / 1e9
+    return dic.smear_within(within, apart_s, timing.frame_time_s.value, timing.integrations.value)
 
 
 def update(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> tuple[Begun, PairResult]:

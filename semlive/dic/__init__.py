@@ -12,6 +12,7 @@ from semlive.dic.incremental import begin, follow
 from semlive.dic.quality import quality
 from semlive.dic.reference import Reference, prepare
 from semlive.dic.rows import register_rows, row_jitter
+from semlive.dic.smear import Smear, correlate_alike, lacking, smear_within
 from semlive.dic.tiles import correlate_tiled, is_large
 
 __all__ = [
@@ -22,16 +23,20 @@ __all__ = [
     "PoiStatus",
     "Reference",
     "RowShifts",
+    "Smear",
     "begin",
     "correlate",
+    "correlate_alike",
     "correlate_tiled",
     "follow",
     "grid_for",
     "is_large",
+    "lacking",
     "match",
     "prepare",
     "quality",
     "register_rows",
     "row_jitter",
+    "smear_within",
     "warm_up",
 ]
