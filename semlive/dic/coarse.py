@@ -17,6 +17,7 @@ from scipy.spatial import KDTree
 
 from semlive.data.grid import Grid
 from semlive.dic.ambiguity import ambiguous
+from semlive.kernels.threads import spread
 
 BLOCK = 32  # edge of a block, in binned pixels
 SEARCH = 16  # search radius around the frame's shift, in binned pixels
@@ -25,6 +26,9 @@ MIN_BLOCK_ZNCC = 0.5  # the best of 33 x 33 unrelated positions stays below 0.35
 OUTLIER_PX = 4.0  # distortion leaves 2 px about the affine fit
 LOW_PASS = 0.15  # of the phase correlation, cycles per binned pixel: noise above, speckle below
 CANDIDATES = 3
+BLOCKS_AT_ONCE = 8  # that a thread takes
+FIELD_CELL_PX = 640  # of points whose first guesses are smoothed from the same matches
+FIELD_WIDTHS = 6.0  # away, a match weighs 1e-8: leaving it out makes the cost per point independent of the frame
 MIN_CONSENSUS = 6  # blocks that agree on an affine map of six unknowns
 TURNS = (-9.0, -6.0, -3.0, 3.0, 6.0, 9.0)  # degrees
 
@@ -112,6 +116,7 @@ def search(reference: CoarseReference, current: NDArray[np.float32], matches: ND
         matches: those found so far.
     """
     few = max(MIN_CONSENSUS, len(reference.centres) // 8)
+    matches = _grown(reference, current, matches)
     best = _led(reference, current, matches)
     if len(best) >= few:
         return best
@@ -127,6 +132,18 @@ def search(reference: CoarseReference, current: NDArray[np.float32], matches: ND
         if len(found) > len(best):
             best = found
     return best if len(best) else matches
+
+
+def _grown(reference: CoarseReference, current: NDArray[np.float32], matches: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Matches and those found around the motion of the match nearest to each block, until no more are."""
+    while 0 < len(matches) < len(reference.centres):
+        left = np.array([centre for centre in reference.centres if not (centre == matches[:, :2]).all(axis=1).any()])
+        _, nearest = KDTree(matches[:, :2]).query(left)
+        fresh = match_blocks(reference.image, left, current, np.round(matches[nearest, 2:]).astype(np.int64))
+        if not len(fresh):
+            break
+        matches = np.concatenate([matches, fresh])
+    return matches
 
 
 def _led(reference: CoarseReference, current: NDArray[np.float32], matches: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -189,8 +206,13 @@ def _padded(shape: tuple[int, ...]) -> tuple[int, int]:
 def _spectrum(image: NDArray[np.float32]) -> NDArray[np.complex64]:
     """Spectrum of the frame, mean taken off, windowed (a frame's edges would correlate with themselves at zero shift)."""
     height, width = image.shape
-    window = np.outer(np.hanning(height), np.hanning(width)).astype(np.float32)
-    return np.asarray(fft.rfft2((image - image.mean()) * window, s=_padded(image.shape)))
+    padded = _padded(image.shape)
+    windowed = np.zeros(padded, dtype=np.float32)
+    inside = windowed[:height, :width]
+    np.subtract(image, image.mean(), out=inside)
+    inside *= np.hanning(width).astype(np.float32)
+    inside *= np.hanning(height).astype(np.float32)[:, None]
+    return np.asarray(fft.rfft2(windowed, overwrite_x=True))
 
 
 def candidate_shifts(spectrum: NDArray[np.complex64], current: NDArray[np.float32]) -> list[tuple[tuple[int, int], float]]:
@@ -213,31 +235,46 @@ def candidate_shifts(spectrum: NDArray[np.complex64], current: NDArray[np.float3
 
 
 def match_blocks(
-    image: NDArray[np.float32], centres: NDArray[np.int64], current: NDArray[np.float32], shift: tuple[int, int], search: int = SEARCH
+    image: NDArray[np.float32],
+    centres: NDArray[np.int64],
+    current: NDArray[np.float32],
+    shift: tuple[int, int] | NDArray[np.int64],
+    search: int = SEARCH,
 ) -> NDArray[np.float64]:
-    """(n, 4) x, y, u, v in binned pixels of the blocks of an image found within `search` of a shift."""
-    found = []
+    """(n, 4) x, y, u, v in binned pixels of the blocks of an image found within `search` of a shift, or of one of their own."""
+    shifts = np.broadcast_to(shift, centres.shape)
+    found: list[tuple[float, float, float, float] | None] = [None] * len(centres)
+
+    def match_some(first: int, last: int) -> None:
+        for k in range(first, last):
+            (x, y), (u, v) = centres[k].tolist(), shifts[k].tolist()
+            found[k] = _match_block(_block(image, x, y), x, y, current, (u, v), search)
+
+    spread(match_some, len(centres), BLOCKS_AT_ONCE)
+    return np.array([one for one in found if one], dtype=np.float64).reshape(-1, 4)
+
+
+def _match_block(
+    block: NDArray[np.float32], cx: int, cy: int, current: NDArray[np.float32], shift: tuple[int, int], search: int
+) -> tuple[float, float, float, float] | None:
+    """x, y, u, v of a block centred at (cx, cy); None if it is not found."""
     reach = BLOCK // 2 + search
     height, width = current.shape
-    for cx, cy in centres:
-        left, right = max(cx + shift[0] - reach, 0), min(cx + shift[0] + reach + 1, width)
-        top, bottom = max(cy + shift[1] - reach, 0), min(cy + shift[1] + reach + 1, height)
-        if right - left < BLOCK + 2 or bottom - top < BLOCK + 2:
-            continue
-        block = np.ascontiguousarray(_block(image, cx, cy))
-        score = cv2.matchTemplate(np.ascontiguousarray(current[top:bottom, left:right]), block, cv2.TM_CCOEFF_NORMED)
-        y, x = np.unravel_index(int(np.argmax(score)), score.shape)
-        # Best at the edge of the search means better beyond it, unless the frame ends there: a block at the frame's edge stays at it.
-        beyond_x = (x == 0 and left > 0) or (x == score.shape[1] - 1 and right < width)
-        beyond_y = (y == 0 and top > 0) or (y == score.shape[0] - 1 and bottom < height)
-        if not MIN_BLOCK_ZNCC <= score[y, x] <= 1.001 or beyond_x or beyond_y:
-            continue
-        half = BLOCK // 2
-        u = left + x + half - cx + _vertex(score[y], int(x))
-        v = top + y + half - cy + _vertex(score[:, x], int(y))
-        # A block of even size is centred half a pixel before cx, cy; the field is smooth enough not to care.
-        found.append((cx, cy, u, v))
-    return np.array(found, dtype=np.float64).reshape(-1, 4)
+    left, right = max(cx + shift[0] - reach, 0), min(cx + shift[0] + reach + 1, width)
+    top, bottom = max(cy + shift[1] - reach, 0), min(cy + shift[1] + reach + 1, height)
+    if right - left < BLOCK + 2 or bottom - top < BLOCK + 2:
+        return None
+    around = np.ascontiguousarray(current[top:bottom, left:right])
+    score = cv2.matchTemplate(around, np.ascontiguousarray(block), cv2.TM_CCOEFF_NORMED)
+    y, x = (int(k) for k in np.unravel_index(int(np.argmax(score)), score.shape))
+    # Best at the edge of the search means better beyond it, unless the frame ends there: a block at the frame's edge stays at it.
+    beyond_x = (x == 0 and left > 0) or (x == score.shape[1] - 1 and right < width)
+    beyond_y = (y == 0 and top > 0) or (y == score.shape[0] - 1 and bottom < height)
+    if not MIN_BLOCK_ZNCC <= score[y, x] <= 1.001 or beyond_x or beyond_y:
+        return None
+    half = BLOCK // 2
+    # A block of even size is centred half a pixel before cx, cy; the field is smooth enough not to care.
+    return cx, cy, left + x + half - cx + _vertex(score[y], x), top + y + half - cy + _vertex(score[:, x], y)
 
 
 def _vertex(score: NDArray, at: int) -> float:
@@ -266,17 +303,31 @@ def smooth_field(matches: NDArray[np.float64], grid: Grid) -> NDArray[np.float64
     motion = matches[:, 2:]
     affine, good = _robust_affine(x, y, motion)
     residual = motion[good] - _design(x[good], y[good]) @ affine
-    gx = np.exp(-0.5 * ((grid.x_px[:, None] - x[good]) / (0.7 * BLOCK_DISTANCE_PX)) ** 2)
-    gy = np.exp(-0.5 * ((grid.y_px[:, None] - y[good]) / (0.7 * BLOCK_DISTANCE_PX)) ** 2)
-    weight = _product(gy, gx) + 1e-3
     seeds = np.zeros((*grid.shape, 6))
     for axis in range(2):
-        smooth = _product(gy * residual[:, axis], gx) / weight
         c = affine[:, axis]
-        seeds[:, :, 3 * axis] = c[0] + c[1] * grid.x_px[None, :] + c[2] * grid.y_px[:, None] + smooth
+        seeds[:, :, 3 * axis] = c[0] + c[1] * grid.x_px[None, :] + c[2] * grid.y_px[:, None]
         seeds[:, :, 3 * axis + 1] = c[1]
         seeds[:, :, 3 * axis + 2] = c[2]
+    cell = max(1, FIELD_CELL_PX // grid.step_px)
+    for rows in (slice(first, first + cell) for first in range(0, grid.ny, cell)):
+        for columns in (slice(first, first + cell) for first in range(0, grid.nx, cell)):
+            smooth = _smoothed(x[good], y[good], residual, grid.x_px[columns], grid.y_px[rows])
+            seeds[rows, columns, ::3] += smooth
     return seeds
+
+
+def _smoothed(
+    x: NDArray[np.float64], y: NDArray[np.float64], values: NDArray[np.float64], x_px: NDArray[np.float64], y_px: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(ny, nx, 2) Gaussian-weighted means at the crossings of columns and rows of values (n, 2) at n places, of those near."""
+    width = 0.7 * BLOCK_DISTANCE_PX
+    reach = FIELD_WIDTHS * width
+    near = (x >= x_px[0] - reach) & (x <= x_px[-1] + reach) & (y >= y_px[0] - reach) & (y <= y_px[-1] + reach)
+    gx = np.exp(-0.5 * ((x_px[:, None] - x[near]) / width) ** 2)
+    gy = np.exp(-0.5 * ((y_px[:, None] - y[near]) / width) ** 2)
+    weight = _product(gy, gx) + 1e-3
+    return np.stack([_product(gy * values[near, axis], gx) / weight for axis in range(2)], axis=-1)
 
 
 def _product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
