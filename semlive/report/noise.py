@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.grid import Grid
+from semlive.mechanics.gauge_noise import overlap_correlation
 
 Field = NDArray[np.float64]
 
@@ -35,12 +36,6 @@ class NoiseScatter:
     exx: float
     eyy: float
     exy: float
-
-
-def overlap_correlation(count: int, grid: Grid) -> Field:
-    """(count, count) correlation of the noise of POI in a row, from the overlap of their subsets."""
-    lag_px = grid.step_px * np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
-    return np.clip(1.0 - lag_px / max(grid.subset_px, 1), 0.0, None)
 
 
 def gauge_rows(count: int, window_points: int, *, full: bool) -> tuple[Field, Field]:
