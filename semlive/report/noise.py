@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.grid import Grid
+from semlive.mechanics.gauge_noise import overlap_correlation
 
 Field = NDArray[np.float64]
 
@@ -58,7 +59,7 @@ class NoiseCorrelation:
     def by_overlap(cls, grid: Grid) -> NoiseCorrelation:
         """That of subsets with gradients that are alike everywhere."""
         lags = -(-grid.subset_px // grid.step_px)
-        shared = np.clip(1.0 - grid.step_px * np.arange(lags) / max(grid.subset_px, 1), 0.0, None)
+        shared = overlap_correlation(lags, grid)[0]
         return cls(shared, shared, shared, shared)
 
 
