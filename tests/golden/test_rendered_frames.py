@@ -21,7 +21,7 @@ PULLED = Motion(
     ("name", "digest"),
     [
         ("paper_x200", "812ad841cf23949c36a13de47583ecc23c05a4613c462a8870ebd5b00a9cf3d5"),
-        ("paper_x10000", "c426dcfc920785827fa6cafe75b86356056f498d8c253ddd9a7132e3b1f6e4cf"),
+        ("paper_x10000", "1d7cad9103ad1247f43c4c4fa054d58e3f17b34639a628cc2ce9b4c94ed690f1"),
         ("short", "b7f97cb6759094e0ad0a8d5c39ceb0b1a70a8a6b3be6a7c693d3a74e91cc5db8"),
     ],
 )
@@ -35,7 +35,7 @@ def test_a_whole_frame_has_the_same_pixels_as_ever(name: str, digest: str) -> No
     ("name", "digest"),
     [
         ("paper_x200", "374babad43f31a8a76edfe1f07df7f3b8e71f3c8e9eb51a3689c312beebc5164"),
-        ("paper_x10000", "bf7922b56cf2239b78e0b6cb4c9e948372d031f1da803d59a24fb8b08b2d3704"),
+        ("paper_x10000", "2f37352136d9c16a1be67cb1a2a2fdbdf257d1d2f93bacb0fe8b63384e14f873"),
         ("short", "f8316113aba758effe1868fc6c8cf1bf2c638cb1a5021a38b1f8b17bb74380eb"),
     ],
 )
