@@ -14,6 +14,7 @@ from semlive import mechanics
 from semlive.data.disparity import DisparityMap
 from semlive.data.displacement import Displacement
 from semlive.data.experiment import Phase
+from semlive.data.frame import FrameInfo
 from semlive.data.results import FrameResult, RunResult
 from semlive.data.strain import ElasticConstants
 from semlive.errors import BadInput
@@ -130,9 +131,19 @@ def _shares(log: Path, result: RunResult, truth: Truth) -> Iterator[tuple[int, t
         given = np.stack((disparity.u_px - corrected.u_px, disparity.v_px - corrected.v_px), axis=-1)
         address = np.stack(disparity.grid.mesh(), axis=-1)
         # Displacement is disparity less correction, so what the correction has too little the displacement has too much.
-        share = seen(truth, infos[0], infos[disparity.current], address).correction_px - given
+        share = _over_subsets(truth, infos[0], infos[disparity.current], address, disparity.grid.subset_px) - given
         share = np.where(valid[..., None], share - share[valid].mean(axis=0), 0.0)
         yield disparity.current, (share, disparity)
+
+
+def _over_subsets(truth: Truth, first: FrameInfo, info: FrameInfo, address: Field, subset_px: int) -> Field:
+    """The true correction as the correlation of subsets shows it: its mean over each, by three Gauss points along each axis.
+
+    An affine shape function gives the mean of what bends within the subset. Maps and the correction learnt from them are bent alike.
+    """
+    points = [(root * subset_px / 2, weight / 2) for root, weight in zip(*np.polynomial.legendre.leggauss(3), strict=True)]
+    means = (wx * wy * seen(truth, first, info, address + np.array([x, y])).correction_px for x, wx in points for y, wy in points)
+    return np.sum(list(means), axis=0)
 
 
 def _phase(
