@@ -17,6 +17,7 @@ from scipy.spatial import KDTree
 
 from semlive.data.grid import Grid
 from semlive.dic.ambiguity import ambiguous
+from semlive.kernels.threads import spread
 
 BLOCK = 32  # edge of a block, in binned pixels
 SEARCH = 16  # search radius around the frame's shift, in binned pixels
@@ -25,6 +26,7 @@ MIN_BLOCK_ZNCC = 0.5  # the best of 33 x 33 unrelated positions stays below 0.35
 OUTLIER_PX = 4.0  # distortion leaves 2 px about the affine fit
 LOW_PASS = 0.15  # of the phase correlation, cycles per binned pixel: noise above, speckle below
 CANDIDATES = 3
+BLOCKS_AT_ONCE = 8  # that a thread takes
 MIN_CONSENSUS = 6  # blocks that agree on an affine map of six unknowns
 TURNS = (-9.0, -6.0, -3.0, 3.0, 6.0, 9.0)  # degrees
 
@@ -189,8 +191,13 @@ def _padded(shape: tuple[int, ...]) -> tuple[int, int]:
 def _spectrum(image: NDArray[np.float32]) -> NDArray[np.complex64]:
     """Spectrum of the frame, mean taken off, windowed (a frame's edges would correlate with themselves at zero shift)."""
     height, width = image.shape
-    window = np.outer(np.hanning(height), np.hanning(width)).astype(np.float32)
-    return np.asarray(fft.rfft2((image - image.mean()) * window, s=_padded(image.shape)))
+    padded = _padded(image.shape)
+    windowed = np.zeros(padded, dtype=np.float32)
+    inside = windowed[:height, :width]
+    np.subtract(image, image.mean(), out=inside)
+    inside *= np.hanning(width).astype(np.float32)
+    inside *= np.hanning(height).astype(np.float32)[:, None]
+    return np.asarray(fft.rfft2(windowed, overwrite_x=True))
 
 
 def candidate_shifts(spectrum: NDArray[np.complex64], current: NDArray[np.float32]) -> list[tuple[tuple[int, int], float]]:
@@ -216,28 +223,38 @@ def match_blocks(
     image: NDArray[np.float32], centres: NDArray[np.int64], current: NDArray[np.float32], shift: tuple[int, int], search: int = SEARCH
 ) -> NDArray[np.float64]:
     """(n, 4) x, y, u, v in binned pixels of the blocks of an image found within `search` of a shift."""
-    found = []
+    found: list[tuple[float, float, float, float] | None] = [None] * len(centres)
+
+    def match_some(first: int, last: int) -> None:
+        for k in range(first, last):
+            x, y = (int(c) for c in centres[k])
+            found[k] = _match_block(_block(image, x, y), x, y, current, shift, search)
+
+    spread(match_some, len(centres), BLOCKS_AT_ONCE)
+    return np.array([one for one in found if one], dtype=np.float64).reshape(-1, 4)
+
+
+def _match_block(
+    block: NDArray[np.float32], cx: int, cy: int, current: NDArray[np.float32], shift: tuple[int, int], search: int
+) -> tuple[float, float, float, float] | None:
+    """x, y, u, v of a block centred at (cx, cy); None if it is not found."""
     reach = BLOCK // 2 + search
     height, width = current.shape
-    for cx, cy in centres:
-        left, right = max(cx + shift[0] - reach, 0), min(cx + shift[0] + reach + 1, width)
-        top, bottom = max(cy + shift[1] - reach, 0), min(cy + shift[1] + reach + 1, height)
-        if right - left < BLOCK + 2 or bottom - top < BLOCK + 2:
-            continue
-        block = np.ascontiguousarray(_block(image, cx, cy))
-        score = cv2.matchTemplate(np.ascontiguousarray(current[top:bottom, left:right]), block, cv2.TM_CCOEFF_NORMED)
-        y, x = np.unravel_index(int(np.argmax(score)), score.shape)
-        # Best at the edge of the search means better beyond it, unless the frame ends there: a block at the frame's edge stays at it.
-        beyond_x = (x == 0 and left > 0) or (x == score.shape[1] - 1 and right < width)
-        beyond_y = (y == 0 and top > 0) or (y == score.shape[0] - 1 and bottom < height)
-        if not MIN_BLOCK_ZNCC <= score[y, x] <= 1.001 or beyond_x or beyond_y:
-            continue
-        half = BLOCK // 2
-        u = left + x + half - cx + _vertex(score[y], int(x))
-        v = top + y + half - cy + _vertex(score[:, x], int(y))
-        # A block of even size is centred half a pixel before cx, cy; the field is smooth enough not to care.
-        found.append((cx, cy, u, v))
-    return np.array(found, dtype=np.float64).reshape(-1, 4)
+    left, right = max(cx + shift[0] - reach, 0), min(cx + shift[0] + reach + 1, width)
+    top, bottom = max(cy + shift[1] - reach, 0), min(cy + shift[1] + reach + 1, height)
+    if right - left < BLOCK + 2 or bottom - top < BLOCK + 2:
+        return None
+    around = np.ascontiguousarray(current[top:bottom, left:right])
+    score = cv2.matchTemplate(around, np.ascontiguousarray(block), cv2.TM_CCOEFF_NORMED)
+    y, x = (int(k) for k in np.unravel_index(int(np.argmax(score)), score.shape))
+    # Best at the edge of the search means better beyond it, unless the frame ends there: a block at the frame's edge stays at it.
+    beyond_x = (x == 0 and left > 0) or (x == score.shape[1] - 1 and right < width)
+    beyond_y = (y == 0 and top > 0) or (y == score.shape[0] - 1 and bottom < height)
+    if not MIN_BLOCK_ZNCC <= score[y, x] <= 1.001 or beyond_x or beyond_y:
+        return None
+    half = BLOCK // 2
+    # A block of even size is centred half a pixel before cx, cy; the field is smooth enough not to care.
+    return cx, cy, left + x + half - cx + _vertex(score[y], x), top + y + half - cy + _vertex(score[:, x], y)
 
 
 def _vertex(score: NDArray, at: int) -> float:

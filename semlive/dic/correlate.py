@@ -22,6 +22,7 @@ from semlive.kernels import cast
 from semlive.kernels.icgn import CHAINED, SEEDED, SKIP
 from semlive.kernels.planes import planes_through
 from semlive.kernels.spline import CUBIC, QUINTIC
+from semlive.kernels.threads import at_once
 
 FINAL = (PoiStatus.CONVERGED, PoiStatus.LOW_CONTRAST, PoiStatus.AMBIGUOUS, PoiStatus.MASKED)
 ORDER = {"cubic": CUBIC, "quintic": QUINTIC}  # of the spline
@@ -59,7 +60,13 @@ def correlate(
             "export all frames with the same size and databar"
         )
     current = cast.grey(image)
-    solutions = solve(reference, current, match(reference.coarse, current), settings)
+
+    def guessed() -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+        matches = match(reference.coarse, current)
+        return matches, smooth_field(matches, reference.grid) if len(matches) else None
+
+    (matches, guess), interpolator = at_once(guessed, lambda: cast.interpolator(current, ORDER[settings.interpolation]))
+    solutions = solve(reference, interpolator, matches, settings, guess)
     found = measured(reference, solutions, settings)
     return concluded(found, reference.grid, reference_frame=reference_frame, current_frame=current_frame)
 
@@ -114,7 +121,7 @@ def concluded(found: Measured, grid: Grid, *, reference_frame: int, current_fram
 
 def solve(
     reference: Reference,
-    current: NDArray[np.float32],
+    interpolator: NDArray[np.float32],
     matches: NDArray[np.float64],
     settings: DicSettings,
     guess: NDArray[np.float64] | None = None,
@@ -126,7 +133,7 @@ def solve(
 
     Args:
         reference: from `prepare`.
-        current: (height, width) current frame, float32 grey levels.
+        interpolator: of the current frame, from `cast.interpolator`.
         matches: from `coarse.match`.
         settings: tolerance, iterations, smallest ZNCC.
         guess: (ny, nx, 6) first guesses; None takes `coarse.smooth_field`.
@@ -135,7 +142,6 @@ def solve(
     status = solutions.status
     if not len(matches):
         return solutions
-    interpolator = cast.interpolator(current, order := ORDER[settings.interpolation])
 
     def attempt(where: NDArray[np.bool_], how: int, seeds: NDArray[np.float64]) -> None:
         cast.correlate(
@@ -148,7 +154,7 @@ def solve(
             tolerance_px=settings.tolerance_px,
             min_zncc=settings.min_zncc,
             max_travel_px=MAX_TRAVEL_PX,
-            order=order,
+            order=ORDER[settings.interpolation],
         )
 
     attempt(status == PoiStatus.NO_SEED, CHAINED, smooth_field(matches, grid) if guess is None else guess)

@@ -14,6 +14,7 @@ from semlive.data.settings import DicSettings
 from semlive.dic.coarse import CoarseReference, prepare_coarse
 from semlive.errors import BadInput
 from semlive.kernels import cast
+from semlive.kernels.threads import at_once
 from semlive.kernels.warp import AFFINE, QUADRATIC
 
 SOBEL_VARIANCE = 0.1875  # sum of squares of the Sobel stencil / 8
@@ -115,10 +116,14 @@ def prepare(
     usable = None if mask is None or mask.all() else usable_part(mask)
     f = cast.grey(image, None if usable is None else mask)
     used = 1.0 if usable is None else np.count_nonzero(usable) / usable.size
-    gradients = gradients_of(f, usable)
     part = middle(f.shape)
-    traits = traits_of(f[part], gradients[0][part], gradients[1][part], used)
-    return prepare_part(f, gradients, usable, grid, settings, traits, prepare_coarse(f, grid, settings.search_px))
+
+    def fine() -> tuple[tuple[NDArray[np.float32], NDArray[np.float32]], Traits]:
+        gradients = gradients_of(f, usable)
+        return gradients, traits_of(f[part], gradients[0][part], gradients[1][part], used)
+
+    coarse, (gradients, traits) = at_once(lambda: prepare_coarse(f, grid, settings.search_px), fine)
+    return prepare_part(f, gradients, usable, grid, settings, traits, coarse)
 
 
 @dataclass(frozen=True, slots=True)

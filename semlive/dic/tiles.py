@@ -18,7 +18,7 @@ from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
 from semlive.dic.coarse import CoarseReference, match, prepare_coarse, smooth_field
-from semlive.dic.correlate import MAX_PASSES, concluded, measured, solve
+from semlive.dic.correlate import MAX_PASSES, ORDER, concluded, measured, solve
 from semlive.dic.reference import Traits, gradients_of, middle, prepare_part, traits_of, usable_part
 from semlive.dic.verify import Measured
 from semlive.errors import BadInput
@@ -232,7 +232,8 @@ def _band(
         coarse = CoarseReference(1, none, none.astype(np.complex64), np.empty((0, 2), dtype=np.int64), ambiguous.copy())
         usable = pair.usable(slice(top, bottom))
         reference = prepare_part(f, gradients_of(f, usable), usable, here, settings, traits, coarse)
-        solutions = solve(reference, g, matches - np.array([0, top, 0, 0]), settings, seeds)
+        interpolator = cast.interpolator(g, ORDER[settings.interpolation])
+        solutions = solve(reference, interpolator, matches - np.array([0, top, 0, 0]), settings, seeds)
         if not _cramped(solutions, here, top > 0, bottom < height, bottom - top):
             break
         room *= 2

@@ -1,29 +1,19 @@
-"""The one door to the compiled kernels: checks dtype, shape and contiguity, lays arrays out, spreads rows over threads.
-
-Threads, not numba's own parallel loops: every kernel releases the interpreter lock, a result never depends on how rows were
-dealt out, nothing breaks in a forked process (GNU OpenMP aborts there), and compiling takes half as long.
-"""
+"""The one door to the compiled kernels: checks dtype, shape and contiguity, lays arrays out, spreads rows over threads."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numba.core import config
 from numpy.typing import DTypeLike, NDArray
 
 from semlive.kernels import icgn, spline, subsets, warp
 from semlive.kernels.interpolate import LANES
+from semlive.kernels.threads import spread
 
 MIN_EDGE_PX = 4
 ROWS_AT_ONCE = 4  # of POI that a thread takes; a constant
-
-
-def thread_count() -> int:
-    """Threads the kernels use: the processors this process may run on, or NUMBA_NUM_THREADS."""
-    return int(config.NUMBA_NUM_THREADS)  # pyright: ignore[reportAttributeAccessIssue]  (set at import, from the environment)
+LINES_AT_ONCE = 64  # of an image
 
 
 def checked(array: object, name: str, dtype: DTypeLike, shape: tuple[int | None, ...]) -> NDArray:
@@ -63,18 +53,6 @@ def grey(image: object, mask: NDArray[np.bool_] | None = None) -> NDArray[np.flo
     return np.where(mask, np.subtract(image, mean, dtype=np.float32), np.float32(0.0))
 
 
-def _spread(work: Callable[[int, int], object], count: int, chunk: int) -> None:
-    """Call work(first, last) over chunks of range(count) in threads."""
-    bounds = [(first, min(first + chunk, count)) for first in range(0, count, chunk)]
-    if thread_count() == 1 or len(bounds) == 1:
-        for first, last in bounds:
-            work(first, last)
-        return
-    with ThreadPoolExecutor(thread_count()) as pool:
-        for done in [pool.submit(work, first, last) for first, last in bounds]:
-            done.result()
-
-
 def coefficients(image: NDArray[np.float32], order: int = spline.CUBIC) -> NDArray[np.float32]:
     """B-spline coefficients of an image, (height, width), boundary mirrored about the outer samples.
 
@@ -95,8 +73,8 @@ def coefficients(image: NDArray[np.float32], order: int = spline.CUBIC) -> NDArr
 
 def _filter(c: NDArray[np.float32], order: int) -> None:
     for pole, gain in zip(spline.POLES[order], spline.GAINS[order], strict=True):
-        _spread(lambda first, last: spline.filter_rows(c, first, last, pole, gain), c.shape[0], 64)  # noqa: B023
-        _spread(lambda first, last: spline.filter_columns(c, first, last, pole, gain), c.shape[1], 256)  # noqa: B023
+        spread(lambda first, last: spline.filter_rows(c, first, last, pole, gain), c.shape[0], LINES_AT_ONCE)  # noqa: B023
+        spread(lambda first, last: spline.filter_columns(c, first, last, pole, gain), c.shape[1], 256)  # noqa: B023
 
 
 def interpolator(image: NDArray[np.float32], order: int = spline.CUBIC) -> NDArray[np.float32]:
@@ -130,7 +108,7 @@ def line_derivative(lines: NDArray[np.float32]) -> NDArray[np.float32]:
         raise ValueError(f"lines must have at least {MIN_EDGE_PX} samples, not {lines.shape[1]}")
     c = lines.copy()
     pole, gain = spline.POLES[spline.CUBIC][0], spline.GAINS[spline.CUBIC][0]
-    _spread(lambda first, last: spline.filter_rows(c, first, last, pole, gain), c.shape[0], 64)
+    spread(lambda first, last: spline.filter_rows(c, first, last, pole, gain), c.shape[0], LINES_AT_ONCE)
     return np.float32(0.5) * (c[:, 2:] - c[:, :-2])
 
 
@@ -196,7 +174,7 @@ def gradients(image: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[
     along_x = np.zeros_like(image)
     along_y = np.zeros_like(image)
     height, width = image.shape
-    _spread(lambda first, last: subsets.sobel_rows(image, along_x, along_y, first, last, width), height, 64)
+    spread(lambda first, last: subsets.sobel_rows(image, along_x, along_y, first, last, width), height, LINES_AT_ONCE)
     return along_x, along_y
 
 
@@ -255,12 +233,16 @@ def subset_sums(
     pitch = _pitch(width)
     planes = np.empty((height, 3, pitch), dtype=np.float32)
     weights = np.zeros((0 if valid is None else height, pitch), dtype=np.float32)
-    planes[:, :, width:] = 0.0
-    for k, (plane, gain) in enumerate(((image, 1.0), (gradient_x, gains[0]), (gradient_y, gains[1]))):
-        np.multiply(plane, np.float32(gain), out=planes[:, k, :width])
-    if valid is not None:
-        weights[:, :width] = valid
-        planes[:, :, :width] *= valid[:, None]
+
+    def lines(first: int, last: int) -> None:
+        planes[first:last, :, width:] = 0.0
+        for k, (plane, gain) in enumerate(((image, 1.0), (gradient_x, gains[0]), (gradient_y, gains[1]))):
+            np.multiply(plane[first:last], np.float32(gain), out=planes[first:last, k, :width])
+        if valid is not None:
+            weights[first:last, :width] = valid[first:last]
+            planes[first:last, :, :width] *= valid[first:last, None]
+
+    spread(lines, height, LINES_AT_ONCE)
     result = SubsetSums(
         width_px=width,
         planes=planes,
@@ -287,7 +269,7 @@ def subset_sums(
             r.gradient_sum, r.gradient_image_sum, r.lower, r.variance_u, r.variance_v, r.sssig,
         )  # fmt: skip
 
-    _spread(rows, ny, ROWS_AT_ONCE)
+    spread(rows, ny, ROWS_AT_ONCE)
     return result
 
 
@@ -369,4 +351,4 @@ def correlate(
                 s.status[j], s.iterations[j],
             )  # fmt: skip
 
-    _spread(rows, ny, 1)
+    spread(rows, ny, 1)

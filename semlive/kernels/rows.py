@@ -6,13 +6,12 @@ current image and the reference, and their products: all that a least-squares sh
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from semlive.kernels.cast import checked, thread_count
+from semlive.kernels.cast import checked
+from semlive.kernels.threads import spread
 
 MARGIN_PX = 3  # no row or column nearer to the frame's edge: gradients reach 3 px, taps of the spline 2
 # Meaning of the last axis of the sums.
@@ -162,12 +161,11 @@ def sum_rows(
 
     x0_px, y0_px, step_px = (float(value) for value in lattice_px)
 
-    def work(first: int) -> None:
+    def work(first: int, last: int) -> None:
         _sum_rows(
-            first, min(first + _CHUNK, height - MARGIN_PX), reference, gradient_x, gradient_y, coefficients, np.float32(gain),
+            first + MARGIN_PX, last + MARGIN_PX, reference, gradient_x, gradient_y, coefficients, np.float32(gain),
             usable, edges_px, nodes[0], nodes[1], affine[0], affine[1], x0_px, y0_px, step_px, shift_px[0], shift_px[1], sums,
         )  # fmt: skip
 
-    with ThreadPoolExecutor(thread_count()) as pool:
-        list(pool.map(work, range(MARGIN_PX, height - MARGIN_PX, _CHUNK)))
+    spread(work, height - 2 * MARGIN_PX, _CHUNK)
     return sums

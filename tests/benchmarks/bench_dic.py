@@ -35,7 +35,7 @@ from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
 from semlive.dic.coarse import match, smooth_field
 from semlive.dic.correlate import ORDER, solve
-from semlive.kernels import cast
+from semlive.kernels import cast, threads
 from semlive.kernels.icgn import CHAINED
 
 RUNS = 15
@@ -84,10 +84,10 @@ def say(what: str, value: float, unit: str, bar: str = "") -> None:
 def in_turns(jobs: dict[tuple[str, int], Callable[[], object]]) -> dict[tuple[str, int], Watch]:
     """Run jobs, named by what they do and their number of threads, in turns."""
     watches = {key: Watch([], []) for key in jobs}
-    usual = cast.thread_count()
+    usual = threads.thread_count()
     for _ in range(RUNS):
         for key, work in jobs.items():
-            config.NUMBA_NUM_THREADS = key[1]  # what NUMBA_NUM_THREADS sets, and all that `cast.thread_count` reads
+            config.NUMBA_NUM_THREADS = key[1]  # what NUMBA_NUM_THREADS sets, and all that `threads.thread_count` reads
             watches[key].run(work)
     config.NUMBA_NUM_THREADS = usual
     return watches
@@ -187,16 +187,16 @@ def speed(pairs: dict[int, tuple[NDArray[np.uint8], NDArray[np.uint8]]], grid: G
             prepared = dic.prepare(first, grid, SETTINGS)
             return dic.correlate(prepared, second, SETTINGS, reference_frame=0, current_frame=1)
 
-        for threads in (1, 2):
-            jobs[f"new reference, {noise} grey", threads] = new
-            jobs[f"kept reference, {noise} grey", threads] = kept
-            jobs[f"IC-GN alone, {noise} grey", threads] = kernel(reference, second, grid)
+        for count in (1, 2):
+            jobs[f"new reference, {noise} grey", count] = new
+            jobs[f"kept reference, {noise} grey", count] = kept
+            jobs[f"IC-GN alone, {noise} grey", count] = kernel(reference, second, grid)
     watches = in_turns(jobs)
     bars = {"new reference, 2 grey": ("0.15", "0.27"), "new reference, 5 grey": ("0.25", ""), "kept reference, 2 grey": ("0.12", "")}
-    for (what, threads), watch in watches.items():
-        wall, cpu = bars.get(what, ("", "")) if threads == 2 else ("", "")
+    for (what, count), watch in watches.items():
+        wall, cpu = bars.get(what, ("", "")) if count == 2 else ("", "")
         for unit, values, bar in (("s wall", watch.wall, wall), ("s CPU", watch.cpu, cpu)):
-            say(f"{what}, {threads} threads (median {np.median(values):.3f})", min(values), unit, bar and f"bar {bar}")
+            say(f"{what}, {count} threads (median {np.median(values):.3f})", min(values), unit, bar and f"bar {bar}")
 
 
 def accuracy(images: tuple[NDArray[np.float64], NDArray[np.float64]], grid: Grid) -> None:
@@ -208,7 +208,8 @@ def accuracy(images: tuple[NDArray[np.float64], NDArray[np.float64]], grid: Grid
         first, second = (expose(image, noise, seed) for seed, image in enumerate(images))
         reference = dic.prepare(first, grid, SETTINGS)
         current = cast.grey(second)
-        iterations = solve(reference, current, match(reference.coarse, current), SETTINGS).iterations.mean()
+        interpolator = cast.interpolator(current, ORDER[SETTINGS.interpolation])
+        iterations = solve(reference, interpolator, match(reference.coarse, current), SETTINGS).iterations.mean()
         m = dic.correlate(reference, second, SETTINGS, reference_frame=0, current_frame=1)
         ok = m.valid
         du, dv = (m.u_px - true_u)[ok], (m.v_px - true_v)[ok]

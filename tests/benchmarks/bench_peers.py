@@ -32,7 +32,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "dic"))
 from speckle import Affine, Speckle, expose
 
 from semlive import dic
-from semlive.kernels import cast
+from semlive.kernels import threads
 
 JOBS = Path(__file__).parent / "peers"
 WIDTH, HEIGHT, ROI = 1024, 884, (101, 101, 846, 696)
@@ -132,7 +132,7 @@ def main() -> None:
     pythons = {package: interpreter(options.environments, package) for package in PACKAGES}
     speckle = Speckle(WIDTH, HEIGHT)
     images = speckle.render(), speckle.render(MOTION)
-    sys.stdout.write(f"threads of semlive: {cast.thread_count()}\n")
+    sys.stdout.write(f"threads of semlive: {threads.thread_count()}\n")
     sys.stdout.write("| noise, grey | engine | wall s / 18k | CPU s / 18k | CPU ratio | bias u / v, px | sd u / v, px | points |\n")
     sys.stdout.write("|---|---|---|---|---|---|---|---|\n")
     for noise in options.noise:

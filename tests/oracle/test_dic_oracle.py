@@ -67,7 +67,7 @@ def solved_pair(noise):
     grid = dic.grid_for(SETTINGS, 140, 110)
     reference = dic.prepare(first, grid, SETTINGS)
     current = cast.grey(second)
-    solutions = solve(reference, current, match(reference.coarse, current), SETTINGS)
+    solutions = solve(reference, cast.interpolator(current), match(reference.coarse, current), SETTINGS)
     assert np.all(solutions.status == PoiStatus.CONVERGED)
     return first.astype(float), second.astype(float), grid, reference, solutions
 

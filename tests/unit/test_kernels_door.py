@@ -92,14 +92,3 @@ def test_correlate_checks_every_array(name, value):
     assert np.all(out.status == icgn.CONVERGED)
     with pytest.raises(ValueError, match=f"^{name} must"):
         cast.correlate(sums, **{**arguments, name: value}, solutions=solutions(), **numbers)
-
-
-def test_an_error_in_a_thread_is_not_lost(monkeypatch):
-    monkeypatch.setattr(cast, "thread_count", lambda: 3)
-
-    def work(first, last):
-        if first == 6:
-            raise ArithmeticError("row 6")
-
-    with pytest.raises(ArithmeticError, match="row 6"):
-        cast._spread(work, 20, 2)

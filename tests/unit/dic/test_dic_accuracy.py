@@ -94,7 +94,7 @@ def test_threads_do_not_change_the_result(lab, scene, measure, monkeypatch):
     first, second = lab.expose(scene(), 7.0, 1), lab.expose(scene(lab.Affine(u=20.3, v=1.7)), 7.0, 2)
     maps = []
     for threads in (1, 2, 5):
-        monkeypatch.setattr("semlive.kernels.cast.thread_count", lambda n=threads: n)
+        monkeypatch.setattr("semlive.kernels.threads.thread_count", lambda n=threads: n)
         maps.append(measure(first, second, DicSettings(step_px=6, roi_px=None)))
     for m in maps[1:]:
         for name in ("u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc", "status"):

@@ -9,7 +9,7 @@ import pytest
 
 from semlive import dic
 from semlive.data.settings import DicSettings
-from semlive.kernels import cast
+from semlive.kernels import threads
 
 SETTINGS = DicSettings(step_px=24, roi_px=(36, 36, 264, 224))
 
@@ -134,10 +134,10 @@ def test_a_processor_without_avx_gives_the_same_answer(lab, scene, tmp_path):
 def test_threads_do_not_change_the_result(lab, scene, measure, monkeypatch, options):
     first, second = lab.expose(scene(), 7.0, 1), lab.expose(scene(lab.Affine(u=2.3, v=1.7)), 7.0, 2)
     maps = []
-    for threads in (1, 2):
-        monkeypatch.setattr("semlive.kernels.cast.thread_count", lambda n=threads: n)
+    for count in (1, 2):
+        monkeypatch.setattr("semlive.kernels.threads.thread_count", lambda n=count: n)
         maps.append(measure(first, second, DicSettings(step_px=12, roi_px=None, **options)))
-    assert cast.thread_count() == 2
+    assert threads.thread_count() == 2
     for name in ("u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc", "status"):
         assert np.array_equal(getattr(maps[0], name), getattr(maps[1], name)), name
 

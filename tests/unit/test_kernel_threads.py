@@ -1,0 +1,76 @@
+"""Work over threads: never more than allowed, nothing lost, one chain's thread goes on with the other's work."""
+
+import threading
+import time
+
+import pytest
+
+from semlive.kernels import threads
+
+
+class Watched:
+    """Counts how many are at work at the same time, and who."""
+
+    def __init__(self):
+        self.lock = threading.Lock()
+        self.now = 0
+        self.most = 0
+        self.done = []
+        self.who = set()
+
+    def __call__(self, first, last):
+        with self.lock:
+            self.now += 1
+            self.most = max(self.most, self.now)
+        time.sleep(0.003)
+        with self.lock:
+            self.now -= 1
+            self.done.append((first, last))
+            self.who.add(threading.get_ident())
+
+
+@pytest.fixture(params=[1, 2, 3])
+def allowed(request, monkeypatch):
+    monkeypatch.setattr(threads, "thread_count", lambda: request.param)
+    return request.param
+
+
+def test_every_piece_is_done_once_by_as_many_as_are_allowed(allowed):
+    work = Watched()
+    threads.spread(work, 23, 2)
+    assert sorted(work.done) == [(k, min(k + 2, 23)) for k in range(0, 23, 2)]
+    assert work.most == allowed
+
+
+def test_two_chains_at_once_keep_to_what_is_allowed(allowed):
+    work = Watched()
+    threads.at_once(lambda: threads.spread(work, 20, 1), lambda: threads.spread(work, 20, 1))
+    assert len(work.done) == 40
+    assert work.most == allowed
+
+
+def test_a_thread_that_has_done_with_one_chain_goes_on_with_the_other(monkeypatch):
+    monkeypatch.setattr(threads, "thread_count", lambda: 2)
+    work = Watched()
+    assert threads.at_once(lambda: threads.spread(work, 30, 1), lambda: time.sleep(0.01) or "short") == (None, "short")
+    assert work.most == 2
+    assert len(work.who) == 2
+
+
+def test_nothing_to_do_is_done(allowed):
+    threads.spread(Watched(), 0, 4)
+
+
+def test_an_error_in_a_thread_is_not_lost(allowed):
+    def work(first, last):
+        if first == 6:
+            raise ArithmeticError("row 6")
+
+    with pytest.raises(ArithmeticError, match="row 6"):
+        threads.spread(work, 20, 2)
+    for one, other in ((lambda: 1, lambda: work(6, 8)), (lambda: work(6, 8), lambda: 1)):
+        with pytest.raises(ArithmeticError, match="row 6"):
+            threads.at_once(one, other)
+    fine = Watched()
+    threads.spread(fine, 20, 1)
+    assert fine.most == allowed  # those that failed have given their place back
