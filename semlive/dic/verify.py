@@ -38,6 +38,7 @@ EXCESS_PX = 30.0  # / subset: variance above the map's median, of an edge, which
 JUMP_PX = 0.75  # makes the subset's centre wrong by half as much; at 0.9, 82 of 10^6 points beside cracks were wrong at 20 grey
 SIGMAS = 3.0
 TORN_AROUND = 4  # of eight neighbours: a point among such is torn too
+REFUSED_AROUND = 4  # of eight: what is left between them bridges a crack, and others would be told by it
 AGREES_PX = 0.08  # and once the ordinary sigma
 BENDS_PX = 0.4  # at the subset's edge
 MAX_REACH = 4  # points on each side that a plane is fitted to, within half a subset
@@ -123,9 +124,10 @@ def refused(measured: Measured, grid: Grid) -> NDArray[np.uint8]:
     weak = fits & (m.sigma_px > max(WEAK_SIGMA * sigma, safe))
     verdict[weak] = PoiStatus.LOW_CONTRAST
     suspect = fits & ~trusted & ~weak
+    surrounded = _around(m.valid & ~fits & ~excusable) >= REFUSED_AROUND
     excusable &= m.sigma_px <= max(WEAK_SIGMA * sigma, safe)
     if suspect.any() or excusable.any():
-        believed = _confirmed(m, trusted, suspect, excusable, fits & (m.sigma_px <= max(SPREADING_SIGMA * sigma, safe)), grid)
+        believed = _confirmed(m, trusted, suspect & ~surrounded, excusable, fits & (m.sigma_px <= max(SPREADING_SIGMA * sigma, safe)), grid)
         verdict[suspect & ~believed] = PoiStatus.INCONSISTENT
         verdict[excusable & believed] = PoiStatus.CONVERGED
     return verdict
@@ -161,7 +163,12 @@ def _torn(m: Measured, among: NDArray[np.bool_], sound: NDArray[np.bool_], grid:
             least = np.where(there[-1] & there[1], np.minimum(least, step), least)
             jump = np.maximum(jump, np.where(np.isfinite(least), least, 0.0))
     torn = among & (jump > np.maximum(JUMP_PX, SIGMAS * 4.0 * m.sigma_px))
-    return torn | (among & (ndimage.convolve(torn.astype(np.uint8), np.ones((3, 3), np.uint8), mode="constant") >= TORN_AROUND))
+    return torn | (among & (_around(torn) >= TORN_AROUND))
+
+
+def _around(marked: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """How many of a point and its eight neighbours are marked."""
+    return np.asarray(ndimage.convolve(marked.astype(np.uint8), np.ones((3, 3), np.uint8), mode="constant"))
 
 
 def _shifted(values: NDArray, steps: int, axis: int) -> NDArray:
