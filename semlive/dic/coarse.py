@@ -114,6 +114,7 @@ def search(reference: CoarseReference, current: NDArray[np.float32], matches: ND
         matches: those found so far.
     """
     few = max(MIN_CONSENSUS, len(reference.centres) // 8)
+    matches = _grown(reference, current, matches)
     best = _led(reference, current, matches)
     if len(best) >= few:
         return best
@@ -129,6 +130,18 @@ def search(reference: CoarseReference, current: NDArray[np.float32], matches: ND
         if len(found) > len(best):
             best = found
     return best if len(best) else matches
+
+
+def _grown(reference: CoarseReference, current: NDArray[np.float32], matches: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Matches and those found around the motion of the match nearest to each block, until no more are."""
+    while 0 < len(matches) < len(reference.centres):
+        left = np.array([centre for centre in reference.centres if not (centre == matches[:, :2]).all(axis=1).any()])
+        _, nearest = KDTree(matches[:, :2]).query(left)
+        fresh = match_blocks(reference.image, left, current, np.round(matches[nearest, 2:]).astype(np.int64))
+        if not len(fresh):
+            break
+        matches = np.concatenate([matches, fresh])
+    return matches
 
 
 def _led(reference: CoarseReference, current: NDArray[np.float32], matches: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -220,15 +233,20 @@ def candidate_shifts(spectrum: NDArray[np.complex64], current: NDArray[np.float3
 
 
 def match_blocks(
-    image: NDArray[np.float32], centres: NDArray[np.int64], current: NDArray[np.float32], shift: tuple[int, int], search: int = SEARCH
+    image: NDArray[np.float32],
+    centres: NDArray[np.int64],
+    current: NDArray[np.float32],
+    shift: tuple[int, int] | NDArray[np.int64],
+    search: int = SEARCH,
 ) -> NDArray[np.float64]:
-    """(n, 4) x, y, u, v in binned pixels of the blocks of an image found within `search` of a shift."""
+    """(n, 4) x, y, u, v in binned pixels of the blocks of an image found within `search` of a shift, or of one of their own."""
+    shifts = np.broadcast_to(shift, centres.shape)
     found: list[tuple[float, float, float, float] | None] = [None] * len(centres)
 
     def match_some(first: int, last: int) -> None:
         for k in range(first, last):
-            x, y = (int(c) for c in centres[k])
-            found[k] = _match_block(_block(image, x, y), x, y, current, shift, search)
+            (x, y), (u, v) = centres[k].tolist(), shifts[k].tolist()
+            found[k] = _match_block(_block(image, x, y), x, y, current, (u, v), search)
 
     spread(match_some, len(centres), BLOCKS_AT_ONCE)
     return np.array([one for one in found if one], dtype=np.float64).reshape(-1, 4)

@@ -168,7 +168,7 @@ def _torn(m: Measured, among: NDArray[np.bool_], sound: NDArray[np.bool_], grid:
 
 def _around(marked: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """How many of a point and its eight neighbours are marked."""
-    return np.asarray(ndimage.convolve(marked.astype(np.uint8), np.ones((3, 3), np.uint8), mode="constant"))
+    return np.asarray(ndimage.convolve(marked.astype(np.uint8), np.ones((3, 3), np.uint8), mode="constant"), dtype=np.uint8)
 
 
 def _shifted(values: NDArray, steps: int, axis: int) -> NDArray:
