@@ -27,6 +27,8 @@ OUTLIER_PX = 4.0  # distortion leaves 2 px about the affine fit
 LOW_PASS = 0.15  # of the phase correlation, cycles per binned pixel: noise above, speckle below
 CANDIDATES = 3
 BLOCKS_AT_ONCE = 8  # that a thread takes
+FIELD_CELL_PX = 640  # of points whose first guesses are smoothed from the same matches
+FIELD_WIDTHS = 6.0  # away, a match weighs 1e-8: leaving it out makes the cost per point independent of the frame
 MIN_CONSENSUS = 6  # blocks that agree on an affine map of six unknowns
 TURNS = (-9.0, -6.0, -3.0, 3.0, 6.0, 9.0)  # degrees
 
@@ -301,17 +303,31 @@ def smooth_field(matches: NDArray[np.float64], grid: Grid) -> NDArray[np.float64
     motion = matches[:, 2:]
     affine, good = _robust_affine(x, y, motion)
     residual = motion[good] - _design(x[good], y[good]) @ affine
-    gx = np.exp(-0.5 * ((grid.x_px[:, None] - x[good]) / (0.7 * BLOCK_DISTANCE_PX)) ** 2)
-    gy = np.exp(-0.5 * ((grid.y_px[:, None] - y[good]) / (0.7 * BLOCK_DISTANCE_PX)) ** 2)
-    weight = _product(gy, gx) + 1e-3
     seeds = np.zeros((*grid.shape, 6))
     for axis in range(2):
-        smooth = _product(gy * residual[:, axis], gx) / weight
         c = affine[:, axis]
-        seeds[:, :, 3 * axis] = c[0] + c[1] * grid.x_px[None, :] + c[2] * grid.y_px[:, None] + smooth
+        seeds[:, :, 3 * axis] = c[0] + c[1] * grid.x_px[None, :] + c[2] * grid.y_px[:, None]
         seeds[:, :, 3 * axis + 1] = c[1]
         seeds[:, :, 3 * axis + 2] = c[2]
+    cell = max(1, FIELD_CELL_PX // grid.step_px)
+    for rows in (slice(first, first + cell) for first in range(0, grid.ny, cell)):
+        for columns in (slice(first, first + cell) for first in range(0, grid.nx, cell)):
+            smooth = _smoothed(x[good], y[good], residual, grid.x_px[columns], grid.y_px[rows])
+            seeds[rows, columns, ::3] += smooth
     return seeds
+
+
+def _smoothed(
+    x: NDArray[np.float64], y: NDArray[np.float64], values: NDArray[np.float64], x_px: NDArray[np.float64], y_px: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(ny, nx, 2) Gaussian-weighted means at the crossings of columns and rows of values (n, 2) at n places, of those near."""
+    width = 0.7 * BLOCK_DISTANCE_PX
+    reach = FIELD_WIDTHS * width
+    near = (x >= x_px[0] - reach) & (x <= x_px[-1] + reach) & (y >= y_px[0] - reach) & (y <= y_px[-1] + reach)
+    gx = np.exp(-0.5 * ((x_px[:, None] - x[near]) / width) ** 2)
+    gy = np.exp(-0.5 * ((y_px[:, None] - y[near]) / width) ** 2)
+    weight = _product(gy, gx) + 1e-3
+    return np.stack([_product(gy * values[near, axis], gx) / weight for axis in range(2)], axis=-1)
 
 
 def _product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
