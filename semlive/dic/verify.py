@@ -41,7 +41,7 @@ EXCESS_PX = 30.0  # / subset: variance above the map's median, of an edge, which
 JUMP_PX = 0.75  # makes the subset's centre wrong by half as much; at 0.9, 82 of 10^6 points beside cracks were wrong at 20 grey
 SIGMAS = 3.0
 TORN_AROUND = 4  # of eight neighbours: a point among such is torn too
-REFUSED_AROUND = 4  # of eight: what is left between them bridges a crack, and others would be told by it
+REFUSED_AROUND = 4  # of eight: what is left between them bridges a crack or a corner of a blank area; others would be told by it
 AGREES_PX = 0.08  # and once the ordinary sigma
 BENDS_PX = 0.4  # at the subset's edge
 MAX_REACH = 4  # points on each side that a plane is fitted to, within half a subset
@@ -137,9 +137,13 @@ def refused(measured: Measured, grid: Grid) -> NDArray[np.uint8]:
         believed = _confirmed(m, trusted, suspect & ~surrounded, excusable, fits & (m.sigma_px <= max(SPREADING_SIGMA * sigma, safe)), grid)
         verdict[suspect & ~believed] = PoiStatus.INCONSISTENT
         verdict[excusable & believed] = PoiStatus.CONVERGED
+    beyond = (verdict != PoiStatus.CONVERGED) | np.isin(m.status, EDGES)
+    around = _around(beyond)
     if ordinary > LOUD * (contrast - ordinary):
-        beyond = (verdict != PoiStatus.CONVERGED) | np.isin(m.status, EDGES)
-        verdict[m.valid & ~beyond & (_around(beyond) >= EDGE_AROUND)] = PoiStatus.INCONSISTENT
+        edge = around >= EDGE_AROUND
+    else:
+        edge = (around >= REFUSED_AROUND) & (m.sigma_px > SPREADING_SIGMA * sigma)
+    verdict[m.valid & ~beyond & edge] = PoiStatus.INCONSISTENT
     return verdict
 
 
