@@ -91,7 +91,8 @@ def run(images: list[NDArray[np.float64]], noise: float, draws: int, *, subset: 
             current = expose(images[k + 1], noise, 1000 * draw + k + 1, bits)
             m = dic.correlate(reference, current, chosen, reference_frame=0, current_frame=1)
             valid += int(m.valid.sum())
-            errors[0, k, draw], errors[1, k, draw] = (np.where(m.valid, error, np.nan).ravel() for error in (m.u_px - shift, m.v_px + shift))
+            for axis, error in enumerate((m.u_px - shift, m.v_px + shift)):
+                errors[axis, k, draw] = np.where(m.valid, error, np.nan).ravel()
             sigmas[:, k, draw] = m.sigma_u_px.ravel(), m.sigma_v_px.ravel()
     return Campaign(errors, sigmas, _floor(images[0], grid, noise), valid / errors[0].size)
 
