@@ -53,6 +53,12 @@ def grey(image: object, mask: NDArray[np.bool_] | None = None) -> NDArray[np.flo
     return np.where(mask, np.subtract(image, mean, dtype=np.float32), np.float32(0.0))
 
 
+def _checked_image(image: NDArray[np.float32]) -> None:
+    checked(image, "image", np.float32, (None, None))
+    if min(image.shape) < MIN_EDGE_PX:
+        raise ValueError(f"image must be at least {MIN_EDGE_PX} px each way, not {image.shape}")
+
+
 def coefficients(image: NDArray[np.float32], order: int = spline.CUBIC) -> NDArray[np.float32]:
     """B-spline coefficients of an image, (height, width), boundary mirrored about the outer samples.
 
@@ -63,31 +69,34 @@ def coefficients(image: NDArray[np.float32], order: int = spline.CUBIC) -> NDArr
     Raises:
         ValueError: not a C-contiguous float32 image of at least 4 x 4 px.
     """
-    checked(image, "image", np.float32, (None, None))
-    if min(image.shape) < MIN_EDGE_PX:
-        raise ValueError(f"image must be at least {MIN_EDGE_PX} px each way, not {image.shape}")
+    _checked_image(image)
     c = image.copy()
-    _filter(c, order)
+    _filter(c, order, 0, c.shape[1])
     return c
 
 
-def _filter(c: NDArray[np.float32], order: int) -> None:
+def _filter(c: NDArray[np.float32], order: int, left: int, right: int) -> None:
+    """Samples in columns left..right-1 to coefficients, in place."""
     for pole, gain in zip(spline.POLES[order], spline.GAINS[order], strict=True):
-        spread(lambda first, last: spline.filter_rows(c, first, last, pole, gain), c.shape[0], LINES_AT_ONCE)  # noqa: B023
-        spread(lambda first, last: spline.filter_columns(c, first, last, pole, gain), c.shape[1], 256)  # noqa: B023
+        spread(lambda first, last: spline.filter_rows(c, first, last, left, right, pole, gain), c.shape[0], LINES_AT_ONCE)  # noqa: B023
+        spread(lambda first, last: spline.filter_columns(c, left + first, left + last, pole, gain), right - left, 256)  # noqa: B023
 
 
 def interpolator(image: NDArray[np.float32], order: int = spline.CUBIC) -> NDArray[np.float32]:
     """Coefficients with the mirrored border and the row padding that `correlate` reads over.
 
     For a cubic spline (height + 4, width + 12), for a quintic one (height + 6, width + 14).
+
+    Raises:
+        ValueError: as `coefficients`.
     """
-    c = coefficients(image, order)
+    _checked_image(image)
     border = icgn.border_of(order)
-    height, width = c.shape
+    height, width = image.shape
     padded = np.zeros((height + 2 * border, width + 2 * border + LANES), dtype=np.float32)
-    padded[border : border + height, border : border + width] = c
     rows = padded[border : border + height]
+    rows[:, border : border + width] = image
+    _filter(rows, order, border, border + width)
     for k in range(1, border + 1):
         rows[:, border - k] = rows[:, border + k]
         rows[:, border + width - 1 + k] = rows[:, border + width - 1 - k]
@@ -108,7 +117,7 @@ def line_derivative(lines: NDArray[np.float32]) -> NDArray[np.float32]:
         raise ValueError(f"lines must have at least {MIN_EDGE_PX} samples, not {lines.shape[1]}")
     c = lines.copy()
     pole, gain = spline.POLES[spline.CUBIC][0], spline.GAINS[spline.CUBIC][0]
-    spread(lambda first, last: spline.filter_rows(c, first, last, pole, gain), c.shape[0], LINES_AT_ONCE)
+    spread(lambda first, last: spline.filter_rows(c, first, last, 0, c.shape[1], pole, gain), c.shape[0], LINES_AT_ONCE)
     return np.float32(0.5) * (c[:, 2:] - c[:, :-2])
 
 

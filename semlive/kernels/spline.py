@@ -47,10 +47,10 @@ def filter_line(line, z, gain):
 
 
 @njit(nogil=True, cache=True)
-def filter_rows(image, first, last, z, gain):
-    """Filter rows first..last-1 of an image along x, in place."""
+def filter_rows(image, first, last, left, right, z, gain):
+    """Filter rows first..last-1 of columns left..right-1 of an image along x, in place."""
     for y in range(first, last):
-        filter_line(image[y], z, gain)
+        filter_line(image[y, left:right], z, gain)
 
 
 @njit(nogil=True, cache=True)
