@@ -9,8 +9,11 @@ what is already said is never edited: a later pair gives a later revision.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from semlive import dic, mechanics
 from semlive.data.disparity import DisparityMap
@@ -21,11 +24,12 @@ from semlive.data.grid import Grid
 from semlive.data.pair import Pair, PairDecision
 from semlive.data.results import FrameResult, PairResult, RunResult
 from semlive.data.settings import AnalysisSettings
-from semlive.data.strain import ElasticConstants
+from semlive.data.strain import ElasticConstants, GageComparison, Measured, StrainSummary
 from semlive.errors import IllPosed
 from semlive.estimate.follow import chosen_anew
 from semlive.estimate.method import METHODS, Method
 from semlive.estimate.stage_path import stage_path_notes
+from semlive.mechanics.gage import mean_gage
 from semlive.mechanics.reference import at_rest
 
 
@@ -117,10 +121,10 @@ def update(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...])
     solution = begun.method.follow(begun.estimator, begun.solution)
     begun = replace(begun, solution=solution)
     frames = tuple(_corrected(begun, solution, frame) for frame in (2 * decision.pair, 2 * decision.pair + 1))
-    elastic = _elastic(begun, solution, _tension_frames(begun, solution))
+    elastic, gage = _elastic(begun, solution, _tension_frames(begun, solution))
     # The checks cost more than the update, so they keep to the schedule on which smoothness is chosen; the end is always checked.
     newest = _estimate(begun, solution, checked=chosen_anew(len(begun.pairs)))
-    return begun, PairResult(decision, maps, newest, (frames[0], frames[1]), elastic)
+    return begun, PairResult(decision, maps, newest, (frames[0], frames[1]), elastic, gage)
 
 
 def absorb(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> Begun:
@@ -136,7 +140,8 @@ def conclude(begun: Begun) -> RunResult:
     solution = begun.method.solve(begun.estimator)
     frames = tuple(_corrected(begun, solution, 2 * decision.pair + member) for decision in begun.pairs for member in (0, 1))
     newest = _estimate(begun, solution, checked=True)
-    return RunResult(begun.pairs, newest, frames, _elastic(begun, solution, frames), newest.notes)
+    elastic, gage = _elastic(begun, solution, frames)
+    return RunResult(begun.pairs, newest, frames, elastic, (*newest.notes, *mechanics.gage_notes(gage)), gage)
 
 
 def _estimate(begun: Begun, solution: Any, *, checked: bool) -> Estimate:
@@ -174,18 +179,35 @@ def _tension_frames(begun: Begun, solution: Any) -> tuple[FrameResult, ...]:
     return tuple(_corrected(begun, solution, 2 * pair + member) for pair in tension for member in (0, 1))
 
 
-def _elastic(begun: Begun, solution: Any, frames: tuple[FrameResult, ...]) -> ElasticConstants | None:
+def _elastic(begun: Begun, solution: Any, frames: tuple[FrameResult, ...]) -> tuple[ElasticConstants | None, GageComparison | None]:
     """From one point for each load step: the frames of a pair share their gradient, their difference says nothing of stiffness."""
-    specimen, summaries = begun.settings.specimen, {one.summary.frame: one.summary for one in frames}
-    points = [
-        (0.5 * (one.loads[0].mean_n + one.loads[1].mean_n), mechanics.pooled(summaries[2 * one.pair], summaries[2 * one.pair + 1]))
+    specimen, steps = begun.settings.specimen, _load_steps(begun, frames)
+    if specimen.area_mm2 is None or not steps:
+        return None, None
+    area_mm2, axis = specimen.area_mm2, specimen.loading_axis
+    covariance = begun.method.mean_strain_covariance(solution, [one.frame for *_, one in steps])
+    elastic, gage = None, None
+    with suppress(IllPosed):
+        elastic = mechanics.elastic_constants([(load_n, one) for _, load_n, _, one in steps], area_mm2, axis, covariance=covariance)
+    said = [(pair, load_n, by_gage, one) for pair, load_n, by_gage, one in steps if by_gage is not None]
+    if said:
+        at = np.array([step for step, (_, _, by_gage, _) in enumerate(steps) if by_gage is not None])
+        both = np.concatenate((at, at + len(steps)))
+        with suppress(IllPosed):
+            gage = mechanics.compare_with_gage(said, area_mm2, axis, specimen.gage_factor_sigma, covariance[np.ix_(both, both)])
+    return elastic, gage
+
+
+def _load_steps(begun: Begun, frames: tuple[FrameResult, ...]) -> list[tuple[int, float, Measured | None, StrainSummary]]:
+    """(pair, mean load in N, mean of the strain gage if there is one, mean strain) of every load step."""
+    summaries = {one.summary.frame: one.summary for one in frames}
+    return [
+        (
+            one.pair,
+            0.5 * (one.loads[0].mean_n + one.loads[1].mean_n),
+            mean_gage(*one.loads),
+            mechanics.pooled(summaries[2 * one.pair], summaries[2 * one.pair + 1]),
+        )
         for one in begun.pairs
         if one.step.phase is Phase.TENSION and one.loads is not None
     ]
-    if specimen.area_mm2 is None or not points:
-        return None
-    covariance = begun.method.mean_strain_covariance(solution, [one.frame for _, one in points])
-    try:
-        return mechanics.elastic_constants(points, specimen.area_mm2, specimen.loading_axis, covariance=covariance)
-    except IllPosed:
-        return None

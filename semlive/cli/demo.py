@@ -65,9 +65,9 @@ def daemon_config(bench: dict[str, Any], rate: float) -> dict[str, Any]:
     return {
         "run": {"name": "demo", "folder": "log", "clock_file": bench["clock_file"]},
         "sem": {**sem, **experiment["sem"]},
-        "load_frame": {"driver": "modbus", "poll_s": min(0.05, 1.0 / rate), "settings": link},
+        "load_frame": {"driver": "modbus", "poll_s": min(0.05, 1.0 / rate), "settings": {**link, **experiment.get("load_frame", {})}},
         "stage": {"driver": "modbus", "poll_s": min(0.1, 2.0 / rate), "settings": {**link, **_SHIFTED[bench["shifts_by"]]}},
-        **{key: section for key, section in experiment.items() if key not in ("sem", "protocol")},
+        **{key: section for key, section in experiment.items() if key not in ("sem", "protocol", "load_frame")},
         "protocol": protocol,
     }
 

@@ -94,6 +94,8 @@ def progress_line(snapshot: Snapshot) -> str:
     if elastic is not None and elastic.youngs_modulus_gpa is not None and elastic.poissons_ratio is not None:
         modulus, ratio = elastic.youngs_modulus_gpa, elastic.poissons_ratio
         parts.append(f"E {modulus.value:.1f} ± {modulus.sigma:.1f} GPa, nu {ratio.value:.3f} ± {ratio.sigma:.3f}")
+    if elastic is not None and elastic.gage is not None:
+        parts.append(f"DIC/gage {elastic.gage.dic_over_gage.value:.3f} ± {elastic.gage.dic_over_gage.sigma:.3f}")
     return "  ".join(parts)
 
 

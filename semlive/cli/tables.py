@@ -49,7 +49,12 @@ def _elastic_caption(result: RunResult) -> str:
     if result.elastic is None:
         return "no elastic constants: they need tensile steps at two loads and specimen.area_mm2"
     modulus, ratio = result.elastic.youngs_modulus_gpa, result.elastic.poissons_ratio
-    return f"E = {modulus.value:.2f} ± {modulus.sigma:.2f} GPa    Poisson's ratio = {ratio.value:.4f} ± {ratio.sigma:.4f}"
+    found = f"E = {modulus.value:.2f} ± {modulus.sigma:.2f} GPa    Poisson's ratio = {ratio.value:.4f} ± {ratio.sigma:.4f}"
+    if result.gage is None:
+        return found
+    by_gage, agreement = result.gage.youngs_modulus_gpa, result.gage.dic_over_gage
+    told = f"strain gage: E = {by_gage.value:.2f} ± {by_gage.sigma:.2f} GPa    DIC / gage = {agreement.value:.4f} ± {agreement.sigma:.4f}"
+    return f"{found}\n{told}"
 
 
 def _strain(summary: StrainSummary, component: str) -> str:

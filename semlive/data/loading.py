@@ -60,6 +60,7 @@ class LoadSample:
         target_n: the load that the device is going to or holding.
         simulator_lag_s: how far a simulator is behind its own clock; None for real devices.
         raw: the registers as read.
+        gage_strain: what a strain gage on the specimen says, tension positive; None without one, or while it says nothing.
     """
 
     sequence: int
@@ -71,6 +72,7 @@ class LoadSample:
     target_n: float
     simulator_lag_s: float | None = None
     raw: tuple[int, ...] = ()
+    gage_strain: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,16 +100,20 @@ class StageSample:
 
 @dataclass(frozen=True, slots=True)
 class FrameLoad:
-    """The load while one frame was scanned, in N.
+    """The load while one frame was scanned, in N, and what a strain gage said meanwhile.
 
     Attributes:
         before_n: at the start of the scan.
         after_n: at the end of the scan.
         mean_n: mean over the scan.
         sd_n: standard deviation over the scan.
+        gage_strain: mean of the strain gage over the scan; None without one.
+        gage_strain_sigma: standard uncertainty of that mean from the scatter of the readings, without the gage's own calibration.
     """
 
     before_n: float
     after_n: float
     mean_n: float
     sd_n: float
+    gage_strain: float | None = None
+    gage_strain_sigma: float | None = None

@@ -8,7 +8,7 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.displacement import Displacement
 from semlive.data.drift import Estimate
 from semlive.data.pair import PairDecision
-from semlive.data.strain import ElasticConstants, StrainField, StrainSummary
+from semlive.data.strain import ElasticConstants, GageComparison, StrainField, StrainSummary
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,6 +36,7 @@ class PairResult:
         estimate: everything the estimator knows after this pair.
         frames: the pair's two frames, corrected.
         elastic: elastic constants so far, or None.
+        gage: DIC beside the strain gage so far, or None.
     """
 
     decision: PairDecision
@@ -43,6 +44,7 @@ class PairResult:
     estimate: Estimate
     frames: tuple[FrameResult, FrameResult]
     elastic: ElasticConstants | None
+    gage: GageComparison | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +57,7 @@ class RunResult:
         frames: every accepted frame, frame 0 first.
         elastic: elastic constants, or None without loads or area.
         notes: sentences for the operator.
+        gage: DIC beside the strain gage, or None without one.
     """
 
     decisions: tuple[PairDecision, ...]
@@ -62,3 +65,4 @@ class RunResult:
     frames: tuple[FrameResult, ...]
     elastic: ElasticConstants | None
     notes: tuple[str, ...]
+    gage: GageComparison | None = None

@@ -16,8 +16,10 @@ class LoadSeries:
         time_ns: (n,) experiment time, UTC ns.
         force_n: (n,) force, tension positive.
         extension_mm: (n,) crosshead extension.
+        gage_strain: (n,) strain gage, NaN where it said nothing; None without one.
     """
 
     time_ns: NDArray[np.int64]
     force_n: NDArray[np.float64]
     extension_mm: NDArray[np.float64]
+    gage_strain: NDArray[np.float64] | None = None

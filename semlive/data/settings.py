@@ -115,17 +115,21 @@ class SpecimenSettings:
         name: free text.
         area_mm2: cross-section, or None if unknown (no elastic constants then).
         loading_axis: ``x`` or ``y``, the image axis that is pulled.
+        gage_factor_sigma: relative standard uncertainty of a strain gage's factor; data sheets give 0.5 to 1 %.
     """
 
     name: str = ""
     area_mm2: float | None = None
     loading_axis: str = "y"
+    gage_factor_sigma: float = 0.005
 
     def __post_init__(self) -> None:
         if self.loading_axis not in ("x", "y"):
             raise ValueError(f"loading_axis must be x or y, not {self.loading_axis}")
         if self.area_mm2 is not None and not self.area_mm2 > 0:
             raise ValueError(f"area_mm2 must be > 0, not {self.area_mm2}")
+        if not 0.0 <= self.gage_factor_sigma < 1.0:
+            raise ValueError(f"gage_factor_sigma must be at least 0 and below 1, not {self.gage_factor_sigma}")
 
 
 @dataclass(frozen=True, slots=True)

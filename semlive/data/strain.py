@@ -82,3 +82,41 @@ class ElasticConstants:
 
     youngs_modulus_gpa: Measured
     poissons_ratio: Measured
+
+
+@dataclass(frozen=True, slots=True)
+class GageStep:
+    """One load step by the strain gage and by DIC, along the load.
+
+    Attributes:
+        pair: number of the pair.
+        load_n: mean load over both frames.
+        gage_strain: by the gage, from its own zero.
+        gage_sigma: standard uncertainty from the scatter of its readings.
+        dic_strain: by DIC, from frame 0.
+        dic_sigma: standard uncertainty.
+    """
+
+    pair: int
+    load_n: float
+    gage_strain: float
+    gage_sigma: float
+    dic_strain: float
+    dic_sigma: float
+
+
+@dataclass(frozen=True, slots=True)
+class GageComparison:
+    """DIC beside a strain gage on the same specimen; all are slopes, so neither's zero matters.
+
+    Attributes:
+        steps: the load steps of which both say something.
+        youngs_modulus_gpa: slope of stress over the gage's strain.
+        poissons_ratio: minus the slope of DIC's transverse strain over the gage's.
+        dic_over_gage: slope of DIC's axial strain over the gage's; 1 where both are right.
+    """
+
+    steps: tuple[GageStep, ...]
+    youngs_modulus_gpa: Measured
+    poissons_ratio: Measured
+    dic_over_gage: Measured

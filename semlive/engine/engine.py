@@ -143,7 +143,7 @@ def _load_reading(turn: Turn, sample: LoadSample) -> None:
     turn.update(
         load=sample,
         stale=state.stale - {Device.LOAD_FRAME},
-        history=state.history.with_sample(sample.time_ns, sample.force_n),
+        history=state.history.with_sample(sample.time_ns, sample.force_n, sample.gage_strain),
     )
     problem = sample_problem(state.limits, sample)
     if problem is not None and turn.allows(Cause.LIMIT):

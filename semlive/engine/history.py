@@ -11,12 +11,12 @@ from semlive.data.loading import FrameLoad
 _CHUNK = 256
 _MAX_CHUNKS = 512
 
-Point = tuple[int, float]
+Point = tuple[int, float, float | None]
 
 
 @dataclass(frozen=True, slots=True)
 class LoadHistory:
-    """Samples (time_ns, force_n) in order, the oldest dropped.
+    """Samples (time_ns, force_n, gage_strain) in order, the oldest dropped.
 
     Kept in chunks, so that adding one copies at most 256 of them: a run that polls at 50 Hz keeps 90,000.
 
@@ -30,11 +30,11 @@ class LoadHistory:
     chunks: tuple[tuple[Point, ...], ...] = ()
     tail: tuple[Point, ...] = ()
 
-    def with_sample(self, time_ns: int, force_n: float) -> LoadHistory:
+    def with_sample(self, time_ns: int, force_n: float, gage_strain: float | None = None) -> LoadHistory:
         """With one sample more; one that is not later than the last is left out."""
         if self.tail and time_ns <= self.tail[-1][0]:
             return self
-        tail = (*self.tail, (time_ns, force_n))
+        tail = (*self.tail, (time_ns, force_n, gage_strain))
         if len(tail) <= _CHUNK:
             return replace(self, tail=tail)
         chunks = (*self.chunks, tail[:-1])
@@ -55,11 +55,19 @@ class LoadHistory:
 
 
 def frame_load(history: LoadHistory, start_time_ns: int, end_time_ns: int) -> FrameLoad | None:
-    """The load while a frame was scanned, or None if the samples do not reach back to its start."""
+    """The load while a frame was scanned, and the strain gage's mean; None if the samples do not reach back to its start."""
     points = history.during(start_time_ns, end_time_ns)
     if not points or points[0][0] > start_time_ns:
         return None
-    forces = [force for _, force in points]
-    mean = math.fsum(forces) / len(forces)
-    sd = math.sqrt(math.fsum((f - mean) ** 2 for f in forces) / len(forces))
-    return FrameLoad(before_n=forces[0], after_n=forces[-1], mean_n=mean, sd_n=sd)
+    forces = [force for _, force, _ in points]
+    mean, sd = _mean_sd(forces)
+    gage = [strain for _, _, strain in points if strain is not None]
+    if not gage:
+        return FrameLoad(before_n=forces[0], after_n=forces[-1], mean_n=mean, sd_n=sd)
+    strain, scatter = _mean_sd(gage)
+    return FrameLoad(forces[0], forces[-1], mean, sd, gage_strain=strain, gage_strain_sigma=scatter / math.sqrt(len(gage)))
+
+
+def _mean_sd(values: list[float]) -> tuple[float, float]:
+    mean = math.fsum(values) / len(values)
+    return mean, math.sqrt(math.fsum((one - mean) ** 2 for one in values) / len(values))

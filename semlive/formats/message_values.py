@@ -13,7 +13,7 @@ from semlive.data.frame import FrameInfo
 from semlive.data.loading import FrameLoad, LoadSample, StageSample
 from semlive.data.pair import PairDecision
 from semlive.data.scan import ScanTiming
-from semlive.data.strain import ElasticConstants, StrainSummary
+from semlive.data.strain import ElasticConstants, GageComparison, StrainSummary
 from semlive.formats.messages import (
     ClockMessage,
     DistortionMessage,
@@ -53,6 +53,7 @@ def load_sample_message(sample: LoadSample) -> LoadSampleMessage:
         target_n=sample.target_n,
         simulator_lag_s=sample.simulator_lag_s,
         raw=sample.raw,
+        gage_strain=sample.gage_strain,
     )
 
 
@@ -101,6 +102,7 @@ def scan_message(info: FrameInfo, frame: int | None = None, load: FrameLoad | No
         load_after_n=None if load is None else load.after_n,
         load_mean_n=None if load is None else load.mean_n,
         load_sd_n=None if load is None else load.sd_n,
+        gage_strain_mean=None if load is None else load.gage_strain,
     )
 
 
@@ -219,11 +221,10 @@ def strain_summary(message: StrainMessage) -> StrainSummary:
     return StrainSummary(message.frame, message.mean, message.mean_sigma, message.sd, message.vsg_px)
 
 
-def elastic_message(elastic: ElasticConstants | None, revision: int) -> ElasticMessage:
+def elastic_message(elastic: ElasticConstants | None, revision: int, gage: GageComparison | None = None) -> ElasticMessage:
     """Elastic constants so far."""
-    if elastic is None:
-        return ElasticMessage(revision=revision, youngs_modulus_gpa=None, poissons_ratio=None)
-    return ElasticMessage(revision=revision, youngs_modulus_gpa=elastic.youngs_modulus_gpa, poissons_ratio=elastic.poissons_ratio)
+    modulus, ratio = (None, None) if elastic is None else (elastic.youngs_modulus_gpa, elastic.poissons_ratio)
+    return ElasticMessage(revision=revision, youngs_modulus_gpa=modulus, poissons_ratio=ratio, gage=gage)
 
 
 def elastic_constants(message: ElasticMessage) -> ElasticConstants | None:

@@ -18,7 +18,7 @@ from semlive.data.frame import FrameInfo
 from semlive.data.grid import Grid
 from semlive.data.loading import FrameLoad, MotionState
 from semlive.data.scan import Sourced
-from semlive.data.strain import Measured, Tensor2
+from semlive.data.strain import GageComparison, Measured, Tensor2
 from semlive.errors import BadLog
 
 Values = tuple[float, ...]
@@ -98,6 +98,7 @@ class LoadSampleMessage(Message):
     target_n: float
     simulator_lag_s: float | None
     raw: tuple[int, ...]
+    gage_strain: float | None = None
 
 
 class StageSampleMessage(Message):
@@ -161,6 +162,7 @@ class ScanMessage(Message):
     load_after_n: float | None
     load_mean_n: float | None
     load_sd_n: float | None
+    gage_strain_mean: float | None = None
 
 
 class PairMessage(Message):
@@ -231,11 +233,12 @@ class StrainMessage(Message):
 
 
 class ElasticMessage(Message):
-    """`/elastic`: elastic constants so far, None while the loads do not determine them."""
+    """`/elastic`: elastic constants so far, None while the loads do not determine them, and their comparison with a strain gage."""
 
     revision: int
     youngs_modulus_gpa: Measured | None
     poissons_ratio: Measured | None
+    gage: GageComparison | None = None
 
 
 class ResultMessage(RootModel[dict[str, JsonValue]]):

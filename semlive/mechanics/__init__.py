@@ -2,6 +2,7 @@
 
 from semlive.mechanics.displacement import displacement
 from semlive.mechanics.elastic import elastic_constants
+from semlive.mechanics.gage import compare_with_gage, gage_notes
 from semlive.mechanics.local_fit import butterworth, noise_curve, strain_as
 from semlive.mechanics.strain import strain
 from semlive.mechanics.summary import mean_gradient, pooled, summary
@@ -9,9 +10,11 @@ from semlive.mechanics.translation import false_strain
 
 __all__ = [
     "butterworth",
+    "compare_with_gage",
     "displacement",
     "elastic_constants",
     "false_strain",
+    "gage_notes",
     "mean_gradient",
     "noise_curve",
     "pooled",

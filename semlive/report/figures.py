@@ -13,6 +13,7 @@ from semlive.data.experiment import Phase
 from semlive.data.pair import PairDecision
 from semlive.data.results import FrameResult, RunResult
 from semlive.data.series import LoadSeries
+from semlive.data.strain import GageComparison
 
 _X_COLOUR, _Y_COLOUR = "#2563eb", "#d97706"
 _GRID = {"color": "#94a3b8", "alpha": 0.25, "linewidth": 0.6}
@@ -92,6 +93,26 @@ def stress_strain(result: RunResult, area_mm2: float, loading_axis: str) -> Figu
         f"E = {modulus.value:.2f} ± {modulus.sigma:.2f} GPa, Poisson's ratio = {ratio.value:.4f} ± {ratio.sigma:.4f}", fontsize=10
     )
     axes.legend(frameon=False)
+    return figure
+
+
+def gage_comparison(gage: GageComparison) -> Figure:
+    """DIC's axial strain over the gage's at every load step, and what is left of it beside the fitted line (Fig. 14)."""
+    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    by_gage, by_dic, sigma = (np.array([getattr(one, name) for one in gage.steps]) for name in ("gage_strain", "dic_strain", "dic_sigma"))
+    slope = gage.dic_over_gage.value
+    weight = sigma**-2.0
+    line = np.average(by_dic, weights=weight) + slope * (by_gage - np.average(by_gage, weights=weight))
+    left.plot(by_gage * 1e3, by_dic * 1e3, "o", color=_Y_COLOUR)
+    left.plot(by_gage * 1e3, line * 1e3, color=_Y_COLOUR, linewidth=0.9)
+    left.set(xlabel="strain gage (1e-3)", ylabel="DIC, axial mean (1e-3)")
+    left.set_title(f"slope = {slope:.4f} ± {gage.dic_over_gage.sigma:.4f}", fontsize=10)
+    right.errorbar(by_gage * 1e3, (by_dic - line) * 1e6, sigma * 1e6, fmt="o", color=_Y_COLOUR, linewidth=0.9)
+    right.axhline(0.0, color="#0f172a", linewidth=0.6)
+    right.set(xlabel="strain gage (1e-3)", ylabel="DIC less the line (1e-6)")
+    for axes in (left, right):
+        axes.grid(**_GRID)
     return figure
 
 

@@ -47,6 +47,7 @@ def report_html(name: str, result: RunResult, series: LoadSeries | None, setting
         ("Distortion", figures.distortion_fields(result)),
         ("Strain", figures.strain_maps(last, f"frame {last.summary.frame}, virtual strain gauge {last.summary.vsg_px:.0f} px")),
         ("Stress and strain", curve) if curve is not None else None,
+        ("Strain gage", figures.gage_comparison(result.gage)) if result.gage is not None else None,
     ]
     body = [f"<h1>{html.escape(name)}</h1>", f'<p class="soft">{html.escape(settings.specimen.name)}</p>', _key_figures(result)]
     body += [f"<h2>{title}</h2>\n{_image(figure, title)}" for title, figure in filter(None, sections)]
@@ -68,6 +69,10 @@ def _key_figures(result: RunResult) -> str:
         modulus, ratio = result.elastic.youngs_modulus_gpa, result.elastic.poissons_ratio
         boxes.append(("Young's modulus", f"{modulus.value:.2f} ± {modulus.sigma:.2f} GPa"))
         boxes.append(("Poisson's ratio", f"{ratio.value:.4f} ± {ratio.sigma:.4f}"))
+    if result.gage is not None:
+        modulus, agreement = result.gage.youngs_modulus_gpa, result.gage.dic_over_gage
+        boxes.append(("Young's modulus by the strain gage", f"{modulus.value:.2f} ± {modulus.sigma:.2f} GPa"))
+        boxes.append(("strain, DIC over gage", f"{agreement.value:.4f} ± {agreement.sigma:.4f}"))
     boxes.append(("pairs", str(len(result.decisions))))
     boxes.append(("noise floor", f"{result.estimate.noise_floor_px:.4f} px"))
     return '<div class="key">' + "".join(f"<div>{html.escape(label)}<b>{value}</b></div>" for label, value in boxes) + "</div>"

@@ -82,6 +82,12 @@ def score(result: RunResult, truth: Mapping[str, Any]) -> tuple[Score, ...]:
         modulus, ratio = result.elastic.youngs_modulus_gpa, result.elastic.poissons_ratio
         scores.append(Score("Young's modulus", true.youngs_modulus_gpa, modulus.value, modulus.sigma, "GPa"))
         scores.append(Score("Poisson's ratio", true.poissons_ratio, ratio.value, ratio.sigma, ""))
+    if result.gage is not None:
+        gage = result.gage
+        modulus, ratio, agreement = gage.youngs_modulus_gpa, gage.poissons_ratio, gage.dic_over_gage
+        scores.append(Score("Young's modulus, strain gage", true.youngs_modulus_gpa, modulus.value, modulus.sigma, "GPa"))
+        scores.append(Score("Poisson's ratio, strain gage", true.poissons_ratio, ratio.value, ratio.sigma, ""))
+        scores.append(Score("axial strain, DIC over gage", 1.0, agreement.value, agreement.sigma, ""))
     return tuple(scores)
 
 

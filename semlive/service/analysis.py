@@ -165,7 +165,7 @@ def _pair_messages(result: PairResult, wall_s: float) -> Iterator[LogMessage]:
         yield LogMessage(DISPLACEMENT_FIELD, end_ns, end_ns, number, encode_displacement(frame.displacement))
         yield LogMessage(STRAIN_FIELD, end_ns, end_ns, number, encode_strain(frame.strain))
         yield _message(values.strain_message(frame.summary, revision), end_ns)
-    yield _message(values.elastic_message(result.elastic, revision), end_ns)
+    yield _message(values.elastic_message(result.elastic, revision, result.gage), end_ns)
 
 
 def _message(payload: Payload, time_ns: int) -> LogMessage:

@@ -107,7 +107,10 @@ def load_series(log: Path) -> LoadSeries | None:
     if not samples:
         return None
     time_ns = np.array([sample.time_ns for sample in samples], dtype=np.int64)
-    return LoadSeries(time_ns, np.array([sample.force_n for sample in samples]), np.array([sample.extension_mm for sample in samples]))
+    force_n, extension_mm = (np.array([getattr(sample, name) for sample in samples]) for name in ("force_n", "extension_mm"))
+    said = [sample.gage_strain for sample in samples]
+    gage = None if all(one is None for one in said) else np.array([np.nan if one is None else one for one in said])
+    return LoadSeries(time_ns, force_n, extension_mm, gage)
 
 
 def _settings(payload: bytes) -> AnalysisSettings:

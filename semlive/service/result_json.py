@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from semlive.data.results import FrameResult, RunResult
 from semlive.data.settings import AnalysisSettings
-from semlive.data.strain import Measured, Tensor2
+from semlive.data.strain import GageComparison, Measured, Tensor2
 
 
 def result_json(result: RunResult, settings: AnalysisSettings) -> dict[str, Any]:
@@ -33,6 +34,7 @@ def result_json(result: RunResult, settings: AnalysisSettings) -> dict[str, Any]
             "youngs_modulus_gpa": _measured(elastic.youngs_modulus_gpa),
             "poissons_ratio": _measured(elastic.poissons_ratio),
         },
+        "strain_gage": _gage(result.gage),
         "warnings": list(result.notes),
     }
 
@@ -48,6 +50,7 @@ def _frame(result: RunResult, frame: FrameResult) -> dict[str, Any]:
         "pair": decision.pair,
         "phase": decision.step.phase.value,
         "load_n": decision.loads[number % 2].mean_n if decision.loads else None,
+        "gage_strain": decision.loads[number % 2].gage_strain if decision.loads else None,
         "shift_px": [float(v) for v in motion.shift_px],
         "shift_sigma_px": [float(v) for v in motion.shift_sigma_px],
         "strain_mean": _tensor(frame.summary.mean),
@@ -55,6 +58,16 @@ def _frame(result: RunResult, frame: FrameResult) -> dict[str, Any]:
         "strain_sd": _tensor(frame.summary.sd),
         "drift_start_px": [float(v) for v in drift.drift_px[rows[0]]],
         "drift_end_px": [float(v) for v in drift.drift_px[rows[-1]]],
+    }
+
+
+def _gage(gage: GageComparison | None) -> dict[str, Any] | None:
+    """DIC beside the strain gage, null without one."""
+    return gage and {
+        "youngs_modulus_gpa": _measured(gage.youngs_modulus_gpa),
+        "poissons_ratio": _measured(gage.poissons_ratio),
+        "dic_over_gage": _measured(gage.dic_over_gage),
+        "steps": [asdict(one) for one in gage.steps],
     }
 
 

@@ -44,12 +44,14 @@ def sourced(value: st.SearchStrategy) -> st.SearchStrategy[Sourced]:
 TIMINGS = st.builds(ScanTiming, sourced(POSITIVE), sourced(POSITIVE), sourced(POSITIVE), sourced(st.integers(1, 64)))
 SIZE = st.integers(1, 20_000)
 INFOS = st.builds(FrameInfo, COUNT, TEXT, TEXT, SIZE, SIZE, COUNT, TIMINGS, sourced(TIME_NS), FLOAT, sourced(POSITIVE))
-LOADS = st.builds(FrameLoad, FLOAT, FLOAT, FLOAT, FLOAT)
+LOADS = st.builds(FrameLoad, FLOAT, FLOAT, FLOAT, FLOAT, st.none() | FLOAT, st.none() | FLOAT)
 STEPS = st.builds(Step, COUNT, st.sampled_from(Phase), POINT, POINT, st.none() | FLOAT)
 PAIRS = st.builds(PairDecision, COUNT, STEPS, INFOS, INFOS, st.none() | st.tuples(LOADS, LOADS))
 TENSORS = st.builds(Tensor2, FLOAT, FLOAT, FLOAT)
 REGISTERS = st.lists(st.integers(0, 65535), max_size=16).map(tuple)
-SAMPLES = st.builds(LoadSample, COUNT, TIME_NS, TIME_NS, FLOAT, FLOAT, st.sampled_from(MotionState), FLOAT, st.none() | FLOAT, REGISTERS)
+SAMPLES = st.builds(
+    LoadSample, COUNT, TIME_NS, TIME_NS, FLOAT, FLOAT, st.sampled_from(MotionState), FLOAT, st.none() | FLOAT, REGISTERS, st.none() | FLOAT
+)
 STAGES = st.builds(StageSample, COUNT, TIME_NS, TIME_NS, FLOAT, FLOAT, st.sampled_from(MotionState), REGISTERS)
 MEASURED = st.builds(Measured, FLOAT, FLOAT)
 GRIDS = st.builds(Grid, COUNT, COUNT, SIZE, st.integers(1, 6), st.integers(1, 6), SIZE)

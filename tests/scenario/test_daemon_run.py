@@ -67,6 +67,20 @@ def test_live_and_replayed_results_agree(finished: Any) -> None:
     assert abs(modulus["value"] - 71.1) < 4.0 * modulus["sigma"]
 
 
+def test_the_strain_gage_goes_from_its_register_to_the_comparison_with_dic(finished: Any) -> None:
+    samples, pairs = logged(finished.log, "/load_frame/sample"), logged(finished.log, "/pair")
+    assert all(one["gage_strain"] is not None for one in samples)
+    (live,) = logged(finished.log, "/result")
+    compared = live["strain_gage"]
+    assert [one["pair"] for one in compared["steps"]] == [3, 4]
+    # The scenario's gage says 1.005 times the strain.
+    modulus, ratio = compared["youngs_modulus_gpa"], compared["dic_over_gage"]
+    assert modulus["value"] == pytest.approx(71.1 / 1.005, rel=1e-3)
+    assert abs(ratio["value"] - 1.0 / 1.005) < 4.0 * ratio["sigma"]
+    for pair, frame in ((pair, frame) for pair in pairs for frame in live["frames"] if frame["pair"] == pair["pair"]):
+        assert frame["gage_strain"] == pair["loads"][frame["frame"] % 2]["gage_strain"]
+
+
 def analysed_again(log: Path) -> list[LogMessage]:
     """What the analysis process makes of a log when it has to catch up from it."""
     count = sum(message.topic in INPUT_TOPICS for message in messages(log))

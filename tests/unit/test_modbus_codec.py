@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from semlive.errors import BadConfig, LinkError
-from semlive_drivers.modbus.codec import Block, block_of, decode, decode_int, encode, encode_block
+from semlive_drivers.modbus.codec import Block, block_of, decode, decode_int, decode_or_none, encode, encode_block
 from semlive_drivers.modbus.registers import DType, Kind, Point, StageMap, Words, overridden
 
 
@@ -34,6 +34,12 @@ def test_known_registers_are_known_values_both_ways(point: Point, registers: tup
 def test_what_is_no_finite_number_is_no_reading(registers: tuple[int, int]) -> None:
     with pytest.raises(LinkError, match=r"register 4 holds .*, which is no reading"):
         decode(Point(Kind.INPUT, 4, DType.F32), registers)
+
+
+def test_a_gage_with_a_broken_wire_says_nothing_and_does_not_end_the_link() -> None:
+    point = Point(Kind.INPUT, 301, DType.F32, scale=1e-6)
+    assert decode_or_none(point, (0x7FC0, 0)) is None
+    assert decode_or_none(point, (0x42C6, 0x8000)) == pytest.approx(99.25e-6)
 
 
 @pytest.mark.parametrize(

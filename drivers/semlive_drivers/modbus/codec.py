@@ -65,6 +65,14 @@ def decode(point: Point, registers: Sequence[int]) -> float:
     return value
 
 
+def decode_or_none(point: Point, registers: Sequence[int]) -> float | None:
+    """The value of a point that may have none: a broken wire or an amplifier that is off reads as no number."""
+    try:
+        return decode(point, registers)
+    except LinkError:
+        return None
+
+
 def decode_int(point: Point, registers: Sequence[int]) -> int:
     """The value of a point that counts or names, without scale."""
     return round(decode(point, registers) / point.scale)

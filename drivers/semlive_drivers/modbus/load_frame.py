@@ -9,7 +9,7 @@ from semlive.data.loading import DeviceIdentity, LoadSample, StopOnLinkLoss
 from semlive.errors import LinkError, SemliveError
 from semlive.ports import ClockSource
 from semlive_drivers.modbus.client import ModbusLink
-from semlive_drivers.modbus.codec import block_of, decode, decode_int, encode, encode_block
+from semlive_drivers.modbus.codec import block_of, decode, decode_int, decode_or_none, encode, encode_block
 from semlive_drivers.modbus.device import FrozenCheck, Greeting, greet, motion_state
 from semlive_drivers.modbus.registers import LoadFrameMap, overridden
 from semlive_drivers.modbus.settings import LoadFrameSettings, checked
@@ -25,6 +25,7 @@ class ModbusLoadFrame:
         self._link, self._map, self._settings, self._clock = link, registers, settings, clock
         self._status = block_of((r.motion, r.force, r.extension, r.target_in_force, r.counter, r.lag, r.force_limit))
         self._order = block_of((r.target, r.rate, r.command, r.nonce))
+        self._gage = block_of((r.strain_gage,)) if settings.strain_gage else None
         self._frozen = FrozenCheck(link, settings.frozen_after_s)
         self._sequence = 0
         self._nonce = clock.mono_ns() // 1_000_000 % 65_536
@@ -59,6 +60,7 @@ class ModbusLoadFrame:
         self._beat = (self._beat + 1) % 65_536
         self._link.write(r.heartbeat.address, encode(r.heartbeat, self._beat))
         raw = self._link.read(s)
+        gage_raw = () if self._gage is None else self._link.read(self._gage)
         mono_ns = self._clock.mono_ns()
         self._frozen.check(decode_int(r.counter, raw[s.slice(r.counter)]), mono_ns)
         sample = LoadSample(
@@ -70,7 +72,8 @@ class ModbusLoadFrame:
             motion=motion_state(self._link, decode_int(r.motion, raw[s.slice(r.motion)])),
             target_n=decode(r.target_in_force, raw[s.slice(r.target_in_force)]),
             simulator_lag_s=decode(r.lag, raw[s.slice(r.lag)]) if self._simulated else None,
-            raw=raw,
+            raw=(*raw, *gage_raw),
+            gage_strain=decode_or_none(r.strain_gage, gage_raw) if gage_raw else None,
         )
         self._sequence += 1
         return sample

@@ -69,7 +69,10 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class LoadFrameMap:
-    """Where a load frame keeps what; the points down to `force_limit` are read in one block, those from `target` written in one."""
+    """Where a load frame keeps what; the points down to `force_limit` are read in one block, those from `target` written in one.
+
+    `strain_gage` lies elsewhere, is asked for by itself, and only where the settings say that there is one.
+    """
 
     identity: Point = Point(Kind.INPUT, 0)
     version: Point = Point(Kind.INPUT, 1)
@@ -87,6 +90,7 @@ class LoadFrameMap:
     nonce: Point = Point(Kind.HOLDING, 5)
     heartbeat: Point = Point(Kind.HOLDING, 6)
     watchdog: Point = Point(Kind.HOLDING, 7)
+    strain_gage: Point = Point(Kind.INPUT, 301, DType.F32)
 
 
 @dataclass(frozen=True, slots=True)

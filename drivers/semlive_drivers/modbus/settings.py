@@ -41,6 +41,8 @@ class LoadFrameSettings(DeviceSettings):
     """The device stops by itself when it has not been spoken to for this long of wall time; 0 is off."""
     stop_on_link_loss: StopOnLinkLoss | None = None
     """What was found out at this machine; None believes the device's own word, which counts as assumed."""
+    strain_gage: bool = False
+    """A strain gage on the specimen is read along with the load; `registers: {strain_gage: {address: ...}}` says where."""
 
 
 class StageSettings(DeviceSettings):

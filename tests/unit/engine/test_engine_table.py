@@ -65,6 +65,20 @@ def test_the_history_gives_the_samples_around_a_scan() -> None:
     assert frame_load(history, -S, S) is None
 
 
+def test_a_scan_has_the_mean_of_the_strain_gage_over_the_readings_that_it_gave() -> None:
+    history = LoadHistory(keep_ns=100 * S)
+    for i, strain in enumerate((None, 1e-4, None, 3e-4, 5e-4)):
+        history = history.with_sample(i * S, 100.0, strain)
+    load = frame_load(history, 0, 3 * S)
+    assert load is not None
+    assert load.gage_strain == pytest.approx(2e-4)
+    assert load.gage_strain_sigma == pytest.approx(1e-4 / 2**0.5)
+    early = LoadHistory(keep_ns=100 * S).with_sample(0, 100.0).with_sample(S, 100.0)
+    silent = frame_load(early, 0, S)
+    assert silent is not None
+    assert (silent.gage_strain, silent.gage_strain_sigma) == (None, None)
+
+
 def test_the_history_is_bounded_and_in_order() -> None:
     history = LoadHistory(keep_ns=100 * S)
     for i in range(5000):
