@@ -73,9 +73,9 @@ def test_the_strain_gage_goes_from_its_register_to_the_comparison_with_dic(finis
     (live,) = logged(finished.log, "/result")
     compared = live["strain_gage"]
     assert [one["pair"] for one in compared["steps"]] == [3, 4]
-    # The scenario's gage says 1.005 times the strain.
+    # The scenario's gage says 1.005 times the strain. Ten readings a frame know a load of 500 N to 6e-4 and a strain of 7e-4 to 7e-4.
     modulus, ratio = compared["youngs_modulus_gpa"], compared["dic_over_gage"]
-    assert modulus["value"] == pytest.approx(71.1 / 1.005, rel=1e-3)
+    assert modulus["value"] == pytest.approx(71.1 / 1.005, rel=4e-3)
     assert abs(ratio["value"] - 1.0 / 1.005) < 4.0 * ratio["sigma"]
     for pair, frame in ((pair, frame) for pair in pairs for frame in live["frames"] if frame["pair"] == pair["pair"]):
         assert frame["gage_strain"] == pair["loads"][frame["frame"] % 2]["gage_strain"]
@@ -148,10 +148,10 @@ def test_the_report_is_one_page_that_needs_nothing_else(finished: Any) -> None:
     page = finished.folder / "report.html"
     subprocess.run([sys.executable, "-m", "semlive", "report", str(finished.log), "--out", str(page)], timeout=120, check=True)
     text = page.read_text(encoding="utf-8")
-    for title in ("Load", "Drift", "Distortion", "Strain", "Stress and strain"):
+    for title in ("Load", "Drift", "Distortion", "Strain", "Stress and strain", "Strain gage"):
         assert f"<h2>{title}</h2>" in text
     assert "http" not in text
-    assert text.count("data:image/png;base64,") == 5
+    assert text.count("data:image/png;base64,") == 6
 
 
 def test_a_run_of_the_same_name_is_refused(finished: Any) -> None:
