@@ -171,7 +171,9 @@ def _corrected(begun: Begun, solution: Any, frame: int) -> FrameResult:
     displacement = mechanics.displacement(disparity, begun.method.correction(solution, disparity))
     field = mechanics.strain_as(displacement, begun.settings.estimate.window_points, begun.settings.estimate.strain)
     systematic = begun.method.correction_strain_sigma(solution, disparity)
-    return FrameResult(displacement, field, mechanics.summary(displacement, field, solution.noise_floor_px, systematic))
+    return FrameResult(
+        displacement, field, mechanics.summary(displacement, field, solution.noise_floor_px, systematic, begun.settings.estimate.strain)
+    )
 
 
 def _tension_frames(begun: Begun, solution: Any) -> tuple[FrameResult, ...]:

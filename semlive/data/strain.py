@@ -54,6 +54,7 @@ class StrainSummary:
         mean_sigma: standard uncertainty of the mean.
         sd: standard deviation over the valid grid, for the gauge in `vsg_px`.
         vsg_px: edge of the virtual strain gauge.
+        gauge_sigma: standard uncertainty of the strain of one whole gauge; None where it is not stated.
     """
 
     frame: int
@@ -61,6 +62,7 @@ class StrainSummary:
     mean_sigma: Tensor2
     sd: Tensor2
     vsg_px: float
+    gauge_sigma: Tensor2 | None = None
 
 
 @dataclass(frozen=True, slots=True)

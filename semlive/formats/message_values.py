@@ -213,12 +213,13 @@ def strain_message(summary: StrainSummary, revision: int) -> StrainMessage:
         mean_sigma=summary.mean_sigma,
         sd=summary.sd,
         vsg_px=summary.vsg_px,
+        gauge_sigma=summary.gauge_sigma,
     )
 
 
 def strain_summary(message: StrainMessage) -> StrainSummary:
     """The strain in a message."""
-    return StrainSummary(message.frame, message.mean, message.mean_sigma, message.sd, message.vsg_px)
+    return StrainSummary(message.frame, message.mean, message.mean_sigma, message.sd, message.vsg_px, message.gauge_sigma)
 
 
 def elastic_message(elastic: ElasticConstants | None, revision: int, gage: GageComparison | None = None) -> ElasticMessage:

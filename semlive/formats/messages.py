@@ -230,6 +230,7 @@ class StrainMessage(Message):
     mean_sigma: Tensor2
     sd: Tensor2
     vsg_px: float
+    gauge_sigma: Tensor2 | None = None
 
 
 class ElasticMessage(Message):

@@ -75,6 +75,18 @@ def gradients(
     return (ux, uy, vx, vy), valid
 
 
+def whole_window(window_points: int, settings: StrainSettings) -> Field:
+    """(2, window, window) weights with which POI of a whole window enter its slope along x and along y, per POI."""
+    half = window_points // 2
+    lag = np.arange(-half, half + 1) / half
+    kernel = np.ones(window_points) if settings.weights == "uniform" else np.exp(-0.5 * (lag / GAUSSIAN_SD) ** 2)
+    x, y = np.meshgrid(lag, lag)
+    weight = np.outer(kernel, kernel).ravel()
+    columns = np.stack([(x**a * y**b).ravel() for a, b in _TERMS[settings.order]], axis=1)
+    solved = np.linalg.solve(columns.T @ (weight[:, None] * columns), columns.T * weight)
+    return solved[1:3].reshape(2, window_points, window_points) / half
+
+
 def butterworth(displacement: Displacement, cutoff_points: float) -> Displacement:
     """Displacement through a low pass of second order; waves of `cutoff_points` POI lose half their power.
 

@@ -5,13 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 from semlive.data.displacement import Displacement
+from semlive.data.settings import StrainSettings
 from semlive.data.strain import StrainField, StrainSummary, Tensor2
 from semlive.errors import IllPosed
+from semlive.mechanics.gauge_noise import gauge_sigma
 
 NOTHING = Tensor2(0.0, 0.0, 0.0)
+USUAL = StrainSettings()
 
 
-def summary(displacement: Displacement, field: StrainField, noise_px: float | None = None, systematic: Tensor2 = NOTHING) -> StrainSummary:
+def summary(
+    displacement: Displacement,
+    field: StrainField,
+    noise_px: float | None = None,
+    systematic: Tensor2 = NOTHING,
+    settings: StrainSettings = USUAL,
+) -> StrainSummary:
     """Mean strain over the valid grid by the best affine fit, its uncertainty, and the scatter of the field.
 
     The fit to all points at once has the smallest noise of any mean: for n points whose noise sigma is shared over a
@@ -22,6 +31,7 @@ def summary(displacement: Displacement, field: StrainField, noise_px: float | No
         field: its strain field.
         noise_px: standard deviation of one POI, per component; by default what the DIC says of itself.
         systematic: standard uncertainty that the correction adds to the mean.
+        settings: how the field was fitted.
 
     Raises:
         IllPosed: too few points were measured.
@@ -42,7 +52,8 @@ def summary(displacement: Displacement, field: StrainField, noise_px: float | No
     mean = Tensor2(float(gradient[0, 0]), float(gradient[1, 1]), 0.5 * float(gradient[0, 1] + gradient[1, 0]))
     inside = field.valid
     scatter = (float(np.std(one[inside])) if inside.any() else 0.0 for one in (field.exx, field.eyy, field.exy))
-    return StrainSummary(displacement.frame, mean, mean_sigma, Tensor2(*scatter), float(grid.vsg_px(field.window_points)))
+    one_gauge = gauge_sigma(displacement, field, settings, systematic)
+    return StrainSummary(displacement.frame, mean, mean_sigma, Tensor2(*scatter), float(grid.vsg_px(field.window_points)), one_gauge)
 
 
 def mean_gradient(displacement: Displacement) -> tuple[np.ndarray, np.ndarray]:

@@ -56,6 +56,7 @@ def _frame(result: RunResult, frame: FrameResult) -> dict[str, Any]:
         "strain_mean": _tensor(frame.summary.mean),
         "strain_mean_sigma": _tensor(frame.summary.mean_sigma),
         "strain_sd": _tensor(frame.summary.sd),
+        "strain_gauge_sigma": frame.summary.gauge_sigma and _tensor(frame.summary.gauge_sigma),
         "drift_start_px": [float(v) for v in drift.drift_px[rows[0]]],
         "drift_end_px": [float(v) for v in drift.drift_px[rows[-1]]],
     }

@@ -1,0 +1,59 @@
+"""Coverage of the stated intervals: ``python tests/benchmarks/bench_coverage.py [--experiments N] [--cases A B]``.
+
+Every experiment is small (13 pairs, 38 x 30 points, no images), has drift, distortion, motion and noise of its own from the simulators'
+code, and is estimated with the automatic settings. Prints the table of docs/estimation.md; 500 experiments or more of all cases also
+write it there, between its markers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import sys
+import time
+from pathlib import Path
+
+from numexp.coverage import SMALL, Normalised, coverages, normalised, table
+
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "estimation.md"
+BEGIN, END = "<!-- bench_coverage: begin -->", "<!-- bench_coverage: end -->"
+ENOUGH = 500
+FIRST_SEED = 10_000
+
+
+def run(job: tuple[str, int]) -> tuple[str, Normalised]:
+    """One experiment."""
+    case, seed = job
+    return case, normalised(SMALL[case], seed)
+
+
+def main() -> None:
+    """Run, print, write."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--experiments", type=int, default=ENOUGH)
+    parser.add_argument("--cases", nargs="+", choices=list(SMALL), default=list(SMALL))
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--write", action="store_true", help="write the table into the documentation whatever it covers")
+    given = parser.parse_args()
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # read by the processes that are spawned next
+    jobs = [(case, FIRST_SEED + number) for case in given.cases for number in range(given.experiments)]
+    results: dict[str, list[Normalised]] = {case: [] for case in given.cases}
+    begin = time.perf_counter()
+    with multiprocessing.get_context("spawn").Pool(given.processes) as pool:
+        for done, (case, found) in enumerate(pool.imap_unordered(run, jobs, chunksize=4), 1):
+            results[case].append(found)
+            sys.stderr.write(f"\r{done}/{len(jobs)} {time.perf_counter() - begin:.0f} s   ")
+    sys.stderr.write("\n")
+    lines: list[str] = []
+    for case in given.cases:
+        lines += [f"{len(results[case])} experiments, {SMALL[case].about}:", "", *table(coverages(results[case])), ""]
+    sys.stdout.write("\n".join(lines))
+    if given.write or (given.experiments >= ENOUGH and set(given.cases) == set(SMALL)):
+        before, rest = DOCS.read_text(encoding="utf-8").split(BEGIN)
+        DOCS.write_text(before + BEGIN + "\n" + "\n".join(lines) + END + rest.split(END)[1], encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
