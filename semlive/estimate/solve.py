@@ -108,9 +108,12 @@ class _Fitted:
 
 
 def _fitted(state: EstimatorState, hyper: Hyper, gauge: NDArray[np.float64], near: NDArray[np.float64]) -> _Fitted:
-    """Noise scale, then smoothness, of a state, and the mean with these."""
+    """Noise scale, then smoothness, then noise scale once more, of a state, and the mean with these.
+
+    With the smoothness that is believed without data, a distortion that bends by 2 px in 276 px made the noise scale 1.5 for 1.0.
+    """
     data = Misfit(marginal(state)[0], pull(state, near), near)
-    for choose in (None, likeliest_hyper):
+    for choose in (None, likeliest_hyper, None):
         mean, factor = _posterior_about(state, data, belief_precision(state, hyper) + gauge, hyper.noise_scale)
         scale, _ = _noise(state, data.precision, hyper, mean, factor.inverse())
         hyper = replace(hyper, noise_scale=scale)

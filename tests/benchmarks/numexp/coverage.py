@@ -181,7 +181,7 @@ def coverages(experiments: Sequence[Normalised]) -> list[Coverage]:
     """Every quantity over all experiments."""
     found = []
     for quantity in experiments[0]:
-        of_each = [one[quantity] for one in experiments]
+        of_each = [one[quantity] for one in experiments if one[quantity].size]  # a distortion may be said to be known nowhere
         limits = [float(np.sqrt(2.0) * erfinv(level)) for level in LEVELS.values()]
         inside = np.array([[np.mean(np.abs(z) <= limit) for limit in limits] for z in of_each])
         mean, error = inside.mean(axis=0), inside.std(axis=0, ddof=1) / np.sqrt(len(inside))
