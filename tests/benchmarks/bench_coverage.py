@@ -1,6 +1,6 @@
 """Coverage of the stated intervals: ``python tests/benchmarks/bench_coverage.py [--experiments N] [--cases A B]``.
 
-Every experiment is small (13 pairs, 38 x 30 points, no images), has drift, distortion, motion and noise of its own from the simulators'
+Every experiment is small (10 pairs, 30 x 24 points, no images), has drift, distortion, motion and noise of its own from the simulators'
 code, and is estimated with the automatic settings. Prints the table of docs/estimation.md; 500 experiments or more of all cases also
 write it there, between its markers.
 """

@@ -23,8 +23,8 @@ from semlive.estimate.solve import Solution
 from semlive_simulators.effects.protocol import Instants
 from semlive_simulators.specimen import at_rest
 
-GRID = Grid(101, 101, 20, 38, 30, 43)
-CALIBRATION_PAIRS, LOAD_STEPS = 9, 4
+GRID = Grid(101, 101, 25, 30, 24, 43)
+CALIBRATION_PAIRS, LOAD_STEPS = 7, 3
 WINDOW_POINTS = 5
 AREA_MM2, MODULUS_GPA, RATIO = 10.0, 71.1, 0.33
 LEVELS = {"68 %": 0.6827, "95 %": 0.95}

@@ -50,6 +50,7 @@ class Taken:
         times: of its frames.
         maps: noisy, as the pipeline correlates them: within the pair, and from frame 0 to each frame.
         seen: the truth of the frames that have a map from frame 0.
+        shift_px: (2,) true motion of the specimen's centre from pair 0.
     """
 
     pair: int
@@ -57,6 +58,7 @@ class Taken:
     times: tuple[FrameTime, FrameTime]
     maps: tuple[DisparityMap, ...]
     seen: tuple[Seen, ...]
+    shift_px: Field
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +145,7 @@ def _taken(noise: FrameNoise, grid: Grid, here: Field, sights: Sights) -> Taken:
             maps.append(_map(noise, grid, 0, frame, here, there))
         seen.append(Seen(_map(None, grid, 0, frame, here, there), sights.displacement_px, sights.motion.gradient[0]))
     times = tuple(FrameTime(frame, start_s(frame), timing()) for frame in (first, second))
-    return Taken(sights.pair, sights.phase, (times[0], times[1]), tuple(maps), tuple(seen))
+    return Taken(sights.pair, sights.phase, (times[0], times[1]), tuple(maps), tuple(seen), sights.motion.shift_px[0])
 
 
 def _points(grid: Grid) -> Field:
