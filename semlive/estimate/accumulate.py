@@ -31,7 +31,8 @@ from semlive.model import (
 )
 
 SIGMA_FLOOR_PX = 1e-4  # noise-free synthetic maps come with sigma 0
-MAX_DRIFT_KNOTS = 4000
+MAX_DRIFT_KNOTS = 200_000  # 24 bytes each and 20 us: a clock that jumps by years is refused, a run of months is not
+DENSE_PAIRS = 32  # what the data choose is chosen from sums over all pairs in one matrix; with more, from the first so many
 TREND_KNOTS = 6
 RASTER_KNOT_FRAMES = 8.0  # lens and high voltage wander in hours; faster changes are no drift of the magnification
 
@@ -100,12 +101,34 @@ def update(
     rows = _without_redundancy(tuple(_map_rows(grown, dmap) for dmap in maps))
     sums = Sums(grown.precision, grown.information, grown.reference.copy())  # made by `_grown` for this state alone
     for one in rows:
-        add_rows(grown, one, grown.about, sums)
+        if grown.summed:
+            add_rows(grown, one, grown.about, sums)
+        add_prior(one, sums.reference)
     return replace(grown, rows=(*grown.rows, *rows), precision=sums.precision, information=sums.information, reference=sums.reference)
+
+
+def summed(state: EstimatorState) -> EstimatorState:
+    """The state with its sums, made anew where it does not hold them."""
+    if state.summed:
+        return state
+    n = state.layout.size
+    sums = Sums(np.zeros((n, n)), np.zeros(n), ReferenceNoise.nothing(state.blocks.size, n))
+    for one in state.rows:
+        add_rows(state, one, state.about, sums)
+        add_prior(one, sums.reference)
+    return replace(state, precision=sums.precision, information=sums.information, reference=sums.reference)
+
+
+def unsummed(state: EstimatorState) -> EstimatorState:
+    """The state without its sums, which do not grow beyond `DENSE_PAIRS` pairs or were made about another point."""
+    nothing = np.zeros((2, state.blocks.size, 0))
+    return replace(state, precision=np.zeros((0, 0)), information=np.zeros(0), reference=replace(state.reference, coupling=nothing))
 
 
 def relinearised(state: EstimatorState, about: NDArray[np.float64]) -> EstimatorState:
     """The same data about other parameters: only what touches effects that need the ideal position is summed anew."""
+    if not state.summed:
+        return replace(state, about=about)
     precision, information, reference, layout = state.precision.copy(), state.information.copy(), state.reference.copy(), state.layout
     moving = np.zeros(len(information), dtype=bool)
     for effect in state.model:
@@ -154,18 +177,24 @@ def add_rows(state: EstimatorState, rows: MapRows, about: NDArray[np.float64], s
         sums.information[index] += weighted.T @ disparity
         if rows.from_reference:
             noise = sums.reference
-            # Frame 0 is as noisy as the earliest frame seen against it, whatever the order in which the pairs come.
-            earlier = (weight > 0) & (rows.current < noise.seen_in[:, axis])
-            prior = np.where(earlier, weight, noise.prior[:, axis])
-            noise.weight[:, axis] += weight + (prior - noise.prior[:, axis])
-            noise.prior[:, axis] = prior
-            noise.seen_in[:, axis] = np.where(earlier, rows.current, noise.seen_in[:, axis])
+            noise.weight[:, axis] += weight
             noise.coupling[axis][:, index] -= weighted
             noise.information[:, axis] -= weight * disparity
 
 
+def add_prior(rows: MapRows, noise: ReferenceNoise) -> None:
+    """Frame 0 is as noisy as the earliest frame seen against it, whatever the order in which the pairs come; in place."""
+    if not rows.from_reference:
+        return
+    earlier = (rows.weight > 0) & (rows.current < noise.seen_in)
+    noise.weight[earlier] += rows.weight[earlier] - noise.prior[earlier]
+    noise.prior[earlier] = rows.weight[earlier]
+    noise.seen_in[earlier] = rows.current
+
+
 def marginal(state: EstimatorState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(n, n) and (n,) information on the parameters with the noise of frame 0 integrated out."""
+    state = summed(state)
     precision, information = state.precision.copy(), state.information.copy()
     noise = state.reference
     for axis in (0, 1):
@@ -184,6 +213,7 @@ def pull(state: EstimatorState, parameters: NDArray[np.float64]) -> NDArray[np.f
     The same as ``marginal(state)[1] - marginal(state)[0] @ parameters``, without its rounding: displacements of 30 px that agree
     to 1e-7 px leave nothing of the difference of two sums.
     """
+    state = summed(state)
     total, noise = np.zeros(len(parameters)), np.zeros((state.blocks.size, 2))
     for rows in state.rows:
         if not rows.weight.any():
@@ -279,9 +309,12 @@ def carried_along(state: EstimatorState) -> EstimatorState:
     carried = replace(state, distortion=replace(state.distortion, carried=True))
     kept = tuple(replace(_map_rows(carried, rows.dmap), weight=rows.weight) for rows in state.rows)
     nothing, n = ReferenceNoise.nothing(state.blocks.size, state.layout.size), state.layout.size
+    if not state.summed:
+        return replace(carried, rows=kept)
     sums = Sums(np.zeros((n, n)), np.zeros(n), nothing)
     for one in kept:
         add_rows(carried, one, carried.about, sums)
+        add_prior(one, sums.reference)
     return replace(carried, rows=kept, precision=sums.precision, information=sums.information, reference=sums.reference)
 
 
@@ -298,21 +331,29 @@ def _raster(state: EstimatorState, duration_s: float) -> tuple[RasterChange, ...
 def _grown(state: EstimatorState, before: Layout) -> EstimatorState:
     layout = state.layout
     index = before.within(layout)
+    about = grown(layout, before, state.about)
+    if not state.summed or len(state.phases) > DENSE_PAIRS:
+        return replace(unsummed(state), about=about)
     precision, information = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
     moved = [(before.part(name), slice(layout.part(name).start, layout.part(name).start + size)) for name, size in before.of_each()]
     for old_row, row in moved:
         for old_column, column in moved:
             precision[row, column] = state.precision[old_row, old_column]
     information[index] = state.information
-    about = np.zeros(0)
-    if state.about.size:
-        about = np.zeros(layout.size)
-        about[index] = state.about
-        _go_on(about[layout.part("drift")].reshape(-1, 2), before.part("drift"))
     before_noise = state.reference
     coupling = np.zeros((2, state.blocks.size, layout.size))
     coupling[:, :, index] = before_noise.coupling
     return replace(state, precision=precision, information=information, about=about, reference=replace(before_noise, coupling=coupling))
+
+
+def grown(layout: Layout, before: Layout, known: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) parameters of a shorter run in a longer one's layout: drift goes on at its last rate, motions are zero."""
+    if not known.size:
+        return known
+    about = np.zeros(layout.size)
+    about[before.within(layout)] = known
+    _go_on(about[layout.part("drift")].reshape(-1, 2), before.part("drift"))
+    return about
 
 
 def _go_on(drift: NDArray[np.float64], known: slice) -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 from semlive.errors import IllPosed
-from semlive.estimate.accumulate import update
-from semlive.estimate.solve import Solution, solve, solve_as
+from semlive.estimate.accumulate import grown, unsummed, update
+from semlive.estimate.chain import Chain, extended, looked_at
+from semlive.estimate.solve import Solution, solve, solved
 from semlive.estimate.state import EstimatorState
 
 
@@ -27,9 +29,30 @@ def follow(state: EstimatorState, known: Solution | None) -> Solution:
     """
     if known is None or chosen_anew(len(state.phases)):
         return solve(state)
-    if known.state.distortion.carried:  # its columns hold the drift, so those of the earlier pairs are taken over
-        state = _caught_up(known.state, state)
-    return solve_as(state, known.hyper, known.terms)
+    return solved(_gone_on(state, known), known.terms, known.noise_floor_px)
+
+
+def newest(state: EstimatorState, known: Solution) -> Solution:
+    """The same for the newest pair alone, and for what all pairs share: costs as much after a thousand pairs as after ten.
+
+    The mean of what belongs to earlier pairs stays where the last choice left it.
+    """
+    return solved(_gone_on(state, known), known.terms, known.noise_floor_px, newest=True)
+
+
+def _gone_on(state: EstimatorState, known: Solution) -> Chain:
+    """The known elimination, with the pairs that it has not seen."""
+    before = known.state
+    if state.motions.pairs[: len(before.motions.pairs)] != before.motions.pairs:
+        raise IllPosed("the earlier solution is of another run: begin without one")
+    if before.distortion.carried:  # its columns hold the drift, so those of the earlier pairs are taken over
+        state = _caught_up(before, state)
+    else:
+        state = unsummed(replace(state, about=grown(state.layout, before.layout, before.about)))
+    chain = known.ending.chain
+    near = grown(state.layout, chain.state.layout, chain.near)
+    fresh = [pair for pair in state.motions.pairs if pair not in set(before.motions.pairs)]
+    return extended(chain, *looked_at(state, near, fresh, chain.border))
 
 
 def chosen_anew(pairs: int) -> bool:
@@ -41,8 +64,6 @@ def chosen_anew(pairs: int) -> bool:
 def _caught_up(known: EstimatorState, state: EstimatorState) -> EstimatorState:
     """The earlier state with the pairs that it has not seen."""
     seen = set(known.motions.pairs)
-    if not seen <= set(state.motions.pairs):
-        raise IllPosed("the earlier solution is of another run: begin without one")
     for pair, phase in itertools.islice(zip((0, *state.motions.pairs), state.phases, strict=True), 1, None):
         if pair not in seen:
             maps = tuple(rows.dmap for rows in state.rows if rows.current // 2 == pair)

@@ -107,8 +107,8 @@ class EstimatorState:
         phases: phase of each pair in order of arrival.
         rows: block means of all maps, kept for re-linearisation and re-weighting.
         about: parameters about which the information is linearised; empty means zero.
-        precision: (n, n) accumulated information matrix A^T W A at unit noise scale, without priors.
-        information: (n,) accumulated information vector A^T W y.
+        precision: (n, n) accumulated information matrix A^T W A at unit noise scale, without priors; empty where it is not held.
+        information: (n,) accumulated information vector A^T W y; likewise.
         reference: what the maps say of the noise of frame 0.
     """
 
@@ -140,6 +140,11 @@ class EstimatorState:
     def layout(self) -> Layout:
         """Where each effect's parameters lie."""
         return Layout.of(self.model)
+
+    @property
+    def summed(self) -> bool:
+        """Whether the state holds its sums, `precision`, `information` and the noise's coupling."""
+        return len(self.information) > 0
 
     @property
     def centre_px(self) -> NDArray[np.float64]:

@@ -18,9 +18,11 @@ from semlive.errors import IllPosed
 from semlive.estimate.accumulate import carried_along, map_columns, marginal, pull, relinearised
 from semlive.estimate.arrow import eliminated, factored, sides
 from semlive.estimate.blocks import Blocks, block_columns
+from semlive.estimate.chain import chained
 from semlive.estimate.follow import chosen_anew
 from semlive.estimate.prior import Hyper, belief_precision, gauge_precision
-from semlive.estimate.solve import posterior, solve_as
+from semlive.estimate.smooth import ended, mean_of
+from semlive.estimate.solve import posterior
 from semlive.estimate.state import EstimatorState
 from semlive.model import Columns, DistortionSpline, sighting
 
@@ -143,13 +145,14 @@ def test_between_choices_the_data_decide_everything_but_the_choices() -> None:
     followed = estimating.follow(state, known)
     assert followed.hyper == known.hyper
     assert followed.terms == known.terms
-    np.testing.assert_array_equal(followed.mean, solve_as(state, known.hyper, known.terms).mean)
     prior = gauge_precision(state) + belief_precision(state, known.hyper)
-    near, _ = posterior(marginal(state), prior, known.hyper.noise_scale)
-    again = relinearised(state, near)
-    expected, factor = posterior(marginal(again), prior, known.hyper.noise_scale)
-    np.testing.assert_allclose(followed.mean, expected, atol=1e-7)
-    np.testing.assert_allclose(np.diag(followed.covariance), np.diag(np.linalg.inv(factor @ factor.T)), rtol=1e-5)
+    again = relinearised(state, followed.state.about)
+    near, factor = posterior(marginal(again), prior, known.hyper.noise_scale)
+    asked = pull(again, near) * known.hyper.noise_scale**-2.0 - prior @ near
+    expected = near + np.linalg.solve(factor @ factor.T, asked)
+    np.testing.assert_allclose(followed.mean, expected, atol=1e-8)
+    spread = np.diag(followed.covariance_of(np.eye(len(expected))))
+    np.testing.assert_allclose(spread, np.diag(np.linalg.inv(factor @ factor.T)), rtol=1e-5)
 
 
 def test_on_the_schedule_and_without_a_solution_before_all_is_chosen_anew() -> None:
@@ -166,9 +169,10 @@ def test_a_carried_distortion_takes_new_pairs_up() -> None:
     followed = estimating.follow(accumulated((0, 1, 2, 3, 4)), known)
     assert followed.state.distortion.carried
     assert sorted(followed.state.motions.pairs) == [1, 2, 3, 4]
-    whole = solve_as(carried_along(followed.state), known.hyper, known.terms)
-    part = whole.state.layout.part("drift")
-    assert np.abs(followed.mean[part] - whole.mean[part]).max() < 0.01
+    about = replace(followed.state, about=followed.mean)
+    whole = mean_of(ended(chained(carried_along(about), known.hyper, followed.mean)))
+    part = about.layout.part("drift")
+    assert np.abs(followed.mean[part] - whole[part]).max() < 0.01
     with pytest.raises(IllPosed, match="another run"):
         estimating.follow(accumulated((0, 1, 2, 4, 5)), known)
 
