@@ -98,7 +98,7 @@ def update(
     frames, phases = tuple(sorted((*state.frames, *times), key=_start)), (*state.phases, phase)
     larger = replace(state, drift=drift, raster=raster, motions=motions, frames=frames, phases=phases)
     grown = _grown(larger, state.layout)
-    rows = _without_redundancy(tuple(_map_rows(grown, dmap) for dmap in maps))
+    rows = _all_rows(grown, maps)
     sums = Sums(grown.precision, grown.information, grown.reference.copy())  # made by `_grown` for this state alone
     for one in rows:
         if grown.summed:
@@ -229,13 +229,11 @@ def pull(state: EstimatorState, parameters: NDArray[np.float64]) -> NDArray[np.f
     return total
 
 
-def _without_redundancy(maps: tuple[MapRows, ...]) -> tuple[MapRows, ...]:
-    """A map within a pair loses its weight in the blocks where both frames were seen against frame 0."""
-    across = [one for one in maps if one.from_reference and not one.within_pair]
-    if len(across) < 2:
-        return maps
-    known = np.all([one.weight > 0 for one in across], axis=0)
-    return tuple(replace(one, weight=np.where(known, 0.0, one.weight)) if one.within_pair else one for one in maps)
+def _all_rows(state: EstimatorState, maps: tuple[DisparityMap, ...]) -> tuple[MapRows, ...]:
+    """Rows of a pair's maps; the map within the pair counts in the blocks that were not seen against frame 0 in both frames."""
+    across = {id(dmap): _map_rows(state, dmap) for dmap in maps if dmap.reference == 0 and dmap.current > 1}
+    known = np.all([one.weight > 0 for one in across.values()], axis=0) if len(across) == 2 else np.zeros((state.blocks.size, 2), dtype=bool)
+    return tuple(across[id(dmap)] if id(dmap) in across else _map_rows(state, dmap, known) for dmap in maps)
 
 
 def evaluated(layout: Layout, columns: Sequence[BlockColumns], parameters: NDArray[np.float64], blocks: int) -> NDArray[np.float64]:
@@ -307,7 +305,7 @@ def _joint_index(layout: Layout, part: BlockColumns, axis: Axis) -> NDArray[np.i
 def carried_along(state: EstimatorState) -> EstimatorState:
     """The same data with the distortion carried along by the drift that the state is linearised about: all columns made anew."""
     carried = replace(state, distortion=replace(state.distortion, carried=True))
-    kept = tuple(replace(_map_rows(carried, rows.dmap), weight=rows.weight) for rows in state.rows)
+    kept = tuple(replace(_map_rows(carried, one.dmap), weight=one.weight) if one.weight.any() else one for one in state.rows)
     nothing, n = ReferenceNoise.nothing(state.blocks.size, state.layout.size), state.layout.size
     if not state.summed:
         return replace(carried, rows=kept)
@@ -364,7 +362,8 @@ def _go_on(drift: NDArray[np.float64], known: slice) -> None:
     drift[count:] = drift[count - 1] + rate * np.arange(1, len(drift) - count + 1)[:, None]
 
 
-def _map_rows(state: EstimatorState, dmap: DisparityMap) -> MapRows:
+def _map_rows(state: EstimatorState, dmap: DisparityMap, known: NDArray[np.bool_] | None = None) -> MapRows:
+    """Rows of one map, without weight where other maps say the same (`known`, (blocks, 2)); without columns if they say all."""
     if dmap.grid != state.grid:
         raise IllPosed(f"the map {dmap.reference} -> {dmap.current} is on another grid than the estimate: correlate all pairs on one grid")
     if dmap.reference != 0 and dmap.reference // 2 != dmap.current // 2:
@@ -374,6 +373,14 @@ def _map_rows(state: EstimatorState, dmap: DisparityMap) -> MapRows:
     disparity = np.stack((dmap.u_px.ravel(), dmap.v_px.ravel()), axis=1)
     valid = dmap.valid.ravel()
     used = blocks.inliers(disparity[:, 0], valid) & blocks.inliers(disparity[:, 1], valid)
+    within, noisy = dmap.reference // 2 == dmap.current // 2, 1 if dmap.reference == 0 else 2
+    weight, mean = _weights(state, dmap, used, noisy), blocks.mean(disparity, used)
+    position = blocks.mean(np.stack((x, y), axis=1), used) - state.centre_px
+    if known is not None:
+        weight = np.where(known, 0.0, weight)
+    if not weight.any():
+        none = BlockColumns("distortion", Axis.EACH, np.zeros(1, dtype=np.int64), np.zeros((blocks.size, 1)))
+        return MapRows(dmap.reference, dmap.current, mean, weight, noisy, (none,), position, (), dmap)
     at = blocks.block[used]
     reference = sighting(state.frame_time(dmap.reference), x[used], y[used])
     current = sighting(state.frame_time(dmap.current), x[used] + disparity[used, 0], y[used] + disparity[used, 1])
@@ -381,7 +388,7 @@ def _map_rows(state: EstimatorState, dmap: DisparityMap) -> MapRows:
         reference, current = (with_drift(state.model, state.about, one) for one in (reference, current))
     difference, at_reference = [], []
     for effect in state.model:
-        if effect.needs_ideal or not used.any():
+        if effect.needs_ideal:
             continue
         after = [block_columns(effect.name, part, at, blocks.size) for part in effect.columns(current)]
         if isinstance(effect, DistortionSpline) and not effect.carried and used.all():
@@ -390,14 +397,8 @@ def _map_rows(state: EstimatorState, dmap: DisparityMap) -> MapRows:
             before = [block_columns(effect.name, part, at, blocks.size, sign=-1.0) for part in effect.columns(reference)]
         difference += _together(after, before)
         at_reference += [replace(part, value=-part.value) for part in before]
-    if not used.any():
-        difference = [BlockColumns("distortion", Axis.EACH, np.zeros(1, dtype=np.int64), np.zeros((blocks.size, 1)))]
-    within, noisy = dmap.reference // 2 == dmap.current // 2, 1 if dmap.reference == 0 else 2
-    position = blocks.mean(np.stack((x, y), axis=1), used) - state.centre_px
-    return MapRows(
-        dmap.reference, dmap.current, blocks.mean(disparity, used), _weights(state, dmap, used, noisy), noisy,
-        tuple(difference), position, () if within else tuple(at_reference), dmap,
-    )  # fmt: skip
+    columns = tuple(difference), position, () if within else tuple(at_reference)
+    return MapRows(dmap.reference, dmap.current, mean, weight, noisy, *columns, dmap)
 
 
 def _together(after: list[BlockColumns], before: list[BlockColumns]) -> list[BlockColumns]:
