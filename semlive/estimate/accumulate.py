@@ -14,7 +14,7 @@ from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.errors import IllPosed
-from semlive.estimate.blocks import BlockColumns, Blocks, block_columns
+from semlive.estimate.blocks import BlockColumns, Blocks, PackedColumns, block_columns
 from semlive.estimate.state import EstimatorState, MapRows, ReferenceNoise
 from semlive.model import (
     Axis,
@@ -22,6 +22,7 @@ from semlive.model import (
     DriftSpline,
     Layout,
     MotionKind,
+    PairMotions,
     RasterChange,
     RasterTerm,
     Sighting,
@@ -89,8 +90,7 @@ def update(
     duration_s = max(when.timing.duration_s for when in times)
     drift = state.drift or DriftSpline(UniformSpline(0.0, duration_s / state.settings.drift_knots_per_frame, 1))
     raster = state.raster or _raster(state, duration_s)
-    # A point may lie a little below the last row; an eighth of a frame covers any subset that was still inside the image.
-    end_s = times[1].start_s + 1.125 * times[1].timing.duration_s
+    end_s = _end_s(times[1])
     drift, raster = drift.until(end_s), tuple(one.until(end_s) for one in raster)
     if drift.spline.size > MAX_DRIFT_KNOTS:
         raise IllPosed(f"the run is {times[1].start_s:.0f} s long at pair {pair}, more than {MAX_DRIFT_KNOTS} drift knots: start a new run")
@@ -192,6 +192,27 @@ def add_prior(rows: MapRows, noise: ReferenceNoise) -> None:
     noise.seen_in[earlier] = rows.current
 
 
+def beginning(state: EstimatorState, pairs: int) -> EstimatorState:
+    """The state as if the first so many pairs that came were all."""
+    kept = {0, *state.motions.pairs[: pairs - 1]}
+    frames = tuple(when for when in state.frames if when.frame // 2 in kept)
+    end_s = max(_end_s(when) for when in frames)
+    assert state.drift is not None  # there are pairs
+    shorter = unsummed(state)
+    return summed(
+        replace(
+            shorter,
+            drift=replace(state.drift, spline=replace(state.drift.spline, intervals=1)).until(end_s),
+            raster=tuple(replace(one, spline=replace(one.spline, intervals=1)).until(end_s) for one in state.raster),
+            motions=PairMotions(state.motions.pairs[: pairs - 1], state.motions.kinds[: pairs - 1]),
+            frames=frames,
+            phases=state.phases[:pairs],
+            rows=tuple(rows for rows in state.rows if rows.current // 2 in kept),
+            about=np.zeros(0),
+        )
+    )
+
+
 def marginal(state: EstimatorState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(n, n) and (n,) information on the parameters with the noise of frame 0 integrated out."""
     state = summed(state)
@@ -232,7 +253,9 @@ def pull(state: EstimatorState, parameters: NDArray[np.float64]) -> NDArray[np.f
 def _all_rows(state: EstimatorState, maps: tuple[DisparityMap, ...]) -> tuple[MapRows, ...]:
     """Rows of a pair's maps; the map within the pair counts in the blocks that were not seen against frame 0 in both frames."""
     across = {id(dmap): _map_rows(state, dmap) for dmap in maps if dmap.reference == 0 and dmap.current > 1}
-    known = np.all([one.weight > 0 for one in across.values()], axis=0) if len(across) == 2 else np.zeros((state.blocks.size, 2), dtype=bool)
+    known = (
+        np.all([one.weight > 0 for one in across.values()], axis=0) if len(across) == 2 else np.zeros((state.blocks.size, 2), dtype=bool)
+    )
     return tuple(across[id(dmap)] if id(dmap) in across else _map_rows(state, dmap, known) for dmap in maps)
 
 
@@ -266,15 +289,19 @@ def add_projected(layout: Layout, columns: Sequence[BlockColumns], field: NDArra
 def _parts(state: EstimatorState, rows: MapRows, about: NDArray[np.float64]) -> list[BlockColumns]:
     """All columns of a map; those that need the ideal position are made from it here."""
     if rows.within_pair:
-        return list(rows.difference)
+        return _unpacked(rows.difference)
     blocks = len(rows.position_px)
-    ideal = rows.position_px - (evaluated(state.layout, rows.at_reference, about, blocks) if about.size else 0.0)
+    ideal = rows.position_px + (evaluated(state.layout, _unpacked(rows.at_reference), about, blocks) if about.size else 0.0)
     nowhere, every = np.zeros(0), np.arange(blocks)
     pair = rows.current // 2
     turn_rad = state.motions.turn_rad(pair, about[state.layout.part("motion")]) if about.size else 0.0
     seen = Sighting(rows.current, pair, nowhere, nowhere, nowhere, ideal, turn_rad)
     moving = [effect for effect in state.model if effect.needs_ideal]
-    return [*rows.difference, *(block_columns(one.name, part, every, blocks) for one in moving for part in one.columns(seen))]
+    return [*_unpacked(rows.difference), *(block_columns(one.name, part, every, blocks) for one in moving for part in one.columns(seen))]
+
+
+def _unpacked(columns: tuple[BlockColumns | PackedColumns, ...]) -> list[BlockColumns]:
+    return [one.unpacked() if isinstance(one, PackedColumns) else one for one in columns]
 
 
 def _component(layout: Layout, columns: list[BlockColumns], axis: Axis) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -314,6 +341,11 @@ def carried_along(state: EstimatorState) -> EstimatorState:
         add_rows(carried, one, carried.about, sums)
         add_prior(one, sums.reference)
     return replace(carried, rows=kept, precision=sums.precision, information=sums.information, reference=sums.reference)
+
+
+def _end_s(when: FrameTime) -> float:
+    """A point may lie a little below the last row; an eighth of a frame covers any subset that was still inside the image."""
+    return when.start_s + 1.125 * when.timing.duration_s
 
 
 def _start(when: FrameTime) -> float:
@@ -386,17 +418,26 @@ def _map_rows(state: EstimatorState, dmap: DisparityMap, known: NDArray[np.bool_
     current = sighting(state.frame_time(dmap.current), x[used] + disparity[used, 0], y[used] + disparity[used, 1])
     if state.distortion.carried:
         reference, current = (with_drift(state.model, state.about, one) for one in (reference, current))
-    difference, at_reference = [], []
+    difference: list[BlockColumns | PackedColumns] = []
+    at_reference: list[BlockColumns | PackedColumns] = []
     for effect in state.model:
         if effect.needs_ideal:
             continue
         after = [block_columns(effect.name, part, at, blocks.size) for part in effect.columns(current)]
-        if isinstance(effect, DistortionSpline) and not effect.carried and used.all():
-            before = _resting(effect, dmap.grid)
+        resting = isinstance(effect, DistortionSpline) and not effect.carried and used.all()
+        if resting:
+            before = _resting(state.distortion, dmap.grid)
         else:
             before = [block_columns(effect.name, part, at, blocks.size, sign=-1.0) for part in effect.columns(reference)]
-        difference += _together(after, before)
-        at_reference += [replace(part, value=-part.value) for part in before]
+        both = _together(after, before)
+        if isinstance(effect, DistortionSpline):
+            shape = effect.along_y.size, effect.along_x.size
+            difference += [PackedColumns.of(one, shape) for one in both]
+            # What rests is kept once for all maps.
+            at_reference += before if resting else [PackedColumns.of(one, shape) for one in before]
+        else:
+            difference += both
+            at_reference += before
     columns = tuple(difference), position, () if within else tuple(at_reference)
     return MapRows(dmap.reference, dmap.current, mean, weight, noisy, *columns, dmap)
 

@@ -165,7 +165,9 @@ def concluded(chain: Chain) -> tuple[Step, Matrix, Vector]:
     total, pull, front = chain.precision.copy(), chain.pull.copy(), chain.front
     all_past = tuple(one + 1 for one in front.sizes)
     known = strands(chain.state, chain.hyper, chain.border)
-    _, step = _eliminated(front, _nothing(chain.border), known, (front.sizes, all_past), (chain, chain.state, chain.near), total, pull, None)
+    _, step = _eliminated(
+        front, _nothing(chain.border), known, (front.sizes, all_past), (chain, chain.state, chain.near), total, pull, None
+    )
     _bring_up(total, (step,))
     return step, total, pull
 

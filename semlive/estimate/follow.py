@@ -6,9 +6,10 @@ import itertools
 from dataclasses import replace
 
 from semlive.errors import IllPosed
-from semlive.estimate.accumulate import grown, unsummed, update
-from semlive.estimate.chain import Chain, extended, looked_at
-from semlive.estimate.solve import Solution, solve, solved
+from semlive.estimate.accumulate import DENSE_PAIRS, beginning, carried_along, grown, unsummed, update
+from semlive.estimate.border import DRIFT
+from semlive.estimate.chain import Chain, chained, extended, looked_at
+from semlive.estimate.solve import Solution, choose, solved
 from semlive.estimate.state import EstimatorState
 
 
@@ -27,9 +28,10 @@ def follow(state: EstimatorState, known: Solution | None) -> Solution:
     Raises:
         IllPosed: there are no data, or they are not finite; or `known` is of pairs that the state does not have.
     """
-    if known is None or chosen_anew(len(state.phases)):
+    if known is None or chosen_anew(len(state.phases)) and len(state.phases) <= DENSE_PAIRS:
         return solve(state)
-    return solved(_gone_on(state, known), known.terms, known.noise_floor_px)
+    followed = solved(_gone_on(state, known), known.terms, known.noise_floor_px)
+    return _anew(followed) if chosen_anew(len(state.phases)) else followed
 
 
 def newest(state: EstimatorState, known: Solution) -> Solution:
@@ -42,17 +44,42 @@ def newest(state: EstimatorState, known: Solution) -> Solution:
 
 def _gone_on(state: EstimatorState, known: Solution) -> Chain:
     """The known elimination, with the pairs that it has not seen."""
-    before = known.state
+    chain, before = known.ending.chain, known.state
     if state.motions.pairs[: len(before.motions.pairs)] != before.motions.pairs:
         raise IllPosed("the earlier solution is of another run: begin without one")
+    # Drift goes on from where it was found to be; what belongs to the past is in no column that is still to be made.
+    local = slice(before.layout.part("drift").start + chain.border.counts[DRIFT], before.layout.part("drift").stop)
+    before = replace(before, about=before.about.copy())
+    before.about[local] = known.mean[local]
     if before.distortion.carried:  # its columns hold the drift, so those of the earlier pairs are taken over
         state = _caught_up(before, state)
     else:
         state = unsummed(replace(state, about=grown(state.layout, before.layout, before.about)))
-    chain = known.ending.chain
-    near = grown(state.layout, chain.state.layout, chain.near)
+    near = grown(state.layout, before.layout, chain.near)
+    new = slice(local.stop, state.layout.part("drift").stop)
+    near[new] = state.about[new]
     fresh = [pair for pair in state.motions.pairs if pair not in set(before.motions.pairs)]
     return extended(chain, *looked_at(state, near, fresh, chain.border))
+
+
+def solve(state: EstimatorState) -> Solution:
+    """Everything from all pairs; of a run longer than `DENSE_PAIRS`, the choices from the first so many that came.
+
+    Raises:
+        IllPosed: there are no data, or they are not finite.
+    """
+    if len(state.phases) <= DENSE_PAIRS:
+        return choose(state)
+    known = choose(beginning(state, DENSE_PAIRS))
+    return _anew(solved(_gone_on(state, known), known.terms, known.noise_floor_px))
+
+
+def _anew(solution: Solution) -> Solution:
+    """The same choices, linearised about the solution itself."""
+    state = replace(solution.state, about=solution.mean)
+    if state.distortion.carried:
+        state = carried_along(state)
+    return solved(chained(state, solution.hyper, solution.mean), solution.terms, solution.noise_floor_px)
 
 
 def chosen_anew(pairs: int) -> bool:

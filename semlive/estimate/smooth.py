@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 
 from semlive.estimate.arrow import cholesky, steady
-from semlive.estimate.border import DISTORTION, KINDS, Matrix, Vector, border_belief, joint_of
+from semlive.estimate.border import DISTORTION, KINDS, Codes, Matrix, Vector, border_belief, joint_of
 from semlive.estimate.chain import Chain, Step, concluded
 from semlive.estimate.prior import Hyper
+
+TOGETHER = 16  # steps whose responses are multiplied at once
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,6 +120,27 @@ def border_covariance(ending: Ending) -> Matrix:
     return half.T @ half
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Back:
+    """What one step gives on the way back, given the border.
+
+    Attributes:
+        step: the step.
+        codes: of its front, sorted.
+        order: that sorts what is gone and kept.
+        kept_at: where the kept are in the front of the step before on the way.
+        given: covariance of the front, given the border.
+        response: of what is gone to the border.
+    """
+
+    step: Step
+    codes: Codes
+    order: NDArray[np.int64]
+    kept_at: NDArray[np.int64]
+    given: Matrix
+    response: Matrix
+
+
 def spreads(ending: Ending, newest: bool = False) -> Iterator[Spread]:
     """Of every pair, the newest first (or alone).
 
@@ -127,31 +151,40 @@ def spreads(ending: Ending, newest: bool = False) -> Iterator[Spread]:
     inverted = np.asarray(solve_triangular(ending.factor, np.eye(border.size), lower=True, check_finite=False), dtype=np.float64)
     knots = np.concatenate([np.arange(border.size)[border.part(kind)] for kind in range(DISTORTION + 1, KINDS.index("axes"))])
     knot_codes, through_knots = border.codes()[knots], inverted[:, knots].T
-    codes, given, response = np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, border.size))
+    through = np.zeros((0, border.size))
+    way = _way_back(ending)
+    while together := list(islice(way, 2 if newest else TOGETHER)):
+        seen = np.concatenate([one.response for one in together]) @ inverted.T
+        row = 0
+        for one in together:
+            stop = row + len(one.step.gone)
+            through = np.concatenate((seen[row:stop], through[one.kept_at]))[one.order]
+            row = stop
+            if one.step.pair is None:
+                continue
+            all_through = np.concatenate((through, through_knots))
+            total = all_through @ all_through.T
+            total[: len(one.codes), : len(one.codes)] += one.given
+            index = joint_of(layout, np.concatenate((one.codes, knot_codes)))
+            sort = np.argsort(index)
+            yield Spread(one.step.pair, index[sort], total[np.ix_(sort, sort)])
+            if newest:
+                return
+
+
+def _way_back(ending: Ending) -> Iterator[_Back]:
+    codes, given = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
+    response = np.zeros((0, ending.chain.border.size))
     for step in reversed(ending.steps):
-        at = np.searchsorted(codes, step.kept)
+        at, kept = np.searchsorted(codes, step.kept), len(step.kept)
         given, response = given[np.ix_(at, at)], response[at]
-        back = solve_triangular(
-            step.factor,
-            np.concatenate((step.to_kept, step.to_border + step.to_kept @ response, np.eye(len(step.gone))), axis=1),
-            lower=True, trans=1, check_finite=False,
-        )  # fmt: skip
-        kept = len(step.kept)
-        gain, alone = back[:, :kept], back[:, kept + border.size :]
+        right = np.concatenate((step.to_kept, step.to_border + step.to_kept @ response, np.eye(len(step.gone))), axis=1)
+        back = solve_triangular(step.factor, right, lower=True, trans=1, check_finite=False)
+        gain, answer, alone = back[:, :kept], -back[:, kept : kept + response.shape[1]], back[:, kept + response.shape[1] :]
         across = -gain @ given
-        own = alone @ alone.T - across @ gain.T
         both = np.concatenate((step.gone, step.kept))
         order = np.argsort(both)
         codes = both[order]
-        given = np.block([[own, across], [across.T, given]])[np.ix_(order, order)]
-        response = np.concatenate((-back[:, kept : kept + border.size], response))[order]
-        if step.pair is None:
-            continue
-        through = np.concatenate((response @ inverted.T, through_knots))
-        total = through @ through.T
-        total[: len(codes), : len(codes)] += given
-        index = joint_of(layout, np.concatenate((codes, knot_codes)))
-        sort = np.argsort(index)
-        yield Spread(step.pair, index[sort], total[np.ix_(sort, sort)])
-        if newest:
-            return
+        given = np.block([[alone @ alone.T - across @ gain.T, across], [across.T, given]])[np.ix_(order, order)]
+        response = np.concatenate((answer, response))[order]
+        yield _Back(step, codes, order, at, given, answer)

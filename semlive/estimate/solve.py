@@ -59,8 +59,8 @@ class Solution:
         return self.ending.covariance_of(rows)
 
 
-def solve(state: EstimatorState) -> Solution:
-    """Posterior mean and covariance of drift, distortion and motion.
+def choose(state: EstimatorState) -> Solution:
+    """Posterior mean and covariance of drift, distortion and motion, with all that the data choose.
 
     The noise scale follows from the residuals, the smoothness of drift and distortion from the marginal likelihood
     (empirical Bayes), and the gradients' columns are re-linearised once about a first solution.

@@ -13,7 +13,7 @@ from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
 from semlive.errors import IllPosed
-from semlive.estimate.blocks import BlockColumns, Blocks
+from semlive.estimate.blocks import BlockColumns, Blocks, PackedColumns
 from semlive.model import DistortionSpline, DriftSpline, Effect, Layout, PairMotions, RasterChange, ScanAxes
 
 
@@ -29,7 +29,7 @@ class MapRows:
         noisy_frames: how many frames' noise the weight holds: 1 from frame 0, whose noise is estimated, 2 within a pair.
         difference: columns of the effects that act at the scan address.
         position_px: (blocks, 2) mean address in the reference frame, relative to the image centre.
-        at_reference: columns at the reference frame, which give the ideal position; empty within a pair.
+        at_reference: columns at the reference frame, negative, which give the ideal position; empty within a pair.
         dmap: the map, for columns that are made anew.
     """
 
@@ -38,9 +38,9 @@ class MapRows:
     disparity_px: NDArray[np.float64]
     weight: NDArray[np.float64]
     noisy_frames: int
-    difference: tuple[BlockColumns, ...]
+    difference: tuple[BlockColumns | PackedColumns, ...]
     position_px: NDArray[np.float64]
-    at_reference: tuple[BlockColumns, ...]
+    at_reference: tuple[BlockColumns | PackedColumns, ...]
     dmap: DisparityMap
 
     @property
