@@ -139,8 +139,8 @@ class PackedColumns:
         lows, widths = [], []
         for axis, count in enumerate(shape):
             along = touched.any(axis=2 - axis)
-            first, last = along.argmax(axis=1), count - along[:, ::-1].argmax(axis=1)
-            widths.append(int(np.max(last - first, initial=1)) if along.any() else 1)
+            first, last = along.argmax(axis=1), np.where(along.any(axis=1), count - along[:, ::-1].argmax(axis=1), 0)
+            widths.append(int(np.max(last - first, initial=1)))
             lows.append(np.minimum(first, count - widths[-1]))
         rows, columns_at = (low[:, None] + np.arange(width) for low, width in zip(lows, widths, strict=True))
         window = full[np.arange(len(full))[:, None, None], rows[:, :, None], columns_at[:, None, :]]

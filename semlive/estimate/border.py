@@ -115,8 +115,7 @@ class Strand:
 
     def belief(self, first: int, stop: int) -> tuple[Codes, Matrix]:
         """What is believed of knots first ... stop - 1 and those before them that was not said of those before: codes, precision."""
-        begin = max(first - max((order for order, _ in self.differences), default=0), 0)
-        total = np.zeros((stop - begin,) * 2)
+        begin, total = self._begin(first), np.zeros((stop - self._begin(first),) * 2)
         for order, weight in self.differences:
             own = slice(max(first - order, 0) - begin, None)
             rows = np.diff(np.eye(stop - begin)[own, own], n=order, axis=0)
@@ -124,6 +123,21 @@ class Strand:
         fresh = np.arange(first - begin, stop - begin)
         total[fresh, fresh] += self.each
         return self.codes(begin, stop), total
+
+    def asked(self, first: int, stop: int, value: Vector) -> Vector:
+        """That precision times the knots' values, by their differences: products with the matrix would lose what is left of large ones."""
+        begin, total = self._begin(first), np.zeros(len(value))
+        for order, weight in self.differences:
+            own = slice(max(first - order, 0) - begin, None)
+            bent = np.diff(value[own], n=order)
+            for _ in range(order):
+                bent = np.diff(bent, prepend=0.0, append=0.0)
+            total[own] += weight * (-1.0) ** order * bent if bent.size == value[own].size else 0.0
+        total[first - begin :] += self.each * value[first - begin :]
+        return total
+
+    def _begin(self, first: int) -> int:
+        return max(first - max((order for order, _ in self.differences), default=0), 0)
 
     def size_at(self, end_s: float) -> int:
         """Number of knots that a run until then has."""

@@ -11,8 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.linalg.blas import dsyrk
+from scipy.linalg import get_blas_funcs, solve_triangular
 
 from semlive.data.drift import FrameTime
 from semlive.estimate.arrow import cholesky, steady
@@ -189,7 +188,7 @@ def _eliminated(
     """
     (sizes, past), (chain, state, near) = until, of
     fresh = [one.codes(before, size) for one, before, size in zip(known, front.sizes, sizes, strict=True)]
-    motion, believed, asked = _motion_belief(state, near, pair, chain.hyper)
+    motion, steadiness, drawn = _motion_belief(state, near, pair, chain.hyper)
     codes = np.unique(np.concatenate((front.codes, said.codes, motion, *fresh)))
     own, to_border, pull = np.zeros((len(codes),) * 2), np.zeros((len(codes), chain.border.size)), np.zeros(len(codes))
     for one in (front, said):
@@ -199,10 +198,12 @@ def _eliminated(
         pull[at] += one.pull
     for strand, before, size in zip(known, front.sizes, sizes, strict=True):
         if size > before:
-            _believe(strand.belief(before, size), codes, chain.border, (state, near), (own, to_border, pull), (total, border_pull))
+            about, believed = strand.belief(before, size)
+            asked = strand.asked(before, size, near[joint_of(state.layout, about)])
+            _believe((about, believed, asked), codes, chain.border, (own, to_border, pull), (total, border_pull))
     at = np.searchsorted(codes, motion)
-    own[at, at] += believed
-    pull[at] -= asked
+    own[at, at] += steadiness
+    pull[at] -= drawn
     out = codes >> SHIFT == MOTION
     for strand, stop in zip(known, past, strict=True):
         out |= np.isin(codes, strand.codes(0, stop))
@@ -219,19 +220,17 @@ def _eliminated(
 
 
 def _believe(
-    belief: tuple[Codes, Matrix],
+    belief: tuple[Codes, Matrix, Vector],
     codes: Codes,
     border: Border,
-    of: tuple[EstimatorState, Vector],
     inside: tuple[Matrix, Matrix, Vector],
     outside: tuple[Matrix, Vector],
 ) -> None:
     """Add a belief about zero, in place, to a step's own parameters and to the border."""
-    about, believed = belief
+    about, believed, asked = belief
     own, to_border, pull = inside
     place = border.place(about)
     here = place < 0
-    asked = believed @ of[1][joint_of(of[0].layout, about)]
     at, there = np.searchsorted(codes, about[here]), place[~here]
     own[np.ix_(at, at)] += believed[np.ix_(here, here)]
     pull[at] -= asked[here]
@@ -255,12 +254,13 @@ def _motion_belief(state: EstimatorState, near: Vector, pair: int | None, hyper:
 
 def _bring_up(total: Matrix, steps: Sequence[Step]) -> None:
     """Take off the lower triangle of the border's precision what steps took with them, in place."""
+    (syrk,) = get_blas_funcs(("syrk",), (total,))
     pending: list[Matrix] = []
     for number, step in enumerate(steps):
         pending.append(step.to_border)
         if sum(map(len, pending)) >= TOGETHER or number == len(steps) - 1:
             rows = np.concatenate(pending)
-            dsyrk(-1.0, rows.T, beta=1.0, c=total.T, lower=0, overwrite_c=1)  # its upper triangle, transposed: memory runs along rows
+            syrk(-1.0, rows.T, beta=1.0, c=total.T, lower=0, overwrite_c=1)  # its upper triangle, transposed: memory runs along rows
             pending = []
 
 

@@ -28,7 +28,7 @@ def follow(state: EstimatorState, known: Solution | None) -> Solution:
     Raises:
         IllPosed: there are no data, or they are not finite; or `known` is of pairs that the state does not have.
     """
-    if known is None or chosen_anew(len(state.phases)) and len(state.phases) <= DENSE_PAIRS:
+    if known is None or (chosen_anew(len(state.phases)) and len(state.phases) <= DENSE_PAIRS):
         return solve(state)
     followed = solved(_gone_on(state, known), known.terms, known.noise_floor_px)
     return _anew(followed) if chosen_anew(len(state.phases)) else followed
