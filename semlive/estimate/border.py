@@ -115,7 +115,7 @@ class Strand:
 
     def belief(self, first: int, stop: int) -> tuple[Codes, Matrix]:
         """What is believed of knots first ... stop - 1 and those before them that was not said of those before: codes, precision."""
-        begin, total = self._begin(first), np.zeros((stop - self._begin(first),) * 2)
+        begin, total = self.since(first), np.zeros((stop - self.since(first),) * 2)
         for order, weight in self.differences:
             own = slice(max(first - order, 0) - begin, None)
             rows = np.diff(np.eye(stop - begin)[own, own], n=order, axis=0)
@@ -126,7 +126,7 @@ class Strand:
 
     def asked(self, first: int, stop: int, value: Vector) -> Vector:
         """That precision times the knots' values, by their differences: products with the matrix would lose what is left of large ones."""
-        begin, total = self._begin(first), np.zeros(len(value))
+        begin, total = self.since(first), np.zeros(len(value))
         for order, weight in self.differences:
             own = slice(max(first - order, 0) - begin, None)
             bent = np.diff(value[own], n=order)
@@ -136,7 +136,8 @@ class Strand:
         total[first - begin :] += self.each * value[first - begin :]
         return total
 
-    def _begin(self, first: int) -> int:
+    def since(self, first: int) -> int:
+        """First knot that a belief about knot `first` joins with it."""
         return max(first - max((order for order, _ in self.differences), default=0), 0)
 
     def size_at(self, end_s: float) -> int:

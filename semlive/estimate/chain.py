@@ -121,15 +121,13 @@ def extended(chain: Chain, state: EstimatorState, near: Vector) -> Chain:
     times = _times(state)
     order = sorted(times, key=lambda pair: times[pair][0].start_s)
     known = strands(state, chain.hyper, chain.border)
-    new = [pair for pair in order if pair not in set(chain.pairs)]
+    seen = set(chain.pairs)
+    new = [pair for pair in order if pair not in seen]
     if order[: len(chain.pairs)] != list(chain.pairs) or any(
         _begin(one, times[pair]) < past for pair in new for one, past in zip(known, chain.front.past, strict=True) if chain.pairs
     ):
         return chained(state, chain.hyper, near)
-    maps: dict[int, list[MapRows]] = {pair: [] for pair in new}
-    for rows in state.rows:
-        if rows.current // 2 in maps:
-            maps[rows.current // 2].append(rows)
+    maps = _maps_of(state, new)
     weight, total, pull = chain.hyper.noise_scale**-2.0, chain.precision.copy(), chain.pull.copy()
     front, steps = chain.front, []
     later = _begun_later(known, [times[pair] for pair in new])
@@ -152,8 +150,7 @@ def extended(chain: Chain, state: EstimatorState, near: Vector) -> Chain:
 def looked_at(state: EstimatorState, near: Vector, pairs: Iterable[int], border: Border) -> tuple[EstimatorState, Vector]:
     """The state with a first look at the motions of pairs in its `about`, and parameters near them with the same."""
     about, near = state.about.copy(), near.copy()
-    for pair in pairs:
-        maps = [rows for rows in state.rows if rows.current // 2 == pair]
+    for maps in _maps_of(state, pairs).values():
         index, motion = first_look(state, maps, border, near)
         about[index] = near[index] = motion
     return replace(state, about=about), near
@@ -275,6 +272,14 @@ def _gap(known: Sequence[Strand], front: Front, times: tuple[FrameTime, FrameTim
         # A belief joins a knot to three later ones.
         pauses.append((at, tuple(max(size - 3, past) for size, past in zip(at, front.past, strict=True))))
     return pauses
+
+
+def _maps_of(state: EstimatorState, pairs: Iterable[int]) -> dict[int, list[MapRows]]:
+    maps: dict[int, list[MapRows]] = {pair: [] for pair in pairs}
+    for rows in state.rows:
+        if rows.current // 2 in maps:
+            maps[rows.current // 2].append(rows)
+    return maps
 
 
 def _nothing(border: Border) -> Piece:

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 from semlive.errors import IllPosed
 from semlive.estimate.accumulate import DENSE_PAIRS, beginning, carried_along, grown, unsummed, update
-from semlive.estimate.border import DRIFT
+from semlive.estimate.border import DRIFT, NOISE
 from semlive.estimate.chain import Chain, chained, extended, looked_at
+from semlive.estimate.late import rechosen
 from semlive.estimate.solve import Solution, choose, solved
 from semlive.estimate.state import EstimatorState
 
@@ -58,7 +59,7 @@ def _gone_on(state: EstimatorState, known: Solution) -> Chain:
     near = grown(state.layout, before.layout, chain.near)
     new = slice(local.stop, state.layout.part("drift").stop)
     near[new] = state.about[new]
-    fresh = [pair for pair in state.motions.pairs if pair not in set(before.motions.pairs)]
+    fresh = state.motions.pairs[len(before.motions.pairs) :]
     return extended(chain, *looked_at(state, near, fresh, chain.border))
 
 
@@ -75,11 +76,13 @@ def solve(state: EstimatorState) -> Solution:
 
 
 def _anew(solution: Solution) -> Solution:
-    """The same choices, linearised about the solution itself."""
+    """Linearised about the solution itself, and what lives in time chosen anew from all pairs; all other choices are the same."""
     state = replace(solution.state, about=solution.mean)
     if state.distortion.carried:
         state = carried_along(state)
-    return solved(chained(state, solution.hyper, solution.mean), solution.terms, solution.noise_floor_px)
+    noise = solution.ending.chain.border.part(NOISE)
+    hyper, terms = rechosen(state, solution.hyper, solution.terms, solution.mean, solution.ending.step[noise])
+    return solved(chained(state, hyper, solution.mean), terms, solution.noise_floor_px)
 
 
 def chosen_anew(pairs: int) -> bool:

@@ -176,11 +176,10 @@ def _way_back(ending: Ending) -> Iterator[_Back]:
     codes, given = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
     response = np.zeros((0, ending.chain.border.size))
     for step in reversed(ending.steps):
-        at, kept = np.searchsorted(codes, step.kept), len(step.kept)
+        at = np.searchsorted(codes, step.kept)
         given, response = given[np.ix_(at, at)], response[at]
-        right = np.concatenate((step.to_kept, step.to_border + step.to_kept @ response, np.eye(len(step.gone))), axis=1)
-        back = solve_triangular(step.factor, right, lower=True, trans=1, check_finite=False)
-        gain, answer, alone = back[:, :kept], -back[:, kept : kept + response.shape[1]], back[:, kept + response.shape[1] :]
+        alone = np.asarray(solve_triangular(step.factor, np.eye(len(step.gone)), lower=True, check_finite=False), dtype=np.float64).T
+        gain, answer = alone @ step.to_kept, -(alone @ (step.to_border + step.to_kept @ response))
         across = -gain @ given
         both = np.concatenate((step.gone, step.kept))
         order = np.argsort(both)

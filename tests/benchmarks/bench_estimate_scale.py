@@ -101,8 +101,10 @@ def table(count: int) -> list[str]:
         around = slice(max(shown - AROUND, 0), shown)
         update_s, newest_s = float(np.median(spent.update_s[around])), float(np.nanmedian(spent.newest_s[around]))
         lines.append(f"| {shown} | {update_s:.3f} | {newest_s:.3f} | {update_s + newest_s:.3f} |")
+    ran_mb = _peak_mb()
     smoothed, smooth_s = timed(lambda: estimate.follow(state, known))
     _, spread_s = timed(lambda: sum(1 for _ in spreads(smoothed.ending)))
+    smoothed_mb = _peak_mb()
     _, published_s = timed(lambda: estimate.estimate(smoothed, count))
     _, anew_s = timed(lambda: estimate.solve(state))
     last, last_s = max(spent.chosen_s.items())
@@ -110,10 +112,10 @@ def table(count: int) -> list[str]:
     lines += [
         "",
         f"After {count} pairs: smoothed means of all pairs {smooth_s:.2f} s, with their covariances {smooth_s + spread_s:.2f} s, with all",
-        f"that is published {smooth_s + published_s:.2f} s; everything from the maps' block means anew {anew_s:.1f} s. Memory at most",
-        f"{_peak_mb():.0f} MB, of which {peak_before:.0f} MB before the run. What the schedule asked for took {chosen_s:.1f} s in all,",
-        f"{chosen_s / count:.3f} s per pair; the last time, after {last} pairs, {last_s:.1f} s. Batch of {len(batch)} pairs:",
-        f"{min(batch_s):.2f} s. Processor time, 18,000 points, one core.",
+        f"that is published {smooth_s + published_s:.2f} s. What the schedule asked for took {chosen_s:.1f} s in all, {chosen_s / count:.3f} s",
+        f"per pair; the last time, after {last} pairs, {last_s:.1f} s. All from the maps' block means anew: {anew_s:.1f} s. Memory at most",
+        f"{ran_mb:.0f} MB in the run, {smoothed_mb:.0f} MB with smoothing, {_peak_mb():.0f} MB with all anew; {peak_before:.0f} MB of it",
+        f"before the run. Batch of {len(batch)} pairs: {min(batch_s):.2f} s. Processor time, 18,000 points, one core.",
     ]
     return lines
 
