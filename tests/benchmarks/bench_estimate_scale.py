@@ -111,11 +111,12 @@ def table(count: int) -> list[str]:
     chosen_s = sum(spent.chosen_s.values())
     lines += [
         "",
-        f"After {count} pairs: smoothed means of all pairs {smooth_s:.2f} s, with their covariances {smooth_s + spread_s:.2f} s, with all",
-        f"that is published {smooth_s + published_s:.2f} s. What the schedule asked for took {chosen_s:.1f} s in all, {chosen_s / count:.3f} s",
-        f"per pair; the last time, after {last} pairs, {last_s:.1f} s. All from the maps' block means anew: {anew_s:.1f} s. Memory at most",
-        f"{ran_mb:.0f} MB in the run, {smoothed_mb:.0f} MB with smoothing, {_peak_mb():.0f} MB with all anew; {peak_before:.0f} MB of it",
-        f"before the run. Batch of {len(batch)} pairs: {min(batch_s):.2f} s. Processor time, 18,000 points, one core.",
+        f"After {count} pairs: smoothed means of all pairs {smooth_s:.2f} s, with their covariances {smooth_s + spread_s:.2f} s,",
+        f"with all that is published {smooth_s + published_s:.2f} s. What the schedule asked for took {chosen_s:.1f} s in all,",
+        f"{chosen_s / count:.3f} s per pair; the last time, after {last} pairs, {last_s:.1f} s. All from the maps' block means anew:",
+        f"{anew_s:.1f} s. Memory at most {ran_mb:.0f} MB in the run, {smoothed_mb:.0f} MB with smoothing, {_peak_mb():.0f} MB with all",
+        f"anew; {peak_before:.0f} MB of it before the run. Batch of {len(batch)} pairs: {min(batch_s):.2f} s. Processor time, 18,000",
+        "points, one core.",
     ]
     return lines
 
