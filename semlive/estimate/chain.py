@@ -16,7 +16,7 @@ from scipy.linalg import get_blas_funcs, solve_triangular
 from semlive.data.drift import FrameTime
 from semlive.estimate.arrow import cholesky, steady
 from semlive.estimate.border import MOTION, SHIFT, Border, Codes, Matrix, Strand, Vector, joint_of, strands
-from semlive.estimate.piece import Piece, first_look, piece
+from semlive.estimate.piece import Piece, border_sums, first_look, piece
 from semlive.estimate.prior import GRADIENT, SHIFT_PX, Hyper
 from semlive.estimate.state import EstimatorState, MapRows
 from semlive.model import MotionKind
@@ -104,11 +104,12 @@ def chained(state: EstimatorState, hyper: Hyper, near: Vector) -> Chain:
     nothing = np.zeros(0)
     first = tuple(one.first for one in known)
     front = Front(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, border.size)), nothing, first, first)
-    empty = Chain(state, near, hyper, border, (), (), front, np.zeros((border.size,) * 2), np.zeros(border.size))
-    return extended(empty, state, near)
+    total = border_sums(state, border, hyper.noise_scale**-2.0) if state.summed else np.zeros((border.size,) * 2)
+    empty = Chain(state, near, hyper, border, (), (), front, total, np.zeros(border.size))
+    return extended(empty, state, near, state.summed)
 
 
-def extended(chain: Chain, state: EstimatorState, near: Vector) -> Chain:
+def extended(chain: Chain, state: EstimatorState, near: Vector, summed: bool = False) -> Chain:
     """The chain with the pairs of a state that it has not seen, linearised about the chain's point.
 
     A pair that comes after all others costs the same whatever their number; one that belongs before another costs a new elimination.
@@ -117,6 +118,7 @@ def extended(chain: Chain, state: EstimatorState, near: Vector) -> Chain:
         chain: what was eliminated before, of the same run.
         state: the data; its `about` holds the chain's point and, for new parameters, where to linearise.
         near: (n,) the chain's, with the new parameters.
+        summed: whether the border has got already what the new pairs say of it.
     """
     times = _times(state)
     order = sorted(times, key=lambda pair: times[pair][0].start_s)
@@ -135,7 +137,7 @@ def extended(chain: Chain, state: EstimatorState, near: Vector) -> Chain:
         for gap in _gap(known, front, times[pair]):
             front, step = _eliminated(front, _nothing(chain.border), known, gap, (chain, state, near), total, pull, None)
             steps.append(step)
-        said = piece(state, maps[pair], chain.border, near, total, weight)
+        said = piece(state, maps[pair], chain.border, near, None if summed else total, weight)
         pull += weight * said.border_pull
         said = replace(said, own=weight * said.own, to_border=weight * said.to_border, pull=weight * said.pull)
         sizes = tuple(max(one.size_at(_end_s(times[pair])), size) for one, size in zip(known, front.sizes, strict=True))

@@ -53,7 +53,7 @@ def _gone_on(state: EstimatorState, known: Solution) -> Chain:
     before = replace(before, about=before.about.copy())
     before.about[local] = known.mean[local]
     if before.distortion.carried:  # its columns hold the drift, so those of the earlier pairs are taken over
-        state = _caught_up(before, state)
+        state = unsummed(_caught_up(before, state))
     else:
         state = unsummed(replace(state, about=grown(state.layout, before.layout, before.about)))
     near = grown(state.layout, before.layout, chain.near)
@@ -77,7 +77,7 @@ def solve(state: EstimatorState) -> Solution:
 
 def _anew(solution: Solution) -> Solution:
     """Linearised about the solution itself, and what lives in time chosen anew from all pairs; all other choices are the same."""
-    state = replace(solution.state, about=solution.mean)
+    state = unsummed(replace(solution.state, about=solution.mean))
     if state.distortion.carried:
         state = carried_along(state)
     noise = solution.ending.chain.border.part(NOISE)

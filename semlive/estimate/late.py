@@ -84,9 +84,9 @@ def banded(state: EstimatorState, hyper: Hyper, near: Vector, noise_px: Vector) 
     maps: dict[int, list[MapRows]] = {}
     for rows in state.rows:
         maps.setdefault(rows.current // 2, []).append(rows)
-    said, unused = [], np.zeros((border.size,) * 2)
+    said = []
     for _, one in sorted(maps.items()):
-        told = piece(state, one, border, near, unused, 0.0)
+        told = piece(state, one, border, near, None, 0.0)
         pull = told.pull - told.to_border[:, border.part(NOISE)] @ noise_px
         said.append((empty.place(told.codes), weight * told.own, weight * pull))
     width = max((int(np.ptp(at)) for at, _, _ in said if at.size), default=0)

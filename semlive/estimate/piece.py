@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.estimate.accumulate import map_columns
-from semlive.estimate.border import DISTORTION, MOTION, NOISE, SHIFT, Border, Codes, Matrix, Vector, codes_of
+from semlive.estimate.border import DISTORTION, MOTION, NOISE, SHIFT, Border, Codes, Matrix, Vector, codes_of, joint_of
 from semlive.estimate.state import EstimatorState, MapRows
 
 
@@ -44,8 +44,8 @@ class _Rows:
     noise_at: slice | None
 
 
-def piece(state: EstimatorState, maps: Sequence[MapRows], border: Border, near: Vector, total: Matrix, weight: float) -> Piece:
-    """The information of one pair's maps; what the border gets of it times `weight` is added to `total` (b, b), in place."""
+def piece(state: EstimatorState, maps: Sequence[MapRows], border: Border, near: Vector, total: Matrix | None, weight: float) -> Piece:
+    """The information of one pair's maps; what the border gets of it times `weight` is added to `total` (b, b), in place, if given."""
     rows = [one for dmap in maps if dmap.weight.any() for one in _components(state, dmap, border, near)]
     codes = np.unique(np.concatenate([one.own[0] for one in rows])) if rows else np.zeros(0, dtype=np.int64)
     own, pull = np.zeros((len(codes),) * 2), np.zeros(len(codes))
@@ -63,18 +63,32 @@ def piece(state: EstimatorState, maps: Sequence[MapRows], border: Border, near: 
         pull += weighted.T @ misfit
         to_border[:, place] += weighted.T @ held
         border_pull[place] += weighted_held.T @ misfit
-        _scattered(total, place, border.counts[DISTORTION], weight * (weighted_held.T @ held))
+        if total is not None:
+            _scattered(total, place, border.counts[DISTORTION], weight * (weighted_held.T @ held))
         for number, one in enumerate(of_axis):
             if one.noise_at is None:
                 continue
             here = slice(number * state.blocks.size, (number + 1) * state.blocks.size)
             to_border[:, one.noise_at] -= weighted[here].T
             border_pull[one.noise_at] -= one.weight * one.misfit
-            noise = np.arange(one.noise_at.start, one.noise_at.stop)
-            total[noise, noise] += weight * one.weight
-            # The lower triangle is read, and the noise comes last.
-            total[one.noise_at, place] -= weight * weighted_held[here]
+            if total is not None:
+                noise = np.arange(one.noise_at.start, one.noise_at.stop)
+                total[noise, noise] += weight * one.weight
+                # The lower triangle is read, and the noise comes last.
+                total[one.noise_at, place] -= weight * weighted_held[here]
     return Piece(codes, own, to_border, pull, border_pull)
+
+
+def border_sums(state: EstimatorState, border: Border, weight: float) -> Matrix:
+    """(b, b) what the border gets from all pairs of a state that holds its sums, times `weight`; the lower triangle counts."""
+    total, count = np.zeros((border.size,) * 2), border.known
+    index, noise, blocks = joint_of(state.layout, border.codes()[:count]), border.part(NOISE), state.blocks.size
+    total[:count, :count] = state.precision[np.ix_(index, index)]
+    for axis in (0, 1):
+        total[noise.start + axis * blocks : noise.start + (axis + 1) * blocks, :count] = state.reference.coupling[axis][:, index]
+    diagonal = np.arange(noise.start, noise.stop)
+    total[diagonal, diagonal] = (state.reference.weight - state.reference.prior).T.ravel()
+    return total * weight
 
 
 def _together(parts: Sequence[tuple[NDArray[np.int64], Matrix]], whole: NDArray[np.int64]) -> Matrix:
