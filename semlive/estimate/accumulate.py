@@ -27,7 +27,7 @@ from semlive.model import (
     UniformSpline,
 )
 
-MAX_DRIFT_KNOTS = 200_000  # 24 bytes each and 20 us: a clock that jumps by years is refused, a run of months is not
+MAX_DRIFT_KNOTS = 60_000  # 15 kB each: 22 days of frames of 95 s; a clock that jumps by years is refused
 DENSE_PAIRS = 32  # what the data choose is chosen from sums over all pairs in one matrix; with more, from the first so many
 TREND_KNOTS = 6
 RASTER_KNOT_FRAMES = 8.0  # lens and high voltage wander in hours; faster changes are no drift of the magnification
