@@ -1,4 +1,4 @@
-"""How the cost of the joint estimate grows with the run: ``python tests/benchmarks/bench_estimate_scale.py [--pairs N] [--write]``.
+"""How the joint estimate's cost grows with the run: ``python tests/benchmarks/bench_estimate_scale.py [--pairs N] [--anew] [--write]``.
 
 The maps of the numerical experiment's pairs are used again and again, at later times: what is estimated is of no interest here. Prints
 processor time for each update and each estimate of the newest frame after 10, 100, 300 and 1000 pairs, time of smoothing and of a new
@@ -87,7 +87,7 @@ def run(experiment: Experiment, count: int) -> tuple[estimate.EstimatorState, es
     return state, known, spent
 
 
-def table(count: int) -> list[str]:
+def table(count: int, whole: bool) -> list[str]:
     """Markdown lines."""
     experiment = make_experiment(CASES["smooth"], 1)
     batch, batch_s = [], []
@@ -106,17 +106,19 @@ def table(count: int) -> list[str]:
     _, spread_s = timed(lambda: sum(1 for _ in spreads(smoothed.ending)))
     smoothed_mb = _peak_mb()
     _, published_s = timed(lambda: estimate.estimate(smoothed, count))
-    _, anew_s = timed(lambda: estimate.solve(state))
+    anew = ""
+    if whole:
+        _, anew_s = timed(lambda: estimate.solve(state))
+        anew = f" All from the maps' block means anew: {anew_s:.1f} s, {_peak_mb():.0f} MB at most."
     last, last_s = max(spent.chosen_s.items())
     chosen_s = sum(spent.chosen_s.values())
     lines += [
         "",
         f"After {count} pairs: smoothed means of all pairs {smooth_s:.2f} s, with their covariances {smooth_s + spread_s:.2f} s,",
         f"with all that is published {smooth_s + published_s:.2f} s. What the schedule asked for took {chosen_s:.1f} s in all,",
-        f"{chosen_s / count:.3f} s per pair; the last time, after {last} pairs, {last_s:.1f} s. All from the maps' block means anew:",
-        f"{anew_s:.1f} s. Memory at most {ran_mb:.0f} MB in the run, {smoothed_mb:.0f} MB with smoothing, {_peak_mb():.0f} MB with all",
-        f"anew; {peak_before:.0f} MB of it before the run. Batch of {len(batch)} pairs: {min(batch_s):.2f} s. Processor time, 18,000",
-        "points, one core.",
+        f"{chosen_s / count:.3f} s per pair; the last time, after {last} pairs, {last_s:.1f} s. Memory at most {ran_mb:.0f} MB in the run,",
+        f"{smoothed_mb:.0f} MB with smoothing; {peak_before:.0f} MB of it before the run.{anew} Batch of {len(batch)} pairs:",
+        f"{min(batch_s):.2f} s. Processor time, 18,000 points, one core.",
     ]
     return lines
 
@@ -137,11 +139,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--pairs", type=int, default=SHOWN[-1])
     parser.add_argument("--write", action="store_true", help="write the table into the documentation")
+    parser.add_argument("--anew", action="store_true", help="also solve the whole run without what was kept from pair to pair")
     given = parser.parse_args()
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # read by the process that is spawned next
     with multiprocessing.get_context("spawn").Pool(1) as pool:
-        lines = pool.apply(table, (given.pairs,))
+        lines = pool.apply(table, (given.pairs, given.anew))
     sys.stdout.write("\n".join(lines) + "\n")
     if given.write:
         before, rest = DOCS.read_text(encoding="utf-8").split(BEGIN)
