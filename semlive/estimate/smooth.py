@@ -8,7 +8,7 @@ from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg import cho_solve, get_blas_funcs, solve_triangular
 
 from semlive.estimate.arrow import cholesky, steady
 from semlive.estimate.border import DISTORTION, KINDS, Codes, Matrix, Vector, border_belief, joint_of
@@ -148,13 +148,13 @@ def spreads(ending: Ending, newest: bool = False) -> Iterator[Spread]:
     is its posterior seen through each parameter's response to it.
     """
     layout, border = ending.chain.state.layout, ending.chain.border
-    inverted = np.asarray(solve_triangular(ending.factor, np.eye(border.size), lower=True, check_finite=False), dtype=np.float64)
     knots = np.concatenate([np.arange(border.size)[border.part(kind)] for kind in range(DISTORTION + 1, KINDS.index("axes"))])
-    knot_codes, through_knots = border.codes()[knots], inverted[:, knots].T
+    (trsm,), factor = get_blas_funcs(("trsm",), (ending.factor,)), np.asfortranarray(ending.factor)
+    knot_codes, through_knots = border.codes()[knots], trsm(1.0, factor, np.eye(border.size)[:, knots], lower=1).T
     through = np.zeros((0, border.size))
     way = _way_back(ending)
     while together := list(islice(way, 2 if newest else TOGETHER)):
-        seen = np.concatenate([one.response for one in together]) @ inverted.T
+        seen = trsm(1.0, factor, np.concatenate([one.response for one in together]).T, lower=1, overwrite_b=1).T
         row = 0
         for one in together:
             stop = row + len(one.step.gone)
