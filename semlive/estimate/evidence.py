@@ -90,7 +90,7 @@ def _likeliest_size(data: Misfit) -> float:
     pull, about = data.pull @ vectors, data.about @ vectors
     values = np.clip(values, 0.0, None)
     fit = (pull - belief * about) ** 2 / (values + belief) - belief * about**2
-    score = 0.5 * (fit - np.log1p(values / belief)).sum(axis=1) + _log_belief(ROTATION_CANDIDATES, ROTATION_BELIEF)
+    score = 0.5 * (fit - np.log1p(values / belief)).sum(axis=1) + log_belief(ROTATION_CANDIDATES, ROTATION_BELIEF)
     return float(ROTATION_CANDIDATES[int(np.argmax(score))])
 
 
@@ -117,7 +117,7 @@ def _likeliest(
         fit = (pull**2 / more).sum(axis=1) - tight * float(data.about @ bent)
         after = np.log(more).sum(axis=1) - 2.0 * float(np.linalg.slogdet(vectors)[1])
         prior = np.log1p(np.outer(tight, before[order])).sum(axis=1)
-        score = 0.5 * (fit + prior - after) + _log_belief(CANDIDATES, belief)
+        score = 0.5 * (fit + prior - after) + log_belief(CANDIDATES, belief)
         at = int(np.argmax(score))
         if score[at] > highest:
             best, highest = Smoothness(order, float(CANDIDATES[at])), float(score[at])
@@ -134,5 +134,6 @@ def _spread(effect: DriftSpline | DistortionSpline, gauge: NDArray[np.float64], 
     return np.clip(eigh(effect.roughness(order), _base(effect) + gauge, eigvals_only=True, check_finite=False), 0.0, None)
 
 
-def _log_belief(candidates: NDArray[np.float64], belief: tuple[float, float]) -> NDArray[np.float64]:
+def log_belief(candidates: NDArray[np.float64], belief: tuple[float, float]) -> NDArray[np.float64]:
+    """Logarithm of a log-normal belief (median, standard deviation of the logarithm) at candidates."""
     return -0.5 * (np.log(candidates / belief[0]) / belief[1]) ** 2 - np.log(belief[1])
