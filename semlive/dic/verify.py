@@ -142,7 +142,7 @@ def refused(measured: Measured, grid: Grid) -> NDArray[np.uint8]:
     if ordinary > LOUD * (contrast - ordinary):
         edge = around >= EDGE_AROUND
     else:
-        edge = (around >= REFUSED_AROUND) & (m.sigma_px > SPREADING_SIGMA * sigma)
+        edge = (around >= REFUSED_AROUND) & (m.sigma_px > WEAK_SIGMA * sigma)  # weak, but called safe
     verdict[m.valid & ~beyond & edge] = PoiStatus.INCONSISTENT
     return verdict
 

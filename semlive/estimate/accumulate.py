@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,26 +11,24 @@ from numpy.typing import NDArray
 from semlive.data.disparity import DisparityMap
 from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
-from semlive.data.grid import Grid
 from semlive.errors import IllPosed
-from semlive.estimate.blocks import BlockColumns, Blocks, block_columns
+from semlive.estimate.blocks import BlockColumns, PackedColumns, block_columns
+from semlive.estimate.rows import all_rows, map_rows
 from semlive.estimate.state import EstimatorState, MapRows, ReferenceNoise
 from semlive.model import (
     Axis,
-    DistortionSpline,
     DriftSpline,
     Layout,
     MotionKind,
+    PairMotions,
     RasterChange,
     RasterTerm,
     Sighting,
     UniformSpline,
-    sighting,
-    with_drift,
 )
 
-SIGMA_FLOOR_PX = 1e-4  # noise-free synthetic maps come with sigma 0
-MAX_DRIFT_KNOTS = 4000
+MAX_DRIFT_KNOTS = 60_000  # 15 kB each: 22 days of frames of 95 s; a clock that jumps by years is refused
+DENSE_PAIRS = 32  # what the data choose is chosen from sums over all pairs in one matrix; with more, from the first so many
 TREND_KNOTS = 6
 RASTER_KNOT_FRAMES = 8.0  # lens and high voltage wander in hours; faster changes are no drift of the magnification
 
@@ -88,8 +85,7 @@ def update(
     duration_s = max(when.timing.duration_s for when in times)
     drift = state.drift or DriftSpline(UniformSpline(0.0, duration_s / state.settings.drift_knots_per_frame, 1))
     raster = state.raster or _raster(state, duration_s)
-    # A point may lie a little below the last row; an eighth of a frame covers any subset that was still inside the image.
-    end_s = times[1].start_s + 1.125 * times[1].timing.duration_s
+    end_s = _end_s(times[1])
     drift, raster = drift.until(end_s), tuple(one.until(end_s) for one in raster)
     if drift.spline.size > MAX_DRIFT_KNOTS:
         raise IllPosed(f"the run is {times[1].start_s:.0f} s long at pair {pair}, more than {MAX_DRIFT_KNOTS} drift knots: start a new run")
@@ -97,15 +93,37 @@ def update(
     frames, phases = tuple(sorted((*state.frames, *times), key=_start)), (*state.phases, phase)
     larger = replace(state, drift=drift, raster=raster, motions=motions, frames=frames, phases=phases)
     grown = _grown(larger, state.layout)
-    rows = _without_redundancy(tuple(_map_rows(grown, dmap) for dmap in maps))
+    rows = all_rows(grown, maps)
     sums = Sums(grown.precision, grown.information, grown.reference.copy())  # made by `_grown` for this state alone
     for one in rows:
-        add_rows(grown, one, grown.about, sums)
+        if grown.summed:
+            add_rows(grown, one, grown.about, sums)
+        add_prior(one, sums.reference)
     return replace(grown, rows=(*grown.rows, *rows), precision=sums.precision, information=sums.information, reference=sums.reference)
+
+
+def summed(state: EstimatorState) -> EstimatorState:
+    """The state with its sums, made anew where it does not hold them."""
+    if state.summed:
+        return state
+    n = state.layout.size
+    sums = Sums(np.zeros((n, n)), np.zeros(n), ReferenceNoise.nothing(state.blocks.size, n))
+    for one in state.rows:
+        add_rows(state, one, state.about, sums)
+        add_prior(one, sums.reference)
+    return replace(state, precision=sums.precision, information=sums.information, reference=sums.reference)
+
+
+def unsummed(state: EstimatorState) -> EstimatorState:
+    """The state without its sums, which do not grow beyond `DENSE_PAIRS` pairs or were made about another point."""
+    nothing = np.zeros((2, state.blocks.size, 0))
+    return replace(state, precision=np.zeros((0, 0)), information=np.zeros(0), reference=replace(state.reference, coupling=nothing))
 
 
 def relinearised(state: EstimatorState, about: NDArray[np.float64]) -> EstimatorState:
     """The same data about other parameters: only what touches effects that need the ideal position is summed anew."""
+    if not state.summed:
+        return replace(state, about=about)
     precision, information, reference, layout = state.precision.copy(), state.information.copy(), state.reference.copy(), state.layout
     moving = np.zeros(len(information), dtype=bool)
     for effect in state.model:
@@ -154,18 +172,45 @@ def add_rows(state: EstimatorState, rows: MapRows, about: NDArray[np.float64], s
         sums.information[index] += weighted.T @ disparity
         if rows.from_reference:
             noise = sums.reference
-            # Frame 0 is as noisy as the earliest frame seen against it, whatever the order in which the pairs come.
-            earlier = (weight > 0) & (rows.current < noise.seen_in[:, axis])
-            prior = np.where(earlier, weight, noise.prior[:, axis])
-            noise.weight[:, axis] += weight + (prior - noise.prior[:, axis])
-            noise.prior[:, axis] = prior
-            noise.seen_in[:, axis] = np.where(earlier, rows.current, noise.seen_in[:, axis])
+            noise.weight[:, axis] += weight
             noise.coupling[axis][:, index] -= weighted
             noise.information[:, axis] -= weight * disparity
 
 
+def add_prior(rows: MapRows, noise: ReferenceNoise) -> None:
+    """Frame 0 is as noisy as the earliest frame seen against it, whatever the order in which the pairs come; in place."""
+    if not rows.from_reference:
+        return
+    earlier = (rows.weight > 0) & (rows.current < noise.seen_in)
+    noise.weight[earlier] += rows.weight[earlier] - noise.prior[earlier]
+    noise.prior[earlier] = rows.weight[earlier]
+    noise.seen_in[earlier] = rows.current
+
+
+def beginning(state: EstimatorState, pairs: int) -> EstimatorState:
+    """The state as if the first so many pairs that came were all."""
+    kept = {0, *state.motions.pairs[: pairs - 1]}
+    frames = tuple(when for when in state.frames if when.frame // 2 in kept)
+    end_s = max(_end_s(when) for when in frames)
+    assert state.drift is not None  # there are pairs
+    shorter = unsummed(state)
+    return summed(
+        replace(
+            shorter,
+            drift=replace(state.drift, spline=replace(state.drift.spline, intervals=1)).until(end_s),
+            raster=tuple(replace(one, spline=replace(one.spline, intervals=1)).until(end_s) for one in state.raster),
+            motions=PairMotions(state.motions.pairs[: pairs - 1], state.motions.kinds[: pairs - 1]),
+            frames=frames,
+            phases=state.phases[:pairs],
+            rows=tuple(rows for rows in state.rows if rows.current // 2 in kept),
+            about=np.zeros(0),
+        )
+    )
+
+
 def marginal(state: EstimatorState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(n, n) and (n,) information on the parameters with the noise of frame 0 integrated out."""
+    state = summed(state)
     precision, information = state.precision.copy(), state.information.copy()
     noise = state.reference
     for axis in (0, 1):
@@ -184,6 +229,7 @@ def pull(state: EstimatorState, parameters: NDArray[np.float64]) -> NDArray[np.f
     The same as ``marginal(state)[1] - marginal(state)[0] @ parameters``, without its rounding: displacements of 30 px that agree
     to 1e-7 px leave nothing of the difference of two sums.
     """
+    state = summed(state)
     total, noise = np.zeros(len(parameters)), np.zeros((state.blocks.size, 2))
     for rows in state.rows:
         if not rows.weight.any():
@@ -197,15 +243,6 @@ def pull(state: EstimatorState, parameters: NDArray[np.float64]) -> NDArray[np.f
         weight = state.reference.weight[:, axis]
         total -= state.reference.coupling[axis].T @ np.where(weight > 0, noise[:, axis] / np.where(weight > 0, weight, 1.0), 0.0)
     return total
-
-
-def _without_redundancy(maps: tuple[MapRows, ...]) -> tuple[MapRows, ...]:
-    """A map within a pair loses its weight in the blocks where both frames were seen against frame 0."""
-    across = [one for one in maps if one.from_reference and not one.within_pair]
-    if len(across) < 2:
-        return maps
-    known = np.all([one.weight > 0 for one in across], axis=0)
-    return tuple(replace(one, weight=np.where(known, 0.0, one.weight)) if one.within_pair else one for one in maps)
 
 
 def evaluated(layout: Layout, columns: Sequence[BlockColumns], parameters: NDArray[np.float64], blocks: int) -> NDArray[np.float64]:
@@ -238,15 +275,19 @@ def add_projected(layout: Layout, columns: Sequence[BlockColumns], field: NDArra
 def _parts(state: EstimatorState, rows: MapRows, about: NDArray[np.float64]) -> list[BlockColumns]:
     """All columns of a map; those that need the ideal position are made from it here."""
     if rows.within_pair:
-        return list(rows.difference)
+        return _unpacked(rows.difference)
     blocks = len(rows.position_px)
-    ideal = rows.position_px - (evaluated(state.layout, rows.at_reference, about, blocks) if about.size else 0.0)
+    ideal = rows.position_px + (evaluated(state.layout, _unpacked(rows.at_reference), about, blocks) if about.size else 0.0)
     nowhere, every = np.zeros(0), np.arange(blocks)
     pair = rows.current // 2
     turn_rad = state.motions.turn_rad(pair, about[state.layout.part("motion")]) if about.size else 0.0
     seen = Sighting(rows.current, pair, nowhere, nowhere, nowhere, ideal, turn_rad)
     moving = [effect for effect in state.model if effect.needs_ideal]
-    return [*rows.difference, *(block_columns(one.name, part, every, blocks) for one in moving for part in one.columns(seen))]
+    return [*_unpacked(rows.difference), *(block_columns(one.name, part, every, blocks) for one in moving for part in one.columns(seen))]
+
+
+def _unpacked(columns: tuple[BlockColumns | PackedColumns, ...]) -> list[BlockColumns]:
+    return [one.unpacked() if isinstance(one, PackedColumns) else one for one in columns]
 
 
 def _component(layout: Layout, columns: list[BlockColumns], axis: Axis) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -277,12 +318,20 @@ def _joint_index(layout: Layout, part: BlockColumns, axis: Axis) -> NDArray[np.i
 def carried_along(state: EstimatorState) -> EstimatorState:
     """The same data with the distortion carried along by the drift that the state is linearised about: all columns made anew."""
     carried = replace(state, distortion=replace(state.distortion, carried=True))
-    kept = tuple(replace(_map_rows(carried, rows.dmap), weight=rows.weight) for rows in state.rows)
+    kept = tuple(replace(map_rows(carried, one.dmap), weight=one.weight) if one.weight.any() else one for one in state.rows)
     nothing, n = ReferenceNoise.nothing(state.blocks.size, state.layout.size), state.layout.size
+    if not state.summed:
+        return replace(carried, rows=kept)
     sums = Sums(np.zeros((n, n)), np.zeros(n), nothing)
     for one in kept:
         add_rows(carried, one, carried.about, sums)
+        add_prior(one, sums.reference)
     return replace(carried, rows=kept, precision=sums.precision, information=sums.information, reference=sums.reference)
+
+
+def _end_s(when: FrameTime) -> float:
+    """A point may lie a little below the last row; an eighth of a frame covers any subset that was still inside the image."""
+    return when.start_s + 1.125 * when.timing.duration_s
 
 
 def _start(when: FrameTime) -> float:
@@ -298,21 +347,29 @@ def _raster(state: EstimatorState, duration_s: float) -> tuple[RasterChange, ...
 def _grown(state: EstimatorState, before: Layout) -> EstimatorState:
     layout = state.layout
     index = before.within(layout)
+    about = grown(layout, before, state.about)
+    if not state.summed or len(state.phases) > DENSE_PAIRS:
+        return replace(unsummed(state), about=about)
     precision, information = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
     moved = [(before.part(name), slice(layout.part(name).start, layout.part(name).start + size)) for name, size in before.of_each()]
     for old_row, row in moved:
         for old_column, column in moved:
             precision[row, column] = state.precision[old_row, old_column]
     information[index] = state.information
-    about = np.zeros(0)
-    if state.about.size:
-        about = np.zeros(layout.size)
-        about[index] = state.about
-        _go_on(about[layout.part("drift")].reshape(-1, 2), before.part("drift"))
     before_noise = state.reference
     coupling = np.zeros((2, state.blocks.size, layout.size))
     coupling[:, :, index] = before_noise.coupling
     return replace(state, precision=precision, information=information, about=about, reference=replace(before_noise, coupling=coupling))
+
+
+def grown(layout: Layout, before: Layout, known: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) parameters of a shorter run in a longer one's layout: drift goes on at its last rate, motions are zero."""
+    if not known.size:
+        return known
+    about = np.zeros(layout.size)
+    about[before.within(layout)] = known
+    _go_on(about[layout.part("drift")].reshape(-1, 2), before.part("drift"))
+    return about
 
 
 def _go_on(drift: NDArray[np.float64], known: slice) -> None:
@@ -321,65 +378,3 @@ def _go_on(drift: NDArray[np.float64], known: slice) -> None:
     last = min(TREND_KNOTS, count - 1)
     rate = (drift[count - 1] - drift[count - 1 - last]) / last
     drift[count:] = drift[count - 1] + rate * np.arange(1, len(drift) - count + 1)[:, None]
-
-
-def _map_rows(state: EstimatorState, dmap: DisparityMap) -> MapRows:
-    if dmap.grid != state.grid:
-        raise IllPosed(f"the map {dmap.reference} -> {dmap.current} is on another grid than the estimate: correlate all pairs on one grid")
-    if dmap.reference != 0 and dmap.reference // 2 != dmap.current // 2:
-        raise IllPosed(f"the map {dmap.reference} -> {dmap.current} starts from neither frame 0 nor its own pair: leave it out")
-    blocks = state.blocks
-    x, y = (one.ravel() for one in dmap.grid.mesh())
-    disparity = np.stack((dmap.u_px.ravel(), dmap.v_px.ravel()), axis=1)
-    valid = dmap.valid.ravel()
-    used = blocks.inliers(disparity[:, 0], valid) & blocks.inliers(disparity[:, 1], valid)
-    at = blocks.block[used]
-    reference = sighting(state.frame_time(dmap.reference), x[used], y[used])
-    current = sighting(state.frame_time(dmap.current), x[used] + disparity[used, 0], y[used] + disparity[used, 1])
-    if state.distortion.carried:
-        reference, current = (with_drift(state.model, state.about, one) for one in (reference, current))
-    difference, at_reference = [], []
-    for effect in state.model:
-        if effect.needs_ideal or not used.any():
-            continue
-        after = [block_columns(effect.name, part, at, blocks.size) for part in effect.columns(current)]
-        if isinstance(effect, DistortionSpline) and not effect.carried and used.all():
-            before = _resting(effect, dmap.grid)
-        else:
-            before = [block_columns(effect.name, part, at, blocks.size, sign=-1.0) for part in effect.columns(reference)]
-        difference += _together(after, before)
-        at_reference += [replace(part, value=-part.value) for part in before]
-    if not used.any():
-        difference = [BlockColumns("distortion", Axis.EACH, np.zeros(1, dtype=np.int64), np.zeros((blocks.size, 1)))]
-    within, noisy = dmap.reference // 2 == dmap.current // 2, 1 if dmap.reference == 0 else 2
-    position = blocks.mean(np.stack((x, y), axis=1), used) - state.centre_px
-    return MapRows(
-        dmap.reference, dmap.current, blocks.mean(disparity, used), _weights(state, dmap, used, noisy), noisy,
-        tuple(difference), position, () if within else tuple(at_reference), dmap,
-    )  # fmt: skip
-
-
-def _together(after: list[BlockColumns], before: list[BlockColumns]) -> list[BlockColumns]:
-    """Columns of one effect in two frames; one matrix where they touch the same parameters, as the distortion's do."""
-    if len(after) == len(before) and all(np.array_equal(one.index, two.index) for one, two in zip(after, before, strict=True)):
-        return [replace(one, value=one.value + two.value) for one, two in zip(after, before, strict=True)]
-    return [*after, *before]
-
-
-@lru_cache(maxsize=4)
-def _resting(distortion: DistortionSpline, grid: Grid) -> list[BlockColumns]:
-    """Columns of the distortion at the grid itself, where every map begins; a third of a map's cost."""
-    blocks = Blocks.of(grid)
-    x, y = (one.ravel() for one in grid.mesh())
-    seen = Sighting(0, 0, x, y, np.zeros((1, len(x))))
-    return [block_columns(distortion.name, part, blocks.block, blocks.size, sign=-1.0) for part in distortion.columns(seen)]
-
-
-def _weights(state: EstimatorState, dmap: DisparityMap, used: NDArray[np.bool_], noisy_frames: int) -> NDArray[np.float64]:
-    """(blocks, 2) weights from DIC noise, which is that of two frames, and subset overlap; zero for empty blocks."""
-    blocks = state.blocks
-    sigma = np.stack((dmap.sigma_u_px.ravel(), dmap.sigma_v_px.ravel()), axis=1)
-    variance = blocks.mean(np.maximum(sigma, SIGMA_FLOOR_PX) ** 2, used)
-    count = np.bincount(blocks.block[used], minlength=blocks.size)
-    weight = (2 / noisy_frames) / np.maximum(variance * blocks.variance(count)[:, None], SIGMA_FLOOR_PX**2 * 1e-2)
-    return np.where(count[:, None] > 0, weight, 0.0)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import gammaincc, ndtri
 
-from semlive.estimate.accumulate import Sums, add_rows, marginal
+from semlive.estimate.accumulate import DENSE_PAIRS, Sums, add_prior, add_rows, marginal, summed
 from semlive.estimate.evidence import steady
 from semlive.estimate.prior import belief_precision, gauge_precision
 from semlive.estimate.solve import Solution
@@ -65,9 +65,10 @@ def consistency(solution: Solution) -> tuple[Agreement, ...]:
     Costs two half passes over the block means and four factorisations. The map within a pair counts where the others do not, so each half
     is made from the weights that the whole has.
     """
-    state = solution.state
-    if len(state.motions.pairs) + 1 < MIN_PAIRS:
+    if not MIN_PAIRS <= len(solution.state.phases) <= DENSE_PAIRS:
         return ()
+    solution = replace(solution, state=summed(solution.state))
+    state = solution.state
     left = (np.arange(state.blocks.size) % state.blocks.layout[1]) < state.blocks.layout[1] // 2
     every = np.ones(state.blocks.size, dtype=np.bool_)
     return (
@@ -128,6 +129,7 @@ def _half(state: EstimatorState, choose: Chooser) -> EstimatorState:
         masked = replace(one, weight=np.where(choose(one)[:, None], one.weight, 0.0))
         if masked.weight.any():
             add_rows(state, masked, state.about, sums)
+            add_prior(masked, sums.reference)
     return replace(state, precision=sums.precision, information=sums.information, reference=sums.reference)
 
 

@@ -18,6 +18,8 @@ from semlive.model import DistortionSpline, DriftSpline
 DRIFT_ORDERS = {2: (0.05, 2.0), 3: (0.01, 4.0)}
 DISTORTION_ORDERS = {2: (0.5, 1.5), 4: (0.05, 4.0)}
 CANDIDATES = 10.0 ** np.arange(-4.0, 1.51, 0.25)
+# A first pair says nothing of the distortion: 1e-4 px could be chosen, and beside BASE_PX the elimination of pairs then lost seven digits.
+DISTORTION_CANDIDATES = CANDIDATES[CANDIDATES > 9e-3]
 ROTATION_BELIEF = (1e-4, 3.0)
 ROTATION_CANDIDATES = 10.0 ** np.arange(-7.0, -1.9, 0.25)  # rad
 
@@ -59,7 +61,7 @@ def likeliest_hyper(state: EstimatorState, data: Misfit, hyper: Hyper, gauge: ND
     bare = data.scaled(hyper.noise_scale**-2.0).believing(gauge)
     if at.size:
         hyper = replace(hyper, rotation_rad=_likeliest_size(marginal_of(bare, belief_precision(state, hyper), where, at)))
-    for effect, orders in ((state.distortion, DISTORTION_ORDERS), (state.drift, DRIFT_ORDERS)):
+    for effect, orders, sizes in ((state.distortion, DISTORTION_ORDERS, DISTORTION_CANDIDATES), (state.drift, DRIFT_ORDERS, CANDIDATES)):
         assert effect is not None  # solve() refuses an empty state
         part = state.layout.part(effect.name)
         both = marginal_of(bare, belief_precision(state, hyper), where, np.arange(part.start, part.stop))
@@ -69,7 +71,7 @@ def likeliest_hyper(state: EstimatorState, data: Misfit, hyper: Hyper, gauge: ND
         for axis in (0, 1):
             one = slice(axis, None, 2)
             own = Misfit(both.precision[one, one], both.pull[one], both.about[one])
-            best.append(_likeliest(own, effect, before, orders))
+            best.append(_likeliest(own, effect, before, orders, sizes))
         hyper = replace(hyper, **{effect.name: (best[0], best[1])})
     return hyper
 
@@ -90,7 +92,7 @@ def _likeliest_size(data: Misfit) -> float:
     pull, about = data.pull @ vectors, data.about @ vectors
     values = np.clip(values, 0.0, None)
     fit = (pull - belief * about) ** 2 / (values + belief) - belief * about**2
-    score = 0.5 * (fit - np.log1p(values / belief)).sum(axis=1) + _log_belief(ROTATION_CANDIDATES, ROTATION_BELIEF)
+    score = 0.5 * (fit - np.log1p(values / belief)).sum(axis=1) + log_belief(ROTATION_CANDIDATES, ROTATION_BELIEF)
     return float(ROTATION_CANDIDATES[int(np.argmax(score))])
 
 
@@ -99,6 +101,7 @@ def _likeliest(
     effect: DriftSpline | DistortionSpline,
     before: dict[int, NDArray[np.float64]],
     orders: dict[int, tuple[float, float]],
+    sizes: NDArray[np.float64] = CANDIDATES,
 ) -> Smoothness:
     """The order and size of smoothness with the largest marginal likelihood, for one component of one effect.
 
@@ -106,7 +109,7 @@ def _likeliest(
     ``V^T (P + R / s0^2) V = 1`` and ``V^T R V = L``, every posterior precision ``P + R / s^2`` is diagonal, as is the prior in its own.
     """
     data = data.believing(_base(effect))
-    tight = CANDIDATES**-2.0
+    tight = sizes**-2.0
     best, highest = Smoothness(2, 0.0), -np.inf
     for order, belief in orders.items():
         roughness = effect.roughness(order)
@@ -117,10 +120,10 @@ def _likeliest(
         fit = (pull**2 / more).sum(axis=1) - tight * float(data.about @ bent)
         after = np.log(more).sum(axis=1) - 2.0 * float(np.linalg.slogdet(vectors)[1])
         prior = np.log1p(np.outer(tight, before[order])).sum(axis=1)
-        score = 0.5 * (fit + prior - after) + _log_belief(CANDIDATES, belief)
+        score = 0.5 * (fit + prior - after) + log_belief(sizes, belief)
         at = int(np.argmax(score))
         if score[at] > highest:
-            best, highest = Smoothness(order, float(CANDIDATES[at])), float(score[at])
+            best, highest = Smoothness(order, float(sizes[at])), float(score[at])
     return best
 
 
@@ -134,5 +137,6 @@ def _spread(effect: DriftSpline | DistortionSpline, gauge: NDArray[np.float64], 
     return np.clip(eigh(effect.roughness(order), _base(effect) + gauge, eigvals_only=True, check_finite=False), 0.0, None)
 
 
-def _log_belief(candidates: NDArray[np.float64], belief: tuple[float, float]) -> NDArray[np.float64]:
+def log_belief(candidates: NDArray[np.float64], belief: tuple[float, float]) -> NDArray[np.float64]:
+    """Logarithm of a log-normal belief (median, standard deviation of the logarithm) at candidates."""
     return -0.5 * (np.log(candidates / belief[0]) / belief[1]) ** 2 - np.log(belief[1])

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 from semlive.errors import IllPosed
-from semlive.estimate.accumulate import update
-from semlive.estimate.solve import Solution, solve, solve_as
+from semlive.estimate.accumulate import DENSE_PAIRS, beginning, carried_along, grown, unsummed, update
+from semlive.estimate.border import DRIFT, NOISE
+from semlive.estimate.chain import Chain, chained, extended, looked_at
+from semlive.estimate.late import rechosen
+from semlive.estimate.solve import Solution, choose, solved
 from semlive.estimate.state import EstimatorState
 
 
@@ -25,11 +29,60 @@ def follow(state: EstimatorState, known: Solution | None) -> Solution:
     Raises:
         IllPosed: there are no data, or they are not finite; or `known` is of pairs that the state does not have.
     """
-    if known is None or chosen_anew(len(state.phases)):
+    if known is None or (chosen_anew(len(state.phases)) and len(state.phases) <= DENSE_PAIRS):
         return solve(state)
-    if known.state.distortion.carried:  # its columns hold the drift, so those of the earlier pairs are taken over
-        state = _caught_up(known.state, state)
-    return solve_as(state, known.hyper, known.terms)
+    followed = solved(_gone_on(state, known), known.terms, known.noise_floor_px)
+    return _anew(followed) if chosen_anew(len(state.phases)) else followed
+
+
+def newest(state: EstimatorState, known: Solution) -> Solution:
+    """The same for the newest pair alone, and for what all pairs share: costs as much after a thousand pairs as after ten.
+
+    The mean of what belongs to earlier pairs stays where the last choice left it.
+    """
+    return solved(_gone_on(state, known), known.terms, known.noise_floor_px, newest=True)
+
+
+def _gone_on(state: EstimatorState, known: Solution) -> Chain:
+    """The known elimination, with the pairs that it has not seen."""
+    chain, before = known.ending.chain, known.state
+    if state.motions.pairs[: len(before.motions.pairs)] != before.motions.pairs:
+        raise IllPosed("the earlier solution is of another run: begin without one")
+    # Drift goes on from where it was found to be; what belongs to the past is in no column that is still to be made.
+    local = slice(before.layout.part("drift").start + chain.border.counts[DRIFT], before.layout.part("drift").stop)
+    before = replace(before, about=before.about.copy())
+    before.about[local] = known.mean[local]
+    if before.distortion.carried:  # its columns hold the drift, so those of the earlier pairs are taken over
+        state = unsummed(_caught_up(before, state))
+    else:
+        state = unsummed(replace(state, about=grown(state.layout, before.layout, before.about)))
+    near = grown(state.layout, before.layout, chain.near)
+    new = slice(local.stop, state.layout.part("drift").stop)
+    near[new] = state.about[new]
+    fresh = state.motions.pairs[len(before.motions.pairs) :]
+    return extended(chain, *looked_at(state, near, fresh, chain.border))
+
+
+def solve(state: EstimatorState) -> Solution:
+    """Everything from all pairs; of a run longer than `DENSE_PAIRS`, the choices from the first so many that came.
+
+    Raises:
+        IllPosed: there are no data, or they are not finite.
+    """
+    if len(state.phases) <= DENSE_PAIRS:
+        return choose(state)
+    known = choose(beginning(state, DENSE_PAIRS))
+    return _anew(solved(_gone_on(state, known), known.terms, known.noise_floor_px))
+
+
+def _anew(solution: Solution) -> Solution:
+    """Linearised about the solution itself, and what lives in time chosen anew from all pairs; all other choices are the same."""
+    state = unsummed(replace(solution.state, about=solution.mean))
+    if state.distortion.carried:
+        state = carried_along(state)
+    noise = solution.ending.chain.border.part(NOISE)
+    hyper, terms = rechosen(state, solution.hyper, solution.terms, solution.mean, solution.ending.step[noise])
+    return solved(chained(state, hyper, solution.mean), terms, solution.noise_floor_px)
 
 
 def chosen_anew(pairs: int) -> bool:
@@ -41,8 +94,6 @@ def chosen_anew(pairs: int) -> bool:
 def _caught_up(known: EstimatorState, state: EstimatorState) -> EstimatorState:
     """The earlier state with the pairs that it has not seen."""
     seen = set(known.motions.pairs)
-    if not seen <= set(state.motions.pairs):
-        raise IllPosed("the earlier solution is of another run: begin without one")
     for pair, phase in itertools.islice(zip((0, *state.motions.pairs), state.phases, strict=True), 1, None):
         if pair not in seen:
             maps = tuple(rows.dmap for rows in state.rows if rows.current // 2 == pair)

@@ -79,14 +79,16 @@ def gauge_precision(state: EstimatorState) -> NDArray[np.float64]:
     axes = np.arange(*layout.part("axes").indices(layout.size))
     total[axes, axes] = AXES**-2.0
     motion = layout.part("motion")
-    precision = [
-        value
-        for kind in state.motions.kinds
-        for value in ((SHIFT_PX**-2, SHIFT_PX**-2, 0.0) if kind is MotionKind.RIGID else (SHIFT_PX**-2, GRADIENT**-2, GRADIENT**-2) * 2)
-    ]
     diagonal = np.arange(motion.start, motion.stop)
-    total[diagonal, diagonal] = precision
+    total[diagonal, diagonal] = gauge_of_motions(state, None)
     return total
+
+
+def gauge_of_motions(state: EstimatorState, rotation_rad: float | None) -> NDArray[np.float64]:
+    """(k,) precision of the wide priors of shifts and gradients, and of rotations where their size is given."""
+    turn, shift, gradient = 0.0 if rotation_rad is None else rotation_rad**-2.0, SHIFT_PX**-2, GRADIENT**-2
+    rigid, free = (shift, shift, turn), (shift, gradient, gradient) * 2
+    return np.array([value for kind in state.motions.kinds for value in (rigid if kind is MotionKind.RIGID else free)])
 
 
 def raster_belief(change: RasterChange, size_px: float) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from semlive.data.drift import Correction, DistortionField, DriftEstimate, Estim
 from semlive.data.experiment import Phase
 from semlive.data.strain import Tensor2
 from semlive.estimate.consistency import consistency
+from semlive.estimate.smooth import Spread, border_covariance, spreads
 from semlive.estimate.solve import Solution
 from semlive.estimate.support import Calibration, calibration, outside_notes, pointwise, support
 from semlive.model import Axis, MotionKind, Sighting, offsets, sighting, with_drift
@@ -28,9 +29,10 @@ def estimate(solution: Solution, revision: int) -> Estimate:
     state = solution.state
     known = calibration(solution)
     distortion = _distortion(solution, known)
-    motions = tuple(_motion(solution, pair) for pair in (0, *state.motions.pairs))
-    notes = _notes(solution, known)
-    return Estimate(_drift(solution, revision), distortion, motions, solution.noise_floor_px, notes, solution.terms, _wander(solution))
+    wide = {one.pair: one for one in spreads(solution.ending)}
+    motions = tuple(_motion(solution, pair, wide) for pair in (0, *state.motions.pairs))
+    notes, drift, wander = _notes(solution, known), _drift(solution, revision, wide), _wander(solution, wide)
+    return Estimate(drift, distortion, motions, solution.noise_floor_px, notes, solution.terms, wander)
 
 
 def checks(solution: Solution) -> tuple[str, ...]:
@@ -148,38 +150,52 @@ def _sightings(solution: Solution, dmap: DisparityMap) -> tuple[Sighting, Sighti
     return with_drift(state.model, solution.mean, reference), with_drift(state.model, solution.mean, current)
 
 
-def _wander(solution: Solution) -> RasterWander:
+Spreads = dict[int, Spread]
+"""Uncertainty of what concerns each pair."""
+
+
+def _wander(solution: Solution, wide: Spreads) -> RasterWander:
     frames = sorted(solution.state.frames, key=_start)
-    middle_s = [when.start_s + 0.5 * when.timing.duration_s for when in frames]
     values = []
     for change in solution.state.raster:
-        part = solution.state.layout.part(change.name)
-        rows = change.rows(middle_s)
-        variance = np.einsum("ni,ij,nj->n", rows, solution.covariance[part, part], rows, optimize=True)
-        values += [rows @ solution.mean[part], np.sqrt(np.clip(variance, 0.0, None))]
+        start = solution.state.layout.part(change.name).start
+        found, variance = [], []
+        for when in frames:
+            index, value = change.spline.local([when.start_s + 0.5 * when.timing.duration_s])
+            at, row = start + index[0], value[0] / change.radius_px
+            found.append(float(row @ solution.mean[at]))
+            variance.append(float(row @ wide[when.frame // 2].of(at) @ row))
+        values += [np.array(found), np.sqrt(np.clip(variance, 0.0, None))]
     return RasterWander(np.array([when.frame for when in frames], dtype=np.int64), *values)
 
 
-def _drift(solution: Solution, revision: int) -> DriftEstimate:
+def _drift(solution: Solution, revision: int, wide: Spreads) -> DriftEstimate:
     drift, layout = solution.state.drift, solution.state.layout
     assert drift is not None  # a solution has data
-    part = layout.part("drift")
-    parameters = solution.mean[part].reshape(-1, 2)
-    frames = sorted(solution.state.frames, key=lambda when: when.start_s)
-    fraction = np.linspace(0.0, 1.0, SAMPLES_PER_FRAME)
-    time_s = np.concatenate([when.start_s + fraction * when.timing.duration_s for when in frames])
-    middle_s = np.repeat([when.start_s + 0.5 * when.timing.duration_s for when in frames], SAMPLES_PER_FRAME)
-    rows = drift.rows(time_s)
-    change = rows - drift.rows(middle_s)
-    variance = [
-        np.einsum("ni,ij,nj->n", change, solution.covariance[part, part][axis::2, axis::2], change, optimize=True) for axis in (0, 1)
-    ]
+    spline, start = drift.spline, layout.part("drift").start
+    parameters = solution.part("drift").reshape(-1, 2)
+    frames = sorted(solution.state.frames, key=_start)
+    fraction = np.append(np.linspace(0.0, 1.0, SAMPLES_PER_FRAME), 0.5)
+    times, values, rates, variances = [], [], [], []
+    for when in frames:
+        time_s = when.start_s + fraction * when.timing.duration_s
+        (index, value), (_, rate) = spline.local(time_s), spline.local_rate(time_s)
+        first = int(index.min())
+        rows = np.zeros((len(time_s), int(index.max()) + 1 - first))
+        np.put_along_axis(rows, index - first, value, axis=1)
+        change = rows[:-1] - rows[-1]
+        knots = start + 2 * np.arange(first, first + rows.shape[1])
+        one = wide[when.frame // 2]
+        variances.append(np.stack([np.einsum("ni,ij,nj->n", change, one.of(knots + axis), change) for axis in (0, 1)], axis=1))
+        times.append(time_s[:-1])
+        values.append(np.einsum("nk,nkc->nc", value, parameters[index])[:-1])
+        rates.append(np.einsum("nk,nkc->nc", rate, parameters[index])[:-1])
     return DriftEstimate(
-        time_s,
+        np.concatenate(times),
         np.repeat([when.frame for when in frames], SAMPLES_PER_FRAME).astype(np.int64),
-        rows @ parameters,
-        np.sqrt(np.clip(np.stack(variance, axis=1), 0.0, None)),
-        drift.rate_rows(time_s) @ parameters,
+        np.concatenate(values),
+        np.sqrt(np.clip(np.concatenate(variances), 0.0, None)),
+        np.concatenate(rates),
         revision,
     )
 
@@ -189,19 +205,19 @@ def _distortion(solution: Solution, known: Calibration) -> DistortionField:
     part = state.layout.part("distortion")
     x, y = grid.mesh()
     ex, ey = (one.reshape(grid.shape) for one in state.distortion.field(solution.mean[part], x, y).T)
-    covariance = solution.covariance[part, part]
+    covariance = border_covariance(solution.ending)
     variance = 0.5 * (pointwise(state, covariance[0::2, 0::2]) + pointwise(state, covariance[1::2, 1::2]))
     return DistortionField(grid, ex, ey, np.sqrt(variance), known.covered)
 
 
-def _motion(solution: Solution, pair: int) -> Motion:
+def _motion(solution: Solution, pair: int, wide: Spreads) -> Motion:
     motions = solution.state.motions
     shift, gradient = motions.shift_and_gradient(pair, solution.part("motion"))
     shift_sigma, gradient_sigma = np.zeros(2), np.zeros((2, 2))
     if pair in motions.pairs:
         part, kind = motions.part(pair)
         start = solution.state.layout.part("motion").start
-        sigma = np.sqrt(np.diag(solution.covariance)[start + part.start : start + part.stop])
+        sigma = np.sqrt(np.diag(wide[pair].of(start + np.arange(part.start, part.stop))))
         if kind is MotionKind.RIGID:
             shift_sigma, gradient_sigma = sigma[:2], np.array([[0.0, sigma[2]], [sigma[2], 0.0]])
         else:

@@ -13,8 +13,10 @@ from semlive.errors import IllPosed
 from semlive.estimate.accumulate import carried_along, marginal, predicted, pull, relinearised
 from semlive.estimate.arrow import Factor, cholesky, factored, sides, steady
 from semlive.estimate.blocks import Blocks
+from semlive.estimate.chain import Chain, chained
 from semlive.estimate.evidence import Misfit, likeliest_hyper
 from semlive.estimate.prior import Hyper, belief_precision, gauge_precision
+from semlive.estimate.smooth import Ending, ended, mean_of
 from semlive.estimate.state import EstimatorState
 from semlive.estimate.terms import coupling, raster_terms
 
@@ -33,18 +35,18 @@ class Solution:
     """Posterior of all parameters given everything accumulated.
 
     Attributes:
-        state: the data, linearised about this posterior's mean of the pass before.
+        state: the data, linearised about the posterior mean that the choices were made about.
         hyper: noise scale and smoothness used.
         mean: (n,) posterior mean.
-        covariance: (n, n) posterior covariance.
-        noise_floor_px: robust standard deviation of one POI that the model leaves unexplained, per component.
+        ending: the elimination that gave it, which further pairs go on from.
+        noise_floor_px: robust standard deviation of one POI that the model leaves unexplained, per component, when last chosen.
         terms: optional terms, and whether the data asked for them.
     """
 
     state: EstimatorState
     hyper: Hyper
     mean: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    ending: Ending
     noise_floor_px: float
     terms: tuple[TermTest, ...] = ()
 
@@ -54,11 +56,11 @@ class Solution:
 
     def covariance_of(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """(k, k) covariance of k linear functions (k, n) of the parameters."""
-        return rows @ self.covariance @ rows.T
+        return self.ending.covariance_of(rows)
 
 
-def solve(state: EstimatorState) -> Solution:
-    """Posterior mean and covariance of drift, distortion and motion.
+def choose(state: EstimatorState) -> Solution:
+    """Posterior mean and covariance of drift, distortion and motion, with all that the data choose.
 
     The noise scale follows from the residuals, the smoothness of drift and distortion from the marginal likelihood
     (empirical Bayes), and the gradients' columns are re-linearised once about a first solution.
@@ -82,19 +84,16 @@ def solve(state: EstimatorState) -> Solution:
     return _concluded(fitted.state, fitted.data, fitted.hyper, gauge, (*tests, test))
 
 
-def solve_as(state: EstimatorState, hyper: Hyper, terms: tuple[TermTest, ...]) -> Solution:
-    """The posterior with noise scale, smoothness and terms as they were chosen before, re-linearised about a first solution."""
-    gauge = gauge_precision(state)
-    near = _first_mean(state, belief_precision(state, hyper) + gauge, hyper.noise_scale)
-    state = relinearised(state, near)
-    return _concluded(state, Misfit(marginal(state)[0], pull(state, near), near), hyper, gauge, terms)
+def solved(chain: Chain, terms: tuple[TermTest, ...], noise_floor_px: float, newest: bool = False) -> Solution:
+    """The posterior that an elimination gives; of the `newest` pair and of what all pairs share alone if so asked."""
+    ending = ended(chain)
+    return Solution(chain.state, chain.hyper, mean_of(ending, newest), ending, noise_floor_px, terms)
 
 
 def _concluded(state: EstimatorState, data: Misfit, hyper: Hyper, gauge: NDArray[np.float64], terms: tuple[TermTest, ...]) -> Solution:
     mean, factor = _posterior_about(state, data, belief_precision(state, hyper) + gauge, hyper.noise_scale)
-    covariance = factor.inverse()
-    _, floor_px = _noise(state, data.precision, hyper, mean, covariance)
-    return Solution(state, hyper, mean, covariance, floor_px, terms)
+    _, floor_px = _noise(state, data.precision, hyper, mean, factor.inverse())
+    return solved(chained(state, hyper, mean), terms, floor_px)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
 from semlive.errors import IllPosed
-from semlive.estimate.blocks import BlockColumns, Blocks
+from semlive.estimate.blocks import BlockColumns, Blocks, PackedColumns
 from semlive.model import DistortionSpline, DriftSpline, Effect, Layout, PairMotions, RasterChange, ScanAxes
 
 
@@ -29,7 +29,7 @@ class MapRows:
         noisy_frames: how many frames' noise the weight holds: 1 from frame 0, whose noise is estimated, 2 within a pair.
         difference: columns of the effects that act at the scan address.
         position_px: (blocks, 2) mean address in the reference frame, relative to the image centre.
-        at_reference: columns at the reference frame, which give the ideal position; empty within a pair.
+        at_reference: columns at the reference frame, negative, which give the ideal position; empty within a pair.
         dmap: the map, for columns that are made anew.
     """
 
@@ -38,9 +38,9 @@ class MapRows:
     disparity_px: NDArray[np.float64]
     weight: NDArray[np.float64]
     noisy_frames: int
-    difference: tuple[BlockColumns, ...]
+    difference: tuple[BlockColumns | PackedColumns, ...]
     position_px: NDArray[np.float64]
-    at_reference: tuple[BlockColumns, ...]
+    at_reference: tuple[BlockColumns | PackedColumns, ...]
     dmap: DisparityMap
 
     @property
@@ -107,8 +107,8 @@ class EstimatorState:
         phases: phase of each pair in order of arrival.
         rows: block means of all maps, kept for re-linearisation and re-weighting.
         about: parameters about which the information is linearised; empty means zero.
-        precision: (n, n) accumulated information matrix A^T W A at unit noise scale, without priors.
-        information: (n,) accumulated information vector A^T W y.
+        precision: (n, n) accumulated information matrix A^T W A at unit noise scale, without priors; empty where it is not held.
+        information: (n,) accumulated information vector A^T W y; likewise.
         reference: what the maps say of the noise of frame 0.
     """
 
@@ -140,6 +140,11 @@ class EstimatorState:
     def layout(self) -> Layout:
         """Where each effect's parameters lie."""
         return Layout.of(self.model)
+
+    @property
+    def summed(self) -> bool:
+        """Whether the state holds its sums, `precision`, `information` and the noise's coupling."""
+        return len(self.information) > 0
 
     @property
     def centre_px(self) -> NDArray[np.float64]:

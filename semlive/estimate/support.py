@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from semlive.data.experiment import Phase
 from semlive.errors import IllPosed
-from semlive.estimate.accumulate import marginal
-from semlive.estimate.prior import Hyper, belief_precision, gauge_precision
-from semlive.estimate.solve import Solution, posterior
+from semlive.estimate.border import border_belief
+from semlive.estimate.prior import Hyper
+from semlive.estimate.smooth import border_covariance, ended
+from semlive.estimate.solve import Solution
 from semlive.estimate.state import EstimatorState
 
 Field = NDArray[np.float64]
@@ -79,13 +79,10 @@ def calibration(solution: Solution) -> Calibration:
     """Judge the pairs so far."""
     state, part = solution.state, solution.state.layout.part("distortion")
     loose = replace(solution.hyper, distortion=Hyper().distortion)
-    prior = gauge_precision(state) + belief_precision(state, loose)
-    _, factor = posterior(marginal(state), prior, loose.noise_scale)
-    own = np.zeros((len(factor), part.stop - part.start))
-    own[part] = np.eye(part.stop - part.start)
-    half = solve_triangular(factor, own, lower=True, check_finite=False)
+    prior = border_belief(state, loose, solution.ending.chain.border)
     before = np.asarray(np.linalg.inv(prior[part, part]), dtype=np.float64)
-    after = half.T @ half
+    # The belief about the distortion is about the border alone, so the elimination of the pairs serves both.
+    after = border_covariance(ended(solution.ending.chain, loose))
     one, two = slice(0, None, 2), slice(1, None, 2)
     ratio = [pointwise(state, after[at, at]) / pointwise(state, before[at, at]) for at in (one, two)]
     covered = np.sqrt(0.5 * (ratio[0] + ratio[1])) < COVERED

@@ -1,4 +1,4 @@
-"""Work over threads, never more at once than are allowed, however many parts of a program ask for them.
+"""Work over threads: those that call, and helpers, never more of these than are allowed in the whole process.
 
 Threads, not numba's own parallel loops: every kernel releases the interpreter lock, a result never depends on how work was
 dealt out, nothing breaks in a forked process (GNU OpenMP aborts there), and compiling takes half as long.

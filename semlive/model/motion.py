@@ -40,7 +40,7 @@ class PairMotions:
     @property
     def size(self) -> int:
         """Number of parameters."""
-        return sum(kind.value for kind in self.kinds)
+        return _count(self.kinds)
 
     @property
     def needs_ideal(self) -> bool:
@@ -50,7 +50,7 @@ class PairMotions:
     def part(self, pair: int) -> tuple[slice, MotionKind]:
         """The slice of one pair's parameters and what they mean."""
         at = self.pairs.index(pair)
-        start = sum(kind.value for kind in self.kinds[:at])
+        start = _count(self.kinds[:at])
         return slice(start, start + self.kinds[at].value), self.kinds[at]
 
     def having(self, pair: int, kind: MotionKind) -> PairMotions:
@@ -85,6 +85,11 @@ class PairMotions:
         if kind is MotionKind.RIGID:
             return value[:2].copy(), np.array([[0.0, -value[2]], [value[2], 0.0]])
         return value[[0, 3]], value[[1, 2, 4, 5]].reshape(2, 2)
+
+
+def _count(kinds: tuple[MotionKind, ...]) -> int:
+    """Parameters of so many pairs; asked for dozens of times with every pair of a run of a thousand."""
+    return sum(kind.value * kinds.count(kind) for kind in MotionKind)
 
 
 def _column(axis: Axis, start: int, at: tuple[int, ...], values: tuple[NDArray[np.float64], ...]) -> Columns:

@@ -15,14 +15,18 @@ from semlive.data.grid import Grid
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import EstimateSettings
 from semlive.errors import IllPosed
-from semlive.estimate.accumulate import carried_along, map_columns, marginal, pull, relinearised
+from semlive.estimate.accumulate import DENSE_PAIRS, carried_along, map_columns, marginal, pull, relinearised
 from semlive.estimate.arrow import eliminated, factored, sides
-from semlive.estimate.blocks import Blocks, block_columns
+from semlive.estimate.blocks import BlockColumns, Blocks, PackedColumns, block_columns
+from semlive.estimate.border import codes_of, joint_of
+from semlive.estimate.chain import chained
 from semlive.estimate.follow import chosen_anew
-from semlive.estimate.prior import Hyper, belief_precision, gauge_precision
-from semlive.estimate.solve import posterior, solve_as
+from semlive.estimate.late import banded, score
+from semlive.estimate.prior import Hyper, Smoothness, belief_precision, gauge_precision
+from semlive.estimate.smooth import border_covariance, ended, mean_of, spreads
+from semlive.estimate.solve import Solution, posterior
 from semlive.estimate.state import EstimatorState
-from semlive.model import Columns, DistortionSpline, sighting
+from semlive.model import Axis, Columns, DistortionSpline, sighting
 
 GRID = Grid(40, 40, 20, 10, 8, 43)
 PHASES = (Phase.CALIBRATION, Phase.CALIBRATION, Phase.TRANSLATION, Phase.CALIBRATION, Phase.TENSION, Phase.TENSION)
@@ -133,6 +137,127 @@ def test_every_pair_in_any_order_gives_the_batch(order: tuple[int, ...]) -> None
             assert np.abs(one - wanted[name]).max() <= 1e-9 * max(np.abs(wanted[name]).max(), 1e-3), (order[:count], name)
 
 
+def close(found: dict[str, np.ndarray], wanted: dict[str, np.ndarray]) -> bool:
+    """Within 1e-9 of the largest parameter of each part."""
+    return all(np.abs(found[name] - one).max() <= 1e-9 * max(np.abs(one).max(), 1e-3) for name, one in wanted.items())
+
+
+def batch_of(known: Solution) -> dict[str, np.ndarray]:
+    """All rows at once with a solution's choices, linearised where it is."""
+    prior = gauge_precision(known.state) + belief_precision(known.state, known.hyper)
+    return named(known.state, at_once(known.state, prior * known.hyper.noise_scale**2))
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2, 3, 4, 5), (0, 5, 4, 3, 2, 1), (0, 3, 1, 4, 2, 5)])
+def test_the_newest_pair_and_all_before_it_are_those_of_the_batch(order: tuple[int, ...]) -> None:
+    known = estimating.solve(accumulated(order[:1]))
+    state = accumulated(order[:1])
+    for pair in order[1:]:
+        state = estimating.update(state, pair, PHASES[pair], times(pair), maps(pair))
+        known = estimating.newest(state, known)
+        wanted = batch_of(known)
+        assert close(named(state, mean_of(known.ending)), wanted)
+        filtered = named(state, known.mean)
+        last = max((0, *state.motions.pairs), key=lambda one: times(one)[0].start_s)
+        newest = {name: wanted[name] for name in ("distortion", "axes", *([f"motion {last}"] if last else []))}
+        assert close(filtered, newest)
+        assert state.drift is not None
+        rows = state.drift.rows([when.start_s + 6.0 for when in times(last)])
+        np.testing.assert_allclose(rows @ filtered["drift"].reshape(-1, 2), rows @ wanted["drift"].reshape(-1, 2), atol=1e-8)
+
+
+def test_uncertainty_of_every_pair_is_that_of_the_whole_matrix() -> None:
+    known = estimating.solve(accumulated((0, 3, 1, 4)))
+    state = known.state
+    prior = gauge_precision(state) + belief_precision(state, known.hyper)
+    covariance = factored(marginal(state)[0] * known.hyper.noise_scale**-2.0 + prior, sides(state)).inverse()
+    sigma = np.sqrt(np.diag(covariance))
+    ending = ended(known.ending.chain)
+    found = {one.pair: one for one in spreads(ending)}
+    assert sorted(found) == [0, 1, 3, 4]
+    for one in found.values():
+        assert {*(np.arange(state.layout.size)[state.layout.part("drift")][:8])} <= {*one.index}
+        expected = covariance[np.ix_(one.index, one.index)]
+        assert np.abs((one.covariance - expected) / sigma[one.index, None] / sigma[one.index]).max() < 1e-6
+    part = state.layout.part("distortion")
+    assert np.abs((border_covariance(ending) - covariance[part, part]) / sigma[part, None] / sigma[part]).max() < 1e-6
+    assert np.abs((ending.covariance_of(np.eye(len(sigma))) - covariance) / sigma[:, None] / sigma).max() < 1e-6
+    newest = next(spreads(ending, newest=True))
+    np.testing.assert_allclose(newest.covariance, found[4].covariance, rtol=1e-9)
+
+
+def test_a_long_time_without_a_pair_is_bridged_in_steps() -> None:
+    state = accumulated((0, 1))
+    later = tuple(when(frame, 900.0 + 14.0 * (frame % 2)) for frame in (4, 5))
+    state = estimating.update(state, 2, PHASES[2], (later[0], later[1]), maps(2))
+    state = relinearised(state, about_of(state, 3))
+    prior = gauge_precision(state) + belief_precision(state, Hyper())
+    near = factored(marginal(state)[0] + prior, sides(state)).solve(marginal(state)[1])
+    ending = ended(chained(state, Hyper(), near))
+    assert sum(step.pair is None for step in ending.chain.steps) == 1
+    assert max(len(step.gone) for step in ending.steps) < 100
+    assert close(named(state, mean_of(ending)), named(state, at_once(state, prior)))
+
+
+def test_a_long_run_takes_its_choices_from_its_first_pairs() -> None:
+    count = DENSE_PAIRS + 2
+    state = estimating.init(EstimateSettings(drift_knots_per_frame=0.3, distortion_knot_px=250.0), GRID, 280, 240)
+    for pair in range(DENSE_PAIRS):
+        state = estimating.update(state, pair, Phase.CALIBRATION, times(pair), maps(pair))
+    known = estimating.solve(state)
+    for pair in range(DENSE_PAIRS, count):
+        state = estimating.update(state, pair, Phase.CALIBRATION, times(pair), maps(pair))
+    assert not state.summed
+    whole = estimating.solve(state)
+    assert replace(whole.hyper, drift=known.hyper.drift) == known.hyper
+    assert [one.used for one in whole.terms] == [one.used for one in known.terms]
+    wanted = batch_of(whole)
+    for name, one in named(state, whole.mean).items():  # as stiff as the data choose the drift to be, neither is better than this
+        np.testing.assert_allclose(one, wanted[name], atol=1e-7)
+    followed = estimating.follow(state, known)
+    part = state.layout.part("distortion")
+    sigma = np.sqrt(np.diag(border_covariance(whole.ending)))  # linearised about an earlier solution, so not quite the same
+    assert np.abs((followed.mean[part] - whole.mean[part]) / sigma).max() < 0.1
+    assert len(estimating.estimate(followed, count).motions) == count
+
+
+def test_choices_given_the_border_weigh_candidates_as_the_whole_matrix_does() -> None:
+    state = relinearised(accumulated((0, 1, 2, 3)), about_of(accumulated((0, 1, 2, 3)), 3))
+    hypers = [
+        replace(Hyper(noise_scale=1.3), drift=(Smoothness(order, size), Smoothness(2, 0.05)), raster_px=(raster, 0.0))
+        for order, size, raster in ((2, 0.05, 0.0), (3, 1e-3, 0.0), (2, 0.3, 0.1))
+    ]
+    nothing = np.zeros(2 * state.blocks.size)
+    band = banded(state, hypers[0], np.zeros(state.layout.size), nothing)
+    local = joint_of(state.layout, band.codes)
+    in_time = local < state.layout.part("axes").start  # drift and raster
+    found, wanted = [], []
+    for hyper in hypers:
+        believed = (belief_precision(state, hyper) + gauge_precision(state))[np.ix_(local, local)]
+        whole, asked = state.precision[np.ix_(local, local)] / 1.3**2 + believed, state.information[local] / 1.3**2
+        parts = np.linalg.slogdet(believed[np.ix_(in_time, in_time)])[1], np.linalg.slogdet(whole)[1]
+        wanted.append(0.5 * (asked @ np.linalg.solve(whole, asked) + parts[0] - parts[1]))
+        found.append(score(band, hyper))
+    np.testing.assert_allclose(np.diff(found), np.diff(wanted), rtol=1e-6)
+    near = np.random.default_rng(1).normal(0, 0.01, state.layout.size)
+    border = band.border.place(codes_of(state.layout, np.arange(state.layout.size))) >= 0
+    moved = banded(state, hypers[0], np.where(border, 0.0, near), nothing)
+    np.testing.assert_allclose(
+        [score(moved, one) - score(moved, hypers[0]) for one in hypers], np.array(found) - found[0], rtol=1e-6, atol=1e-6
+    )
+
+
+def test_packed_columns_hold_what_they_were_made_of() -> None:
+    rng = np.random.default_rng(4)
+    full = np.zeros((5, 9, 11))
+    for block in full[:4]:
+        y, x = rng.integers(0, 6), rng.integers(0, 7)
+        block[y : y + 3, x : x + 4] = rng.normal(size=(3, 4))
+    packed = PackedColumns.of(BlockColumns("distortion", Axis.EACH, np.arange(99), full.reshape(5, -1)), (9, 11))
+    assert packed.window.shape == (5, 3, 4)
+    np.testing.assert_array_equal(packed.unpacked().value, full.reshape(5, -1))
+
+
 def test_choices_are_made_at_powers_of_two_and_half_way_between() -> None:
     assert [n for n in range(1, 50) if chosen_anew(n)] == [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48]
 
@@ -143,13 +268,14 @@ def test_between_choices_the_data_decide_everything_but_the_choices() -> None:
     followed = estimating.follow(state, known)
     assert followed.hyper == known.hyper
     assert followed.terms == known.terms
-    np.testing.assert_array_equal(followed.mean, solve_as(state, known.hyper, known.terms).mean)
     prior = gauge_precision(state) + belief_precision(state, known.hyper)
-    near, _ = posterior(marginal(state), prior, known.hyper.noise_scale)
-    again = relinearised(state, near)
-    expected, factor = posterior(marginal(again), prior, known.hyper.noise_scale)
-    np.testing.assert_allclose(followed.mean, expected, atol=1e-7)
-    np.testing.assert_allclose(np.diag(followed.covariance), np.diag(np.linalg.inv(factor @ factor.T)), rtol=1e-5)
+    again = relinearised(state, followed.state.about)
+    near, factor = posterior(marginal(again), prior, known.hyper.noise_scale)
+    asked = pull(again, near) * known.hyper.noise_scale**-2.0 - prior @ near
+    expected = near + np.linalg.solve(factor @ factor.T, asked)
+    np.testing.assert_allclose(followed.mean, expected, atol=1e-8)
+    spread = np.diag(followed.covariance_of(np.eye(len(expected))))
+    np.testing.assert_allclose(spread, np.diag(np.linalg.inv(factor @ factor.T)), rtol=1e-5)
 
 
 def test_on_the_schedule_and_without_a_solution_before_all_is_chosen_anew() -> None:
@@ -166,9 +292,10 @@ def test_a_carried_distortion_takes_new_pairs_up() -> None:
     followed = estimating.follow(accumulated((0, 1, 2, 3, 4)), known)
     assert followed.state.distortion.carried
     assert sorted(followed.state.motions.pairs) == [1, 2, 3, 4]
-    whole = solve_as(carried_along(followed.state), known.hyper, known.terms)
-    part = whole.state.layout.part("drift")
-    assert np.abs(followed.mean[part] - whole.mean[part]).max() < 0.01
+    about = replace(followed.state, about=followed.mean)
+    whole = mean_of(ended(chained(carried_along(about), known.hyper, followed.mean)))
+    part = about.layout.part("drift")
+    assert np.abs(followed.mean[part] - whole[part]).max() < 0.01
     with pytest.raises(IllPosed, match="another run"):
         estimating.follow(accumulated((0, 1, 2, 4, 5)), known)
 

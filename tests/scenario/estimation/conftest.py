@@ -96,12 +96,13 @@ class World:
         u, v, one = moved[..., 0].copy(), moved[..., 1].copy(), np.ones(self.grid.shape)
         return DisparityMap(reference, current, self.grid, u, v, 0.02 * one, 0.02 * one, one, np.zeros(self.grid.shape, np.uint8))
 
-    def pairs(self, steps: list[Step]) -> Iterator[Taken]:
+    def pairs(self, steps: list[Step], starts_s: list[float] | None = None) -> Iterator[Taken]:
+        """Pairs one after the other, or at times of their own."""
         here = np.stack(self.grid.mesh(), axis=-1)
         centre = np.array([WIDTH_PX - 1, HEIGHT_PX - 1]) / 2
         ideal = here - self.error(here, 0.0)
         for pair, step in enumerate(steps):
-            start_s = pair * FRAMES_PER_STEP * FRAME_S
+            start_s = pair * FRAMES_PER_STEP * FRAME_S if starts_s is None else starts_s[pair]
             yaw = self.rng.normal(0, 2e-4) if pair and step.phase is not Phase.TENSION else 0.0
             gradient = np.array([[-0.33 * step.strain, -yaw], [yaw, step.strain]])
             shift = np.array(step.shift_px) + (self.rng.normal(0, 0.8, 2) if pair else 0.0)

@@ -85,7 +85,7 @@ class SmallBench:
 @pytest.fixture(scope="module")
 def solutions() -> list[Solution]:
     found = []
-    for seed in (1, 2, 3):
+    for seed in (1, 2):
         state = estimating.init(EstimateSettings(), GRID, WIDTH_PX, HEIGHT_PX)
         for pair in SmallBench(seed).pairs():
             state = estimating.update(state, *pair)

@@ -1,0 +1,316 @@
+"""Elimination pair by pair in the order of time: what is past is integrated out, so a further pair costs what the first did.
+
+Frame 0 is in every map, so its noise would join all pairs with each other; kept as unknowns, with the distortion and the first knots of
+drift and raster, in a border that all pairs share, it leaves pairs that meet only their neighbours in time. Each step eliminates what no
+later pair can touch. Carried on are a front of a few knots, and the border.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import get_blas_funcs, solve_triangular
+
+from semlive.data.drift import FrameTime
+from semlive.estimate.arrow import cholesky, steady
+from semlive.estimate.border import MOTION, SHIFT, Border, Codes, Matrix, Strand, Vector, joint_of, strands
+from semlive.estimate.piece import Piece, border_sums, first_look, piece
+from semlive.estimate.prior import GRADIENT, SHIFT_PX, Hyper
+from semlive.estimate.state import EstimatorState, MapRows
+from semlive.model import MotionKind
+
+MARGIN = 0.125  # of a frame: so far before its first row and behind its last may a point be seen
+GAP_KNOTS = 32  # that no pair touches are eliminated at a time
+TOGETHER = 256  # rows by which the border is brought up to date at once, which takes a third of the time of one pair after another
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """What was eliminated at once.
+
+    Attributes:
+        pair: whose parameters; None for knots between pairs.
+        gone: (g,) codes of what is eliminated.
+        kept: (k,) codes of the front that stays.
+        factor: (g, g) lower Cholesky factor.
+        to_kept: (g, k) inverted factor times what joins them to the front.
+        to_border: (g, b) and to the border.
+        pull: (g,) and times what is asked of them.
+    """
+
+    pair: int | None
+    gone: Codes
+    kept: Codes
+    factor: Matrix
+    to_kept: Matrix
+    to_border: Matrix
+    pull: Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Front:
+    """What earlier steps say of the parameters that later pairs may touch.
+
+    Attributes:
+        codes: (k,) sorted.
+        own: (k, k) precision.
+        to_border: (k, b) shared with the border.
+        pull: (k,) asked of them.
+        sizes: number of knots of each strand that have come in.
+        past: first knot of each strand that is not yet eliminated.
+    """
+
+    codes: Codes
+    own: Matrix
+    to_border: Matrix
+    pull: Vector
+    sizes: tuple[int, ...]
+    past: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chain:
+    """All pairs so far, eliminated.
+
+    Attributes:
+        state: the data, linearised about its `about`.
+        near: (n,) parameters from which solutions are steps: the closer, the less rounding.
+        hyper: noise scale and beliefs.
+        border: what all pairs share.
+        pairs: in order of time.
+        steps: in order of time.
+        front: what is left besides the border.
+        precision: (b, b) of the border with all steps eliminated, without beliefs about the border alone; the lower triangle counts.
+        pull: (b,) what is asked of the border.
+    """
+
+    state: EstimatorState
+    near: Vector
+    hyper: Hyper
+    border: Border
+    pairs: tuple[int, ...]
+    steps: tuple[Step, ...]
+    front: Front
+    precision: Matrix
+    pull: Vector
+
+
+def chained(state: EstimatorState, hyper: Hyper, near: Vector) -> Chain:
+    """All pairs of a state, linearised about its `about`, from nothing; solutions are steps from parameters `near` (n,) them."""
+    border = Border.of(state)
+    known = strands(state, hyper, border)
+    nothing = np.zeros(0)
+    first = tuple(one.first for one in known)
+    front = Front(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, border.size)), nothing, first, first)
+    total = border_sums(state, border, hyper.noise_scale**-2.0) if state.summed else np.zeros((border.size,) * 2)
+    empty = Chain(state, near, hyper, border, (), (), front, total, np.zeros(border.size))
+    return extended(empty, state, near, state.summed)
+
+
+def extended(chain: Chain, state: EstimatorState, near: Vector, summed: bool = False) -> Chain:
+    """The chain with the pairs of a state that it has not seen, linearised about the chain's point.
+
+    A pair that comes after all others costs the same whatever their number; one that belongs before another costs a new elimination.
+
+    Args:
+        chain: what was eliminated before, of the same run.
+        state: the data; its `about` holds the chain's point and, for new parameters, where to linearise.
+        near: (n,) the chain's, with the new parameters.
+        summed: whether the border has got already what the new pairs say of it.
+    """
+    times = _times(state)
+    order = sorted(times, key=lambda pair: times[pair][0].start_s)
+    known = strands(state, chain.hyper, chain.border)
+    seen = set(chain.pairs)
+    new = [pair for pair in order if pair not in seen]
+    if order[: len(chain.pairs)] != list(chain.pairs) or any(
+        _begin(one, times[pair]) < past for pair in new for one, past in zip(known, chain.front.past, strict=True) if chain.pairs
+    ):
+        return chained(state, chain.hyper, near)
+    maps = _maps_of(state, new)
+    weight, total, pull = chain.hyper.noise_scale**-2.0, chain.precision.copy(), chain.pull.copy()
+    front, steps = chain.front, []
+    later = _begun_later(known, [times[pair] for pair in new])
+    for pair, begun in zip(new, later, strict=True):
+        for gap in _gap(known, front, times[pair]):
+            front, step = _eliminated(front, _nothing(chain.border), known, gap, (chain, state, near), total, pull, None)
+            steps.append(step)
+        said = piece(state, maps[pair], chain.border, near, None if summed else total, weight)
+        pull += weight * said.border_pull
+        said = replace(said, own=weight * said.own, to_border=weight * said.to_border, pull=weight * said.pull)
+        sizes = tuple(max(one.size_at(_end_s(times[pair])), size) for one, size in zip(known, front.sizes, strict=True))
+        over = (one.interval(_over_s(times[pair])) for one in known)
+        past = tuple(max(min(one, then), before) for one, then, before in zip(over, begun, front.past, strict=True))
+        front, step = _eliminated(front, said, known, (sizes, past), (chain, state, near), total, pull, pair)
+        steps.append(step)
+    _bring_up(total, steps)
+    return Chain(state, near, chain.hyper, chain.border, tuple(order), (*chain.steps, *steps), front, total, pull)
+
+
+def looked_at(state: EstimatorState, near: Vector, pairs: Iterable[int], border: Border) -> tuple[EstimatorState, Vector]:
+    """The state with a first look at the motions of pairs in its `about`, and parameters near them with the same."""
+    about, near = state.about.copy(), near.copy()
+    for maps in _maps_of(state, pairs).values():
+        index, motion = first_look(state, maps, border, near)
+        about[index] = near[index] = motion
+    return replace(state, about=about), near
+
+
+def concluded(chain: Chain) -> tuple[Step, Matrix, Vector]:
+    """The last step, in which nothing of the front is kept, and the border's precision and pull after it."""
+    total, pull, front = chain.precision.copy(), chain.pull.copy(), chain.front
+    all_past = tuple(one + 1 for one in front.sizes)
+    known = strands(chain.state, chain.hyper, chain.border)
+    _, step = _eliminated(
+        front, _nothing(chain.border), known, (front.sizes, all_past), (chain, chain.state, chain.near), total, pull, None
+    )
+    _bring_up(total, (step,))
+    return step, total, pull
+
+
+def _eliminated(
+    front: Front,
+    said: Piece,
+    known: Sequence[Strand],
+    until: tuple[tuple[int, ...], tuple[int, ...]],
+    of: tuple[Chain, EstimatorState, Vector],
+    total: Matrix,
+    border_pull: Vector,
+    pair: int | None,
+) -> tuple[Front, Step]:
+    """One step: new knots come in with what is believed of them, a pair with what it says, and all before `until` goes out.
+
+    What is believed of the border, and what the step asks of it, is added to `total` and `border_pull` in place; `_bring_up` takes off
+    what the step took with it.
+    """
+    (sizes, past), (chain, state, near) = until, of
+    fresh = [one.codes(before, size) for one, before, size in zip(known, front.sizes, sizes, strict=True)]
+    motion, steadiness, drawn = _motion_belief(state, near, pair, chain.hyper)
+    codes = np.unique(np.concatenate((front.codes, said.codes, motion, *fresh)))
+    own, to_border, pull = np.zeros((len(codes),) * 2), np.zeros((len(codes), chain.border.size)), np.zeros(len(codes))
+    for one in (front, said):
+        at = np.searchsorted(codes, one.codes)
+        own[np.ix_(at, at)] += one.own
+        to_border[at] += one.to_border
+        pull[at] += one.pull
+    for strand, before, size in zip(known, front.sizes, sizes, strict=True):
+        if size > before:
+            about, believed = strand.belief(before, size)
+            asked = strand.asked(before, size, near[joint_of(state.layout, about)])
+            _believe((about, believed, asked), codes, chain.border, (own, to_border, pull), (total, border_pull))
+    at = np.searchsorted(codes, motion)
+    own[at, at] += steadiness
+    pull[at] -= drawn
+    out = codes >> SHIFT == MOTION
+    for strand, stop in zip(known, past, strict=True):
+        out |= np.isin(codes, strand.codes(0, stop))
+    factor = cholesky(steady(own[np.ix_(out, out)]))
+    solved = solve_triangular(
+        factor, np.concatenate((own[np.ix_(out, ~out)], to_border[out], pull[out, None]), axis=1), lower=True, check_finite=False
+    )
+    kept = int((~out).sum())
+    step = Step(pair, codes[out], codes[~out], factor, solved[:, :kept], solved[:, kept:-1], solved[:, -1])
+    border_pull -= step.to_border.T @ step.pull
+    left = own[np.ix_(~out, ~out)] - step.to_kept.T @ step.to_kept
+    joined = to_border[~out] - step.to_kept.T @ step.to_border
+    return Front(codes[~out], left, joined, pull[~out] - step.to_kept.T @ step.pull, sizes, past), step
+
+
+def _believe(
+    belief: tuple[Codes, Matrix, Vector],
+    codes: Codes,
+    border: Border,
+    inside: tuple[Matrix, Matrix, Vector],
+    outside: tuple[Matrix, Vector],
+) -> None:
+    """Add a belief about zero, in place, to a step's own parameters and to the border."""
+    about, believed, asked = belief
+    own, to_border, pull = inside
+    place = border.place(about)
+    here = place < 0
+    at, there = np.searchsorted(codes, about[here]), place[~here]
+    own[np.ix_(at, at)] += believed[np.ix_(here, here)]
+    pull[at] -= asked[here]
+    if there.size:
+        to_border[np.ix_(at, there)] += believed[np.ix_(here, ~here)]
+        outside[0][np.ix_(there, there)] += believed[np.ix_(~here, ~here)]
+        outside[1][there] -= asked[~here]
+
+
+def _motion_belief(state: EstimatorState, near: Vector, pair: int | None, hyper: Hyper) -> tuple[Codes, Vector, Vector]:
+    """Codes of a pair's motion, the precision believed of each, and what that asks at `near`."""
+    if pair not in state.motions.pairs:
+        nothing = np.zeros(0)
+        return np.zeros(0, dtype=np.int64), nothing, nothing
+    part, kind = state.motions.part(pair)
+    shift, gradient = SHIFT_PX**-2.0, GRADIENT**-2.0
+    believed = np.array((shift, shift, hyper.rotation_rad**-2.0) if kind is MotionKind.RIGID else (shift, gradient, gradient) * 2)
+    codes = (MOTION << SHIFT) | np.arange(part.start, part.stop, dtype=np.int64)
+    return codes, believed, believed * near[joint_of(state.layout, codes)]
+
+
+def _bring_up(total: Matrix, steps: Sequence[Step]) -> None:
+    """Take off the lower triangle of the border's precision what steps took with them, in place."""
+    (syrk,) = get_blas_funcs(("syrk",), (total,))
+    pending: list[Matrix] = []
+    for number, step in enumerate(steps):
+        pending.append(step.to_border)
+        if sum(map(len, pending)) >= TOGETHER or number == len(steps) - 1:
+            rows = np.concatenate(pending)
+            syrk(-1.0, rows.T, beta=1.0, c=total.T, lower=0, overwrite_c=1)  # its upper triangle, transposed: memory runs along rows
+            pending = []
+
+
+def _gap(known: Sequence[Strand], front: Front, times: tuple[FrameTime, FrameTime]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+    """Where to pause before a pair so that a long time without pairs is not eliminated at once."""
+    sizes = tuple(max(_begin(one, times), size) for one, size in zip(known, front.sizes, strict=True))
+    most = max(after - before for before, after in zip(front.sizes, sizes, strict=True))
+    pauses = []
+    for count in range(1, most // GAP_KNOTS + 1):
+        part = count * GAP_KNOTS / most
+        at = tuple(before + int(part * (after - before)) for before, after in zip(front.sizes, sizes, strict=True))
+        # A belief joins a knot to three later ones.
+        pauses.append((at, tuple(max(size - 3, past) for size, past in zip(at, front.past, strict=True))))
+    return pauses
+
+
+def _maps_of(state: EstimatorState, pairs: Iterable[int]) -> dict[int, list[MapRows]]:
+    maps: dict[int, list[MapRows]] = {pair: [] for pair in pairs}
+    for rows in state.rows:
+        if rows.current // 2 in maps:
+            maps[rows.current // 2].append(rows)
+    return maps
+
+
+def _nothing(border: Border) -> Piece:
+    none = np.zeros(0)
+    return Piece(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, border.size)), none, none)
+
+
+def _times(state: EstimatorState) -> dict[int, tuple[FrameTime, FrameTime]]:
+    first = {when.frame: when for when in state.frames}
+    return {pair: (first[2 * pair], first[2 * pair + 1]) for pair in (0, *state.motions.pairs)}
+
+
+def _begin(strand: Strand, times: tuple[FrameTime, FrameTime]) -> int:
+    """First knot that a pair may touch, but for those of the border."""
+    return max(strand.interval(min(when.start_s - MARGIN * when.timing.duration_s for when in times)), strand.first)
+
+
+def _begun_later(known: Sequence[Strand], times: Sequence[tuple[FrameTime, FrameTime]]) -> list[tuple[int, ...]]:
+    """For each of several pairs, in order of time, the first knot of each strand that any later one may touch."""
+    found, least = [], tuple(one.spline.size for one in known)
+    for one in reversed(times):
+        found.append(least)
+        least = tuple(min(_begin(strand, one), before) for strand, before in zip(known, least, strict=True))
+    return found[::-1]
+
+
+def _over_s(times: tuple[FrameTime, FrameTime]) -> float:
+    return max(when.start_s + (1.0 - 2.0 * MARGIN) * when.timing.duration_s for when in times)
+
+
+def _end_s(times: tuple[FrameTime, FrameTime]) -> float:
+    return times[1].start_s + (1.0 + MARGIN) * times[1].timing.duration_s

@@ -1,0 +1,144 @@
+"""What one pair says, apart from what all others say: information on its own parameters, on the border, and on both together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.estimate.accumulate import map_columns
+from semlive.estimate.border import DISTORTION, MOTION, NOISE, SHIFT, Border, Codes, Matrix, Vector, codes_of, joint_of
+from semlive.estimate.state import EstimatorState, MapRows
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """Information of one pair's maps about a point `near`, at unit noise scale.
+
+    Attributes:
+        codes: (m,) its own parameters, sorted.
+        own: (m, m) precision of these.
+        to_border: (m, b) precision that they share with the border.
+        pull: (m,) what the residuals ask of them.
+        border_pull: (b,) and of the border.
+    """
+
+    codes: Codes
+    own: Matrix
+    to_border: Matrix
+    pull: Vector
+    border_pull: Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rows:
+    """One component of one map: its columns on the pair's own parameters and on the border without noise, with their places."""
+
+    axis: int
+    border: tuple[NDArray[np.int64], Matrix]
+    own: tuple[Codes, Matrix]
+    weight: Vector
+    misfit: Vector
+    noise_at: slice | None
+
+
+def piece(state: EstimatorState, maps: Sequence[MapRows], border: Border, near: Vector, total: Matrix | None, weight: float) -> Piece:
+    """The information of one pair's maps; what the border gets of it times `weight` is added to `total` (b, b), in place, if given."""
+    rows = [one for dmap in maps if dmap.weight.any() for one in _components(state, dmap, border, near)]
+    codes = np.unique(np.concatenate([one.own[0] for one in rows])) if rows else np.zeros(0, dtype=np.int64)
+    own, pull = np.zeros((len(codes),) * 2), np.zeros(len(codes))
+    to_border, border_pull = np.zeros((len(codes), border.size)), np.zeros(border.size)
+    for axis in (0, 1):
+        of_axis = [one for one in rows if one.axis == axis]
+        if not of_axis:
+            continue
+        place = np.unique(np.concatenate([one.border[0] for one in of_axis]))
+        held, mine = _together([one.border for one in of_axis], place), _together([one.own for one in of_axis], codes)
+        weight_of = np.concatenate([one.weight for one in of_axis])[:, None]
+        misfit = np.concatenate([one.misfit for one in of_axis])
+        weighted, weighted_held = mine * weight_of, held * weight_of
+        own += weighted.T @ mine
+        pull += weighted.T @ misfit
+        to_border[:, place] += weighted.T @ held
+        border_pull[place] += weighted_held.T @ misfit
+        if total is not None:
+            _scattered(total, place, border.counts[DISTORTION], weight * (weighted_held.T @ held))
+        for number, one in enumerate(of_axis):
+            if one.noise_at is None:
+                continue
+            here = slice(number * state.blocks.size, (number + 1) * state.blocks.size)
+            to_border[:, one.noise_at] -= weighted[here].T
+            border_pull[one.noise_at] -= one.weight * one.misfit
+            if total is not None:
+                noise = np.arange(one.noise_at.start, one.noise_at.stop)
+                total[noise, noise] += weight * one.weight
+                # The lower triangle is read, and the noise comes last.
+                total[one.noise_at, place] -= weight * weighted_held[here]
+    return Piece(codes, own, to_border, pull, border_pull)
+
+
+def border_sums(state: EstimatorState, border: Border, weight: float) -> Matrix:
+    """(b, b) what the border gets from all pairs of a state that holds its sums, times `weight`; the lower triangle counts."""
+    total, count = np.zeros((border.size,) * 2), border.known
+    index, noise, blocks = joint_of(state.layout, border.codes()[:count]), border.part(NOISE), state.blocks.size
+    total[:count, :count] = state.precision[np.ix_(index, index)]
+    for axis in (0, 1):
+        total[noise.start + axis * blocks : noise.start + (axis + 1) * blocks, :count] = state.reference.coupling[axis][:, index]
+    diagonal = np.arange(noise.start, noise.stop)
+    total[diagonal, diagonal] = (state.reference.weight - state.reference.prior).T.ravel()
+    return total * weight
+
+
+def _together(parts: Sequence[tuple[NDArray[np.int64], Matrix]], whole: NDArray[np.int64]) -> Matrix:
+    """Columns of several maps, each with the places of its own, below each other over the places `whole`."""
+    total = np.zeros((sum(len(value) for _, value in parts), len(whole)))
+    row = 0
+    for at, value in parts:
+        total[row : row + len(value), np.searchsorted(whole, at)] = value
+        row += len(value)
+    return total
+
+
+def _scattered(total: Matrix, place: NDArray[np.int64], distortion: int, value: Matrix) -> None:
+    """Add `value` at `place` (sorted), in place; the distortion's every second parameter in one go, which is most of it."""
+    count = int(np.searchsorted(place, distortion))
+    if 2 * count == distortion:
+        every = slice(int(place[0]), distortion, 2)
+        total[every, every] += value[:count, :count]
+        rest = place[count:]
+        total[every, rest] += value[:count, count:]
+        total[rest, every] += value[count:, :count]
+        total[np.ix_(rest, rest)] += value[count:, count:]
+    else:
+        total[np.ix_(place, place)] += value
+
+
+def first_look(state: EstimatorState, maps: Sequence[MapRows], border: Border, near: Vector) -> tuple[NDArray[np.int64], Vector]:
+    """Joint indices of a pair's motion, and what it seems to be if all else is as `near` has it: enough to linearise about."""
+    rows = [one for dmap in maps if dmap.weight.any() and not dmap.within_pair for one in _components(state, dmap, border, near)]
+    codes = np.unique(np.concatenate([one.own[0] for one in rows])) if rows else np.zeros(0, dtype=np.int64)
+    codes = codes[codes >> SHIFT == MOTION]
+    precision, asked = np.eye(len(codes)) * 1e-6, np.zeros(len(codes))
+    for one in rows:
+        mine, value = one.own
+        moving = mine >> SHIFT == MOTION
+        at, design = np.searchsorted(codes, mine[moving]), value[:, moving]
+        precision[np.ix_(at, at)] += design.T @ (design * one.weight[:, None])
+        asked[at] += design.T @ (one.weight * one.misfit)
+    index = state.layout.part("motion").start + (codes & ((1 << SHIFT) - 1))
+    return index, near[index] + np.linalg.solve(precision, asked)
+
+
+def _components(state: EstimatorState, rows: MapRows, border: Border, near: Vector) -> list[_Rows]:
+    found = []
+    noise, blocks = border.part(NOISE).start, state.blocks.size
+    for axis, (index, design) in enumerate(map_columns(state, rows, state.about)):
+        codes = codes_of(state.layout, index)
+        place = border.place(codes)
+        own = place < 0
+        misfit = rows.disparity_px[:, axis] - design @ near[index]
+        at = slice(noise + axis * blocks, noise + (axis + 1) * blocks) if rows.from_reference else None
+        found.append(_Rows(axis, (place[~own], design[:, ~own]), (codes[own], design[:, own]), rows.weight[:, axis], misfit, at))
+    return found

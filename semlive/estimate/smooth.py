@@ -1,0 +1,189 @@
+"""Back along the chain: the border's posterior, then every pair's given it, with uncertainty; linear in pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, get_blas_funcs, solve_triangular
+
+from semlive.estimate.arrow import cholesky, steady
+from semlive.estimate.border import DISTORTION, KINDS, Codes, Matrix, Vector, border_belief, joint_of
+from semlive.estimate.chain import Chain, Step, concluded
+from semlive.estimate.prior import Hyper
+
+TOGETHER = 16  # steps whose responses are multiplied at once
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ending:
+    """The border's posterior, given all pairs of a chain.
+
+    Attributes:
+        chain: what was eliminated.
+        last: the step that eliminates what the chain had left.
+        factor: (b, b) lower Cholesky factor of the border's posterior precision.
+        step: (b,) the border's posterior mean, from the chain's `near`.
+    """
+
+    chain: Chain
+    last: Step
+    factor: Matrix
+    step: Vector
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """Of the chain, and the last one."""
+        return (*self.chain.steps, self.last)
+
+    def covariance_of(self, rows: Matrix) -> Matrix:
+        """(k, k) covariance of k linear functions (k, n) of the joint parameters; steps before the first that they touch cost nothing."""
+        layout, border = self.chain.state.layout, self.chain.border
+        left, total = rows.copy(), np.zeros((len(rows),) * 2)
+        held = np.zeros((len(rows), border.size))
+        held[:, : border.known] = rows[:, joint_of(layout, border.codes()[: border.known])]
+        for step in self.steps:
+            here = left[:, joint_of(layout, step.gone)]
+            if here.any():
+                ahead = solve_triangular(step.factor, here.T, lower=True, check_finite=False)
+                total += ahead.T @ ahead
+                left[:, joint_of(layout, step.kept)] -= ahead.T @ step.to_kept
+                held -= ahead.T @ step.to_border
+        ahead = solve_triangular(self.factor, held.T, lower=True, check_finite=False)
+        return total + ahead.T @ ahead
+
+
+def ended(chain: Chain, belief: Hyper | None = None) -> Ending:
+    """The border's posterior.
+
+    Args:
+        chain: all pairs.
+        belief: what is believed of the border instead of what the chain's hyper-parameters say.
+    """
+    last, precision, pull = concluded(chain)
+    believed = border_belief(chain.state, belief or chain.hyper, chain.border)
+    known = chain.border.codes()[: chain.border.known]
+    about = chain.near[joint_of(chain.state.layout, known)]
+    pull[: len(known)] -= believed[: len(known), : len(known)] @ about
+    precision += believed
+    factor = cholesky(steady(precision))
+    return Ending(chain, last, factor, cho_solve((factor, True), pull, check_finite=False))
+
+
+def mean_of(ending: Ending, newest: bool = False) -> Vector:
+    """(n,) posterior mean of the joint parameters.
+
+    Args:
+        ending: of the chain.
+        newest: stop at the newest pair. What is older stays at the chain's `near`; costs the same after any number of pairs.
+    """
+    layout, border = ending.chain.state.layout, ending.chain.border
+    move = np.zeros(layout.size)
+    known = border.codes()[: border.known]
+    move[joint_of(layout, known)] = ending.step[: border.known]
+    for step in reversed(ending.steps):
+        asked = step.pull - step.to_kept @ move[joint_of(layout, step.kept)] - step.to_border @ ending.step
+        move[joint_of(layout, step.gone)] = solve_triangular(step.factor, asked, lower=True, trans=1, check_finite=False)
+        if newest and step.pair is not None:
+            break
+    return ending.chain.near + move
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spread:
+    """Posterior covariance of what concerns one pair: its own parameters, its neighbours' knots, and the knots of frame 0.
+
+    Attributes:
+        pair: its number.
+        index: (m,) joint indices, sorted.
+        covariance: (m, m) of them.
+    """
+
+    pair: int
+    index: NDArray[np.int64]
+    covariance: Matrix
+
+    def of(self, index: NDArray[np.int64]) -> Matrix:
+        """Covariance of some of them."""
+        at = np.searchsorted(self.index, index)
+        return self.covariance[np.ix_(at, at)]
+
+
+def border_covariance(ending: Ending) -> Matrix:
+    """(d, d) covariance of the distortion's parameters."""
+    own = np.zeros((len(ending.factor), ending.chain.border.counts[DISTORTION]))
+    np.fill_diagonal(own, 1.0)
+    half = solve_triangular(ending.factor, own, lower=True, check_finite=False)
+    return half.T @ half
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Back:
+    """What one step gives on the way back, given the border.
+
+    Attributes:
+        step: the step.
+        codes: of its front, sorted.
+        order: that sorts what is gone and kept.
+        kept_at: where the kept are in the front of the step before on the way.
+        given: covariance of the front, given the border.
+        response: of what is gone to the border.
+    """
+
+    step: Step
+    codes: Codes
+    order: NDArray[np.int64]
+    kept_at: NDArray[np.int64]
+    given: Matrix
+    response: Matrix
+
+
+def spreads(ending: Ending, newest: bool = False) -> Iterator[Spread]:
+    """Of every pair, the newest first (or alone).
+
+    Given the border, the covariance goes back from step to step as in a Rauch-Tung-Striebel smoother. What the border's uncertainty adds
+    is its posterior seen through each parameter's response to it.
+    """
+    layout, border = ending.chain.state.layout, ending.chain.border
+    knots = np.concatenate([np.arange(border.size)[border.part(kind)] for kind in range(DISTORTION + 1, KINDS.index("axes"))])
+    (trsm,), factor = get_blas_funcs(("trsm",), (ending.factor,)), np.asfortranarray(ending.factor)
+    knot_codes, through_knots = border.codes()[knots], trsm(1.0, factor, np.eye(border.size)[:, knots], lower=1).T
+    through = np.zeros((0, border.size))
+    way = _way_back(ending)
+    while together := list(islice(way, 2 if newest else TOGETHER)):
+        seen = trsm(1.0, factor, np.concatenate([one.response for one in together]).T, lower=1, overwrite_b=1).T
+        row = 0
+        for one in together:
+            stop = row + len(one.step.gone)
+            through = np.concatenate((seen[row:stop], through[one.kept_at]))[one.order]
+            row = stop
+            if one.step.pair is None:
+                continue
+            all_through = np.concatenate((through, through_knots))
+            total = all_through @ all_through.T
+            total[: len(one.codes), : len(one.codes)] += one.given
+            index = joint_of(layout, np.concatenate((one.codes, knot_codes)))
+            sort = np.argsort(index)
+            yield Spread(one.step.pair, index[sort], total[np.ix_(sort, sort)])
+            if newest:
+                return
+
+
+def _way_back(ending: Ending) -> Iterator[_Back]:
+    codes, given = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
+    response = np.zeros((0, ending.chain.border.size))
+    for step in reversed(ending.steps):
+        at = np.searchsorted(codes, step.kept)
+        given, response = given[np.ix_(at, at)], response[at]
+        alone = np.asarray(solve_triangular(step.factor, np.eye(len(step.gone)), lower=True, check_finite=False), dtype=np.float64).T
+        gain, answer = alone @ step.to_kept, -(alone @ (step.to_border + step.to_kept @ response))
+        across = -gain @ given
+        both = np.concatenate((step.gone, step.kept))
+        order = np.argsort(both)
+        codes = both[order]
+        given = np.block([[alone @ alone.T - across @ gain.T, across], [across.T, given]])[np.ix_(order, order)]
+        response = np.concatenate((answer, response))[order]
+        yield _Back(step, codes, order, at, given, answer)

@@ -1,0 +1,156 @@
+"""How the joint estimate's cost grows with the run: ``python tests/benchmarks/bench_estimate_scale.py [--pairs N] [--anew] [--write]``.
+
+The maps of the numerical experiment's pairs are used again and again, at later times: what is estimated is of no interest here. Prints
+processor time for each update and each estimate of the newest frame after 10, 100, 300 and 1000 pairs, time of smoothing and of a new
+elimination, memory, and the batch of 15 pairs; ``--write`` puts the table into docs/estimation.md. A thousand pairs take four minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import resource
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numexp.cases import CASES
+from numexp.experiment import Experiment, make_experiment
+from numexp.world import HEIGHT_PX, WIDTH_PX
+
+from semlive import estimate
+from semlive.data.disparity import DisparityMap
+from semlive.data.drift import FrameTime
+from semlive.data.settings import EstimateSettings
+from semlive.estimate.follow import chosen_anew
+from semlive.estimate.smooth import spreads
+
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "estimation.md"
+BEGIN, END = "<!-- bench_estimate_scale: begin -->", "<!-- bench_estimate_scale: end -->"
+SHOWN = (10, 100, 300, 1000)
+AROUND = 5  # pairs over which a median is taken
+T = TypeVar("T")
+
+
+@dataclass
+class Spent:
+    """Processor seconds of each pair: its update, the newest frame's estimate, and what the schedule asked for."""
+
+    update_s: list[float]
+    newest_s: list[float]
+    chosen_s: dict[int, float]
+
+
+def timed(work: Callable[[], T]) -> tuple[T, float]:
+    """What some work gives, and its processor seconds."""
+    begin = time.process_time()
+    found = work()
+    return found, time.process_time() - begin
+
+
+def pairs_of(experiment: Experiment, count: int) -> Iterator[tuple[int, tuple[FrameTime, FrameTime], tuple[DisparityMap, ...]]]:
+    """Number, times and maps of `count` pairs; after the experiment's own, those of pairs 1, 2, ... come again."""
+    taken = experiment.pairs
+    step_s = taken[1].times[0].start_s - taken[0].times[0].start_s
+    for pair in range(count):
+        like = taken[pair] if pair < len(taken) else taken[1 + (pair - 1) % (len(taken) - 1)]
+        first, later_s = 2 * pair, step_s * (pair - like.pair)
+        times = tuple(replace(when, frame=when.frame % 2 + first, start_s=when.start_s + later_s) for when in like.times)
+        maps = tuple(
+            replace(one, reference=one.reference and one.reference % 2 + first, current=one.current % 2 + first) for one in like.maps
+        )
+        yield pair, (times[0], times[1]), maps
+
+
+def run(experiment: Experiment, count: int) -> tuple[estimate.EstimatorState, estimate.Solution, Spent]:
+    """All pairs as they come in a live run: update, the newest frame, and what the schedule asks for."""
+    state, known, spent = estimate.init(EstimateSettings(), experiment.grid, WIDTH_PX, HEIGHT_PX), None, Spent([], [], {})
+    phase = experiment.pairs[0].phase
+    for pair, times, maps in pairs_of(experiment, count):
+        before = state
+        state, update_s = timed(lambda b=before, p=pair, t=times, m=maps: estimate.update(b, p, phase, t, m))
+        spent.update_s.append(update_s)
+        if known is None or chosen_anew(pair + 1):
+            known, spent.chosen_s[pair + 1] = timed(lambda s=state, k=known: estimate.follow(s, k))
+            spent.newest_s.append(float("nan"))
+        else:
+            known, newest_s = timed(lambda s=state, k=known: estimate.newest(s, k))
+            spent.newest_s.append(newest_s)
+        if (pair + 1) % 50 == 0:
+            sys.stderr.write(f"{pair + 1}/{count}\n")
+    assert known is not None
+    return state, known, spent
+
+
+def table(count: int, whole: bool) -> list[str]:
+    """Markdown lines."""
+    experiment = make_experiment(CASES["smooth"], 1)
+    batch, batch_s = [], []
+    for _ in range(3):
+        batch, spent_s = timed(lambda: _batch(experiment))
+        batch_s.append(spent_s)
+    peak_before = _peak_mb()
+    state, known, spent = run(experiment, count)
+    lines = ["| pairs | update, s | newest frame, s | both, s |", "|---|---|---|---|"]
+    for shown in [one for one in SHOWN if one <= count]:
+        around = slice(max(shown - AROUND, 0), shown)
+        update_s, newest_s = float(np.median(spent.update_s[around])), float(np.nanmedian(spent.newest_s[around]))
+        lines.append(f"| {shown} | {update_s:.3f} | {newest_s:.3f} | {update_s + newest_s:.3f} |")
+    ran_mb = _peak_mb()
+    smoothed, smooth_s = timed(lambda: estimate.follow(state, known))
+    _, spread_s = timed(lambda: sum(1 for _ in spreads(smoothed.ending)))
+    smoothed_mb = _peak_mb()
+    _, published_s = timed(lambda: estimate.estimate(smoothed, count))
+    anew = ""
+    if whole:
+        _, anew_s = timed(lambda: estimate.solve(state))
+        anew = f" All from the maps' block means anew: {anew_s:.1f} s, {_peak_mb():.0f} MB at most."
+    last, last_s = max(spent.chosen_s.items())
+    chosen_s = sum(spent.chosen_s.values())
+    lines += [
+        "",
+        f"After {count} pairs: smoothed means of all pairs {smooth_s:.2f} s, with their covariances {smooth_s + spread_s:.2f} s,",
+        f"with all that is published {smooth_s + published_s:.2f} s. What the schedule asked for took {chosen_s:.1f} s in all,",
+        f"{chosen_s / count:.3f} s per pair; the last time, after {last} pairs, {last_s:.1f} s. Memory at most {ran_mb:.0f} MB in the run,",
+        f"{smoothed_mb:.0f} MB with smoothing; {peak_before:.0f} MB of it before the run.{anew} Batch of {len(batch)} pairs:",
+        f"{min(batch_s):.2f} s. Processor time, 18,000 points, one core.",
+    ]
+    return lines
+
+
+def _batch(experiment: Experiment) -> list[float]:
+    state = estimate.init(EstimateSettings(), experiment.grid, WIDTH_PX, HEIGHT_PX)
+    for taken in experiment.pairs:
+        state = estimate.update(state, taken.pair, taken.phase, taken.times, taken.maps)
+    return [one.start_s for one in estimate.solve(state).state.frames[::2]]
+
+
+def _peak_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def main() -> None:
+    """Run, print, write."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--pairs", type=int, default=SHOWN[-1])
+    parser.add_argument("--write", action="store_true", help="write the table into the documentation")
+    parser.add_argument("--anew", action="store_true", help="also solve the whole run without what was kept from pair to pair")
+    given = parser.parse_args()
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # read by the process that is spawned next
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        lines = pool.apply(table, (given.pairs, given.anew))
+    sys.stdout.write("\n".join(lines) + "\n")
+    if given.write:
+        before, rest = DOCS.read_text(encoding="utf-8").split(BEGIN)
+        after = rest.split(END)[1]
+        DOCS.write_text(before + BEGIN + "\n" + "\n".join(lines) + "\n" + END + after, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,60 @@
+"""Stated intervals hold what they say, in short: four experiments; docs/estimation.md has the table over 500."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+from numexp.coverage import SMALL, Coverage, Normalised, coverages, normalised
+
+EXPERIMENTS = 4
+# Fractions within the stated 68 % over 90 experiments of other seeds, and how much one experiment's own fraction scatters about that
+# (its errors hang together); four are believed within four standard errors.
+USUAL = {
+    "drift within frames": (0.88, 0.06),
+    "distortion": (0.68, 0.10),
+    "displacement of points": (0.687, 0.009),
+    "mean strain": (0.75, 0.10),
+    "strain of a gauge": (0.68, 0.02),
+}
+
+
+@pytest.fixture(scope="module")
+def experiments() -> list[Normalised]:
+    return [normalised(SMALL["correlated"], seed) for seed in range(1, 1 + EXPERIMENTS)]
+
+
+@pytest.fixture(scope="module")
+def found(experiments: list[Normalised]) -> dict[str, Coverage]:
+    return {one.quantity: one for one in coverages(experiments)}
+
+
+@pytest.mark.parametrize("quantity", USUAL)
+def test_as_many_errors_are_inside_as_in_the_long_run(found: dict[str, Coverage], quantity: str) -> None:
+    usual, scatter = USUAL[quantity]
+    assert found[quantity].inside[0] == pytest.approx(usual, abs=4.0 * scatter / EXPERIMENTS**0.5)
+    assert found[quantity].inside[1] > 0.85
+
+
+@pytest.mark.parametrize("quantity", ["Young's modulus", "Poisson's ratio"])
+def test_elastic_constants_err_by_what_is_stated(experiments: list[Normalised], quantity: str) -> None:
+    """The mean square of four normal numbers is between 0.016 and 5.0 but once in a thousand times."""
+    z = np.array([one[quantity][0] for one in experiments])
+    assert 0.016 < np.mean(z**2) < 5.0
+
+
+def test_a_coverage_counts_what_is_inside() -> None:
+    rng = np.random.default_rng(1)
+    (honest,) = coverages([{"a": rng.normal(size=(40, 2))} for _ in range(200)])
+    assert honest.inside == pytest.approx((0.6827, 0.95), abs=0.02)
+    assert honest.rms == pytest.approx(1.0, abs=0.03)
+    (narrow,) = coverages([{"a": 2.0 * rng.normal(size=(40, 2)) + 0.5} for _ in range(200)])
+    assert narrow.inside[0] < 0.45
+    assert abs(narrow.bias - 0.5) < 5.0 * narrow.bias_error
+    (empty,) = coverages([{"a": np.zeros((0, 2))}, {"a": rng.normal(size=(50, 2))}, {"a": rng.normal(size=(50, 2))}])
+    assert np.isfinite(empty.rms)
