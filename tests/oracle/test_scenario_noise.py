@@ -18,7 +18,7 @@ def test_x200_correlates_with_25_thousandths_of_a_pixel() -> None:
     assert np.hypot(found.u_px, found.v_px) / np.sqrt(2) == pytest.approx(0.025, rel=0.07)
 
 
-def test_x10000_correlates_with_a_twentieth_of_a_pixel_from_frame_0() -> None:
+def test_x10000_correlates_with_a_twentieth_of_a_pixel_in_its_first_pair() -> None:
     found = noise_of_pair("paper_x10000", 0.0, draws=3)
     assert found.points > 200
     assert np.hypot(found.u_px, found.v_px) / np.sqrt(2) == pytest.approx(0.05, rel=0.07)
