@@ -12,8 +12,38 @@ from semlive_simulators.effects.protocol import Array, Effect, Magnification, Pl
 from semlive_simulators.elliptic import EllipticHole
 
 
+class Opening(Effect):
+    """What a hole and a notch have in common: an elliptic opening that the sheet opens around, with nothing to see inside."""
+
+    __slots__ = ()
+    strain_per_n: float
+    poissons_ratio: float
+    grey_level: float
+    edge_px: float
+
+    @property
+    def shape(self) -> EllipticHole:
+        """The ellipse, from the centre of the frame."""
+        raise NotImplementedError(f"{type(self).__name__} has no shape")
+
+    def material_px(self, x_px: Array, y_px: Array, at: Visits) -> Plane:
+        """What the opening adds to the uniform deformation."""
+        centre = at.scan.centre_px
+        return self.shape.displacement_px(x_px - centre[0], y_px - centre[1], self.strain_per_n * at.load_n, self.poissons_ratio)
+
+    def absent(self, x_px: Array, y_px: Array, at: Visits) -> NDArray[np.bool_]:
+        """Inside."""
+        centre = at.scan.centre_px
+        return self.shape.outside(x_px - centre[0], y_px - centre[1]) < 1.0
+
+    def grey(self, grey: Array, x_px: Array, y_px: Array, at: Visits) -> Array:
+        """Dark inside."""
+        centre = at.scan.centre_px
+        return darkened(grey, self.shape, x_px - centre[0], y_px - centre[1], self.grey_level, self.edge_px)
+
+
 @dataclass(frozen=True, slots=True)
-class Hole(Effect):
+class Hole(Opening):
     """A round hole in the middle of the field of view, in a sheet that is wide compared with it (Kirsch 1898).
 
     Attributes:
@@ -41,21 +71,6 @@ class Hole(Effect):
     def shape(self) -> EllipticHole:
         """As an ellipse."""
         return EllipticHole(0.0, 0.0, self.radius_px, self.radius_px)
-
-    def material_px(self, x_px: Array, y_px: Array, at: Visits) -> Plane:
-        """What the hole adds to the uniform deformation."""
-        centre = at.scan.centre_px
-        return self.shape.displacement_px(x_px - centre[0], y_px - centre[1], self.strain_per_n * at.load_n, self.poissons_ratio)
-
-    def absent(self, x_px: Array, y_px: Array, at: Visits) -> NDArray[np.bool_]:
-        """Inside."""
-        centre = at.scan.centre_px
-        return self.shape.outside(x_px - centre[0], y_px - centre[1]) < 1.0
-
-    def grey(self, grey: Array, x_px: Array, y_px: Array, at: Visits) -> Array:
-        """Dark inside."""
-        centre = at.scan.centre_px
-        return darkened(grey, self.shape, x_px - centre[0], y_px - centre[1], self.grey_level, self.edge_px)
 
 
 def darkened(grey: Array, shape: EllipticHole, x_px: Array, y_px: Array, level: float, edge_px: float) -> Array:

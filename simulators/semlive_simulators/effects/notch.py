@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from semlive_simulators.effects.hole import darkened
-from semlive_simulators.effects.protocol import Array, Effect, Magnification, Plane, Visits, by
+from semlive_simulators.effects.hole import Opening
+from semlive_simulators.effects.protocol import Magnification, by
 from semlive_simulators.elliptic import EllipticHole
 
 
 @dataclass(frozen=True, slots=True)
-class Notch(Effect):
+class Notch(Opening):
     """The right half of a flat elliptic hole whose middle lies to the left of the field of view (Inglis 1913).
 
     Attributes:
@@ -48,18 +45,3 @@ class Notch(Effect):
     def shape(self) -> EllipticHole:
         """Half axes a and sqrt(a r), for a tip radius of r = b^2 / a."""
         return EllipticHole(self.tip_x_px - self.depth_px, self.tip_y_px, self.depth_px, (self.depth_px * self.tip_radius_px) ** 0.5)
-
-    def material_px(self, x_px: Array, y_px: Array, at: Visits) -> Plane:
-        """What the notch adds to the uniform deformation."""
-        centre = at.scan.centre_px
-        return self.shape.displacement_px(x_px - centre[0], y_px - centre[1], self.strain_per_n * at.load_n, self.poissons_ratio)
-
-    def absent(self, x_px: Array, y_px: Array, at: Visits) -> NDArray[np.bool_]:
-        """Inside."""
-        centre = at.scan.centre_px
-        return self.shape.outside(x_px - centre[0], y_px - centre[1]) < 1.0
-
-    def grey(self, grey: Array, x_px: Array, y_px: Array, at: Visits) -> Array:
-        """Dark inside."""
-        centre = at.scan.centre_px
-        return darkened(grey, self.shape, x_px - centre[0], y_px - centre[1], self.grey_level, self.edge_px)
