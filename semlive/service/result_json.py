@@ -22,7 +22,7 @@ def result_json(result: RunResult, settings: AnalysisSettings) -> dict[str, Any]
     elastic = result.elastic
     return {
         "pairs": len(result.decisions),
-        "method": "joint",
+        "method": settings.estimate.method,
         "window_points": points,
         "window_px": points * dic.step_px,
         "vsg_px": (points - 1) * dic.step_px + dic.subset_px,

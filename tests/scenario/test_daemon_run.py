@@ -67,6 +67,14 @@ def test_live_and_replayed_results_agree(finished: Any) -> None:
     assert abs(modulus["value"] - 71.1) < 4.0 * modulus["sigma"]
 
 
+def test_a_replay_by_another_method_says_so(finished: Any) -> None:
+    command = [sys.executable, "-m", "semlive", "replay", str(finished.log), "--json", "--method", "sutton2007"]
+    said = json.loads(subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout)
+    (live,) = logged(finished.log, "/result")
+    assert (live["method"], said["method"]) == ("joint", "sutton2007")
+    assert len(said["frames"]) == len(live["frames"])
+
+
 def test_the_strain_gage_goes_from_its_register_to_the_comparison_with_dic(finished: Any) -> None:
     samples, pairs = logged(finished.log, "/load_frame/sample"), logged(finished.log, "/pair")
     assert all(one["gage_strain"] is not None for one in samples)
