@@ -31,13 +31,13 @@ def test_the_scenario_says_what_the_paper_says() -> None:
     assert PAPER.shifts_by is Actuator.BEAM_SHIFT
     shifts = np.array(PAPER.experiment["protocol"]["calibration_shifts_px"], dtype=float)
     assert len(shifts) == 11
-    along_y, along_x = shifts[1:6], shifts[[0, *range(6, 11)]]  # the two strokes of a cross
-    assert (along_x[:, 1] == 0).all()
+    along_y, along_x = shifts[:5], shifts[5:]  # the two strokes of a cross
     assert (along_y[:, 0] == 0).all()
-    for stroke in (along_x[:, 0], along_y[:, 1]):
-        assert (np.abs(np.diff(stroke)) < 20 / 1.03).all()  # two translations
+    assert (along_x[:, 1] == along_x[0, 1]).all()
+    for stroke, translations in ((1.03 * along_x[:, 0], 2), (0.96 * along_y[:, 1], 3)):
+        assert (np.abs(np.diff(stroke)) < 10 * translations).all()
         assert stroke.sum() == pytest.approx(0)
-        assert (np.abs(1.03 * stroke) < 50).all()
+        assert (np.abs(stroke) < 50).all()
     loads = PAPER.experiment["protocol"]["loads_n"]
     assert len(loads) == 1 + 9 + 1
     assert max(loads) <= PAPER.experiment["limits"]["force_max_n"]
@@ -69,7 +69,7 @@ def test_the_path_is_crooked_and_every_point_stays_in_the_field() -> None:
     assert (low > [half - x0, half - y0]).all()
     assert (high < [1023 - half - x1, 883 - half - y1]).all()
     wrong_px = np.linalg.norm(calibration, axis=1)
-    assert 0.3 < wrong_px.mean() < 2.0  # not where it was told, and not astray
+    assert 0.3 < wrong_px.mean() < 3.0  # not where it was told (3 % and 3 degrees of 48 px are 3 px), and not astray
     assert len(places) == 44
 
 
@@ -86,5 +86,5 @@ def test_simulate_writes_integrated_frames_and_their_truth(tmp_path: Path) -> No
     assert float(rows[1]["start_s"]) - float(rows[0]["start_s"]) == pytest.approx(75.68 + 0.4)
     truth = json.loads((tmp_path / "out" / "truth.json").read_text(encoding="utf-8"))
     assert truth["pixel_size_m"] == pytest.approx(25e-9)
-    assert truth["frames"][0]["stage_px"][0] == pytest.approx(48 * 1.03, abs=2.0)
-    assert truth["frames"][2]["stage_px"][0] == pytest.approx(-48 * 1.03, abs=2.0)
+    assert truth["frames"][0]["stage_px"][1] == pytest.approx(48 * 0.96, abs=2.0)
+    assert truth["frames"][2]["stage_px"][0] == pytest.approx(48 * 1.03, abs=3.0)
