@@ -14,7 +14,7 @@ from semlive.data.frame import FrameInfo
 from semlive.data.grid import Grid
 from semlive.data.pair import PairDecision
 from semlive.data.results import FrameResult, RunResult
-from semlive.report.truth import Truth, seen, strain_gradient
+from semlive.report.truth import Truth, over_subset, seen, strain_gradient
 
 Field = NDArray[np.float64]
 COMPONENTS = ("exx", "eyy", "exy")
@@ -46,7 +46,7 @@ class DriftWithin:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DistortionError:
-    """Distortion minus truth with the best affine map removed from the difference; unknown translations leave that map open.
+    """Distortion minus truth over subsets, less the best affine map of the difference; unknown translations leave that map open.
 
     Attributes:
         grid: scan addresses.
@@ -154,10 +154,10 @@ def compare(result: RunResult, truth: Truth) -> Errors:
 
 
 def distortion_error(field: DistortionField, truth: Truth) -> DistortionError:
-    """A distortion field against truth, where it claims to be known."""
+    """A distortion field against truth as subsets show it, where it claims to be known."""
     x, y = field.grid.mesh()
     address, valid = np.stack((x, y), axis=-1), field.valid
-    difference = np.stack((field.ex_px, field.ey_px), axis=-1) - truth.distortion_at(address)
+    difference = np.stack((field.ex_px, field.ey_px), axis=-1) - over_subset(truth.distortion_at, address, field.grid.subset_px)
     error = np.zeros_like(difference)
     affine: Field = np.zeros((2, 2))
     if valid.any():

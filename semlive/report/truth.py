@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -135,6 +135,17 @@ def seen(truth: Truth, first: FrameInfo, info: FrameInfo, address_px: Field) -> 
     for _ in range(_REFINEMENTS):
         reached = centre + moved + truth.distortion_at(reached) + _drift_of(truth, info, reached)
     return Seen(moved - position, reached - centre - moved - bent_px)
+
+
+def over_subset(value: Callable[[Field], Field], address_px: Field, subset_px: int) -> Field:
+    """The mean of a field over the subset about each address (..., 2), by three Gauss points along each axis.
+
+    It is what a correlation with an affine shape function shows of a field that bends within the subset, and so what can be learnt
+    from disparity; it differs from the field by up to 0.02 px where a distortion shaped like the paper's Fig. 11 bends most.
+    """
+    points = [(0.5 * root * subset_px, 0.5 * weight) for root, weight in zip(*np.polynomial.legendre.leggauss(3), strict=True)]
+    means = [wx * wy * value(address_px + np.array([x, y])) for x, wx in points for y, wy in points]
+    return np.asarray(np.sum(means, axis=0))
 
 
 def strain_gradient(truth: Truth, first: FrameInfo, info: FrameInfo) -> Field:

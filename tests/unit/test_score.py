@@ -17,6 +17,7 @@ from semlive.report.errors import DistortionError, DriftWithin, Errors, FrameErr
 from semlive.report.noise import noise_scatter
 from semlive.report.score import Score, independent, scores_of
 from semlive.report.score_figures import save_figures
+from semlive.report.truth import over_subset
 
 GRID = Grid(20, 20, 10, 40, 30, 10)
 FRAMES = 24
@@ -115,3 +116,16 @@ def test_figures_go_to_a_folder_or_to_one_sheet(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
     with pytest.raises(BadInput, match="can be written"):
         save_figures(errors, tmp_path / "taken")
+
+
+def test_a_field_is_seen_by_its_mean_over_a_subset() -> None:
+    at = np.random.default_rng(3).uniform(-100.0, 100.0, (5, 2))
+
+    def bent(address: np.ndarray) -> np.ndarray:
+        x, y = address[..., 0], address[..., 1]
+        return np.stack((1.0 + 0.5 * x + 1e-3 * x**2 * y, 2e-4 * y**4), axis=-1)
+
+    x, y, square = at[:, 0], at[:, 1], 43.0**2
+    exact = np.stack((1.0 + 0.5 * x + 1e-3 * (x**2 + square / 12) * y, 2e-4 * (y**4 + y**2 * square / 2 + square**2 / 80)), axis=-1)
+    assert np.allclose(over_subset(bent, at, 43), exact, rtol=1e-9)
+    assert np.allclose(over_subset(bent, at, 0), bent(at), rtol=1e-12)

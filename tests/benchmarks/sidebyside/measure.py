@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from semlive.formats.messages import DIC_MAP
 from semlive.report.errors import COMPONENTS, Errors, compare
 from semlive.report.noise import NoiseCorrelation, gauge_rows, independent_values, noise_scatter
 from semlive.report.score import Score, score
-from semlive.report.truth import Truth, load_truth, seen
+from semlive.report.truth import Truth, load_truth, over_subset, seen
 from semlive.service.log_files import messages
 from semlive.service.replay import last_result
 
@@ -130,20 +131,16 @@ def _shares(log: Path, result: RunResult, truth: Truth) -> Iterator[tuple[int, t
         valid = disparity.valid & corrected.valid  # beyond the calibrated addresses the correction is extrapolated and marked
         given = np.stack((disparity.u_px - corrected.u_px, disparity.v_px - corrected.v_px), axis=-1)
         address = np.stack(disparity.grid.mesh(), axis=-1)
-        # Displacement is disparity less correction, so what the correction has too little the displacement has too much.
-        share = _over_subsets(truth, infos[0], infos[disparity.current], address, disparity.grid.subset_px) - given
+        # Displacement is disparity less correction, so what the correction has too little the displacement has too much. Maps, and
+        # the correction learnt from them, show what bends within a subset by its mean.
+        info, subset_px = infos[disparity.current], disparity.grid.subset_px
+        share = over_subset(partial(_correction, truth, infos[0], info), address, subset_px) - given
         share = np.where(valid[..., None], share - share[valid].mean(axis=0), 0.0)
         yield disparity.current, (share, disparity)
 
 
-def _over_subsets(truth: Truth, first: FrameInfo, info: FrameInfo, address: Field, subset_px: int) -> Field:
-    """The true correction as the correlation of subsets shows it: its mean over each, by three Gauss points along each axis.
-
-    An affine shape function gives the mean of what bends within the subset. Maps and the correction learnt from them are bent alike.
-    """
-    points = [(root * subset_px / 2, weight / 2) for root, weight in zip(*np.polynomial.legendre.leggauss(3), strict=True)]
-    means = (wx * wy * seen(truth, first, info, address + np.array([x, y])).correction_px for x, wx in points for y, wy in points)
-    return np.sum(list(means), axis=0)
+def _correction(truth: Truth, first: FrameInfo, info: FrameInfo, address: Field) -> Field:
+    return seen(truth, first, info, address).correction_px
 
 
 def _phase(
