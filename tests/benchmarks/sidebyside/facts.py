@@ -21,13 +21,7 @@ class PaperFigures:
     youngs_modulus_gpa: float
     poissons_ratio: float
     asked_noise_px: float
-    modulus_bar_gpa: float
     modulus_said: str
-
-    @property
-    def noisier(self) -> float:
-        """How much noisier than the numerical experiment, whose bars hold for 0.025 px, and errors of a linear estimate with it."""
-        return self.asked_noise_px / 0.025
 
 
 PAPER = {
@@ -44,8 +38,6 @@ PAPER = {
         youngs_modulus_gpa=71.1,
         poissons_ratio=0.33,
         asked_noise_px=0.025,
-        # Gage and DIC both round to 71.1 GPa, so they differ by less than 0.1.
-        modulus_bar_gpa=0.1,
         modulus_said="71.1 GPa, “nearly the same” as the strain gage",
     ),
     "paper_x10000": PaperFigures(
@@ -61,17 +53,16 @@ PAPER = {
         youngs_modulus_gpa=71.1,
         poissons_ratio=0.33,
         asked_noise_px=0.05,
-        # The paper plots both magnifications together and gives no figure here; 1 %.
-        modulus_bar_gpa=0.71,
         modulus_said="no figure; plotted together with x200",
     ),
 }
 
 RATIO_BAR = 1.1
-# The paper's Poisson's ratio has two digits.
+# The paper's gage and DIC both round to 71.1 GPa, so they differ by less than 0.1; its Poisson's ratio has two digits.
+MODULUS_BAR_GPA = 0.1
 RATIO_OF_POISSON_BAR = 0.01
-CORRECTION_SD_BAR = 4e-5  # 9 x 9 points, DIC noise of 0.025 px correlated over 43 px
-DISTORTION_BAR_PX = 0.03  # likewise
+CORRECTION_SD_BAR = 4e-5  # 9 x 9 points, DIC noise correlated over 43 px
+DISTORTION_BAR_PX = 0.03
 STATED_WINDOW = 9
 CURVE_WINDOWS = tuple(range(3, 42, 2))
 WIDER_WINDOWS = (45, 51, 57, 63, 71, 79, 87, 95)

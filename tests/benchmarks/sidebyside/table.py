@@ -131,7 +131,7 @@ def _fields(figures: RunFigures, paper: PaperFigures) -> Iterator[Row]:
     if not one.valid.any():
         yield Row("distortion residual", paper.distortion_said, "not determined", "", held=False)
     else:
-        error, allowed = one.error_px[one.valid], facts.DISTORTION_BAR_PX * paper.noisier
+        error, allowed = one.error_px[one.valid], facts.DISTORTION_BAR_PX
         largest, rms = float(np.abs(error).max()), float(np.sqrt(np.mean(error**2)))
         yield Row(
             "distortion residual, its affine part removed", paper.distortion_said, f"max {_px(largest)} px, rms {_px(rms)} px",
@@ -165,7 +165,7 @@ def _strains(figures: RunFigures, paper: PaperFigures) -> Iterator[Row]:
             f"strain sd over a {row.vsg_px} px gauge, {name}", paper.strain_sd_said.get(name, "no figure"),
             f"{sd}; ≤ {ratio:.2f} × DIC noise", f"≤ {facts.RATIO_BAR} × DIC noise", ratio <= facts.RATIO_BAR, gauge,
         )  # fmt: skip
-        share, allowed = max(row.correction[c] for c in COMPONENTS), facts.CORRECTION_SD_BAR * paper.noisier
+        share, allowed = max(row.correction[c] for c in COMPONENTS), facts.CORRECTION_SD_BAR
         yield Row(
             f"the correction's share of it, {name}", NOTHING,
             f"sd {_strain(share)}, mean ≤ {_strain(float(np.abs(phase.correction).max()))}",
@@ -192,7 +192,7 @@ def _elastic(figures: RunFigures, paper: PaperFigures) -> Iterator[Row]:
     yield Row(
         "Young's modulus", paper.modulus_said,
         f"{modulus.value:.2f} ± {modulus.sigma:.2f} GPa (true {true_modulus} GPa)",
-        f"within {paper.modulus_bar_gpa} GPa", off <= paper.modulus_bar_gpa,
+        f"within {facts.MODULUS_BAR_GPA} GPa", off <= facts.MODULUS_BAR_GPA,
     )  # fmt: skip
     yield Row(
         "Poisson's ratio", f"{paper.poissons_ratio} (literature 0.28 to 0.35)",
