@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from semlive_simulators.machine import STEP_NS, Machine, Window
@@ -34,6 +36,7 @@ class Protocol:
         load_tolerance_n: allowed distance of the load.
         load_tolerance_fraction: the same as a fraction of the load; the larger holds.
         stage_tolerance_um: allowed distance of the stage's own reading.
+        recentre: whether each shift also takes back how far the field was astray in the pair before.
     """
 
     __pydantic_config__ = ConfigDict(extra="ignore")
@@ -47,6 +50,7 @@ class Protocol:
     load_tolerance_n: float = 10.0
     load_tolerance_fraction: float = 0.01
     stage_tolerance_um: float = 5.0
+    recentre: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +68,7 @@ class Shot:
 
     Attributes:
         frame: its number; frames 2k and 2k + 1 are pair k.
-        stop: where it was taken.
+        stop: where it was taken, with the shift that was commanded.
         start_s: when the scan began, seconds since the run began.
         start_ns: the same, UTC ns.
         end_ns: when it ended.
@@ -112,13 +116,27 @@ class Player:
         """
         scan, export = self._scenario.scan, self._scenario.export
         self._pass(self._scenario.first_scan_s)
-        for number, stop in enumerate(self._stops):
+        origin_px, back_px = None, np.zeros(2)
+        for number, planned in enumerate(self._stops):
+            stop = replace(planned, shift_px=(planned.shift_px[0] + float(back_px[0]), planned.shift_px[1] + float(back_px[1])))
             self._go_to(stop)
             self._pass(self._protocol.hold_s)
             yield self._scan(2 * number, stop)
             self._pass(scan.gap_s)
-            yield self._scan(2 * number + 1, stop)
+            shot = self._scan(2 * number + 1, stop)
+            yield shot
+            if self._protocol.recentre:
+                astray_px = self._field_px(shot) - planned.shift_px
+                origin_px = astray_px if origin_px is None else origin_px
+                back_px = back_px - (astray_px - origin_px)
             self._pass(export.delay_s + export.duration_s)
+
+    def _field_px(self, shot: Shot) -> NDArray[np.float64]:
+        """(2,) where a frame shows the middle of the specimen: its motion and the drift of the beam."""
+        middle_s = shot.start_s + 0.5 * self._scenario.frame_duration_s
+        motion = shot.window.motion
+        moved_px = [np.interp(middle_s, motion.time_s, motion.shift_px[:, axis]) for axis in (0, 1)]
+        return np.asarray(moved_px + self._scenario.drift.at(np.array([middle_s]))[0])
 
     def _pass(self, seconds: float) -> None:
         self.time_ns += round(seconds * 1e9)
