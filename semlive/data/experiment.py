@@ -22,7 +22,7 @@ class Step:
         step: running number from 0; the step's pair has the same number.
         phase: what the pair is for.
         shift_um: commanded stage position (x, y) relative to where the run began.
-        shift_px: the same in pixels (what the plan asked for).
+        shift_px: what the plan asked for, in pixels; `shift_um` also holds what brings the field back (see `Recentre`).
         load_n: commanded load, or None to leave the load frame alone.
     """
 
@@ -88,6 +88,19 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
+class Recentre:
+    """How the field of view is kept where the plan wants it.
+
+    Attributes:
+        beyond_px: nearer than this it is left alone.
+        um_per_px: motion of the stage or the beam shift that moves the picture by a pixel.
+    """
+
+    beyond_px: float
+    um_per_px: float
+
+
+@dataclass(frozen=True, slots=True)
 class Plan:
     """A whole experiment.
 
@@ -97,6 +110,7 @@ class Plan:
         limits: soft limits.
         ramp_rate_n_s: rate of load changes.
         triggered: ask the SEM for each frame; otherwise it scans continuously and exports every frame.
+        recentre: whether and how drift and the specimen's own motion are taken back before each step.
     """
 
     steps: tuple[Step, ...]
@@ -104,3 +118,4 @@ class Plan:
     limits: Limits
     ramp_rate_n_s: float
     triggered: bool = False
+    recentre: Recentre | None = None

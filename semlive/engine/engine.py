@@ -79,6 +79,8 @@ def _hear(turn: Turn, event: Event) -> None:
         case ev.FrameScanned(info=info):
             _wait_over(turn)
             frame_scanned(turn, info)
+        case ev.FieldSeen():
+            turn.update(seen=event)
         case ev.FrameUnreadable(export=export, reason=reason):
             frame_unreadable(turn, export, reason)
         case ev.CommandTaken(time_ns=time_ns, device=device):

@@ -145,6 +145,21 @@ class FrameScanned:
 
 
 @dataclass(frozen=True, slots=True)
+class FieldSeen:
+    """A pair was correlated with frame 0.
+
+    Attributes:
+        time_ns: experiment time.
+        pair: its number.
+        moved_px: mean disparity (x, y) of the field since frame 0.
+    """
+
+    time_ns: int
+    pair: int
+    moved_px: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
 class FrameUnreadable:
     """An exported file cannot be used."""
 
@@ -175,5 +190,6 @@ Event = (
     | DeviceFault
     | FrameScanned
     | FrameUnreadable
+    | FieldSeen
     | Operator
 )

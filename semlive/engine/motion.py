@@ -11,6 +11,7 @@ from dataclasses import replace
 from semlive.data.loading import MotionState
 from semlive.engine.commands import MoveStage, RampTo
 from semlive.engine.events import Device
+from semlive.engine.field import recentred
 from semlive.engine.limits import move_problem, ramp_problem
 from semlive.engine.states import Cause, State
 from semlive.engine.turn import EngineState, Motion, Turn
@@ -108,7 +109,8 @@ def set_out(turn: Turn) -> None:
 
 def begin_step(turn: Turn) -> None:
     """Begin a step with its own time allowance."""
-    turn.update(motion=Motion(began_ns=turn.state.time_ns), hold_end_ns=turn.state.time_ns, steady_since_ns=None)
+    plan = recentred(turn.state.plan, turn.state.limits, turn.state.step_index, turn.state.seen)
+    turn.update(plan=plan, motion=Motion(began_ns=turn.state.time_ns), hold_end_ns=turn.state.time_ns, steady_since_ns=None)
     step = turn.state.step
     load = "load as it is" if step.load_n is None else f"{step.load_n:g} N"
     x, y = step.shift_um

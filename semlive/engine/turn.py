@@ -9,7 +9,7 @@ from semlive.data.experiment import Limits, Plan, Step
 from semlive.data.frame import FrameInfo
 from semlive.data.loading import DeviceIdentity, LoadSample, StageSample
 from semlive.engine.commands import Announce, Command, Finish, Guard, RefuseFrame, StopMotion, Transition
-from semlive.engine.events import Device
+from semlive.engine.events import Device, FieldSeen
 from semlive.engine.history import LoadHistory
 from semlive.engine.states import FINAL_STATES, TRANSITIONS, Cause, State, next_state
 
@@ -69,6 +69,7 @@ class EngineState:
         first: the first frame of the pair.
         reference: the first frame accepted in the run; later ones must be of its kind.
         start_sigma_s: how well the start of the last frame was known; before the first, what scan profiles assume.
+        seen: where the field of the newest correlated pair was; None before.
         asked: in triggered mode, a frame has been asked for in this IMAGING.
         message: the last sentence for the operator.
     """
@@ -96,6 +97,7 @@ class EngineState:
     first: FrameInfo | None = None
     reference: FrameInfo | None = None
     start_sigma_s: float = 0.3
+    seen: FieldSeen | None = None
     asked: bool = False
     message: str = ""
 

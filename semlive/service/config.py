@@ -11,7 +11,7 @@ import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from semlive.data.experiment import HoldRule, Limits, Phase, Plan, Step
+from semlive.data.experiment import HoldRule, Limits, Phase, Plan, Recentre, Step
 from semlive.data.settings import AnalysisSettings, DicSettings, EstimateSettings, ScanProfile, SpecimenSettings
 from semlive.errors import BadConfig
 
@@ -90,6 +90,8 @@ class ProtocolSection(_Section):
     load_tolerance_fraction: float = Field(default=0.01, ge=0, lt=1)
     stage_tolerance_um: float = Field(default=5.0, gt=0)
     motion_timeout_s: float = Field(default=900.0, gt=0)
+    recentre_beyond_px: float | None = Field(default=None, ge=0)
+    """Before each step, take back what drift carried the field of view away, if it is more than this; leave out to let it go."""
     frame_timeout_s: float = Field(default=900.0, gt=0)
 
     @model_validator(mode="after")
@@ -119,7 +121,8 @@ class Config(_Section):
             raise PydanticCustomError("no_frame", "protocol.loads_n needs a load_frame section")
         if self.load_frame is not None and self.limits is None:
             raise PydanticCustomError("no_limits", "a load_frame needs a limits section (force, extension, rate)")
-        if any(shift != (0, 0) for shift in protocol.calibration_shifts_px + protocol.translation_shifts_px) and self.stage is None:
+        shifts = protocol.calibration_shifts_px + protocol.translation_shifts_px
+        if (protocol.recentre_beyond_px is not None or any(shift != (0, 0) for shift in shifts)) and self.stage is None:
             raise PydanticCustomError("no_stage", "shifts need a stage section (driver: operator asks a hand to move the specimen)")
         return self
 
@@ -137,7 +140,8 @@ class Config(_Section):
         steps = tuple(Step(number, phase, (shift[0] * um, shift[1] * um), shift, load) for number, (phase, shift, load) in enumerate(stops))
         hold = HoldRule(**{field.name: getattr(protocol, field.name) for field in dataclasses.fields(HoldRule)})
         limits = self.limits or _NO_MOTION
-        return Plan(steps, hold, limits, protocol.ramp_rate_n_s, triggered=self.sem.trigger is not None)
+        recentre = None if protocol.recentre_beyond_px is None else Recentre(protocol.recentre_beyond_px, um)
+        return Plan(steps, hold, limits, protocol.ramp_rate_n_s, triggered=self.sem.trigger is not None, recentre=recentre)
 
 
 # Without a load frame nothing pulls; the stage keeps a generous travel of 1 mm.

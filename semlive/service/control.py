@@ -25,6 +25,7 @@ from semlive.engine import (
     DeviceStopped,
     EngineState,
     Event,
+    FieldSeen,
     Finish,
     FrameScanned,
     FrameUnreadable,
@@ -53,6 +54,7 @@ from semlive.errors import SemliveError
 from semlive.formats import message_values as values
 from semlive.formats.log import LogMessage
 from semlive.formats.messages import (
+    DicMessage,
     DriftMessage,
     ElasticMessage,
     FaultMessage,
@@ -70,7 +72,7 @@ from semlive.service.trigger import TriggerLink
 
 P = ParamSpec("P")
 
-_DECODED = ("/sem/scan", "/sem/file", "/log", "/drift/estimate", "/elastic", "/fault", "/result")
+_DECODED = ("/sem/scan", "/sem/file", "/log", "/dic/summary", "/drift/estimate", "/elastic", "/fault", "/result")
 _TROUBLE = (State.FAULT, State.ESTOPPED)
 _ENDING = (State.STOPPING, *FINAL_STATES)
 _WARNED = (DeviceFault, DeviceStopped, LinkLost)
@@ -234,6 +236,8 @@ class Control:
             self.handle(FrameUnreadable(self._clock.now_ns(), payload.export, payload.reason))
         elif isinstance(payload, LogLineMessage) and payload.text == READY:
             self.analysis_ready.set()
+        elif isinstance(payload, DicMessage):
+            self._field(payload)
         elif isinstance(payload, DriftMessage):
             self._drift_rate_px_s, self._pairs_analysed = payload.rate_px_s[-1], payload.revision
         elif isinstance(payload, ElasticMessage):
@@ -243,6 +247,11 @@ class Control:
             if self._pairs_analysed == 0:
                 # Every later frame is measured from the first pair; without it the specimen would be spent for nothing.
                 self.handle(DeviceFault(self._clock.now_ns(), Device.SEM, f"the first pair cannot be used: {payload.what}"))
+
+    def _field(self, message: DicMessage) -> None:
+        """Where the field of view went since frame 0, if most of it was found again."""
+        if message.reference == 0 and message.mean_u_px is not None and message.mean_v_px is not None and 2 * message.converged > message.points:
+            self.handle(FieldSeen(self._clock.now_ns(), message.current // 2, (message.mean_u_px, message.mean_v_px)))
 
     def _guarded(self, call: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
         """In asyncio an exception in a callback is a line on the terminal, and the run would go on without it."""

@@ -36,7 +36,7 @@ class Protocol:
         load_tolerance_n: allowed distance of the load.
         load_tolerance_fraction: the same as a fraction of the load; the larger holds.
         stage_tolerance_um: allowed distance of the stage's own reading.
-        recentre: whether each shift also takes back how far the field was astray in the pair before.
+        recentre_beyond_px: if the field was astray by more than this in the pair before, the shift takes it back too.
     """
 
     __pydantic_config__ = ConfigDict(extra="ignore")
@@ -50,7 +50,7 @@ class Protocol:
     load_tolerance_n: float = 10.0
     load_tolerance_fraction: float = 0.01
     stage_tolerance_um: float = 5.0
-    recentre: bool = False
+    recentre_beyond_px: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,15 +121,18 @@ class Player:
             stop = replace(planned, shift_px=(planned.shift_px[0] + float(back_px[0]), planned.shift_px[1] + float(back_px[1])))
             self._go_to(stop)
             self._pass(self._protocol.hold_s)
-            yield self._scan(2 * number, stop)
+            first = self._scan(2 * number, stop)
+            yield first
             self._pass(scan.gap_s)
-            shot = self._scan(2 * number + 1, stop)
-            yield shot
-            if self._protocol.recentre:
-                astray_px = self._field_px(shot) - planned.shift_px
-                origin_px = astray_px if origin_px is None else origin_px
-                back_px = back_px - (astray_px - origin_px)
+            second = self._scan(2 * number + 1, stop)
+            yield second
+            origin_px = self._field_px(first) - planned.shift_px if origin_px is None else origin_px
+            back_px = back_px - self._taken_back(self._field_px(second) - planned.shift_px - origin_px)
             self._pass(export.delay_s + export.duration_s)
+
+    def _taken_back(self, astray_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        beyond_px = self._protocol.recentre_beyond_px
+        return astray_px if beyond_px is not None and np.abs(astray_px).max() > beyond_px else np.zeros(2)
 
     def _field_px(self, shot: Shot) -> NDArray[np.float64]:
         """(2,) where a frame shows the middle of the specimen: its motion and the drift of the beam."""
