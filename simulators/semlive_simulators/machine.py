@@ -136,8 +136,10 @@ class Machine:
     def _elongation_mm(self, peak_n: float) -> float:
         return self._scenario.effects.plastic_strain(peak_n) * self._scenario.specimen.length_mm
 
-    def _plastic(self, load: dynamics.LoadFrameState) -> float:
-        return load.plastic_mm / self._scenario.specimen.length_mm
+    def _lasting_strain(self, load: dynamics.LoadFrameState, time_s: float, history: History) -> float:
+        """What the strain gage sees besides the elastic strain: plastic strain and creep."""
+        creep = self._scenario.effects.specimen_strain(time_s, at_rest(load_n=load.force_n, history=history), self._scenario.scan)
+        return load.plastic_mm / self._scenario.specimen.length_mm + creep
 
     def _place_px(self, state: stages.StageState) -> tuple[float, float]:
         pixel_um = self._scenario.scan.pixel_size_um
@@ -155,9 +157,11 @@ class Machine:
             load, position, history, beam = self._load, self._stage, self._history, self._beam
         time_s = (time_ns - self._start_ns) * 1e-9
         extension_mm = self._readings.extension_mm(load.extension_mm, load.force_n)
+        noisy_n = self._load_reading_n(load.force_n, time_s, history) + frame.cell_noise_n * gaussian(seed, _FORCE_STREAM, number)
+        lasting = self._lasting_strain(load, time_s, history)
         return Reading(
             number=number,
-            force_n=self._load_reading_n(load.force_n, time_s, history) + frame.cell_noise_n * gaussian(seed, _FORCE_STREAM, number),
+            force_n=frame.resolved_n(noisy_n),
             extension_mm=extension_mm + frame.extension_noise_mm * gaussian(seed, _EXTENSION_STREAM, number),
             target_n=self._load_reading_n(load.target_n, time_s, history),
             load_frame_moving=load.moving,
@@ -169,7 +173,7 @@ class Machine:
             beam_x_um=beam.motor_x_um,
             beam_y_um=beam.motor_y_um,
             beam_moving=beam.moving,
-            strain_gage=self._scenario.strain_gage.reading(self._scenario.specimen, load.force_n, seed, number, self._plastic(load)),
+            strain_gage=self._scenario.strain_gage.reading(self._scenario.specimen, load.force_n, seed, number, lasting),
         )
 
     def window(self, first_s: float, last_s: float) -> Window:
@@ -203,6 +207,11 @@ class Machine:
         """Start moving the crosshead in displacement control, positive pulls."""
         with self._lock:
             self._load = dynamics.jog(self._load, speed_mm_s)
+
+    def travel_to(self, extension_mm: float, speed_mm_s: float) -> None:
+        """Start moving the crosshead to an extension in displacement control, and hold it there."""
+        with self._lock:
+            self._load = dynamics.travel_to(self._load, extension_mm, speed_mm_s)
 
     def stop_load(self) -> None:
         """Stop the load frame and hold position."""

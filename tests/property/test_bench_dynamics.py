@@ -266,3 +266,59 @@ def test_the_stage_takes_its_time() -> None:
     assert math.hypot(state.motor_x_um, state.motor_y_um) == pytest.approx(TABLE.speed_um_s * 1.0)
     halted = stage.stop(state)
     assert stage.step(halted, TABLE, 10.0) == halted
+
+
+def test_a_crosshead_goes_where_it_is_sent_and_stays_there() -> None:
+    rest = dynamics.at_rest(MACHINE, SCENARIO.specimen.stiffness_n_mm)
+    for start, goal_mm, speed_mm_s in ((rest, 0.2, 0.013), (loaded(1500.0), 0.05, 0.02), (rest, -0.01, 0.1)):
+        states = run(dynamics.travel_to(start, goal_mm, speed_mm_s), abs(goal_mm - start.extension_mm) / speed_mm_s + 1.0)
+        steps = [after.extension_mm - before.extension_mm for before, after in itertools.pairwise(states)]
+        assert max(map(abs, steps)) <= speed_mm_s * DT_S + 1e-12
+        assert (states[-1].extension_mm, states[-1].drive) == (goal_mm, Drive.HOLDING)
+        assert states[-1].target_n == pytest.approx(states[-1].force_n, rel=0.01)
+
+
+def test_a_held_load_creeps_where_a_held_position_relaxes() -> None:
+    creeping = dataclasses.replace(MACHINE, hold="load")
+    state, held = loaded(2000.0), []
+    for parameters in (MACHINE, creeping):
+        arrived = dynamics.ramp_to(state, 2010.0, 50.0)
+        for _ in range(round(120.0 / DT_S)):
+            arrived = dynamics.step(arrived, parameters, DT_S)
+        held.append(arrived)
+    assert [one.drive for one in held] == [Drive.HOLDING, Drive.HOLDING]
+    assert held[0].force_n < 2010.0 - 1.5
+    assert held[1].force_n == pytest.approx(2010.0, abs=0.02)
+    # What grips and machine give way, in full: 0.3 % of the extension.
+    assert held[1].extension_mm - 2010.0 / state.stiffness_n_mm == pytest.approx(
+        MACHINE.relaxation_fraction * held[1].extension_mm, rel=0.01
+    )
+    for order in (dynamics.stop, dynamics.expire, lambda one: dynamics.jog(one, 0.01)):
+        assert not order(held[1]).keeps_load
+
+
+def test_a_load_held_on_a_broken_specimen_runs_to_the_limit_switch() -> None:
+    state = dynamics.ramp_to(dynamics.at_rest(MACHINE, SCENARIO.specimen.stiffness_n_mm), 1000.0, 100.0)
+    holding = dataclasses.replace(MACHINE, hold="load", extension_max_mm=0.5)
+    for _ in range(round(30.0 / DT_S)):
+        state = dynamics.step(state, holding, DT_S)
+    assert (state.drive, state.keeps_load) == (Drive.HOLDING, True)
+    state = dynamics.fracture(state)
+    for _ in range(round(60.0 / DT_S)):
+        state = dynamics.step(state, holding, DT_S)
+    assert (state.drive, state.extension_mm, state.keeps_load) == (Drive.LIMIT, 0.5, False)
+
+
+def test_the_strain_gage_sees_the_specimen_creep() -> None:
+    creep = {"strain_per_n": 2e-7, "onset_s": 10.0, "poissons_ratio": 0.33}
+    gage = dataclasses.replace(SCENARIO.strain_gage, noise=0.0)
+    said = []
+    for chosen in ({}, {"creep_in_hold": creep}):
+        world = dataclasses.replace(SCENARIO, strain_gage=gage, effects=build_effects(chosen))
+        machine = Machine(world, 0)
+        machine.ramp_to(1000.0, 200.0)
+        said.append([machine.read(round(time_s * 1e9)).strain_gage for time_s in (0.0, 60.0, 300.0)])
+    crept = said[1][1] - said[0][1], said[1][2] - said[0][2]
+    assert said[0][0] == said[1][0] == gage.offset
+    # Arrived after about 10 s: ln(1 + 50 / 10) and ln(1 + 290 / 10) times 2e-4.
+    assert crept == (pytest.approx(1.005 * 2e-4 * math.log(6.0), rel=0.1), pytest.approx(1.005 * 2e-4 * math.log(30.0), rel=0.05))

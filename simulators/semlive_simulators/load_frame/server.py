@@ -17,6 +17,7 @@ from semlive_simulators.load_frame.registers import (
     FAULT,
     MOVING,
     STOPPED,
+    CrossheadOrders,
     LoadFrameInputs,
     LoadFrameOrders,
     MoreInputs,
@@ -94,8 +95,10 @@ class BenchRegisters:
             return self._order_load_frame(registers, written, touched)
         if touched.start < 200:
             return self._order_stage(written, touched, 100, Actuator.STAGE)
-        if touched.start < 400:
+        if touched.start < 300:
             return self._order_sem(written[200])
+        if touched.start < 400:
+            return self._order_crosshead(written, touched)
         if touched.start < 900:
             return self._order_stage(written, touched, 400, Actuator.BEAM_SHIFT)
         return self._order_trouble(TroubleOrders.decoded(written[900:904]))
@@ -147,6 +150,24 @@ class BenchRegisters:
             self._machine.stop_load()
         return None
 
+    def _order_crosshead(self, written: list[int], touched: range) -> ExcCodes | None:
+        orders, limits = CrossheadOrders.decoded(written[300:306]), self._scenario.load_frame
+        command = orders.command if 304 in touched else 0
+        if command not in (0, _GO, _STOP):
+            return ExcCodes.ILLEGAL_VALUE
+        if command == _GO:
+            within = limits.extension_min_mm <= orders.extension_mm <= limits.extension_max_mm
+            if not (within and 0 < orders.speed_mm_s < math.inf):
+                return ExcCodes.ILLEGAL_VALUE
+            if self._machine.locked:
+                return ExcCodes.DEVICE_FAILURE
+        self._machine.advance_to(self._clock.now_ns())
+        if command == _GO:
+            self._machine.travel_to(orders.extension_mm, orders.speed_mm_s)
+        elif command == _STOP:
+            self._machine.stop_load()
+        return None
+
     def _order_stage(self, written: list[int], touched: range, first: int, actuator: Actuator) -> ExcCodes | None:
         orders = StageOrders.decoded(written[first : first + 6])
         command = orders.command if first + 4 in touched else 0
@@ -190,7 +211,7 @@ def _device(registers: BenchRegisters) -> SimDevice:
         return SimData(address, count=count, values=0, datatype=DataType.REGISTERS)
 
     bits = [SimData(0, count=1, values=False, datatype=DataType.BITS)]
-    holding = [words(0, 8), words(100, 6), words(200, 1), words(400, 6), words(900, 4)]
+    holding = [words(0, 8), words(100, 6), words(200, 1), words(300, 6), words(400, 6), words(900, 4)]
     inputs = [words(0, 16), words(100, 7), words(200, 2), words(300, 5), words(400, 7)]
     return SimDevice(id=UNIT, simdata=(bits, list(bits), holding, inputs), action=registers.action)
 
