@@ -138,7 +138,7 @@ class Machine:
 
     def _lasting_strain(self, load: dynamics.LoadFrameState, time_s: float, history: History) -> float:
         """What the strain gage sees besides the elastic strain: plastic strain and creep."""
-        creep = self._scenario.effects.specimen_strain(time_s, at_rest(load_n=load.force_n, history=history), self._scenario.scan)
+        creep = self._readings.specimen_strain(time_s, at_rest(load_n=load.force_n, history=history), self._scenario.scan)
         return load.plastic_mm / self._scenario.specimen.length_mm + creep
 
     def _place_px(self, state: stages.StageState) -> tuple[float, float]:

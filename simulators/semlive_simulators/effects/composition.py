@@ -98,12 +98,6 @@ class Effects:
                 motion = replace(motion, shift_px=shift, gradient=motion.gradient + member.specimen_gradient(at))
         return motion
 
-    def specimen_strain(self, time_s: float, motion: Motion, scan: Scan) -> float:
-        """Sum of the strains along y that effects give the specimen as a whole at an instant, plastic strain left out."""
-        at = Instants(np.array([time_s]), time_s, 0, scan, motion)
-        moving = [member for member in self.members if isinstance(member, MovesSpecimen) and not isinstance(member, Flows)]
-        return float(sum(member.specimen_gradient(at)[0, 1, 1] for member in moving))
-
     def plastic_strain(self, peak_n: float) -> float:
         """Sum of the plastic strains along y after a load was the highest so far."""
         peak = np.array([peak_n])
@@ -173,6 +167,12 @@ class Readings:
             if isinstance(member, ReadsExtension):
                 reading_mm = member.extension_reading_mm(reading_mm, load_n)
         return reading_mm
+
+    def specimen_strain(self, time_s: float, motion: Motion, scan: Scan) -> float:
+        """The strain along y that a gage sees besides elastic and plastic strain."""
+        at = Instants(np.array([time_s]), time_s, 0, scan, motion)
+        moving = [member for member in self.members if isinstance(member, MovesSpecimen) and not isinstance(member, Flows)]
+        return float(sum(member.specimen_gradient(at)[0, 1, 1] for member in moving))
 
     def stamp_s(self, true_s: float) -> float:
         """What the microscope's clock shows."""
