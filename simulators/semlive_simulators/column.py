@@ -213,9 +213,9 @@ class Column:
         """
         detector, speckle, optics = self.detector, self.speckle, self.effects.optics()
         x_px, y_px, at = self.seen(range(first_row, first_row + signal.shape[0]), visit, start_time_s, motion, frame)
-        spot_px = optics.spot_px(Instants(at.time_s[:, 0], start_time_s, frame, self.scan, motion))
+        probe_px = optics.probe_px(Instants(at.time_s[:, 0], start_time_s, frame, self.scan, motion))
         seen = np.zeros(signal.shape)
-        add_coverage(seen, x_px, y_px, spot_px, 1.0, speckle.kind, speckle.seed, speckle.numbers)
+        add_coverage(seen, x_px, y_px, probe_px, 1.0, speckle.kind, speckle.seed, speckle.numbers)
         signal += optics.grey(detector.offset + detector.gain * seen, x_px, y_px, at)
 
     def digitise(self, out: NDArray[np.unsignedinteger], first_row: int, signal: NDArray[np.float64], frame: int) -> None:

@@ -203,8 +203,8 @@ class Cuts(Protocol):
 class Blurs(Protocol):
     """Widens the probe."""
 
-    def blur_px(self, at: Instants) -> Array:
-        """(n,) standard deviation, added in squares to the spot's."""
+    def blur_px2(self, at: Instants) -> Array:
+        """(n, 2, 2) covariance, added to the spot's."""
         ...
 
 

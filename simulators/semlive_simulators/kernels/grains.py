@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from semlive_simulators.kernels.film import GRAINS, load_grains
+from semlive_simulators.kernels.film import GRAINS, thickness
 from semlive_simulators.kernels.pattern import _LOW16, _S16, _S32, _STEP_X, _STEP_Y, _TO_UNIT16, mix64
 
 
@@ -79,57 +79,10 @@ def grain_grey(x_px, y_px, seed, width_px, length_px, edge_px):
 
 @njit(cache=True, nogil=True)
 def smooth_field(x_px, y_px, seed, grain_px):
-    """The thickness of `film_coverage` without its step: standard deviation 1, (rows, width) float64 for points (rows, width).
-
-    Bump by bump over all points in a row that share a cell, but for bumps that end before their box begins: the inner loop has
-    no branch and runs in the processor's vectors.
-    """
+    """The film's `thickness`: a random field of standard deviation 1, (rows, width) float64 for points (rows, width)."""
     found = np.zeros(x_px.shape)
     grains = np.empty((GRAINS, 3))
     box = np.empty(4)
     for index in range(x_px.shape[0]):
-        xs, ys, values = x_px[index], y_px[index], found[index]
-        begin = 0
-        while begin < x_px.shape[1]:
-            end = _shared_cell(xs, ys, begin, grain_px, box)
-            load_grains(np.int64(math.floor(xs[begin] / grain_px)), np.int64(math.floor(ys[begin] / grain_px)), seed, grain_px, grains)
-            for slot in range(GRAINS):
-                far_x = max(0.0, box[0] - grains[slot, 0], grains[slot, 0] - box[1])
-                far_y = max(0.0, box[2] - grains[slot, 1], grains[slot, 1] - box[3])
-                if far_x * far_x + far_y * far_y < grain_px * grain_px:
-                    part = xs[begin:end], ys[begin:end]
-                    _add_bump(values[begin:end], *part, grains[slot, 0], grains[slot, 1], grains[slot, 2], 1.0 / (grain_px * grain_px))
-            begin = end
+        thickness(found[index], x_px[index], y_px[index], seed, grain_px, grains, box)
     return found
-
-
-@njit(cache=True, nogil=True)
-def _shared_cell(xs, ys, begin, grain_px, box):
-    """Where the points (n,) that share a cell with the one at `begin` end; their least and largest x, then y, go to `box`."""
-    left = math.floor(xs[begin] / grain_px) * grain_px
-    top = math.floor(ys[begin] / grain_px) * grain_px
-    least_x = most_x = xs[begin]
-    least_y = most_y = ys[begin]
-    end = begin + 1
-    while end < xs.size:
-        x = xs[end]
-        y = ys[end]
-        if x < left or x >= left + grain_px or y < top or y >= top + grain_px:
-            break
-        least_x = min(least_x, x)
-        most_x = max(most_x, x)
-        least_y = min(least_y, y)
-        most_y = max(most_y, y)
-        end += 1
-    box[0], box[1], box[2], box[3] = least_x, most_x, least_y, most_y
-    return end
-
-
-@njit(cache=True, nogil=True)
-def _add_bump(values, xs, ys, centre_x, centre_y, height, scale):
-    for column in range(values.size):
-        dx = xs[column] - centre_x
-        dy = ys[column] - centre_y
-        left = 1.0 - (dx * dx + dy * dy) * scale
-        left = 0.5 * (left + abs(left))
-        values[column] += height * left * left * left * left
