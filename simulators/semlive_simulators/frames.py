@@ -12,6 +12,7 @@ import argparse
 import contextlib
 import csv
 import io
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -78,7 +79,7 @@ def _row(shot: Shot, facts: ImageFacts, gaged: bool) -> list[object]:
     load = "" if shot.stop.load_n is None else f"{shot.load_mean_n:.3f}"
     timing = [f"{shot.start_s:.6f}", repr(scan.dwell_time_s), repr(facts.line_time_s)]
     size = [scan.width_px, scan.height_px, facts.frames_integrated]
-    strain = [f"{shot.gage_strain:.9f}"] if gaged else []
+    strain = ["" if math.isnan(shot.gage_strain) else f"{shot.gage_strain:.9f}"] if gaged else []
     return [shot.frame, shot.frame // 2, shot.stop.phase, *timing, *size, load, *shot.stop.shift_px, *strain]
 
 

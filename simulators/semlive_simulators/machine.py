@@ -12,6 +12,7 @@ from semlive_simulators import stage as stages
 from semlive_simulators.history import History, LoadStep, Move
 from semlive_simulators.kernels.pattern import gaussian
 from semlive_simulators.load_frame import dynamics, schedule
+from semlive_simulators.load_frame.schedule import Mishap
 from semlive_simulators.scenario import Scenario
 from semlive_simulators.specimen import Motion, at_rest
 
@@ -39,9 +40,10 @@ class Remembered:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What the devices say of themselves at an instant, their own noise included."""
+    """What the devices say of themselves at an instant, their own noise included; `number` counts readings, the load frame's apart."""
 
     number: int
+    load_frame_number: int
     force_n: float
     extension_mm: float
     target_n: float
@@ -51,6 +53,7 @@ class Reading:
     encoder_x_um: float
     encoder_y_um: float
     stage_moving: bool
+    stage_fault: bool
     beam_x_um: float
     beam_y_um: float
     beam_moving: bool
@@ -73,7 +76,11 @@ class Window:
 
 
 class Machine:
-    """The moving parts of the bench; safe to use from several threads."""
+    """The moving parts of the bench; safe to use from several threads.
+
+    Attributes:
+        faults: what goes wrong, planned or ordered.
+    """
 
     def __init__(self, scenario: Scenario, start_ns: int) -> None:
         self._scenario = scenario
@@ -84,6 +91,8 @@ class Machine:
         self._stage = stages.StageState()
         self._beam = stages.StageState()
         self._memory: list[Remembered] = []
+        self.faults = schedule.FaultBook(scenario.faults)
+        self._frozen: Reading | None = None
         self._readings = scenario.effects.readings()
         self._history = History()
         self._remembered = math.ceil((scenario.frame_duration_s + _REMEMBERED_S) / (STEP_NS * 1e-9))
@@ -113,7 +122,10 @@ class Machine:
                 self._beam = stages.step(self._beam, self._scenario.beam_shift, STEP_NS * 1e-9)
                 self._steps += 1
                 now_s = self._steps * STEP_NS * 1e-9
-                self._load = schedule.struck(self._load, self._scenario.faults, now_s - STEP_NS * 1e-9, now_s)
+                before_s, faults = now_s - STEP_NS * 1e-9, self.faults.begun(now_s)
+                self._load = schedule.struck(self._load, faults, before_s, now_s)
+                if any(fault.what is Mishap.STAGE_STALL and fault.strikes(before_s, now_s) for fault in faults):
+                    self._stage = stages.stall(self._stage)
                 self._remember()
                 self._note(load, stage, beam)
 
@@ -159,8 +171,9 @@ class Machine:
         extension_mm = self._readings.extension_mm(load.extension_mm, load.force_n)
         noisy_n = self._load_reading_n(load.force_n, time_s, history) + frame.cell_noise_n * gaussian(seed, _FORCE_STREAM, number)
         lasting = self._lasting_strain(load, time_s, history)
-        return Reading(
+        reading = Reading(
             number=number,
+            load_frame_number=number,
             force_n=frame.resolved_n(noisy_n),
             extension_mm=extension_mm + frame.extension_noise_mm * gaussian(seed, _EXTENSION_STREAM, number),
             target_n=self._load_reading_n(load.target_n, time_s, history),
@@ -170,11 +183,26 @@ class Machine:
             encoder_x_um=position.motor_x_um + stage.encoder_noise_um * gaussian(seed, _ENCODER_X_STREAM, number),
             encoder_y_um=position.motor_y_um + stage.encoder_noise_um * gaussian(seed, _ENCODER_Y_STREAM, number),
             stage_moving=position.moving,
+            stage_fault=position.stalled,
             beam_x_um=beam.motor_x_um,
             beam_y_um=beam.motor_y_um,
             beam_moving=beam.moving,
             strain_gage=self._scenario.strain_gage.reading(self._scenario.specimen, load.force_n, seed, number, lasting),
         )
+        return self._spoilt(reading, time_s)
+
+    def _spoilt(self, reading: Reading, time_s: float) -> Reading:
+        """What is said while sensors are in trouble."""
+        there = {fault.what for fault in self.faults.known() if fault.lasts(time_s)}
+        if Mishap.GAGE_OFF in there:
+            reading = replace(reading, strain_gage=math.nan)
+        with self._lock:
+            if Mishap.FROZEN_READINGS not in there:
+                self._frozen = None
+                return reading
+            old = self._frozen = self._frozen or reading
+        said = {"force_n": old.force_n, "extension_mm": old.extension_mm, "strain_gage": old.strain_gage}
+        return replace(reading, load_frame_number=old.load_frame_number, **said)
 
     def window(self, first_s: float, last_s: float) -> Window:
         """What truly happened between two instants, seconds since the run began; must lie in the recent past."""

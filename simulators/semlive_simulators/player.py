@@ -70,7 +70,7 @@ class Shot:
         end_ns: when it ended.
         window: what truly happened meanwhile.
         load_mean_n: mean reading of the load cell.
-        gage_strain: mean reading of the strain gage.
+        gage_strain: mean reading of the strain gage, NaN if it said nothing.
         encoder_x_um: stage position by its own encoder at the end.
         encoder_y_um: likewise.
         beam_x_um: shift of the beam at the end by the column's own word.
@@ -172,7 +172,8 @@ class Player:
         reading = self._machine.read(end_ns)
         window = self._machine.window(start_s, (end_ns - START_NS) * 1e-9)
         mean_n = math.fsum(one.force_n for one in said) / samples
-        mean_strain = math.fsum(one.strain_gage for one in said) / samples
+        gaged = [one.strain_gage for one in said if math.isfinite(one.strain_gage)]
+        mean_strain = math.fsum(gaged) / len(gaged) if gaged else math.nan
         places_um = (reading.encoder_x_um, reading.encoder_y_um, reading.beam_x_um, reading.beam_y_um)
         return Shot(frame, stop, start_s, start_ns, end_ns, window, mean_n, mean_strain, *places_um)
 

@@ -26,7 +26,7 @@ from semlive_simulators.load_frame.registers import (
     StageOrders,
     TroubleOrders,
 )
-from semlive_simulators.load_frame.schedule import troubles
+from semlive_simulators.load_frame.schedule import Mishap, troubles
 from semlive_simulators.load_frame.trouble import Line, Trouble, Troubles
 from semlive_simulators.load_frame.troubled_tcp import TroubledServer
 from semlive_simulators.machine import Machine
@@ -38,6 +38,7 @@ UNIT = 1
 _READ_HOLDING, _READ_INPUT = 3, 4
 _WRITES = (6, 16)
 _GO, _STOP = 1, 2
+_FIRST_MISHAP = 101
 
 
 class Watchdog:
@@ -110,14 +111,16 @@ class BenchRegisters:
             force_n=reading.force_n,
             extension_mm=reading.extension_mm,
             target_n=reading.target_n,
-            readings=reading.number,
+            readings=reading.load_frame_number,
             lag_s=self._clock.lag_s(),
             force_limit_n=self._scenario.load_frame.force_limit_n,
         )
-        stage = StageInputs(_stage_state(reading.stage_moving), reading.encoder_x_um, reading.encoder_y_um, reading.number)
+        stage = StageInputs(
+            _stage_state(reading.stage_moving, reading.stage_fault), reading.encoder_x_um, reading.encoder_y_um, reading.number
+        )
         beam = StageInputs(_stage_state(reading.beam_moving), reading.beam_x_um, reading.beam_y_um, reading.number)
         drive = reading.load_frame_drive
-        more = MoreInputs(FAULTS.index(drive) + 1 if drive in FAULTS else 0, reading.strain_gage, reading.number)
+        more = MoreInputs(FAULTS.index(drive) + 1 if drive in FAULTS else 0, reading.strain_gage, reading.load_frame_number)
         block = list(registers)
         for address, part in ((0, load_frame), (100, stage), (200, self._sem_inputs()), (300, more), (400, beam)):
             words = part.registers()
@@ -193,17 +196,22 @@ class BenchRegisters:
 
     def _order_trouble(self, orders: TroubleOrders) -> ExcCodes | None:
         kinds, lines = tuple(Trouble), [line for bit, line in enumerate(Line) if orders.lines >> bit & 1]
+        mishaps = dict(enumerate(Mishap, _FIRST_MISHAP))
+        if orders.what in mishaps:
+            self._machine.faults.order(mishaps[orders.what], orders.wait_s, orders.count * 1e-3)
+            return None
         if orders.what > len(kinds) or orders.lines >> len(Line):
             return ExcCodes.ILLEGAL_VALUE
         if orders.what == 0:
             self.troubles.clear()
+            self._machine.faults.clear()
         else:
             self.troubles.order(kinds[orders.what - 1], lines, orders.count, orders.wait_s)
         return None
 
 
-def _stage_state(moving: bool) -> int:
-    return MOVING if moving else STOPPED
+def _stage_state(moving: bool, fault: bool = False) -> int:
+    return FAULT if fault else MOVING if moving else STOPPED
 
 
 def _device(registers: BenchRegisters) -> SimDevice:
