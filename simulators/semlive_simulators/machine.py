@@ -15,6 +15,7 @@ from semlive_simulators.load_frame import dynamics, schedule
 from semlive_simulators.load_frame.schedule import Mishap
 from semlive_simulators.scenario import Scenario
 from semlive_simulators.specimen import Motion, at_rest
+from semlive_simulators.strain_field import elongation
 
 STEP_NS = 50_000_000
 """Physics runs in steps of 50 ms on a grid fixed to the start of the run: half a row, 1 um of stage motion."""
@@ -148,10 +149,13 @@ class Machine:
     def _elongation_mm(self, peak_n: float) -> float:
         return self._scenario.effects.plastic_strain(peak_n) * self._scenario.specimen.length_mm
 
-    def _lasting_strain(self, load: dynamics.LoadFrameState, time_s: float, history: History) -> float:
-        """What the strain gage sees besides the elastic strain: plastic strain and creep."""
-        creep = self._readings.specimen_strain(time_s, at_rest(load_n=load.force_n, history=history), self._scenario.scan)
-        return load.plastic_mm / self._scenario.specimen.length_mm + creep
+    def _more_strain(self, load: dynamics.LoadFrameState, time_s: float, history: History) -> float:
+        """What the strain gage sees besides the elastic strain: plastic strain, creep, and what a hole or grains do along its grid."""
+        scenario, motion = self._scenario, at_rest(load_n=load.force_n, history=history)
+        creep = self._readings.specimen_strain(time_s, motion, scenario.scan)
+        grid_px = scenario.strain_gage.length_mm * 1e3 / scenario.scan.pixel_size_um
+        local = elongation(scenario.effects, scenario.scan, motion, time_s, grid_px)
+        return load.plastic_mm / scenario.specimen.length_mm + creep + local
 
     def _place_px(self, state: stages.StageState) -> tuple[float, float]:
         pixel_um = self._scenario.scan.pixel_size_um
@@ -170,7 +174,7 @@ class Machine:
         time_s = (time_ns - self._start_ns) * 1e-9
         extension_mm = self._readings.extension_mm(load.extension_mm, load.force_n)
         noisy_n = self._load_reading_n(load.force_n, time_s, history) + frame.cell_noise_n * gaussian(seed, _FORCE_STREAM, number)
-        lasting = self._lasting_strain(load, time_s, history)
+        more = self._more_strain(load, time_s, history)
         reading = Reading(
             number=number,
             load_frame_number=number,
@@ -187,7 +191,7 @@ class Machine:
             beam_x_um=beam.motor_x_um,
             beam_y_um=beam.motor_y_um,
             beam_moving=beam.moving,
-            strain_gage=self._scenario.strain_gage.reading(self._scenario.specimen, load.force_n, seed, number, lasting),
+            strain_gage=self._scenario.strain_gage.reading(self._scenario.specimen, load.force_n, seed, number, more),
         )
         return self._spoilt(reading, time_s)
 

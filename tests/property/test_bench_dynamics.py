@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -322,3 +323,22 @@ def test_the_strain_gage_sees_the_specimen_creep() -> None:
     assert said[0][0] == said[1][0] == gage.offset
     # Arrived after about 10 s: ln(1 + 50 / 10) and ln(1 + 290 / 10) times 2e-4.
     assert crept == (pytest.approx(1.005 * 2e-4 * math.log(6.0), rel=0.1), pytest.approx(1.005 * 2e-4 * math.log(30.0), rel=0.05))
+
+
+def test_the_strain_gage_is_a_mean_over_its_length() -> None:
+    force_n, radius_px, half_px, nu = 1500.0, 1200.0, 0.5 * 6.35e3 / 1.25, 0.33
+    hole = {"defaults": "x200", "radius_px": radius_px}
+    lens = {"defaults": "x200", "grains_px": [[511.5, 1500.0]]}
+    gage = dataclasses.replace(SCENARIO.strain_gage, noise=0.0)
+    said = []
+    for chosen in ({}, {"hole": hole}, {"charging_local_lens": lens}):
+        machine = Machine(dataclasses.replace(SCENARIO, strain_gage=gage, effects=build_effects(chosen)), 0)
+        machine.ramp_to(force_n, 200.0)
+        said.append(machine.read(60_000_000_000).strain_gage)
+        true_n = machine.window(59.9, 60.0).motion.load_at(np.array([60.0]))[0]
+    # Kirsch: the point above the hole at a distance r moves outwards by this, besides the plate without a hole.
+    kappa, ratio = (3 - nu) / (1 + nu), radius_px / half_px
+    outwards_px = true_n / 711_000 * radius_px * (1 + nu) / 4 * (2 * ratio * (2 + kappa) - 2 * ratio**3)
+    assert said[1] - said[0] == pytest.approx(gage.gain * outwards_px / half_px, rel=1e-3)
+    assert said[1] > 1.3 * said[0]
+    assert said[2] == said[0]  # what bends the beam strains nothing

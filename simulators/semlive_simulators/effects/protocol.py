@@ -30,11 +30,13 @@ class Effect:
 
     Attributes:
         name: as in reports, and in a scenario.
+        apparent: whether what it does at material points bends the picture and not the specimen.
     """
 
     __slots__ = ()
     __pydantic_config__ = ConfigDict(extra="forbid")
     name: ClassVar[str]
+    apparent: ClassVar[bool] = False
 
     @classmethod
     def defaults(cls, magnification: Magnification) -> Self:
