@@ -123,7 +123,8 @@ class Machine:
                 self._beam = stages.step(self._beam, self._scenario.beam_shift, STEP_NS * 1e-9)
                 self._steps += 1
                 now_s = self._steps * STEP_NS * 1e-9
-                before_s, faults = now_s - STEP_NS * 1e-9, self.faults.begun(now_s)
+                # The very number that was `now_s` a step ago: a difference is off by a rounding, and what falls between strikes twice.
+                before_s, faults = (self._steps - 1) * STEP_NS * 1e-9, self.faults.begun(now_s)
                 self._load = schedule.struck(self._load, faults, before_s, now_s)
                 if any(fault.what is Mishap.STAGE_STALL and fault.strikes(before_s, now_s) for fault in faults):
                     self._stage = stages.stall(self._stage)

@@ -16,7 +16,7 @@ from semlive_simulators.effects.library import build_effects
 from semlive_simulators.load_frame import dynamics, schedule
 from semlive_simulators.load_frame.dynamics import Drive, LoadFrameState
 from semlive_simulators.load_frame.schedule import Mishap, PlannedFault
-from semlive_simulators.machine import Machine
+from semlive_simulators.machine import STEP_NS, Machine
 from semlive_simulators.scenario import load_scenario
 
 SCENARIO = load_scenario("paper_x200")
@@ -342,3 +342,17 @@ def test_the_strain_gage_is_a_mean_over_its_length() -> None:
     assert said[1] - said[0] == pytest.approx(gage.gain * outwards_px / half_px, rel=1e-3)
     assert said[1] > 1.3 * said[0]
     assert said[2] == said[0]  # what bends the beam strains nothing
+
+
+def test_what_is_planned_for_a_step_of_the_machine_happens_once() -> None:
+    """Steps of 50 ms are no binary fractions: (n + 1) * 0.05 - 0.05 lies below n * 0.05 for some n, these among them."""
+    for number in (12, 14, 17, 19, 24, 161, 164):
+        faults = (PlannedFault(number * STEP_NS * 1e-9, Mishap.GRIP_SLIP, slip_mm=0.01),)
+        slipped = Machine(dataclasses.replace(SCENARIO, faults=faults), 0)
+        slipped.advance_to(12_000_000_000)
+        force_n = slipped.window(11.0, 12.0).force_mean_n
+        assert force_n == pytest.approx(-0.01 * stiffness_n_mm_in_series(), rel=5e-3)
+
+
+def stiffness_n_mm_in_series() -> float:
+    return dynamics.at_rest(MACHINE, SCENARIO.specimen.stiffness_n_mm).stiffness_n_mm
