@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from semlive_simulators.kernels.opening import darken, opened, outside
+
 
 @dataclass(frozen=True, slots=True)
 class EllipticHole:
@@ -33,21 +35,22 @@ class EllipticHole:
         """Largest strain along y at the hole's left and right end, as a multiple of that far away (Inglis 1913)."""
         return 1.0 + 2.0 * self.semi_x_px / self.semi_y_px
 
-    def outside(self, x_px: NDArray[np.float64], y_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Points' conformal radius |zeta|, 1 on the edge, below 1 inside; x and y from the centre of the frame."""
-        return np.abs(self._mapped(x_px, y_px))
-
-    def _mapped(self, x_px: NDArray[np.float64], y_px: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """The zeta of z = R (zeta + m / zeta), the branch that is large far away."""
-        size, m = 0.5 * (self.semi_x_px + self.semi_y_px), self._flatness
-        z = ((x_px - self.x_px) + 1j * (y_px - self.y_px)) / size
-        root = np.sqrt(z * z - 4.0 * m)
-        larger: NDArray[np.complex128] = np.where(np.abs(z + root) >= np.abs(z - root), z + root, z - root)
-        return 0.5 * larger
+    @property
+    def size_px(self) -> float:
+        """R, half the sum of the half axes."""
+        return 0.5 * (self.semi_x_px + self.semi_y_px)
 
     @property
-    def _flatness(self) -> float:
+    def flatness(self) -> float:
+        """m, the difference of the half axes over their sum."""
         return (self.semi_x_px - self.semi_y_px) / (self.semi_x_px + self.semi_y_px)
+
+    def outside(self, x_px: NDArray[np.float64], y_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points' conformal radius |zeta|, 1 on the edge, below 1 inside; x and y from the centre of the frame."""
+        x_px, y_px = np.broadcast_arrays(x_px - self.x_px, y_px - self.y_px)
+        radius = np.empty(x_px.size)
+        outside(radius, x_px.ravel(), y_px.ravel(), self.size_px, self.flatness)
+        return radius.reshape(x_px.shape)
 
     def displacement_px(
         self, x_px: NDArray[np.float64], y_px: NDArray[np.float64], far_strain: NDArray[np.float64] | float, poissons_ratio: float
@@ -56,7 +59,7 @@ class EllipticHole:
 
         With z = w(zeta) = R (zeta + m / zeta) and kappa = (3 - nu) / (1 + nu): 2 G (u + i v) = kappa phi - w conj(phi' / w') -
         conj(psi), phi = p R / 4 (zeta - (2 + m) / zeta), psi = p R / 2 (zeta - ((1 + m + m^2) zeta^2 + 1) / (zeta (zeta^2 - m))),
-        less the plate without a hole, phi = p z / 4 and psi = p z / 2.
+        less the plate without a hole, phi = p z / 4 and psi = p z / 2; 2 G = E / (1 + nu), p = E far_strain.
 
         Args:
             x_px: material points, from the centre of the frame; inside the hole the value on its edge.
@@ -64,18 +67,15 @@ class EllipticHole:
             far_strain: strain along y far away, p / E, of a shape that broadcasts.
             poissons_ratio: nu.
         """
-        size, m, kappa = 0.5 * (self.semi_x_px + self.semi_y_px), self._flatness, (3.0 - poissons_ratio) / (1.0 + poissons_ratio)
-        zeta = self._mapped(x_px, y_px)
-        radius = np.abs(zeta)
-        zeta = np.where(radius < 1.0, np.where(radius < 1e-9, 1.0, zeta / np.maximum(radius, 1e-9)), zeta)
-        z = size * (zeta + m / zeta)
-        slope = size * (1.0 - m / zeta**2)
-        # For p = 1, the plate without a hole subtracted term by term.
-        phi_more = -0.5 * size * (1.0 + m) / zeta
-        phi_slope = 0.25 * size * (1.0 + (2.0 + m) / zeta**2)
-        psi_more = -0.5 * size * (((1.0 + m + m * m) * zeta**2 + 1.0) / (zeta * (zeta**2 - m)) + m / zeta)
-        bent = z * np.conj(phi_slope / slope - 0.25)
-        total = kappa * phi_more - bent - np.conj(psi_more)
-        # 2 G = E / (1 + nu), p = E far_strain.
-        total = total * (1.0 + poissons_ratio) * far_strain
-        return total.real, total.imag
+        x_px, y_px = np.broadcast_arrays(x_px - self.x_px, y_px - self.y_px)
+        u_px, v_px = np.empty(x_px.size), np.empty(x_px.size)
+        opened(u_px, v_px, x_px.ravel(), y_px.ravel(), self.size_px, self.flatness, poissons_ratio)
+        return u_px.reshape(x_px.shape) * far_strain, v_px.reshape(x_px.shape) * far_strain
+
+    def darkened(
+        self, grey: NDArray[np.float64], x_px: NDArray[np.float64], y_px: NDArray[np.float64], level: float, edge_px: float
+    ) -> NDArray[np.float64]:
+        """Grey levels with the hole of a level in them, its edge a quintic step of half width about `edge_px`."""
+        mixed = grey.ravel().copy()
+        darken(mixed, (x_px - self.x_px).ravel(), (y_px - self.y_px).ravel(), self.size_px, self.flatness, level, edge_px)
+        return mixed.reshape(grey.shape)

@@ -1,8 +1,9 @@
 """A whole experiment without a daemon: the scenario's own protocol, played in experiment time as fast as it renders.
 
 Writes ``export/`` as the instrument would leave it, ``truth.json`` as the bench does, and ``frames.csv``, which says what each
-frame was for. What exists only while time passes (half-written files, late sidecars) is left to the bench, and so is a counter
-that begins again: nobody would fetch the files before they are overwritten.
+frame was for, and what the strain gage said if the experiment reads one. What exists only while time passes (half-written
+files, late sidecars) is left to the bench, and so is a counter that begins again: nobody would fetch the files before they are
+overwritten.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import argparse
 import contextlib
 import csv
 import io
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -27,6 +29,7 @@ from semlive_simulators.truth import Truth, frame_truth
 COLUMNS = (
     "frame", "pair", "phase", "start_s", "dwell_s", "row_time_s", "width", "height", "integrations", "load_n", "shift_x_px", "shift_y_px",
 )  # fmt: skip
+GAGE_COLUMN = "gage_strain"
 
 
 def simulate(scenario: Scenario, out: Path, wanted: frozenset[int] | None) -> Iterator[tuple[Shot, int]]:
@@ -65,24 +68,25 @@ def simulate(scenario: Scenario, out: Path, wanted: frozenset[int] | None) -> It
             frame_truth(scenario, name, shot.start_ns, shot.start_s, shot.window.motion, shot.window.force_mean_n, shot.window.moving),
             shot.window.motion.history,
         )
-        rows.append(_row(shot, facts))
+        rows.append(_row(shot, facts, scenario.gaged))
         yield shot, total
     (out / "truth.json").write_bytes(truth.encode(player.time_ns, 0, 0.0))
-    (out / "frames.csv").write_bytes(_table(rows))
+    (out / "frames.csv").write_bytes(_table(rows, scenario.gaged))
 
 
-def _row(shot: Shot, facts: ImageFacts) -> list[object]:
+def _row(shot: Shot, facts: ImageFacts, gaged: bool) -> list[object]:
     scan = facts.scan
     load = "" if shot.stop.load_n is None else f"{shot.load_mean_n:.3f}"
     timing = [f"{shot.start_s:.6f}", repr(scan.dwell_time_s), repr(facts.line_time_s)]
     size = [scan.width_px, scan.height_px, facts.frames_integrated]
-    return [shot.frame, shot.frame // 2, shot.stop.phase, *timing, *size, load, *shot.stop.shift_px]
+    strain = ["" if math.isnan(shot.gage_strain) else f"{shot.gage_strain:.9f}"] if gaged else []
+    return [shot.frame, shot.frame // 2, shot.stop.phase, *timing, *size, load, *shot.stop.shift_px, *strain]
 
 
-def _table(rows: list[list[object]]) -> bytes:
+def _table(rows: list[list[object]], gaged: bool) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    writer.writerow((*COLUMNS, GAGE_COLUMN) if gaged else COLUMNS)
     writer.writerows(rows)
     return text.getvalue().encode()
 

@@ -12,8 +12,10 @@ from semlive_simulators import stage as stages
 from semlive_simulators.history import History, LoadStep, Move
 from semlive_simulators.kernels.pattern import gaussian
 from semlive_simulators.load_frame import dynamics, schedule
+from semlive_simulators.load_frame.schedule import Mishap
 from semlive_simulators.scenario import Scenario
 from semlive_simulators.specimen import Motion, at_rest
+from semlive_simulators.strain_field import elongation
 
 STEP_NS = 50_000_000
 """Physics runs in steps of 50 ms on a grid fixed to the start of the run: half a row, 1 um of stage motion."""
@@ -39,9 +41,10 @@ class Remembered:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What the devices say of themselves at an instant, their own noise included."""
+    """What the devices say of themselves at an instant, their own noise included; `number` counts readings, the load frame's apart."""
 
     number: int
+    load_frame_number: int
     force_n: float
     extension_mm: float
     target_n: float
@@ -51,6 +54,7 @@ class Reading:
     encoder_x_um: float
     encoder_y_um: float
     stage_moving: bool
+    stage_fault: bool
     beam_x_um: float
     beam_y_um: float
     beam_moving: bool
@@ -73,7 +77,11 @@ class Window:
 
 
 class Machine:
-    """The moving parts of the bench; safe to use from several threads."""
+    """The moving parts of the bench; safe to use from several threads.
+
+    Attributes:
+        faults: what goes wrong, planned or ordered.
+    """
 
     def __init__(self, scenario: Scenario, start_ns: int) -> None:
         self._scenario = scenario
@@ -84,6 +92,8 @@ class Machine:
         self._stage = stages.StageState()
         self._beam = stages.StageState()
         self._memory: list[Remembered] = []
+        self.faults = schedule.FaultBook(scenario.faults)
+        self._frozen: Reading | None = None
         self._readings = scenario.effects.readings()
         self._history = History()
         self._remembered = math.ceil((scenario.frame_duration_s + _REMEMBERED_S) / (STEP_NS * 1e-9))
@@ -113,7 +123,11 @@ class Machine:
                 self._beam = stages.step(self._beam, self._scenario.beam_shift, STEP_NS * 1e-9)
                 self._steps += 1
                 now_s = self._steps * STEP_NS * 1e-9
-                self._load = schedule.struck(self._load, self._scenario.faults, now_s - STEP_NS * 1e-9, now_s)
+                # The very number that was `now_s` a step ago: a difference is off by a rounding, and what falls between strikes twice.
+                before_s, faults = (self._steps - 1) * STEP_NS * 1e-9, self.faults.begun(now_s)
+                self._load = schedule.struck(self._load, faults, before_s, now_s)
+                if any(fault.what is Mishap.STAGE_STALL and fault.strikes(before_s, now_s) for fault in faults):
+                    self._stage = stages.stall(self._stage)
                 self._remember()
                 self._note(load, stage, beam)
 
@@ -136,8 +150,13 @@ class Machine:
     def _elongation_mm(self, peak_n: float) -> float:
         return self._scenario.effects.plastic_strain(peak_n) * self._scenario.specimen.length_mm
 
-    def _plastic(self, load: dynamics.LoadFrameState) -> float:
-        return load.plastic_mm / self._scenario.specimen.length_mm
+    def _more_strain(self, load: dynamics.LoadFrameState, time_s: float, history: History) -> float:
+        """What the strain gage sees besides the elastic strain: plastic strain, creep, and what a hole or grains do along its grid."""
+        scenario, motion = self._scenario, at_rest(load_n=load.force_n, history=history)
+        creep = self._readings.specimen_strain(time_s, motion, scenario.scan)
+        grid_px = scenario.strain_gage.length_mm * 1e3 / scenario.scan.pixel_size_um
+        local = elongation(scenario.effects, scenario.scan, motion, time_s, grid_px)
+        return load.plastic_mm / scenario.specimen.length_mm + creep + local
 
     def _place_px(self, state: stages.StageState) -> tuple[float, float]:
         pixel_um = self._scenario.scan.pixel_size_um
@@ -155,9 +174,12 @@ class Machine:
             load, position, history, beam = self._load, self._stage, self._history, self._beam
         time_s = (time_ns - self._start_ns) * 1e-9
         extension_mm = self._readings.extension_mm(load.extension_mm, load.force_n)
-        return Reading(
+        noisy_n = self._load_reading_n(load.force_n, time_s, history) + frame.cell_noise_n * gaussian(seed, _FORCE_STREAM, number)
+        more = self._more_strain(load, time_s, history)
+        reading = Reading(
             number=number,
-            force_n=self._load_reading_n(load.force_n, time_s, history) + frame.cell_noise_n * gaussian(seed, _FORCE_STREAM, number),
+            load_frame_number=number,
+            force_n=frame.resolved_n(noisy_n),
             extension_mm=extension_mm + frame.extension_noise_mm * gaussian(seed, _EXTENSION_STREAM, number),
             target_n=self._load_reading_n(load.target_n, time_s, history),
             load_frame_moving=load.moving,
@@ -166,11 +188,26 @@ class Machine:
             encoder_x_um=position.motor_x_um + stage.encoder_noise_um * gaussian(seed, _ENCODER_X_STREAM, number),
             encoder_y_um=position.motor_y_um + stage.encoder_noise_um * gaussian(seed, _ENCODER_Y_STREAM, number),
             stage_moving=position.moving,
+            stage_fault=position.stalled,
             beam_x_um=beam.motor_x_um,
             beam_y_um=beam.motor_y_um,
             beam_moving=beam.moving,
-            strain_gage=self._scenario.strain_gage.reading(self._scenario.specimen, load.force_n, seed, number, self._plastic(load)),
+            strain_gage=self._scenario.strain_gage.reading(self._scenario.specimen, load.force_n, seed, number, more),
         )
+        return self._spoilt(reading, time_s)
+
+    def _spoilt(self, reading: Reading, time_s: float) -> Reading:
+        """What is said while sensors are in trouble."""
+        there = {fault.what for fault in self.faults.known() if fault.lasts(time_s)}
+        if Mishap.GAGE_OFF in there:
+            reading = replace(reading, strain_gage=math.nan)
+        with self._lock:
+            if Mishap.FROZEN_READINGS not in there:
+                self._frozen = None
+                return reading
+            old = self._frozen = self._frozen or reading
+        said = {"force_n": old.force_n, "extension_mm": old.extension_mm, "strain_gage": old.strain_gage}
+        return replace(reading, load_frame_number=old.load_frame_number, **said)
 
     def window(self, first_s: float, last_s: float) -> Window:
         """What truly happened between two instants, seconds since the run began; must lie in the recent past."""
@@ -203,6 +240,11 @@ class Machine:
         """Start moving the crosshead in displacement control, positive pulls."""
         with self._lock:
             self._load = dynamics.jog(self._load, speed_mm_s)
+
+    def travel_to(self, extension_mm: float, speed_mm_s: float) -> None:
+        """Start moving the crosshead to an extension in displacement control, and hold it there."""
+        with self._lock:
+            self._load = dynamics.travel_to(self._load, extension_mm, speed_mm_s)
 
     def stop_load(self) -> None:
         """Stop the load frame and hold position."""

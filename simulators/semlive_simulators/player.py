@@ -74,6 +74,7 @@ class Shot:
         end_ns: when it ended.
         window: what truly happened meanwhile.
         load_mean_n: mean reading of the load cell.
+        gage_strain: mean reading of the strain gage, NaN if it said nothing.
         encoder_x_um: stage position by its own encoder at the end.
         encoder_y_um: likewise.
         beam_x_um: shift of the beam at the end by the column's own word.
@@ -87,6 +88,7 @@ class Shot:
     end_ns: int
     window: Window
     load_mean_n: float
+    gage_strain: float
     encoder_x_um: float
     encoder_y_um: float
     beam_x_um: float
@@ -186,13 +188,15 @@ class Player:
         start_ns, duration_ns = self.time_ns, round(self._scenario.frame_duration_s * 1e9)
         end_ns, start_s = start_ns + duration_ns, (start_ns - START_NS) * 1e-9
         samples = math.ceil(duration_ns / _LOAD_SAMPLE_NS)
-        loads = [self._machine.read(start_ns + round(duration_ns * sample / samples)).force_n for sample in range(samples)]
+        said = [self._machine.read(start_ns + round(duration_ns * sample / samples)) for sample in range(samples)]
         self.time_ns = end_ns
         reading = self._machine.read(end_ns)
         window = self._machine.window(start_s, (end_ns - START_NS) * 1e-9)
-        mean_n = math.fsum(loads) / len(loads)
+        mean_n = math.fsum(one.force_n for one in said) / samples
+        gaged = [one.strain_gage for one in said if math.isfinite(one.strain_gage)]
+        mean_strain = math.fsum(gaged) / len(gaged) if gaged else math.nan
         places_um = (reading.encoder_x_um, reading.encoder_y_um, reading.beam_x_um, reading.beam_y_um)
-        return Shot(frame, stop, start_s, start_ns, end_ns, window, mean_n, *places_um)
+        return Shot(frame, stop, start_s, start_ns, end_ns, window, mean_n, mean_strain, *places_um)
 
 
 def _words(stop: Stop) -> str:

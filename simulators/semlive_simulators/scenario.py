@@ -81,6 +81,12 @@ class Scenario:
         return build_column(self.scan, self.detector, self.speckle, self.drift, self.distortion, self.effects)
 
     @property
+    def gaged(self) -> bool:
+        """Whether the experiment reads the strain gage; it is on the specimen either way."""
+        machine = self.experiment.get("load_frame")
+        return isinstance(machine, dict) and bool(machine.get("strain_gage", False))
+
+    @property
     def frame_duration_s(self) -> float:
         """From the start of a frame until all its rows are truly done, at least as long as the scan should take."""
         return max(self.scan.duration_s, self.effects.timing(self.scan).end_s)

@@ -70,6 +70,7 @@ class StageState:
     table_y_um: float = 0.0
     yaw_rad: float = 0.0
     goal_yaw_rad: float = 0.0
+    stalled: bool = False
 
 
 def go(state: StageState, parameters: StageParameters, x_um: float, y_um: float, seed: int) -> StageState:
@@ -79,6 +80,7 @@ def go(state: StageState, parameters: StageParameters, x_um: float, y_um: float,
     return replace(
         state,
         moving=True,
+        stalled=False,
         moves=number,
         goal_x_um=x_um + parameters.position_noise_um * gaussian(seed, _X_STREAM, number),
         goal_y_um=y_um + parameters.position_noise_um * gaussian(seed, _Y_STREAM, number),
@@ -87,8 +89,13 @@ def go(state: StageState, parameters: StageParameters, x_um: float, y_um: float,
 
 
 def stop(state: StageState) -> StageState:
-    """Stop where it is."""
-    return replace(state, moving=False)
+    """Stop where it is; also acknowledges a fault."""
+    return replace(state, moving=False, stalled=False)
+
+
+def stall(state: StageState) -> StageState:
+    """Something is in the way: it stops with a fault until the next order."""
+    return replace(state, moving=False, stalled=True)
 
 
 def step(state: StageState, parameters: StageParameters, dt_s: float) -> StageState:

@@ -39,11 +39,28 @@ class StrainField:
     exy: Array
 
 
+def specimen_only(effects: Effects) -> Effects:
+    """Without effects that bend the picture where the specimen is charged: these strain nothing."""
+    return Effects(tuple(member for member in effects.members if not member.apparent))
+
+
+def elongation(effects: Effects, scan: Scan, motion: Motion, time_s: float, length_px: float) -> float:
+    """Mean of the strain along y that deforming effects add, over a line along y through the centre of the frame."""
+    deforming = specimen_only(effects)
+    if not deforming.deforming:
+        return 0.0
+    centre = scan.centre_px
+    x_px, y_px = np.full((2, 1), centre[0]), centre[1] + 0.5 * length_px * np.array([[-1.0], [1.0]])
+    planes = deforming.material_px(x_px, y_px, _visits(scan, motion, x_px, y_px, time_s, time_s))
+    v_px = np.sum([np.broadcast_to(plane[1], (2, 1)) for plane in planes], axis=0)
+    return float(v_px[1, 0] - v_px[0, 0]) / length_px
+
+
 def strain_field(effects: Effects, scan: Scan, motion: Motion, time_s: float, start_s: float, every_px: float) -> StrainField:
     """The true field at an instant.
 
     Args:
-        effects: what deforms.
+        effects: what deforms; those that only seem to are passed over.
         scan: gives the frame, whose edges are included.
         motion: of the specimen.
         time_s: the instant, seconds since the run began.
@@ -56,10 +73,10 @@ def strain_field(effects: Effects, scan: Scan, motion: Motion, time_s: float, st
     at = _visits(scan, motion, x_px, y_px, time_s, start_s)
     state = effects.moved(Instants(np.array([time_s]), start_s, 0, scan, motion))
     gradient, shift = state.gradient[0], state.shift_px[0]
-    centre = scan.centre_px
+    centre, deforming = scan.centre_px, specimen_only(effects)
 
     def more(dx_px: float, dy_px: float) -> Plane:
-        planes = effects.material_px(x_px + dx_px, y_px + dy_px, at)
+        planes = deforming.material_px(x_px + dx_px, y_px + dy_px, at)
         return sum((p[0] for p in planes), np.zeros(x_px.shape)), sum((p[1] for p in planes), np.zeros(x_px.shape))
 
     (u_px, v_px), step = more(0.0, 0.0), _HALF_STEP_PX

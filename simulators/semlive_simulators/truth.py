@@ -12,7 +12,7 @@ from semlive_simulators.effects.protocol import Instants
 from semlive_simulators.history import NOTHING_DONE, History
 from semlive_simulators.scenario import Scenario
 from semlive_simulators.specimen import Motion, at_rest
-from semlive_simulators.strain_field import strain_field
+from semlive_simulators.strain_field import specimen_only, strain_field
 
 DRIFT_EVERY_S = 5.0
 GRID_PX = 25.0
@@ -49,7 +49,7 @@ def frame_truth(
         "gradient": gradient.tolist(),
         "moving": moving,
     }
-    if not scenario.effects.deforming:
+    if not specimen_only(scenario.effects).deforming:
         exy = float(0.5 * (gradient[0, 1] + gradient[1, 0]))
         return truth | {"strain": {"exx": float(gradient[0, 0]), "eyy": float(gradient[1, 1]), "exy": exy}}
     field = strain_field(scenario.effects, scenario.scan, motion, float(middle_s[0]), start_s, FIELD_PX)

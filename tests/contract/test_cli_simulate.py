@@ -29,6 +29,7 @@ experiment:
     loads_n: [400, 1800]
 """
 COLUMNS = "frame,pair,phase,start_s,dwell_s,row_time_s,width,height,integrations,load_n,shift_x_px,shift_y_px"
+GAGED = f"{COLUMNS},gage_strain"
 
 
 def semlive(*arguments: object) -> tuple[int, str, str]:
@@ -65,7 +66,7 @@ def truth(played: Path) -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def table(played: Path) -> list[dict[str, str]]:
     text = (played / "frames.csv").read_text()
-    assert text.splitlines()[0] == COLUMNS
+    assert text.splitlines()[0] == GAGED
     return list(csv.DictReader(text.splitlines()))
 
 
@@ -109,6 +110,21 @@ def test_load_and_shift_are_what_was_asked_for_within_the_machines_errors(truth:
         else:
             assert row["load_n"] == ""
     assert any(np.abs(np.array(frame["stage_px"]) - np.round(frame["stage_px"])).max() > 0.05 for frame in truth["frames"])
+
+
+def test_the_strain_gage_is_told_with_its_own_errors(truth: dict[str, Any], table: list[dict[str, str]]) -> None:
+    for row, frame in zip(table, truth["frames"], strict=True):
+        # Factor 1.005, offset 4e-6, and noise of 1.5e-6 over the root of 24 readings; the load changes by less than 1 N meanwhile.
+        assert float(row["gage_strain"]) == pytest.approx(1.005 * frame["strain"]["eyy"] + 4e-6, abs=3e-6)
+    assert float(table[-1]["gage_strain"]) > 2e-3
+    assert len({row["gage_strain"] for row in table}) == len(table)
+
+
+def test_an_experiment_without_a_gage_has_no_column_for_it(tmp_path: Path) -> None:
+    path = scenario_file(tmp_path)
+    path.write_text(path.read_text() + "  load_frame: {strain_gage: false}\n")
+    assert frames(path, "--out", tmp_path / "out", "--frames", "0") == 0
+    assert (tmp_path / "out" / "frames.csv").read_text().splitlines()[0] == COLUMNS
 
 
 def test_the_truth_alone_reproduces_the_frames(played: Path, truth: dict[str, Any]) -> None:

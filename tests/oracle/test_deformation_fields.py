@@ -129,6 +129,17 @@ def test_the_truth_holds_the_field_and_its_mean() -> None:
     assert plain["strain"]["eyy"] == pytest.approx(far_strain)
 
 
+def test_a_charged_grain_bends_the_picture_and_strains_nothing() -> None:
+    lens, force = {"defaults": "x10000", "grains_px": [[80.0, 60.0]]}, 1500.0
+    motion = at_rest((0.0, 0.0), scene().specimen.gradient(force), force)
+    plain, charged = (
+        frame_truth(scene(**chosen), "a.tif", 0, 3000.0, motion, force, moving=False) for chosen in ({}, {"charging_local_lens": lens})
+    )
+    assert charged == plain
+    both = frame_truth(scene(hole=HOLE, charging_local_lens=lens), "a.tif", 0, 3000.0, motion, force, moving=False)
+    assert both == frame_truth(scene(hole=HOLE), "a.tif", 0, 3000.0, motion, force, moving=False)
+
+
 def test_a_hole_is_dark_and_a_notch_reaches_the_left_edge() -> None:
     holed = render_frame(scene(hole=HOLE), 0.0) / 256.0
     assert holed[55:65, 75:85].max() < 13.0

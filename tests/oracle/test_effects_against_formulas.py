@@ -291,6 +291,14 @@ def test_pixels_are_visited_at_the_times_of_the_formula(name: str) -> None:
                 assert y_px[y, x] == pytest.approx(y, abs=1e-4)
 
 
+def test_hum_has_the_overtones_it_is_given() -> None:
+    hum = {"defaults": "x10000", "harmonics": [[2, 0.3], [3, -0.5]]}
+    for x, y, seen_x, seen_y, time_s, _ in points(calm(mains_hum=hum)):
+        angle = 2 * math.pi * 50.0 * time_s + 0.4
+        wave = math.sin(angle) + 0.3 * math.sin(2 * angle) - 0.5 * math.sin(3 * angle)
+        assert math.hypot(x - seen_x - 0.5 * wave, y - seen_y - 0.25 * wave) < 1e-4
+
+
 def test_two_effects_add_up() -> None:
     scenario = calm(magnification_drift="x200", mains_hum="x10000", charging_local_lens="x10000", warmup_transient="x200")
     by_name: dict[str, Effect] = {member.name: member for member in scenario.effects.members}

@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,7 +16,7 @@ from semlive_simulators.effects.library import build_effects
 from semlive_simulators.load_frame import dynamics, schedule
 from semlive_simulators.load_frame.dynamics import Drive, LoadFrameState
 from semlive_simulators.load_frame.schedule import Mishap, PlannedFault
-from semlive_simulators.machine import Machine
+from semlive_simulators.machine import STEP_NS, Machine
 from semlive_simulators.scenario import load_scenario
 
 SCENARIO = load_scenario("paper_x200")
@@ -266,3 +267,92 @@ def test_the_stage_takes_its_time() -> None:
     assert math.hypot(state.motor_x_um, state.motor_y_um) == pytest.approx(TABLE.speed_um_s * 1.0)
     halted = stage.stop(state)
     assert stage.step(halted, TABLE, 10.0) == halted
+
+
+def test_a_crosshead_goes_where_it_is_sent_and_stays_there() -> None:
+    rest = dynamics.at_rest(MACHINE, SCENARIO.specimen.stiffness_n_mm)
+    for start, goal_mm, speed_mm_s in ((rest, 0.2, 0.013), (loaded(1500.0), 0.05, 0.02), (rest, -0.01, 0.1)):
+        states = run(dynamics.travel_to(start, goal_mm, speed_mm_s), abs(goal_mm - start.extension_mm) / speed_mm_s + 1.0)
+        steps = [after.extension_mm - before.extension_mm for before, after in itertools.pairwise(states)]
+        assert max(map(abs, steps)) <= speed_mm_s * DT_S + 1e-12
+        assert (states[-1].extension_mm, states[-1].drive) == (goal_mm, Drive.HOLDING)
+        assert states[-1].target_n == pytest.approx(states[-1].force_n, rel=0.01)
+
+
+def test_a_held_load_creeps_where_a_held_position_relaxes() -> None:
+    creeping = dataclasses.replace(MACHINE, hold="load")
+    state, held = loaded(2000.0), []
+    for parameters in (MACHINE, creeping):
+        arrived = dynamics.ramp_to(state, 2010.0, 50.0)
+        for _ in range(round(120.0 / DT_S)):
+            arrived = dynamics.step(arrived, parameters, DT_S)
+        held.append(arrived)
+    assert [one.drive for one in held] == [Drive.HOLDING, Drive.HOLDING]
+    assert held[0].force_n < 2010.0 - 1.5
+    assert held[1].force_n == pytest.approx(2010.0, abs=0.02)
+    # What grips and machine give way, in full: 0.3 % of the extension.
+    assert held[1].extension_mm - 2010.0 / state.stiffness_n_mm == pytest.approx(
+        MACHINE.relaxation_fraction * held[1].extension_mm, rel=0.01
+    )
+    for order in (dynamics.stop, dynamics.expire, lambda one: dynamics.jog(one, 0.01)):
+        assert not order(held[1]).keeps_load
+
+
+def test_a_load_held_on_a_broken_specimen_runs_to_the_limit_switch() -> None:
+    state = dynamics.ramp_to(dynamics.at_rest(MACHINE, SCENARIO.specimen.stiffness_n_mm), 1000.0, 100.0)
+    holding = dataclasses.replace(MACHINE, hold="load", extension_max_mm=0.5)
+    for _ in range(round(30.0 / DT_S)):
+        state = dynamics.step(state, holding, DT_S)
+    assert (state.drive, state.keeps_load) == (Drive.HOLDING, True)
+    state = dynamics.fracture(state)
+    for _ in range(round(60.0 / DT_S)):
+        state = dynamics.step(state, holding, DT_S)
+    assert (state.drive, state.extension_mm, state.keeps_load) == (Drive.LIMIT, 0.5, False)
+
+
+def test_the_strain_gage_sees_the_specimen_creep() -> None:
+    creep = {"strain_per_n": 2e-7, "onset_s": 10.0, "poissons_ratio": 0.33}
+    gage = dataclasses.replace(SCENARIO.strain_gage, noise=0.0)
+    said = []
+    for chosen in ({}, {"creep_in_hold": creep}):
+        world = dataclasses.replace(SCENARIO, strain_gage=gage, effects=build_effects(chosen))
+        machine = Machine(world, 0)
+        machine.ramp_to(1000.0, 200.0)
+        said.append([machine.read(round(time_s * 1e9)).strain_gage for time_s in (0.0, 60.0, 300.0)])
+    crept = said[1][1] - said[0][1], said[1][2] - said[0][2]
+    assert said[0][0] == said[1][0] == gage.offset
+    # Arrived after about 10 s: ln(1 + 50 / 10) and ln(1 + 290 / 10) times 2e-4.
+    assert crept == (pytest.approx(1.005 * 2e-4 * math.log(6.0), rel=0.1), pytest.approx(1.005 * 2e-4 * math.log(30.0), rel=0.05))
+
+
+def test_the_strain_gage_is_a_mean_over_its_length() -> None:
+    force_n, radius_px, half_px, nu = 1500.0, 1200.0, 0.5 * 6.35e3 / 1.25, 0.33
+    hole = {"defaults": "x200", "radius_px": radius_px}
+    lens = {"defaults": "x200", "grains_px": [[511.5, 1500.0]]}
+    gage = dataclasses.replace(SCENARIO.strain_gage, noise=0.0)
+    said = []
+    for chosen in ({}, {"hole": hole}, {"charging_local_lens": lens}):
+        machine = Machine(dataclasses.replace(SCENARIO, strain_gage=gage, effects=build_effects(chosen)), 0)
+        machine.ramp_to(force_n, 200.0)
+        said.append(machine.read(60_000_000_000).strain_gage)
+        true_n = machine.window(59.9, 60.0).motion.load_at(np.array([60.0]))[0]
+    # Kirsch: the point above the hole at a distance r moves outwards by this, besides the plate without a hole.
+    kappa, ratio = (3 - nu) / (1 + nu), radius_px / half_px
+    outwards_px = true_n / 711_000 * radius_px * (1 + nu) / 4 * (2 * ratio * (2 + kappa) - 2 * ratio**3)
+    assert said[1] - said[0] == pytest.approx(gage.gain * outwards_px / half_px, rel=1e-3)
+    assert said[1] > 1.3 * said[0]
+    assert said[2] == said[0]  # what bends the beam strains nothing
+
+
+def test_what_is_planned_for_a_step_of_the_machine_happens_once() -> None:
+    """Steps of 50 ms are no binary fractions: (n + 1) * 0.05 - 0.05 lies below n * 0.05 for some n, these among them."""
+    for number in (12, 14, 17, 19, 24, 161, 164):
+        faults = (PlannedFault(number * STEP_NS * 1e-9, Mishap.GRIP_SLIP, slip_mm=0.01),)
+        slipped = Machine(dataclasses.replace(SCENARIO, faults=faults), 0)
+        slipped.advance_to(12_000_000_000)
+        force_n = slipped.window(11.0, 12.0).force_mean_n
+        assert force_n == pytest.approx(-0.01 * stiffness_n_mm_in_series(), rel=5e-3)
+
+
+def stiffness_n_mm_in_series() -> float:
+    return dynamics.at_rest(MACHINE, SCENARIO.specimen.stiffness_n_mm).stiffness_n_mm

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from semlive_simulators.effects.composition import Effects
 from semlive_simulators.effects.library import LIBRARY, as_mapping, build_effects
+from semlive_simulators.effects.protocol import Instants
 from semlive_simulators.history import History, LoadStep, Move
 from semlive_simulators.machine import Machine
 from semlive_simulators.render import render_frame
@@ -214,7 +215,7 @@ effects:
 """
     effects = load_scenario(scenario_file(tmp_path, text)).effects
     assert as_mapping(effects) == {
-        "mains_hum": {"amplitude_x_px": 0.5, "amplitude_y_px": 0.25, "frequency_hz": 50.0, "phase_rad": 0.4},
+        "mains_hum": {"amplitude_x_px": 0.5, "amplitude_y_px": 0.25, "frequency_hz": 50.0, "phase_rad": 0.4, "harmonics": []},
         "frame_integration": {"scans": 4},
         "magnification_drift": {"change": 7e-4, "time_constant_s": 3600.0},
     }
@@ -300,6 +301,35 @@ def test_defocus_blurs_like_a_spot_of_that_size() -> None:
     spot = dataclasses.replace(spot, scan=dataclasses.replace(spot.scan, spot_px=0.7))
     assert np.abs(levels(blurred, 7000.0) - levels(spot, 7000.0)).max() < 0.05
     assert levels(blurred, 7000.0).std() < 0.97 * levels(calm("x200", {}, 96, 64), 7000.0).std()
+
+
+def test_an_astigmatic_probe_blurs_along_its_axis() -> None:
+    slopes = []
+    for axis_rad in (0.0, math.pi / 2, math.pi / 4):
+        chosen = {"blur_px_per_s": 1e-4, "magnification_per_px": 0.0, "astigmatism_px_per_s": 1e-4, "axis_rad": axis_rad}
+        image = levels(calm("x200", {"defocus": chosen}, 160, 120), 7000.0)
+        diagonal = image[1:, 1:] - image[:-1, :-1]
+        across = image[:-1, 1:] - image[1:, :-1]
+        slopes.append([np.diff(image, axis=1).std(), np.diff(image, axis=0).std(), diagonal.std(), across.std()])
+    along_x, along_y, oblique = slopes
+    # A line of sigma 1.4 px takes most along itself and nothing across.
+    assert along_x[0] < 0.85 * along_x[1]
+    assert along_y[1] < 0.85 * along_y[0]
+    assert oblique[2] < 0.85 * oblique[3]
+    sharp = levels(calm("x200", {}, 160, 120), 7000.0)
+    assert along_x[1] > 0.8 * np.diff(sharp, axis=0).std()
+
+
+def test_the_probe_has_the_covariance_of_all_that_blurs() -> None:
+    chosen = {"blur_px_per_s": 3e-4, "magnification_per_px": 0.0, "astigmatism_px_per_s": 1e-4, "axis_rad": 0.7}
+    scenario = calm("x200", {"defocus": chosen}, 64, 48)
+    scan = dataclasses.replace(scenario.scan, spot_px=0.5)
+    at = Instants(np.array([0.0, 2000.0]), 0.0, 0, scan, at_rest())
+    probe = scenario.effects.optics().probe_px(at)
+    found = probe @ probe.transpose(0, 2, 1)
+    turn = np.array([[math.cos(0.7), -math.sin(0.7)], [math.sin(0.7), math.cos(0.7)]])
+    np.testing.assert_allclose(found[0], 0.25 * np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(found[1], 0.25 * np.eye(2) + turn @ np.diag([0.8**2, 0.4**2]) @ turn.T, atol=1e-12)
 
 
 def test_sharper_dots_do_not_move() -> None:

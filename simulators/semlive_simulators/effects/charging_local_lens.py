@@ -23,6 +23,7 @@ class ChargingLocalLens(Effect):
     """
 
     name: ClassVar[str] = "charging_local_lens"
+    apparent: ClassVar[bool] = True
 
     peak_px: float
     width_px: float

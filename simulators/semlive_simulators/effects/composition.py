@@ -118,13 +118,17 @@ class Optics:
 
     members: tuple[Effect, ...]
 
-    def spot_px(self, at: Instants) -> Array:
-        """(n,) standard deviation of the probe."""
-        square = np.full(at.time_s.size, at.scan.spot_px**2)
+    def probe_px(self, at: Instants) -> Array:
+        """(n, 2, 2) lower triangle L of the probe's covariance L L^T."""
+        covariance = np.broadcast_to(at.scan.spot_px**2 * np.eye(2), (at.time_s.size, 2, 2))
         for member in self.members:
             if isinstance(member, Blurs):
-                square = square + member.blur_px(at) ** 2
-        return np.sqrt(square)
+                covariance = covariance + member.blur_px2(at)
+        probe = np.zeros(covariance.shape)
+        probe[:, 0, 0] = np.sqrt(covariance[:, 0, 0])
+        np.divide(covariance[:, 1, 0], probe[:, 0, 0], out=probe[:, 1, 0], where=probe[:, 0, 0] > 0.0)
+        probe[:, 1, 1] = np.sqrt(np.maximum(covariance[:, 1, 1] - probe[:, 1, 0] ** 2, 0.0))
+        return probe
 
     def speckle(self, speckle: Pattern) -> Pattern:
         """The pattern."""
@@ -167,6 +171,12 @@ class Readings:
             if isinstance(member, ReadsExtension):
                 reading_mm = member.extension_reading_mm(reading_mm, load_n)
         return reading_mm
+
+    def specimen_strain(self, time_s: float, motion: Motion, scan: Scan) -> float:
+        """The strain along y that a gage sees besides elastic and plastic strain."""
+        at = Instants(np.array([time_s]), time_s, 0, scan, motion)
+        moving = [member for member in self.members if isinstance(member, MovesSpecimen) and not isinstance(member, Flows)]
+        return float(sum(member.specimen_gradient(at)[0, 1, 1] for member in moving))
 
     def stamp_s(self, true_s: float) -> float:
         """What the microscope's clock shows."""

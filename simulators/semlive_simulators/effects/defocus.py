@@ -2,34 +2,44 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
+
+import numpy as np
 
 from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by, isotropic
 
 
 @dataclass(frozen=True, slots=True)
 class Defocus(Effect):
-    """Probe sigma r T, added in squares; (u, v) = m r T (x - xc, y - yc).
+    """Probe sigma (r + a) T along an axis and |r - a| T across it, added in squares; (u, v) = m r T (x - xc, y - yc).
 
     Attributes:
         blur_px_per_s: r.
         magnification_per_px: m, relative change per px of blur.
+        astigmatism_px_per_s: a.
+        axis_rad: where the longer axis of the probe lies, from x towards y.
     """
 
     name: ClassVar[str] = "defocus"
 
     blur_px_per_s: float
     magnification_per_px: float
+    astigmatism_px_per_s: float = 0.0
+    axis_rad: float = 0.0
 
     @classmethod
     def defaults(cls, magnification: Magnification) -> Defocus:
         """0.7 px of blur and 0.07 px at the edge in two hours."""
         return cls(by(magnification, 1e-4, 1e-4), 2e-4)
 
-    def blur_px(self, at: Instants) -> Array:
+    def blur_px2(self, at: Instants) -> Array:
         """Grows with time."""
-        return self.blur_px_per_s * at.time_s
+        cos, sin = math.cos(self.axis_rad), math.sin(self.axis_rad)
+        turn = np.array([[cos, -sin], [sin, cos]])
+        rates = np.diag([(self.blur_px_per_s + self.astigmatism_px_per_s) ** 2, (self.blur_px_per_s - self.astigmatism_px_per_s) ** 2])
+        return at.time_s[:, None, None] ** 2 * (turn @ rates @ turn.T)
 
     def deflection(self, at: Instants) -> Array:
         """Isotropic."""

@@ -39,7 +39,7 @@ class Opening(Effect):
     def grey(self, grey: Array, x_px: Array, y_px: Array, at: Visits) -> Array:
         """Dark inside."""
         centre = at.scan.centre_px
-        return darkened(grey, self.shape, x_px - centre[0], y_px - centre[1], self.grey_level, self.edge_px)
+        return self.shape.darkened(grey, x_px - centre[0], y_px - centre[1], self.grey_level, self.edge_px)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +71,3 @@ class Hole(Opening):
     def shape(self) -> EllipticHole:
         """As an ellipse."""
         return EllipticHole(0.0, 0.0, self.radius_px, self.radius_px)
-
-
-def darkened(grey: Array, shape: EllipticHole, x_px: Array, y_px: Array, level: float, edge_px: float) -> Array:
-    """Grey levels with a hole of a level in them, its edge a quintic step of half width about `edge_px`."""
-    size_px = 0.5 * (shape.semi_x_px + shape.semi_y_px)
-    t = np.clip(0.5 + (shape.outside(x_px, y_px) - 1.0) * size_px / (2.0 * edge_px), 0.0, 1.0)
-    return level + (grey - level) * t * t * t * (10.0 + t * (6.0 * t - 15.0))

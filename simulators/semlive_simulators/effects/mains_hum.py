@@ -12,13 +12,14 @@ from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Vi
 
 @dataclass(frozen=True, slots=True)
 class MainsHum(Effect):
-    """(u, v) = A sin(2 pi f T + phase), T the time since the run began: its phase at a frame's start is as good as random.
+    """(u, v) = A sum_n a_n sin(n (2 pi f T + phase)), T the time since the run began: its phase at a frame's start is as good as random.
 
     Attributes:
         amplitude_x_px: A in x.
         amplitude_y_px: A in y.
         frequency_hz: of the mains.
         phase_rad: at the start of the run.
+        harmonics: (n, a_n) of each overtone, a_n as a fraction of A; a_1 is 1.
     """
 
     name: ClassVar[str] = "mains_hum"
@@ -27,6 +28,7 @@ class MainsHum(Effect):
     amplitude_y_px: float
     frequency_hz: float
     phase_rad: float
+    harmonics: tuple[tuple[int, float], ...] = ()
 
     @classmethod
     def defaults(cls, magnification: Magnification) -> MainsHum:
@@ -35,5 +37,8 @@ class MainsHum(Effect):
 
     def offset_px(self, at: Visits) -> Plane:
         """The same wave in both axes."""
-        wave = np.sin(2 * np.pi * self.frequency_hz * at.time_s + self.phase_rad)
+        angle = 2 * np.pi * self.frequency_hz * at.time_s + self.phase_rad
+        wave = np.sin(angle)
+        for order, fraction in self.harmonics:
+            wave = wave + fraction * np.sin(order * angle)
         return self.amplitude_x_px * wave, self.amplitude_y_px * wave

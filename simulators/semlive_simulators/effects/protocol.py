@@ -30,11 +30,13 @@ class Effect:
 
     Attributes:
         name: as in reports, and in a scenario.
+        apparent: whether what it does at material points bends the picture and not the specimen.
     """
 
     __slots__ = ()
     __pydantic_config__ = ConfigDict(extra="forbid")
     name: ClassVar[str]
+    apparent: ClassVar[bool] = False
 
     @classmethod
     def defaults(cls, magnification: Magnification) -> Self:
@@ -203,8 +205,8 @@ class Cuts(Protocol):
 class Blurs(Protocol):
     """Widens the probe."""
 
-    def blur_px(self, at: Instants) -> Array:
-        """(n,) standard deviation, added in squares to the spot's."""
+    def blur_px2(self, at: Instants) -> Array:
+        """(n, 2, 2) covariance, added to the spot's."""
         ...
 
 

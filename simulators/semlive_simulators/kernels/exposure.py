@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numba import njit
 
-from semlive_simulators.kernels.film import GRAINS, film_coverage, load_grains
-from semlive_simulators.kernels.pattern import _STEP_X, _STEP_Y, coverage, gaussian, gaussian_pair, load_dots, mix64
+from semlive_simulators.kernels.film import GRAINS, cut_off, reaches, shared_cell, thickness
+from semlive_simulators.kernels.pattern import _STEP_X, _STEP_Y, cover, gaussian, gaussian_pair, load_dots, mix64
 
 DOTS, FILM = 0, 1
 _HEXAGON_X = np.array([0.0, 2.0, 1.0, -1.0, -2.0, -1.0, 1.0])
@@ -46,48 +46,58 @@ def seen_points(x_px, y_px, first_row, bend_x_px, bend_y_px, begin_maps, end_map
 
 
 @njit(cache=True, nogil=True)
-def add_coverage(signal, x_px, y_px, spot_px, weight, kind, pattern_seed, numbers):
+def _add_dots(bare, xs, ys, seed, numbers, dots, box):
+    """Multiply the bare part of points (n,) of a row by what every dot leaves of it."""
+    pitch_px, edge_px = numbers[0], numbers[4]
+    begin = 0
+    while begin < xs.size:
+        end = shared_cell(xs, ys, begin, pitch_px, box)
+        cell_x, cell_y = np.int64(math.floor(xs[begin] / pitch_px)), np.int64(math.floor(ys[begin] / pitch_px))
+        load_dots(cell_x, cell_y, seed, pitch_px, numbers[1], numbers[2], numbers[3], dots)
+        for slot in range(9):
+            if dots[slot, 2] >= 0.0 and reaches(dots[slot, 0], dots[slot, 1], dots[slot, 2] + edge_px, box):
+                part = xs[begin:end], ys[begin:end]
+                cover(bare[begin:end], *part, dots[slot, 0], dots[slot, 1], dots[slot, 2], dots[slot, 3], edge_px)
+        begin = end
+
+
+@njit(cache=True, nogil=True)
+def add_coverage(signal, x_px, y_px, probe_px, weight, kind, pattern_seed, numbers):
     """Add what a probe of finite size sees.
 
     A Gaussian probe is seven points: the centre with weight 1/2 and a hexagon of radius 2 sigma with 1/12 each, exact for
-    polynomials up to degree 5 (Stroud 1971, E2 r2 5-1).
+    polynomials up to degree 5 (Stroud 1971, E2 r2 5-1); an elliptic one has the hexagon stretched.
 
     Args:
         signal: (rows, width) float64, added to.
         x_px: (rows, width) float64, points seen.
         y_px: likewise.
-        spot_px: (rows,) float64, standard deviation of the probe.
+        probe_px: (rows, 2, 2) float64, L of the probe's covariance L L^T; zeros for a point.
         weight: of this visit.
         kind: DOTS or FILM.
         pattern_seed: of the pattern.
-        numbers: (5,) float64; edge of a cell first, the rest see `load_dots` and `coverage`, or `film_coverage`.
+        numbers: (5,) float64; edge of a cell first, the rest see `load_dots` and `coverage`, or `thickness` and `cut_off`.
     """
-    pitch_px = numbers[0]
     dots = np.empty((9, 4))
     grains = np.empty((GRAINS, 3))
+    box = np.empty(4)
+    seen = np.empty(signal.shape[1])
     for index in range(signal.shape[0]):
-        spot = spot_px[index]
-        points = 7 if spot > 0.0 else 1
+        probe = probe_px[index]
+        points = 7 if probe[0, 0] > 0.0 or probe[1, 1] > 0.0 else 1
         for point in range(points):
             share = weight * _HEXAGON_WEIGHT[point] if points == 7 else weight
-            dx = spot * _HEXAGON_X[point]
-            dy = spot * _HEXAGON_Y[point]
-            cell_x = np.int64(-(2**62))
-            cell_y = np.int64(-(2**62))
-            for column in range(signal.shape[1]):
-                x = x_px[index, column] + dx
-                y = y_px[index, column] + dy
-                new_x = np.int64(math.floor(x / pitch_px))
-                new_y = np.int64(math.floor(y / pitch_px))
-                if new_x != cell_x or new_y != cell_y:
-                    cell_x = new_x
-                    cell_y = new_y
-                    if kind == FILM:
-                        load_grains(cell_x, cell_y, pattern_seed, pitch_px, grains)
-                    else:
-                        load_dots(cell_x, cell_y, pattern_seed, pitch_px, numbers[1], numbers[2], numbers[3], dots)
-                seen = film_coverage(x, y, grains, pitch_px, numbers[1], numbers[2]) if kind == FILM else coverage(x, y, dots, numbers[4])
-                signal[index, column] += share * seen
+            xs = x_px[index] + (probe[0, 0] * _HEXAGON_X[point] + probe[0, 1] * _HEXAGON_Y[point])
+            ys = y_px[index] + (probe[1, 0] * _HEXAGON_X[point] + probe[1, 1] * _HEXAGON_Y[point])
+            if kind == FILM:
+                seen[:] = 0.0
+                thickness(seen, xs, ys, pattern_seed, numbers[0], grains, box)
+                cut_off(seen, numbers[1], numbers[2])
+                signal[index] += share * seen
+            else:
+                seen[:] = 1.0
+                _add_dots(seen, xs, ys, pattern_seed, numbers, dots, box)
+                signal[index] += share * (1.0 - seen)
 
 
 @njit(cache=True, nogil=True)

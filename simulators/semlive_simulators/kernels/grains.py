@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from semlive_simulators.kernels.film import GRAINS, load_grains
+from semlive_simulators.kernels.film import GRAINS, thickness
 from semlive_simulators.kernels.pattern import _LOW16, _S16, _S32, _STEP_X, _STEP_Y, _TO_UNIT16, mix64
 
 
@@ -79,28 +79,10 @@ def grain_grey(x_px, y_px, seed, width_px, length_px, edge_px):
 
 @njit(cache=True, nogil=True)
 def smooth_field(x_px, y_px, seed, grain_px):
-    """The thickness of `film_coverage` without its step: standard deviation 1, (rows, width) float64 for points (rows, width)."""
-    found = np.empty(x_px.shape)
+    """The film's `thickness`: a random field of standard deviation 1, (rows, width) float64 for points (rows, width)."""
+    found = np.zeros(x_px.shape)
     grains = np.empty((GRAINS, 3))
-    scale = 1.0 / (grain_px * grain_px)
+    box = np.empty(4)
     for index in range(x_px.shape[0]):
-        cell_x = np.int64(-(2**62))
-        cell_y = np.int64(-(2**62))
-        for column in range(x_px.shape[1]):
-            x = x_px[index, column]
-            y = y_px[index, column]
-            new_x = np.int64(math.floor(x / grain_px))
-            new_y = np.int64(math.floor(y / grain_px))
-            if new_x != cell_x or new_y != cell_y:
-                cell_x = new_x
-                cell_y = new_y
-                load_grains(cell_x, cell_y, seed, grain_px, grains)
-            value = 0.0
-            for slot in range(GRAINS):
-                dx = x - grains[slot, 0]
-                dy = y - grains[slot, 1]
-                left = 1.0 - (dx * dx + dy * dy) * scale
-                if left > 0.0:
-                    value += grains[slot, 2] * left * left * left * left
-            found[index, column] = value
+        thickness(found[index], x_px[index], y_px[index], seed, grain_px, grains, box)
     return found

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Literal
 
 from pydantic import ConfigDict
 
@@ -28,6 +29,8 @@ class LoadFrameParameters:
         slip_n: the grips slip when the force first exceeds this.
         slip_mm: how far they slip.
         fracture_n: the specimen breaks beyond this force.
+        cell_resolution_n: step of the load cell's readings, which are whole multiples of it; 0 is none.
+        hold: what is held after a ramp: the ``position``, so that the load relaxes, or the ``load``, so that the crosshead creeps on.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -45,6 +48,16 @@ class LoadFrameParameters:
     slip_n: float = math.inf
     slip_mm: float = 0.0
     fracture_n: float = math.inf
+    cell_resolution_n: float = 0.0
+    hold: Literal["position", "load"] = "position"
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.cell_resolution_n < math.inf:
+            raise ValueError(f"cell_resolution_n must be at least 0, not {self.cell_resolution_n}")
+
+    def resolved_n(self, force_n: float) -> float:
+        """A force as the load cell can say it."""
+        return self.cell_resolution_n * round(force_n / self.cell_resolution_n) if self.cell_resolution_n else force_n
 
 
 class Drive(StrEnum):
@@ -71,6 +84,8 @@ class LoadFrameState:
         target_n: where the last ramp went.
         rate_n_s: how fast.
         jog_mm_s: crosshead speed in displacement control, positive pulls.
+        jog_to_mm: extension at which that ends.
+        keeps_load: whether load control goes on while it holds.
         stiffness_n_mm: of machine and specimen in series.
         extension_mm: of the crosshead.
         relaxed_n: load lost by relaxation so far.
@@ -87,6 +102,8 @@ class LoadFrameState:
     extension_mm: float = 0.0
     relaxed_n: float = 0.0
     jog_mm_s: float = 0.0
+    jog_to_mm: float = math.inf
+    keeps_load: bool = False
     slipped_mm: float = 0.0
     broken: bool = False
     peak_n: float = 0.0
@@ -120,17 +137,22 @@ def at_rest(parameters: LoadFrameParameters, specimen_stiffness_n_mm: float) -> 
 
 def ramp_to(state: LoadFrameState, target_n: float, rate_n_s: float) -> LoadFrameState:
     """Start going to a load in load control; also acknowledges a watchdog fault."""
-    return replace(state, drive=Drive.RAMPING, target_n=target_n, rate_n_s=rate_n_s)
+    return replace(state, drive=Drive.RAMPING, target_n=target_n, rate_n_s=rate_n_s, keeps_load=False)
 
 
 def jog(state: LoadFrameState, speed_mm_s: float) -> LoadFrameState:
     """Start moving in displacement control, positive pulls; also acknowledges a watchdog fault."""
-    return replace(state, drive=Drive.JOGGING, jog_mm_s=speed_mm_s)
+    return replace(state, drive=Drive.JOGGING, jog_mm_s=speed_mm_s, jog_to_mm=math.copysign(math.inf, speed_mm_s), keeps_load=False)
+
+
+def travel_to(state: LoadFrameState, extension_mm: float, speed_mm_s: float) -> LoadFrameState:
+    """Start going to an extension in displacement control, then hold it; also acknowledges a watchdog fault."""
+    return replace(jog(state, math.copysign(speed_mm_s, extension_mm - state.extension_mm)), jog_to_mm=extension_mm)
 
 
 def stop(state: LoadFrameState) -> LoadFrameState:
     """Stop and hold position; acknowledges a fault. The target becomes the present load."""
-    return replace(state, drive=Drive.HOLDING, target_n=state.force_n)
+    return replace(state, drive=Drive.HOLDING, target_n=state.force_n, keeps_load=False)
 
 
 def expire(state: LoadFrameState) -> LoadFrameState:
@@ -140,7 +162,7 @@ def expire(state: LoadFrameState) -> LoadFrameState:
 
 def tripped(state: LoadFrameState, fault: Drive) -> LoadFrameState:
     """Stopped by a fault, holding position."""
-    return replace(state, drive=fault, target_n=state.force_n)
+    return replace(state, drive=fault, target_n=state.force_n, keeps_load=False)
 
 
 def slip(state: LoadFrameState, slip_mm: float) -> LoadFrameState:
@@ -170,26 +192,36 @@ def step(
         elongation_mm: how much longer the specimen is for good after a highest force, N; must not fall.
 
     A ramp runs at its rate and closes the last part exponentially; grips and machine creep all the while, which load control
-    makes good and a held position shows as falling load. With a broken specimen load control runs away to the limit switch.
+    makes good, by a crosshead that creeps on, and a held position shows as falling load. With a broken specimen load control runs
+    away to the limit switch.
     """
     lost = parameters.relaxation_fraction * state.elastic_n
     relaxed = lost + (state.relaxed_n - lost) * math.exp(-dt_s / parameters.relaxation_time_s)
     moved = replace(state, relaxed_n=relaxed)
-    if state.drive is Drive.RAMPING:
-        missing = state.target_n - moved.force_n
-        most = state.rate_n_s * dt_s
-        change = max(-most, min(most, -missing * math.expm1(-dt_s / parameters.approach_time_s)))
-        moved = replace(moved, extension_mm=state.extension_mm + change / state.stiffness_n_mm)
-        if moved.force_n > state.peak_n:  # the controller goes on until the force is there, whatever the specimen gives way
-            plastic_mm = elongation_mm(moved.force_n)
-            more_mm = plastic_mm - moved.plastic_mm
-            moved = replace(moved, peak_n=moved.force_n, plastic_mm=plastic_mm, extension_mm=moved.extension_mm + more_mm)
-        if abs(state.target_n - moved.force_n) <= parameters.arrived_n:
-            moved = replace(moved, drive=Drive.HOLDING)
+    if state.drive is Drive.RAMPING or state.keeps_load:
+        moved = _load_controlled(moved, parameters, dt_s, elongation_mm)
     elif state.drive is Drive.JOGGING:
-        moved = replace(moved, extension_mm=state.extension_mm + state.jog_mm_s * dt_s)
+        way_mm = state.jog_mm_s * dt_s
+        there = abs(state.jog_to_mm - state.extension_mm) <= abs(way_mm)
+        moved = replace(moved, extension_mm=state.jog_to_mm if there else state.extension_mm + way_mm)
+        moved = stop(moved) if there else moved
     flowed = _flowing(_stopped_by_switch(moved, state, parameters), elongation_mm)
     return _overloaded(_yielding(flowed, parameters), parameters)
+
+
+def _load_controlled(
+    moved: LoadFrameState, parameters: LoadFrameParameters, dt_s: float, elongation_mm: Callable[[float], float]
+) -> LoadFrameState:
+    missing, most = moved.target_n - moved.force_n, moved.rate_n_s * dt_s
+    change = max(-most, min(most, -missing * math.expm1(-dt_s / parameters.approach_time_s)))
+    moved = replace(moved, extension_mm=moved.extension_mm + change / moved.stiffness_n_mm)
+    if moved.force_n > moved.peak_n:  # the controller goes on until the force is there, whatever the specimen gives way
+        plastic_mm = elongation_mm(moved.force_n)
+        more_mm = plastic_mm - moved.plastic_mm
+        moved = replace(moved, peak_n=moved.force_n, plastic_mm=plastic_mm, extension_mm=moved.extension_mm + more_mm)
+    if moved.drive is Drive.RAMPING and abs(moved.target_n - moved.force_n) <= parameters.arrived_n:
+        moved = replace(moved, drive=Drive.HOLDING, keeps_load=parameters.hold == "load")
+    return moved
 
 
 def _flowing(moved: LoadFrameState, elongation_mm: Callable[[float], float]) -> LoadFrameState:
@@ -221,7 +253,7 @@ def _yielding(moved: LoadFrameState, parameters: LoadFrameParameters) -> LoadFra
 def _overloaded(moved: LoadFrameState, parameters: LoadFrameParameters) -> LoadFrameState:
     beyond = abs(moved.force_n) > parameters.force_limit_n
     if beyond and moved.drive not in (Drive.OVERLOAD, Drive.EMERGENCY) and not _unloading(moved):
-        return replace(moved, drive=Drive.OVERLOAD)
+        return replace(moved, drive=Drive.OVERLOAD, keeps_load=False)
     return moved
 
 

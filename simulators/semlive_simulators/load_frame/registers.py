@@ -117,6 +117,20 @@ class StageOrders:
 
 
 @dataclass(frozen=True, slots=True)
+class CrossheadOrders:
+    """Holding registers 300-305."""
+
+    extension_mm: float
+    speed_mm_s: float
+    command: int
+
+    @classmethod
+    def decoded(cls, registers: list[int]) -> CrossheadOrders:
+        """From six registers."""
+        return cls(read_f32(registers[0:2]), read_f32(registers[2:4]), registers[4])
+
+
+@dataclass(frozen=True, slots=True)
 class TroubleOrders:
     """Holding registers 900-903."""
 

@@ -1,9 +1,10 @@
-"""Faults that a scenario plans for an instant: what a machine, or the line to it, does when nobody asked for it."""
+"""Faults that a scenario plans for an instant, or somebody orders: what a machine, or the line to it, does when nobody asked for it."""
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from pydantic import ConfigDict
@@ -20,6 +21,9 @@ class Mishap(StrEnum):
     LIMIT_SWITCH = "limit_switch"
     GRIP_SLIP = "grip_slip"
     FRACTURE = "fracture"
+    STAGE_STALL = "stage_stall"
+    FROZEN_READINGS = "frozen_readings"
+    GAGE_OFF = "gage_off"
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +33,7 @@ class PlannedFault:
     Attributes:
         at_s: when, seconds since the run began.
         what: happens.
-        lasts_s: how long the emergency stop stays pressed, or every reply is spoilt.
+        lasts_s: how long the emergency stop stays pressed, readings stand still, the gage is off, or every reply is spoilt.
         slip_mm: how far the grips slip.
         line: in trouble; all of them if not given.
         wait_s: how late a reply is, or how long between its pieces, wall time.
@@ -44,6 +48,47 @@ class PlannedFault:
     line: Line | None = None
     wait_s: float = 0.05
 
+    def strikes(self, before_s: float, now_s: float) -> bool:
+        """Whether it comes between two instants."""
+        return before_s < self.at_s <= now_s
+
+    def lasts(self, now_s: float) -> bool:
+        """Whether it is there at an instant."""
+        return self.at_s <= now_s < self.at_s + self.lasts_s
+
+
+class FaultBook:
+    """What the scenario plans and what was ordered meanwhile; safe from any thread."""
+
+    def __init__(self, planned: Iterable[PlannedFault]) -> None:
+        self._planned = tuple(planned)
+        self._lock = threading.Lock()
+        self._waiting: list[PlannedFault] = []
+        self._ordered: list[PlannedFault] = []
+
+    def order(self, what: Mishap, lasts_s: float = 0.0, slip_mm: float = 0.0) -> None:
+        """Let something happen with the machine's next step."""
+        with self._lock:
+            self._waiting.append(PlannedFault(0.0, what, lasts_s, slip_mm))
+
+    def clear(self) -> None:
+        """Forget all orders: what was ordered to last is over."""
+        with self._lock:
+            self._waiting.clear()
+            self._ordered.clear()
+
+    def known(self) -> tuple[PlannedFault, ...]:
+        """All that is planned and all that has been ordered and begun."""
+        with self._lock:
+            return (*self._planned, *self._ordered)
+
+    def begun(self, now_s: float) -> tuple[PlannedFault, ...]:
+        """The same for a step that ends at `now_s`, with which begins what was waiting."""
+        with self._lock:
+            self._ordered += [replace(fault, at_s=now_s) for fault in self._waiting]
+            self._waiting.clear()
+            return (*self._planned, *self._ordered)
+
 
 def struck(state: LoadFrameState, faults: Iterable[PlannedFault], before_s: float, now_s: float) -> LoadFrameState:
     """The machine after what was planned for the time between two instants.
@@ -53,7 +98,7 @@ def struck(state: LoadFrameState, faults: Iterable[PlannedFault], before_s: floa
     for fault in faults:
         if fault.what is Mishap.EMERGENCY_STOP and fault.at_s <= now_s and before_s < fault.at_s + fault.lasts_s:
             state = dynamics.tripped(state, Drive.EMERGENCY)
-        if isinstance(fault.what, Trouble) or not before_s < fault.at_s <= now_s:
+        if isinstance(fault.what, Trouble) or not fault.strikes(before_s, now_s):
             continue
         if fault.what is Mishap.EMERGENCY_STOP:
             state = dynamics.tripped(state, Drive.EMERGENCY)
@@ -61,7 +106,7 @@ def struck(state: LoadFrameState, faults: Iterable[PlannedFault], before_s: floa
             state = dynamics.tripped(state, Drive.LIMIT)
         elif fault.what is Mishap.GRIP_SLIP:
             state = dynamics.slip(state, fault.slip_mm)
-        else:
+        elif fault.what is Mishap.FRACTURE:
             state = dynamics.fracture(state)
     return state
 

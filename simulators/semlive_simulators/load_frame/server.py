@@ -17,6 +17,7 @@ from semlive_simulators.load_frame.registers import (
     FAULT,
     MOVING,
     STOPPED,
+    CrossheadOrders,
     LoadFrameInputs,
     LoadFrameOrders,
     MoreInputs,
@@ -25,7 +26,7 @@ from semlive_simulators.load_frame.registers import (
     StageOrders,
     TroubleOrders,
 )
-from semlive_simulators.load_frame.schedule import troubles
+from semlive_simulators.load_frame.schedule import Mishap, troubles
 from semlive_simulators.load_frame.trouble import Line, Trouble, Troubles
 from semlive_simulators.load_frame.troubled_tcp import TroubledServer
 from semlive_simulators.machine import Machine
@@ -37,6 +38,7 @@ UNIT = 1
 _READ_HOLDING, _READ_INPUT = 3, 4
 _WRITES = (6, 16)
 _GO, _STOP = 1, 2
+_FIRST_MISHAP = 101
 
 
 class Watchdog:
@@ -94,8 +96,10 @@ class BenchRegisters:
             return self._order_load_frame(registers, written, touched)
         if touched.start < 200:
             return self._order_stage(written, touched, 100, Actuator.STAGE)
-        if touched.start < 400:
+        if touched.start < 300:
             return self._order_sem(written[200])
+        if touched.start < 400:
+            return self._order_crosshead(written, touched)
         if touched.start < 900:
             return self._order_stage(written, touched, 400, Actuator.BEAM_SHIFT)
         return self._order_trouble(TroubleOrders.decoded(written[900:904]))
@@ -107,14 +111,16 @@ class BenchRegisters:
             force_n=reading.force_n,
             extension_mm=reading.extension_mm,
             target_n=reading.target_n,
-            readings=reading.number,
+            readings=reading.load_frame_number,
             lag_s=self._clock.lag_s(),
             force_limit_n=self._scenario.load_frame.force_limit_n,
         )
-        stage = StageInputs(_stage_state(reading.stage_moving), reading.encoder_x_um, reading.encoder_y_um, reading.number)
+        stage = StageInputs(
+            _stage_state(reading.stage_moving, reading.stage_fault), reading.encoder_x_um, reading.encoder_y_um, reading.number
+        )
         beam = StageInputs(_stage_state(reading.beam_moving), reading.beam_x_um, reading.beam_y_um, reading.number)
         drive = reading.load_frame_drive
-        more = MoreInputs(FAULTS.index(drive) + 1 if drive in FAULTS else 0, reading.strain_gage, reading.number)
+        more = MoreInputs(FAULTS.index(drive) + 1 if drive in FAULTS else 0, reading.strain_gage, reading.load_frame_number)
         block = list(registers)
         for address, part in ((0, load_frame), (100, stage), (200, self._sem_inputs()), (300, more), (400, beam)):
             words = part.registers()
@@ -147,6 +153,24 @@ class BenchRegisters:
             self._machine.stop_load()
         return None
 
+    def _order_crosshead(self, written: list[int], touched: range) -> ExcCodes | None:
+        orders, limits = CrossheadOrders.decoded(written[300:306]), self._scenario.load_frame
+        command = orders.command if 304 in touched else 0
+        if command not in (0, _GO, _STOP):
+            return ExcCodes.ILLEGAL_VALUE
+        if command == _GO:
+            within = limits.extension_min_mm <= orders.extension_mm <= limits.extension_max_mm
+            if not (within and 0 < orders.speed_mm_s < math.inf):
+                return ExcCodes.ILLEGAL_VALUE
+            if self._machine.locked:
+                return ExcCodes.DEVICE_FAILURE
+        self._machine.advance_to(self._clock.now_ns())
+        if command == _GO:
+            self._machine.travel_to(orders.extension_mm, orders.speed_mm_s)
+        elif command == _STOP:
+            self._machine.stop_load()
+        return None
+
     def _order_stage(self, written: list[int], touched: range, first: int, actuator: Actuator) -> ExcCodes | None:
         orders = StageOrders.decoded(written[first : first + 6])
         command = orders.command if first + 4 in touched else 0
@@ -172,17 +196,22 @@ class BenchRegisters:
 
     def _order_trouble(self, orders: TroubleOrders) -> ExcCodes | None:
         kinds, lines = tuple(Trouble), [line for bit, line in enumerate(Line) if orders.lines >> bit & 1]
+        mishaps = dict(enumerate(Mishap, _FIRST_MISHAP))
+        if orders.what in mishaps:
+            self._machine.faults.order(mishaps[orders.what], orders.wait_s, orders.count * 1e-3)
+            return None
         if orders.what > len(kinds) or orders.lines >> len(Line):
             return ExcCodes.ILLEGAL_VALUE
         if orders.what == 0:
             self.troubles.clear()
+            self._machine.faults.clear()
         else:
             self.troubles.order(kinds[orders.what - 1], lines, orders.count, orders.wait_s)
         return None
 
 
-def _stage_state(moving: bool) -> int:
-    return MOVING if moving else STOPPED
+def _stage_state(moving: bool, fault: bool = False) -> int:
+    return FAULT if fault else MOVING if moving else STOPPED
 
 
 def _device(registers: BenchRegisters) -> SimDevice:
@@ -190,7 +219,7 @@ def _device(registers: BenchRegisters) -> SimDevice:
         return SimData(address, count=count, values=0, datatype=DataType.REGISTERS)
 
     bits = [SimData(0, count=1, values=False, datatype=DataType.BITS)]
-    holding = [words(0, 8), words(100, 6), words(200, 1), words(400, 6), words(900, 4)]
+    holding = [words(0, 8), words(100, 6), words(200, 1), words(300, 6), words(400, 6), words(900, 4)]
     inputs = [words(0, 16), words(100, 7), words(200, 2), words(300, 5), words(400, 7)]
     return SimDevice(id=UNIT, simdata=(bits, list(bits), holding, inputs), action=registers.action)
 

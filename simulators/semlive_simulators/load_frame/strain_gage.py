@@ -30,7 +30,7 @@ class StrainGage:
     offset: float = 4.0e-6
     noise: float = 1.5e-6
 
-    def reading(self, specimen: Specimen, force_n: float, seed: int, number: int, plastic: float = 0.0) -> float:
-        """What it says under a force and with a plastic strain; the sheet's strain is the same all along the grid."""
-        true = float(specimen.gradient(force_n)[1, 1]) + plastic
+    def reading(self, specimen: Specimen, force_n: float, seed: int, number: int, more: float = 0.0) -> float:
+        """What it says under a force; `more` is what its grid sees besides the elastic strain of the plain sheet."""
+        true = float(specimen.gradient(force_n)[1, 1]) + more
         return self.gain * true + self.offset + self.noise * gaussian(seed, _STREAM, number)
