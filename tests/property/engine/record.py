@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from semlive.data.experiment import HoldRule, Limits, Phase, Plan, Step
+from semlive.data.experiment import HoldRule, Limits, Phase, Plan, Recentre, Step
 from semlive.data.frame import FrameInfo
 from semlive.data.loading import DeviceIdentity, LoadSample, MotionState, StageSample, StopOnLinkLoss
 from semlive.data.scan import Provenance, ScanTiming, Sourced
@@ -30,7 +30,8 @@ S = 1_000_000_000
 LIMITS = Limits(-50.0, 450.0, -1.0, 1.0, 60.0, 250.0, 30.0)
 HOLD = HoldRule(hold_s=30.0, settle_s=3.0, load_tolerance_n=5.0, stage_tolerance_um=2.0, motion_timeout_s=200.0, frame_timeout_s=200.0)
 STOPS = (((0.0, 0.0), 0.0), ((10.0, 0.0), 0.0), ((0.0, 0.0), 200.0), ((0.0, 0.0), 400.0))
-PLAN = Plan(tuple(Step(i, Phase.TENSION, s, s, n) for i, (s, n) in enumerate(STOPS)), HOLD, LIMITS, ramp_rate_n_s=50.0)
+STEPS = tuple(Step(i, Phase.TENSION, s, s, n) for i, (s, n) in enumerate(STOPS))
+PLAN = Plan(STEPS, HOLD, LIMITS, ramp_rate_n_s=50.0, recentre=Recentre(2.0, 1.0))
 IDENTITY = DeviceIdentity("bench", True, StopOnLinkLoss.VERIFIED)
 FRAME_S = 20.0
 

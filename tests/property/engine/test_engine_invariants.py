@@ -12,6 +12,7 @@ from semlive.engine import (
     DeviceFault,
     DeviceStopped,
     Event,
+    FieldSeen,
     FrameUnreadable,
     LinkBack,
     LinkLost,
@@ -67,6 +68,10 @@ class Protocol(RuleBasedStateMachine):
     @rule(off_s=st.sampled_from([-60.0, -25.0, -10.0, 3600.0]))
     def lie_about_a_scan(self, off_s: float) -> None:
         self.run.export(self.run.now_ns + round(off_s * S))
+
+    @rule(pair=st.integers(0, 5), x_px=st.sampled_from([0.0, 1.0, -7.5, 25.0, -1e9]), y_px=st.sampled_from([0.0, -3.0, 40.0]))
+    def see_the_field(self, pair: int, x_px: float, y_px: float) -> None:
+        self._tell(FieldSeen(self.run.now_ns, pair, (x_px, y_px)))
 
     @rule()
     def unreadable(self) -> None:
