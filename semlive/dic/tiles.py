@@ -19,7 +19,7 @@ from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
 from semlive.dic.coarse import CoarseReference, match, prepare_coarse, smooth_field
 from semlive.dic.correlate import MAX_PASSES, ORDER, concluded, measured, solve
-from semlive.dic.reference import Traits, gradients_of, middle, prepare_part, traits_of, usable_part
+from semlive.dic.reference import Traits, middle, prepare_part, traits_of, usable_part
 from semlive.dic.verify import Measured
 from semlive.errors import BadInput
 from semlive.kernels import cast
@@ -145,14 +145,10 @@ class _Pair:
         """Those of the reference."""
         height, width = self.reference.shape
         rows, columns = (slice(s.start, min(s.stop, n)) for s, n in zip(middle((height, width)), (height, width), strict=True))
-        top, left = max(rows.start - 1, 0), max(columns.start - 1, 0)
-        f, _ = self.grey(slice(top, min(rows.stop + 1, height)), slice(left, min(columns.stop + 1, width)))
-        inner = (slice(rows.start - top, rows.stop - top), slice(columns.start - left, columns.stop - left))
-        gradient_x, gradient_y = (g[inner] for g in cast.gradients(np.ascontiguousarray(f)))
+        f, _ = self.grey(rows, columns)
         usable = self.usable(rows)
-        if usable is not None:
-            gradient_x, gradient_y = gradient_x * usable[:, columns], gradient_y * usable[:, columns]
-        return traits_of(f[inner], gradient_x, gradient_y, self.used())
+        part = None if usable is None else np.ascontiguousarray(usable[:, columns])
+        return traits_of(np.ascontiguousarray(f), part, self.used())
 
 
 def bands(grid: Grid, shape: tuple[int, ...], band_px: int, band_points: int) -> Iterator[tuple[int, int]]:
@@ -233,7 +229,7 @@ def _band(
         none = np.empty((0, 0), dtype=np.float32)
         coarse = CoarseReference(1, none, none.astype(np.complex64), np.empty((0, 2), dtype=np.int64), ambiguous.copy())
         usable = pair.usable(slice(top, bottom))
-        reference = prepare_part(f, gradients_of(f, usable), usable, here, settings, traits, coarse)
+        reference = prepare_part(f, usable, here, settings, traits, coarse)
         interpolator = cast.interpolator(g, ORDER[settings.interpolation])
         solutions = solve(reference, interpolator, matches - np.array([0, top, 0, 0]), settings, seeds)
         if not _cramped(solutions, here, top > 0, bottom < height, bottom - top):

@@ -50,6 +50,76 @@ def sobel_rows(image, gradient_x, gradient_y, first, last, width):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def stencils(image, step, out):
+    """Fill `out` with the amounts of the second difference both ways along every `step`-th line, zeros left out; how many there are."""
+    height, width = image.shape
+    two = np.float32(2.0)
+    across = np.empty(width, dtype=np.float32)
+    n = 0
+    for y in range(0, height - 2, step):
+        above, here, below = image[y], image[y + 1], image[y + 2]
+        for x in range(width):
+            across[x] = above[x] - two * here[x] + below[x]
+        for x in range(width - 2):
+            amount = abs(across[x] - two * across[x + 1] + across[x + 2])
+            out[n] = amount
+            n += amount > 0.0
+    return n
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def products(before, lines, after, usable, derivative):
+    """Means of Sobel derivative along lines times `derivative`, (n, length - 2), and of its square; it is zero where `usable` is."""
+    eighth, two = np.float32(0.125), np.float32(2.0)
+    n, length = lines.shape
+    overlap = energy = 0.0
+    for k in range(n):
+        for x in range(1, length - 1):
+            sobel = before[k, x + 1] - before[k, x - 1] + after[k, x + 1] - after[k, x - 1]
+            sobel = eighth * (sobel + two * (lines[k, x + 1] - lines[k, x - 1]))
+            if usable.size > 0:
+                sobel *= usable[k, x]
+            overlap += np.float64(sobel * derivative[k, x - 1])
+            energy += np.float64(sobel * sobel)
+    count = max(n * (length - 2), 1)
+    return overlap / count, energy / count
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def plane_rows(image, weights, planes, first, last, gain_x, gain_y):
+    """Rows first..last-1 of `planes`: grey levels and scaled Sobel derivatives of an image, zero in the padding and where `weights` is.
+
+    The derivatives are those of `sobel_rows`, written where they are wanted: no image of them is made and copied.
+    """
+    height, width = image.shape
+    eighth, two, zero = np.float32(0.125), np.float32(2.0), np.float32(0.0)
+    for y in range(first, last):
+        here = image[y]
+        grey, out_x, out_y = planes[y, 0], planes[y, 1], planes[y, 2]
+        grey[:width] = here
+        grey[width:] = zero
+        out_x[width - 1 :] = zero
+        out_y[width - 1 :] = zero
+        if y == 0 or y == height - 1:
+            out_x[:] = zero
+            out_y[:] = zero
+        else:
+            above, below = image[y - 1], image[y + 1]
+            out_x[0] = out_y[0] = zero
+            for x in range(1, width - 1):
+                across = eighth * (above[x + 1] - above[x - 1] + below[x + 1] - below[x - 1] + two * (here[x + 1] - here[x - 1]))
+                down = eighth * (below[x - 1] - above[x - 1] + below[x + 1] - above[x + 1] + two * (below[x] - above[x]))
+                out_x[x] = gain_x * across
+                out_y[x] = gain_y * down
+        if weights.size > 0:
+            valid = weights[y]
+            for x in range(width):
+                grey[x] *= valid[x]
+                out_x[x] *= valid[x]
+                out_y[x] *= valid[x]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def factor(matrix):
     """Cholesky factor in place in the lower triangle; False where the matrix is not positive definite."""
     n = matrix.shape[0]
