@@ -23,6 +23,7 @@ BLOCK = 32  # edge of a block, in binned pixels
 SEARCH = 16  # search radius around the frame's shift, in binned pixels
 BLOCK_DISTANCE_PX = 100  # roughly one block per this distance; distortion fields are smoother
 MIN_BLOCK_ZNCC = 0.5  # the best of 33 x 33 unrelated positions stays below 0.35 for 7 px speckle
+SETTLED_PX = 1e-3  # to which the affine fit is worked out, a first guess
 OUTLIER_PX = 4.0  # distortion leaves 2 px about the affine fit
 LOW_PASS = 0.15  # of the phase correlation, cycles per binned pixel: noise above, speckle below
 CANDIDATES = 3
@@ -222,7 +223,8 @@ def candidate_shifts(spectrum: NDArray[np.complex64], current: NDArray[np.float3
     fy = fft.fftfreq(height).astype(np.float32)[:, None]
     fx = fft.rfftfreq(width).astype(np.float32)[None, :]
     low_pass = np.exp(fy**2 * (-0.5 / LOW_PASS**2)) * np.exp(fx**2 * (-0.5 / LOW_PASS**2))
-    cross *= low_pass / (np.abs(cross) + np.float32(1e-20))
+    # np.abs of complex numbers guards against overflow, at eight times the cost
+    cross *= low_pass / (np.sqrt(cross.real**2 + cross.imag**2) + np.float32(1e-20))
     surface = np.asarray(fft.irfft2(cross, s=(height, width), overwrite_x=True))
     shifts = []
     for _ in range(CANDIDATES):
@@ -351,6 +353,9 @@ def _robust_affine(
     for _ in range(10 if determined else 0):
         distance = np.linalg.norm(motion - design @ affine, axis=1)
         root = 1.0 / np.sqrt(1.0 + (distance / OUTLIER_PX) ** 2)
+        before = affine
         affine = np.linalg.lstsq(design * root[:, None], motion * root[:, None], rcond=None)[0]
+        if np.abs(design @ (affine - before)).max() < SETTLED_PX:
+            break
     good = np.linalg.norm(motion - design @ affine, axis=1) <= OUTLIER_PX
     return affine, good

@@ -24,7 +24,8 @@ from semlive.kernels.planes import planes_through
 from semlive.kernels.spline import CUBIC, QUINTIC
 from semlive.kernels.threads import at_once
 
-FINAL = (PoiStatus.CONVERGED, PoiStatus.LOW_CONTRAST, PoiStatus.AMBIGUOUS, PoiStatus.MASKED)
+FINAL = np.zeros(256, dtype=np.bool_)  # at each status: nothing more to be tried
+FINAL[[PoiStatus.CONVERGED, PoiStatus.LOW_CONTRAST, PoiStatus.AMBIGUOUS, PoiStatus.MASKED]] = True
 ORDER = {"cubic": CUBIC, "quintic": QUINTIC}  # of the spline
 MAX_PASSES = 12  # retries from neighbours; each heals one ring of POI
 MAX_TRAVEL_PX = 8.0  # IC-GN has no business further from its start than a speckle or two
@@ -158,11 +159,11 @@ def solve(
         )
 
     attempt(status == PoiStatus.NO_SEED, CHAINED, smooth_field(matches, grid) if guess is None else guess)
-    if (failed := ~np.isin(status, FINAL)).any():
+    if (failed := ~FINAL[status]).any():
         attempt(failed, CHAINED, nearest_field(matches, grid))
     fresh = status == PoiStatus.CONVERGED
     for _ in range(MAX_PASSES):
-        if not (failed := ~np.isin(status, FINAL)).any():
+        if not (failed := ~FINAL[status]).any():
             break
         first, reachable, second, torn = guesses(solutions, fresh, grid.step_px)
         if not (failed & reachable).any():

@@ -54,7 +54,8 @@ MIN_COMPANY = 6
 MAX_ROUNDS = 200
 LOUD = 0.15  # variance of noise, in the speckle's: from there on it hides what the edge of a blank area does to a residual
 EDGE_AROUND = 3  # of eight neighbours refused: the edge of what is believed
-EDGES = (PoiStatus.NOT_CONVERGED, PoiStatus.LOW_ZNCC, PoiStatus.LOW_CONTRAST, PoiStatus.NO_SEED)  # of a subset with others nearby
+EDGES = np.zeros(256, dtype=np.bool_)  # at each status: of a subset with others nearby
+EDGES[[PoiStatus.NOT_CONVERGED, PoiStatus.LOW_ZNCC, PoiStatus.LOW_CONTRAST, PoiStatus.NO_SEED]] = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,48 +103,51 @@ def refused(measured: Measured, grid: Grid) -> NDArray[np.uint8]:
         grid: its points.
     """
     m = measured
-    verdict = np.full(m.valid.shape, PoiStatus.CONVERGED, dtype=np.uint8)
-    if not m.valid.any():
+    valid, sigma_px = m.valid, m.sigma_px
+    verdict = np.full(valid.shape, PoiStatus.CONVERGED, dtype=np.uint8)
+    if not valid.any():
         return verdict
-    low, mid = (float(q) for q in np.percentile(m.residual[m.valid], (10, 35)))
+    low, mid = (float(q) for q in np.percentile(m.residual[valid], (10, 35)))
     spread = min((mid - low) / 0.9, MAX_SPREAD * mid)  # standard deviation, of the lower part, which nothing hidden is in
     ordinary = mid + 0.4 * spread
-    contrast = float(np.median(m.contrast[m.valid]))
+    contrast = float(np.median(m.contrast[valid]))
     misfit = MISFIT * max(contrast - ordinary, 0.0)
     limit = max(ORDINARY_RESIDUAL * ordinary, ordinary + 6.0 * spread, ordinary + misfit)
-    fits = m.valid & (m.residual <= limit)
-    verdict[m.valid & ~fits] = PoiStatus.LOW_ZNCC
+    fits = valid & (m.residual <= limit)
+    verdict[valid & ~fits] = PoiStatus.LOW_ZNCC
     safe = SAFE_SIGMA * NOISE_SIGMA_PX / grid.subset_px
-    excusable = m.valid & ~fits & (m.residual <= ordinary + CONFIRMED_MISFIT * max(contrast - ordinary, 0.0))
-    sound = fits & (m.sigma_px <= max(SPREADING_SIGMA * float(np.median(m.sigma_px[fits])), safe)) if fits.any() else fits
+    excusable = valid & ~fits & (m.residual <= ordinary + CONFIRMED_MISFIT * max(contrast - ordinary, 0.0))
+    sigma = float(np.median(sigma_px[fits]))
+    sound = fits & (sigma_px <= max(SPREADING_SIGMA * sigma, safe))
     torn = _torn(m, fits | excusable, sound, grid)
-    verdict[torn & fits] = PoiStatus.INCONSISTENT
-    fits &= ~torn
-    excusable &= ~torn
-    if not fits.any():
-        return verdict
-    sigma = float(np.median(m.sigma_px[fits]))
+    if torn.any():
+        verdict[torn & fits] = PoiStatus.INCONSISTENT
+        fits &= ~torn
+        excusable &= ~torn
+        if not fits.any():
+            return verdict
+        sigma = float(np.median(sigma_px[fits]))
     signal = m.contrast - ordinary
     usual = float(np.median(signal[fits]))
-    plain = fits & (m.sigma_px <= max(ORDINARY_SIGMA * sigma, safe)) & (signal <= (1.0 + EXCESS_PX / grid.subset_px) * usual)
+    plain = fits & (sigma_px <= max(ORDINARY_SIGMA * sigma, safe)) & (signal <= (1.0 + EXCESS_PX / grid.subset_px) * usual)
     plain &= m.residual <= max(PLAIN_RESIDUAL * ordinary, ordinary + 3.0 * spread, ordinary + PLAIN_MISFIT * misfit)
     trusted = plain & ~_alone(m, plain, grid)
-    weak = fits & (m.sigma_px > max(WEAK_SIGMA * sigma, safe))
+    weak = fits & (sigma_px > max(WEAK_SIGMA * sigma, safe))
     verdict[weak] = PoiStatus.LOW_CONTRAST
     suspect = fits & ~trusted & ~weak
-    surrounded = _around(m.valid & ~fits & ~excusable) >= REFUSED_AROUND
-    excusable &= m.sigma_px <= max(WEAK_SIGMA * sigma, safe)
+    surrounded = _around(valid & ~fits & ~excusable) >= REFUSED_AROUND
+    excusable &= sigma_px <= max(WEAK_SIGMA * sigma, safe)
     if suspect.any() or excusable.any():
-        believed = _confirmed(m, trusted, suspect & ~surrounded, excusable, fits & (m.sigma_px <= max(SPREADING_SIGMA * sigma, safe)), grid)
+        believed = _confirmed(m, trusted, suspect & ~surrounded, excusable, fits & (sigma_px <= max(SPREADING_SIGMA * sigma, safe)), grid)
         verdict[suspect & ~believed] = PoiStatus.INCONSISTENT
         verdict[excusable & believed] = PoiStatus.CONVERGED
-    beyond = (verdict != PoiStatus.CONVERGED) | np.isin(m.status, EDGES)
+    beyond = (verdict != PoiStatus.CONVERGED) | EDGES[m.status]
     around = _around(beyond)
     if ordinary > LOUD * (contrast - ordinary):
         edge = around >= EDGE_AROUND
     else:
-        edge = (around >= REFUSED_AROUND) & (m.sigma_px > WEAK_SIGMA * sigma)  # weak, but called safe
-    verdict[m.valid & ~beyond & edge] = PoiStatus.INCONSISTENT
+        edge = (around >= REFUSED_AROUND) & (sigma_px > WEAK_SIGMA * sigma)  # weak, but called safe
+    verdict[valid & ~beyond & edge] = PoiStatus.INCONSISTENT
     return verdict
 
 
