@@ -10,12 +10,15 @@ from numpy.typing import DTypeLike, NDArray
 
 from semlive.kernels import icgn, spline, subsets, warp
 from semlive.kernels.interpolate import LANES
+from semlive.kernels.memory import hold_on_to_memory
 from semlive.kernels.threads import spread
 
 MIN_EDGE_PX = 4
 ROWS_AT_ONCE = 4  # of POI that a thread takes; a constant
-PIXELS_AT_ONCE = 65536  # of an image; to begin a thread for fewer costs more than it saves
+PIXELS_AT_ONCE = 98304  # of an image; to begin a thread for fewer costs more than it saves
 LEAST_COLUMNS = 64  # filtered together, a row of them at a time
+
+hold_on_to_memory()
 
 
 def _lines_at_once(width: int) -> int:
