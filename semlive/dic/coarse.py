@@ -305,18 +305,40 @@ def smooth_field(matches: NDArray[np.float64], grid: Grid) -> NDArray[np.float64
     motion = matches[:, 2:]
     affine, good = _robust_affine(x, y, motion)
     residual = motion[good] - _design(x[good], y[good]) @ affine
-    seeds = np.zeros((*grid.shape, 6))
-    for axis in range(2):
-        c = affine[:, axis]
-        seeds[:, :, 3 * axis] = c[0] + c[1] * grid.x_px[None, :] + c[2] * grid.y_px[:, None]
-        seeds[:, :, 3 * axis + 1] = c[1]
-        seeds[:, :, 3 * axis + 2] = c[2]
+    seeds = _affine_field(affine, grid)
     cell = max(1, FIELD_CELL_PX // grid.step_px)
     for rows in (slice(first, first + cell) for first in range(0, grid.ny, cell)):
         for columns in (slice(first, first + cell) for first in range(0, grid.nx, cell)):
             smooth = _smoothed(x[good], y[good], residual, grid.x_px[columns], grid.y_px[rows])
             seeds[rows, columns, ::3] += smooth
     return seeds
+
+
+def second_field(matches: NDArray[np.float64], grid: Grid) -> NDArray[np.float64] | None:
+    """(ny, nx, 6) first guesses: the affine motion that most of the matches agree on which the `smooth_field` leaves out.
+
+    What stays where it is on the screen, such as the edge of a blank area, is found by blocks as well as what moves. None if
+    those left out agree on nothing.
+    """
+    _, good = _robust_affine(matches[:, 0], matches[:, 1], matches[:, 2:])
+    left = matches[~good]
+    if len(left) < MIN_CONSENSUS:
+        return None
+    affine, agree = _robust_affine(left[:, 0], left[:, 1], left[:, 2:])
+    if agree.sum() < max(MIN_CONSENSUS, len(left) // 2):
+        return None
+    return _affine_field(affine, grid)
+
+
+def _affine_field(affine: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
+    """(ny, nx, 6) parameters of an affine motion, (3, 2)."""
+    field = np.zeros((*grid.shape, 6))
+    for axis in range(2):
+        c = affine[:, axis]
+        field[:, :, 3 * axis] = c[0] + c[1] * grid.x_px[None, :] + c[2] * grid.y_px[:, None]
+        field[:, :, 3 * axis + 1] = c[1]
+        field[:, :, 3 * axis + 2] = c[2]
+    return field
 
 
 def _smoothed(

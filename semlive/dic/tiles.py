@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
-from semlive.dic.coarse import CoarseReference, match, prepare_coarse, smooth_field
+from semlive.dic.coarse import CoarseReference, match, prepare_coarse, second_field, smooth_field
 from semlive.dic.correlate import MAX_PASSES, ORDER, concluded, measured, solve
 from semlive.dic.reference import Traits, middle, prepare_part, traits_of, usable_part
 from semlive.dic.verify import Measured
@@ -85,16 +85,19 @@ def correlate_tiled(
     pair = _Pair(reference, current, mask, _mean(reference, mask), _mean(current, None))
     traits = pair.traits()
     matches, ambiguous = first_guesses(pair, grid, settings.search_px)
-    guess = smooth_field(matches, grid) if max(reference.shape) <= WHOLE_PX and len(matches) else None
+    small = max(reference.shape) <= WHOLE_PX and len(matches) > 0
+    guess = smooth_field(matches, grid) if small else None
+    other = second_field(matches, grid) if small else None
     whole = _empty(grid)
     for first, last in bands(grid, reference.shape, band_px, band_points):
         low, high = max(first - HALO, 0), min(last + HALO, grid.ny)
         rows = dataclasses.replace(grid, y0_px=grid.y0_px + low * grid.step_px, ny=high - low)
         seeds = guess[low:high] if guess is not None else _local_field(matches, rows)
-        part = _band(pair, rows, seeds, matches, ambiguous[low:high], traits, settings)
+        second = None if other is None else other[low:high]
+        part = _band(pair, rows, (seeds, second), matches, ambiguous[low:high], traits, settings)
         for field in dataclasses.fields(Measured):
             getattr(whole, field.name)[first:last] = getattr(part, field.name)[first - low : last - low]
-    return concluded(whole, grid, reference_frame=reference_frame, current_frame=current_frame)
+    return concluded(whole, grid, settings, reference_frame=reference_frame, current_frame=current_frame)
 
 
 def _mean(image: Image, mask: NDArray[np.bool_] | None) -> np.float32:
@@ -211,7 +214,7 @@ def _local_field(matches: NDArray[np.float64], grid: Grid) -> NDArray[np.float64
 def _band(
     pair: _Pair,
     grid: Grid,
-    seeds: NDArray[np.float64],
+    guesses: tuple[NDArray[np.float64], NDArray[np.float64] | None],
     matches: NDArray[np.float64],
     ambiguous: NDArray[np.bool_],
     traits: Traits,
@@ -220,6 +223,7 @@ def _band(
     """Correlate the rows of points of a band; if a subset comes near the band's side, once more with twice the room."""
     height = pair.reference.shape[0]
     half = grid.subset_px // 2
+    seeds, second = guesses
     room = ROOM_PX + int(np.abs(seeds[..., 3]).max(initial=0.0))
     while True:
         top = max(0, int(grid.y_px[0]) - half - room)
@@ -231,7 +235,7 @@ def _band(
         usable = pair.usable(slice(top, bottom))
         reference = prepare_part(f, usable, here, settings, traits, coarse)
         interpolator = cast.interpolator(g, ORDER[settings.interpolation])
-        solutions = solve(reference, interpolator, matches - np.array([0, top, 0, 0]), settings, seeds)
+        solutions = solve(reference, interpolator, matches - np.array([0, top, 0, 0]), settings, seeds, lambda: second)
         if not _cramped(solutions, here, top > 0, bottom < height, bottom - top):
             break
         room *= 2

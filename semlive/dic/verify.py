@@ -42,8 +42,10 @@ JUMP_PX = 0.75  # makes the subset's centre wrong by half as much; at 0.9, 82 of
 SIGMAS = 3.0
 TORN_AROUND = 4  # of eight neighbours: a point among such is torn too
 REFUSED_AROUND = 4  # of eight: what is left between them bridges a crack or a corner of a blank area; others would be told by it
-AGREES_PX = 0.08  # and once the ordinary sigma
-BENDS_PX = 0.4  # at the subset's edge
+AGREES_PX = 0.08  # and once the ordinary sigma, for affine subsets of TOLD_PX; smaller ones and second order are noisier in proportion
+BENDS_PX = 0.4  # at the subset's edge, likewise
+TOLD_PX = 43.0
+CURVED_NOISE = 2.0  # of second-order subsets, in that of affine ones
 MAX_REACH = 4  # points on each side that a plane is fitted to, within half a subset
 MIN_SUPPORT = 0.15  # part of the points around that has to be trusted
 MIN_LINES = 3  # of points that a slope across them is told from
@@ -95,12 +97,13 @@ class Measured:
         return np.maximum(self.sigma_u_px, self.sigma_v_px)
 
 
-def refused(measured: Measured, grid: Grid) -> NDArray[np.uint8]:
+def refused(measured: Measured, grid: Grid, *, curved: bool = False) -> NDArray[np.uint8]:
     """(ny, nx) PoiStatus: CONVERGED where a point is believed, else why not (CONVERGED too where it was not valid before).
 
     Args:
         measured: the map.
         grid: its points.
+        curved: whether the shape function is one of second order.
     """
     m = measured
     valid, sigma_px = m.valid, m.sigma_px
@@ -138,7 +141,9 @@ def refused(measured: Measured, grid: Grid) -> NDArray[np.uint8]:
     surrounded = _around(valid & ~fits & ~excusable) >= REFUSED_AROUND
     excusable &= sigma_px <= max(WEAK_SIGMA * sigma, safe)
     if suspect.any() or excusable.any():
-        believed = _confirmed(m, trusted, suspect & ~surrounded, excusable, fits & (sigma_px <= max(SPREADING_SIGMA * sigma, safe)), grid)
+        believed = _confirmed(
+            m, trusted, suspect & ~surrounded, excusable, fits & (sigma_px <= max(SPREADING_SIGMA * sigma, safe)), grid, curved
+        )
         verdict[suspect & ~believed] = PoiStatus.INCONSISTENT
         verdict[excusable & believed] = PoiStatus.CONVERGED
     beyond = (verdict != PoiStatus.CONVERGED) | EDGES[m.status]
@@ -231,6 +236,7 @@ def _confirmed(
     excusable: NDArray[np.bool_],
     spreading: NDArray[np.bool_],
     grid: Grid,
+    curved: bool,
 ) -> NDArray[np.bool_]:
     """Suspects that agree with a plane through the trusted points around; those confirmed are trusted in turn.
 
@@ -242,7 +248,9 @@ def _confirmed(
     believed = np.zeros(suspect.shape, dtype=bool)
     reach = int(np.clip(round(grid.subset_px / 2 / grid.step_px), 1, MAX_REACH))
     told = np.array([grid.nx >= MIN_LINES, grid.ny >= MIN_LINES] * 2)  # slopes that the points can tell
-    tolerance = AGREES_PX + np.where(spreading, m.sigma_px, 0.5 * np.median(m.sigma_px[trusted]) if trusted.any() else 0.0)
+    small = max(TOLD_PX / grid.subset_px, 1.0)
+    agrees_px, bends_px = AGREES_PX * small * (CURVED_NOISE if curved else 1.0), BENDS_PX * small
+    tolerance = agrees_px + np.where(spreading, m.sigma_px, 0.5 * np.median(m.sigma_px[trusted]) if trusted.any() else 0.0)
     u_px, v_px = (np.ascontiguousarray(value, dtype=np.float64) for value in (m.u_px, m.v_px))
 
     def agreeing(near: NDArray[np.bool_], reach: int, part: NDArray[np.float64] | float) -> NDArray[np.bool_]:
@@ -252,7 +260,7 @@ def _confirmed(
         apart = np.hypot(u_px[near] - u, v_px[near] - v)
         bent = np.linalg.norm((m.gradient[near] - slope / grid.step_px) * told, axis=-1) * (grid.subset_px // 2)
         agree = np.zeros(suspect.shape, dtype=bool)
-        agree[near] = (support >= np.maximum(3.0, part * around)) & (apart <= tolerance[near]) & (bent <= BENDS_PX)
+        agree[near] = (support >= np.maximum(3.0, part * around)) & (apart <= tolerance[near]) & (bent <= bends_px)
         return agree
 
     near = pending = suspect | excusable
