@@ -34,6 +34,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 from bench_peers import interpreter
 
 from semlive import dic
+from semlive.dic.coarse import match
+from semlive.dic.correlate import solve
+from semlive.kernels import cast
 
 SUBSETS = (9, 13, 17, 21, 25, 33, 41, 49)
 AMPLITUDE_PX, DEGREE, PASSED = 0.5, 12, 0.9
@@ -109,16 +112,26 @@ def still(reference: Image, moved: Image, seed: int = 1) -> Image:
     return np.clip(np.rint(reference + noise), 0, 255).astype(np.uint8)
 
 
-def ours(**options: str) -> Measure:
-    """Our engine."""
+def ours(believed: bool = False, **options: str) -> Measure:
+    """Our engine: every point where IC-GN converges, or only those that the map as a whole bears out.
+
+    Where a wave bends much within a subset, points are refused. The other codes keep them, and the polynomial runs through them,
+    which makes resolutions 5 % coarser: 71 px for the transfer function of affine subsets of 17 px, which passes 90 % at 67.8 px.
+    """
 
     def measure(reference: Image, current: Image, subset: int) -> Line:
         height, width = reference.shape
         half, row = subset // 2, height // 2
         roi = (half, row - SIDE, width - 1 - half, row + SIDE)
-        found = dic.match(reference, current, settings=dic.DicSettings(subset_px=subset, step_px=1, roi_px=roi, **options))  # pyright: ignore[reportArgumentType]
+        settings = dic.DicSettings(subset_px=subset, step_px=1, roi_px=roi, **options)  # pyright: ignore[reportArgumentType]
+        grid = dic.grid_for(settings, width, height)
+        prepared, grey = dic.prepare(reference, grid, settings), cast.grey(current)
+        found = solve(prepared, cast.interpolator(grey), match(prepared.coarse, grey), settings)
+        v, valid = found.parameters[..., 3], found.status == dic.PoiStatus.CONVERGED
+        if believed:
+            valid = dic.correlate(prepared, current, settings, reference_frame=0, current_frame=1).valid
         line = np.full(width, np.nan)
-        line[found.grid.x_px.astype(int)] = np.where(found.valid, found.v_px, np.nan)[SIDE]
+        line[grid.x_px.astype(int)] = np.where(valid, v, np.nan)[SIDE]
         return line
 
     return measure
@@ -167,6 +180,7 @@ def main() -> None:
     cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
     parser.add_argument("--environments", type=Path, default=cache / "semlive" / "peers")
     parser.add_argument("--still", type=Path, help="the Challenge's exposure that did not move")
+    parser.add_argument("--engines", nargs="+", help="some of them, by the first word or all of their name")
     parser.add_argument("--subsets", type=int, nargs="+", default=SUBSETS)
     asked = parser.parse_args()
     python = interpreter(asked.environments, "pyvale")
@@ -179,6 +193,7 @@ def main() -> None:
     engines: dict[str, Measure] = {
         "semlive, affine": ours(),
         "semlive, quadratic": ours(shape_function="quadratic"),
+        "semlive, affine, believed alone": ours(believed=True),
         "pyvale as it comes, affine": pyvale(python, "AFFINE", 5),
         "pyvale as it comes, quadratic": pyvale(python, "QUAD", 5),
         "pyvale without blur, quadratic": pyvale(python, "QUAD", 1),
@@ -186,10 +201,13 @@ def main() -> None:
     say("| engine | subset px | resolution px | noise px | MEI px^2 | of the line found % |\n|---|---|---|---|---|---|")
     figures = dict(ENTRIES)
     for name, measure in engines.items():
+        if asked.engines and not {name, name.split()[0].rstrip(",")} & set(asked.engines):
+            continue
         cuts = [cut(measure, reference, moved, unmoved, subset) for subset in asked.subsets]
         for c in cuts:
             say(f"| {name} | {c.subset_px} | {c.resolution_px:.1f} | {c.noise_px:.4f} | {c.mei_px2:.3f} | {100.0 * c.points:.1f} |")
-        figures[f"**{name}**"] = summary_px2(cuts)
+        if "believed" not in name:
+            figures[f"**{name}**"] = summary_px2(cuts)
     say("\n| rank | entry | MEI px^2 |\n|---|---|---|")
     for rank, (name, value) in enumerate(sorted(figures.items(), key=lambda item: item[1]), start=1):
         say(f"| {rank} | {name} | {value:.3f} |")
