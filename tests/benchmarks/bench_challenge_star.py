@@ -180,6 +180,7 @@ def main() -> None:
     cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
     parser.add_argument("--environments", type=Path, default=cache / "semlive" / "peers")
     parser.add_argument("--still", type=Path, help="the Challenge's exposure that did not move")
+    parser.add_argument("--seed", type=int, default=1, help="of the noise of the exposure that did not move")
     parser.add_argument("--engines", nargs="+", help="some of them, by the first word or all of their name")
     parser.add_argument("--subsets", type=int, nargs="+", default=SUBSETS)
     asked = parser.parse_args()
@@ -189,7 +190,7 @@ def main() -> None:
     reference, moved = (tifffile.imread(images / f"DIC_Challenge_Star_Noise_{which}.tiff") for which in ("Ref", "Def"))
     level, slope = noise_by_grey(reference, moved)
     say(f"noise variance of an exposure: {level:.2f} + {slope:.4f} x grey level")
-    unmoved = tifffile.imread(asked.still) if asked.still else still(reference, moved)
+    unmoved = tifffile.imread(asked.still) if asked.still else still(reference, moved, asked.seed)
     engines: dict[str, Measure] = {
         "semlive, affine": ours(),
         "semlive, quadratic": ours(shape_function="quadratic"),
