@@ -147,6 +147,8 @@ def refused(measured: Measured, grid: Grid, *, curved: bool = False) -> NDArray[
         verdict[suspect & ~believed] = PoiStatus.INCONSISTENT
         verdict[excusable & believed] = PoiStatus.CONVERGED
     beyond = (verdict != PoiStatus.CONVERGED) | EDGES[m.status]
+    if not beyond.any():
+        return verdict
     around = _around(beyond)
     if ordinary > LOUD * (contrast - ordinary):
         edge = around >= EDGE_AROUND
@@ -191,6 +193,8 @@ def _torn(m: Measured, among: NDArray[np.bool_], sound: NDArray[np.bool_], grid:
 
 def _around(marked: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """How many of a point and its eight neighbours are marked."""
+    if not marked.any():
+        return np.zeros(marked.shape, dtype=np.uint8)
     return np.asarray(ndimage.convolve(marked.astype(np.uint8), np.ones((3, 3), np.uint8), mode="constant"), dtype=np.uint8)
 
 

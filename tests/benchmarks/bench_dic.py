@@ -235,7 +235,7 @@ def speckled(width: int, height: int) -> tuple[NDArray[np.uint8], NDArray[np.uin
 
 def sizes() -> None:
     """Time per point over the number of points, and a large frame."""
-    for nx, ny, runs in ((40, 25, RUNS), (125, 80, RUNS), (400, 250, 3), (1250, 800, 1)):
+    for nx, ny, runs in ((40, 25, 10 * RUNS), (125, 80, 2 * RUNS), (400, 250, 3), (1250, 800, 1)):
         width, height = (nx - 1) * 5 + 103, (ny - 1) * 5 + 103
         settings = DicSettings(roi_px=(51, 51, width - 52, height - 52))
         grid = dic.grid_for(settings, width, height)
