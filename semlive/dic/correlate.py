@@ -93,10 +93,12 @@ def measured(reference: Reference, solutions: cast.Solutions, settings: DicSetti
         gradient=p[..., [1, 2, 4, 5]].astype(np.float32),
         sigma_u_px=np.sqrt(2.0 * variance * sums.variance_u),
         sigma_v_px=np.sqrt(2.0 * variance * sums.variance_v),
+        covariance_px2=2.0 * variance * sums.covariance,
         zncc=solutions.zncc,
         residual=variance.astype(np.float32),
         contrast=(sums.norm**2 / np.maximum(sums.pixels, 1.0)).astype(np.float32),
         status=solutions.status,
+        iterations=solutions.iterations,
     )
 
 
@@ -118,6 +120,8 @@ def concluded(found: Measured, grid: Grid, settings: DicSettings, *, reference_f
         sigma_v_px=where_valid(found.sigma_v_px),
         zncc=where_valid(found.zncc),
         status=np.where(verdict == PoiStatus.CONVERGED, found.status, verdict),
+        covariance_px2=where_valid(found.covariance_px2),
+        iterations=found.iterations,
     )
 
 

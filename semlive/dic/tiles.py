@@ -252,7 +252,13 @@ def _cramped(solutions: cast.Solutions, grid: Grid, above: bool, below: bool, he
 
 def _empty(grid: Grid) -> Measured:
     """A map to be filled band by band."""
-    kinds = {"gradient": (np.float32, 4), "residual": (np.float32, 0), "contrast": (np.float32, 0), "status": (np.uint8, 0)}
+    kinds = {
+        "gradient": (np.float32, 4),
+        "residual": (np.float32, 0),
+        "contrast": (np.float32, 0),
+        "status": (np.uint8, 0),
+        "iterations": (np.int32, 0),
+    }
     arrays = {}
     for field in dataclasses.fields(Measured):
         dtype, depth = kinds.get(field.name, (np.float64, 0))

@@ -70,10 +70,12 @@ class Measured:
         gradient: (ny, nx, 4) du/dx, du/dy, dv/dx, dv/dy.
         sigma_u_px: standard uncertainty of u.
         sigma_v_px: of v.
+        covariance_px2: of u and v.
         zncc: correlation.
         residual: noise variance of one frame as the residual has it, grey^2.
         contrast: variance of the reference subset, noise included, grey^2.
         status: PoiStatus as IC-GN left it.
+        iterations: of the last attempt.
     """
 
     u_px: NDArray[np.float64]
@@ -81,10 +83,12 @@ class Measured:
     gradient: NDArray[np.float32]
     sigma_u_px: NDArray[np.float64]
     sigma_v_px: NDArray[np.float64]
+    covariance_px2: NDArray[np.float64]
     zncc: NDArray[np.float64]
     residual: NDArray[np.float32]
     contrast: NDArray[np.float32]
     status: NDArray[np.uint8]
+    iterations: NDArray[np.int32]
 
     @property
     def valid(self) -> NDArray[np.bool_]:

@@ -194,6 +194,7 @@ class SubsetSums:
         lower: (ny, nx, n, n) Cholesky factors of the Gauss-Newton matrices (lower triangles).
         variance_u: (ny, nx) variance of u in px^2 for noise of one grey level; zero where singular.
         variance_v: (ny, nx) variance of v likewise.
+        covariance: (ny, nx) of u and v likewise.
         sssig: (ny, nx) smaller eigenvalue of the 2x2 sum of squared gradients, (grey/px)^2.
     """
 
@@ -212,6 +213,7 @@ class SubsetSums:
     lower: NDArray[np.float64]
     variance_u: NDArray[np.float64]
     variance_v: NDArray[np.float64]
+    covariance: NDArray[np.float64]
     sssig: NDArray[np.float64]
 
     @property
@@ -322,6 +324,7 @@ def subset_sums(
         lower=np.zeros((*shape, parameters, parameters)),
         variance_u=np.zeros(shape),
         variance_v=np.zeros(shape),
+        covariance=np.zeros(shape),
         sssig=np.zeros(shape),
     )
     r = result
@@ -329,7 +332,8 @@ def subset_sums(
     def rows(first: int, last: int) -> None:
         subsets.sum_rows(
             planes.ravel(), weights.ravel(), pitch, first, last, x0_px, y0_px, step_px, half_px, r.pixels, r.mean, r.norm,
-            r.gradient_sum, r.gradient_image_sum, r.lower, r.variance_u, r.variance_v, r.sssig,
+            r.gradient_sum, r.gradient_image_sum, r.lower, r.variance_u, r.variance_v, r.covariance,
+            r.sssig,
         )  # fmt: skip
 
     spread(rows, ny, ROWS_AT_ONCE)

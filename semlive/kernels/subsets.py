@@ -141,7 +141,7 @@ def factor(matrix):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def inverse_diagonal(lower, j, column):
-    """Element (j, j) of the inverse of the matrix whose factor is given; `column` is scratch."""
+    """Element (j, j) of the inverse of the matrix whose factor is given; `column` becomes that of the inverse factor, from j on."""
     n = lower.shape[0]
     total = 0.0
     for i in range(j, n):
@@ -299,7 +299,7 @@ def _fill(matrix, moments, i, count):
 @njit(nogil=True, cache=True, error_model="numpy")
 def sum_rows(
     planes, valid, pitch, first, last, x0, y0, step, half, pixels, mean, norm, gradient_sum, gradient_image_sum, lower, variance_u,
-    variance_v, sssig,
+    variance_v, covariance, sssig,
 ):  # fmt: skip
     """Fill rows first..last-1 of POI.
 
@@ -308,8 +308,8 @@ def sum_rows(
 
     Per POI: `pixels` that are valid, their `mean` and `norm` (root of the centred sum of squares), the sums of the
     derivatives, their sums with the centred image, the Cholesky factor of the Gauss-Newton matrix, the variances of u and v
-    for unit noise, and `sssig`, the smaller eigenvalue of the 2x2 sum of squared gradients. A matrix that cannot be factored
-    leaves `variance_u` zero.
+    for unit noise and their covariance, and `sssig`, the smaller eigenvalue of the 2x2 sum of squared gradients. A matrix that
+    cannot be factored leaves `variance_u` zero.
     """
     size = 2 * half + 1
     nx, count = gradient_sum.shape[1:]
@@ -321,7 +321,7 @@ def sum_rows(
     phases = np.zeros((kinds + 2) * step * length)
     flat = np.zeros((kinds + 2) * POWERS * nx)
     moments = flat.reshape((kinds + 2, POWERS, nx))
-    column = np.zeros(count)
+    column_u, column_v = np.zeros(count), np.zeros(count)
     for j in range(first, last):
         columns = (nx - 1) * step + size
         _column_sums(planes, valid, pitch, x0 - half, y0 + j * step - half, size, step, length, columns, kinds, sums, squares, phases)
@@ -342,8 +342,13 @@ def sum_rows(
             xx, xy, yy = matrix[0, 0], matrix[3, 0], matrix[3, 3]
             sssig[j, i] = 0.5 * (xx + yy) - np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
             if factor(matrix):
-                variance_u[j, i] = inverse_diagonal(matrix, 0, column)
-                variance_v[j, i] = inverse_diagonal(matrix, 3, column)
+                variance_u[j, i] = inverse_diagonal(matrix, 0, column_u)
+                variance_v[j, i] = inverse_diagonal(matrix, 3, column_v)
+                total = 0.0
+                for k in range(3, count):
+                    total += column_u[k] * column_v[k]
+                covariance[j, i] = total
             else:
+                covariance[j, i] = 0.0
                 variance_u[j, i] = 0.0
                 variance_v[j, i] = 0.0

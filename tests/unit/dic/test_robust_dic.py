@@ -74,7 +74,7 @@ def test_bands_find_what_the_whole_frame_finds(bench, hard, number, masked, inte
     assert len(list(bands(grid, (560, 640), 400_000, 10_000))) > 1
     one = dic.match(s.first, s.second, grid, settings, mask=mask)
     many = correlate_tiled(s.first, s.second, grid, settings, mask=mask, band_px=400_000)
-    for name in ("status", "u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc"):
+    for name in ("status", "u_px", "v_px", "sigma_u_px", "sigma_v_px", "covariance_px2", "zncc", "iterations"):
         assert np.array_equal(getattr(one, name), getattr(many, name)), name
 
 
