@@ -12,6 +12,7 @@ is what threads can give at best (`machine gives`).
 from __future__ import annotations
 
 import multiprocessing
+import resource
 import subprocess
 import sys
 import tempfile
@@ -259,6 +260,21 @@ def sizes() -> None:
     say("", min(watch.cpu), "s CPU")
 
 
+def faults(work: Callable[[], object]) -> None:
+    """Pages fetched from the system and its time for a pair, which two threads wait for one another in."""
+    usual = threads.thread_count()
+    for count in (1, 2):
+        config.NUMBA_NUM_THREADS = count
+        work()
+        before = resource.getrusage(resource.RUSAGE_SELF)
+        for _ in range(RUNS):
+            work()
+        after = resource.getrusage(resource.RUSAGE_SELF)
+        say(f"page faults of a pair, {count} threads", (after.ru_minflt - before.ru_minflt) / RUNS, "")
+        say("system time of a pair", 1e3 * (after.ru_stime - before.ru_stime) / RUNS, "ms")
+    config.NUMBA_NUM_THREADS = usual
+
+
 def memory(pair: tuple[NDArray[np.uint8], NDArray[np.uint8]], folder: Path) -> None:
     """Peak of a process that does the job once."""
     path = folder / "pair.npy"
@@ -282,6 +298,7 @@ def main() -> None:
     scaling(pairs[2], grid)
     with tempfile.TemporaryDirectory() as folder:
         memory(pairs[2], Path(folder))
+    faults(pair_of_work(*pairs[2], grid)["new reference, 2 grey"])
     if "quick" not in sys.argv[1:]:
         sizes()
     accuracy(images, grid)

@@ -231,7 +231,6 @@ def test_a_map_has_covariance_and_iterations():
     assert m.iterations is not None
     assert m.covariance_px2 is not None
     assert np.all(m.iterations[m.valid] >= 1)
-    ratio = reference.sums.covariance / reference.sums.variance_u
     ok = m.valid
     expected = reference.sums.covariance[ok] / np.sqrt(reference.sums.variance_u * reference.sums.variance_v)[ok]
     assert np.allclose(m.covariance_px2[ok] / (m.sigma_u_px * m.sigma_v_px)[ok], expected)
