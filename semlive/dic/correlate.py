@@ -176,11 +176,11 @@ def solve(
     for _ in range(MAX_PASSES):
         if not (failed := ~FINAL[status]).any():
             break
-        first, reachable, second, torn = guesses(solutions, fresh, grid.step_px)
+        first, reachable, beyond, torn = guesses(solutions, fresh, grid.step_px)
         if not (failed & reachable).any():
             break
         attempt(failed & reachable, SEEDED, first)
-        attempt(failed & torn & (status != PoiStatus.CONVERGED), SEEDED, second)
+        attempt(failed & torn & (status != PoiStatus.CONVERGED), SEEDED, beyond)
         fresh = failed & (status == PoiStatus.CONVERGED)
     return solutions
 

@@ -280,9 +280,9 @@ def subset_sums(
     """
     checked(image, "image", np.float32, (None, None))
     height, width = image.shape
-    given = () if gradient_x is None else ((gradient_x, "gradient_x"), (gradient_y, "gradient_y"))
-    for gradient, name in given:
-        checked(gradient, name, np.float32, (height, width))
+    given = [] if gradient_x is None else [checked(gradient_x, "gradient_x", np.float32, (height, width))]
+    if gradient_x is not None:
+        given.append(checked(gradient_y, "gradient_y", np.float32, (height, width)))
     ny, nx = shape
     right = x0_px + (nx - 1) * step_px + half_px
     bottom = y0_px + (ny - 1) * step_px + half_px
@@ -302,7 +302,7 @@ def subset_sums(
         if valid is not None:
             weights[first:last, :width] = valid[first:last]
         subsets.plane_rows(image, weights, planes, first, last, np.float32(gains[0]), np.float32(gains[1]))
-        for k, (gradient, _) in enumerate(given):
+        for k, gradient in enumerate(given):
             planes[first:last, 1 + k, :width] = gradient[first:last] * np.float32(gains[k])
             if valid is not None:
                 planes[first:last, 1 + k, :width] *= valid[first:last]
