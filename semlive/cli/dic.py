@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import time
 from collections.abc import Iterator
@@ -20,6 +21,7 @@ from semlive.data.settings import DicSettings
 from semlive.errors import BadInput
 from semlive.formats.pictures import read_picture
 
+JUDGED_PX = 2048  # edge of the part of the reference whose pattern is judged
 HEADER = "x,y,u,v,sigma_u,sigma_v,zncc,status"
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -54,6 +56,8 @@ def dic(
         _read_alike(path, ref, image)  # a wrong file is told before an hour of work, not after; decoding costs a thirtieth of it
     files = _output_files(out, cur)
     engine.warm_up(settings)
+    for warning in _poor(image, settings, used):
+        typer.echo(f"{ref}: {warning}", err=True)
     start = time.perf_counter()
     reference = None if engine.is_large(image.shape, grid) else engine.prepare(image, grid, settings, used)
     prepared_s = time.perf_counter() - start
@@ -74,6 +78,22 @@ def dic(
             typer.echo(_sentence(path, disparity, wall_s))
     if as_json:
         typer.echo(json.dumps(figures[0] if len(figures) == 1 else figures))
+
+
+def _poor(image: Image, settings: DicSettings, used: NDArray[np.bool_] | None) -> tuple[str, ...]:
+    """What is too poor about the reference, of subsets side by side; of a large one's middle."""
+    (top, height), (left, width) = ((max(0, (n - JUDGED_PX) // 2), min(n, JUDGED_PX)) for n in image.shape)
+    part = np.s_[top : top + height, left : left + width]
+    roi = None
+    if settings.roi_px is not None:
+        x0, y0, x1, y1 = settings.roi_px
+        roi = (x0 - left, y0 - top, x1 - left, y1 - top)
+    try:
+        sparse = dataclasses.replace(settings, step_px=max(settings.step_px, settings.subset_px), roi_px=roi)
+        grid = engine.grid_for(sparse, width, height)
+        return engine.quality(image[part], grid, sparse, mask=None if used is None else used[part]).warnings
+    except BadInput:  # no subset lies in the middle, or nothing of it may be used
+        return ()
 
 
 def _with_progress(paths: list[Path]) -> Iterator[Path]:

@@ -46,6 +46,8 @@ class DisparityMap:
         sigma_v_px: (ny, nx) standard uncertainty of v from image noise.
         zncc: (ny, nx) zero-normalised cross-correlation at the solution.
         status: (ny, nx) uint8, values of PoiStatus.
+        covariance_px2: (ny, nx) covariance of u and v from image noise; None where it was not kept (logs, maps over several references).
+        iterations: (ny, nx) that IC-GN spent on the last attempt at a POI; None likewise.
     """
 
     reference: int
@@ -57,10 +59,14 @@ class DisparityMap:
     sigma_v_px: NDArray[np.float64]
     zncc: NDArray[np.float64]
     status: NDArray[np.uint8]
+    covariance_px2: NDArray[np.float64] | None = None
+    iterations: NDArray[np.int32] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc", "status"):
+        for name in ("u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc", "status", "covariance_px2", "iterations"):
             array = getattr(self, name)
+            if array is None:
+                continue
             if array.shape != self.grid.shape:
                 raise ValueError(f"{name} is {array.shape}, the grid is {self.grid.shape}")
             array.setflags(write=False)

@@ -35,7 +35,8 @@ def repeats(spectrum: NDArray[np.complex64], shape: tuple[int, int], reach: int)
     height, width = shape
     fy = fft.fftfreq(height).astype(np.float32)[:, None]
     fx = fft.rfftfreq(width).astype(np.float32)[None, :]
-    power = (spectrum.real**2 + spectrum.imag**2) * (1.0 - np.exp(-(fx**2 + fy**2) / np.float32(2.0 * HIGH_PASS**2)))
+    wide = np.float32(-0.5 / HIGH_PASS**2)
+    power = (spectrum.real**2 + spectrum.imag**2) * (1.0 - np.exp(wide * fx**2) * np.exp(wide * fy**2))
     surface = np.asarray(fft.irfft2(power, s=shape))
     if not surface[0, 0] > 0.0:
         return []

@@ -23,6 +23,7 @@ BLOCK = 32  # edge of a block, in binned pixels
 SEARCH = 16  # search radius around the frame's shift, in binned pixels
 BLOCK_DISTANCE_PX = 100  # roughly one block per this distance; distortion fields are smoother
 MIN_BLOCK_ZNCC = 0.5  # the best of 33 x 33 unrelated positions stays below 0.35 for 7 px speckle
+SETTLED_PX = 1e-3  # to which the affine fit is worked out, a first guess
 OUTLIER_PX = 4.0  # distortion leaves 2 px about the affine fit
 LOW_PASS = 0.15  # of the phase correlation, cycles per binned pixel: noise above, speckle below
 CANDIDATES = 3
@@ -222,7 +223,8 @@ def candidate_shifts(spectrum: NDArray[np.complex64], current: NDArray[np.float3
     fy = fft.fftfreq(height).astype(np.float32)[:, None]
     fx = fft.rfftfreq(width).astype(np.float32)[None, :]
     low_pass = np.exp(fy**2 * (-0.5 / LOW_PASS**2)) * np.exp(fx**2 * (-0.5 / LOW_PASS**2))
-    cross *= low_pass / (np.abs(cross) + np.float32(1e-20))
+    # np.abs of complex numbers guards against overflow, at eight times the cost
+    cross *= low_pass / (np.sqrt(cross.real**2 + cross.imag**2) + np.float32(1e-20))
     surface = np.asarray(fft.irfft2(cross, s=(height, width), overwrite_x=True))
     shifts = []
     for _ in range(CANDIDATES):
@@ -303,18 +305,40 @@ def smooth_field(matches: NDArray[np.float64], grid: Grid) -> NDArray[np.float64
     motion = matches[:, 2:]
     affine, good = _robust_affine(x, y, motion)
     residual = motion[good] - _design(x[good], y[good]) @ affine
-    seeds = np.zeros((*grid.shape, 6))
-    for axis in range(2):
-        c = affine[:, axis]
-        seeds[:, :, 3 * axis] = c[0] + c[1] * grid.x_px[None, :] + c[2] * grid.y_px[:, None]
-        seeds[:, :, 3 * axis + 1] = c[1]
-        seeds[:, :, 3 * axis + 2] = c[2]
+    seeds = _affine_field(affine, grid)
     cell = max(1, FIELD_CELL_PX // grid.step_px)
     for rows in (slice(first, first + cell) for first in range(0, grid.ny, cell)):
         for columns in (slice(first, first + cell) for first in range(0, grid.nx, cell)):
             smooth = _smoothed(x[good], y[good], residual, grid.x_px[columns], grid.y_px[rows])
             seeds[rows, columns, ::3] += smooth
     return seeds
+
+
+def second_field(matches: NDArray[np.float64], grid: Grid) -> NDArray[np.float64] | None:
+    """(ny, nx, 6) first guesses: the affine motion that most of the matches agree on which the `smooth_field` leaves out.
+
+    What stays where it is on the screen, such as the edge of a blank area, is found by blocks as well as what moves. None if
+    those left out agree on nothing.
+    """
+    _, good = _robust_affine(matches[:, 0], matches[:, 1], matches[:, 2:])
+    left = matches[~good]
+    if len(left) < MIN_CONSENSUS:
+        return None
+    affine, agree = _robust_affine(left[:, 0], left[:, 1], left[:, 2:])
+    if agree.sum() < max(MIN_CONSENSUS, len(left) // 2):
+        return None
+    return _affine_field(affine, grid)
+
+
+def _affine_field(affine: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
+    """(ny, nx, 6) parameters of an affine motion, (3, 2)."""
+    field = np.zeros((*grid.shape, 6))
+    for axis in range(2):
+        c = affine[:, axis]
+        field[:, :, 3 * axis] = c[0] + c[1] * grid.x_px[None, :] + c[2] * grid.y_px[:, None]
+        field[:, :, 3 * axis + 1] = c[1]
+        field[:, :, 3 * axis + 2] = c[2]
+    return field
 
 
 def _smoothed(
@@ -351,6 +375,9 @@ def _robust_affine(
     for _ in range(10 if determined else 0):
         distance = np.linalg.norm(motion - design @ affine, axis=1)
         root = 1.0 / np.sqrt(1.0 + (distance / OUTLIER_PX) ** 2)
+        before = affine
         affine = np.linalg.lstsq(design * root[:, None], motion * root[:, None], rcond=None)[0]
+        if np.abs(design @ (affine - before)).max() < SETTLED_PX:
+            break
     good = np.linalg.norm(motion - design @ affine, axis=1) <= OUTLIER_PX
     return affine, good

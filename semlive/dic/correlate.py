@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -11,10 +12,10 @@ from numpy.typing import NDArray
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
-from semlive.dic.coarse import match, nearest_field, smooth_field
+from semlive.dic.coarse import match, nearest_field, second_field, smooth_field
 from semlive.dic.grid import grid_for
 from semlive.dic.reference import Reference, prepare
-from semlive.dic.retry import guesses
+from semlive.dic.retry import OTHER_SIDE_PX, apart, guesses
 from semlive.dic.uncertainty import noise_variance
 from semlive.dic.verify import Measured, refused
 from semlive.errors import BadInput
@@ -24,7 +25,8 @@ from semlive.kernels.planes import planes_through
 from semlive.kernels.spline import CUBIC, QUINTIC
 from semlive.kernels.threads import at_once
 
-FINAL = (PoiStatus.CONVERGED, PoiStatus.LOW_CONTRAST, PoiStatus.AMBIGUOUS, PoiStatus.MASKED)
+FINAL = np.zeros(256, dtype=np.bool_)  # at each status: nothing more to be tried
+FINAL[[PoiStatus.CONVERGED, PoiStatus.LOW_CONTRAST, PoiStatus.AMBIGUOUS, PoiStatus.MASKED]] = True
 ORDER = {"cubic": CUBIC, "quintic": QUINTIC}  # of the spline
 MAX_PASSES = 12  # retries from neighbours; each heals one ring of POI
 MAX_TRAVEL_PX = 8.0  # IC-GN has no business further from its start than a speckle or two
@@ -66,9 +68,9 @@ def correlate(
         return matches, smooth_field(matches, reference.grid) if len(matches) else None
 
     (matches, guess), interpolator = at_once(guessed, lambda: cast.interpolator(current, ORDER[settings.interpolation]))
-    solutions = solve(reference, interpolator, matches, settings, guess)
+    solutions = solve(reference, interpolator, matches, settings, guess, lambda: second_field(matches, reference.grid))
     found = measured(reference, solutions, settings)
-    return concluded(found, reference.grid, reference_frame=reference_frame, current_frame=current_frame)
+    return concluded(found, reference.grid, settings, reference_frame=reference_frame, current_frame=current_frame)
 
 
 def measured(reference: Reference, solutions: cast.Solutions, settings: DicSettings) -> Measured:
@@ -91,16 +93,18 @@ def measured(reference: Reference, solutions: cast.Solutions, settings: DicSetti
         gradient=p[..., [1, 2, 4, 5]].astype(np.float32),
         sigma_u_px=np.sqrt(2.0 * variance * sums.variance_u),
         sigma_v_px=np.sqrt(2.0 * variance * sums.variance_v),
+        covariance_px2=2.0 * variance * sums.covariance,
         zncc=solutions.zncc,
         residual=variance.astype(np.float32),
         contrast=(sums.norm**2 / np.maximum(sums.pixels, 1.0)).astype(np.float32),
         status=solutions.status,
+        iterations=solutions.iterations,
     )
 
 
-def concluded(found: Measured, grid: Grid, *, reference_frame: int, current_frame: int) -> DisparityMap:
+def concluded(found: Measured, grid: Grid, settings: DicSettings, *, reference_frame: int, current_frame: int) -> DisparityMap:
     """The map of what is believed of it."""
-    verdict = refused(found, grid)
+    verdict = refused(found, grid, curved=settings.shape_function != "affine")
     valid = found.valid & (verdict == PoiStatus.CONVERGED)
 
     def where_valid(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -116,6 +120,8 @@ def concluded(found: Measured, grid: Grid, *, reference_frame: int, current_fram
         sigma_v_px=where_valid(found.sigma_v_px),
         zncc=where_valid(found.zncc),
         status=np.where(verdict == PoiStatus.CONVERGED, found.status, verdict),
+        covariance_px2=where_valid(found.covariance_px2),
+        iterations=found.iterations,
     )
 
 
@@ -125,11 +131,13 @@ def solve(
     matches: NDArray[np.float64],
     settings: DicSettings,
     guess: NDArray[np.float64] | None = None,
+    second: Callable[[], NDArray[np.float64] | None] = lambda: None,
 ) -> cast.Solutions:
     """Affine parameters at every POI.
 
     A first pass along rows from a smooth field of first guesses; what failed again from the nearest block (a jump within the
-    frame, which no smooth field follows); what failed still from neighbours that converged, ring by ring.
+    frame, which no smooth field follows), then from the motion of the blocks that the smooth field leaves out; what failed still
+    from neighbours that converged, ring by ring.
 
     Args:
         reference: from `prepare`.
@@ -137,6 +145,7 @@ def solve(
         matches: from `coarse.match`.
         settings: tolerance, iterations, smallest ZNCC.
         guess: (ny, nx, 6) first guesses; None takes `coarse.smooth_field`.
+        second: gives others, from `coarse.second_field`, if they are needed.
     """
     grid, solutions = reference.grid, _unsolved(reference)
     status = solutions.status
@@ -157,18 +166,21 @@ def solve(
             order=ORDER[settings.interpolation],
         )
 
-    attempt(status == PoiStatus.NO_SEED, CHAINED, smooth_field(matches, grid) if guess is None else guess)
-    if (failed := ~np.isin(status, FINAL)).any():
+    guess = smooth_field(matches, grid) if guess is None else guess
+    attempt(status == PoiStatus.NO_SEED, CHAINED, guess)
+    if (failed := ~FINAL[status]).any():
         attempt(failed, CHAINED, nearest_field(matches, grid))
+    if (failed := ~FINAL[status]).any() and (other := second()) is not None:
+        attempt(failed & (apart(other, guess) > OTHER_SIDE_PX), CHAINED, other)
     fresh = status == PoiStatus.CONVERGED
     for _ in range(MAX_PASSES):
-        if not (failed := ~np.isin(status, FINAL)).any():
+        if not (failed := ~FINAL[status]).any():
             break
-        first, reachable, second, torn = guesses(solutions, fresh, grid.step_px)
+        first, reachable, beyond, torn = guesses(solutions, fresh, grid.step_px)
         if not (failed & reachable).any():
             break
         attempt(failed & reachable, SEEDED, first)
-        attempt(failed & torn & (status != PoiStatus.CONVERGED), SEEDED, second)
+        attempt(failed & torn & (status != PoiStatus.CONVERGED), SEEDED, beyond)
         fresh = failed & (status == PoiStatus.CONVERGED)
     return solutions
 

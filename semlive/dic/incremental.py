@@ -105,7 +105,8 @@ def _returned(m: DisparityMap, spare: Track, image: Image, settings: DicSettings
     found = _composed(spare, correlate(spare.base, image, settings, reference_frame=spare.first_frame, current_frame=frame))
     back = found.valid & ~m.valid
     names = ("u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc", "status")
-    return dataclasses.replace(m, **{name: np.where(back, getattr(found, name), getattr(m, name)) for name in names})
+    together = {name: np.where(back, getattr(found, name), getattr(m, name)) for name in names}
+    return dataclasses.replace(m, **together, covariance_px2=None, iterations=None)
 
 
 def _median_zncc(m: DisparityMap) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
+from scipy import fft, ndimage
 
 from semlive.data.disparity import PoiStatus
 from semlive.data.grid import Grid
@@ -22,6 +22,7 @@ FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 FOURTH_GAIN = 70.0  # root of the sum of squares of the separable stencil
 LOCAL_PX = 65  # noise is estimated over so many pixels around a POI: known to 2 %
 MEDIAN_OF_ABSOLUTE, MEAN_OF_ABSOLUTE = 0.6745, 0.7979  # of a standard normal
+GRADIENT_REACH = 3  # pixels to each side that a smoothed derivative looks at
 CORRELATION_PX = 256  # half the largest tile from which the speckle's autocorrelation is taken
 
 GOOD_SIGMA_PX = 0.02  # displacement noise of the method's paper; strain of 1e-4 over 83 px takes 18,000 such points
@@ -33,7 +34,13 @@ MIN_USABLE = 0.95
 MAX_SUBSET_PX = 151
 
 
-def quality(image: NDArray[np.uint8] | NDArray[np.uint16], grid: Grid | None = None, settings: DicSettings | None = None) -> PatternQuality:
+def quality(
+    image: NDArray[np.uint8] | NDArray[np.uint16],
+    grid: Grid | None = None,
+    settings: DicSettings | None = None,
+    *,
+    mask: NDArray[np.bool_] | None = None,
+) -> PatternQuality:
     """What a frame's pattern is worth: noise, speckle and the displacement noise that a pair like it will show.
 
     The prediction is the Gauss-Newton covariance of each subset for noise of both frames; on 8 bit speckle with 2, 5 and 10 grey
@@ -43,9 +50,10 @@ def quality(image: NDArray[np.uint8] | NDArray[np.uint16], grid: Grid | None = N
         image: (height, width) uint8 or uint16.
         grid: the POI; None covers what `settings` say.
         settings: subset and step; None takes the grid's subset, or the defaults over the whole frame.
+        mask: (height, width) True where the frame may be used; all figures are of that part. None uses all of it.
 
     Raises:
-        BadInput: not an image of that kind, or the subset does not fit into it.
+        BadInput: not an image of that kind, a mask of another size or without a used pixel, or the subset does not fit into it.
     """
     if not isinstance(image, np.ndarray) or image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
         raise BadInput(
@@ -54,30 +62,41 @@ def quality(image: NDArray[np.uint8] | NDArray[np.uint16], grid: Grid | None = N
     if settings is None:
         settings = DicSettings(roi_px=None) if grid is None else DicSettings(subset_px=grid.subset_px, step_px=grid.step_px, roi_px=None)
     grid = grid or grid_for(settings, image.shape[1], image.shape[0])
-    grey = cast.grey(image)
-    reference = prepare(image, grid, settings)
-    noise, local = _noise(grey, grid)
-    contrast = float(np.sqrt(max(float(np.mean(grey**2)) - noise**2, 0.0)))
-    speckle_x, speckle_y = _speckle_size(grey, noise)
+    reference = prepare(image, grid, settings, mask)
+    mask = None if mask is None or mask.all() else mask
+    if mask is not None and not mask.any():
+        raise BadInput("the mask leaves no pixel of the frame: it is True where the frame may be used")
+    grey = cast.grey(image, mask)
+    used = 1.0 if mask is None else float(mask.mean())
+    seen = image if mask is None else image[mask]
+    noise, local = _noise(grey, grid, mask)
+    contrast = float(np.sqrt(max(float(np.mean(grey**2)) / used - noise**2, 0.0)))
+    speckle_x, speckle_y = _speckle_size(grey, noise, mask)
     usable = np.asarray(reference.status == PoiStatus.CONVERGED)
     sums = reference.sums
     facts = PatternQuality(
         grid=grid,
         noise_grey=noise,
         contrast_grey=contrast,
-        mean_grey=float(image.mean()),
-        saturated_fraction=float(np.mean((image == 0) | (image == np.iinfo(image.dtype).max))),
+        mean_grey=float(seen.mean()),
+        saturated_fraction=float(np.mean((seen == 0) | (seen == np.iinfo(image.dtype).max))),
         speckle_x_px=speckle_x,
         speckle_y_px=speckle_y,
         speckles_per_subset=grid.subset_px**2 / (speckle_x * speckle_y) if speckle_x * speckle_y > 0.0 else 0.0,
-        mean_intensity_gradient_grey_px=_mean_gradient(grey, noise),
+        mean_intensity_gradient_grey_px=_mean_gradient(grey, noise, mask),
         sssig=np.where(usable, sums.sssig, 0.0),
         sigma_u_px=np.where(usable, np.sqrt(2.0 * sums.variance_u) * local, 0.0),
         sigma_v_px=np.where(usable, np.sqrt(2.0 * sums.variance_v) * local, 0.0),
         usable=usable,
         warnings=(),
     )
-    return _with_warnings(facts, 255.0 if image.dtype == np.uint8 else 65535.0)
+    shown = int(np.count_nonzero(reference.status != PoiStatus.MASKED))
+    return _with_warnings(facts, 255.0 if image.dtype == np.uint8 else 65535.0, int(np.count_nonzero(usable)) / max(shown, 1))
+
+
+def _inner(mask: NDArray[np.bool_], margin: int) -> NDArray[np.bool_]:
+    """Where a pixel and those up to `margin` away both ways may be used; the frame's edge is no mask."""
+    return np.asarray(ndimage.binary_erosion(mask, np.ones((2 * margin + 1, 2 * margin + 1)), border_value=1), dtype=bool)
 
 
 def noise_stencil(grey: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -86,13 +105,16 @@ def noise_stencil(grey: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(np.abs(difference) / FOURTH_GAIN, dtype=np.float32)
 
 
-def _noise(grey: NDArray[np.float32], grid: Grid) -> tuple[float, NDArray[np.float64]]:
+def _noise(grey: NDArray[np.float32], grid: Grid, mask: NDArray[np.bool_] | None) -> tuple[float, NDArray[np.float64]]:
     """White noise: the frame's median and (ny, nx) around each POI, constant (saturated, masked) areas left out."""
     if min(grey.shape) < 5:
         return 0.0, np.zeros(grid.shape)
     stencil = noise_stencil(grey)
     # Differences of equal float32 numbers are exact, so that a constant area is exactly zero.
     varied = stencil > 1e-3
+    if mask is not None:
+        varied &= _inner(mask, 2)[2:-2, 2:-2]
+        stencil = np.where(varied, stencil, np.float32(0.0))
     if not varied.any():
         return 0.0, np.zeros(grid.shape)
     noise = float(np.median(stencil[varied][::3])) / MEDIAN_OF_ABSOLUTE
@@ -106,18 +128,33 @@ def _noise(grey: NDArray[np.float32], grid: Grid) -> tuple[float, NDArray[np.flo
     return noise, np.where(count[at] > 0.1, local, noise).astype(np.float64)
 
 
-def _speckle_size(grey: NDArray[np.float32], noise: float) -> tuple[float, float]:
-    """Full widths at half maximum of the autocorrelation along x and y; zero where there is no pattern."""
+def _speckle_size(grey: NDArray[np.float32], noise: float, mask: NDArray[np.bool_] | None) -> tuple[float, float]:
+    """Full widths at half maximum of the autocorrelation along x and y; zero where there is no pattern.
+
+    With a mask the tile lies about the centre of what is used, and each lag is the mean over the pairs of used pixels.
+    """
     height, width = grey.shape
-    top, left = max(height // 2 - CORRELATION_PX, 0), max(width // 2 - CORRELATION_PX, 0)
-    tile = grey[top : top + 2 * CORRELATION_PX, left : left + 2 * CORRELATION_PX]
-    tile = tile - tile.mean()
-    spectrum = np.asarray(fft.rfft2(tile, s=(2 * tile.shape[0], 2 * tile.shape[1])))
-    surface = np.asarray(fft.irfft2(np.abs(spectrum) ** 2)) / tile.size
+    y, x = (height // 2, width // 2) if mask is None else (int(np.mean(k)) for k in np.nonzero(mask))
+    top = min(max(y - CORRELATION_PX, 0), max(height - 2 * CORRELATION_PX, 0))
+    left = min(max(x - CORRELATION_PX, 0), max(width - 2 * CORRELATION_PX, 0))
+    part = np.s_[top : top + 2 * CORRELATION_PX, left : left + 2 * CORRELATION_PX]
+    tile = grey[part]
+    if mask is None:
+        surface = _autocorrelation(tile - tile.mean()) / tile.size
+    else:
+        used = mask[part].astype(np.float32)
+        centred = (tile - tile.sum() / max(float(used.sum()), 1.0)) * used
+        surface = _autocorrelation(centred) / np.maximum(_autocorrelation(used), 1.0)
     peak = float(surface[0, 0]) - noise**2  # white noise correlates at zero shift only
     if peak <= 0.25 * noise**2 or peak <= 0.0:
         return 0.0, 0.0
     return _full_width(surface[0, : tile.shape[1]], peak), _full_width(surface[: tile.shape[0], 0], peak)
+
+
+def _autocorrelation(tile: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Sums of products at each lag, the tile surrounded by zeros."""
+    spectrum = np.asarray(fft.rfft2(tile, s=(2 * tile.shape[0], 2 * tile.shape[1])))
+    return np.asarray(fft.irfft2(np.abs(spectrum) ** 2))
 
 
 def _full_width(line: NDArray[np.floating], peak: float) -> float:
@@ -130,17 +167,22 @@ def _full_width(line: NDArray[np.floating], peak: float) -> float:
     return 2.0 * (k - 1 + (values[k - 1] - 0.5 * peak) / (values[k - 1] - values[k]))
 
 
-def _mean_gradient(grey: NDArray[np.float32], noise: float) -> float:
+def _mean_gradient(grey: NDArray[np.float32], noise: float, mask: NDArray[np.bool_] | None) -> float:
     """Mean length of the gradient (Pan, Lu, Xie 2010, doi:10.1016/j.optlaseng.2009.08.010), of smoothed, rescaled derivatives."""
     if min(grey.shape) < 12:
         return 0.0
     along_x, along_y = instruments(grey)
-    scale_x, scale_y = instrument_scales(grey, along_x, along_y, noise)
-    return float(np.mean(np.hypot(scale_x * along_x, scale_y * along_y)))
+    used = 1.0 if mask is None else float(mask.mean())
+    scale_x, scale_y = instrument_scales(grey, along_x, along_y, noise * np.sqrt(used))  # there is none where the mask is
+    length = np.hypot(scale_x * along_x, scale_y * along_y)
+    if mask is None:
+        return float(np.mean(length))
+    inner = _inner(mask, GRADIENT_REACH)
+    return float(np.mean(length[inner])) if inner.any() else 0.0
 
 
-def _with_warnings(q: PatternQuality, full_scale: float) -> PatternQuality:
-    """The same with what is too poor put into words."""
+def _with_warnings(q: PatternQuality, full_scale: float, usable: float) -> PatternQuality:
+    """The same with what is too poor put into words; `usable` is the part of the points outside the mask that can be correlated."""
     said: list[str] = []
     subset = q.grid.subset_px
     if q.saturated_fraction > MAX_SATURATED:
@@ -165,9 +207,9 @@ def _with_warnings(q: PatternQuality, full_scale: float) -> PatternQuality:
             f"a subset of {subset} px holds {q.speckles_per_subset:.1f} speckles of {speckle[0]:.0f} x {speckle[1]:.0f} px "
             f"(at least {MIN_SPECKLES_PER_SUBSET:.0f} are wanted): take a subset of {wanted} px, or magnify less"
         )
-    if q.usable_fraction < MIN_USABLE:
+    if usable < MIN_USABLE:
         said.append(
-            f"{100 * (1 - q.usable_fraction):.0f} % of the points have too little contrast to be correlated: "
+            f"{100 * (1 - usable):.0f} % of the points have too little contrast to be correlated: "
             "mask what bears no pattern, take a larger subset, or dwell longer"
         )
     sigma = max(q.median_sigma_px)

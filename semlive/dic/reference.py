@@ -19,7 +19,7 @@ from semlive.kernels.warp import AFFINE, QUADRATIC
 
 SOBEL_VARIANCE = 0.1875  # sum of squares of the Sobel stencil / 8
 SOBEL_SPLINE_COVARIANCE = 0.40192  # its scalar product with the cubic spline's derivative stencil
-TRAITS_PIXELS = 100_000  # that noise and gains are told from, to 0.4 %; more cost a tenth of a pair's time
+TRAITS_PIXELS = 50_000  # that noise and gains are told from, to 0.6 %; twice as many cost a hundredth of a pair's time
 TRAITS_EDGE_PX = 2048  # noise and gains of larger frames are told from their middle, so that parts of them agree
 MIN_SIGNAL_TO_NOISE = 1.0  # variance of the speckle in a subset, in noise variances; below, ZNCC cannot pass 0.5
 MAX_SIGMA_PX = 0.25  # a subset whose predicted uncertainty is worse has no contrast in some direction
@@ -60,35 +60,33 @@ def noise_of(image: NDArray[np.float32]) -> float:
     The stencil passes only 0.3 grey of speckle of 40 grey contrast and 6.7 px size, 5 grey of 3.3 px. Constant areas
     (saturated, masked) are left out; the median spares scratches. Rows with TRAITS_PIXELS are enough.
     """
-    step = _line_step(image)
-    across = image[:-2:step] - 2.0 * image[1:-1:step] + image[2::step]
-    stencil = np.abs(across[:, :-2] - 2.0 * across[:, 1:-1] + across[:, 2:])
-    stencil = stencil[stencil > 0.0]
+    stencil = cast.noise_stencils(image, _line_step(image))
     return float(np.median(stencil)) / (6.0 * 0.6745) if stencil.size else 0.0
 
 
 def _line_step(image: NDArray[np.float32]) -> int:
-    """Every so many lines of an image hold TRAITS_PIXELS."""
-    return max(1, round(image.size / TRAITS_PIXELS))
+    """Every so many lines of an image hold at most TRAITS_PIXELS."""
+    return max(1, -(-image.size // TRAITS_PIXELS))
 
 
-def gradient_gain(lines: NDArray[np.float32], sobel: NDArray[np.float32], noise_grey: float, used: float = 1.0) -> float:
-    """Factor that makes the Sobel derivative along lines the best guess of the true one (regression, noise taken out).
+def gradient_gain(
+    image: NDArray[np.float32], axis: int, noise_grey: float, usable: NDArray[np.float32] | None = None, used: float = 1.0
+) -> float:
+    """Factor that makes the Sobel derivative along an axis the best guess of the true one (regression, noise taken out).
 
     The derivative of the interpolating spline is the true one, but passes 7 times the noise: used in IC-GN it raises the
     displacement noise by 18 % at 7 grey of noise on 40 of contrast, and the steps fall short by 30 %. Sobel smooths instead;
     the gain makes its steps the right length and its covariance honest.
 
     Args:
-        lines: (n, length) some lines of an image.
-        sobel: (n, length) its Sobel derivatives along these lines.
+        image: (height, width) float32 grey levels.
+        axis: 1 for x, 0 for y.
         noise_grey: standard deviation of the image's noise.
+        usable: 1 where a pixel may be used, else 0; None for all.
         used: part of the image that is not masked; the Sobel derivative is zero elsewhere.
     """
-    derivative = cast.line_derivative(np.ascontiguousarray(lines))
-    smooth = np.ascontiguousarray(sobel[:, 1:-1])
-    overlap = float(np.mean(smooth * derivative, dtype=np.float64)) - used * SOBEL_SPLINE_COVARIANCE * noise_grey**2
-    energy = float(np.mean(smooth * smooth, dtype=np.float64))
+    overlap, energy = cast.gradient_products(image, _line_step(image), axis, usable)
+    overlap -= used * SOBEL_SPLINE_COVARIANCE * noise_grey**2
     return min(max(overlap / energy, 0.1), 3.0) if energy > 0.0 else 1.0
 
 
@@ -117,13 +115,11 @@ def prepare(
     f = cast.grey(image, None if usable is None else mask)
     used = 1.0 if usable is None else np.count_nonzero(usable) / usable.size
     part = middle(f.shape)
-
-    def fine() -> tuple[tuple[NDArray[np.float32], NDArray[np.float32]], Traits]:
-        gradients = gradients_of(f, usable)
-        return gradients, traits_of(f[part], gradients[0][part], gradients[1][part], used)
-
-    coarse, (gradients, traits) = at_once(lambda: prepare_coarse(f, grid, settings.search_px), fine)
-    return prepare_part(f, gradients, usable, grid, settings, traits, coarse)
+    coarse, traits = at_once(
+        lambda: prepare_coarse(f, grid, settings.search_px),
+        lambda: traits_of(np.ascontiguousarray(f[part]), None if usable is None else np.ascontiguousarray(usable[part]), used),
+    )
+    return prepare_part(f, usable, grid, settings, traits, coarse)
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,27 +143,14 @@ def middle(shape: tuple[int, ...]) -> tuple[slice, slice]:
     return slice(first[0], first[0] + TRAITS_EDGE_PX), slice(first[1], first[1] + TRAITS_EDGE_PX)
 
 
-def traits_of(f: NDArray[np.float32], gradient_x: NDArray[np.float32], gradient_y: NDArray[np.float32], used: float = 1.0) -> Traits:
-    """Noise and gains from the `middle` of a frame and its Sobel derivatives; `used` is the part that is not masked."""
+def traits_of(f: NDArray[np.float32], usable: NDArray[np.float32] | None, used: float = 1.0) -> Traits:
+    """Noise and gains from the `middle` of a frame; `usable` as in `prepare_part`, `used` is the part of the frame that is not masked."""
     noise = noise_of(f)
-    lines = slice(1, -1, _line_step(f))
-    gain_x = gradient_gain(f[lines], gradient_x[lines], noise, used)
-    gain_y = gradient_gain(f[:, lines].T, gradient_y[:, lines].T, noise, used)
-    return Traits(noise, gain_x, gain_y)
-
-
-def gradients_of(f: NDArray[np.float32], usable: NDArray[np.float32] | None) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Sobel derivatives along x and y, zero where a pixel or one around it may not be used."""
-    gradient_x, gradient_y = cast.gradients(f)
-    if usable is not None:
-        gradient_x *= usable
-        gradient_y *= usable
-    return gradient_x, gradient_y
+    return Traits(noise, gradient_gain(f, 1, noise, usable, used), gradient_gain(f, 0, noise, usable, used))
 
 
 def prepare_part(
     f: NDArray[np.float32],
-    gradients: tuple[NDArray[np.float32], NDArray[np.float32]],
     usable: NDArray[np.float32] | None,
     grid: Grid,
     settings: DicSettings,
@@ -178,18 +161,14 @@ def prepare_part(
 
     Args:
         f: (height, width) grey levels, the frame's mean subtracted.
-        gradients: Sobel derivatives along x and y.
         usable: 1 where a pixel may be used, None for all.
         grid: points in this part.
         settings: as for the grid.
         traits: of the frame.
         coarse: for first guesses in this part.
     """
-    gradient_x, gradient_y = gradients
     sums = cast.subset_sums(
         f,
-        gradient_x,
-        gradient_y,
         x0_px=grid.x0_px,
         y0_px=grid.y0_px,
         step_px=grid.step_px,

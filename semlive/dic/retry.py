@@ -29,7 +29,7 @@ def guesses(
     """
     values = _extrapolated(solutions, fresh, step_px)
     first, score = _best(values)
-    second, other = _best([(p, np.where(_apart(p, first) > OTHER_SIDE_PX, z, 0.0)) for p, z in values])
+    second, other = _best([(p, np.where(apart(p, first) > OTHER_SIDE_PX, z, 0.0)) for p, z in values])
     return first, score > 0.0, second, other > 0.0
 
 
@@ -64,5 +64,6 @@ def _best(values: list[tuple[NDArray[np.float64], NDArray[np.float64]]]) -> tupl
     return best, score
 
 
-def _apart(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def apart(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance of two guesses' displacements."""
     return np.hypot(a[..., 0] - b[..., 0], a[..., 3] - b[..., 3])

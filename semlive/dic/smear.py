@@ -112,7 +112,8 @@ def correlate_alike(
     believed = believed * noise_passed(dmap.v_px, *_flat(dmap), dmap.grid.subset_px, settings.interpolation)
     left, felt = _white_left(passed, image.shape), _felt(reference, passed)
     factor = np.sqrt((1.0 + felt) * (1.0 + believed) / (2.0 * (1.0 + left)))
-    return replace(dmap, sigma_u_px=dmap.sigma_u_px * factor, sigma_v_px=dmap.sigma_v_px * factor)
+    covariance = None if dmap.covariance_px2 is None else dmap.covariance_px2 * factor**2
+    return replace(dmap, sigma_u_px=dmap.sigma_u_px * factor, sigma_v_px=dmap.sigma_v_px * factor, covariance_px2=covariance)
 
 
 def smeared(image: NDArray[np.uint8] | NDArray[np.uint16], passed: Field) -> NDArray[np.uint16]:

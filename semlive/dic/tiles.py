@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
-from semlive.dic.coarse import CoarseReference, match, prepare_coarse, smooth_field
+from semlive.dic.coarse import CoarseReference, match, prepare_coarse, second_field, smooth_field
 from semlive.dic.correlate import MAX_PASSES, ORDER, concluded, measured, solve
-from semlive.dic.reference import Traits, gradients_of, middle, prepare_part, traits_of, usable_part
+from semlive.dic.reference import Traits, middle, prepare_part, traits_of, usable_part
 from semlive.dic.verify import Measured
 from semlive.errors import BadInput
 from semlive.kernels import cast
@@ -85,16 +85,19 @@ def correlate_tiled(
     pair = _Pair(reference, current, mask, _mean(reference, mask), _mean(current, None))
     traits = pair.traits()
     matches, ambiguous = first_guesses(pair, grid, settings.search_px)
-    guess = smooth_field(matches, grid) if max(reference.shape) <= WHOLE_PX and len(matches) else None
+    small = max(reference.shape) <= WHOLE_PX and len(matches) > 0
+    guess = smooth_field(matches, grid) if small else None
+    other = second_field(matches, grid) if small else None
     whole = _empty(grid)
     for first, last in bands(grid, reference.shape, band_px, band_points):
         low, high = max(first - HALO, 0), min(last + HALO, grid.ny)
         rows = dataclasses.replace(grid, y0_px=grid.y0_px + low * grid.step_px, ny=high - low)
         seeds = guess[low:high] if guess is not None else _local_field(matches, rows)
-        part = _band(pair, rows, seeds, matches, ambiguous[low:high], traits, settings)
+        second = None if other is None else other[low:high]
+        part = _band(pair, rows, (seeds, second), matches, ambiguous[low:high], traits, settings)
         for field in dataclasses.fields(Measured):
             getattr(whole, field.name)[first:last] = getattr(part, field.name)[first - low : last - low]
-    return concluded(whole, grid, reference_frame=reference_frame, current_frame=current_frame)
+    return concluded(whole, grid, settings, reference_frame=reference_frame, current_frame=current_frame)
 
 
 def _mean(image: Image, mask: NDArray[np.bool_] | None) -> np.float32:
@@ -145,14 +148,10 @@ class _Pair:
         """Those of the reference."""
         height, width = self.reference.shape
         rows, columns = (slice(s.start, min(s.stop, n)) for s, n in zip(middle((height, width)), (height, width), strict=True))
-        top, left = max(rows.start - 1, 0), max(columns.start - 1, 0)
-        f, _ = self.grey(slice(top, min(rows.stop + 1, height)), slice(left, min(columns.stop + 1, width)))
-        inner = (slice(rows.start - top, rows.stop - top), slice(columns.start - left, columns.stop - left))
-        gradient_x, gradient_y = (g[inner] for g in cast.gradients(np.ascontiguousarray(f)))
+        f, _ = self.grey(rows, columns)
         usable = self.usable(rows)
-        if usable is not None:
-            gradient_x, gradient_y = gradient_x * usable[:, columns], gradient_y * usable[:, columns]
-        return traits_of(f[inner], gradient_x, gradient_y, self.used())
+        part = None if usable is None else np.ascontiguousarray(usable[:, columns])
+        return traits_of(np.ascontiguousarray(f), part, self.used())
 
 
 def bands(grid: Grid, shape: tuple[int, ...], band_px: int, band_points: int) -> Iterator[tuple[int, int]]:
@@ -215,7 +214,7 @@ def _local_field(matches: NDArray[np.float64], grid: Grid) -> NDArray[np.float64
 def _band(
     pair: _Pair,
     grid: Grid,
-    seeds: NDArray[np.float64],
+    guesses: tuple[NDArray[np.float64], NDArray[np.float64] | None],
     matches: NDArray[np.float64],
     ambiguous: NDArray[np.bool_],
     traits: Traits,
@@ -224,6 +223,7 @@ def _band(
     """Correlate the rows of points of a band; if a subset comes near the band's side, once more with twice the room."""
     height = pair.reference.shape[0]
     half = grid.subset_px // 2
+    seeds, second = guesses
     room = ROOM_PX + int(np.abs(seeds[..., 3]).max(initial=0.0))
     while True:
         top = max(0, int(grid.y_px[0]) - half - room)
@@ -233,9 +233,9 @@ def _band(
         none = np.empty((0, 0), dtype=np.float32)
         coarse = CoarseReference(1, none, none.astype(np.complex64), np.empty((0, 2), dtype=np.int64), ambiguous.copy())
         usable = pair.usable(slice(top, bottom))
-        reference = prepare_part(f, gradients_of(f, usable), usable, here, settings, traits, coarse)
+        reference = prepare_part(f, usable, here, settings, traits, coarse)
         interpolator = cast.interpolator(g, ORDER[settings.interpolation])
-        solutions = solve(reference, interpolator, matches - np.array([0, top, 0, 0]), settings, seeds)
+        solutions = solve(reference, interpolator, matches - np.array([0, top, 0, 0]), settings, seeds, lambda: second)
         if not _cramped(solutions, here, top > 0, bottom < height, bottom - top):
             break
         room *= 2
@@ -252,7 +252,13 @@ def _cramped(solutions: cast.Solutions, grid: Grid, above: bool, below: bool, he
 
 def _empty(grid: Grid) -> Measured:
     """A map to be filled band by band."""
-    kinds = {"gradient": (np.float32, 4), "residual": (np.float32, 0), "contrast": (np.float32, 0), "status": (np.uint8, 0)}
+    kinds = {
+        "gradient": (np.float32, 4),
+        "residual": (np.float32, 0),
+        "contrast": (np.float32, 0),
+        "status": (np.uint8, 0),
+        "iterations": (np.int32, 0),
+    }
     arrays = {}
     for field in dataclasses.fields(Measured):
         dtype, depth = kinds.get(field.name, (np.float64, 0))

@@ -42,8 +42,10 @@ JUMP_PX = 0.75  # makes the subset's centre wrong by half as much; at 0.9, 82 of
 SIGMAS = 3.0
 TORN_AROUND = 4  # of eight neighbours: a point among such is torn too
 REFUSED_AROUND = 4  # of eight: what is left between them bridges a crack or a corner of a blank area; others would be told by it
-AGREES_PX = 0.08  # and once the ordinary sigma
-BENDS_PX = 0.4  # at the subset's edge
+AGREES_PX = 0.08  # and once the ordinary sigma, for affine subsets of TOLD_PX; smaller ones and second order are noisier in proportion
+BENDS_PX = 0.4  # at the subset's edge, likewise
+TOLD_PX = 43.0
+CURVED_NOISE = 2.0  # of second-order subsets, in that of affine ones
 MAX_REACH = 4  # points on each side that a plane is fitted to, within half a subset
 MIN_SUPPORT = 0.15  # part of the points around that has to be trusted
 MIN_LINES = 3  # of points that a slope across them is told from
@@ -54,7 +56,8 @@ MIN_COMPANY = 6
 MAX_ROUNDS = 200
 LOUD = 0.15  # variance of noise, in the speckle's: from there on it hides what the edge of a blank area does to a residual
 EDGE_AROUND = 3  # of eight neighbours refused: the edge of what is believed
-EDGES = (PoiStatus.NOT_CONVERGED, PoiStatus.LOW_ZNCC, PoiStatus.LOW_CONTRAST, PoiStatus.NO_SEED)  # of a subset with others nearby
+EDGES = np.zeros(256, dtype=np.bool_)  # at each status: of a subset with others nearby
+EDGES[[PoiStatus.NOT_CONVERGED, PoiStatus.LOW_ZNCC, PoiStatus.LOW_CONTRAST, PoiStatus.NO_SEED]] = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,10 +70,12 @@ class Measured:
         gradient: (ny, nx, 4) du/dx, du/dy, dv/dx, dv/dy.
         sigma_u_px: standard uncertainty of u.
         sigma_v_px: of v.
+        covariance_px2: of u and v.
         zncc: correlation.
         residual: noise variance of one frame as the residual has it, grey^2.
         contrast: variance of the reference subset, noise included, grey^2.
         status: PoiStatus as IC-GN left it.
+        iterations: of the last attempt.
     """
 
     u_px: NDArray[np.float64]
@@ -78,10 +83,12 @@ class Measured:
     gradient: NDArray[np.float32]
     sigma_u_px: NDArray[np.float64]
     sigma_v_px: NDArray[np.float64]
+    covariance_px2: NDArray[np.float64]
     zncc: NDArray[np.float64]
     residual: NDArray[np.float32]
     contrast: NDArray[np.float32]
     status: NDArray[np.uint8]
+    iterations: NDArray[np.int32]
 
     @property
     def valid(self) -> NDArray[np.bool_]:
@@ -94,56 +101,64 @@ class Measured:
         return np.maximum(self.sigma_u_px, self.sigma_v_px)
 
 
-def refused(measured: Measured, grid: Grid) -> NDArray[np.uint8]:
+def refused(measured: Measured, grid: Grid, *, curved: bool = False) -> NDArray[np.uint8]:
     """(ny, nx) PoiStatus: CONVERGED where a point is believed, else why not (CONVERGED too where it was not valid before).
 
     Args:
         measured: the map.
         grid: its points.
+        curved: whether the shape function is one of second order.
     """
     m = measured
-    verdict = np.full(m.valid.shape, PoiStatus.CONVERGED, dtype=np.uint8)
-    if not m.valid.any():
+    valid, sigma_px = m.valid, m.sigma_px
+    verdict = np.full(valid.shape, PoiStatus.CONVERGED, dtype=np.uint8)
+    if not valid.any():
         return verdict
-    low, mid = (float(q) for q in np.percentile(m.residual[m.valid], (10, 35)))
+    low, mid = (float(q) for q in np.percentile(m.residual[valid], (10, 35)))
     spread = min((mid - low) / 0.9, MAX_SPREAD * mid)  # standard deviation, of the lower part, which nothing hidden is in
     ordinary = mid + 0.4 * spread
-    contrast = float(np.median(m.contrast[m.valid]))
+    contrast = float(np.median(m.contrast[valid]))
     misfit = MISFIT * max(contrast - ordinary, 0.0)
     limit = max(ORDINARY_RESIDUAL * ordinary, ordinary + 6.0 * spread, ordinary + misfit)
-    fits = m.valid & (m.residual <= limit)
-    verdict[m.valid & ~fits] = PoiStatus.LOW_ZNCC
+    fits = valid & (m.residual <= limit)
+    verdict[valid & ~fits] = PoiStatus.LOW_ZNCC
     safe = SAFE_SIGMA * NOISE_SIGMA_PX / grid.subset_px
-    excusable = m.valid & ~fits & (m.residual <= ordinary + CONFIRMED_MISFIT * max(contrast - ordinary, 0.0))
-    sound = fits & (m.sigma_px <= max(SPREADING_SIGMA * float(np.median(m.sigma_px[fits])), safe)) if fits.any() else fits
+    excusable = valid & ~fits & (m.residual <= ordinary + CONFIRMED_MISFIT * max(contrast - ordinary, 0.0))
+    sigma = float(np.median(sigma_px[fits]))
+    sound = fits & (sigma_px <= max(SPREADING_SIGMA * sigma, safe))
     torn = _torn(m, fits | excusable, sound, grid)
-    verdict[torn & fits] = PoiStatus.INCONSISTENT
-    fits &= ~torn
-    excusable &= ~torn
-    if not fits.any():
-        return verdict
-    sigma = float(np.median(m.sigma_px[fits]))
+    if torn.any():
+        verdict[torn & fits] = PoiStatus.INCONSISTENT
+        fits &= ~torn
+        excusable &= ~torn
+        if not fits.any():
+            return verdict
+        sigma = float(np.median(sigma_px[fits]))
     signal = m.contrast - ordinary
     usual = float(np.median(signal[fits]))
-    plain = fits & (m.sigma_px <= max(ORDINARY_SIGMA * sigma, safe)) & (signal <= (1.0 + EXCESS_PX / grid.subset_px) * usual)
+    plain = fits & (sigma_px <= max(ORDINARY_SIGMA * sigma, safe)) & (signal <= (1.0 + EXCESS_PX / grid.subset_px) * usual)
     plain &= m.residual <= max(PLAIN_RESIDUAL * ordinary, ordinary + 3.0 * spread, ordinary + PLAIN_MISFIT * misfit)
     trusted = plain & ~_alone(m, plain, grid)
-    weak = fits & (m.sigma_px > max(WEAK_SIGMA * sigma, safe))
+    weak = fits & (sigma_px > max(WEAK_SIGMA * sigma, safe))
     verdict[weak] = PoiStatus.LOW_CONTRAST
     suspect = fits & ~trusted & ~weak
-    surrounded = _around(m.valid & ~fits & ~excusable) >= REFUSED_AROUND
-    excusable &= m.sigma_px <= max(WEAK_SIGMA * sigma, safe)
+    surrounded = _around(valid & ~fits & ~excusable) >= REFUSED_AROUND
+    excusable &= sigma_px <= max(WEAK_SIGMA * sigma, safe)
     if suspect.any() or excusable.any():
-        believed = _confirmed(m, trusted, suspect & ~surrounded, excusable, fits & (m.sigma_px <= max(SPREADING_SIGMA * sigma, safe)), grid)
+        believed = _confirmed(
+            m, trusted, suspect & ~surrounded, excusable, fits & (sigma_px <= max(SPREADING_SIGMA * sigma, safe)), grid, curved
+        )
         verdict[suspect & ~believed] = PoiStatus.INCONSISTENT
         verdict[excusable & believed] = PoiStatus.CONVERGED
-    beyond = (verdict != PoiStatus.CONVERGED) | np.isin(m.status, EDGES)
+    beyond = (verdict != PoiStatus.CONVERGED) | EDGES[m.status]
+    if not beyond.any():
+        return verdict
     around = _around(beyond)
     if ordinary > LOUD * (contrast - ordinary):
         edge = around >= EDGE_AROUND
     else:
-        edge = (around >= REFUSED_AROUND) & (m.sigma_px > WEAK_SIGMA * sigma)  # weak, but called safe
-    verdict[m.valid & ~beyond & edge] = PoiStatus.INCONSISTENT
+        edge = (around >= REFUSED_AROUND) & (sigma_px > WEAK_SIGMA * sigma)  # weak, but called safe
+    verdict[valid & ~beyond & edge] = PoiStatus.INCONSISTENT
     return verdict
 
 
@@ -182,6 +197,8 @@ def _torn(m: Measured, among: NDArray[np.bool_], sound: NDArray[np.bool_], grid:
 
 def _around(marked: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """How many of a point and its eight neighbours are marked."""
+    if not marked.any():
+        return np.zeros(marked.shape, dtype=np.uint8)
     return np.asarray(ndimage.convolve(marked.astype(np.uint8), np.ones((3, 3), np.uint8), mode="constant"), dtype=np.uint8)
 
 
@@ -227,6 +244,7 @@ def _confirmed(
     excusable: NDArray[np.bool_],
     spreading: NDArray[np.bool_],
     grid: Grid,
+    curved: bool,
 ) -> NDArray[np.bool_]:
     """Suspects that agree with a plane through the trusted points around; those confirmed are trusted in turn.
 
@@ -238,7 +256,9 @@ def _confirmed(
     believed = np.zeros(suspect.shape, dtype=bool)
     reach = int(np.clip(round(grid.subset_px / 2 / grid.step_px), 1, MAX_REACH))
     told = np.array([grid.nx >= MIN_LINES, grid.ny >= MIN_LINES] * 2)  # slopes that the points can tell
-    tolerance = AGREES_PX + np.where(spreading, m.sigma_px, 0.5 * np.median(m.sigma_px[trusted]) if trusted.any() else 0.0)
+    small = max(TOLD_PX / grid.subset_px, 1.0)
+    agrees_px, bends_px = AGREES_PX * small * (CURVED_NOISE if curved else 1.0), BENDS_PX * small
+    tolerance = agrees_px + np.where(spreading, m.sigma_px, 0.5 * np.median(m.sigma_px[trusted]) if trusted.any() else 0.0)
     u_px, v_px = (np.ascontiguousarray(value, dtype=np.float64) for value in (m.u_px, m.v_px))
 
     def agreeing(near: NDArray[np.bool_], reach: int, part: NDArray[np.float64] | float) -> NDArray[np.bool_]:
@@ -248,7 +268,7 @@ def _confirmed(
         apart = np.hypot(u_px[near] - u, v_px[near] - v)
         bent = np.linalg.norm((m.gradient[near] - slope / grid.step_px) * told, axis=-1) * (grid.subset_px // 2)
         agree = np.zeros(suspect.shape, dtype=bool)
-        agree[near] = (support >= np.maximum(3.0, part * around)) & (apart <= tolerance[near]) & (bent <= BENDS_PX)
+        agree[near] = (support >= np.maximum(3.0, part * around)) & (apart <= tolerance[near]) & (bent <= bends_px)
         return agree
 
     near = pending = suspect | excusable

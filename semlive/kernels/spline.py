@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy import uint64
 
 CUBIC, QUINTIC = 3, 5
 POLES = {
@@ -19,6 +20,7 @@ POLES = {
     ),
 }
 GAINS = {CUBIC: (np.float32(6.0),), QUINTIC: tuple(np.float32((1.0 - float(z)) * (1.0 - 1.0 / float(z))) for z in POLES[QUINTIC])}
+TOGETHER = 8  # rows
 HORIZON = 24  # terms of the mirrored start; 0.43^24 = 2e-9, below float32
 
 
@@ -47,10 +49,45 @@ def filter_line(line, z, gain):
 
 
 @njit(nogil=True, cache=True)
+def _filter_together(image, first, left, n, z, gain):
+    """Filter TOGETHER rows, n columns from `left` on, in place: what `filter_line` does to each, byte for byte.
+
+    A recursion waits for its last step (8 cycles a sample); several at once wait together (a quarter of the time).
+    """
+    for y in range(first, first + TOGETHER):
+        line = image[y, left : left + n]
+        total = line[0]
+        power = z
+        for k in range(1, HORIZON):
+            total += power * line[_mirrored(k, n)]
+            power *= z
+        line[0] = gain * total
+    top = uint64(first)
+    for x in range(left + 1, left + n):
+        here, before = uint64(x), uint64(x - 1)
+        for y in range(TOGETHER):
+            row = top + uint64(y)
+            image[row, here] = gain * image[row, here] + z * image[row, before]
+    for y in range(first, first + TOGETHER):
+        line = image[y, left : left + n]
+        line[n - 1] = (z / (z * z - np.float32(1.0))) * (line[n - 1] + z * line[n - 2])
+    for x in range(left + n - 2, left - 1, -1):
+        here, after = uint64(x), uint64(x + 1)
+        for y in range(TOGETHER):
+            row = top + uint64(y)
+            image[row, here] = z * (image[row, after] - image[row, here])
+
+
+@njit(nogil=True, cache=True)
 def filter_rows(image, first, last, left, right, z, gain):
     """Filter rows first..last-1 of columns left..right-1 of an image along x, in place."""
-    for y in range(first, last):
+    y = first
+    while y + TOGETHER <= last:
+        _filter_together(image, y, left, right - left, z, gain)
+        y += TOGETHER
+    while y < last:
         filter_line(image[y, left:right], z, gain)
+        y += 1
 
 
 @njit(nogil=True, cache=True)

@@ -50,6 +50,76 @@ def sobel_rows(image, gradient_x, gradient_y, first, last, width):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def stencils(image, step, out):
+    """Fill `out` with the amounts of the second difference both ways along every `step`-th line, zeros left out; how many there are."""
+    height, width = image.shape
+    two = np.float32(2.0)
+    across = np.empty(width, dtype=np.float32)
+    n = 0
+    for y in range(0, height - 2, step):
+        above, here, below = image[y], image[y + 1], image[y + 2]
+        for x in range(width):
+            across[x] = above[x] - two * here[x] + below[x]
+        for x in range(width - 2):
+            amount = abs(across[x] - two * across[x + 1] + across[x + 2])
+            out[n] = amount
+            n += amount > 0.0
+    return n
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def products(before, lines, after, usable, derivative):
+    """Means of Sobel derivative along lines times `derivative`, (n, length - 2), and of its square; it is zero where `usable` is."""
+    eighth, two = np.float32(0.125), np.float32(2.0)
+    n, length = lines.shape
+    overlap = energy = 0.0
+    for k in range(n):
+        for x in range(1, length - 1):
+            sobel = before[k, x + 1] - before[k, x - 1] + after[k, x + 1] - after[k, x - 1]
+            sobel = eighth * (sobel + two * (lines[k, x + 1] - lines[k, x - 1]))
+            if usable.size > 0:
+                sobel *= usable[k, x]
+            overlap += np.float64(sobel * derivative[k, x - 1])
+            energy += np.float64(sobel * sobel)
+    count = max(n * (length - 2), 1)
+    return overlap / count, energy / count
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def plane_rows(image, weights, planes, first, last, gain_x, gain_y):
+    """Rows first..last-1 of `planes`: grey levels and scaled Sobel derivatives of an image, zero in the padding and where `weights` is.
+
+    The derivatives are those of `sobel_rows`, written where they are wanted: no image of them is made and copied.
+    """
+    height, width = image.shape
+    eighth, two, zero = np.float32(0.125), np.float32(2.0), np.float32(0.0)
+    for y in range(first, last):
+        here = image[y]
+        grey, out_x, out_y = planes[y, 0], planes[y, 1], planes[y, 2]
+        grey[:width] = here
+        grey[width:] = zero
+        out_x[width - 1 :] = zero
+        out_y[width - 1 :] = zero
+        if y == 0 or y == height - 1:
+            out_x[:] = zero
+            out_y[:] = zero
+        else:
+            above, below = image[y - 1], image[y + 1]
+            out_x[0] = out_y[0] = zero
+            for x in range(1, width - 1):
+                across = eighth * (above[x + 1] - above[x - 1] + below[x + 1] - below[x - 1] + two * (here[x + 1] - here[x - 1]))
+                down = eighth * (below[x - 1] - above[x - 1] + below[x + 1] - above[x + 1] + two * (below[x] - above[x]))
+                out_x[x] = gain_x * across
+                out_y[x] = gain_y * down
+        if weights.size > 0:
+            valid = weights[y]
+            for x in range(width):
+                grey[x] *= valid[x]
+                out_x[x] *= valid[x]
+                out_y[x] *= valid[x]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def factor(matrix):
     """Cholesky factor in place in the lower triangle; False where the matrix is not positive definite."""
     n = matrix.shape[0]
@@ -71,7 +141,7 @@ def factor(matrix):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def inverse_diagonal(lower, j, column):
-    """Element (j, j) of the inverse of the matrix whose factor is given; `column` is scratch."""
+    """Element (j, j) of the inverse of the matrix whose factor is given; `column` becomes that of the inverse factor, from j on."""
     n = lower.shape[0]
     total = 0.0
     for i in range(j, n):
@@ -229,7 +299,7 @@ def _fill(matrix, moments, i, count):
 @njit(nogil=True, cache=True, error_model="numpy")
 def sum_rows(
     planes, valid, pitch, first, last, x0, y0, step, half, pixels, mean, norm, gradient_sum, gradient_image_sum, lower, variance_u,
-    variance_v, sssig,
+    variance_v, covariance, sssig,
 ):  # fmt: skip
     """Fill rows first..last-1 of POI.
 
@@ -238,8 +308,8 @@ def sum_rows(
 
     Per POI: `pixels` that are valid, their `mean` and `norm` (root of the centred sum of squares), the sums of the
     derivatives, their sums with the centred image, the Cholesky factor of the Gauss-Newton matrix, the variances of u and v
-    for unit noise, and `sssig`, the smaller eigenvalue of the 2x2 sum of squared gradients. A matrix that cannot be factored
-    leaves `variance_u` zero.
+    for unit noise and their covariance, and `sssig`, the smaller eigenvalue of the 2x2 sum of squared gradients. A matrix that
+    cannot be factored leaves `variance_u` zero.
     """
     size = 2 * half + 1
     nx, count = gradient_sum.shape[1:]
@@ -251,7 +321,7 @@ def sum_rows(
     phases = np.zeros((kinds + 2) * step * length)
     flat = np.zeros((kinds + 2) * POWERS * nx)
     moments = flat.reshape((kinds + 2, POWERS, nx))
-    column = np.zeros(count)
+    column_u, column_v = np.zeros(count), np.zeros(count)
     for j in range(first, last):
         columns = (nx - 1) * step + size
         _column_sums(planes, valid, pitch, x0 - half, y0 + j * step - half, size, step, length, columns, kinds, sums, squares, phases)
@@ -272,8 +342,13 @@ def sum_rows(
             xx, xy, yy = matrix[0, 0], matrix[3, 0], matrix[3, 3]
             sssig[j, i] = 0.5 * (xx + yy) - np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
             if factor(matrix):
-                variance_u[j, i] = inverse_diagonal(matrix, 0, column)
-                variance_v[j, i] = inverse_diagonal(matrix, 3, column)
+                variance_u[j, i] = inverse_diagonal(matrix, 0, column_u)
+                variance_v[j, i] = inverse_diagonal(matrix, 3, column_v)
+                total = 0.0
+                for k in range(3, count):
+                    total += column_u[k] * column_v[k]
+                covariance[j, i] = total
             else:
+                covariance[j, i] = 0.0
                 variance_u[j, i] = 0.0
                 variance_v[j, i] = 0.0

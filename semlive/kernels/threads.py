@@ -9,9 +9,9 @@ a thread that another chain of work has done with goes on with this one.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TypeVar
+from typing import Generic, TypeVar, cast
 
 from numba.core import config
 
@@ -26,20 +26,43 @@ def thread_count() -> int:
     return int(config.NUMBA_NUM_THREADS)  # pyright: ignore[reportAttributeAccessIssue]  (set at import, from the environment)
 
 
-def _helper(pool: ThreadPoolExecutor, work: Callable[[], A]) -> Future[A] | None:
-    """Work begun in a thread of the pool, unless as many as are allowed are at work."""
+class _Helper(threading.Thread, Generic[A]):
+    """Work done beside the caller's. A thread of its own each: a pool's queue and locks cost as much again as beginning one."""
+
+    def __init__(self, work: Callable[[], A]) -> None:
+        super().__init__(daemon=True)
+        self._work = work
+        self._result: A | None = None
+        self._error: BaseException | None = None
+        self.start()
+
+    def run(self) -> None:
+        try:
+            self._result = self._work()
+        except BaseException as error:
+            self._error = error
+        finally:
+            _helping.pop()
+
+    def result(self) -> A:
+        """What the work returned or raised, when it is done."""
+        self.join()
+        if self._error is not None:
+            raise self._error
+        return cast(A, self._result)
+
+
+def _helper(work: Callable[[], A]) -> _Helper[A] | None:
+    """Work begun in a thread of its own, unless as many as are allowed are at work."""
     _helping.append(None)  # first, so that of two who ask at once at most too few are served
     if len(_helping) >= thread_count():
         _helping.pop()
         return None
-
-    def help_out() -> A:
-        try:
-            return work()
-        finally:
-            _helping.pop()
-
-    return pool.submit(help_out)
+    try:
+        return _Helper(work)
+    except RuntimeError:  # no more threads are to be had
+        _helping.pop()
+        return None
 
 
 def spread(work: Callable[[int, int], object], count: int, chunk: int) -> None:
@@ -54,19 +77,25 @@ def spread(work: Callable[[int, int], object], count: int, chunk: int) -> None:
         for first, last in todo:
             work(first, last)
 
-    with ThreadPoolExecutor(thread_count()) as pool:
-        helpers = []
+    helpers: list[_Helper[None]] = []
+    try:
         for first, last in todo:
-            if len(helpers) < thread_count() - 1 and (helper := _helper(pool, help_out)):
+            if len(helpers) < thread_count() - 1 and (helper := _helper(help_out)):
                 helpers.append(helper)
             work(first, last)
+    finally:
         for helper in helpers:
-            helper.result()
+            helper.join()
+    for helper in helpers:
+        helper.result()
 
 
 def at_once(one: Callable[[], A], other: Callable[[], B]) -> tuple[A, B]:
     """What two functions return that have nothing to do with one another, called at the same time if a thread is free."""
-    with ThreadPoolExecutor(1) as pool:
-        helper = _helper(pool, other)
+    helper = _helper(other)
+    try:
         first = one()
-        return first, helper.result() if helper else other()
+    finally:
+        if helper:
+            helper.join()
+    return first, helper.result() if helper else other()

@@ -12,6 +12,7 @@ is what threads can give at best (`machine gives`).
 from __future__ import annotations
 
 import multiprocessing
+import resource
 import subprocess
 import sys
 import tempfile
@@ -235,7 +236,7 @@ def speckled(width: int, height: int) -> tuple[NDArray[np.uint8], NDArray[np.uin
 
 def sizes() -> None:
     """Time per point over the number of points, and a large frame."""
-    for nx, ny, runs in ((40, 25, RUNS), (125, 80, RUNS), (400, 250, 3), (1250, 800, 1)):
+    for nx, ny, runs in ((40, 25, 10 * RUNS), (125, 80, 2 * RUNS), (400, 250, 3), (1250, 800, 1)):
         width, height = (nx - 1) * 5 + 103, (ny - 1) * 5 + 103
         settings = DicSettings(roi_px=(51, 51, width - 52, height - 52))
         grid = dic.grid_for(settings, width, height)
@@ -257,6 +258,21 @@ def sizes() -> None:
         watch.run(lambda: dic.match(first, second, grid, settings))
     say(f"4096 x 4096 px, {grid.nx * grid.ny} points", min(watch.wall), "s wall", "bar 3")
     say("", min(watch.cpu), "s CPU")
+
+
+def faults(work: Callable[[], object]) -> None:
+    """Pages fetched from the system and its time for a pair, which two threads wait for one another in."""
+    usual = threads.thread_count()
+    for count in (1, 2):
+        config.NUMBA_NUM_THREADS = count
+        work()
+        before = resource.getrusage(resource.RUSAGE_SELF)
+        for _ in range(RUNS):
+            work()
+        after = resource.getrusage(resource.RUSAGE_SELF)
+        say(f"page faults of a pair, {count} threads", (after.ru_minflt - before.ru_minflt) / RUNS, "")
+        say("system time of a pair", 1e3 * (after.ru_stime - before.ru_stime) / RUNS, "ms")
+    config.NUMBA_NUM_THREADS = usual
 
 
 def memory(pair: tuple[NDArray[np.uint8], NDArray[np.uint8]], folder: Path) -> None:
@@ -282,6 +298,7 @@ def main() -> None:
     scaling(pairs[2], grid)
     with tempfile.TemporaryDirectory() as folder:
         memory(pairs[2], Path(folder))
+    faults(pair_of_work(*pairs[2], grid)["new reference, 2 grey"])
     if "quick" not in sys.argv[1:]:
         sizes()
     accuracy(images, grid)

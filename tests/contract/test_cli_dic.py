@@ -85,6 +85,21 @@ def test_progress_is_on_standard_error_alone(folder):
     assert result.stderr.splitlines() == ["correlating 1 of 2: a.tif", "correlating 2 of 2: b.tif"]
 
 
+def test_a_poor_pattern_is_told_with_its_figure(folder):
+    faint = np.round(128 + (speckle().astype(float) - 128) / 12).astype(np.uint8)
+    tifffile.imwrite(folder / "faint.tif", faint)
+    result = run(folder / "faint.tif", folder / "faint.tif", "--subset", 31, "--json")
+    assert result.exit_code == 0
+    assert len(json.loads(result.stdout)) == 5  # a contract: nothing new in it
+    told = [line for line in result.stderr.splitlines() if line.startswith(str(folder / "faint.tif"))]
+    assert any("the pattern's contrast is 3.2 grey levels" in line and "raise the detector's contrast" in line for line in told)
+    masked = np.zeros(faint.shape, np.uint8)
+    cv2.imwrite(str(folder / "nothing.png"), masked)
+    result = run(folder / "faint.tif", folder / "faint.tif", "--subset", 31, "--mask", folder / "nothing.png", "--json")
+    assert json.loads(result.stdout)["converged"] == 0
+    assert result.stderr.splitlines() == ["correlating 1 of 1: faint.tif"]
+
+
 def write_as(path, image):
     """The grey image in the format its name says, as colour where that is what people have."""
     if path.name == "colour.png":

@@ -204,3 +204,34 @@ def test_noise_passed_by_interpolation_is_what_noise_shows():
     # A stretch of a whole pixel over the subset meets every phase alike.
     everywhere = noise_passed(np.array([0.3]), np.array([1.0 / 43.0]), np.zeros(1), 43)[0]
     assert everywhere == pytest.approx(np.mean(noise_passed(np.linspace(0.0, 1.0, 64, endpoint=False), np.zeros(64), np.zeros(64), 43)))
+
+
+@pytest.mark.parametrize("parameters", [6, 12])
+def test_variances_and_covariance_are_those_of_the_inverse_matrix(parameters):
+    image = ndimage.gaussian_filter(np.random.default_rng(8).standard_normal((60, 70)), (1.0, 3.0)).astype(np.float32) * 100.0
+    image += np.roll(image, (2, 2), axis=(0, 1))  # slanted, so that u and v are correlated
+    sums = cast.subset_sums(image, x0_px=15, y0_px=15, step_px=13, shape=(3, 4), half_px=10, parameters=parameters)
+    lower = np.tril(sums.lower)
+    inverse = np.linalg.inv(lower @ np.swapaxes(lower, -1, -2))
+    for name, (i, j) in (("variance_u", (0, 0)), ("variance_v", (3, 3)), ("covariance", (0, 3))):
+        assert np.allclose(getattr(sums, name), inverse[..., i, j], rtol=1e-9), name
+    assert np.abs(sums.covariance / np.sqrt(sums.variance_u * sums.variance_v)).max() > 0.2
+
+
+def test_a_map_has_covariance_and_iterations():
+    image = (
+        (128.0 + 30.0 * ndimage.gaussian_filter(np.random.default_rng(8).standard_normal((90, 90)), 2.0) * 7.0)
+        .clip(0, 255)
+        .astype(np.uint8)
+    )
+    settings = DicSettings(subset_px=21, step_px=10, roi_px=None)
+    grid = dic.grid_for(settings, 90, 90)
+    reference = dic.prepare(image, grid, settings)
+    m = dic.correlate(reference, np.roll(image, 1, axis=1), settings, reference_frame=0, current_frame=1)
+    assert m.iterations is not None
+    assert m.covariance_px2 is not None
+    assert np.all(m.iterations[m.valid] >= 1)
+    ok = m.valid
+    expected = reference.sums.covariance[ok] / np.sqrt(reference.sums.variance_u * reference.sums.variance_v)[ok]
+    assert np.allclose(m.covariance_px2[ok] / (m.sigma_u_px * m.sigma_v_px)[ok], expected)
+    assert np.all(m.covariance_px2[~m.valid] == 0.0)

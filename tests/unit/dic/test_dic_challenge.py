@@ -43,3 +43,48 @@ def test_a_subset_resolves_what_it_should_at_the_floor_of_noise(bench, lab):
     assert line.noise_px / line.predicted_px < 1.35
     assert line.stated_px / line.noise_px == pytest.approx(1.0, abs=0.25)
     assert line.efficiency_px2 == pytest.approx(line.resolution_px * line.noise_px)
+
+
+@pytest.fixture(scope="module")
+def star5(lab):
+    sys.modules.setdefault("speckle", lab)
+    folder = Path(__file__).parents[2] / "benchmarks"
+    for name in ("bench_peers", "bench_challenge_star"):
+        spec = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
+        sys.modules[name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules[name])
+    return sys.modules["bench_challenge_star"]
+
+
+def test_the_challenges_resolution_is_what_theory_says_of_a_line(star5):
+    period = star5.period_px(np.arange(4000.0))
+    assert period[[0, -1]] == pytest.approx([10.0, 299.93], abs=0.01)
+    passed = np.sin(np.pi * 17 / period) / (17 * np.sin(np.pi / period))
+    rng = np.random.default_rng(1)
+    known = np.where(period < 40.0, np.nan, 0.5 * passed + 0.01 * rng.standard_normal(4000))
+    assert star5.resolution_px(known) == pytest.approx(67.8, rel=0.02)  # the published figure for affine subsets of 17 px
+    # A polynomial through what such subsets make of shorter waves, too, runs 5 % flatter.
+    assert star5.resolution_px(0.5 * passed) == pytest.approx(71.1, rel=0.01)
+    assert np.isnan(star5.resolution_px(np.full(4000, np.nan)))
+
+
+def test_an_unmoved_exposure_has_the_pairs_noise(star5):
+    rng = np.random.default_rng(2)
+    y, x = np.mgrid[0:121, 0:4000].astype(float)
+    grey = np.clip(120.0 + 40.0 * np.sin(x / 3.0) * np.cos(y / 4.0), 0, 255)
+    v = 0.5 * np.cos(2.0 * np.pi * (y - 60) / star5.period_px(x))
+    moved = 120.0 + 40.0 * np.sin(x / 3.0) * np.cos((y - v) / 4.0)  # exact where v is zero
+
+    def expose(image):
+        return np.rint(image + rng.standard_normal(image.shape) * np.sqrt(1.0 + 0.03 * image)).astype(np.uint8)
+
+    first, second = expose(grey), expose(moved)
+    level, slope = star5.noise_by_grey(first, second)
+    assert level + slope * 120.0 == pytest.approx(1.0 + 0.03 * 120.0 + 1.0 / 12.0, rel=0.05)
+    assert slope == pytest.approx(0.03, rel=0.25)
+    again = star5.still(first, second)
+    difference = again.astype(float) - first
+    for low, high in ((85, 95), (145, 155)):
+        at = (first >= low) & (first <= high)
+        assert difference[at].var() == pytest.approx(2.0 * (level + slope * 0.5 * (low + high)), rel=0.05)
+    assert star5.summary_px2([star5.Cut(9, r, 0.01, 1.0) for r in (50.0, 10.0, 30.0, 20.0)]) == pytest.approx(0.2)

@@ -103,3 +103,35 @@ def test_not_an_image_is_one_sentence():
             quality(image)
     with pytest.raises(BadInput, match="no subset of 43 px fits"):
         quality(np.zeros((30, 30), dtype=np.uint8))
+
+
+def test_what_the_mask_hides_does_not_count(lab, scene):
+    image = lab.expose(scene(), 5.0, 3)
+    spoiled = image.copy()
+    mask = np.ones(image.shape, dtype=bool)
+    mask[:, :90] = mask[200:, 150:] = False
+    spoiled[~mask] = 255  # a grip, a blank corner
+    clear, hidden, shown = (
+        quality(image, settings=SETTINGS),
+        quality(spoiled, settings=SETTINGS, mask=mask),
+        quality(spoiled, settings=SETTINGS),
+    )
+    for name, rel in (("noise_grey", 0.03), ("contrast_grey", 0.05), ("mean_grey", 0.05), ("mean_intensity_gradient_grey_px", 0.05)):
+        assert getattr(hidden, name) == pytest.approx(getattr(clear, name), rel=rel), name
+        assert name == "noise_grey" or getattr(shown, name) != pytest.approx(getattr(clear, name), rel=2 * rel), name
+    assert hidden.speckle_x_px == pytest.approx(clear.speckle_x_px, rel=0.1)
+    assert hidden.speckle_y_px == pytest.approx(clear.speckle_y_px, rel=0.1)
+    assert hidden.saturated_fraction == pytest.approx(clear.saturated_fraction, abs=1e-3)
+    assert hidden.warnings == ()  # masked points lack no contrast
+    assert any("saturated" in warning for warning in shown.warnings)
+    assert not hidden.usable[:, 0].any()
+    both = hidden.usable & clear.usable & (hidden.grid.mesh()[0] > 90 + 24)
+    assert np.allclose((hidden.sigma_u_px / clear.sigma_u_px)[both & (hidden.grid.mesh()[1] < 170)], 1.0, atol=0.15)
+
+
+def test_a_mask_of_nothing_is_refused(lab, scene):
+    image = lab.expose(scene(), 5.0, 3)
+    with pytest.raises(BadInput, match="the mask leaves no pixel"):
+        quality(image, settings=SETTINGS, mask=np.zeros(image.shape, dtype=bool))
+    with pytest.raises(BadInput, match="give a mask of its size"):
+        quality(image, settings=SETTINGS, mask=np.ones((3, 3), dtype=bool))
