@@ -74,7 +74,7 @@ class Motion:
 
     Attributes:
         pair: number of the pair.
-        shift_px: (2,) translation.
+        shift_px: (2,) translation of the point whose p0 is the centre; under strain that of the specimen's own centre is another.
         shift_sigma_px: (2,) standard uncertainty (drift across the motion included).
         gradient: (2, 2) [[du/dx, du/dy], [dv/dx, dv/dy]]; antisymmetric (or zero) in calibration.
         gradient_sigma: (2, 2) standard uncertainty.

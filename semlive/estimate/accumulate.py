@@ -120,6 +120,11 @@ def unsummed(state: EstimatorState) -> EstimatorState:
     return replace(state, precision=np.zeros((0, 0)), information=np.zeros(0), reference=replace(state.reference, coupling=nothing))
 
 
+def reweighted(state: EstimatorState, rows: tuple[MapRows, ...]) -> EstimatorState:
+    """The same data with other weights: all sums anew, about the same point."""
+    return summed(unsummed(replace(state, rows=rows)))
+
+
 def relinearised(state: EstimatorState, about: NDArray[np.float64]) -> EstimatorState:
     """The same data about other parameters: only what touches effects that need the ideal position is summed anew."""
     if not state.summed:

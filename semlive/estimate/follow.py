@@ -55,7 +55,9 @@ def _gone_on(state: EstimatorState, known: Solution) -> Chain:
     if before.distortion.carried:  # its columns hold the drift, so those of the earlier pairs are taken over
         state = unsummed(_caught_up(before, state))
     else:
-        state = unsummed(replace(state, about=grown(state.layout, before.layout, before.about)))
+        weighed = {(one.reference, one.current): one for one in before.rows}
+        rows = tuple(weighed.get((one.reference, one.current), one) for one in state.rows)
+        state = unsummed(replace(state, rows=rows, about=grown(state.layout, before.layout, before.about)))
     near = grown(state.layout, before.layout, chain.near)
     new = slice(local.stop, state.layout.part("drift").stop)
     near[new] = state.about[new]

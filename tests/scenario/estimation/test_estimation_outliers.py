@@ -1,0 +1,55 @@
+"""Points that were correlated wrongly and look converged: alone, or a whole subset's worth side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from semlive import estimate as estimating
+from semlive.data.disparity import DisparityMap
+from semlive.data.settings import EstimateSettings
+
+WIDTH_PX, HEIGHT_PX = 1024, 884
+SHARE, ERROR_PX = 0.01, 1.0
+
+
+def spoilt(dmap: DisparityMap, width: int) -> DisparityMap:
+    """One point in a hundred off by 1 px, in squares `width` points wide."""
+    rng = np.random.default_rng((dmap.reference, dmap.current, width))
+    u, v = dmap.u_px.copy(), dmap.v_px.copy()
+    rows, columns = u.shape
+    for _ in range(max(1, round(SHARE * u.size / width**2))):
+        at = np.s_[(row := rng.integers(rows - width + 1)) : row + width, (column := rng.integers(columns - width + 1)) : column + width]
+        turn = rng.uniform(0.0, 2.0 * np.pi)
+        u[at] += ERROR_PX * np.cos(turn)
+        v[at] += ERROR_PX * np.sin(turn)
+    return replace(dmap, u_px=u, v_px=v)
+
+
+def worst_px(world: Any, steps: list[Any], width: int | None) -> float:
+    """Largest rms error of a frame's correction at the places where the true maps have the points, its mean removed."""
+    state, taken = estimating.init(EstimateSettings(), world.grid, WIDTH_PX, HEIGHT_PX), list(world.pairs(steps))
+    for one in taken:
+        maps = one.maps if width is None else tuple(spoilt(dmap, width) for dmap in one.maps)
+        state = estimating.update(state, one.pair, one.step.phase, one.times, maps)
+    solution = estimating.solve(state)
+    worst = 0.0
+    for one in taken[1:]:
+        for dmap in one.maps[1:]:
+            found = estimating.correction(solution, dmap)
+            error = np.stack((found.u_px, found.v_px), axis=-1) - one.correction_px[dmap.current]
+            worst = max(worst, float(np.sqrt(np.mean((error - error.mean(axis=(0, 1))) ** 2))))
+    return worst
+
+
+@pytest.mark.parametrize("width", [1, 4])
+def test_one_point_in_a_hundred_off_by_a_pixel_costs_little(world: Callable[..., Any], plans: dict[str, list[Any]], width: int) -> None:
+    """The bar of a sound run; squares fill a block of a subset's size in part or whole, and no neighbour gives them away there."""
+    steps = [one for one in plans["short"] if one.strain == 0.0][:5]
+    sound, found = (worst_px(world(3), steps, one) for one in (None, width))
+    assert found < 0.006
+    assert found < 1.3 * sound
