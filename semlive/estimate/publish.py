@@ -120,7 +120,7 @@ def _thinned(dmap: DisparityMap) -> DisparityMap:
         ny=len(range(*rows.indices(dmap.grid.ny))),
     )
     maps = {name: getattr(dmap, name)[rows, columns] for name in ("u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc", "status")}
-    return replace(dmap, grid=grid, **maps)
+    return replace(dmap, grid=grid, covariance_px2=None, iterations=None, **maps)
 
 
 def mean_strain_covariance(solution: Solution, frames: Sequence[int]) -> NDArray[np.float64]:
