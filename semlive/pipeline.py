@@ -9,8 +9,9 @@ what is already said is never edited: a later pair gives a later revision.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -24,13 +25,36 @@ from semlive.data.grid import Grid
 from semlive.data.pair import Pair, PairDecision
 from semlive.data.results import FrameResult, PairResult, RunResult
 from semlive.data.settings import AnalysisSettings
-from semlive.data.strain import ElasticConstants, GageComparison, Measured, StrainSummary
+from semlive.data.strain import ElasticConstants, GageComparison, Measured, StrainSummary, Tensor2
 from semlive.errors import IllPosed
 from semlive.estimate.follow import chosen_anew
 from semlive.estimate.method import METHODS, Method
+from semlive.estimate.solve import LATELY
 from semlive.estimate.stage_path import stage_path_notes
 from semlive.mechanics.gage import mean_gage
 from semlive.mechanics.reference import at_rest
+
+AT_ONCE, ON_SCHEDULE = (
+    2,
+    64,
+)  # earlier frames corrected again with one pair, at most: 0.1 s each; where choices are due, that takes seconds anyway
+EXACT = 1e-12  # no strain is known better
+STEPS_AT_ONCE = 32  # with more load steps the constants are fitted anew only where choices are due: their covariance joins each with each
+
+Elastic = tuple[ElasticConstants | None, GageComparison | None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Told:
+    """What was said of a frame.
+
+    Attributes:
+        summary: its mean strain.
+        correction: what its correction gave to that, in the method's own words; None for frame 0.
+    """
+
+    summary: StrainSummary
+    correction: Any
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +69,8 @@ class Begun:
         pairs: the pairs so far.
         from_frame_0: disparity from frame 0 to every later frame.
         solution: the method's after the newest pair that was asked for one; None before.
+        told: what was said last of every frame, by its number; empty unless the run is followed pair by pair.
+        elastic: constants and comparison with the strain gage, as they were said last.
     """
 
     settings: AnalysisSettings
@@ -54,6 +80,8 @@ class Begun:
     pairs: tuple[PairDecision, ...]
     from_frame_0: tuple[DisparityMap, ...]
     solution: Any = None
+    told: Mapping[int, Told] = field(default_factory=dict)
+    elastic: Elastic = (None, None)
 
     @property
     def method(self) -> Method:
@@ -116,15 +144,63 @@ def _smear(decision: PairDecision, within: DisparityMap) -> dic.Smear | None:
 
 
 def update(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> tuple[Begun, PairResult]:
-    """Everything after correlation: take the maps in, estimate, correct the pair's frames."""
+    """Everything after correlation: take the maps in, estimate, correct the pair's frames, and earlier ones that moved.
+
+    Between two choices of the estimator this costs the same after a thousand pairs as after fifty.
+    """
     begun = absorb(begun, decision, maps)
-    solution = begun.method.follow(begun.estimator, begun.solution)
+    solution, due = begun.method.live(begun.estimator, begun.solution), chosen_anew(len(begun.pairs))
     begun = replace(begun, solution=solution)
-    frames = tuple(_corrected(begun, solution, frame) for frame in (2 * decision.pair, 2 * decision.pair + 1))
-    elastic, gage = _elastic(begun, solution, _tension_frames(begun, solution))
+    begun, frames = _told(begun, (2 * decision.pair, 2 * decision.pair + 1))
+    begun, revised = _told(begun, _moved(begun, due))
+    loaded = [one.pair for one in begun.pairs if one.step.phase is Phase.TENSION]
+    if due or (len(loaded) <= STEPS_AT_ONCE and (revised or decision.pair in loaded)):
+        begun = replace(begun, elastic=_elastic(begun, solution, _as_known_now(begun, loaded)))
     # The checks cost more than the update, so they keep to the schedule on which smoothness is chosen; the end is always checked.
-    newest = _estimate(begun, solution, checked=chosen_anew(len(begun.pairs)))
-    return begun, PairResult(decision, maps, newest, (frames[0], frames[1]), elastic, gage)
+    newest = _estimate(begun, solution, checked=due, lately=not due)
+    return begun, PairResult(decision, maps, newest, (frames[0], frames[1]), *begun.elastic, revised)
+
+
+def _told(begun: Begun, frames: Iterable[int]) -> tuple[Begun, tuple[FrameResult, ...]]:
+    """Frames corrected with the newest solution, and what is said of them kept."""
+    results, told = [], dict(begun.told)
+    for frame in frames:
+        result, correction = _corrected(begun, begun.solution, frame)
+        results.append(result)
+        told[frame] = Told(result.summary, correction)
+    return replace(begun, told=told), tuple(results)
+
+
+def _moved(begun: Begun, due: bool) -> tuple[int, ...]:
+    """Frames whose mean strain would move by more than its uncertainty, in any component, those that would most at the head.
+
+    Where choices are due every frame is looked at, else those of the newest pairs, which the solution then is of.
+    """
+    looked_at = begun.pairs if due else begun.pairs[-LATELY:]
+    found: list[tuple[float, int]] = []
+    for frame in (2 * one.pair + member for one in looked_at for member in (0, 1)):
+        told = begun.told.get(frame)
+        if told and told.correction is not None:
+            moved, sigma = begun.method.strain_moved(begun.solution, told.correction), told.summary.mean_sigma
+            found.append((max(abs(getattr(moved, one)) / max(getattr(sigma, one), EXACT) for one in ("exx", "eyy", "exy")), frame))
+    by_size = sorted((-ratio, frame) for ratio, frame in found if ratio > 1.0)
+    return tuple(frame for _, frame in by_size[: ON_SCHEDULE if due else AT_ONCE])
+
+
+def _as_known_now(begun: Begun, pairs: Iterable[int]) -> dict[int, StrainSummary]:
+    """Summaries of pairs' frames, their means as if they had all been corrected with the newest solution, by number.
+
+    An error of the distortion that all load steps share does no harm to a slope; steps corrected with different ones would.
+    """
+    found: dict[int, StrainSummary] = {}
+    for frame in (2 * pair + member for pair in pairs for member in (0, 1)):
+        summary, correction = begun.told[frame].summary, begun.told[frame].correction
+        if correction is not None:
+            moved = begun.method.strain_moved(begun.solution, correction)
+            mean = Tensor2(*(getattr(summary.mean, one) + getattr(moved, one) for one in ("exx", "eyy", "exy")))
+            summary = replace(summary, mean=mean)
+        found[frame] = summary
+    return found
 
 
 def absorb(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> Begun:
@@ -138,17 +214,18 @@ def absorb(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...])
 def conclude(begun: Begun) -> RunResult:
     """The whole run, every frame corrected with the newest estimate."""
     solution = begun.method.solve(begun.estimator)
-    frames = tuple(_corrected(begun, solution, 2 * decision.pair + member) for decision in begun.pairs for member in (0, 1))
+    frames = tuple(_corrected(begun, solution, 2 * decision.pair + member)[0] for decision in begun.pairs for member in (0, 1))
     newest = _estimate(begun, solution, checked=True)
-    elastic, gage = _elastic(begun, solution, frames)
+    elastic, gage = _elastic(begun, solution, {one.summary.frame: one.summary for one in frames})
     return RunResult(begun.pairs, newest, frames, elastic, (*newest.notes, *mechanics.gage_notes(gage)), gage)
 
 
-def _estimate(begun: Begun, solution: Any, *, checked: bool) -> Estimate:
+def _estimate(begun: Begun, solution: Any, *, checked: bool, lately: bool = False) -> Estimate:
     """What is known, with what the stage's commands and, where due, the halves of the data say of it."""
-    found = begun.method.estimate(solution, revision=len(begun.pairs))
+    found = begun.method.estimate(solution, revision=len(begun.pairs), lately=lately)
     checks = begun.method.checks(solution) if checked else ()
-    path = stage_path_notes(((one.pair, one.step.shift_um) for one in begun.pairs if one.step.phase is not Phase.TENSION), found.motions)
+    whole = begun.pairs if len(found.motions) == len(begun.pairs) else ()
+    path = stage_path_notes(((one.pair, one.step.shift_um) for one in whole if one.step.phase is not Phase.TENSION), found.motions)
     return replace(found, notes=(*found.notes, *path, *checks))
 
 
@@ -162,28 +239,23 @@ def frame_times(reference: PairDecision, decision: PairDecision) -> tuple[FrameT
     return first, second
 
 
-def _corrected(begun: Begun, solution: Any, frame: int) -> FrameResult:
+def _corrected(begun: Begun, solution: Any, frame: int) -> tuple[FrameResult, Any]:
+    """A frame, and what its correction gave to its mean strain; frame 0 has none."""
     if frame == 0:
         still = at_rest(begun.grid)
-        field = mechanics.strain_as(still, begun.settings.estimate.window_points, begun.settings.estimate.strain)
-        return FrameResult(still, field, mechanics.summary(still, field))
+        strain = mechanics.strain_as(still, begun.settings.estimate.window_points, begun.settings.estimate.strain)
+        return FrameResult(still, strain, mechanics.summary(still, strain)), None
     disparity = next(one for one in begun.from_frame_0 if one.current == frame)
     displacement = mechanics.displacement(disparity, begun.method.correction(solution, disparity))
-    field = mechanics.strain_as(displacement, begun.settings.estimate.window_points, begun.settings.estimate.strain)
-    systematic = begun.method.correction_strain_sigma(solution, disparity)
-    return FrameResult(
-        displacement, field, mechanics.summary(displacement, field, solution.noise_floor_px, systematic, begun.settings.estimate.strain)
-    )
+    strain = mechanics.strain_as(displacement, begun.settings.estimate.window_points, begun.settings.estimate.strain)
+    correction = begun.method.correction_strain(solution, disparity)
+    noise_px, settings = solution.noise_floor_px, begun.settings.estimate.strain
+    return FrameResult(displacement, strain, mechanics.summary(displacement, strain, noise_px, correction.sigma, settings)), correction
 
 
-def _tension_frames(begun: Begun, solution: Any) -> tuple[FrameResult, ...]:
-    tension = [decision.pair for decision in begun.pairs if decision.step.phase is Phase.TENSION]
-    return tuple(_corrected(begun, solution, 2 * pair + member) for pair in tension for member in (0, 1))
-
-
-def _elastic(begun: Begun, solution: Any, frames: tuple[FrameResult, ...]) -> tuple[ElasticConstants | None, GageComparison | None]:
+def _elastic(begun: Begun, solution: Any, summaries: Mapping[int, StrainSummary]) -> Elastic:
     """From one point for each load step: the frames of a pair share their gradient, their difference says nothing of stiffness."""
-    specimen, steps = begun.settings.specimen, _load_steps(begun, frames)
+    specimen, steps = begun.settings.specimen, _load_steps(begun, summaries)
     if specimen.area_mm2 is None or not steps:
         return None, None
     area_mm2, axis = specimen.area_mm2, specimen.loading_axis
@@ -200,9 +272,8 @@ def _elastic(begun: Begun, solution: Any, frames: tuple[FrameResult, ...]) -> tu
     return elastic, gage
 
 
-def _load_steps(begun: Begun, frames: tuple[FrameResult, ...]) -> list[tuple[int, float, Measured | None, StrainSummary]]:
+def _load_steps(begun: Begun, summaries: Mapping[int, StrainSummary]) -> list[tuple[int, float, Measured | None, StrainSummary]]:
     """(pair, mean load in N, mean of the strain gage if there is one, mean strain) of every load step."""
-    summaries = {one.summary.frame: one.summary for one in frames}
     return [
         (
             one.pair,

@@ -31,7 +31,8 @@ class DriftEstimate:
     """Drift as a function of scan time, relative to the start of frame 0 (gauge F3: d = 0 there).
 
     Attributes:
-        time_s: (n,) seconds after the start of frame 0, ascending: `rows` samples in every accepted frame.
+        time_s: (n,) seconds after the start of frame 0, ascending: `rows` samples in every accepted frame, or in those of the newest
+            pairs alone, where earlier ones stand as an earlier revision said.
         frame: (n,) number of the frame that each sample lies in.
         drift_px: (n, 2) drift along x and y.
         sigma_px: (n, 2) standard uncertainty of the drift's change since the middle of its own frame.

@@ -33,10 +33,11 @@ class PairResult:
     Attributes:
         decision: the pair.
         maps: what DIC measured: within the pair, and from frame 0 to each of its frames.
-        estimate: everything the estimator knows after this pair.
+        estimate: what the estimator knows after this pair; in a long run, between two choices, of the newest pairs.
         frames: the pair's two frames, corrected.
         elastic: elastic constants so far, or None.
         gage: DIC beside the strain gage so far, or None.
+        revised: earlier frames, corrected again because what is known now moved their mean strain by more than its uncertainty.
     """
 
     decision: PairDecision
@@ -45,6 +46,7 @@ class PairResult:
     frames: tuple[FrameResult, FrameResult]
     elastic: ElasticConstants | None
     gage: GageComparison | None = None
+    revised: tuple[FrameResult, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

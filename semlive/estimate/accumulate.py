@@ -14,7 +14,7 @@ from semlive.data.experiment import Phase
 from semlive.errors import IllPosed
 from semlive.estimate.blocks import BlockColumns, PackedColumns, block_columns
 from semlive.estimate.rows import all_rows, map_rows
-from semlive.estimate.state import EstimatorState, MapRows, ReferenceNoise
+from semlive.estimate.state import EstimatorState, Extent, MapRows, ReferenceNoise
 from semlive.model import (
     Axis,
     DriftSpline,
@@ -99,7 +99,9 @@ def update(
         if grown.summed:
             add_rows(grown, one, grown.about, sums)
         add_prior(one, sums.reference)
-    return replace(grown, rows=(*grown.rows, *rows), precision=sums.precision, information=sums.information, reference=sums.reference)
+    calibrated = state.calibrated if phase is Phase.TENSION else _widened(state, state.calibrated, rows)
+    taken = replace(grown, rows=(*grown.rows, *rows), calibrated=calibrated)
+    return replace(taken, precision=sums.precision, information=sums.information, reference=sums.reference)
 
 
 def summed(state: EstimatorState) -> EstimatorState:
@@ -195,6 +197,7 @@ def add_prior(rows: MapRows, noise: ReferenceNoise) -> None:
 def beginning(state: EstimatorState, pairs: int) -> EstimatorState:
     """The state as if the first so many pairs that came were all."""
     kept = {0, *state.motions.pairs[: pairs - 1]}
+    loaded = {pair for pair, phase in zip((0, *state.motions.pairs), state.phases, strict=True) if phase is Phase.TENSION}
     frames = tuple(when for when in state.frames if when.frame // 2 in kept)
     end_s = max(_end_s(when) for when in frames)
     assert state.drift is not None  # there are pairs
@@ -209,8 +212,19 @@ def beginning(state: EstimatorState, pairs: int) -> EstimatorState:
             phases=state.phases[:pairs],
             rows=tuple(rows for rows in state.rows if rows.current // 2 in kept),
             about=np.zeros(0),
+            calibrated=_widened(state, None, [rows for rows in state.rows if rows.current // 2 in kept - loaded]),
         )
     )
+
+
+def _widened(state: EstimatorState, known: Extent | None, maps: Sequence[MapRows]) -> Extent | None:
+    for rows in maps:
+        seen = rows.weight.any(axis=1)
+        if rows.from_reference and not rows.within_pair and seen.any():
+            there = (rows.position_px + rows.disparity_px)[seen] + state.centre_px
+            here = Extent(there.min(axis=0), there.max(axis=0))
+            known = known.joined(here) if known else here
+    return known
 
 
 def marginal(state: EstimatorState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -10,7 +10,7 @@ from semlive.estimate.accumulate import DENSE_PAIRS, beginning, carried_along, g
 from semlive.estimate.border import DRIFT, NOISE
 from semlive.estimate.chain import Chain, chained, extended, looked_at
 from semlive.estimate.late import rechosen
-from semlive.estimate.solve import Solution, choose, solved
+from semlive.estimate.solve import LATELY, Solution, choose, solved
 from semlive.estimate.state import EstimatorState
 
 
@@ -35,12 +35,22 @@ def follow(state: EstimatorState, known: Solution | None) -> Solution:
     return _anew(followed) if chosen_anew(len(state.phases)) else followed
 
 
-def newest(state: EstimatorState, known: Solution) -> Solution:
-    """The same for the newest pair alone, and for what all pairs share: costs as much after a thousand pairs as after ten.
+def newest(state: EstimatorState, known: Solution, pairs: int = 1) -> Solution:
+    """The same for so many newest pairs alone, and for what all pairs share: costs as much after a thousand pairs as after ten.
 
     The mean of what belongs to earlier pairs stays where the last choice left it.
     """
-    return solved(_gone_on(state, known), known.terms, known.noise_floor_px, newest=True)
+    return solved(_gone_on(state, known), known.terms, known.noise_floor_px, newest=pairs)
+
+
+def live(state: EstimatorState, known: Solution | None) -> Solution:
+    """What is wanted at once after a further pair: all of it where choices are due, else the `LATELY` newest pairs.
+
+    So the first 32 pairs are smoothed whole every time, and of a longer run what is older than that moves with the choices.
+    """
+    if known is None or chosen_anew(len(state.phases)):
+        return follow(state, known)
+    return newest(state, known, LATELY)
 
 
 def _gone_on(state: EstimatorState, known: Solution) -> Chain:

@@ -37,8 +37,12 @@ class Method(Protocol):
         """The solution after a further pair, given that of an earlier one or None."""
         ...
 
-    def estimate(self, solution: Any, revision: int) -> Estimate:
-        """Everything known."""
+    def live(self, state: Any, known: Any) -> Any:
+        """The same, but of the newest pairs alone where no choices are due, if that costs less."""
+        ...
+
+    def estimate(self, solution: Any, revision: int, lately: bool = False) -> Estimate:
+        """Everything known; if so asked, of the newest pairs alone."""
         ...
 
     def checks(self, solution: Any) -> tuple[str, ...]:
@@ -49,8 +53,12 @@ class Method(Protocol):
         """Drift and distortion in a map from frame 0."""
         ...
 
-    def correction_strain_sigma(self, solution: Any, dmap: DisparityMap) -> Tensor2:
-        """Uncertainty that the correction gives to a mean strain."""
+    def correction_strain(self, solution: Any, dmap: DisparityMap) -> Any:
+        """What the correction gives to a mean strain, with its uncertainty `sigma`, to be asked later how far it moved."""
+        ...
+
+    def strain_moved(self, solution: Any, told: Any) -> Tensor2:
+        """How far a mean strain moves if it is corrected with this solution instead of the one that was told of."""
         ...
 
     def mean_strain_covariance(self, solution: Any, frames: Sequence[int]) -> NDArray[np.float64]:

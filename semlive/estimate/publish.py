@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,26 +11,25 @@ from numpy.typing import NDArray
 from semlive.data.disparity import DisparityMap
 from semlive.data.drift import Correction, DistortionField, DriftEstimate, Estimate, FrameTime, Motion, RasterWander
 from semlive.data.experiment import Phase
-from semlive.data.strain import Tensor2
 from semlive.estimate.consistency import consistency
+from semlive.estimate.correction_strain import sightings
 from semlive.estimate.smooth import Spread, border_covariance, spreads
-from semlive.estimate.solve import Solution
+from semlive.estimate.solve import LATELY, Solution
 from semlive.estimate.support import Calibration, calibration, outside_notes, pointwise, support
-from semlive.model import Axis, MotionKind, Sighting, offsets, sighting, with_drift
+from semlive.model import MotionKind, offsets
 
 SAMPLES_PER_FRAME = 12
-ENOUGH = 40
 UNEXPLAINED = 2.0  # times the stated noise; rendered frames and the numerical experiment stay within 1.1
 
 
-def estimate(solution: Solution, revision: int) -> Estimate:
-    """Everything known, as one revision."""
+def estimate(solution: Solution, revision: int, lately: bool = False) -> Estimate:
+    """Everything known, as one revision; `lately` leaves out what belongs to pairs older than the `LATELY` newest."""
     state = solution.state
     known = calibration(solution)
     distortion = _distortion(solution, known)
-    wide = {one.pair: one for one in spreads(solution.ending)}
-    motions = tuple(_motion(solution, pair, wide) for pair in (0, *state.motions.pairs))
-    notes, drift, wander = _notes(solution, known), _drift(solution, revision, wide), _wander(solution, wide)
+    wide = {one.pair: one for one in spreads(solution.ending, LATELY if lately else None)}
+    motions = tuple(_motion(solution, pair, wide) for pair in (0, *state.motions.pairs) if pair in wide)
+    notes, drift, wander = _notes(solution, known, wide), _drift(solution, revision, wide), _wander(solution, wide)
     return Estimate(drift, distortion, motions, solution.noise_floor_px, notes, solution.terms, wander)
 
 
@@ -63,7 +61,7 @@ def correction(solution: Solution, dmap: DisparityMap) -> Correction:
 
     Points that a frame shows beyond the addresses seen in calibration are marked: the distortion there would be extrapolated.
     """
-    reference, current = _sightings(solution, dmap)
+    reference, current = sightings(solution, dmap)
     model = tuple(effect for effect in solution.state.model if not effect.needs_ideal)
     parameters = np.concatenate([solution.part(effect.name) for effect in model])
     both = offsets(model, parameters, current) - offsets(model, parameters, reference)
@@ -76,51 +74,6 @@ def correction(solution: Solution, dmap: DisparityMap) -> Correction:
         valid = area.holds(current.x_px, current.y_px).reshape(dmap.grid.shape)
         valid.setflags(write=False)
     return Correction(dmap.current, u, v, valid)
-
-
-def correction_strain_sigma(solution: Solution, dmap: DisparityMap) -> Tensor2:
-    """Standard uncertainty that the correction of a map from frame 0 gives to the mean strain over its valid points.
-
-    This is the systematic part: the same for every point of the frame, whatever its own DIC noise. Corrections are smooth, so
-    some ENOUGH points each way stand for all: within 1 % of what 18,000 points give (6 % in frame 1), at a ninth of their time.
-    """
-    dmap = _thinned(dmap)
-    reference, current = _sightings(solution, dmap)
-    layout, valid = solution.state.layout, dmap.valid.ravel()
-    if valid.sum() < 3:
-        return Tensor2(np.inf, np.inf, np.inf)
-    position = np.column_stack((np.ones(int(valid.sum())), reference.x_px[valid], reference.y_px[valid]))
-    slopes = np.zeros((2, len(valid)))
-    slopes[:, valid] = np.linalg.pinv(position)[1:]
-    along = np.zeros((2, 2, layout.size))  # slope in x or y, of u or v
-    for sign, seen in ((1.0, current), (-1.0, reference)):
-        for effect in (one for one in solution.state.model if not one.needs_ideal):
-            start = layout.part(effect.name).start
-            for columns in effect.columns(seen):
-                for direction in (0, 1):
-                    for component in (0, 1) if columns.axis is Axis.EACH else (int(columns.axis is Axis.Y),):
-                        at = start + (2 * columns.index + component if columns.axis is Axis.EACH else columns.index)
-                        weights = sign * slopes[direction][:, None] * columns.value
-                        along[direction, component] += np.bincount(at.ravel(), weights.ravel(), layout.size)
-    rows = np.stack((along[0, 0], along[1, 1], 0.5 * (along[1, 0] + along[0, 1])))
-    sigma = np.sqrt(np.clip(np.diag(solution.covariance_of(rows)), 0.0, None))
-    return Tensor2(*(float(one) for one in sigma))
-
-
-def _thinned(dmap: DisparityMap) -> DisparityMap:
-    """Every k-th point of every k-th row, with ENOUGH of them along the shorter side."""
-    k = max(1, min(dmap.grid.shape) // ENOUGH)
-    rows, columns = (slice((n - 1) % k // 2, None, k) for n in dmap.grid.shape)
-    grid = replace(
-        dmap.grid,
-        x0_px=dmap.grid.x0_px + columns.start * dmap.grid.step_px,
-        y0_px=dmap.grid.y0_px + rows.start * dmap.grid.step_px,
-        step_px=k * dmap.grid.step_px,
-        nx=len(range(*columns.indices(dmap.grid.nx))),
-        ny=len(range(*rows.indices(dmap.grid.ny))),
-    )
-    maps = {name: getattr(dmap, name)[rows, columns] for name in ("u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc", "status")}
-    return replace(dmap, grid=grid, covariance_px2=None, iterations=None, **maps)
 
 
 def mean_strain_covariance(solution: Solution, frames: Sequence[int]) -> NDArray[np.float64]:
@@ -140,22 +93,12 @@ def mean_strain_covariance(solution: Solution, frames: Sequence[int]) -> NDArray
     return solution.covariance_of(rows.reshape(2 * len(frames), -1))
 
 
-def _sightings(solution: Solution, dmap: DisparityMap) -> tuple[Sighting, Sighting]:
-    state = solution.state
-    if dmap.reference != 0:
-        raise ValueError(f"corrections are for maps from frame 0, not from frame {dmap.reference}")
-    x, y = dmap.grid.mesh()
-    reference = sighting(state.frame_time(0), x, y)
-    current = sighting(state.frame_time(dmap.current), x + dmap.u_px, y + dmap.v_px)
-    return with_drift(state.model, solution.mean, reference), with_drift(state.model, solution.mean, current)
-
-
 Spreads = dict[int, Spread]
 """Uncertainty of what concerns each pair."""
 
 
 def _wander(solution: Solution, wide: Spreads) -> RasterWander:
-    frames = sorted(solution.state.frames, key=_start)
+    frames = _frames(solution, wide)
     values = []
     for change in solution.state.raster:
         start = solution.state.layout.part(change.name).start
@@ -174,7 +117,7 @@ def _drift(solution: Solution, revision: int, wide: Spreads) -> DriftEstimate:
     assert drift is not None  # a solution has data
     spline, start = drift.spline, layout.part("drift").start
     parameters = solution.part("drift").reshape(-1, 2)
-    frames = sorted(solution.state.frames, key=_start)
+    frames = _frames(solution, wide)
     fraction = np.append(np.linspace(0.0, 1.0, SAMPLES_PER_FRAME), 0.5)
     times, values, rates, variances = [], [], [], []
     for when in frames:
@@ -225,7 +168,7 @@ def _motion(solution: Solution, pair: int, wide: Spreads) -> Motion:
     return Motion(pair, shift, shift_sigma, gradient, gradient_sigma)
 
 
-def _notes(solution: Solution, known: Calibration) -> tuple[str, ...]:
+def _notes(solution: Solution, known: Calibration, wide: Spreads) -> tuple[str, ...]:
     notes = []
     if not known.enough:
         warned = "WARNING, the load steps are corrected with it all the same: " if Phase.TENSION in solution.state.phases else ""
@@ -234,7 +177,7 @@ def _notes(solution: Solution, known: Calibration) -> tuple[str, ...]:
         notes.append(
             "the affine part of the distortion is not determined by unknown translations and set to zero: it scales strain, it makes none"
         )
-    notes += outside_notes(solution.state)
+    notes += outside_notes(solution.state, wide)
     notes += _term_notes(solution)
     frames = sorted(solution.state.frames, key=_start)
     gap_s = max((after.start_s - before.start_s - before.timing.duration_s for before, after in itertools.pairwise(frames)), default=0.0)
@@ -257,6 +200,10 @@ def _term_notes(solution: Solution) -> list[str]:
             end = f", under load only as it goes on smoothly: a step of it cannot be told from {what}" if strained else ""
             notes.append(said + end)
     return notes
+
+
+def _frames(solution: Solution, wide: Spreads) -> list[FrameTime]:
+    return sorted((when for when in solution.state.frames if when.frame // 2 in wide), key=_start)
 
 
 def _start(when: FrameTime) -> float:

@@ -40,12 +40,12 @@ class Ending:
         return (*self.chain.steps, self.last)
 
     def covariance_of(self, rows: Matrix) -> Matrix:
-        """(k, k) covariance of k linear functions (k, n) of the joint parameters; steps before the first that they touch cost nothing."""
+        """(k, k) covariance of k linear functions (k, n) of the joint parameters; steps before the first that they touch are left out."""
         layout, border = self.chain.state.layout, self.chain.border
         left, total = rows.copy(), np.zeros((len(rows),) * 2)
         held = np.zeros((len(rows), border.size))
         held[:, : border.known] = rows[:, joint_of(layout, border.codes()[: border.known])]
-        for step in self.steps:
+        for step in self._since(rows):
             here = left[:, joint_of(layout, step.gone)]
             if here.any():
                 ahead = solve_triangular(step.factor, here.T, lower=True, check_finite=False)
@@ -54,6 +54,17 @@ class Ending:
                 held -= ahead.T @ step.to_border
         ahead = solve_triangular(self.factor, held.T, lower=True, check_finite=False)
         return total + ahead.T @ ahead
+
+    def _since(self, rows: Matrix) -> tuple[Step, ...]:
+        """The steps from the first that touches linear functions on: what came before does not cost a look each."""
+        layout, border, steps = self.chain.state.layout, self.chain.border, self.steps
+        touched = np.asarray(np.any(rows, axis=0), dtype=np.bool_)
+        touched[joint_of(layout, border.codes()[: border.known])] = False
+        left, first = int(touched.sum()), len(steps)
+        while left and first:
+            first -= 1
+            left -= int(touched[joint_of(layout, steps[first].gone)].sum())
+        return steps[first:]
 
 
 def ended(chain: Chain, belief: Hyper | None = None) -> Ending:
@@ -73,21 +84,23 @@ def ended(chain: Chain, belief: Hyper | None = None) -> Ending:
     return Ending(chain, last, factor, cho_solve((factor, True), pull, check_finite=False))
 
 
-def mean_of(ending: Ending, newest: bool = False) -> Vector:
+def mean_of(ending: Ending, newest: int | None = None) -> Vector:
     """(n,) posterior mean of the joint parameters.
 
     Args:
         ending: of the chain.
-        newest: stop at the newest pair. What is older stays at the chain's `near`; costs the same after any number of pairs.
+        newest: of so many newest pairs alone. What is older stays at the chain's `near`; costs the same after any number of pairs.
     """
     layout, border = ending.chain.state.layout, ending.chain.border
     move = np.zeros(layout.size)
     known = border.codes()[: border.known]
     move[joint_of(layout, known)] = ending.step[: border.known]
+    left = newest or 0
     for step in reversed(ending.steps):
         asked = step.pull - step.to_kept @ move[joint_of(layout, step.kept)] - step.to_border @ ending.step
         move[joint_of(layout, step.gone)] = solve_triangular(step.factor, asked, lower=True, trans=1, check_finite=False)
-        if newest and step.pair is not None:
+        left -= step.pair is not None
+        if newest and not left:
             break
     return ending.chain.near + move
 
@@ -141,8 +154,8 @@ class _Back:
     response: Matrix
 
 
-def spreads(ending: Ending, newest: bool = False) -> Iterator[Spread]:
-    """Of every pair, the newest first (or alone).
+def spreads(ending: Ending, newest: int | None = None) -> Iterator[Spread]:
+    """Of every pair, or of so many newest ones; the newest first.
 
     Given the border, the covariance goes back from step to step as in a Rauch-Tung-Striebel smoother. What the border's uncertainty adds
     is its posterior seen through each parameter's response to it.
@@ -152,8 +165,8 @@ def spreads(ending: Ending, newest: bool = False) -> Iterator[Spread]:
     (trsm,), factor = get_blas_funcs(("trsm",), (ending.factor,)), np.asfortranarray(ending.factor)
     knot_codes, through_knots = border.codes()[knots], trsm(1.0, factor, np.eye(border.size)[:, knots], lower=1).T
     through = np.zeros((0, border.size))
-    way = _way_back(ending)
-    while together := list(islice(way, 2 if newest else TOGETHER)):
+    way, left = _way_back(ending), newest or 0
+    while together := list(islice(way, min(TOGETHER, newest + 1) if newest else TOGETHER)):
         seen = trsm(1.0, factor, np.concatenate([one.response for one in together]).T, lower=1, overwrite_b=1).T
         row = 0
         for one in together:
@@ -168,7 +181,8 @@ def spreads(ending: Ending, newest: bool = False) -> Iterator[Spread]:
             index = joint_of(layout, np.concatenate((one.codes, knot_codes)))
             sort = np.argsort(index)
             yield Spread(one.step.pair, index[sort], total[np.ix_(sort, sort)])
-            if newest:
+            left -= 1
+            if newest and not left:
                 return
 
 

@@ -21,6 +21,7 @@ from semlive.estimate.state import EstimatorState
 from semlive.estimate.terms import COUPLING_SIGMAS, coupling, raster_terms
 
 CLIP = 4.0
+LATELY = 32  # pairs that are smoothed with every further one: 3 ms each with their covariances
 HUBER, HUBER_PASSES = 5.0, 2  # of the noise; of 32,000 block means of noise alone one in fifty runs lies beyond
 # The drift that was found with the wrong coupling is wrong by 0.02 px, which matters times 5e-3: three passes where there is noise. Without
 # any, smoothness is chosen anew as the misfit shrinks, by two digits in each pass.
@@ -93,8 +94,8 @@ def choose(state: EstimatorState) -> Solution:
     return _concluded(fitted.state, fitted.data, fitted.hyper, gauge, (*tests, test))
 
 
-def solved(chain: Chain, terms: tuple[TermTest, ...], noise_floor_px: float, newest: bool = False) -> Solution:
-    """The posterior that an elimination gives; of the `newest` pair and of what all pairs share alone if so asked."""
+def solved(chain: Chain, terms: tuple[TermTest, ...], noise_floor_px: float, newest: int | None = None) -> Solution:
+    """The posterior that an elimination gives; of so many `newest` pairs and of what all pairs share alone if so asked."""
     ending = ended(chain)
     return Solution(chain.state, chain.hyper, mean_of(ending, newest), ending, noise_floor_px, terms)
 

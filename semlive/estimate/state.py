@@ -89,6 +89,23 @@ class ReferenceNoise:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Extent:
+    """How far points lay.
+
+    Attributes:
+        lowest_px: (2,) least scan address along x and y.
+        highest_px: (2,) largest.
+    """
+
+    lowest_px: NDArray[np.float64]
+    highest_px: NDArray[np.float64]
+
+    def joined(self, other: Extent) -> Extent:
+        """As far as either."""
+        return Extent(np.minimum(self.lowest_px, other.lowest_px), np.maximum(self.highest_px, other.highest_px))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class EstimatorState:
     """Everything accumulated so far; `update` returns a new one.
 
@@ -110,6 +127,7 @@ class EstimatorState:
         precision: (n, n) accumulated information matrix A^T W A at unit noise scale, without priors; empty where it is not held.
         information: (n,) accumulated information vector A^T W y; likewise.
         reference: what the maps say of the noise of frame 0.
+        calibrated: where frames of calibration and translation pairs showed the middles of blocks; None where none did.
     """
 
     settings: EstimateSettings
@@ -129,6 +147,7 @@ class EstimatorState:
     precision: NDArray[np.float64]
     information: NDArray[np.float64]
     reference: ReferenceNoise
+    calibrated: Extent | None = None
 
     @property
     def model(self) -> tuple[Effect, ...]:

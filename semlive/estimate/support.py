@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from semlive.estimate.prior import Hyper
 from semlive.estimate.smooth import border_covariance, ended
 from semlive.estimate.solve import Solution
 from semlive.estimate.state import EstimatorState
+from semlive.model import MotionKind
 
 Field = NDArray[np.float64]
 # An address counts as calibrated when the data reduced the standard deviation of its distortion below this fraction. Of the paper's
@@ -108,14 +110,16 @@ def levers_px(solution: Solution) -> tuple[float, float]:
     state = solution.state
     drift = state.drift
     assert drift is not None  # a solution has data
-    places = []
-    for pair, phase in zip((0, *state.motions.pairs), state.phases, strict=True):
-        if phase is Phase.TENSION and pair:
-            continue
-        shift, _ = state.motions.shift_and_gradient(pair, solution.part("motion"))
-        times_s = [when.start_s for when in state.frames if when.frame // 2 == pair]
-        places += [shift + one for one in drift.rows(times_s) @ solution.part("drift").reshape(-1, 2)]
-    extent = np.ptp(np.array(places), axis=0)
+    kinds, every = state.motions.kinds, dict(zip((0, *state.motions.pairs), state.phases, strict=True))
+    motion = np.append(solution.part("motion"), (0.0, 0.0))  # pair 0 does not move
+    starts = np.cumsum([0, *(kind.value for kind in kinds)])[:-1]
+    along_y = np.array([1 if kind is MotionKind.RIGID else 3 for kind in kinds], dtype=np.int64)
+    shifts = np.stack((motion[np.append(starts, len(motion) - 2)], motion[np.append(starts + along_y, len(motion) - 1)]), axis=1)
+    row = {pair: number for number, pair in enumerate((*state.motions.pairs, 0))}
+    frames = [one for one in state.frames if one.frame < 2 or every[one.frame // 2] is not Phase.TENSION]
+    index, value = drift.spline.local(np.array([one.start_s for one in frames]))
+    drifted = np.einsum("nk,nkc->nc", value, solution.part("drift").reshape(-1, 2)[index])
+    extent = np.ptp(shifts[[row[one.frame // 2] for one in frames]] + drifted, axis=0)
     return float(extent[0]), float(extent[1])
 
 
@@ -123,32 +127,22 @@ def support(state: EstimatorState) -> Support | None:
     """Where the frames of calibration and translation pairs showed points; None before load steps, and without calibration."""
     if Phase.TENSION not in state.phases:
         return None
-    phase = dict(zip((0, *state.motions.pairs), state.phases, strict=True))
-    margin = MARGIN_SUBSETS * state.grid.subset_px
-    lowest, highest = [], []
-    for rows in state.rows:
-        if not rows.from_reference or rows.within_pair or phase[rows.current // 2] is Phase.TENSION:
-            continue
-        seen = rows.weight.any(axis=1)
-        if seen.any():
-            there = (rows.position_px + rows.disparity_px)[seen] + state.centre_px
-            lowest.append(there.min(axis=0))
-            highest.append(there.max(axis=0))
-    if not lowest:
+    extent, margin = state.calibrated, MARGIN_SUBSETS * state.grid.subset_px
+    if extent is None:
         return None
     # The first and last points of a frame lie half a block beyond the middles of its outer blocks.
-    low, high = np.min(lowest, axis=0) - margin, np.max(highest, axis=0) + margin
+    low, high = extent.lowest_px - margin, extent.highest_px + margin
     return Support((float(low[0]), float(high[0])), (float(low[1]), float(high[1])))
 
 
-def outside_notes(state: EstimatorState) -> list[str]:
-    """A sentence about frames with points beyond the calibrated addresses."""
+def outside_notes(state: EstimatorState, pairs: Container[int]) -> list[str]:
+    """A sentence about frames of some pairs with points beyond the calibrated addresses."""
     area = support(state)
     if area is None:
         return []
     worst, worst_frame, frames = 0.0, -1, 0
     for rows in state.rows:
-        if not rows.from_reference or not rows.dmap.valid.any():
+        if rows.current // 2 not in pairs or not rows.from_reference or not rows.dmap.valid.any():
             continue
         there = rows.position_px + state.centre_px + rows.disparity_px
         seen = rows.weight.any(axis=1)

@@ -160,7 +160,7 @@ def _pair_messages(result: PairResult, wall_s: float) -> Iterator[LogMessage]:
     yield _message(values.distortion_message(estimate.distortion, revision), end_ns)
     for motion in estimate.motions:
         yield _message(values.motion_message(motion, revision), end_ns)
-    for frame in result.frames:
+    for frame in (*result.frames, *result.revised):
         number = frame.summary.frame
         yield LogMessage(DISPLACEMENT_FIELD, end_ns, end_ns, number, encode_displacement(frame.displacement))
         yield LogMessage(STRAIN_FIELD, end_ns, end_ns, number, encode_strain(frame.strain))

@@ -1,8 +1,11 @@
-"""How the joint estimate's cost grows with the run: ``python tests/benchmarks/bench_estimate_scale.py [--pairs N] [--anew] [--write]``.
+"""How the joint estimate's cost grows: ``python tests/benchmarks/bench_estimate_scale.py [--pairs N] [--anew | --live] [--write]``.
 
 The maps of the numerical experiment's pairs are used again and again, at later times: what is estimated is of no interest here. Prints
 processor time for each update and each estimate of the newest frame after 10, 100, 300 and 1000 pairs, time of smoothing and of a new
 elimination, memory, and the batch of 15 pairs; ``--write`` puts the table into docs/estimation.md. A thousand pairs take four minutes.
+
+``--live`` measures instead all that follows a correlation, `pipeline.update`: estimate, correction of the pair's frames and of earlier ones
+that moved, elastic constants, and everything that is published. After 15 pairs of calibration all others are load steps: ten minutes.
 """
 
 from __future__ import annotations
@@ -19,20 +22,24 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from numexp.asrun import decision_of
 from numexp.cases import CASES
 from numexp.experiment import Experiment, make_experiment
 from numexp.world import HEIGHT_PX, WIDTH_PX
 
-from semlive import estimate
+from semlive import estimate, pipeline
 from semlive.data.disparity import DisparityMap
 from semlive.data.drift import FrameTime
-from semlive.data.settings import EstimateSettings
+from semlive.data.experiment import Phase
+from semlive.data.settings import AnalysisSettings, EstimateSettings
 from semlive.estimate.follow import chosen_anew
 from semlive.estimate.smooth import spreads
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "estimation.md"
 BEGIN, END = "<!-- bench_estimate_scale: begin -->", "<!-- bench_estimate_scale: end -->"
+LIVE_BEGIN, LIVE_END = "<!-- bench_live: begin -->", "<!-- bench_live: end -->"
 SHOWN = (10, 100, 300, 1000)
+LIVE_SHOWN = (11, 22, 100, 300, 1000)
 AROUND = 5  # pairs over which a median is taken
 T = TypeVar("T")
 
@@ -123,6 +130,34 @@ def table(count: int, whole: bool) -> list[str]:
     return lines
 
 
+def live_table(count: int) -> list[str]:
+    """Markdown lines: what one pair costs the pipeline from its disparity maps on."""
+    experiment = make_experiment(CASES["tension"], 1)
+    plain = AnalysisSettings()
+    settings = replace(plain, specimen=replace(plain.specimen, area_mm2=1.0))
+    taken = experiment.pairs
+    steps = [one for one in taken if one.phase is Phase.TENSION]
+    begun, spent, revised = pipeline.begin_from_maps(settings, decision_of(taken[0], 0, settings).first, experiment.grid), [], []
+    for pair in range(count):
+        like = taken[pair] if pair < len(taken) else steps[(pair - len(taken)) % len(steps)]
+        first, decision = 2 * pair, decision_of(like, pair, settings)
+        maps = tuple(
+            replace(one, reference=one.reference and one.reference % 2 + first, current=one.current % 2 + first) for one in like.maps
+        )
+        (begun, result), spent_s = timed(lambda b=begun, d=decision, m=maps: pipeline.update(b, d, m))
+        spent.append(spent_s)
+        revised.append(len(result.revised))
+        if (pair + 1) % 50 == 0:
+            sys.stderr.write(f"{pair + 1}/{count}\n")
+    lines = ["| pairs | from disparity to all that is published, s | the slowest of ten | frames revised so far |", "|---|---|---|---|"]
+    due = {pair for pair in range(1, count + 1) if chosen_anew(pair)}
+    for shown in [one for one in LIVE_SHOWN if one <= count]:
+        around = [spent[pair - 1] for pair in range(max(shown - 9, 1), shown + 1) if pair not in due]
+        lines.append(f"| {shown} | {float(np.median(around)):.2f} | {max(around):.2f} | {sum(revised[:shown])} |")
+    at = ", ".join(f"{spent[pair - 1]:.1f} s after {pair}" for pair in sorted(due) if pair >= 16)
+    return [*lines, "", f"Where choices are due: {at}. Processor time, 18,000 points, one core."]
+
+
 def _batch(experiment: Experiment) -> list[float]:
     state = estimate.init(EstimateSettings(), experiment.grid, WIDTH_PX, HEIGHT_PX)
     for taken in experiment.pairs:
@@ -139,17 +174,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--pairs", type=int, default=SHOWN[-1])
     parser.add_argument("--write", action="store_true", help="write the table into the documentation")
+    parser.add_argument("--live", action="store_true", help="measure what follows a correlation in a live run")
     parser.add_argument("--anew", action="store_true", help="also solve the whole run without what was kept from pair to pair")
     given = parser.parse_args()
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # read by the process that is spawned next
     with multiprocessing.get_context("spawn").Pool(1) as pool:
-        lines = pool.apply(table, (given.pairs, given.anew))
+        lines = pool.apply(live_table, (given.pairs,)) if given.live else pool.apply(table, (given.pairs, given.anew))
     sys.stdout.write("\n".join(lines) + "\n")
     if given.write:
-        before, rest = DOCS.read_text(encoding="utf-8").split(BEGIN)
-        after = rest.split(END)[1]
-        DOCS.write_text(before + BEGIN + "\n" + "\n".join(lines) + "\n" + END + after, encoding="utf-8")
+        begin, end = (LIVE_BEGIN, LIVE_END) if given.live else (BEGIN, END)
+        before, rest = DOCS.read_text(encoding="utf-8").split(begin)
+        after = rest.split(end)[1]
+        DOCS.write_text(before + begin + "\n" + "\n".join(lines) + "\n" + end + after, encoding="utf-8")
 
 
 if __name__ == "__main__":

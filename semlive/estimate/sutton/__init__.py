@@ -9,9 +9,21 @@ What the paper leaves open is stated in `Options` and in the settings. Its figur
 reached without a smoothing of the local drift over positions, which it does not mention: 60 px, Gaussian, by default.
 """
 
-from semlive.estimate.sutton.publish import checks, correction, correction_strain_sigma, estimate, live_rate, mean_strain_covariance
+from semlive.estimate.sutton.publish import (
+    checks,
+    correction,
+    correction_strain,
+    correction_strain_sigma,
+    estimate,
+    live_rate,
+    mean_strain_covariance,
+    strain_moved,
+)
 from semlive.estimate.sutton.solve import Options, SuttonSolution, follow, solve
 from semlive.estimate.sutton.state import SuttonState, init, update
+
+live = follow
+"""A batch has no shorter way."""
 
 __all__ = [
     "Options",
@@ -19,12 +31,15 @@ __all__ = [
     "SuttonState",
     "checks",
     "correction",
+    "correction_strain",
     "correction_strain_sigma",
     "estimate",
     "follow",
     "init",
+    "live",
     "live_rate",
     "mean_strain_covariance",
     "solve",
+    "strain_moved",
     "update",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,24 @@ UNKNOWN_PX = 1e3  # the uncertainty of what no data have shown
 MIN_SPAN_PX = 4.0  # translations along an axis that differ by less than this do not show distortion along it
 
 
-def estimate(solution: SuttonSolution, revision: int) -> Estimate:
-    """Everything known, as one revision."""
+@dataclass(frozen=True, slots=True, eq=False)
+class CorrectionStrain:
+    """The mean strain that a correction took off a map, as it was at one time.
+
+    Attributes:
+        dmap: the map.
+        value: exx, eyy and exy then.
+        sigma: standard uncertainty then.
+    """
+
+    dmap: DisparityMap
+    value: Tensor2
+    sigma: Tensor2
+
+
+def estimate(solution: SuttonSolution, revision: int, lately: bool = False) -> Estimate:
+    """Everything known, as one revision; a batch leaves nothing out."""
+    del lately
     distortion = _distortion(solution)
     motions = tuple(_motion(solution, one) for one in solution.state.pairs)
     return Estimate(_drift(solution, revision), distortion, motions, solution.noise_floor_px, _notes(solution, distortion))
@@ -67,6 +83,27 @@ def correction_strain_sigma(solution: SuttonSolution, dmap: DisparityMap) -> Ten
     sigma = _drift_sigma_px(solution, solution.state.frame_time(dmap.current)) * shared
     along_x, along_y = (sigma / (np.std(one) * np.sqrt(one.size) + 1e-12) for one in (x, y))
     return Tensor2(float(along_x), float(along_y), 0.5 * float(np.hypot(along_x, along_y)))
+
+
+def correction_strain(solution: SuttonSolution, dmap: DisparityMap) -> CorrectionStrain:
+    """What the correction of a map from frame 0 gives to its mean strain, and how uncertain that is."""
+    return CorrectionStrain(dmap, _strain_of(solution, dmap), correction_strain_sigma(solution, dmap))
+
+
+def strain_moved(solution: SuttonSolution, told: CorrectionStrain) -> Tensor2:
+    """How far the mean strain of a corrected map would move if it were corrected with another solution."""
+    now = _strain_of(solution, told.dmap)
+    return Tensor2(told.value.exx - now.exx, told.value.eyy - now.eyy, told.value.exy - now.exy)
+
+
+def _strain_of(solution: SuttonSolution, dmap: DisparityMap) -> Tensor2:
+    found, valid = correction(solution, dmap), dmap.valid
+    if valid.sum() < 3:
+        return Tensor2(0.0, 0.0, 0.0)
+    position = np.column_stack((np.ones(int(valid.sum())), *(one[valid] for one in dmap.grid.mesh())))
+    moved = np.stack((found.u_px[valid], found.v_px[valid]), axis=1)
+    slope = np.asarray(np.linalg.lstsq(position, moved, rcond=None)[0], dtype=np.float64)[1:]
+    return Tensor2(float(slope[0, 0]), float(slope[1, 1]), 0.5 * float(slope[0, 1] + slope[1, 0]))
 
 
 def mean_strain_covariance(solution: SuttonSolution, frames: Sequence[int]) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numexp.experiment import Experiment, timing
+from numexp.experiment import Experiment, Taken, timing
 from numexp.world import HEIGHT_PX, ROW_S, SCAN, WIDTH_PX, start_s
 
 from semlive import pipeline
@@ -25,16 +25,19 @@ def concluded(experiment: Experiment, settings: AnalysisSettings) -> RunResult:
     """What the pipeline makes of an experiment's maps; loads are as the specimen's settings and E of 71.1 GPa have it."""
     begun = None
     for taken in experiment.pairs:
-        infos = tuple(_info(2 * taken.pair + member) for member in (0, 1))
-        strain = float(taken.seen[-1].gradient[1, 1])
-        load_n = strain * 71.1e3 * (settings.specimen.area_mm2 or 0.0)
-        held = FrameLoad(load_n, load_n, load_n, 0.0)
-        step = Step(taken.pair, taken.phase, (0.0, 0.0), (0.0, 0.0), load_n)
-        decision = PairDecision(taken.pair, step, infos[0], infos[1], (held, held))
-        begun = begun or pipeline.begin_from_maps(settings, infos[0], experiment.grid)
+        decision = decision_of(taken, taken.pair, settings)
+        begun = begun or pipeline.begin_from_maps(settings, decision.first, experiment.grid)
         begun = pipeline.absorb(begun, decision, taken.maps)
     assert begun is not None  # an experiment has pairs
     return pipeline.conclude(begun)
+
+
+def decision_of(taken: Taken, pair: int, settings: AnalysisSettings) -> PairDecision:
+    """The decision for a pair that shows what one of the experiment's does."""
+    first, second = (_info(2 * pair + member) for member in (0, 1))
+    load_n = float(taken.seen[-1].gradient[1, 1]) * 71.1e3 * (settings.specimen.area_mm2 or 0.0)
+    held = FrameLoad(load_n, load_n, load_n, 0.0)
+    return PairDecision(pair, Step(pair, taken.phase, (0.0, 0.0), (0.0, 0.0), load_n), first, second, (held, held))
 
 
 def _info(frame: int) -> FrameInfo:

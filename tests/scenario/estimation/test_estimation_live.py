@@ -1,0 +1,135 @@
+"""A run followed pair by pair: what is said at once is that of all pairs, and what was said before is revised where it moved."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from semlive import estimate as estimating
+from semlive import pipeline
+from semlive.data.drift import FrameTime
+from semlive.data.experiment import Phase, Step
+from semlive.data.frame import FrameInfo
+from semlive.data.loading import FrameLoad
+from semlive.data.pair import PairDecision
+from semlive.data.results import PairResult
+from semlive.data.scan import Provenance, Sourced
+from semlive.data.settings import AnalysisSettings
+from semlive.estimate.follow import chosen_anew
+from semlive.estimate.solve import LATELY
+
+E_GPA = 71.1
+COMPONENTS = ("exx", "eyy", "exy")
+
+
+def settings(method: str = "joint") -> AnalysisSettings:
+    plain = AnalysisSettings()
+    return replace(plain, specimen=replace(plain.specimen, area_mm2=1.0), estimate=replace(plain.estimate, method=method))
+
+
+def info(when: FrameTime) -> FrameInfo:
+    known = Provenance.CONFIG
+    start = Sourced(10**18 + round(when.start_s * 1e9), known)
+    return FrameInfo(when.frame, f"{when.frame}.tif", "plain", 1024, 884, 0, when.timing, start, 0.01, Sourced(1e-6, known))
+
+
+def decision(taken: Any) -> PairDecision:
+    load_n = 1e3 * E_GPA * taken.step.strain
+    held = FrameLoad(load_n, load_n, load_n, 0.0)
+    step = Step(taken.pair, taken.step.phase, (0.0, 0.0), (0.0, 0.0), load_n)
+    return PairDecision(taken.pair, step, info(taken.times[0]), info(taken.times[1]), (held, held))
+
+
+def followed(taken: list[Any], method: str = "joint") -> tuple[pipeline.Begun, list[PairResult]]:
+    begun, said = None, []
+    for one in taken:
+        named = decision(one)
+        begun = begun or pipeline.begin_from_maps(settings(method), named.first, one.maps[0].grid)
+        begun, result = pipeline.update(begun, named, one.maps)
+        said.append(result)
+    assert begun is not None
+    return begun, said
+
+
+@pytest.fixture(scope="module")
+def early_load(world: Callable[..., Any], plans: dict[str, list[Any]]) -> list[Any]:
+    """Three load steps after one translation; the calibration that shows the distortion comes when they have been corrected."""
+    cross, loaded = plans["short"][:5], plans["short"][6:]
+    return list(world(230, step_px=30).pairs([*cross[:2], *loaded, *cross[2:]]))
+
+
+def test_frames_that_moved_by_more_than_their_sigma_are_revised(early_load: list[Any]) -> None:
+    begun, said = followed(early_load)
+    told: dict[int, Any] = {}
+    revisions = 0
+    for result in said:
+        own = {one.summary.frame for one in result.frames}
+        assert not own & {one.summary.frame for one in result.revised}
+        for one in result.revised:
+            before, now = told[one.summary.frame], one.summary
+            moved = max(abs(getattr(now.mean, name) - getattr(before.mean, name)) / getattr(before.mean_sigma, name) for name in COMPONENTS)
+            assert moved > 0.9  # found from a part of the points
+            revisions += 1
+        told |= {one.summary.frame: one.summary for one in (*result.frames, *result.revised)}
+    assert revisions
+    # The others stand where they are known to: nothing that was said last is further from the end than it says.
+    last = pipeline.conclude(begun)
+    for one in last.frames:
+        before = told[one.summary.frame]
+        assert all(
+            abs(getattr(one.summary.mean, name) - getattr(before.mean, name)) <= 1.1 * getattr(before.mean_sigma, name)
+            for name in COMPONENTS
+        )
+
+
+def test_live_constants_are_those_of_the_end_and_the_same_when_played_again(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
+    taken = list(world(232, step_px=45).pairs(plans["short"][:8]))
+    begun, said = followed(taken)
+    end = pipeline.conclude(begun).elastic
+    live = said[-1].elastic
+    assert live is not None
+    assert end is not None
+    assert live.youngs_modulus_gpa.value == pytest.approx(end.youngs_modulus_gpa.value, abs=0.1 * end.youngs_modulus_gpa.sigma)
+    assert live.poissons_ratio.value == pytest.approx(end.poissons_ratio.value, abs=0.1 * end.poissons_ratio.sigma)
+    again = followed(taken)[1][-1]
+    assert again.elastic == live
+    assert [one.summary for one in again.revised] == [one.summary for one in said[-1].revised]
+
+
+def test_the_published_procedure_is_followed_too(early_load: list[Any]) -> None:
+    begun, said = followed(early_load[:4], "sutton2007")
+    assert [one.summary for one in said[-1].frames] == [one.summary for one in pipeline.conclude(begun).frames[-2:]]
+
+
+def test_a_long_run_says_at_once_what_all_its_pairs_say_of_the_newest(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
+    """35 pairs: between choices only the newest are smoothed, and they are what they would be had all been."""
+    cross = plans["short"][:5]
+    plan = [*cross, *(replace(cross[1 + n % 4], phase=Phase.CALIBRATION) for n in range(30))]
+    taken = list(world(231, step_px=60).pairs(plan))
+    state = estimating.init(settings().estimate, taken[0].maps[0].grid, 1024, 884)
+    before = known = None
+    for one in taken:
+        state = estimating.update(state, one.pair, one.step.phase, one.times, one.maps)
+        before, due = known, known is None or (chosen_anew(len(state.phases)) and len(state.phases) > 30)
+        known = estimating.live(state, known) if due or len(state.phases) > 32 else known
+    assert before is not None
+    assert known is not None
+    whole = estimating.follow(state, before)
+    lately, all_of_it = estimating.estimate(known, 35, lately=True), estimating.estimate(whole, 35)
+    assert [one.pair for one in lately.motions] == list(range(35 - LATELY, 35))
+    newest = len(lately.drift.time_s)
+    np.testing.assert_allclose(lately.drift.drift_px, all_of_it.drift.drift_px[-newest:], atol=1e-9)
+    np.testing.assert_allclose(lately.drift.sigma_px, all_of_it.drift.sigma_px[-newest:], rtol=1e-9)
+    np.testing.assert_array_equal(lately.distortion.ex_px, all_of_it.distortion.ex_px)
+    dmap = taken[-1].maps[-1]
+    of_known, of_whole = estimating.correction(known, dmap), estimating.correction(whole, dmap)
+    np.testing.assert_allclose(of_known.u_px, of_whole.u_px, atol=1e-9)
+    told = estimating.correction_strain(before, taken[-2].maps[-1])
+    assert estimating.correction_strain(whole, dmap).sigma == pytest.approx(estimating.correction_strain(known, dmap).sigma)
+    moved = estimating.strain_moved(whole, told)
+    now = estimating.correction_strain(whole, taken[-2].maps[-1])
+    np.testing.assert_allclose([moved.exx, moved.eyy, moved.exy], told.value - now.value, atol=1e-12)
