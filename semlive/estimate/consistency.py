@@ -17,6 +17,8 @@ from scipy.special import gammaincc, ndtri
 
 from semlive.estimate.accumulate import DENSE_PAIRS, Sums, add_prior, add_rows, marginal, summed
 from semlive.estimate.evidence import steady
+from semlive.estimate.follow import due_before
+from semlive.estimate.late_halves import distortion_of_halves, drift_of_halves, looked_at
 from semlive.estimate.prior import belief_precision, gauge_precision
 from semlive.estimate.solve import Solution
 from semlive.estimate.state import EstimatorState, MapRows, ReferenceNoise
@@ -63,10 +65,16 @@ def consistency(solution: Solution) -> tuple[Agreement, ...]:
     """Split field for the drift, odd and even pairs for the distortion; empty where a half says too little.
 
     Costs two half passes over the block means and four factorisations. The map within a pair counts where the others do not, so each half
-    is made from the weights that the whole has.
+    is made from the weights that the whole has. Of more than `DENSE_PAIRS` pairs some of those are taken that came since choices were last
+    due, so that each stretch of a long run is looked at, and at the same cost.
     """
-    if not MIN_PAIRS <= len(solution.state.phases) <= DENSE_PAIRS:
+    count = len(solution.state.phases)
+    if count < MIN_PAIRS:
         return ()
+    if count > DENSE_PAIRS:
+        pairs, shape = looked_at(solution.state, due_before(count)), _shape_of_distortion(solution.state)
+        shape = shape[:, solution.state.layout.part("distortion")]
+        return _told(FIELD, *drift_of_halves(solution, pairs)), _told(PAIRS, *distortion_of_halves(solution, pairs, shape))
     solution = replace(solution, state=summed(solution.state))
     state = solution.state
     left = (np.arange(state.blocks.size) % state.blocks.layout[1]) < state.blocks.layout[1] // 2
@@ -100,8 +108,11 @@ def _agreement(solution: Solution, name: str, choose: Chooser, rows: Field) -> A
     difference = values[0] - values[1]
     (noise, spread), (other_noise, other) = spreads
     cross = spread.T @ belief @ other + _shared(noise, spread, other_noise, other) * weight
-    covariance = rows @ (spread + other) - cross - cross.T
-    expected_px, found_px = (float(np.sqrt(max(one, 0.0) / len(rows))) for one in (np.trace(covariance), difference @ difference))
+    return _told(name, difference, rows @ (spread + other) - cross - cross.T)
+
+
+def _told(name: str, difference: Field, covariance: Field) -> Agreement:
+    expected_px, found_px = (float(np.sqrt(max(one, 0.0) / len(difference))) for one in (np.trace(covariance), difference @ difference))
     return Agreement(name, found_px, expected_px, _sigmas(difference, covariance))
 
 

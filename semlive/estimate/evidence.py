@@ -68,12 +68,12 @@ def likeliest_hyper(state: EstimatorState, data: Misfit, hyper: Hyper, gauge: ND
         part = state.layout.part(effect.name)
         both = marginal_of(bare, belief_precision(state, hyper), where, np.arange(part.start, part.stop))
         pinned = gauge[part, part][0::2, 0::2]  # the same for x and y
-        before = {order: _spread(effect, pinned, order) for order in orders}
+        before = {order: prior_spread(effect, pinned, order) for order in orders}
         best = []
         for axis in (0, 1):
             one = slice(axis, None, 2)
             own = Misfit(both.precision[one, one], both.pull[one], both.about[one])
-            best.append(_likeliest(own, effect, before, orders, sizes))
+            best.append(smoothest(own, effect, before, orders, sizes))
         hyper = replace(hyper, **{effect.name: (best[0], best[1])})
     return hyper
 
@@ -98,7 +98,7 @@ def _likeliest_size(data: Misfit) -> float:
     return float(ROTATION_CANDIDATES[int(np.argmax(score))])
 
 
-def _likeliest(
+def smoothest(
     data: Misfit,
     effect: DriftSpline | DistortionSpline,
     before: dict[int, NDArray[np.float64]],
@@ -134,7 +134,7 @@ def _base(effect: DriftSpline | DistortionSpline) -> NDArray[np.float64]:
     return effect.roughness() * BASE_PX**-2.0 + np.eye(effect.size // 2) * ANYWHERE_PX**-2.0
 
 
-def _spread(effect: DriftSpline | DistortionSpline, gauge: NDArray[np.float64], order: int) -> NDArray[np.float64]:
+def prior_spread(effect: DriftSpline | DistortionSpline, gauge: NDArray[np.float64], order: int) -> NDArray[np.float64]:
     """(m,) eigenvalues of an order's roughness against what is believed anyway."""
     return np.clip(eigh(effect.roughness(order), _base(effect) + gauge, eigvals_only=True, check_finite=False), 0.0, None)
 

@@ -10,6 +10,7 @@ from semlive.estimate.accumulate import DENSE_PAIRS, beginning, carried_along, g
 from semlive.estimate.border import DRIFT, NOISE
 from semlive.estimate.chain import Chain, chained, extended, looked_at
 from semlive.estimate.late import rechosen
+from semlive.estimate.late_choices import distortion_rechosen, noise_ratio
 from semlive.estimate.solve import LATELY, Solution, choose, solved
 from semlive.estimate.state import EstimatorState
 
@@ -32,7 +33,7 @@ def follow(state: EstimatorState, known: Solution | None) -> Solution:
     if known is None or (chosen_anew(len(state.phases)) and len(state.phases) <= DENSE_PAIRS):
         return solve(state)
     followed = solved(_gone_on(state, known), known.terms, known.noise_floor_px)
-    return _anew(followed) if chosen_anew(len(state.phases)) else followed
+    return _anew(followed, due_before(len(state.phases))) if chosen_anew(len(state.phases)) else followed
 
 
 def newest(state: EstimatorState, known: Solution, pairs: int = 1) -> Solution:
@@ -76,7 +77,7 @@ def _gone_on(state: EstimatorState, known: Solution) -> Chain:
 
 
 def solve(state: EstimatorState) -> Solution:
-    """Everything from all pairs; of a run longer than `DENSE_PAIRS`, the choices from the first so many that came.
+    """Everything from all pairs; of a run longer than `DENSE_PAIRS`, rotations and coupling as the first so many that came have them.
 
     Raises:
         IllPosed: there are no data, or they are not finite.
@@ -84,23 +85,34 @@ def solve(state: EstimatorState) -> Solution:
     if len(state.phases) <= DENSE_PAIRS:
         return choose(state)
     known = choose(beginning(state, DENSE_PAIRS))
-    return _anew(solved(_gone_on(state, known), known.terms, known.noise_floor_px))
+    return _anew(solved(_gone_on(state, known), known.terms, known.noise_floor_px), DENSE_PAIRS)
 
 
-def _anew(solution: Solution) -> Solution:
-    """Linearised about the solution itself, and what lives in time chosen anew from all pairs; all other choices are the same."""
+def _anew(solution: Solution, since: int) -> Solution:
+    """Linearised about the solution itself, with noise, smoothness and terms of the raster chosen anew from all pairs.
+
+    What rotations are believed to be, and the coupling, stay. The noise scale is known from the first `since` pairs.
+    """
     state = unsummed(replace(solution.state, about=solution.mean))
     if state.distortion.carried:
         state = carried_along(state)
-    noise = solution.ending.chain.border.part(NOISE)
-    hyper, terms = rechosen(state, solution.hyper, solution.terms, solution.mean, solution.ending.step[noise])
-    return solved(chained(state, hyper, solution.mean), terms, solution.noise_floor_px)
+    noise_px = solution.ending.step[solution.ending.chain.border.part(NOISE)]
+    larger = noise_ratio(state, solution.mean, noise_px, since)
+    hyper = replace(solution.hyper, noise_scale=larger * solution.hyper.noise_scale)
+    hyper, terms = rechosen(state, hyper, solution.terms, solution.mean, noise_px)
+    chain = chained(state, hyper, solution.mean)  # eliminates the pairs; the belief about the distortion comes after
+    return solved(replace(chain, hyper=distortion_rechosen(chain)), terms, larger * solution.noise_floor_px)
 
 
 def chosen_anew(pairs: int) -> bool:
     """Whether the number of pairs is a power of two, or one and a half times one."""
     power = 1 << (pairs.bit_length() - 1)
     return pairs in (power, power + power // 2)
+
+
+def due_before(pairs: int) -> int:
+    """The largest number of pairs below this one after which choices were due; 1 for the first."""
+    return next((one for one in range(pairs - 1, 0, -1) if chosen_anew(one)), 1)
 
 
 def _caught_up(known: EstimatorState, state: EstimatorState) -> EstimatorState:

@@ -105,8 +105,8 @@ def banded(state: EstimatorState, hyper: Hyper, near: Vector, noise_px: Vector) 
     return replace(empty, precision=precision, pull=pull)
 
 
-def score(band: Band, hyper: Hyper) -> float:
-    """Logarithm of the marginal likelihood, up to what all candidates have in common."""
+def believing(band: Band, hyper: Hyper) -> tuple[Matrix, Vector, float]:
+    """A band's precision and pull with what is believed of drift and raster, and the logarithm of how likely `near` is by that."""
     precision, pull, total = band.precision.copy(), band.pull.copy(), 0.0
     for strand in strands(band.state, hyper, band.border):
         codes = strand.codes(0, strand.spline.size)
@@ -119,6 +119,12 @@ def score(band: Band, hyper: Hyper) -> float:
             precision[at[lag:] - at[:count], at[:count]] += own[lag, :count]
         pull[at] -= asked[begin - strand.since(begin) :][::-1]
         total += _log_determinant(strand) - cost
+    return precision, pull, total
+
+
+def score(band: Band, hyper: Hyper) -> float:
+    """Logarithm of the marginal likelihood, up to what all candidates have in common."""
+    precision, pull, total = believing(band, hyper)
     try:
         factor = cholesky_banded(precision, lower=True, check_finite=False)
     except LinAlgError:  # stiffer than a double can tell beside what is free

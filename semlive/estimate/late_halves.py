@@ -1,0 +1,126 @@
+"""Halves of a long run's data, each solved alone: at bounded cost, from a few dozen pairs.
+
+All parameters in one matrix would be too many. What the halves of the field say of the drift is compared given the border, which all pairs
+have made known; what odd and even pairs say of the distortion, with everything else of each half integrated out along a chain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, cho_solve_banded, cholesky_banded
+
+from semlive.estimate.accumulate import unsummed
+from semlive.estimate.border import DISTORTION, DRIFT, NOISE, SHIFT, border_belief
+from semlive.estimate.chain import chained
+from semlive.estimate.late import Band, banded, believing
+from semlive.estimate.smooth import ended
+from semlive.estimate.solve import Solution
+from semlive.estimate.state import EstimatorState, MapRows
+from semlive.model import PairMotions
+
+Field = NDArray[np.float64]
+COUPLES = 16  # of neighbouring pairs
+BEYOND = 96  # parameters before the first pair that are solved for with it: the drift forgets within some ten knots
+
+
+def looked_at(state: EstimatorState, since: int) -> tuple[int, ...]:
+    """Numbers of at most `2 COUPLES` pairs, in couples of neighbours evenly over those that came after the first `since`."""
+    every = (0, *state.motions.pairs)
+    late = every[min(since, len(every) - 2 * COUPLES) :]
+    first = np.unique(np.linspace(0, len(late) // 2 - 1, COUPLES).astype(int))
+    return tuple(late[2 * one + member] for one in first for member in (0, 1))
+
+
+def drift_of_halves(solution: Solution, pairs: tuple[int, ...]) -> tuple[Field, Field]:
+    """Difference (k,) of what the left and the right half of the field say of the drift within frames, and its covariance (k, k).
+
+    Both take the border as known, and both believe the same of the drift: that cannot make them differ.
+    """
+    state, columns = solution.state, solution.state.blocks.layout[1]
+    left = ((np.arange(state.blocks.size) % columns) < columns // 2)[:, None]
+    rows = [one for one in state.rows if one.current // 2 in pairs]
+    halves = [tuple(replace(one, weight=np.where(side, one.weight, 0.0)) for one in rows) for side in (left, ~left)]
+    noise_px = solution.ending.step[solution.ending.chain.border.part(NOISE)]
+    bands = [banded(replace(state, rows=half), solution.hyper, solution.mean, noise_px) for half in (*halves, ())]
+    asked, stop = _within_frames(bands[0], pairs)
+    steps, spreads = [], []
+    for band in bands[:2]:
+        precision, pull, _ = believing(band, solution.hyper)
+        factor = (cholesky_banded(precision[:, :stop], lower=True, check_finite=False), True)
+        spreads.append(cho_solve_banded(factor, asked.T, check_finite=False))
+        steps.append(cho_solve_banded(factor, pull[:stop], check_finite=False))
+    belief = believing(bands[2], solution.hyper)[0][:, :stop]
+    cross = spreads[0].T @ _times(belief, spreads[1])
+    return asked @ (steps[0] - steps[1]), asked @ (spreads[0] + spreads[1]) - cross - cross.T
+
+
+def distortion_of_halves(solution: Solution, pairs: tuple[int, ...], rows: Field) -> tuple[Field, Field]:
+    """Difference (k,) of linear functions (k, d) of the distortion from odd and from even pairs, and its covariance (k, k).
+
+    What both halves believe of the border they have in common. What they believe of the drift is taken as independent, for each knows the
+    drift of its own pairs: that makes the covariance a little too large.
+    """
+    steps, spreads = [], []
+    for parity in (1, 0):
+        half, near = _alone(solution, tuple(one for one in pairs if one and one % 2 == parity))
+        ending = ended(chained(half, solution.hyper, near))
+        asked = np.zeros((len(rows), len(ending.step)))
+        asked[:, ending.chain.border.part(DISTORTION)] = rows
+        steps.append(asked @ ending.step)
+        spreads.append((asked, cho_solve((ending.factor, True), asked.T, check_finite=False)))
+    border = solution.ending.chain.border
+    (asked, one), (_, two) = spreads
+    cross = one.T @ border_belief(solution.state, solution.hyper, border) @ two
+    return steps[0] - steps[1], asked @ (one + two) - cross - cross.T
+
+
+def _within_frames(band: Band, pairs: tuple[int, ...]) -> tuple[Field, int]:
+    """Change of the drift from the middle of every frame to its ends, as functions of a band's first parameters, and how many these are."""
+    drift = band.state.drift
+    assert drift is not None  # a solution has data
+    frames = [when for when in band.state.frames if when.frame // 2 in pairs and when.frame // 2]
+    at = {fraction: [when.start_s + fraction * when.timing.duration_s for when in frames] for fraction in (0.0, 0.5, 1.0)}
+    index, value = drift.spline.local(at[0.5])
+    rows, places = [], []
+    for end in (0.0, 1.0):
+        there = drift.spline.local(at[end])
+        for axis in (0, 1):
+            knots = np.concatenate((there[0], index), axis=1)
+            places.append(band.place((DRIFT << SHIFT) | (2 * knots + axis).astype(np.int64)))
+            rows.append(np.concatenate((there[1], -value), axis=1))
+    place, row = np.concatenate(places), np.concatenate(rows)
+    stop = min(int(place.max()) + BEYOND, len(band.codes))
+    dense = np.zeros((len(row), stop + 1))  # the last column takes what is in the border
+    np.add.at(dense, (np.arange(len(row))[:, None], np.where(place < 0, stop, place)), row)
+    return dense[:, :stop], stop
+
+
+def _times(band: Field, columns: Field) -> Field:
+    """A symmetric matrix, given as its lower band, times columns."""
+    total, size = band[0][:, None] * columns, len(columns)
+    for lag in range(1, len(band)):
+        own = band[lag, : size - lag][:, None]
+        total[lag:] += own * columns[: size - lag]
+        total[: size - lag] += own * columns[lag:]
+    return total
+
+
+def _alone(solution: Solution, pairs: tuple[int, ...]) -> tuple[EstimatorState, Field]:
+    """The state as if it had seen some pairs alone, linearised where it is, and the parameters of the solution in its layout."""
+    state = solution.state
+    motion, held = state.layout.part("motion"), [(pair, *state.motions.part(pair)) for pair in state.motions.pairs if pair in pairs]
+    index = np.concatenate([np.arange(motion.start), *(motion.start + np.arange(one.start, one.stop) for _, one, _ in held)])
+    phase = dict(zip((0, *state.motions.pairs), state.phases, strict=True))
+    kept: tuple[MapRows, ...] = tuple(one for one in state.rows if one.current // 2 in pairs)
+    alone = replace(
+        unsummed(state),
+        motions=PairMotions(tuple(pair for pair, _, _ in held), tuple(kind for _, _, kind in held)),
+        frames=tuple(when for when in state.frames if when.frame // 2 in (0, *pairs)),
+        phases=(phase[0], *(phase[pair] for pair, _, _ in held)),
+        rows=kept,
+        about=state.about[index],
+    )
+    return alone, solution.mean[index]

@@ -1,0 +1,110 @@
+"""After 32 pairs: halves are still compared, and noise and the distortion's smoothness are still chosen by the data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from semlive import estimate as estimating
+from semlive.data.settings import EstimateSettings
+from semlive.estimate.accumulate import DENSE_PAIRS, beginning, marginal, pull
+from semlive.estimate.border import NOISE
+from semlive.estimate.chain import chained
+from semlive.estimate.consistency import FIELD, PAIRS, consistency, warnings_of
+from semlive.estimate.evidence import Misfit, likeliest_hyper
+from semlive.estimate.follow import due_before
+from semlive.estimate.late_choices import distortion_rechosen, noise_ratio
+from semlive.estimate.late_halves import looked_at
+from semlive.estimate.prior import gauge_precision
+from semlive.estimate.state import MapRows
+
+COUNT = DENSE_PAIRS + 4
+Spoil = Callable[[MapRows, np.ndarray], np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def long_run(world: Callable[..., Any], plans: dict[str, list[Any]]) -> estimating.Solution:
+    rng, still = np.random.default_rng(1), plans["short"][0]
+    plan = [*plans["short"][:5], *(replace(still, shift_px=tuple(rng.uniform(-28, 28, 2))) for _ in range(COUNT - 5))]
+    seen = world(240, step_px=40)
+    state = estimating.init(EstimateSettings(), seen.grid, 1024, 884)
+    for one in seen.pairs(plan):
+        state = estimating.update(state, one.pair, one.step.phase, one.times, one.maps)
+    return estimating.solve(state)
+
+
+def spoilt(solution: estimating.Solution, spoil: Spoil) -> estimating.Solution:
+    """As if maps had shown something else: (blocks, 2) px more at the blocks' addresses (blocks, 2)."""
+    centre = solution.state.centre_px
+    rows = tuple(replace(one, disparity_px=one.disparity_px + spoil(one, one.position_px + centre)) for one in solution.state.rows)
+    return replace(solution, state=replace(solution.state, rows=rows))
+
+
+def test_halves_of_a_sound_long_run_agree(long_run: estimating.Solution) -> None:
+    """The distortion's expected difference is a little too large: half of what drift leaves open is counted twice."""
+    field, pairs = consistency(long_run)
+    assert (field.name, pairs.name) == (FIELD, PAIRS)
+    assert abs(field.sigmas) < 3.5
+    assert -6.0 < pairs.sigmas < 3.5
+    assert field.difference_px == pytest.approx(field.expected_px, rel=0.3)
+    assert pairs.difference_px == pytest.approx(pairs.expected_px, rel=0.5)
+    assert len(estimating.checks(long_run)) == 2
+
+
+def test_a_part_of_the_field_that_begins_to_slide_is_seen(long_run: estimating.Solution) -> None:
+    def slide(rows: MapRows, at: np.ndarray) -> np.ndarray:
+        creep = np.where((at[:, 0] < 470) & (rows.current % 2 == 1), 0.2 * (at[:, 1] - 101) / 600, 0.0)
+        return np.stack((np.zeros_like(creep), creep), axis=1)
+
+    field, _ = consistency(spoilt(long_run, slide))
+    assert field.sigmas > 10.0
+    assert warnings_of((field,))
+
+
+def test_a_distortion_that_begins_to_change_is_seen(long_run: estimating.Solution) -> None:
+    def wave(at: np.ndarray) -> np.ndarray:
+        return 0.15 * np.cos(2 * np.pi * at / 300)
+
+    def otherwise(rows: MapRows, at: np.ndarray) -> np.ndarray:
+        if rows.current // 2 % 2 == 0 or rows.within_pair:
+            return np.zeros_like(at)
+        u = wave(at[:, 0] + rows.disparity_px[:, 0]) - wave(at[:, 0])
+        return np.stack((u, np.zeros_like(u)), axis=1)
+
+    field, pairs = consistency(spoilt(long_run, otherwise))
+    assert pairs.sigmas > 10.0
+    assert field.sigmas < 4.0
+
+
+def test_noise_that_grows_is_noticed(long_run: estimating.Solution) -> None:
+    noise_px = long_run.ending.step[long_run.ending.chain.border.part(NOISE)]
+    alike = noise_ratio(long_run.state, long_run.mean, noise_px, DENSE_PAIRS)
+    assert alike == pytest.approx(1.0, abs=0.02)
+    rng = np.random.default_rng(3)
+
+    def louder(rows: MapRows, at: np.ndarray) -> np.ndarray:
+        return rng.normal(0, 0.03, at.shape) if rows.current // 2 >= 4 else np.zeros_like(at)
+
+    assert noise_ratio(spoilt(long_run, louder).state, long_run.mean, noise_px, 4) > 1.5
+
+
+def test_smoothness_from_the_chain_is_that_from_one_matrix(long_run: estimating.Solution) -> None:
+    """With everything else integrated out, in two ways."""
+    state = beginning(long_run.state, 9)
+    hyper, near = long_run.hyper, estimating.solve(state).mean
+    moved = beginning(replace(long_run.state, about=np.zeros(0)), 9)
+    data = Misfit(marginal(moved)[0], pull(moved, near), near)
+    dense = likeliest_hyper(moved, data, hyper, gauge_precision(moved))
+    chosen = distortion_rechosen(chained(moved, replace(hyper, rotation_rad=dense.rotation_rad), near))
+    assert chosen.distortion == dense.distortion
+
+
+def test_pairs_that_are_compared_come_in_couples_from_the_stretch_since_the_last_time(long_run: estimating.Solution) -> None:
+    assert [due_before(n) for n in (2, 33, 48, 49, 64, 1000)] == [1, 32, 32, 48, 48, 768]
+    pairs = looked_at(long_run.state, due_before(COUNT))
+    assert pairs == tuple(range(COUNT - 32, COUNT))
+    assert all(two == one + 1 for one, two in zip(pairs[::2], pairs[1::2], strict=True))
