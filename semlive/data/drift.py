@@ -27,6 +27,23 @@ class FrameTime:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class DriftForecast:
+    """Drift of scans to come, as long as the newest frame's.
+
+    Attributes:
+        time_s: (n,) begin of the scans, seconds after the start of frame 0, the first where the newest frame ends.
+        duration_s: how long each lasts.
+        rate_px_s: (n, 2) mean drift rate over each.
+        sigma_px_s: (n, 2) its standard uncertainty.
+    """
+
+    time_s: NDArray[np.float64]
+    duration_s: float
+    rate_px_s: NDArray[np.float64]
+    sigma_px_s: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class DriftEstimate:
     """Drift as a function of scan time, relative to the start of frame 0 (gauge F3: d = 0 there).
 
@@ -38,6 +55,7 @@ class DriftEstimate:
         sigma_px: (n, 2) standard uncertainty of the drift's change since the middle of its own frame.
         rate_px_s: (n, 2) drift rate.
         revision: counts estimates; past drift that is re-estimated is a new value with a higher revision.
+        forecast: how it will go on, or None from a method that does not say.
     """
 
     time_s: NDArray[np.float64]
@@ -46,6 +64,7 @@ class DriftEstimate:
     sigma_px: NDArray[np.float64]
     rate_px_s: NDArray[np.float64]
     revision: int
+    forecast: DriftForecast | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,6 +3,7 @@
 from semlive.estimate.accumulate import update
 from semlive.estimate.correction_strain import CorrectionStrain, correction_strain, correction_strain_sigma, strain_moved
 from semlive.estimate.follow import follow, live, newest, solve
+from semlive.estimate.forecast import forecast
 from semlive.estimate.publish import checks, correction, estimate, live_rate, mean_strain_covariance
 from semlive.estimate.solve import Solution
 from semlive.estimate.state import EstimatorState, init
@@ -17,6 +18,7 @@ __all__ = [
     "correction_strain_sigma",
     "estimate",
     "follow",
+    "forecast",
     "init",
     "live",
     "live_rate",

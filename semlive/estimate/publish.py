@@ -13,6 +13,7 @@ from semlive.data.drift import Correction, DistortionField, DriftEstimate, Estim
 from semlive.data.experiment import Phase
 from semlive.estimate.consistency import consistency
 from semlive.estimate.correction_strain import sightings
+from semlive.estimate.forecast import forecast
 from semlive.estimate.smooth import Spread, border_covariance, spreads
 from semlive.estimate.solve import LATELY, Solution
 from semlive.estimate.support import Calibration, calibration, outside_notes, pointwise, support
@@ -140,6 +141,7 @@ def _drift(solution: Solution, revision: int, wide: Spreads) -> DriftEstimate:
         np.sqrt(np.clip(np.concatenate(variances), 0.0, None)),
         np.concatenate(rates),
         revision,
+        forecast(solution),
     )
 
 

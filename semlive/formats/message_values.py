@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.clock import Clock
-from semlive.data.drift import DistortionField, DriftEstimate, Motion
+from semlive.data.drift import DistortionField, DriftEstimate, DriftForecast, Motion
 from semlive.data.frame import FrameInfo
 from semlive.data.loading import FrameLoad, LoadSample, StageSample
 from semlive.data.pair import PairDecision
@@ -17,6 +17,7 @@ from semlive.data.strain import ElasticConstants, GageComparison, StrainSummary
 from semlive.formats.messages import (
     ClockMessage,
     DistortionMessage,
+    DriftForecastMessage,
     DriftMessage,
     ElasticMessage,
     LoadSampleMessage,
@@ -141,6 +142,16 @@ def drift_message(drift: DriftEstimate) -> DriftMessage:
         drift_px=drift.drift_px.tolist(),
         sigma_px=drift.sigma_px.tolist(),
         rate_px_s=drift.rate_px_s.tolist(),
+        forecast=None if drift.forecast is None else _forecast_message(drift.forecast),
+    )
+
+
+def _forecast_message(forecast: DriftForecast) -> DriftForecastMessage:
+    return DriftForecastMessage(
+        time_s=forecast.time_s.tolist(),
+        duration_s=forecast.duration_s,
+        rate_px_s=forecast.rate_px_s.tolist(),
+        sigma_px_s=forecast.sigma_px_s.tolist(),
     )
 
 
@@ -153,6 +164,16 @@ def drift_estimate(message: DriftMessage) -> DriftEstimate:
         sigma_px=_array(message.sigma_px, np.float64, (-1, 2)),
         rate_px_s=_array(message.rate_px_s, np.float64, (-1, 2)),
         revision=message.revision,
+        forecast=None if message.forecast is None else _forecast(message.forecast),
+    )
+
+
+def _forecast(message: DriftForecastMessage) -> DriftForecast:
+    return DriftForecast(
+        time_s=_array(message.time_s, np.float64, (-1,)),
+        duration_s=message.duration_s,
+        rate_px_s=_array(message.rate_px_s, np.float64, (-1, 2)),
+        sigma_px_s=_array(message.sigma_px_s, np.float64, (-1, 2)),
     )
 
 

@@ -188,6 +188,15 @@ class DicMessage(Message):
     wall_s: float
 
 
+class DriftForecastMessage(Message):
+    """Drift of scans to come (see `semlive.data.drift.DriftForecast`)."""
+
+    time_s: Values
+    duration_s: float
+    rate_px_s: tuple[Point, ...]
+    sigma_px_s: tuple[Point, ...]
+
+
 class DriftMessage(Message):
     """`/drift/estimate`: one revision of drift in time (see `semlive.data.drift.DriftEstimate`)."""
 
@@ -197,6 +206,7 @@ class DriftMessage(Message):
     drift_px: tuple[Point, ...]
     sigma_px: tuple[Point, ...]
     rate_px_s: tuple[Point, ...]
+    forecast: DriftForecastMessage | None = None
 
 
 class DistortionMessage(Message):

@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from semlive.data.clock import Clock
 from semlive.data.disparity import DisparityMap
 from semlive.data.displacement import Displacement
-from semlive.data.drift import DistortionField, DriftEstimate, Motion
+from semlive.data.drift import DistortionField, DriftEstimate, DriftForecast, Motion
 from semlive.data.experiment import Phase, Step
 from semlive.data.frame import FrameInfo
 from semlive.data.grid import Grid
@@ -96,11 +96,15 @@ def test_elastic_constants_come_back(elastic: ElasticConstants | None) -> None:
 @given(GRIDS, st.integers(0, 2**31 - 1))
 def test_estimates_come_back_to_the_last_bit(grid: Grid, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    drift = DriftEstimate(rng.normal(size=5), np.arange(5), *rng.normal(size=(3, 5, 2)), revision=4)
+    forecast = DriftForecast(rng.normal(size=3), float(rng.normal()), *rng.normal(size=(2, 3, 2)))
+    drift = DriftEstimate(rng.normal(size=5), np.arange(5), *rng.normal(size=(3, 5, 2)), revision=4, forecast=forecast)
     drift_back = values.drift_estimate(from_json("/drift/estimate", to_json(values.drift_message(drift))))  # type: ignore[arg-type]
     assert drift_back.revision == 4
     for name in ("time_s", "frame", "drift_px", "sigma_px", "rate_px_s"):
         assert np.array_equal(getattr(drift_back, name), getattr(drift, name))
+    assert drift_back.forecast is not None
+    for name in ("time_s", "duration_s", "rate_px_s", "sigma_px_s"):
+        assert np.array_equal(getattr(drift_back.forecast, name), getattr(forecast, name))
     field = DistortionField(grid, *rng.normal(size=(3, *grid.shape)), rng.integers(0, 2, grid.shape).astype(bool))
     field_back = values.distortion_field(from_json("/distortion/estimate", to_json(values.distortion_message(field, 4))))  # type: ignore[arg-type]
     assert field_back.grid == grid

@@ -14,7 +14,7 @@ from scipy.special import erfinv
 
 from semlive import estimate, mechanics
 from semlive.data.displacement import Displacement
-from semlive.data.drift import DistortionField, DriftEstimate
+from semlive.data.drift import DistortionField, DriftEstimate, DriftForecast
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
@@ -59,6 +59,7 @@ def normalised(case: Case, seed: int, grid: Grid = GRID) -> Normalised:
     found = estimate.estimate(solution, 0)
     return {
         "drift within frames": _drift(experiment, found.drift),
+        "drift rate of scans to come": _forecast(experiment, found.drift.forecast),
         "distortion": _distortion(experiment, found.distortion),
         **_frames(experiment, solution),
     }
@@ -77,6 +78,13 @@ def _drift(experiment: Experiment, drift: DriftEstimate) -> Field:
         error = drift.drift_px[inside] - middle - true
         z.append(error[[0, -1]] / sigma[[0, -1]])
     return np.array(z)
+
+
+def _forecast(experiment: Experiment, forecast: DriftForecast | None) -> Field:
+    """(scans, 2) mean rate over scans that follow the last frame."""
+    assert forecast is not None  # the joint method gives one
+    true = _drift_px(experiment, forecast.time_s + forecast.duration_s) - _drift_px(experiment, forecast.time_s)
+    return (forecast.rate_px_s - true @ (np.eye(2) + _affine(experiment)).T / forecast.duration_s) / forecast.sigma_px_s
 
 
 def _drift_px(experiment: Experiment, time_s: Field) -> Field:
