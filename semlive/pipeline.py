@@ -29,7 +29,7 @@ from semlive.data.strain import ElasticConstants, GageComparison, Measured, Stra
 from semlive.errors import IllPosed
 from semlive.estimate.follow import chosen_anew
 from semlive.estimate.method import METHODS, Method
-from semlive.estimate.solve import LATELY
+from semlive.estimate.smooth import LATELY
 from semlive.estimate.stage_path import stage_path_notes
 from semlive.mechanics.gage import mean_gage
 from semlive.mechanics.reference import at_rest

@@ -14,8 +14,8 @@ from semlive.data.experiment import Phase
 from semlive.estimate.consistency import consistency
 from semlive.estimate.correction_strain import sightings
 from semlive.estimate.forecast import forecast
-from semlive.estimate.smooth import Spread, border_covariance, spreads
-from semlive.estimate.solve import LATELY, Solution
+from semlive.estimate.smooth import LATELY, Spread, border_covariance, spreads
+from semlive.estimate.solve import Solution
 from semlive.estimate.support import Calibration, calibration, outside_notes, pointwise, support
 from semlive.model import MotionKind, offsets
 

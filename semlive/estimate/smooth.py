@@ -15,6 +15,7 @@ from semlive.estimate.border import DISTORTION, KINDS, Codes, Matrix, Vector, bo
 from semlive.estimate.chain import Chain, Step, concluded
 from semlive.estimate.prior import Hyper
 
+LATELY = 32  # pairs that are smoothed with every further one: 3 ms each with their covariances
 TOGETHER = 16  # steps whose responses are multiplied at once
 
 

@@ -21,7 +21,6 @@ from semlive.estimate.state import EstimatorState
 from semlive.estimate.terms import COUPLING_SIGMAS, coupling, raster_terms
 
 CLIP = 4.0
-LATELY = 32  # pairs that are smoothed with every further one: 3 ms each with their covariances
 HUBER, HUBER_PASSES = 5.0, 2  # of the noise; of 32,000 block means of noise alone one in fifty runs lies beyond
 # The drift that was found with the wrong coupling is wrong by 0.02 px, which matters times 5e-3: three passes where there is noise. Without
 # any, smoothness is chosen anew as the misfit shrinks, by two digits in each pass.
