@@ -27,8 +27,8 @@ from semlive.data.results import FrameResult, PairResult, RunResult
 from semlive.data.settings import AnalysisSettings
 from semlive.data.strain import ElasticConstants, GageComparison, Measured, StrainSummary, Tensor2
 from semlive.errors import IllPosed
-from semlive.estimate.follow import chosen_anew
 from semlive.estimate.method import METHODS, Method
+from semlive.estimate.sequence import chosen_anew
 from semlive.estimate.smooth import LATELY
 from semlive.estimate.stage_path import stage_path_notes
 from semlive.mechanics.gage import mean_gage

@@ -17,10 +17,10 @@ from scipy.special import gammaincc, ndtri
 
 from semlive.estimate.accumulate import DENSE_PAIRS, Sums, add_prior, add_rows, marginal, summed
 from semlive.estimate.evidence import steady
-from semlive.estimate.follow import due_before
 from semlive.estimate.late_halves import distortion_of_halves, drift_of_halves, looked_at
+from semlive.estimate.posterior import Solution
 from semlive.estimate.prior import belief_precision, gauge_precision
-from semlive.estimate.solve import Solution
+from semlive.estimate.sequence import due_before
 from semlive.estimate.state import EstimatorState, MapRows, ReferenceNoise
 
 Field = NDArray[np.float64]

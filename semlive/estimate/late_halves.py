@@ -16,8 +16,8 @@ from semlive.estimate.accumulate import unsummed
 from semlive.estimate.border import DISTORTION, DRIFT, NOISE, SHIFT, border_belief
 from semlive.estimate.chain import chained
 from semlive.estimate.late import Band, banded, believing
+from semlive.estimate.posterior import Solution
 from semlive.estimate.smooth import ended
-from semlive.estimate.solve import Solution
 from semlive.estimate.state import EstimatorState, MapRows
 from semlive.model import PairMotions
 

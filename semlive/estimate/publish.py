@@ -12,11 +12,11 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.drift import Correction, DistortionField, DriftEstimate, Estimate, FrameTime, Motion, RasterWander
 from semlive.data.experiment import Phase
 from semlive.estimate.consistency import consistency
-from semlive.estimate.correction_strain import sightings
-from semlive.estimate.forecast import forecast
+from semlive.estimate.outlook import forecast
+from semlive.estimate.posterior import Solution
 from semlive.estimate.smooth import LATELY, Spread, border_covariance, spreads
-from semlive.estimate.solve import Solution
 from semlive.estimate.support import Calibration, calibration, outside_notes, pointwise, support
+from semlive.estimate.told_strain import sightings
 from semlive.model import MotionKind, offsets
 
 SAMPLES_PER_FRAME = 12

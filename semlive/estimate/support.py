@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from semlive.data.experiment import Phase
 from semlive.errors import IllPosed
 from semlive.estimate.border import border_belief
+from semlive.estimate.posterior import Solution
 from semlive.estimate.prior import Hyper
 from semlive.estimate.smooth import border_covariance, ended
-from semlive.estimate.solve import Solution
 from semlive.estimate.state import EstimatorState
 from semlive.model import MotionKind
 

@@ -32,7 +32,7 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.settings import AnalysisSettings, EstimateSettings
-from semlive.estimate.follow import chosen_anew
+from semlive.estimate.sequence import chosen_anew
 from semlive.estimate.smooth import spreads
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "estimation.md"

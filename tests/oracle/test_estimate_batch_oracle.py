@@ -17,8 +17,8 @@ from semlive.data.grid import Grid
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import EstimateSettings
 from semlive.estimate.accumulate import map_columns, marginal, relinearised
+from semlive.estimate.posterior import posterior
 from semlive.estimate.prior import GAUGE_PX, Hyper, belief_precision, gauge_precision
-from semlive.estimate.solve import posterior
 from semlive.estimate.state import EstimatorState
 from semlive.model import UniformSpline
 

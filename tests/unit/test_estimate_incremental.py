@@ -21,11 +21,11 @@ from semlive.estimate.arrow import eliminated, factored, sides
 from semlive.estimate.blocks import BlockColumns, Blocks, PackedColumns, block_columns
 from semlive.estimate.border import codes_of, joint_of, strands
 from semlive.estimate.chain import chained
-from semlive.estimate.follow import chosen_anew
 from semlive.estimate.late import banded, score
+from semlive.estimate.posterior import Solution, posterior
 from semlive.estimate.prior import Hyper, Smoothness, belief_precision, gauge_precision
+from semlive.estimate.sequence import chosen_anew
 from semlive.estimate.smooth import border_covariance, ended, mean_of, spreads
-from semlive.estimate.solve import Solution, posterior
 from semlive.estimate.state import EstimatorState
 from semlive.model import Axis, Columns, DistortionSpline, sighting
 

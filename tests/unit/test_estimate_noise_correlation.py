@@ -8,7 +8,7 @@ from scipy.ndimage import uniform_filter
 
 from semlive.data.grid import Grid
 from semlive.estimate.blocks import Blocks
-from semlive.estimate.solve import _scatter  # pyright: ignore[reportPrivateUsage]
+from semlive.estimate.posterior import _scatter  # pyright: ignore[reportPrivateUsage]
 
 GRID = Grid(101, 101, 5, 150, 120, 43)
 

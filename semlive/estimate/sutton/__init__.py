@@ -9,6 +9,7 @@ What the paper leaves open is stated in `Options` and in the settings. Its figur
 reached without a smoothing of the local drift over positions, which it does not mention: 60 px, Gaussian, by default.
 """
 
+from semlive.estimate.sutton.procedure import Options, SuttonSolution, follow, solve
 from semlive.estimate.sutton.publish import (
     checks,
     correction,
@@ -19,7 +20,6 @@ from semlive.estimate.sutton.publish import (
     mean_strain_covariance,
     strain_moved,
 )
-from semlive.estimate.sutton.solve import Options, SuttonSolution, follow, solve
 from semlive.estimate.sutton.state import SuttonState, init, update
 
 live = follow

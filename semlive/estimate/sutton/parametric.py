@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.errors import IllPosed
-from semlive.estimate.sutton.solve import SuttonSolution, translated
+from semlive.estimate.sutton.procedure import SuttonSolution, translated
 
 Array = NDArray[np.float64]
 

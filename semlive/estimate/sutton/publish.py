@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from semlive.data.disparity import DisparityMap
 from semlive.data.drift import Correction, DistortionField, DriftEstimate, Estimate, FrameTime, Motion
 from semlive.data.strain import Tensor2
-from semlive.estimate.sutton.solve import SuttonSolution
+from semlive.estimate.sutton.procedure import SuttonSolution
 from semlive.estimate.sutton.state import PairMaps
 
 Array = NDArray[np.float64]

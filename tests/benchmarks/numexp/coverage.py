@@ -19,7 +19,7 @@ from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
 from semlive.data.strain import StrainField, StrainSummary, Tensor2
-from semlive.estimate.solve import Solution
+from semlive.estimate.posterior import Solution
 from semlive_simulators.effects.protocol import Instants
 from semlive_simulators.specimen import at_rest
 

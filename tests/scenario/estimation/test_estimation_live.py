@@ -19,7 +19,7 @@ from semlive.data.pair import PairDecision
 from semlive.data.results import PairResult
 from semlive.data.scan import Provenance, Sourced
 from semlive.data.settings import AnalysisSettings
-from semlive.estimate.follow import chosen_anew
+from semlive.estimate.sequence import chosen_anew
 from semlive.estimate.smooth import LATELY
 
 E_GPA = 71.1

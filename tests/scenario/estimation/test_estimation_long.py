@@ -16,10 +16,10 @@ from semlive.estimate.border import NOISE
 from semlive.estimate.chain import chained
 from semlive.estimate.consistency import FIELD, PAIRS, consistency, warnings_of
 from semlive.estimate.evidence import Misfit, likeliest_hyper
-from semlive.estimate.follow import due_before
 from semlive.estimate.late_choices import distortion_rechosen, noise_ratio
 from semlive.estimate.late_halves import looked_at
 from semlive.estimate.prior import gauge_precision
+from semlive.estimate.sequence import due_before
 from semlive.estimate.state import MapRows
 
 COUNT = DENSE_PAIRS + 4

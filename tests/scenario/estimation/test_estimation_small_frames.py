@@ -22,7 +22,7 @@ from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import EstimateSettings
-from semlive.estimate.solve import Solution
+from semlive.estimate.posterior import Solution
 from semlive_simulators.scan import Scan
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.specimen import at_rest

@@ -8,7 +8,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from semlive.data.drift import DriftForecast
 from semlive.estimate.border import Border, strands
-from semlive.estimate.solve import Solution
+from semlive.estimate.posterior import Solution
 
 AHEAD_SCANS = (0.0, 1.0, 2.0, 4.0, 8.0)
 """Begin of the scans that are forecast, after the end of the newest frame, in durations of a scan."""

@@ -11,8 +11,8 @@ from semlive.estimate.border import DRIFT, NOISE
 from semlive.estimate.chain import Chain, chained, extended, looked_at
 from semlive.estimate.late import rechosen
 from semlive.estimate.late_choices import distortion_rechosen, noise_ratio
+from semlive.estimate.posterior import Solution, choose, solved
 from semlive.estimate.smooth import LATELY
-from semlive.estimate.solve import Solution, choose, solved
 from semlive.estimate.state import EstimatorState
 
 

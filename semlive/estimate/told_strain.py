@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from semlive.data.disparity import DisparityMap
 from semlive.data.strain import Tensor2
 from semlive.estimate.border import Codes, codes_of, joint_of
-from semlive.estimate.solve import Solution
+from semlive.estimate.posterior import Solution
 from semlive.model import Axis, Sighting, sighting, with_drift
 
 ENOUGH = 40
