@@ -17,6 +17,7 @@ from semlive.data.displacement import Displacement
 from semlive.data.experiment import Phase
 from semlive.data.frame import FrameInfo
 from semlive.data.results import FrameResult, RunResult
+from semlive.data.settings import AnalysisSettings
 from semlive.data.strain import ElasticConstants
 from semlive.errors import BadInput
 from semlive.formats.maps import decode_map
@@ -87,14 +88,10 @@ def measure(run: Path, windows: tuple[int, ...]) -> RunFigures:
     told = load_truth(truth_file)
     truth = Truth.of(told)
     result, settings = last_result(log)
-    middle = result.decisions[len(result.decisions) // 2]
-    exports = (result.decisions[0].first.export, middle.first.export)
-    images = (exported_frame(log, export, settings).image for export in exports)
-    alike = noise_correlation(*images, result.frames[0].displacement.grid, settings)
     errors = compare(result, truth)
     shares = dict(_shares(log, result, truth))
     phases = {
-        phase.value: _phase(result, errors, shares, phase, windows, alike)
+        phase.value: _phase(result, errors, shares, phase, windows, _alike(log, result, settings, phase))
         for phase in Phase
         if any(one.phase is phase for one in errors.frames)
     }
@@ -115,6 +112,14 @@ def measure(run: Path, windows: tuple[int, ...]) -> RunFigures:
         ),
         phases=phases,
     )
+
+
+def _alike(log: Path, result: RunResult, settings: AnalysisSettings, phase: Phase) -> NoiseCorrelation:
+    """Of frame 0 and the phase's middle pair: drift smears frames of one phase less than those of another."""
+    pairs = [one for one in result.decisions if one.step.phase is phase]
+    exports = (result.decisions[0].first.export, pairs[len(pairs) // 2].first.export)
+    images = (exported_frame(log, export, settings).image for export in exports)
+    return noise_correlation(*images, result.frames[0].displacement.grid, settings)
 
 
 def _shares(log: Path, result: RunResult, truth: Truth) -> Iterator[tuple[int, tuple[Field, DisparityMap]]]:
