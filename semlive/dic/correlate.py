@@ -90,7 +90,7 @@ def measured(reference: Reference, solutions: cast.Solutions, settings: DicSetti
     return Measured(
         u_px=np.where(valid, p[..., 0], 0.0),
         v_px=np.where(valid, p[..., 3], 0.0),
-        gradient=p[..., [1, 2, 4, 5]].astype(np.float32),
+        gradient=p[..., [1, 2, 4, 5]].astype(np.float32, order="C"),
         sigma_u_px=np.sqrt(2.0 * variance * sums.variance_u),
         sigma_v_px=np.sqrt(2.0 * variance * sums.variance_v),
         covariance_px2=2.0 * variance * sums.covariance,
