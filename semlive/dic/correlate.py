@@ -205,5 +205,6 @@ def warm_up(settings: DicSettings) -> None:
     reference = prepare(image, grid_for(small, 96, 96), small)
     current = np.roll(image, 1, axis=1)
     correlate(reference, current, small, reference_frame=0, current_frame=1)
+    cast.grey(image.astype(np.uint16))
     nothing = np.zeros((1, 1), dtype=np.bool_)
     planes_through(np.zeros((1, 1)), np.zeros((1, 1)), nothing, nothing, 1)  # of which a clean pair has no need

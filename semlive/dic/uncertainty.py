@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
+from semlive.kernels.phases import phases
+
 ROUNDING_VARIANCE = 1.0 / 12.0  # of one grey level
 
 
@@ -56,15 +58,14 @@ def noise_passed(
         subset_px: edge of the subset.
         interpolation: ``cubic`` or ``quintic``.
     """
-    return _passed(shift_px, np.stack([along_x, along_y]), subset_px, interpolation)
-
-
-def _passed(shift_px: NDArray[np.float64], slopes: NDArray[np.float64], subset_px: int, interpolation: str) -> NDArray[np.float32]:
-    """`noise_passed`; `slopes` are those by x and by y."""
-    constant, *harmonics = (np.float32(h) for h in HARMONICS[interpolation])
     # float32 is ten times faster and good to 1e-7
     phase = (2.0 * np.pi * (shift_px - np.round(shift_px))).astype(np.float32)
-    moved = (slopes * subset_px).astype(np.float32)
+    return _passed(phase, (np.stack([along_x, along_y]) * subset_px).astype(np.float32), interpolation)
+
+
+def _passed(phase: NDArray[np.float32], moved: NDArray[np.float32], interpolation: str) -> NDArray[np.float32]:
+    """`noise_passed` at a phase, 2 pi for a pixel, of subsets whose edges move by so much, first for those along x, then y."""
+    constant, *harmonics = (np.float32(h) for h in HARMONICS[interpolation])
     passed = np.full(phase.shape, constant)
     for k, harmonic in enumerate(harmonics, start=1):
         across, down = np.sinc(k * moved)
@@ -98,8 +99,7 @@ def noise_variance(
         fitted: parameters of the shape function.
         pixels: (ny, nx) pixels of each subset that count; None means all.
     """
-    along = np.moveaxis(parameters, -1, 0).reshape(2, 3, *zncc.shape)  # u and v at once: half the calls, which cost as much for few points
-    each = _passed(along[:, 0], np.stack([along[:, 1], along[:, 2]]), subset_px, interpolation)
+    each = _passed(*phases(parameters, subset_px), interpolation)  # u and v at once: for few points calls cost as much as points
     passed = each[0] * each[1]
     degrees = np.maximum((subset_px**2 if pixels is None else pixels) - fitted - 2, 1.0)  # offset and contrast are fitted too
     residual = 2.0 * np.maximum(1.0 - zncc, 0.0) * norm**2 / degrees

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from semlive.kernels import icgn, spline, subsets, warp
+from semlive.kernels import icgn, spline, subsets, traits, warp
 from semlive.kernels.interpolate import LANES
 from semlive.kernels.memory import hold_on_to_memory
 from semlive.kernels.ranks import middle_bits
@@ -58,6 +58,12 @@ def grey(image: object, mask: NDArray[np.bool_] | None = None) -> NDArray[np.flo
         raise ValueError(f"image must be a uint8 or uint16 array, not {getattr(image, 'dtype', type(image).__name__)}")
     if image.ndim != 2 or min(image.shape) < MIN_EDGE_PX:
         raise ValueError(f"image must be (height, width) of at least {MIN_EDGE_PX} px each, not {image.shape}")
+    if mask is None and image.flags.c_contiguous and image.flags.aligned:
+        out = np.empty(image.shape, dtype=np.float32)
+        levels = image.reshape(-1)
+        levels.setflags(write=False)  # of this view: else all would be compiled again for frames that are read-only
+        traits.about_mean(levels, out.reshape(-1))
+        return out
     if mask is None:
         return np.subtract(image, mean_of(image), dtype=np.float32)
     mean = np.float32(image[mask].mean() if mask.any() else 0.0)
@@ -169,15 +175,8 @@ def gradient_products(image: NDArray[np.float32], step: int, axis: int, usable: 
         ValueError: not a C-contiguous float32 image of at least 4 x 4 px.
     """
     _checked_image(image)
-
-    def lines(of: NDArray[np.float32], first: int) -> NDArray[np.float32]:
-        count = of.shape[1 - axis]
-        every = slice(first, count - 2 + first, step)
-        return np.ascontiguousarray(of[every] if axis else of[:, every].T)
-
-    before, here, after = (lines(image, first) for first in range(3))
-    counted = np.empty((0, 0), dtype=np.float32) if usable is None else lines(checked(usable, "usable", np.float32, image.shape), 1)
-    return subsets.products(before, here, after, counted, line_derivative(here))
+    counted = np.empty((0, 0), dtype=np.float32) if usable is None else checked(usable, "usable", np.float32, image.shape)
+    return traits.products(image, step, axis, counted, spline.POLES[spline.CUBIC][0], spline.GAINS[spline.CUBIC][0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
