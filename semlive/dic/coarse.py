@@ -372,7 +372,7 @@ def _robust_affine(
     for _ in range(10 if _determined(x, y) else 0):
         root = 1.0 / np.sqrt(1.0 + (_length(motion - design @ affine) / OUTLIER_PX) ** 2)
         before = affine
-        affine = np.linalg.lstsq(design * root[:, None], motion * root[:, None], rcond=None)[0]
+        affine = np.asarray(np.linalg.lstsq(design * root[:, None], motion * root[:, None], rcond=None)[0], dtype=np.float64)
         if np.abs(design @ (affine - before)).max() < SETTLED_PX:
             break
     return affine, _length(motion - design @ affine) <= OUTLIER_PX

@@ -10,6 +10,7 @@ from scipy.interpolate import make_interp_spline
 
 from semlive.kernels.phases import phases
 
+TINY = np.finfo(np.float32).eps
 ROUNDING_VARIANCE = 1.0 / 12.0  # of one grey level
 
 
@@ -68,7 +69,9 @@ def _passed(phase: NDArray[np.float32], moved: NDArray[np.float32], interpolatio
     constant, *harmonics = (np.float32(h) for h in HARMONICS[interpolation])
     passed = np.full(phase.shape, constant)
     for k, harmonic in enumerate(harmonics, start=1):
-        across, down = np.sinc(k * moved)
+        angle = np.float32(np.pi) * (k * moved)
+        angle[angle == 0.0] = TINY
+        across, down = np.sin(angle) / angle
         passed += harmonic * np.cos(k * phase) * across * down
     return passed
 

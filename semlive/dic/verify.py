@@ -26,7 +26,7 @@ from semlive.data.disparity import PoiStatus
 from semlive.data.grid import Grid
 from semlive.kernels.company import company
 from semlive.kernels.planes import planes_through
-from semlive.kernels.ranks import median_of, percentiles_of
+from semlive.kernels.ranks import extent, median_of, percentiles_of
 
 ORDINARY_RESIDUAL = 1.22  # times the map's ordinary; 15 % above was the most in 10^5 good points
 PLAIN_RESIDUAL = 1.1  # one good point in a thousand is above and has to agree with its neighbours
@@ -173,7 +173,7 @@ def _torn(m: Measured, among: NDArray[np.bool_], sound: NDArray[np.bool_], grid:
         sound: points to compare with.
         grid: the points.
     """
-    span = np.ptp(m.gradient.reshape(-1, 4), axis=0) * (grid.subset_px / 1.5)
+    span = extent(m.gradient.reshape(-1, 4)) * (grid.subset_px / 1.5)
     if max(np.hypot(span[0], span[2]), np.hypot(span[1], span[3])) <= JUMP_PX:
         return np.zeros(sound.shape, dtype=bool)  # no two slopes differ enough anywhere
     jump = np.zeros(sound.shape)

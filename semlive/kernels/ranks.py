@@ -32,6 +32,18 @@ def percentiles_of(values: NDArray[np.floating], *percents: float) -> list[float
 
 
 @njit(nogil=True, cache=True)
+def extent(values):
+    """Largest less least of each column of (n, m) values, n >= 1; NaN where there is one."""
+    low, high = values[0].copy(), values[0].copy()
+    for k in range(values.shape[0]):
+        for i in range(values.shape[1]):
+            value = values[k, i]
+            low[i] = value if value < low[i] or value != value else low[i]
+            high[i] = value if value > high[i] or value != value else high[i]
+    return high - low
+
+
+@njit(nogil=True, cache=True)
 def _bin_of(count, k):
     """Bin that holds rank k, and how many are in those before."""
     before = 0
