@@ -67,7 +67,9 @@ def correlate(
         matches = match(reference.coarse, current)
         return matches, smooth_field(matches, reference.grid) if len(matches) else None
 
-    (matches, guess), interpolator = at_once(guessed, lambda: cast.interpolator(current, ORDER[settings.interpolation]))
+    (matches, guess), interpolator = at_once(
+        guessed, lambda: cast.interpolator(current, ORDER[settings.interpolation]), worth=current.size >= cast.PIXELS_AT_ONCE
+    )
     solutions = solve(reference, interpolator, matches, settings, guess, lambda: second_field(matches, reference.grid))
     found = measured(reference, solutions, settings)
     return concluded(found, reference.grid, settings, reference_frame=reference_frame, current_frame=current_frame)

@@ -117,6 +117,7 @@ def prepare(
     coarse, traits = at_once(
         lambda: prepare_coarse(f, grid, settings.search_px),
         lambda: traits_of(np.ascontiguousarray(f[part]), None if usable is None else np.ascontiguousarray(usable[part]), used),
+        worth=f.size >= cast.PIXELS_AT_ONCE,
     )
     return prepare_part(f, usable, grid, settings, traits, coarse)
 
