@@ -9,9 +9,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, ndimage
+from scipy import fft
 
 from semlive.data.grid import Grid
+from semlive.dic.windows import low_pass
 
 SEARCH_PX = 64.0  # motion that is looked for if nothing is known of it; two positions within it are twice as far apart at most
 MIN_PEAK = 0.05  # of the frame's autocorrelation: a repeating twentieth of the frame
@@ -22,6 +23,7 @@ MIN_LAG = 3  # binned pixels; nearer is the speckle itself
 MIN_EDGE = 16  # binned pixels of the autocorrelation to look at; a blob is narrower
 MIN_LIKENESS = 0.6  # ZNCC of a subset with its like; noise of 20 grey leaves 0.9, a position between pixels 0.8 of a true repeat
 HIGH_PASS = 0.02  # cycles per binned pixel; shading repeats itself everywhere
+AROUND_Y, AROUND_X = (k.ravel() - 1 for k in np.indices((3, 3)))  # a place and its eight neighbours
 
 
 def repeats(spectrum: NDArray[np.complex64], shape: tuple[int, int], reach: int) -> list[tuple[int, int]]:
@@ -33,24 +35,28 @@ def repeats(spectrum: NDArray[np.complex64], shape: tuple[int, int], reach: int)
         reach: longest lag of interest.
     """
     height, width = shape
-    fy = fft.fftfreq(height).astype(np.float32)[:, None]
-    fx = fft.rfftfreq(width).astype(np.float32)[None, :]
-    wide = np.float32(-0.5 / HIGH_PASS**2)
-    power = (spectrum.real**2 + spectrum.imag**2) * (1.0 - np.exp(wide * fx**2) * np.exp(wide * fy**2))
+    shading = low_pass(width, HIGH_PASS, half=True) * low_pass(height, HIGH_PASS)[:, None]
+    power = (spectrum.real**2 + spectrum.imag**2) * (1.0 - shading)
     surface = np.asarray(fft.irfft2(power, s=shape))
     if not surface[0, 0] > 0.0:
         return []
     edge = min(max(reach, MIN_EDGE) + 1, height // 2 - 1, width // 2 - 1)  # one more: the flank of a peak beyond is no peak
-    lags = np.arange(-edge, edge + 1)
-    near = surface[np.ix_(np.arange(0, edge + 1), lags % width)] / surface[0, 0]
+    near = np.concatenate([surface[: edge + 1, width - edge :], surface[: edge + 1, : edge + 1]], axis=1) / surface[0, 0]
     blob = 2.27 * _half_width(near[0, edge:]) * _half_width(near[:, edge])  # sum of squares of a Gaussian main lobe
     chance = np.sqrt(blob / (WINDOWED * height * width))
-    top = (near == ndimage.maximum_filter(near, 3)) & (near >= max(MIN_PEAK, CHANCES * chance))
-    y, x = np.nonzero(top)
+    y, x = np.nonzero(near >= max(MIN_PEAK, CHANCES * chance))
     x -= edge
     kept = (x**2 + y**2 >= MIN_LAG**2) & ((y > 0) | (x > 0)) & (np.maximum(np.abs(x), y) <= reach)
-    order = np.argsort(-near[y[kept], x[kept] + edge], kind="stable")[:MAX_LAGS]
-    return [(int(x[kept][k]), int(y[kept][k])) for k in order]
+    x, y = x[kept], y[kept]
+    if not x.size:
+        return []
+    rows = np.clip(y[:, None] + AROUND_Y, 0, edge)
+    columns = np.clip(x[:, None] + edge + AROUND_X, 0, 2 * edge)
+    height_of = near[y, x + edge]
+    top = height_of == near[rows, columns].max(axis=1)
+    x, y = x[top], y[top]
+    order = np.argsort(-height_of[top], kind="stable")[:MAX_LAGS]
+    return [(int(x[k]), int(y[k])) for k in order]
 
 
 def _half_width(line: NDArray[np.float32]) -> float:

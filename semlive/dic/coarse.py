@@ -7,6 +7,7 @@ searched within 32 px of it by ZNCC, which says for each block whether to believ
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -17,6 +18,8 @@ from scipy.spatial import KDTree
 
 from semlive.data.grid import Grid
 from semlive.dic.ambiguity import ambiguous
+from semlive.dic.windows import hann, low_pass
+from semlive.kernels.ranks import median_of
 from semlive.kernels.threads import spread
 
 BLOCK = 32  # edge of a block, in binned pixels
@@ -126,8 +129,8 @@ def search(reference: CoarseReference, current: NDArray[np.float32], matches: ND
     for degrees in TURNS:
         turn = cv2.getRotationMatrix2D((width / 2.0, height / 2.0), degrees, 1.0)
         turned = np.asarray(cv2.warpAffine(reference.image, turn, (width, height), flags=cv2.INTER_LINEAR), dtype=np.float32)
-        for shift, height_of_peak in candidate_shifts(_spectrum(turned), current)[:1]:
-            tries.append((height_of_peak, degrees, turn + np.array([[0, 0, shift[0]], [0, 0, shift[1]]])))
+        shift, height_of_peak = next(candidate_shifts(_spectrum(turned), current))
+        tries.append((height_of_peak, degrees, turn + np.array([[0, 0, shift[0]], [0, 0, shift[1]]])))
     for _, _, affine in sorted(tries, key=lambda t: (-t[0], t[1]))[:2]:
         found = _led(reference, current, warped_blocks(reference, current, affine))
         if len(found) > len(best):
@@ -211,29 +214,26 @@ def _spectrum(image: NDArray[np.float32]) -> NDArray[np.complex64]:
     windowed = np.zeros(padded, dtype=np.float32)
     inside = windowed[:height, :width]
     np.subtract(image, image.mean(), out=inside)
-    inside *= np.hanning(width).astype(np.float32)
-    inside *= np.hanning(height).astype(np.float32)[:, None]
+    inside *= hann(width)
+    inside *= hann(height)[:, None]
     return np.asarray(fft.rfft2(windowed, overwrite_x=True))
 
 
-def candidate_shifts(spectrum: NDArray[np.complex64], current: NDArray[np.float32]) -> list[tuple[tuple[int, int], float]]:
+def candidate_shifts(spectrum: NDArray[np.complex64], current: NDArray[np.float32]) -> Iterator[tuple[tuple[int, int], float]]:
     """Whole-frame shifts (x, y) in binned pixels worth trying and their correlation, best first; no shift at all is the last."""
     height, width = _padded(current.shape)
     cross = _spectrum(current) * np.conj(spectrum)
-    fy = fft.fftfreq(height).astype(np.float32)[:, None]
-    fx = fft.rfftfreq(width).astype(np.float32)[None, :]
-    low_pass = np.exp(fy**2 * (-0.5 / LOW_PASS**2)) * np.exp(fx**2 * (-0.5 / LOW_PASS**2))
+    passed = low_pass(height, LOW_PASS)[:, None] * low_pass(width, LOW_PASS, half=True)
     # np.abs of complex numbers guards against overflow, at eight times the cost
-    cross *= low_pass / (np.sqrt(cross.real**2 + cross.imag**2) + np.float32(1e-20))
+    cross *= passed / (np.sqrt(cross.real**2 + cross.imag**2) + np.float32(1e-20))
     surface = np.asarray(fft.irfft2(cross, s=(height, width), overwrite_x=True))
-    shifts = []
     for _ in range(CANDIDATES):
-        y, x = np.unravel_index(int(np.argmax(surface)), surface.shape)
-        shifts.append(((int(x) - width * (x > width // 2), int(y) - height * (y > height // 2)), float(surface[y, x])))
+        y, x = divmod(int(np.argmax(surface)), width)
+        yield (x - width * (x > width // 2), y - height * (y > height // 2)), float(surface[y, x])
         rows = np.arange(y - 4, y + 5) % height
         columns = np.arange(x - 4, x + 5) % width
         surface[np.ix_(rows, columns)] = -np.inf
-    return [*shifts, ((0, 0), 0.0)]
+    yield (0, 0), 0.0
 
 
 def match_blocks(
@@ -266,9 +266,8 @@ def _match_block(
     top, bottom = max(cy + shift[1] - reach, 0), min(cy + shift[1] + reach + 1, height)
     if right - left < BLOCK + 2 or bottom - top < BLOCK + 2:
         return None
-    around = np.ascontiguousarray(current[top:bottom, left:right])
-    score = cv2.matchTemplate(around, np.ascontiguousarray(block), cv2.TM_CCOEFF_NORMED)
-    y, x = (int(k) for k in np.unravel_index(int(np.argmax(score)), score.shape))
+    score = cv2.matchTemplate(current[top:bottom, left:right], block, cv2.TM_CCOEFF_NORMED)
+    y, x = divmod(int(np.argmax(score)), score.shape[1])
     # Best at the edge of the search means better beyond it, unless the frame ends there: a block at the frame's edge stays at it.
     beyond_x = (x == 0 and left > 0) or (x == score.shape[1] - 1 and right < width)
     beyond_y = (y == 0 and top > 0) or (y == score.shape[0] - 1 and bottom < height)
@@ -368,16 +367,27 @@ def _robust_affine(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """(3, 2) affine coefficients of the motion by reweighted least squares (Cauchy), and which matches agree with it."""
     affine = np.zeros((3, 2))
-    affine[0] = np.median(motion, axis=0)
+    affine[0] = [median_of(motion[:, axis]) for axis in range(2)]
     design = _design(x, y)
-    spread = max(float(np.ptp(x)), float(np.ptp(y)))
-    determined = len(x) >= 6 and np.linalg.matrix_rank(design - design.mean(axis=0), tol=1.0) == 2 and spread > BLOCK_DISTANCE_PX
-    for _ in range(10 if determined else 0):
-        distance = np.linalg.norm(motion - design @ affine, axis=1)
-        root = 1.0 / np.sqrt(1.0 + (distance / OUTLIER_PX) ** 2)
+    for _ in range(10 if _determined(x, y) else 0):
+        root = 1.0 / np.sqrt(1.0 + (_length(motion - design @ affine) / OUTLIER_PX) ** 2)
         before = affine
-        affine = np.linalg.lstsq(design * root[:, None], motion * root[:, None], rcond=None)[0]
+        affine = np.asarray(np.linalg.lstsq(design * root[:, None], motion * root[:, None], rcond=None)[0], dtype=np.float64)
         if np.abs(design @ (affine - before)).max() < SETTLED_PX:
             break
-    good = np.linalg.norm(motion - design @ affine, axis=1) <= OUTLIER_PX
-    return affine, good
+    return affine, _length(motion - design @ affine) <= OUTLIER_PX
+
+
+def _determined(x: NDArray[np.float64], y: NDArray[np.float64]) -> bool:
+    """Whether places tell an affine map: enough of them, spread out, and not along one line."""
+    if len(x) < 6 or max(x.max() - x.min(), y.max() - y.min()) <= BLOCK_DISTANCE_PX:
+        return False
+    dx, dy = x - x.mean(), y - y.mean()
+    xx, xy, yy = float(dx @ dx), float(dx @ dy), float(dy @ dy)
+    across = 0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy)  # sum of squared distances from the line through them
+    return bool(across > 1.0)
+
+
+def _length(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of each of (n, 2) vectors."""
+    return np.sqrt(vectors[:, 0] ** 2 + vectors[:, 1] ** 2)

@@ -67,7 +67,9 @@ def correlate(
         matches = match(reference.coarse, current)
         return matches, smooth_field(matches, reference.grid) if len(matches) else None
 
-    (matches, guess), interpolator = at_once(guessed, lambda: cast.interpolator(current, ORDER[settings.interpolation]))
+    (matches, guess), interpolator = at_once(
+        guessed, lambda: cast.interpolator(current, ORDER[settings.interpolation]), worth=current.size >= cast.PIXELS_AT_ONCE
+    )
     solutions = solve(reference, interpolator, matches, settings, guess, lambda: second_field(matches, reference.grid))
     found = measured(reference, solutions, settings)
     return concluded(found, reference.grid, settings, reference_frame=reference_frame, current_frame=current_frame)
@@ -90,7 +92,7 @@ def measured(reference: Reference, solutions: cast.Solutions, settings: DicSetti
     return Measured(
         u_px=np.where(valid, p[..., 0], 0.0),
         v_px=np.where(valid, p[..., 3], 0.0),
-        gradient=p[..., [1, 2, 4, 5]].astype(np.float32),
+        gradient=p[..., [1, 2, 4, 5]].astype(np.float32, order="C"),
         sigma_u_px=np.sqrt(2.0 * variance * sums.variance_u),
         sigma_v_px=np.sqrt(2.0 * variance * sums.variance_v),
         covariance_px2=2.0 * variance * sums.covariance,
@@ -205,5 +207,6 @@ def warm_up(settings: DicSettings) -> None:
     reference = prepare(image, grid_for(small, 96, 96), small)
     current = np.roll(image, 1, axis=1)
     correlate(reference, current, small, reference_frame=0, current_frame=1)
+    cast.grey(image.astype(np.uint16))
     nothing = np.zeros((1, 1), dtype=np.bool_)
     planes_through(np.zeros((1, 1)), np.zeros((1, 1)), nothing, nothing, 1)  # of which a clean pair has no need

@@ -60,8 +60,7 @@ def noise_of(image: NDArray[np.float32]) -> float:
     The stencil passes only 0.3 grey of speckle of 40 grey contrast and 6.7 px size, 5 grey of 3.3 px. Constant areas
     (saturated, masked) are left out; the median spares scratches. Rows with TRAITS_PIXELS are enough.
     """
-    stencil = cast.noise_stencils(image, _line_step(image))
-    return float(np.median(stencil)) / (6.0 * 0.6745) if stencil.size else 0.0
+    return cast.median_stencil(image, _line_step(image)) / (6.0 * 0.6745)
 
 
 def _line_step(image: NDArray[np.float32]) -> int:
@@ -118,6 +117,7 @@ def prepare(
     coarse, traits = at_once(
         lambda: prepare_coarse(f, grid, settings.search_px),
         lambda: traits_of(np.ascontiguousarray(f[part]), None if usable is None else np.ascontiguousarray(usable[part]), used),
+        worth=f.size >= cast.PIXELS_AT_ONCE,
     )
     return prepare_part(f, usable, grid, settings, traits, coarse)
 

@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
+from semlive.kernels.phases import phases
+
+TINY = np.finfo(np.float32).eps
 ROUNDING_VARIANCE = 1.0 / 12.0  # of one grey level
 
 
@@ -56,13 +59,20 @@ def noise_passed(
         subset_px: edge of the subset.
         interpolation: ``cubic`` or ``quintic``.
     """
-    constant, *harmonics = (np.float32(h) for h in HARMONICS[interpolation])
     # float32 is ten times faster and good to 1e-7
     phase = (2.0 * np.pi * (shift_px - np.round(shift_px))).astype(np.float32)
-    across, down = ((slope * subset_px).astype(np.float32) for slope in (along_x, along_y))
+    return _passed(phase, (np.stack([along_x, along_y]) * subset_px).astype(np.float32), interpolation)
+
+
+def _passed(phase: NDArray[np.float32], moved: NDArray[np.float32], interpolation: str) -> NDArray[np.float32]:
+    """`noise_passed` at a phase, 2 pi for a pixel, of subsets whose edges move by so much, first for those along x, then y."""
+    constant, *harmonics = (np.float32(h) for h in HARMONICS[interpolation])
     passed = np.full(phase.shape, constant)
     for k, harmonic in enumerate(harmonics, start=1):
-        passed += harmonic * np.cos(k * phase) * np.sinc(k * across) * np.sinc(k * down)
+        angle = np.float32(np.pi) * (k * moved)
+        angle[angle == 0.0] = TINY
+        across, down = np.sin(angle) / angle
+        passed += harmonic * np.cos(k * phase) * across * down
     return passed
 
 
@@ -92,9 +102,8 @@ def noise_variance(
         fitted: parameters of the shape function.
         pixels: (ny, nx) pixels of each subset that count; None means all.
     """
-    p = parameters
-    passed = noise_passed(p[..., 0], p[..., 1], p[..., 2], subset_px, interpolation)
-    passed = passed * noise_passed(p[..., 3], p[..., 4], p[..., 5], subset_px, interpolation)
+    each = _passed(*phases(parameters, subset_px), interpolation)  # u and v at once: for few points calls cost as much as points
+    passed = each[0] * each[1]
     degrees = np.maximum((subset_px**2 if pixels is None else pixels) - fitted - 2, 1.0)  # offset and contrast are fitted too
     residual = 2.0 * np.maximum(1.0 - zncc, 0.0) * norm**2 / degrees
     return np.maximum(residual / (1.0 + passed), ROUNDING_VARIANCE)

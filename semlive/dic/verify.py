@@ -24,7 +24,9 @@ from scipy import ndimage
 
 from semlive.data.disparity import PoiStatus
 from semlive.data.grid import Grid
+from semlive.kernels.company import company
 from semlive.kernels.planes import planes_through
+from semlive.kernels.ranks import extent, median_of, percentiles_of
 
 ORDINARY_RESIDUAL = 1.22  # times the map's ordinary; 15 % above was the most in 10^5 good points
 PLAIN_RESIDUAL = 1.1  # one good point in a thousand is above and has to agree with its neighbours
@@ -114,17 +116,17 @@ def refused(measured: Measured, grid: Grid, *, curved: bool = False) -> NDArray[
     verdict = np.full(valid.shape, PoiStatus.CONVERGED, dtype=np.uint8)
     if not valid.any():
         return verdict
-    low, mid = (float(q) for q in np.percentile(m.residual[valid], (10, 35)))
+    low, mid = percentiles_of(m.residual[valid], 10, 35)
     spread = min((mid - low) / 0.9, MAX_SPREAD * mid)  # standard deviation, of the lower part, which nothing hidden is in
     ordinary = mid + 0.4 * spread
-    contrast = float(np.median(m.contrast[valid]))
+    contrast = float(median_of(m.contrast[valid]))
     misfit = MISFIT * max(contrast - ordinary, 0.0)
     limit = max(ORDINARY_RESIDUAL * ordinary, ordinary + 6.0 * spread, ordinary + misfit)
     fits = valid & (m.residual <= limit)
     verdict[valid & ~fits] = PoiStatus.LOW_ZNCC
     safe = SAFE_SIGMA * NOISE_SIGMA_PX / grid.subset_px
     excusable = valid & ~fits & (m.residual <= ordinary + CONFIRMED_MISFIT * max(contrast - ordinary, 0.0))
-    sigma = float(np.median(sigma_px[fits]))
+    sigma = float(median_of(sigma_px[fits]))
     sound = fits & (sigma_px <= max(SPREADING_SIGMA * sigma, safe))
     torn = _torn(m, fits | excusable, sound, grid)
     if torn.any():
@@ -133,9 +135,9 @@ def refused(measured: Measured, grid: Grid, *, curved: bool = False) -> NDArray[
         excusable &= ~torn
         if not fits.any():
             return verdict
-        sigma = float(np.median(sigma_px[fits]))
+        sigma = float(median_of(sigma_px[fits]))
     signal = m.contrast - ordinary
-    usual = float(np.median(signal[fits]))
+    usual = float(median_of(signal[fits]))
     plain = fits & (sigma_px <= max(ORDINARY_SIGMA * sigma, safe)) & (signal <= (1.0 + EXCESS_PX / grid.subset_px) * usual)
     plain &= m.residual <= max(PLAIN_RESIDUAL * ordinary, ordinary + 3.0 * spread, ordinary + PLAIN_MISFIT * misfit)
     trusted = plain & ~_alone(m, plain, grid)
@@ -171,7 +173,7 @@ def _torn(m: Measured, among: NDArray[np.bool_], sound: NDArray[np.bool_], grid:
         sound: points to compare with.
         grid: the points.
     """
-    span = np.ptp(m.gradient.reshape(-1, 4), axis=0) * (grid.subset_px / 1.5)
+    span = extent(m.gradient.reshape(-1, 4)) * (grid.subset_px / 1.5)
     if max(np.hypot(span[0], span[2]), np.hypot(span[1], span[3])) <= JUMP_PX:
         return np.zeros(sound.shape, dtype=bool)  # no two slopes differ enough anywhere
     jump = np.zeros(sound.shape)
@@ -218,23 +220,8 @@ def _shifted(values: NDArray, steps: int, axis: int) -> NDArray:
 
 def _alone(m: Measured, plain: NDArray[np.bool_], grid: Grid) -> NDArray[np.bool_]:
     """Plain points in groups of fewer than MIN_COMPANY that agree with one another."""
-    linked = np.zeros((2 * plain.shape[0] - 1, 2 * plain.shape[1] - 1), dtype=bool)
-    linked[::2, ::2] = plain
-    full, every, odd, cut_last = slice(None), slice(None, None, 2), slice(1, None, 2), slice(None, -1)
-    for axis, place, cut in ((0, (every, odd), (full, cut_last)), (1, (odd, every), (cut_last, full))):
-        both = (plain & _shifted(plain, 1, axis))[cut]
-        half = 0.5 * grid.step_px
-        apart = np.zeros(both.shape)
-        for value, k in ((m.u_px, 0), (m.v_px, 2)):
-            slope = m.gradient[..., k + axis]
-            apart = np.maximum(apart, np.abs(_shifted(value, 1, axis) - value - half * (slope + _shifted(slope, 1, axis)))[cut])
-        linked[place] = both & (apart <= LINKS_PX + 3.0 * m.sigma_px[cut])
-    label = np.zeros(linked.shape, dtype=np.int32)
-    ndimage.label(linked, output=label)
-    label = label[::2, ::2]
-    size = np.bincount(label.ravel())
-    enough = min(MIN_COMPANY, plain.size)
-    return plain & (size[label] < enough)
+    size = company(m.u_px, m.v_px, m.gradient, m.sigma_px, plain, 0.5 * grid.step_px, LINKS_PX)
+    return plain & (size < min(MIN_COMPANY, plain.size))
 
 
 def _confirmed(

@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from semlive.kernels import icgn, spline, subsets, warp
+from semlive.kernels import icgn, spline, subsets, traits, warp
 from semlive.kernels.interpolate import LANES
 from semlive.kernels.memory import hold_on_to_memory
+from semlive.kernels.ranks import middle_bits
 from semlive.kernels.threads import spread
 
 MIN_EDGE_PX = 4
@@ -57,6 +58,12 @@ def grey(image: object, mask: NDArray[np.bool_] | None = None) -> NDArray[np.flo
         raise ValueError(f"image must be a uint8 or uint16 array, not {getattr(image, 'dtype', type(image).__name__)}")
     if image.ndim != 2 or min(image.shape) < MIN_EDGE_PX:
         raise ValueError(f"image must be (height, width) of at least {MIN_EDGE_PX} px each, not {image.shape}")
+    if mask is None and image.flags.c_contiguous and image.flags.aligned:
+        out = np.empty(image.shape, dtype=np.float32)
+        levels = image.reshape(-1)
+        levels.setflags(write=False)  # of this view: else all would be compiled again for frames that are read-only
+        traits.about_mean(levels, out.reshape(-1))
+        return out
     if mask is None:
         return np.subtract(image, mean_of(image), dtype=np.float32)
     mean = np.float32(image[mask].mean() if mask.any() else 0.0)
@@ -137,8 +144,10 @@ def line_derivative(lines: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.float32(0.5) * (c[:, 2:] - c[:, :-2])
 
 
-def noise_stencils(image: NDArray[np.float32], step: int) -> NDArray[np.float32]:
-    """Second difference both ways, its amount, along every so many lines of an image; those that are zero are left out.
+def median_stencil(image: NDArray[np.float32], step: int) -> float:
+    """Median amount of the second difference both ways along every so many lines of an image; those that are zero are left out.
+
+    It is 0 if all are.
 
     Raises:
         ValueError: not a C-contiguous float32 image of at least 4 x 4 px.
@@ -146,7 +155,11 @@ def noise_stencils(image: NDArray[np.float32], step: int) -> NDArray[np.float32]
     _checked_image(image)
     height, width = image.shape
     out = np.empty(((height - 2 + step - 1) // step) * (width - 2), dtype=np.float32)
-    return out[: subsets.stencils(image, step, out)]
+    n = subsets.stencils(image, step, out)
+    if n == 0:
+        return 0.0
+    one, other = (np.uint32(bits).view(np.float32) for bits in middle_bits(out.view(np.uint32), n))
+    return float((one + other) / 2)
 
 
 def gradient_products(image: NDArray[np.float32], step: int, axis: int, usable: NDArray[np.float32] | None = None) -> tuple[float, float]:
@@ -162,15 +175,8 @@ def gradient_products(image: NDArray[np.float32], step: int, axis: int, usable: 
         ValueError: not a C-contiguous float32 image of at least 4 x 4 px.
     """
     _checked_image(image)
-
-    def lines(of: NDArray[np.float32], first: int) -> NDArray[np.float32]:
-        count = of.shape[1 - axis]
-        every = slice(first, count - 2 + first, step)
-        return np.ascontiguousarray(of[every] if axis else of[:, every].T)
-
-    before, here, after = (lines(image, first) for first in range(3))
-    counted = np.empty((0, 0), dtype=np.float32) if usable is None else lines(checked(usable, "usable", np.float32, image.shape), 1)
-    return subsets.products(before, here, after, counted, line_derivative(here))
+    counted = np.empty((0, 0), dtype=np.float32) if usable is None else checked(usable, "usable", np.float32, image.shape)
+    return traits.products(image, step, axis, counted, spline.POLES[spline.CUBIC][0], spline.GAINS[spline.CUBIC][0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -328,10 +334,11 @@ def subset_sums(
         sssig=np.zeros(shape),
     )
     r = result
+    flat = planes.ravel(), weights.ravel()
 
     def rows(first: int, last: int) -> None:
         subsets.sum_rows(
-            planes.ravel(), weights.ravel(), pitch, first, last, x0_px, y0_px, step_px, half_px, r.pixels, r.mean, r.norm,
+            *flat, pitch, first, last, x0_px, y0_px, step_px, half_px, r.pixels, r.mean, r.norm,
             r.gradient_sum, r.gradient_image_sum, r.lower, r.variance_u, r.variance_v, r.covariance,
             r.sssig,
         )  # fmt: skip
@@ -405,17 +412,13 @@ def correlate(
     size = 2 * r.half_px + 1
     whole = np.concatenate([np.ones(size, dtype=np.float32), np.zeros(LANES, dtype=np.float32)])
     ramp = np.arange(size + LANES, dtype=np.float32)
-    images = (r.planes.ravel(), r.valid.ravel(), r.planes.shape[2])
+    images = (current.ravel(), current.shape[1], order, r.planes.ravel(), r.valid.ravel(), r.planes.shape[2])
 
     def rows(first: int, last: int) -> None:
-        for j in range(first, last):
-            if not todo[j].any():
-                continue
-            icgn.correlate_row(
-                current.ravel(), current.shape[1], order, *images, whole, ramp, r.width_px, r.y0_px + j * r.step_px, r.x0_px,
-                r.step_px, r.half_px, r.pixels[j], r.mean[j], r.norm[j], r.gradient_sum[j], r.gradient_image_sum[j], r.lower[j],
-                todo[j], seeds[j], max_iterations, tolerance_px, min_zncc, max_travel_px, s.parameters[j], curvatures[j], s.zncc[j],
-                s.status[j], s.iterations[j],
-            )  # fmt: skip
+        icgn.correlate_rows(
+            first, last, *images, whole, ramp, r.width_px, r.y0_px, r.x0_px, r.step_px, r.half_px, r.pixels, r.mean, r.norm,
+            r.gradient_sum, r.gradient_image_sum, r.lower, todo, seeds, max_iterations, tolerance_px, min_zncc, max_travel_px,
+            s.parameters, curvatures, s.zncc, s.status, s.iterations,
+        )  # fmt: skip
 
     spread(rows, ny, 1)

@@ -357,3 +357,22 @@ def correlate_row(
         zncc[i] = score
         status[i] = result
         iterations[i] = spent
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def correlate_rows(
+    first, last, c, stride_c, order, planes, valid, pitch, row_weights, ramp, width, y0, x0, step, half, pixels, mean, norm,
+    gradient_sum, gradient_image_sum, lower, todo, seed, max_iterations, tolerance_px, min_zncc, max_travel_px, p, curvature, zncc,
+    status, iterations,
+):  # fmt: skip
+    """Rows first..last-1 of POI by `correlate_row`: taking rows of arrays apart here costs a tenth of what it does outside."""
+    for j in range(first, last):
+        wanted = False
+        for i in range(todo.shape[1]):
+            wanted = wanted or todo[j, i] != SKIP
+        if wanted:
+            correlate_row(
+                c, stride_c, order, planes, valid, pitch, row_weights, ramp, width, y0 + j * step, x0, step, half, pixels[j], mean[j],
+                norm[j], gradient_sum[j], gradient_image_sum[j], lower[j], todo[j], seed[j], max_iterations, tolerance_px, min_zncc,
+                max_travel_px, p[j], curvature[j], zncc[j], status[j], iterations[j],
+            )  # fmt: skip

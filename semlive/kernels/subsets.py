@@ -68,24 +68,6 @@ def stencils(image, step, out):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def products(before, lines, after, usable, derivative):
-    """Means of Sobel derivative along lines times `derivative`, (n, length - 2), and of its square; it is zero where `usable` is."""
-    eighth, two = np.float32(0.125), np.float32(2.0)
-    n, length = lines.shape
-    overlap = energy = 0.0
-    for k in range(n):
-        for x in range(1, length - 1):
-            sobel = before[k, x + 1] - before[k, x - 1] + after[k, x + 1] - after[k, x - 1]
-            sobel = eighth * (sobel + two * (lines[k, x + 1] - lines[k, x - 1]))
-            if usable.size > 0:
-                sobel *= usable[k, x]
-            overlap += np.float64(sobel * derivative[k, x - 1])
-            energy += np.float64(sobel * sobel)
-    count = max(n * (length - 2), 1)
-    return overlap / count, energy / count
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
 def plane_rows(image, weights, planes, first, last, gain_x, gain_y):
     """Rows first..last-1 of `planes`: grey levels and scaled Sobel derivatives of an image, zero in the padding and where `weights` is.
 

@@ -90,9 +90,9 @@ def spread(work: Callable[[int, int], object], count: int, chunk: int) -> None:
         helper.result()
 
 
-def at_once(one: Callable[[], A], other: Callable[[], B]) -> tuple[A, B]:
-    """What two functions return that have nothing to do with one another, called at the same time if a thread is free."""
-    helper = _helper(other)
+def at_once(one: Callable[[], A], other: Callable[[], B], *, worth: bool = True) -> tuple[A, B]:
+    """What two functions return that have nothing to do with one another, at the same time if worth a thread and one is free."""
+    helper = _helper(other) if worth else None
     try:
         first = one()
     finally:

@@ -250,10 +250,13 @@ class Control:
 
     def _field(self, message: DicMessage) -> None:
         """Where the field of view went since frame 0, if most of it was found again."""
-        found = 2 * message.converged > message.points
-        if message.reference == 0 and found and message.mean_u_px is not None and message.mean_v_px is not None:
-            moved_px = (message.mean_u_px, message.mean_v_px)
-            self.handle(FieldSeen(self._clock.now_ns(), message.current // 2, moved_px))
+        if (
+            message.reference == 0
+            and message.mean_u_px is not None
+            and message.mean_v_px is not None
+            and 2 * message.converged > message.points
+        ):
+            self.handle(FieldSeen(self._clock.now_ns(), message.current // 2, (message.mean_u_px, message.mean_v_px)))
 
     def _guarded(self, call: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
         """In asyncio an exception in a callback is a line on the terminal, and the run would go on without it."""

@@ -1,0 +1,29 @@
+"""Windows along one axis, made once for each length: frames come in one size, and what a small one costs is calls, not pixels."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+KEPT = 32  # lengths; of 8,192 samples each takes 32 kB
+
+
+@lru_cache(maxsize=KEPT)
+def hann(length: int) -> NDArray[np.float32]:
+    """(length,) Hann window."""
+    return _kept(np.hanning(length).astype(np.float32))
+
+
+@lru_cache(maxsize=KEPT)
+def low_pass(length: int, width: float, *, half: bool = False) -> NDArray[np.float32]:
+    """Gaussian of a width in cycles per sample at the frequencies of a transform of this length, or of its real half spectrum."""
+    frequency = (fft.rfftfreq(length) if half else fft.fftfreq(length)).astype(np.float32)
+    return _kept(np.exp(frequency**2 * np.float32(-0.5 / width**2)))
+
+
+def _kept(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    values.setflags(write=False)
+    return values
