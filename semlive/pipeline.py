@@ -126,7 +126,7 @@ def correlate(begun: Begun, pair: Pair) -> tuple[DisparityMap, ...]:
         return (dic.correlate(reference, pair.second.image, settings, reference_frame=0, current_frame=1),)
     own = dic.prepare(pair.first.image, begun.grid, settings)
     within = dic.correlate(own, pair.second.image, settings, reference_frame=2 * k, current_frame=2 * k + 1)
-    smear = dic.lacking(_smear(begun.pairs[0], begun.from_frame_0[0]), _smear(pair.decision, within))
+    smear = dic.lacking(smear_of(begun.pairs[0], begun.from_frame_0[0]), smear_of(pair.decision, within))
     return (
         within,
         dic.correlate_alike(reference, pair.first.image, settings, smear, reference_frame=0, current_frame=2 * k),
@@ -134,8 +134,8 @@ def correlate(begun: Begun, pair: Pair) -> tuple[DisparityMap, ...]:
     )
 
 
-def _smear(decision: PairDecision, within: DisparityMap) -> dic.Smear | None:
-    """How drift smeared a pair's frames; None where a frame is one scan."""
+def smear_of(decision: PairDecision, within: DisparityMap) -> dic.Smear | None:
+    """How drift smeared a pair's frames, from the map within it; None where a frame is one scan."""
     timing = decision.first.timing
     if timing.integrations.value < 2:
         return None

@@ -16,7 +16,7 @@ from semlive.model import DistortionSpline, DriftSpline
 # Orders of roughness that are tried, each with log-normal beliefs (median, standard deviation of the logarithm) about the typical
 # difference of that order from knot to knot, px: they decide only while data are silent.
 DRIFT_ORDERS = {2: (0.05, 2.0), 3: (0.01, 4.0)}
-# With a third order besides, 3 was chosen for 4 at x200, and the correction of its 26 pairs added 1.7e-5 to the scatter of strain for 1.25e-5.
+# With a third order besides, it was chosen for the fourth at x200, and the correction added 1.7e-5 to the scatter of strain for 1.25e-5.
 DISTORTION_ORDERS = {2: (0.5, 1.5), 4: (0.05, 4.0)}
 # A quadratic drift has no third differences at all. Held to 1e-4 px it took twice as much noise for strain along y as held to 3e-5 px;
 # below that the elimination of pairs loses digits. Above 1 px lies no drift: 31 px were chosen in its stead while the coupling was wrong.

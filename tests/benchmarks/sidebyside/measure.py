@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sidebyside.neighbours import exported_frame, noise_correlation
 
-from semlive import mechanics
+from semlive import dic, mechanics, pipeline
 from semlive.data.disparity import DisparityMap
 from semlive.data.displacement import Displacement
 from semlive.data.experiment import Phase
@@ -117,9 +117,16 @@ def measure(run: Path, windows: tuple[int, ...]) -> RunFigures:
 def _alike(log: Path, result: RunResult, settings: AnalysisSettings, phase: Phase) -> NoiseCorrelation:
     """Of frame 0 and the phase's middle pair: drift smears frames of one phase less than those of another."""
     pairs = [one for one in result.decisions if one.step.phase is phase]
-    exports = (result.decisions[0].first.export, pairs[len(pairs) // 2].first.export)
-    images = (exported_frame(log, export, settings).image for export in exports)
-    return noise_correlation(*images, result.frames[0].displacement.grid, settings)
+    chosen = (result.decisions[0], pairs[len(pairs) // 2])
+    images = (exported_frame(log, one.first.export, settings).image for one in chosen)
+    first, second = (pipeline.smear_of(one, _within(log, one.pair)) for one in chosen)
+    return noise_correlation(*images, result.frames[0].displacement.grid, settings, dic.lacking(first, second))
+
+
+def _within(log: Path, pair: int) -> DisparityMap:
+    """The map from the first to the second frame of a pair."""
+    maps = (decode_map(message.payload) for message in messages(log) if message.topic == DIC_MAP)
+    return next(one for one in maps if (one.reference, one.current) == (2 * pair, 2 * pair + 1))
 
 
 def _shares(log: Path, result: RunResult, truth: Truth) -> Iterator[tuple[int, tuple[Field, DisparityMap]]]:

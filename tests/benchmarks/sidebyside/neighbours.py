@@ -35,19 +35,26 @@ def exported_frame(log: Path, export: int, settings: AnalysisSettings) -> Frame:
 
 
 def noise_correlation(
-    first: NDArray[np.unsignedinteger], second: NDArray[np.unsignedinteger], grid: Grid, settings: AnalysisSettings, draws: int = DRAWS
+    first: NDArray[np.unsignedinteger],
+    second: NDArray[np.unsignedinteger],
+    grid: Grid,
+    settings: AnalysisSettings,
+    smear: dic.Smear | None,
+    draws: int = DRAWS,
 ) -> NoiseCorrelation:
     """Correlate two frames of a run with more noise on both, again and again; what differs between draws is noise.
 
     The noise is of the size that the correlation finds in the first. Neighbours 5 px apart share 0.88 of it by the overlap of their
-    subsets; at x10,000 it is 0.86: a few steep edges weigh most, and frame 0 is smeared by another drift than the frames after it.
+    subsets; at x10,000 it is 0.86: a few steep edges weigh most, and frame 0 is smeared by another drift than the frames after it. The second is made like the first by `smear`, as
+    in the run: that leaves noise of long waves, which wide gauges feel, and takes that of short ones, which a point feels.
     """
     noise_grey = dic.prepare(first, grid, settings.dic).noise_grey
     maps = []
     for draw in range(draws):
         rng = np.random.default_rng(draw)
         one, two = (_noisier(image, noise_grey, rng) for image in (first, second))
-        maps.append(dic.correlate(dic.prepare(one, grid, settings.dic), two, settings.dic, reference_frame=0, current_frame=1))
+        reference = dic.prepare(one, grid, settings.dic)
+        maps.append(dic.correlate_alike(reference, two, settings.dic, smear, reference_frame=0, current_frame=1))
     valid = np.all([one.valid for one in maps], axis=0)
     lags = -(-grid.subset_px // grid.step_px)
     found = []
