@@ -45,8 +45,9 @@ def noise_correlation(
     """Correlate two frames of a run with more noise on both, again and again; what differs between draws is noise.
 
     The noise is of the size that the correlation finds in the first. Neighbours 5 px apart share 0.88 of it by the overlap of their
-    subsets; at x10,000 it is 0.86: a few steep edges weigh most, and frame 0 is smeared by another drift than the frames after it. The second is made like the first by `smear`, as
-    in the run: that leaves noise of long waves, which wide gauges feel, and takes that of short ones, which a point feels.
+    subsets; at x10,000 it is 0.86: a few steep edges weigh most, and frame 0 is smeared by another drift than the frames after it.
+    The second is made like the first by `smear`, as in the run: that takes away noise of short waves, which a point feels, and leaves
+    that of long ones, which wide gauges feel.
     """
     noise_grey = dic.prepare(first, grid, settings.dic).noise_grey
     maps = []
