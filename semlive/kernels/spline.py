@@ -32,15 +32,21 @@ def _mirrored(k, n):
 
 
 @njit(nogil=True, cache=True)
-def filter_line(line, z, gain):
-    """Coefficients of one line of float32 samples, in place, mirrored about its first and last sample."""
-    n = line.size
+def _begin(line, z, gain):
+    """The first step of a line's recursion, in place: the sum over what the mirror shows before it."""
     total = line[0]
     power = z
     for k in range(1, HORIZON):
-        total += power * line[_mirrored(k, n)]
+        total += power * line[_mirrored(k, line.size)]
         power *= z
     line[0] = gain * total
+
+
+@njit(nogil=True, cache=True)
+def filter_line(line, z, gain):
+    """Coefficients of one line of float32 samples, in place, mirrored about its first and last sample."""
+    n = line.size
+    _begin(line, z, gain)
     for k in range(1, n):
         line[k] = gain * line[k] + z * line[k - 1]
     line[n - 1] = (z / (z * z - np.float32(1.0))) * (line[n - 1] + z * line[n - 2])
@@ -55,13 +61,7 @@ def _filter_together(image, first, left, n, z, gain):
     A recursion waits for its last step (8 cycles a sample); several at once wait together (a quarter of the time).
     """
     for y in range(first, first + TOGETHER):
-        line = image[y, left : left + n]
-        total = line[0]
-        power = z
-        for k in range(1, HORIZON):
-            total += power * line[_mirrored(k, n)]
-            power *= z
-        line[0] = gain * total
+        _begin(image[y, left : left + n], z, gain)
     top = uint64(first)
     for x in range(left + 1, left + n):
         here, before = uint64(x), uint64(x - 1)

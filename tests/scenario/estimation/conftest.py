@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,6 +42,15 @@ class Taken:
     maps: tuple[DisparityMap, ...]
     gradient: Field
     correction_px: dict[int, Field]
+
+    def worst_px(self, correction: Callable[[DisparityMap], Any]) -> float:
+        """Largest rms error of a correction of the maps from frame 0, its mean removed."""
+        worst = 0.0
+        for dmap in self.maps[1:]:
+            found = correction(dmap)
+            error = np.stack((found.u_px, found.v_px), axis=-1) - self.correction_px[dmap.current]
+            worst = max(worst, float(np.sqrt(np.mean((error - error.mean(axis=(0, 1))) ** 2))))
+        return worst
 
 
 @dataclass

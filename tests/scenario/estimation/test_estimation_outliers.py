@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,13 +38,7 @@ def worst_px(world: Any, steps: list[Any], width: int | None) -> float:
         maps = one.maps if width is None else tuple(spoilt(dmap, width) for dmap in one.maps)
         state = estimating.update(state, one.pair, one.step.phase, one.times, maps)
     solution = estimating.solve(state)
-    worst = 0.0
-    for one in taken[1:]:
-        for dmap in one.maps[1:]:
-            found = estimating.correction(solution, dmap)
-            error = np.stack((found.u_px, found.v_px), axis=-1) - one.correction_px[dmap.current]
-            worst = max(worst, float(np.sqrt(np.mean((error - error.mean(axis=(0, 1))) ** 2))))
-    return worst
+    return max(one.worst_px(partial(estimating.correction, solution)) for one in taken[1:])
 
 
 @pytest.mark.parametrize("width", [1, 4])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -56,13 +57,7 @@ def solved(world: Any, steps: list[Any]) -> tuple[Estimate, float]:
     for one in taken:
         state = estimating.update(state, one.pair, one.step.phase, one.times, one.maps)
     solution = estimating.solve(state)
-    worst = 0.0
-    for one in taken[1:]:
-        for dmap in one.maps[1:]:
-            found = estimating.correction(solution, dmap)
-            error = np.stack((found.u_px, found.v_px), axis=-1) - one.correction_px[dmap.current]
-            worst = max(worst, float(np.sqrt(np.mean((error - error.mean(axis=(0, 1))) ** 2))))
-    return estimating.estimate(solution, 0), worst
+    return estimating.estimate(solution, 0), max(one.worst_px(partial(estimating.correction, solution)) for one in taken[1:])
 
 
 @pytest.fixture(scope="module")
