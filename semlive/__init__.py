@@ -1,1 +1,22 @@
-"""Live drift- and distortion-corrected strain measurement inside a scanning electron microscope."""
+"""Live drift- and distortion-corrected strain measurement in the scanning electron microscope.
+
+``semlive.open_log(path)`` opens a log for Python; everything else is the command line's.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from semlive.report.opened import open_log
+
+__all__ = ["open_log"]
+
+
+def __getattr__(name: str) -> Any:
+    """`open_log`, imported when it is first asked for: the package itself stays light."""
+    if name == "open_log":
+        from semlive.report.opened import open_log  # noqa: PLC0415
+
+        return open_log
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

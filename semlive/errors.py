@@ -8,6 +8,7 @@ SemliveError                every error that semlive raises on purpose
 +-- LinkError               a device link: refused, timed out, lost, or answering nonsense
 |   +-- LinkRefused         nobody answers at the configured address when the run starts (exit code 2)
 +-- IllPosed                the data cannot determine what is asked of them, and why
+    +-- PoorCalibration     nothing under load is corrected with it (exit code 2)
 """
 
 from __future__ import annotations
@@ -43,3 +44,7 @@ class LinkRefused(LinkError, BadInput):
 
 class IllPosed(SemliveError):
     """The data cannot determine what is asked of them; the message says what is missing."""
+
+
+class PoorCalibration(IllPosed, BadInput):
+    """The translations went in one direction only, or were too small; the message holds the figures that show it."""

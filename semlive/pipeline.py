@@ -9,12 +9,15 @@ what is already said is never edited: a later pair gives a later revision.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semlive import dic, mechanics
 from semlive.data.disparity import DisparityMap
@@ -31,6 +34,7 @@ from semlive.estimate.method import METHODS, Method
 from semlive.estimate.sequence import chosen_anew
 from semlive.estimate.smooth import LATELY
 from semlive.estimate.stage_path import stage_path_notes
+from semlive.kernels.threads import at_once
 from semlive.mechanics.gage import mean_gage
 from semlive.mechanics.reference import at_rest
 
@@ -38,7 +42,10 @@ AT_ONCE, ON_SCHEDULE = (
     2,
     64,
 )  # earlier frames corrected again with one pair, at most: 0.1 s each; where choices are due, that takes seconds anyway
+IMPORTED = "imported"  # vendor of frames whose maps another engine made
+MOVED_PX = 5.0  # no specimen that is left alone moves so far
 EXACT = 1e-12  # no strain is known better
+WORTH_A_THREAD = 4096  # points; to correct a frame of 18,000 takes 5 ms, to begin a thread 0.05
 STEPS_AT_ONCE = 32  # with more load steps the constants are fitted anew only where choices are due: their covariance joins each with each
 
 Elastic = tuple[ElasticConstants | None, GageComparison | None]
@@ -207,23 +214,90 @@ def absorb(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...])
     """Take a pair's maps in, from images or from a log, without asking what follows."""
     pairs = (*begun.pairs, decision)
     estimator = begun.method.update(begun.estimator, decision.pair, decision.step.phase, frame_times(pairs[0], decision), maps)
-    from_frame_0 = (*begun.from_frame_0, *(one for one in maps if one.reference == 0))
+    from_frame_0 = (*begun.from_frame_0, *seen_from_frame_0(decision.pair, maps))
     return replace(begun, estimator=estimator, pairs=pairs, from_frame_0=from_frame_0)
 
 
-def conclude(begun: Begun) -> RunResult:
-    """The whole run, every frame corrected with the newest estimate."""
-    solution = begun.method.solve(begun.estimator)
-    frames = tuple(_corrected(begun, solution, 2 * decision.pair + member)[0] for decision in begun.pairs for member in (0, 1))
+def seen_from_frame_0(pair: int, maps: tuple[DisparityMap, ...]) -> tuple[DisparityMap, ...]:
+    """The maps from frame 0; where another engine made none to a pair's second frame, it is that to the first and the one within."""
+    found = tuple(one for one in maps if one.reference == 0)
+    within = next((one for one in maps if one.reference == 2 * pair), None)
+    first = next((one for one in found if one.current == 2 * pair), None)
+    if first is None or within is None or any(one.current == 2 * pair + 1 for one in found):
+        return found
+    return (*found, dic.composed(first, within))
+
+
+def solve(begun: Begun) -> Any:
+    """What all pairs together say, in the method's own words; everything that the data choose is chosen anew."""
+    return begun.method.solve(begun.estimator)
+
+
+def corrected(begun: Begun, solution: Any, frame: int) -> FrameResult:
+    """One frame, corrected with what `solve` gave.
+
+    Args:
+        begun: the run.
+        solution: of it.
+        frame: number of the frame; its pair is one of the run's.
+    """
+    return _corrected(begun, solution, frame)[0]
+
+
+def conclude(
+    begun: Begun,
+    each: Callable[[FrameResult], None] | None = None,
+    solution: Any = None,
+    looked_at: Callable[[int], None] | None = None,
+    point_sigma: bool = False,
+) -> RunResult:
+    """The whole run, every frame corrected with the newest estimate.
+
+    Args:
+        begun: the run.
+        each: given every frame in turn, which the result then does not keep; without it the result has all of them.
+        solution: what `solve` gave, if it was asked before.
+        looked_at: told every frame after its map was looked at for the first time, before any is corrected.
+        point_sigma: also say how uncertain the correction is at every point: 0.02 s a frame.
+    """
+    solution = solution or solve(begun)
+    kept: list[FrameResult] = []
+    summaries: list[StrainSummary] = []
+    for result in _all_corrected(begun, solution, looked_at, point_sigma):
+        summaries.append(result.summary)
+        (each or kept.append)(result)
     newest = _estimate(begun, solution, checked=True)
-    elastic, gage = _elastic(begun, solution, {one.summary.frame: one.summary for one in frames})
-    return RunResult(begun.pairs, newest, frames, elastic, (*newest.notes, *mechanics.gage_notes(gage)), gage)
+    elastic, gage = _elastic(begun, solution, {one.frame: one for one in summaries})
+    notes = (*newest.notes, *mechanics.gage_notes(gage))
+    return RunResult(begun.pairs, newest, tuple(kept), elastic, notes, gage, tuple(summaries))
+
+
+def refused(result: RunResult, settings: AnalysisSettings) -> str | None:
+    """Why nothing under load is to be believed of a run: its translations do not determine the distortion; None where they do.
+
+    A run without translations asks for no distortion, and is warned of alone. What another engine's table left open is told by how far
+    the specimen moved.
+    """
+    quality = result.estimate.calibration
+    loaded = any(one.step.phase is Phase.TENSION for one in result.decisions)
+    if not loaded or quality is None or not quality.refused or settings.estimate.accept_poor_calibration:
+        return None
+    unloaded = [one for one in result.decisions if one.step.phase is not Phase.TENSION]
+    asked = any(one.step.shift_px != (0.0, 0.0) for one in unloaded)
+    if not asked and result.decisions[0].first.vendor == IMPORTED:
+        numbers = {one.pair for one in unloaded}
+        moved = [one.shift_px for one in result.estimate.motions if one.pair in numbers]
+        asked = len(moved) > 1 and float(np.ptp(moved, axis=0).max()) > MOVED_PX
+    return quality.refused if asked else None
 
 
 def _estimate(begun: Begun, solution: Any, *, checked: bool, lately: bool = False) -> Estimate:
     """What is known, with what the stage's commands and, where due, the halves of the data say of it."""
-    found = begun.method.estimate(solution, revision=len(begun.pairs), lately=lately)
-    checks = begun.method.checks(solution) if checked else ()
+
+    def estimate() -> Estimate:
+        return begun.method.estimate(solution, revision=len(begun.pairs), lately=lately)
+
+    found, checks = at_once(estimate, lambda: begun.method.checks(solution)) if checked else (estimate(), ())
     whole = begun.pairs if len(found.motions) == len(begun.pairs) else ()
     path = stage_path_notes(((one.pair, one.step.shift_um) for one in whole if one.step.phase is not Phase.TENSION), found.motions)
     return replace(found, notes=(*found.notes, *path, *checks))
@@ -234,23 +308,61 @@ def frame_times(reference: PairDecision, decision: PairDecision) -> tuple[FrameT
     zero_ns = reference.first.start_time_ns.value
     infos = (decision.first, decision.second)
     first, second = (
-        FrameTime(2 * decision.pair + member, (info.start_time_ns.value - zero_ns) / 1e9, info.timing) for member, info in enumerate(infos)
+        FrameTime(2 * decision.pair + member, (info.start_time_ns.value - zero_ns) / 1e9, info.timing, info.start_sigma_s)
+        for member, info in enumerate(infos)
     )
     return first, second
 
 
 def _corrected(begun: Begun, solution: Any, frame: int) -> tuple[FrameResult, Any]:
     """A frame, and what its correction gave to its mean strain; frame 0 has none."""
+    correction = begun.method.correction_strains(solution, (_map_to(begun, frame),))[0] if frame else None
+    return _as_corrected(begun, solution, frame, correction), correction
+
+
+def _all_corrected(begun: Begun, solution: Any, looked_at: Callable[[int], None] | None, point_sigma: bool) -> Iterator[FrameResult]:
+    """Every frame in turn; what concerns their uncertainty is asked of the method for all at once."""
+    frames = [2 * decision.pair + member for decision in begun.pairs for member in (0, 1)]
+
+    def maps() -> Iterator[DisparityMap]:
+        for frame in filter(None, frames):
+            yield _map_to(begun, frame)
+            if looked_at is not None:
+                looked_at(frame)
+
+    corrections = iter(begun.method.correction_strains(solution, maps()))
+    again = (_map_to(begun, frame) for frame in frames if frame)
+    sigmas = iter(begun.method.correction_sigmas(solution, again)) if point_sigma else itertools.repeat(None)
+    for frame, found in _by_pairs(begun, solution, ((frame, next(corrections) if frame else None) for frame in frames)):
+        sigma = next(sigmas) if frame else (np.zeros(begun.grid.shape),) * 2 if point_sigma else None
+        if sigma is not None:
+            found = replace(found, displacement=replace(found.displacement, systematic_u_px=sigma[0], systematic_v_px=sigma[1]))
+        yield found
+
+
+def _by_pairs(begun: Begun, solution: Any, frames: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, FrameResult]]:
+    """Frames with their corrections, as they are corrected: the two of a pair at the same time."""
+    worth, todo = begun.grid.nx * begun.grid.ny >= WORTH_A_THREAD, iter(frames)
+    for first, second in zip(todo, todo, strict=True):
+        both = at_once(partial(_as_corrected, begun, solution, *first), partial(_as_corrected, begun, solution, *second), worth=worth)
+        yield from zip((first[0], second[0]), both, strict=True)
+
+
+def _map_to(begun: Begun, frame: int) -> DisparityMap:
+    usual = begun.from_frame_0[frame - 1 : frame]  # where every pair came in its turn
+    return next(one for one in (*usual, *begun.from_frame_0) if one.current == frame)
+
+
+def _as_corrected(begun: Begun, solution: Any, frame: int, correction: Any) -> FrameResult:
+    points, settings = begun.settings.estimate.window_points, begun.settings.estimate.strain
     if frame == 0:
         still = at_rest(begun.grid)
-        strain = mechanics.strain_as(still, begun.settings.estimate.window_points, begun.settings.estimate.strain)
-        return FrameResult(still, strain, mechanics.summary(still, strain)), None
-    disparity = next(one for one in begun.from_frame_0 if one.current == frame)
+        strain = mechanics.strain_as(still, points, settings)
+        return FrameResult(still, strain, mechanics.summary(still, strain))
+    disparity = _map_to(begun, frame)
     displacement = mechanics.displacement(disparity, begun.method.correction(solution, disparity))
-    strain = mechanics.strain_as(displacement, begun.settings.estimate.window_points, begun.settings.estimate.strain)
-    correction = begun.method.correction_strain(solution, disparity)
-    noise_px, settings = solution.noise_floor_px, begun.settings.estimate.strain
-    return FrameResult(displacement, strain, mechanics.summary(displacement, strain, noise_px, correction.sigma, settings)), correction
+    strain = mechanics.strain_as(displacement, points, settings)
+    return FrameResult(displacement, strain, mechanics.summary(displacement, strain, solution.noise_floor_px, correction.sigma, settings))
 
 
 def _elastic(begun: Begun, solution: Any, summaries: Mapping[int, StrainSummary]) -> Elastic:
@@ -259,16 +371,25 @@ def _elastic(begun: Begun, solution: Any, summaries: Mapping[int, StrainSummary]
     if specimen.area_mm2 is None or not steps:
         return None, None
     area_mm2, axis = specimen.area_mm2, specimen.loading_axis
-    covariance = begun.method.mean_strain_covariance(solution, [one.frame for *_, one in steps])
-    elastic, gage = None, None
+    elastic, gage, count = None, None, len(steps)
+
+    def covariance(functions: NDArray[np.float64]) -> NDArray[np.float64]:
+        return begun.method.mean_strain_covariance(solution, [one.frame for *_, one in steps], functions)
+
     with suppress(IllPosed):
         elastic = mechanics.elastic_constants([(load_n, one) for _, load_n, _, one in steps], area_mm2, axis, covariance=covariance)
     said = [(pair, load_n, by_gage, one) for pair, load_n, by_gage, one in steps if by_gage is not None]
     if said:
         at = np.array([step for step, (_, _, by_gage, _) in enumerate(steps) if by_gage is not None])
-        both = np.concatenate((at, at + len(steps)))
+        both = np.concatenate((at, at + count))
+
+        def of_said(functions: NDArray[np.float64]) -> NDArray[np.float64]:
+            whole = np.zeros((len(functions), 2 * count))
+            whole[:, both] = functions
+            return covariance(whole)
+
         with suppress(IllPosed):
-            gage = mechanics.compare_with_gage(said, area_mm2, axis, specimen.gage_factor_sigma, covariance[np.ix_(both, both)])
+            gage = mechanics.compare_with_gage(said, area_mm2, axis, specimen.gage_factor_sigma, of_said)
     return elastic, gage
 
 

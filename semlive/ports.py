@@ -4,6 +4,7 @@ Device calls block and are made from one thread only, the link thread that owns 
 ``factory(settings, clock) -> LoadFrame | Stage | Trigger``, found by the entry point groups ``semlive.load_frames``,
 ``semlive.stages`` and ``semlive.triggers``; `settings` is the driver's part of the configuration, `clock` gives
 experiment time. A factory raises BadConfig for settings it does not understand and LinkRefused if nobody answers.
+Drivers that ask a person do so at a desk; desks are objects, found by the entry point group ``semlive.desks``.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Protocol, runtime_checkable
 
+from semlive.data.asking import Word
+from semlive.data.frame_check import FrameCheck
 from semlive.data.loading import DeviceIdentity, LoadSample, StageKind, StageSample
 
 
@@ -97,6 +100,21 @@ class Trigger(Protocol):
         ...
 
 
+@runtime_checkable
+class Desk(Protocol):
+    """Where drivers tell and ask a person; answers may come from elsewhere too."""
+
+    def follow(self, heard: Callable[[Word], object]) -> None:
+        """Tell `heard` every word from now on, from whichever thread it is said in; in place of whoever followed before."""
+        ...
+
+    def answer(self, question: int, line: str) -> bool:
+        """Answer a question; False if it is not open any more. A line that does not answer it is told so, and it stays open."""
+        ...
+
+
 LoadFrameFactory = Callable[[Mapping[str, object], ClockSource], LoadFrame]
 StageFactory = Callable[[Mapping[str, object], ClockSource], Stage]
 TriggerFactory = Callable[[Mapping[str, object], ClockSource], Trigger]
+FrameChecker = Callable[[str, Mapping[str, object], ClockSource], FrameCheck]
+"""Looks at the device that a description (by name or path) describes and never writes to it; group ``semlive.frame_checks``."""

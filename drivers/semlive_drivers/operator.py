@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from semlive.data.loading import DeviceIdentity, MotionState, StageKind, StageSample, StopOnLinkLoss
 from semlive.errors import BadConfig
 from semlive.ports import ClockSource
+from semlive_drivers.console import TERMINAL, Console
 
 
 class OperatorSettings(BaseModel):
@@ -41,16 +41,14 @@ class OperatorStage:
     Args:
         settings: checked settings.
         clock: experiment time.
-        tell: shows one line.
-        confirm: blocks until the operator has pressed enter; called in a thread of its own, once per line.
+        console: where it is asked.
     """
 
-    def __init__(self, settings: OperatorSettings, clock: ClockSource, tell: Callable[[str], None], confirm: Callable[[], object]) -> None:
-        self._settings, self._clock, self._tell, self._confirm = settings, clock, tell, confirm
+    def __init__(self, settings: OperatorSettings, clock: ClockSource, console: Console) -> None:
+        self._settings, self._clock, self._console = settings, clock, console
         self._lock = threading.Lock()
         self._position_um = (0.0, 0.0)
         self._asked_um: tuple[float, float] | None = None
-        self._listening = False
         self._sequence = 0
 
     @property
@@ -76,40 +74,31 @@ class OperatorStage:
         with self._lock:
             dx_um, dy_um = x_um - self._position_um[0], y_um - self._position_um[1]
             self._asked_um = (x_um, y_um)
-            start_listening, self._listening = not self._listening, True
-        self._tell(sentence(dx_um, dy_um, self._settings.kind, self._settings.um_per_px))
-        if start_listening:
-            threading.Thread(target=self._listen, name="operator stage", daemon=True).start()
+        self._console.ask(sentence(dx_um, dy_um, self._settings.kind, self._settings.um_per_px), self._confirmed)
 
     def stop(self) -> None:
         """Take the question back; the position stays what was confirmed last."""
         with self._lock:
             taken_back, self._asked_um = self._asked_um is not None, None
+        self._console.forget(self._confirmed)
         if taken_back:
-            self._tell("do not move the specimen any more")
+            self._console.tell("do not move the specimen any more")
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Take a question back."""
+        self._console.forget(self._confirmed)
 
-    def _listen(self) -> None:
-        """Wait for confirmations as long as a question is open; enter pressed without one means nothing."""
-        while True:
-            self._confirm()
-            with self._lock:
-                if self._asked_um is not None:
-                    self._position_um, self._asked_um = self._asked_um, None
-                    self._listening = False
-                    return
+    def _confirmed(self, line: str) -> bool:
+        """Whatever is typed confirms."""
+        del line
+        with self._lock:
+            if self._asked_um is not None:
+                self._position_um, self._asked_um = self._asked_um, None
+        return True
 
 
-def open_stage(
-    settings: Mapping[str, object],
-    clock: ClockSource,
-    *,
-    tell: Callable[[str], None] | None = None,
-    confirm: Callable[[], object] | None = None,
-) -> OperatorStage:
-    """A stage moved by hand, asked on standard output and confirmed on standard input.
+def open_stage(settings: Mapping[str, object], clock: ClockSource, *, console: Console = TERMINAL) -> OperatorStage:
+    """A stage moved by hand, asked and confirmed on the terminal.
 
     Raises:
         BadConfig: for settings that are not understood.
@@ -120,9 +109,4 @@ def open_stage(
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         raise BadConfig(f"operator stage: {key}: {first['msg']}; it has {', '.join(OperatorSettings.model_fields)}") from None
-    return OperatorStage(known, clock, tell or _tell, confirm or sys.stdin.readline)
-
-
-def _tell(line: str) -> None:
-    sys.stdout.write(line + "\n")
-    sys.stdout.flush()
+    return OperatorStage(known, clock, console)

@@ -3,27 +3,119 @@
 from __future__ import annotations
 
 import sys
+from typing import Annotated
 
 import typer
 
-from semlive.cli.demo import demo
-from semlive.cli.dic import dic
-from semlive.cli.replay import replay
-from semlive.cli.report import report
-from semlive.cli.run import run
-from semlive.cli.score import score
-from semlive.cli.simulate import simulate
+from semlive.cli.lazy import Entry, group_of
 from semlive.errors import BadInput, SemliveError
 
-_HELP = "Live drift- and distortion-corrected strain measurement inside a scanning electron microscope."
-app = typer.Typer(help=_HELP, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
-app.command("demo")(demo)
-app.command("run")(run)
-app.command("replay")(replay)
-app.command("report")(report)
-app.command("score")(score)
-app.command("simulate")(simulate)
-app.command("dic")(dic)
+_HELP = """Live drift- and distortion-corrected strain measurement inside a scanning electron microscope.
+
+New here: semlive demo runs a whole simulated experiment. At an instrument: semlive init writes a configuration, semlive doctor says whether everything is in place, semlive plan shows the experiment before it is run, semlive run runs it."""  # noqa: E501
+_EPILOG = "semlive COMMAND --help says what a command does and what it takes; semlive --install-completion completes names by the tab key."
+
+BEGIN, RUN, AFTER, ALONE = "Before a run", "A run", "After a run", "Without a run"
+COMMANDS = (
+    Entry(
+        "demo",
+        "semlive.cli.demo:demo",
+        "Run a simulated in-situ tensile experiment through the daemon and compare the result with the truth.",
+        BEGIN,
+    ),
+    Entry("init", "semlive.cli.init:init", "Write a commented configuration after a few questions.", BEGIN),
+    Entry(
+        "doctor",
+        "semlive.cli.doctor:doctor",
+        "Look whether everything a run needs is in place, and say how to mend what is not; nothing is moved.",
+        BEGIN,
+    ),
+    Entry(
+        "plan",
+        "semlive.cli.plan:plan",
+        "Show an experiment before it is run: time, frames, dose, expected noise, false strain, and advice.",
+        BEGIN,
+    ),
+    Entry(
+        "inspect",
+        "semlive.cli.inspect:inspect",
+        "Show what exported images say of their scan, where each value comes from, and what is missing.",
+        BEGIN,
+    ),
+    Entry("frame", "semlive.cli.frame:frame", "Look at a load frame, without moving it.", BEGIN),
+    Entry("run", "semlive.cli.run:run", "Run an experiment; type pause, resume, stop or abort and press Enter, or Ctrl-C to stop.", RUN),
+    Entry("serve", "semlive.cli.serve:serve", "Show a log on the live page until Ctrl-C; nothing can be steered there.", RUN),
+    Entry(
+        "recover",
+        "semlive.cli.recover:recover",
+        "Make a torn or damaged log valid: all that is whole, with an index, and a list of what was lost.",
+        RUN,
+    ),
+    Entry(
+        "replay", "semlive.cli.replay:replay", "Recompute the analysis from a log and compare it with what the live run recorded.", AFTER
+    ),
+    Entry(
+        "report",
+        "semlive.cli.report:report",
+        "Write a run as one page: figures as in the method's paper, uncertainty budget, refused frames, settings, versions.",
+        AFTER,
+    ),
+    Entry(
+        "export",
+        "semlive.cli.export:export",
+        "Write corrected displacement and strain of every frame, drift, distortion, series and configuration.",
+        AFTER,
+    ),
+    Entry(
+        "prune",
+        "semlive.cli.prune:prune",
+        "Name old runs beyond a limit, and delete them with --delete; a run that is not complete or holds other files is always kept.",
+        AFTER,
+    ),
+    Entry("reanalyse", "semlive.cli.reanalyse:reanalyse", "Analyse logs anew; what goes wrong with one does not stop the rest.", AFTER),
+    Entry(
+        "diagnose",
+        "semlive.cli.diagnose:diagnose",
+        "Find where model and data disagree, name the missing effect, and show how much of the gap it closes.",
+        AFTER,
+    ),
+    Entry("experiment", "semlive.cli.experiment:experiment", "What to do next.", AFTER),
+    Entry(
+        "score",
+        "semlive.cli.score:score",
+        "Every recovered quantity against truth, with its uncertainty, and whether the stated uncertainties hold.",
+        AFTER,
+    ),
+    Entry("dic", "semlive.cli.dic:dic", "Correlate images (TIFF, PNG, JPEG, BMP...) with a reference: x_current = x + u, in px.", ALONE),
+    Entry(
+        "import",
+        "semlive.cli.importing:bring",
+        "Make a log of disparity maps that another engine made: VIC-2D, DICe, OpenCorr, pyvale, or plain CSV.",
+        ALONE,
+    ),
+    Entry(
+        "simulate",
+        "semlive.cli.simulate:simulate",
+        "Play a scenario's own experiment as fast as it renders, and write what the microscope would have exported.",
+        ALONE,
+    ),
+)
+app = typer.Typer(cls=group_of(COMMANDS), help=_HELP, epilog=_EPILOG, no_args_is_help=True, pretty_exceptions_enable=False)
+
+
+def _say_version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version  # noqa: PLC0415
+
+        typer.echo(f"semlive {version('semlive')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _semlive(
+    version: Annotated[bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Say which version this is.")] = False,
+) -> None:
+    del version
 
 
 def run_app() -> int:

@@ -16,10 +16,12 @@ from rich.console import Console
 
 from semlive.cli.simulator import running_simulator
 from semlive.cli.tables import result_table, score_table
+from semlive.cli.track import tracked, tracked_stages
 from semlive.errors import BadInput, SemliveError
 from semlive.report.page import report_html
 from semlive.report.score import load_truth, score
-from semlive.service.replay import last_result, load_series
+from semlive.service.log_facts import log_facts
+from semlive.service.replay import Watch, last_result, load_series
 
 
 def demo(
@@ -30,6 +32,7 @@ def demo(
         float | None, typer.Option(help="Seconds of experiment per second of wall time; chosen by the simulator, at most 40, if not given.")
     ] = None,
     triggered: Annotated[bool, typer.Option("--triggered", help="The microscope scans when asked; otherwise all the time.")] = False,
+    rtu: Annotated[bool, typer.Option("--rtu", help="Load frame and stage speak Modbus RTU on one serial line; not on Windows.")] = False,
 ) -> None:
     """Run a simulated in-situ tensile experiment through the daemon and compare the result with the truth."""
     began, console = time.monotonic(), Console()
@@ -37,7 +40,9 @@ def demo(
     if folder.exists() and any(folder.iterdir()):
         raise BadInput(f"{folder}: is not empty; give --out a new folder")
     console.print(f"starting the simulated microscope, load frame and stage; everything goes to {folder}")
-    with running_simulator(scenario or ("short" if short else "paper_x200"), folder / "instrument", rate, triggered=triggered) as bench:
+    with running_simulator(
+        scenario or ("short" if short else "paper_x200"), folder / "instrument", rate, triggered=triggered, rtu=rtu
+    ) as bench:
         config = folder / "run.yaml"
         config.write_text(yaml.safe_dump(daemon_config(bench, bench["rate"]), sort_keys=False), encoding="utf-8")
         code = _daemon(config)
@@ -54,7 +59,11 @@ _SHIFTED: dict[str, dict[str, object]] = {"stage": {"kind": "specimen"}, "beam_s
 
 def daemon_config(bench: dict[str, Any], rate: float) -> dict[str, Any]:
     """The daemon's configuration for an announced bench: its addresses, and the scenario's experiment."""
-    link = {"host": bench["host"], "port": bench["port"], "unit": bench["unit"]}
+    link: dict[str, Any] = {"host": bench["host"], "port": bench["port"], "unit": bench["unit"]}
+    stage = link
+    if "rtu_port" in bench:
+        link = {"serial": {"port": bench["rtu_port"]}, "unit": bench["unit"]}
+        stage = {**link, "unit": bench["rtu_stage_unit"]}
     experiment = bench["experiment"]
     # Files on a local disk settle at once: 0.1 s of quiet is many chunks' worth at this rate, a share would need 2 s.
     sem = {"folder": bench["export_folder"], "poll_s": 0.05, "stable_for_s": 0.15, "profile": {"start_sigma_s": 0.01}}
@@ -66,7 +75,7 @@ def daemon_config(bench: dict[str, Any], rate: float) -> dict[str, Any]:
         "run": {"name": "demo", "folder": "log", "clock_file": bench["clock_file"]},
         "sem": {**sem, **experiment["sem"]},
         "load_frame": {"driver": "modbus", "poll_s": min(0.05, 1.0 / rate), "settings": {**link, **experiment.get("load_frame", {})}},
-        "stage": {"driver": "modbus", "poll_s": min(0.1, 2.0 / rate), "settings": {**link, **_SHIFTED[bench["shifts_by"]]}},
+        "stage": {"driver": "modbus", "poll_s": min(0.1, 2.0 / rate), "settings": {**stage, **_SHIFTED[bench["shifts_by"]]}},
         **{key: section for key, section in experiment.items() if key not in ("sem", "protocol", "load_frame")},
         "protocol": protocol,
     }
@@ -84,11 +93,13 @@ def _daemon(config: Path) -> int:
 
 def _show(console: Console, folder: Path, truth_file: Path) -> None:
     log = folder / "log" / "demo"
-    result, settings = last_result(log)
+    with tracked_stages() as progress:
+        result, settings = last_result(log, Watch(progress))
     truth = load_truth(truth_file)
     scores = score(result, truth)
     page = folder / "report.html"
-    page.write_text(report_html("demo", result, load_series(log), settings), encoding="utf-8")
+    with tracked("drawing", "figure") as drawing:
+        page.write_text(report_html("demo", result, load_series(log), settings, log_facts(log), drawing), encoding="utf-8")
     (folder / "score.json").write_text(json.dumps({one.name: one.to_json() for one in scores}, indent=1), encoding="utf-8")
     console.print(result_table(result))
     console.print(score_table(scores))

@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from semlive import dic as engine
+from semlive.cli.track import warmed
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.settings import DicSettings
 from semlive.errors import BadInput
@@ -55,7 +56,7 @@ def dic(
     for path in cur:
         _read_alike(path, ref, image)  # a wrong file is told before an hour of work, not after; decoding costs a thirtieth of it
     files = _output_files(out, cur)
-    engine.warm_up(settings)
+    warmed(settings)
     for warning in _poor(image, settings, used):
         typer.echo(f"{ref}: {warning}", err=True)
     start = time.perf_counter()

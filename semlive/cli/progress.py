@@ -5,18 +5,21 @@ from __future__ import annotations
 import contextlib
 import queue
 import threading
+import time
 from types import TracebackType
 
 from rich.console import Console
 from rich.live import Live
+from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from semlive.engine import State
+from semlive.engine import FINAL_STATES, State
 from semlive.service.control import Snapshot
 
 _MAX_WAITING = 200
 _TIDY_S = 2.0
+_BEGUN_S = 5.0
 
 
 class ProgressView:
@@ -30,8 +33,9 @@ class ProgressView:
         self._console = console
         self._live = Live(console=console, refresh_per_second=8, transient=True) if console.is_terminal else None
         self._shown: tuple[object, ...] = ()
+        self._pace = Pace()
         self._warnings: tuple[str, ...] = ()
-        self._snapshots: queue.Queue[Snapshot | None] = queue.Queue(_MAX_WAITING)
+        self._snapshots: queue.Queue[Snapshot | str | None] = queue.Queue(_MAX_WAITING)
         self._thread = threading.Thread(target=self._run, name="progress", daemon=True)
 
     def __enter__(self) -> ProgressView:
@@ -48,23 +52,46 @@ class ProgressView:
         with contextlib.suppress(queue.Full):
             self._snapshots.put_nowait(snapshot)
 
+    def say(self, line: str) -> None:
+        """Show a line, from any thread; returns at once."""
+        with contextlib.suppress(queue.Full):
+            self._snapshots.put_nowait(line)
+
     def _run(self) -> None:
+        begun, lines = False, list[str]()
         # A terminal that was closed refuses every word; nobody is there to be told.
         with contextlib.suppress(OSError, ValueError), self._live or contextlib.nullcontext():
-            while (snapshot := self._snapshots.get()) is not None:
-                self._write(snapshot)
+            while (said := self._next(bool(lines))) is not None:
+                begun = begun or not isinstance(said, str) or not said
+                if isinstance(said, Snapshot):
+                    self._write(said)
+                elif said:
+                    lines.append(said)
+                while begun and lines:
+                    self._console.print(lines.pop(0), highlight=False, soft_wrap=True)
+
+    def _next(self, waiting: bool) -> Snapshot | str | None:
+        """What is to be shown next; nothing ("") where lines have waited long enough for the run to begin.
+
+        A run that is refused says one sentence; lines that were said before it began would stand in front of that.
+        """
+        try:
+            return self._snapshots.get(timeout=_BEGUN_S if waiting else None)
+        except queue.Empty:
+            return ""
 
     def _write(self, snapshot: Snapshot) -> None:
         for warning in _new(self._warnings, snapshot.warnings):
             self._console.print(f"! {warning}", style="yellow", highlight=False)
         self._warnings = snapshot.warnings
+        left_s = self._pace.left_s(snapshot.progress.step, snapshot.progress.steps, time.monotonic())
         if self._live is not None:
-            self._live.update(_panel(snapshot))
+            self._live.update(_panel(snapshot, left_s))
         key = (snapshot.progress.state, snapshot.progress.step, snapshot.progress.frames_of_pair, snapshot.pairs_analysed)
         if key != self._shown:
             self._shown = key
             if self._live is None or snapshot.progress.state is State.STEP_DONE:
-                self._console.print(progress_line(snapshot), highlight=False)
+                self._console.print(progress_line(snapshot, left_s), highlight=False)
 
 
 def _new(before: tuple[str, ...], now: tuple[str, ...]) -> tuple[str, ...]:
@@ -75,8 +102,34 @@ def _new(before: tuple[str, ...], now: tuple[str, ...]) -> tuple[str, ...]:
     return now
 
 
-def progress_line(snapshot: Snapshot) -> str:
-    """A snapshot in one line."""
+class Pace:
+    """How long a run may still take: as long for each step as the steps took so far."""
+
+    def __init__(self) -> None:
+        self._step: int | None = None
+        self._began_s = self._entered_s = 0.0
+        self._first = 0
+
+    def left_s(self, step: int, steps: int, now_s: float) -> float | None:
+        """Seconds of this computer's time, None before the first step is done.
+
+        Args:
+            step: that the run is at, from 0; it may have been taken up at a later one.
+            steps: of the plan.
+            now_s: this computer's time.
+        """
+        if self._step is None:
+            self._step, self._first, self._began_s, self._entered_s = step, step, now_s, now_s
+        elif step != self._step:
+            self._step, self._entered_s = step, now_s
+        if step <= self._first:
+            return None
+        each_s = (self._entered_s - self._began_s) / (step - self._first)
+        return max(0.0, each_s * (steps - step) - (now_s - self._entered_s))
+
+
+def progress_line(snapshot: Snapshot, left_s: float | None = None) -> str:
+    """A snapshot in one line, with the time that is left."""
     progress = snapshot.progress
     parts = [f"step {progress.step + 1}/{progress.steps} {progress.phase.value}", progress.state.value]
     if progress.hold_left_s is not None:
@@ -96,11 +149,22 @@ def progress_line(snapshot: Snapshot) -> str:
         parts.append(f"E {modulus.value:.1f} ± {modulus.sigma:.1f} GPa, nu {ratio.value:.3f} ± {ratio.sigma:.3f}")
     if elastic is not None and elastic.gage is not None:
         parts.append(f"DIC/gage {elastic.gage.dic_over_gage.value:.3f} ± {elastic.gage.dic_over_gage.sigma:.3f}")
+    if left_s is not None and progress.state not in FINAL_STATES:
+        parts.append(f"about {_length(left_s)} left")
     return "  ".join(parts)
 
 
-def _panel(snapshot: Snapshot) -> Table:
+def _length(seconds: float) -> str:
+    minutes = round(seconds / 60)
+    return f"{seconds:.0f} s" if seconds < 90 else f"{minutes} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def _panel(snapshot: Snapshot, left_s: float | None) -> Table:
     table = Table.grid(padding=(0, 2))
-    table.add_row(Text(progress_line(snapshot), style="bold"))
+    progress = snapshot.progress
+    table.add_row(
+        ProgressBar(total=progress.steps, completed=progress.steps if progress.state is State.COMPLETE else progress.step, width=60)
+    )
+    table.add_row(Text(progress_line(snapshot, left_s), style="bold"))
     table.add_row(Text(snapshot.progress.message or "", style="dim"))
     return table

@@ -7,16 +7,29 @@ from typing import Annotated
 
 import typer
 
+from semlive.cli.track import tracked, tracked_stages
 from semlive.report.page import report_html
-from semlive.service.replay import last_result, load_series
+from semlive.report.sections import write_figures
+from semlive.service.log_facts import log_facts
+from semlive.service.replay import Watch, last_result, load_series
 
 
 def report(
     log: Annotated[Path, typer.Argument(help="One MCAP file, or a run folder of segments.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The page; report.html beside the log by default.")] = None,
+    pictures: Annotated[
+        Path | None, typer.Option("--figures", help="Folder for every figure as PNG and PDF, as wide as a journal's page.")
+    ] = None,
 ) -> None:
-    """Write report.html: load, drift, distortion, strain maps, stress-strain curve."""
-    result, settings = last_result(log)
+    """Write a run as one page: figures as in the method's paper, uncertainty budget, refused frames, settings, versions."""
+    with tracked_stages() as progress:
+        result, settings = last_result(log, Watch(progress))
+    series = load_series(log)
     page = out or log.parent / "report.html"
-    page.write_text(report_html(log.stem, result, load_series(log), settings), encoding="utf-8")
+    with tracked("drawing", "figure") as drawing:
+        page.write_text(report_html(log.stem, result, series, settings, log_facts(log), drawing), encoding="utf-8")
     typer.echo(str(page))
+    if pictures is not None:
+        with tracked("writing", "figure") as writing:
+            written = write_figures(pictures, result, series, settings, writing)
+        typer.echo(f"{len(written)} figures in {pictures}")

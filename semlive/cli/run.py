@@ -2,39 +2,77 @@
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import sys
 import threading
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
+from semlive.cli.page import PORT, Host, Name, PageProcess, Place, Port
 from semlive.cli.progress import ProgressView
 from semlive.engine import Verb
-from semlive.errors import SemliveError
+from semlive.errors import BadConfig, SemliveError
 from semlive.service.config import load_config
 from semlive.service.daemon import Faces, run_experiment
+from semlive.service.door import Address
 
 
 def run(
     config: Annotated[Path, typer.Argument(help="YAML configuration of the run.")],
     attended: Annotated[bool, typer.Option("--attended", help="You stay at the instrument; real load frames ask for it.")] = False,
     stop_on_fault: Annotated[bool, typer.Option("--stop-on-fault", help="End the run at a fault instead of waiting for you.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Take up a run that was interrupted, and ask before anything moves.")] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="With --resume: go on without being asked, if the devices are as the log left them.")
+    ] = False,
+    no_page: Annotated[bool, typer.Option("--no-page", help="Without the live page.")] = False,
+    stay: Annotated[bool, typer.Option("--stay", help="Keep the live page after the run, until Ctrl-C.")] = False,
+    page_host: Host = "127.0.0.1",
+    page_port: Port = PORT,
+    page_name: Name = None,
 ) -> None:
     """Run an experiment; type pause, resume, stop or abort and press Enter, or Ctrl-C to stop."""
     checked = load_config(config)
+    if yes and not resume:
+        raise BadConfig("--yes answers what --resume asks; give both, or leave --yes out")
     verbs: queue.SimpleQueue[Verb] = queue.SimpleQueue()
-    interactive = sys.stdin.isatty() and (checked.stage is None or checked.stage.driver != "operator")
+    by_hand = any(
+        section is not None and section.driver == "operator" for section in (checked.load_frame, checked.stage, checked.sem.trigger)
+    )
+    interactive = sys.stdin.isatty() and not by_hand  # what is typed answers what the drivers ask
     if interactive:
         threading.Thread(target=_listen, args=(verbs,), daemon=True).start()
     console = Console(stderr=True)
-    with ProgressView(console) as view:
-        outcome = run_experiment(checked, Faces(view.show, verbs, attended, stop_on_fault))
-    console.print(f"{outcome.text}\nlog: {outcome.log}")
+    place = Place(page_host, page_port, tuple(page_name or ()))
+    with contextlib.ExitStack() as stack:
+        with ProgressView(console) as view:
+            door = None if no_page else partial(_open_page, stack, view, checked.run.folder / checked.run.name, place)
+            outcome = run_experiment(checked, Faces(view.show, verbs, attended, stop_on_fault, resume, yes, door))
+        console.print(f"{outcome.text}\nlog: {outcome.log}")
+        if stay and not no_page:
+            console.print("the live page stays until Ctrl-C")
+            with contextlib.suppress(KeyboardInterrupt):
+                threading.Event().wait()
     if not outcome.complete:
         raise SemliveError(f"the run did not complete: {outcome.text}")
+
+
+def _open_page(stack: contextlib.ExitStack, view: ProgressView, log: Path, place: Place, address: Address) -> None:
+    """Start the page and show its address, which holds the token; a run goes on without a page that does not come up."""
+
+    def ready(page: str | None, why: str) -> None:
+        view.say(
+            f"the live page does not come up ({why}); look whether its address is one of this computer"
+            if page is None
+            else f"live page: {page}#token={address.token}"
+        )
+
+    stack.callback(PageProcess(log, place, ready, address.port).close)
 
 
 def _listen(verbs: queue.SimpleQueue[Verb]) -> None:

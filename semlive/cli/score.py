@@ -10,12 +10,13 @@ import typer
 from rich.console import Console
 
 from semlive.cli.tables import score_table
+from semlive.cli.track import tracked_stages
 from semlive.report.errors import compare
 from semlive.report.score import load_truth
 from semlive.report.score import score as scored
 from semlive.report.score_figures import save_figures
 from semlive.report.truth import Truth
-from semlive.service.replay import last_result
+from semlive.service.replay import Watch, last_result
 
 
 def score(
@@ -28,7 +29,8 @@ def score(
     ] = None,
 ) -> None:
     """Every recovered quantity against truth, with its uncertainty, and whether the stated uncertainties hold."""
-    result, _ = last_result(log)
+    with tracked_stages() as progress:
+        result, _ = last_result(log, Watch(progress))
     told = load_truth(truth)
     scores = scored(result, told)
     written = () if figures is None else save_figures(compare(result, Truth.of(told)), figures)

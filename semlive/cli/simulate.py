@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from semlive.cli.simulator import simulator_module
 from semlive.errors import BadInput, SemliveError
+from semlive.service.model_scenario import scenario_yaml
 
 
 def simulate(
@@ -20,8 +22,24 @@ def simulate(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for export/, truth.json and frames.csv; new or empty.")],
     frames: Annotated[str | None, typer.Option(help="Only these frames, counted from 0: 0-3,8.")] = None,
     seed: Annotated[int | None, typer.Option(help="In place of the scenario's own.")] = None,
+    model: Annotated[Path | None, typer.Option("--from", help="A model as `diagnose -o` writes it: its effects are simulated too.")] = None,
 ) -> None:
     """Play a scenario's own experiment as fast as it renders, and write what the microscope would have exported."""
+    if model is not None:
+        with tempfile.TemporaryDirectory(prefix="semlive-") as folder:
+            extended = Path(folder) / "scenario.yaml"
+            extended.write_text(scenario_yaml(model, _absolute(scenario)), encoding="utf-8")
+            _play(str(extended), out, frames, seed)
+            (out / extended.name).write_bytes(extended.read_bytes())
+    else:
+        _play(scenario, out, frames, seed)
+
+
+def _absolute(scenario: str) -> str:
+    return str(Path(scenario).resolve()) if scenario.endswith((".yaml", ".yml")) else scenario
+
+
+def _play(scenario: str, out: Path, frames: str | None, seed: int | None) -> None:
     command = [sys.executable, "-m", simulator_module("frames"), "--scenario", scenario, "--out", str(out)]
     command += [] if frames is None else ["--frames", frames]
     command += [] if seed is None else ["--seed", str(seed)]

@@ -35,7 +35,9 @@ def simulator_module(name: str) -> str:
 
 
 @contextlib.contextmanager
-def running_simulator(scenario: str, folder: Path, rate: float | None, *, triggered: bool = False) -> Iterator[dict[str, Any]]:
+def running_simulator(
+    scenario: str, folder: Path, rate: float | None, *, triggered: bool = False, rtu: bool = False
+) -> Iterator[dict[str, Any]]:
     """A simulated bench for as long as the context lasts; gives what it announced in ``ready.json``.
 
     The simulator gets a process group of its own, so that Ctrl-C reaches the daemon first and the bench is still there
@@ -46,6 +48,7 @@ def running_simulator(scenario: str, folder: Path, rate: float | None, *, trigge
         folder: for everything that the simulator writes.
         rate: seconds of experiment per second of wall time; None lets the simulator choose what it can keep up with.
         triggered: its microscope scans a frame when it is asked to; otherwise it scans all the time.
+        rtu: it serves its registers over a serial line too.
 
     Raises:
         BadInput: no simulator is installed, or it does not know the scenario.
@@ -54,6 +57,7 @@ def running_simulator(scenario: str, folder: Path, rate: float | None, *, trigge
     module = simulator_module("bench")
     folder.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", module, "--scenario", scenario, "--out", str(folder), "--exit-with-stdin"]
+    command += ["--rtu"] if rtu else []
     command += ["--rate", "auto" if rate is None else str(rate), "--mode", "triggered" if triggered else "continuous"]
     with (folder / "simulator.log").open("wb") as log:
         process = start_apart(command, stdout=log, stderr=log)

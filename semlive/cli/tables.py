@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from semlive.data.pair import PairDecision
 from semlive.data.results import RunResult
 from semlive.data.strain import StrainSummary
+from semlive.pipeline import Begun
 from semlive.report.score import Score
 
 
@@ -37,12 +40,54 @@ def result_table(result: RunResult) -> Table:
     for name in ("frame", "phase", "load N", "exx 1e-6", "eyy 1e-6", "exy 1e-6"):
         table.add_column(name, justify="left" if name == "phase" else "right")
     decisions = {decision.pair: decision for decision in result.decisions}
-    for frame in result.frames:
-        summary = frame.summary
+    for summary in result.summaries:
         decision = decisions[summary.frame // 2]
         load = f"{decision.loads[summary.frame % 2].mean_n:.1f}" if decision.loads else ""
         table.add_row(str(summary.frame), decision.step.phase.value, load, *(_strain(summary, c) for c in ("exx", "eyy", "exy")))
     return table
+
+
+def changes_table(before: dict[str, Any], after: dict[str, Any], beside: str) -> Table:
+    """Two results side by side, as `semlive replay --json` words them: constants, noise, and every frame that both have."""
+    table = Table(title=f"{beside} against now", box=SIMPLE_HEAD, padding=(0, 1))
+    table.add_column("quantity", no_wrap=True)
+    for name in (beside, "now", "change"):
+        table.add_column(name, justify="right", no_wrap=True)
+    known = {one["frame"]: one for one in before["frames"]}
+    for name, was, now in [*_headline(before, after), *(row for one in after["frames"] for row in _frame_rows(known, one))]:
+        change = f"{now - was:+.3g}" if isinstance(was, float | int) and isinstance(now, float | int) else ""
+        table.add_row(name, *("-" if one is None else one if isinstance(one, str) else f"{one:.6g}" for one in (was, now)), change)
+    return table
+
+
+def _headline(before: dict[str, Any], after: dict[str, Any]) -> list[tuple[str, Any, Any]]:
+    rows: list[tuple[str, Any, Any]] = [
+        (name, before.get(name), after.get(name)) for name in ("pairs", "method", "vsg_px", "noise_floor_px")
+    ]
+    for axis, name in enumerate("xy"):
+        rows.append((f"distortion rms {name}, px", before["distortion"]["rms_px"][axis], after["distortion"]["rms_px"][axis]))
+    for key, name in (("youngs_modulus_gpa", "E, GPa"), ("poissons_ratio", "Poisson's ratio")):
+        for part in ("value", "sigma"):
+            was, now = ((one["elastic"] or {}).get(key, {}).get(part) for one in (before, after))
+            rows.append((name if part == "value" else f"± {name}", was, now))
+    return rows
+
+
+def _frame_rows(known: dict[int, dict[str, Any]], now: dict[str, Any]) -> list[tuple[str, Any, Any]]:
+    was = known.get(now["frame"])
+    if was is None or now["frame"] == 0:
+        return []
+    return [(f"frame {now['frame']} {one}, 1e-6", *(1e6 * of["strain_mean"][one] for of in (was, now))) for one in ("exx", "eyy", "exy")]
+
+
+def pair_line(decision: PairDecision, begun: Begun) -> str:
+    """What is known of a pair as soon as it is analysed, in one line."""
+    mean, sigma = begun.told[2 * decision.pair + 1].summary.mean, begun.told[2 * decision.pair + 1].summary.mean_sigma
+    strains = "  ".join(f"{one} {getattr(mean, one) * 1e6:+.1f} ± {getattr(sigma, one) * 1e6:.1f}" for one in ("exx", "eyy", "exy"))
+    load = f"  load {decision.loads[1].mean_n:.0f} N" if decision.loads else ""
+    elastic = begun.elastic[0]
+    found = "" if elastic is None else f"  E {elastic.youngs_modulus_gpa.value:.2f} ± {elastic.youngs_modulus_gpa.sigma:.2f} GPa"
+    return f"pair {decision.pair} {decision.step.phase.value}{load}  {strains} 1e-6{found}"
 
 
 def _elastic_caption(result: RunResult) -> str:

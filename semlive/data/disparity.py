@@ -30,6 +30,9 @@ class PoiStatus(IntEnum):
         return self.name.lower()
 
 
+_CONVERGED = np.uint8(PoiStatus.CONVERGED)  # compared as bytes: with the enum they are all made int64 first
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class DisparityMap:
     """Disparity from one frame to another at every POI: ``x_current = x_reference + u``.
@@ -74,4 +77,4 @@ class DisparityMap:
     @property
     def valid(self) -> NDArray[np.bool_]:
         """(ny, nx) True where the POI converged."""
-        return self.status == PoiStatus.CONVERGED
+        return self.status == _CONVERGED

@@ -22,6 +22,9 @@ class Displacement:
         sigma_u_px: (ny, nx) standard uncertainty along x.
         sigma_v_px: (ny, nx) standard uncertainty along y.
         valid: (ny, nx) True where it was measured.
+        systematic_u_px: (ny, nx) standard uncertainty along x that the correction adds, its mean over the field left out; None where
+            nobody asked, or the method does not say.
+        systematic_v_px: along y.
     """
 
     frame: int
@@ -31,3 +34,5 @@ class Displacement:
     sigma_u_px: NDArray[np.float64]
     sigma_v_px: NDArray[np.float64]
     valid: NDArray[np.bool_]
+    systematic_u_px: NDArray[np.float64] | None = None
+    systematic_v_px: NDArray[np.float64] | None = None

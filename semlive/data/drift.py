@@ -19,11 +19,13 @@ class FrameTime:
         frame: number of the frame (2 * pair + 0 or 1).
         start_s: start of the scan, seconds after the start of frame 0.
         timing: scan timing.
+        start_sigma_s: standard uncertainty of the start; 0 where it is taken for exact.
     """
 
     frame: int
     start_s: float
     timing: ScanTiming
+    start_sigma_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,6 +166,24 @@ class RasterWander:
     rotation_sigma_rad: NDArray[np.float64]
 
 
+@dataclass(frozen=True, slots=True)
+class CalibrationQuality:
+    """How well the pairs so far fix the distortion.
+
+    Attributes:
+        covered: part of the grid, 0 to 1, where the data and not the belief determine the distortion.
+        lever_px: extent along x and y of how the picture lay in calibration and translation pairs.
+        wave_sigma_px: standard uncertainty of a wave of one period over the grid, running along x and along y; None from a method that
+            does not say.
+        refused: why nothing under load is to be corrected with it, one sentence with the figures; empty where it is good enough.
+    """
+
+    covered: float
+    lever_px: tuple[float, float]
+    wave_sigma_px: tuple[float, float] | None = None
+    refused: str = ""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
     """One revision of everything the estimator knows.
@@ -176,6 +196,7 @@ class Estimate:
         notes: sentences for the operator (what is not determined, and why).
         terms: optional terms of the model, and whether the data asked for them.
         raster: change of magnification and rotation of the raster.
+        calibration: how well the pairs fix the distortion.
     """
 
     drift: DriftEstimate
@@ -185,3 +206,4 @@ class Estimate:
     notes: tuple[str, ...]
     terms: tuple[TermTest, ...] = ()
     raster: RasterWander | None = None
+    calibration: CalibrationQuality | None = None

@@ -24,6 +24,7 @@ class Step:
         shift_um: commanded stage position (x, y) relative to where the run began.
         shift_px: what the plan asked for, in pixels; `shift_um` also holds what brings the field back (see `Recentre`).
         load_n: commanded load, or None to leave the load frame alone.
+        warm_up: added to the plan while the warm-up gate waited, to measure the drift once more (see `WarmUp`).
     """
 
     step: int
@@ -31,6 +32,12 @@ class Step:
     shift_um: tuple[float, float]
     shift_px: tuple[float, float]
     load_n: float | None
+    warm_up: bool = False
+
+    @property
+    def number(self) -> int:
+        """The step as people count it, from 1: what every sentence says."""
+        return self.step + 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +81,11 @@ class Limits:
         stage_travel_um: largest allowed distance of the stage from where the run began, per axis.
         stale_after_s: wall seconds after which the last sample is stale (no decisions on it).
         lost_after_s: wall seconds after which the link is lost (stop).
+        force_drop_max_n: largest sudden fall of the load (a slip, a fracture); None does not look.
+        force_slope_max_n_s: fastest change of the load as read, over half a second; None does not look.
+        slack_max_mm: how far the crosshead may run while the load changes by less than `slack_force_n`; None does not look.
+        slack_force_n: see `slack_max_mm`.
+        stop_timeout_s: experiment seconds to wait for the devices' word that they rest, before a stopped run ends without it.
     """
 
     force_min_n: float
@@ -85,6 +97,11 @@ class Limits:
     stage_travel_um: float
     stale_after_s: float = 0.5
     lost_after_s: float = 2.0
+    force_drop_max_n: float | None = None
+    force_slope_max_n_s: float | None = None
+    slack_max_mm: float | None = None
+    slack_force_n: float = 5.0
+    stop_timeout_s: float = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +118,36 @@ class Recentre:
 
 
 @dataclass(frozen=True, slots=True)
+class WarmUp:
+    """How slow the drift must be before the experiment goes on; until then further pairs are taken where the specimen is.
+
+    Attributes:
+        max_rate_px_s: the forecast drift rate plus its standard uncertainty must not exceed this.
+        max_wait_s: after this long the operator is asked.
+        before: TENSION: the gate is before the first load; CALIBRATION: after the first pair.
+    """
+
+    max_rate_px_s: float
+    max_wait_s: float
+    before: Phase = Phase.TENSION
+
+
+@dataclass(frozen=True, slots=True)
+class AdaptiveHold:
+    """When a hold lasts longer than it must.
+
+    Attributes:
+        max_hold_s: it ends after this long, whatever is expected.
+        max_rate_px_s: it lasts until the forecast drift rate is below this; None does not ask.
+        max_relaxation_n_s: it lasts until the load changes more slowly than this; None does not ask.
+    """
+
+    max_hold_s: float
+    max_rate_px_s: float | None = None
+    max_relaxation_n_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Plan:
     """A whole experiment.
 
@@ -111,6 +158,9 @@ class Plan:
         ramp_rate_n_s: rate of load changes.
         triggered: ask the SEM for each frame; otherwise it scans continuously and exports every frame.
         recentre: whether and how drift and the specimen's own motion are taken back before each step.
+        warm_up: how slow the drift must be before the first load; None does not wait.
+        adaptive_hold: when a hold lasts longer than it must; None never.
+        calibration_gate: nothing is loaded before the translations are known to determine the distortion.
     """
 
     steps: tuple[Step, ...]
@@ -119,3 +169,6 @@ class Plan:
     ramp_rate_n_s: float
     triggered: bool = False
     recentre: Recentre | None = None
+    warm_up: WarmUp | None = None
+    adaptive_hold: AdaptiveHold | None = None
+    calibration_gate: bool = False

@@ -21,6 +21,8 @@ class ExportedFile:
         sha256: their SHA-256, hexadecimal.
         mtime_ns: the file's modification time, UTC ns.
         arrival_time_ns: experiment time when the watcher believed it complete, UTC ns.
+        sidecar: bytes of the text file beside it, for vendors that write one; None if there is none.
+        settled_time_ns: experiment time when the watcher first saw it as it stayed, UTC ns; 0 if unknown.
     """
 
     export: int
@@ -29,6 +31,27 @@ class ExportedFile:
     sha256: str
     mtime_ns: int
     arrival_time_ns: int
+    sidecar: bytes | None = None
+    settled_time_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnSettings:
+    """How the microscope was set, as far as the file says; None where it does not.
+
+    Attributes:
+        detector: its name.
+        voltage_v: acceleration voltage.
+        working_distance_m: working distance.
+        magnification: as the vendor counts it.
+        scan_rotation_deg: rotation of the scan.
+    """
+
+    detector: Sourced[str] | None = None
+    voltage_v: Sourced[float] | None = None
+    working_distance_m: Sourced[float] | None = None
+    magnification: Sourced[float] | None = None
+    scan_rotation_deg: Sourced[float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +69,10 @@ class FrameInfo:
         start_time_ns: instant of pixel (0, 0), UTC ns.
         start_sigma_s: standard uncertainty of that instant.
         pixel_size_m: edge of a pixel on the specimen.
+        column: how the microscope was set.
+        start_anchor: what the embedded time was taken to mark: ``start``, ``end`` or ``save``.
+        embedded_time_ns: the embedded time as the microscope's computer told it, taken for UTC; None if the file has none.
+        notes: what is unusual about the file, one sentence each.
     """
 
     export: int
@@ -58,6 +85,10 @@ class FrameInfo:
     start_time_ns: Sourced[int]
     start_sigma_s: float
     pixel_size_m: Sourced[float]
+    column: ColumnSettings = ColumnSettings()
+    start_anchor: str = "end"
+    embedded_time_ns: int | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def end_time_ns(self) -> int:

@@ -14,6 +14,20 @@ class MotionState(StrEnum):
     FAULT = "fault"
 
 
+class Trouble(StrEnum):
+    """Why a device says that it is in fault."""
+
+    OVERLOAD = "overload"
+    WATCHDOG = "watchdog"
+    LIMIT_SWITCH = "limit switch"
+    EMERGENCY_STOP = "emergency stop"
+
+    @property
+    def is_emergency(self) -> bool:
+        """Somebody or something stopped the machine with its own means, past every program."""
+        return self in (Trouble.LIMIT_SWITCH, Trouble.EMERGENCY_STOP)
+
+
 class StopOnLinkLoss(StrEnum):
     """What is known of a device's own reaction to a lost link."""
 
@@ -61,6 +75,9 @@ class LoadSample:
         simulator_lag_s: how far a simulator is behind its own clock; None for real devices.
         raw: the registers as read.
         gage_strain: what a strain gage on the specimen says, tension positive; None without one, or while it says nothing.
+        trouble: why the device is in fault, where it tells; None otherwise.
+        rtt_s: how long the answer took (wall s); None if nobody looked.
+        counted: the device's own count of readings, and at how many that begins anew; not logged by itself, it stands in `raw`.
     """
 
     sequence: int
@@ -73,6 +90,9 @@ class LoadSample:
     simulator_lag_s: float | None = None
     raw: tuple[int, ...] = ()
     gage_strain: float | None = None
+    trouble: Trouble | None = None
+    rtt_s: float | None = None
+    counted: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +107,7 @@ class StageSample:
         y_um: likewise.
         motion: by the device's own word.
         raw: the registers as read.
+        rtt_s: how long the answer took (wall s); None if nobody looked.
     """
 
     sequence: int
@@ -96,6 +117,7 @@ class StageSample:
     y_um: float
     motion: MotionState
     raw: tuple[int, ...] = ()
+    rtt_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

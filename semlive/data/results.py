@@ -56,10 +56,11 @@ class RunResult:
     Attributes:
         decisions: the pairs.
         estimate: the newest estimate.
-        frames: every accepted frame, frame 0 first.
+        frames: every accepted frame, frame 0 first; those of a long run may have been handed over one by one and left out here.
         elastic: elastic constants, or None without loads or area.
         notes: sentences for the operator.
         gage: DIC beside the strain gage, or None without one.
+        summaries: mean strain of every accepted frame, frame 0 first, whether or not its fields are kept in `frames`.
     """
 
     decisions: tuple[PairDecision, ...]
@@ -68,3 +69,8 @@ class RunResult:
     elastic: ElasticConstants | None
     notes: tuple[str, ...]
     gage: GageComparison | None = None
+    summaries: tuple[StrainSummary, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.summaries:
+            object.__setattr__(self, "summaries", tuple(one.summary for one in self.frames))

@@ -35,19 +35,21 @@ class ScanTiming:
     """Timing of one raster scan.
 
     Attributes:
-        dwell_time_s: time on one pixel, t_D.
-        row_time_s: time from one row's start to the next, t_R, fly-back included.
+        dwell_time_s: time on one pixel in one pass, t_D.
+        row_time_s: time from one row's start to the next, t_R, all its passes and fly-backs included.
         frame_time_s: time of one whole scan, t_F.
         integrations: number of scans M that were integrated into the image.
+        line_integrations: passes over each row that were integrated before the next row.
     """
 
     dwell_time_s: Sourced[float]
     row_time_s: Sourced[float]
     frame_time_s: Sourced[float]
     integrations: Sourced[int]
+    line_integrations: Sourced[int] = Sourced(1, Provenance.ASSUMED)
 
     def __post_init__(self) -> None:
-        for name in ("dwell_time_s", "row_time_s", "frame_time_s", "integrations"):
+        for name in ("dwell_time_s", "row_time_s", "frame_time_s", "integrations", "line_integrations"):
             value = getattr(self, name).value
             if not value > 0:
                 raise ValueError(f"{name} must be > 0, not {value}")
@@ -61,7 +63,10 @@ class ScanTiming:
         """Time since the scan began at positions (x, y), mean over the integrated scans (equation 3).
 
         Positions may be fractional (a subset centre after displacement). Frame-integrated scans visit a
-        pixel once per scan, so their mean visit is (M - 1)/2 scans later than the first.
+        pixel once per scan, so their mean visit is (M - 1)/2 scans later than the first; of L passes over a row the mean
+        one is (L - 1)/2 passes later.
         """
         first = np.asarray(x_px) * self.dwell_time_s.value + np.asarray(y_px) * self.row_time_s.value
-        return first + 0.5 * (self.integrations.value - 1) * self.frame_time_s.value
+        passes = self.line_integrations.value
+        later_s = 0.5 * (passes - 1) / passes * self.row_time_s.value
+        return first + (later_s + 0.5 * (self.integrations.value - 1) * self.frame_time_s.value)

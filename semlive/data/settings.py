@@ -90,6 +90,8 @@ class EstimateSettings:
             does not mention one, but its figures are not reached without.
         strain: how the gauge fits.
         sutton_phases_apart: whether ``sutton2007`` estimates the drift of calibration and of measurement apart (footnote 5).
+        accept_poor_calibration: load the specimen, and correct what was measured under load, although the translations went in one
+            direction only or were too small.
     """
 
     drift_knots_per_frame: float = 3.0
@@ -99,6 +101,7 @@ class EstimateSettings:
     sutton_smoothing_px: float = 60.0
     sutton_phases_apart: bool = True
     strain: StrainSettings = StrainSettings()
+    accept_poor_calibration: bool = False
 
     def __post_init__(self) -> None:
         if self.method not in ("joint", "sutton2007"):
@@ -133,17 +136,47 @@ class SpecimenSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class ScanSpeed:
+    """Scan times that stand behind a microscope's name for a scan speed; one row of ``sem.scan_profiles``.
+
+    Attributes:
+        scan_speed: the name or number that the vendor's file gives.
+        instrument: how the name of the instrument in the file begins; empty fits any.
+        width_px: of the image it holds for; None for any width (the row time then has to be the same).
+        dwell_time_s: time on one pixel in one pass.
+        row_time_s: from one row's start to the next, all passes and fly-backs included.
+        frame_time_s: of one whole scan.
+    """
+
+    scan_speed: str
+    instrument: str = ""
+    width_px: int | None = None
+    dwell_time_s: float | None = None
+    row_time_s: float | None = None
+    frame_time_s: float | None = None
+
+    def fits(self, instrument: str, scan_speed: str, width_px: int) -> bool:
+        """Whether a file was scanned so."""
+        named = scan_speed != "" and self.scan_speed == scan_speed
+        return named and instrument.startswith(self.instrument) and self.width_px in (None, width_px)
+
+
+@dataclass(frozen=True, slots=True)
 class ScanProfile:
     """What the user says of files whose vendor does not.
 
     Attributes:
-        start_anchor: what a file's embedded time marks: ``start``, ``end`` or ``save``.
+        start_anchor: what a file's embedded time marks: ``start``, ``end`` or ``save`` (`save_delay_s` after the end).
         start_sigma_s: standard uncertainty of the start time derived from it.
         dwell_time_s: used when the file has none.
         row_time_s: used when the file has none.
         frame_time_s: used when the file has none.
         pixel_size_m: used when the file has none.
         databar_rows: used when the file does not tell; None means no databar.
+        clock_offset_s: clock of the microscope's computer minus UTC, its time zone included; taken off embedded times.
+        save_delay_s: from the end of a scan to the time in the file, for ``save``.
+        field_width_mm_at_1x: width of the field at magnification 1, as calibrated; gives the pixel size when the file has none.
+        speeds: scan times by scan speed, used before the values above.
     """
 
     start_anchor: str = "end"
@@ -153,6 +186,16 @@ class ScanProfile:
     frame_time_s: float | None = None
     pixel_size_m: float | None = None
     databar_rows: int | None = None
+    clock_offset_s: float = 0.0
+    save_delay_s: float = 0.0
+    field_width_mm_at_1x: float | None = None
+    speeds: tuple[ScanSpeed, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.start_anchor not in ("start", "end", "save"):
+            raise ValueError(f"start_anchor must be start, end or save, not {self.start_anchor}")
+        if not self.start_sigma_s >= 0:
+            raise ValueError(f"start_sigma_s must be at least 0, not {self.start_sigma_s}")
 
 
 @dataclass(frozen=True, slots=True)

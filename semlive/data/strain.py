@@ -55,6 +55,8 @@ class StrainSummary:
         sd: standard deviation over the valid grid, for the gauge in `vsg_px`.
         vsg_px: edge of the virtual strain gauge.
         gauge_sigma: standard uncertainty of the strain of one whole gauge; None where it is not stated.
+        systematic_sigma: the part of `mean_sigma`, and of `gauge_sigma`, that the correction adds: the same for all points of the
+            frame, and not made smaller by more of them. The rest is the noise of the correlation. None where it is not stated.
     """
 
     frame: int
@@ -63,6 +65,7 @@ class StrainSummary:
     sd: Tensor2
     vsg_px: float
     gauge_sigma: Tensor2 | None = None
+    systematic_sigma: Tensor2 | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from semlive.data.settings import DicSettings
 from semlive.dic.api import match
 from semlive.dic.correlate import correlate, warm_up
 from semlive.dic.grid import grid_for
-from semlive.dic.incremental import begin, follow
+from semlive.dic.incremental import begin, composed, follow
 from semlive.dic.quality import quality
 from semlive.dic.reference import Reference, prepare
 from semlive.dic.rows import register_rows, row_jitter
@@ -25,6 +25,7 @@ __all__ = [
     "RowShifts",
     "Smear",
     "begin",
+    "composed",
     "correlate",
     "correlate_alike",
     "correlate_tiled",

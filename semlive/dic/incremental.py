@@ -22,6 +22,7 @@ from semlive.data.settings import DicSettings
 from semlive.dic.correlate import correlate
 from semlive.dic.grid import grid_for
 from semlive.dic.reference import Reference, prepare
+from semlive.kernels.cells import in_cells
 
 KEPT = 0.95  # of the points that the reference began with; fewer ask for a new one
 KEPT_ZNCC = 0.9  # of the median correlation that it began with
@@ -145,30 +146,27 @@ def _renewed(track: Track, settings: DicSettings) -> Track:
 
 def _composed(track: Track, newer: DisparityMap) -> DisparityMap:
     """A map on the grid of the reference in use, told on the grid of the first."""
-    older = track.base_map
-    if older is None:
-        return newer
+    return newer if track.base_map is None else composed(track.base_map, newer)
+
+
+def composed(older: DisparityMap, newer: DisparityMap) -> DisparityMap:
+    """Two maps one after the other, on the grid of the older one.
+
+    Args:
+        older: to the frame that is the newer one's reference.
+        newer: from there on.
+    """
     grid = newer.grid
     x, y = older.grid.mesh()
     fx, fy = (x + older.u_px - grid.x0_px) / grid.step_px, (y + older.v_px - grid.y0_px) / grid.step_px
     inside = older.valid & (fx >= 0) & (fy >= 0) & (fx <= grid.nx - 1) & (fy <= grid.ny - 1)
-    i = np.clip(np.floor(fx).astype(np.intp), 0, max(grid.nx - 2, 0))
-    j = np.clip(np.floor(fy).astype(np.intp), 0, max(grid.ny - 2, 0))
-    i1, j1 = np.minimum(i + 1, grid.nx - 1), np.minimum(j + 1, grid.ny - 1)
-    corners = ((j, i), (j, i1), (j1, i), (j1, i1))
-    tx, ty = np.clip(fx - i, 0.0, 1.0), np.clip(fy - j, 0.0, 1.0)
-    weights = ((1 - ty) * (1 - tx), (1 - ty) * tx, ty * (1 - tx), ty * tx)
-
-    def at(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.sum([w * values[c] for w, c in zip(weights, corners, strict=True)], axis=0)
-
-    def spread(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.ptp([values[c] for c in corners], axis=0)
-
-    whole = inside & np.all([newer.valid[c] for c in corners], axis=0)
-    torn = whole & (np.maximum(spread(newer.u_px), spread(newer.v_px)) > CUT_PX + MAX_CELL_STRAIN * grid.step_px)
+    values = np.stack((newer.u_px, newer.v_px, newer.sigma_u_px, newer.sigma_v_px, newer.zncc))
+    at, spread, worst, sound = in_cells(fx.ravel(), fy.ravel(), values, np.ascontiguousarray(newer.status))
+    u, v, sigma_u, sigma_v, zncc = at.reshape(-1, *older.grid.shape)
+    (spread_u, spread_v), worst = spread.reshape(-1, *older.grid.shape), worst.reshape(older.grid.shape)
+    whole = inside & sound.reshape(older.grid.shape)
+    torn = whole & (np.maximum(spread_u, spread_v) > CUT_PX + MAX_CELL_STRAIN * grid.step_px)
     valid = whole & ~torn
-    worst = np.max([newer.status[c] for c in corners], axis=0)
     status = np.where(older.valid, np.where(inside, worst, PoiStatus.OUTSIDE_IMAGE), older.status)
     status = np.where(torn, PoiStatus.INCONSISTENT, status).astype(np.uint8)
 
@@ -180,13 +178,13 @@ def _composed(track: Track, newer: DisparityMap) -> DisparityMap:
         return np.where(valid, values, 0.0)
 
     return DisparityMap(
-        reference=track.first_frame,
+        reference=older.reference,
         current=newer.current,
         grid=older.grid,
-        u_px=where_valid(older.u_px + at(newer.u_px)),
-        v_px=where_valid(older.v_px + at(newer.v_px)),
-        sigma_u_px=where_valid(accumulated(older.sigma_u_px, at(newer.sigma_u_px))),
-        sigma_v_px=where_valid(accumulated(older.sigma_v_px, at(newer.sigma_v_px))),
-        zncc=where_valid(at(newer.zncc)),
+        u_px=where_valid(older.u_px + u),
+        v_px=where_valid(older.v_px + v),
+        sigma_u_px=where_valid(accumulated(older.sigma_u_px, sigma_u)),
+        sigma_v_px=where_valid(accumulated(older.sigma_v_px, sigma_v)),
+        zncc=where_valid(zncc),
         status=status,
     )

@@ -12,12 +12,14 @@ from semlive.engine.commands import (
     Transition,
     TriggerFrame,
 )
-from semlive.engine.engine import start, step
+from semlive.engine.engine import changed_since, start, step
 from semlive.engine.events import (
+    CalibrationJudged,
     CommandTaken,
     Device,
     DeviceFault,
     DeviceStopped,
+    DriftForeseen,
     Event,
     FieldSeen,
     FrameScanned,
@@ -34,6 +36,7 @@ from semlive.engine.events import (
     Verb,
 )
 from semlive.engine.progress import Progress, progress
+from semlive.engine.recover import Interrupted
 from semlive.engine.states import FINAL_STATES, Cause, ImpossibleTransition, State
 from semlive.engine.turn import EngineState
 
@@ -41,12 +44,14 @@ __all__ = [
     "FINAL_STATES",
     "AcceptPair",
     "Announce",
+    "CalibrationJudged",
     "Cause",
     "Command",
     "CommandTaken",
     "Device",
     "DeviceFault",
     "DeviceStopped",
+    "DriftForeseen",
     "EngineState",
     "Event",
     "FieldSeen",
@@ -54,6 +59,7 @@ __all__ = [
     "FrameScanned",
     "FrameUnreadable",
     "ImpossibleTransition",
+    "Interrupted",
     "LinkBack",
     "LinkLost",
     "LinkStale",
@@ -72,6 +78,7 @@ __all__ = [
     "Transition",
     "TriggerFrame",
     "Verb",
+    "changed_since",
     "progress",
     "start",
     "step",

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from semlive.data.experiment import Plan
 from semlive.data.loading import LoadSample, MotionState, StageSample
+from semlive.engine import calibration, warm_up
 from semlive.engine import events as ev
 from semlive.engine.commands import Command, Finish, StopMotion
 from semlive.engine.events import Device, Event, Verb
@@ -16,40 +17,60 @@ from semlive.engine.frames import frame_scanned, frame_unreadable, judge
 from semlive.engine.history import LoadHistory
 from semlive.engine.limits import plan_problem, sample_problem, tightened
 from semlive.engine.motion import advance, begin_step, hold, settle
+from semlive.engine.recover import Interrupted, changes
 from semlive.engine.states import FINAL_STATES, Cause, State
 from semlive.engine.turn import EngineState, Turn
 from semlive.errors import BadInput
 
-STOP_TIMEOUT_S = 60.0
-"""Experiment seconds to wait for the devices' word that they stopped, before the run ends without it."""
+_STOP_TOLD_S = 2.0
+"""Experiment seconds after which the operator is told who has not confirmed a stop."""
+_WAITING = "waiting for the word that it rests of"
 
 
-def start(plan: Plan, now_ns: int, *, next_step: int = 0) -> EngineState:
+def start(plan: Plan, now_ns: int, *, next_step: int = 0, before: Interrupted | None = None) -> EngineState:
     """The state before anything has happened.
 
     Args:
         plan: what is to be done.
         now_ns: experiment time.
         next_step: index of the first step to be done; more than 0 continues a run, and asks before anything moves.
+        before: what the log tells of the run that is taken up again; says itself which step is next.
 
     Raises:
-        BadInput: if the plan has no such step, or breaks its own limits.
+        BadInput: if the plan has no such step, or breaks its own limits, or is not the one that was interrupted.
     """
-    if not 0 <= next_step < len(plan.steps):
+    if before is not None:
+        plan, next_step = before.steps_of(plan), len(before.done)
+    all_done = before is not None and next_step == len(plan.steps)
+    if not 0 <= next_step < len(plan.steps) and not all_done:
         raise BadInput(f"the plan has {len(plan.steps)} steps, none of index {next_step}; give it at least one step to do")
     problem = plan_problem(plan, plan.limits, next_step)
     if problem is not None:
         raise BadInput(f"the plan breaks its limits in {problem}; change the plan or the limits")
     keep_s = 2 * plan.hold.frame_timeout_s + plan.hold.hold_s
-    return EngineState(
+    state = EngineState(
         plan=plan,
         limits=plan.limits,
         at=State.IDLE,
-        step_index=next_step,
+        step_index=min(next_step, len(plan.steps) - 1),
         time_ns=now_ns,
         since_ns=now_ns,
         history=LoadHistory(keep_ns=round(keep_s * 1e9)),
-        shift_at_um=(0.0, 0.0) if next_step == 0 else None,
+        shift_at_um=(0.0, 0.0) if next_step == 0 and before is None else None,
+    )
+    if before is None:
+        return state
+    return replace(
+        state,
+        before=before,
+        origin_um=before.origin_um,
+        reference=before.done[0].first if before.done else None,
+        start_sigma_s=state.start_sigma_s if before.start_sigma_s is None else before.start_sigma_s,
+        seen=before.seen,
+        foreseen=before.foreseen,
+        judged=before.judged,
+        calibrated=calibration.passed([one.step for one in before.done]),
+        warm=warm_up.passed(plan, [one.step for one in before.done]),
     )
 
 
@@ -81,15 +102,19 @@ def _hear(turn: Turn, event: Event) -> None:
             frame_scanned(turn, info)
         case ev.FieldSeen():
             turn.update(seen=event)
+        case ev.DriftForeseen():
+            turn.update(foreseen=event)
+        case ev.CalibrationJudged():
+            turn.update(judged=event)
         case ev.FrameUnreadable(export=export, reason=reason):
             frame_unreadable(turn, export, reason)
         case ev.CommandTaken(time_ns=time_ns, device=device):
             if turn.state.at is State.RAMPING and turn.state.motion.todo[:1] == (device,):
                 turn.update(motion=replace(turn.state.motion, taken_ns=time_ns))
-        case ev.Operator(verb=verb):
-            _operator(turn, verb)
+        case ev.Operator(verb=verb, reason=reason):
+            _operator(turn, verb, reason)
         case ev.Opening():
-            turn.go(Cause.OPENING) if turn.allows(Cause.OPENING) else None
+            _opening(turn)
         case ev.Ready():
             _ready(turn, event)
         case ev.LinkStale(device=device):
@@ -100,10 +125,31 @@ def _hear(turn: Turn, event: Event) -> None:
         case ev.LinkBack(device=device):
             turn.say(f"the {device.words} answers again")
         case ev.DeviceStopped(device=device, reason=reason):
-            turn.fault(Cause.DEVICE_STOPPED, f"the {device.words} was stopped: {reason}", ("device", device.value))
+            _device_stopped(turn, device, reason)
         case ev.DeviceFault(device=device, reason=reason, emergency=emergency):
             cause = Cause.EMERGENCY if emergency else Cause.DEVICE_FAULT
             turn.fault(cause, f"{device.words}: {reason}", ("device", device.value))
+
+
+def _opening(turn: Turn) -> None:
+    """The links are being opened, unless there is nothing left to do."""
+    before, steps = turn.state.before, len(turn.state.plan.steps)
+    if turn.state.at is not State.IDLE:
+        return
+    if before is not None and len(before.done) == steps:
+        turn.finish(Cause.LAST_STEP, f"all {steps} steps were done before; no device is asked for anything")
+    else:
+        turn.go(Cause.OPENING)
+
+
+def _device_stopped(turn: Turn, device: Device, reason: str) -> None:
+    """Where motion was expected, or nothing was known yet, it is a fault; what is taken up again asks anyway, and says it then."""
+    told = f"the {device.words} was stopped: {reason}"
+    if turn.state.at is State.CONNECTING and turn.state.before is not None:
+        turn.update(stopped_when_found=turn.state.stopped_when_found | {device})
+        turn.say(told)
+    else:
+        turn.fault(Cause.DEVICE_STOPPED, told, ("device", device.value))
 
 
 def _wait_over(turn: Turn) -> None:
@@ -124,6 +170,10 @@ def _look(turn: Turn) -> None:
             hold(turn)
         case State.IMAGING:
             judge(turn)
+        case State.JUDGING:
+            calibration.wait(turn)
+        case State.WARMING:
+            warm_up.wait(turn)
         case State.STOPPING:
             _stopping(turn)
     if turn.state.at is State.STEP_DONE:
@@ -135,23 +185,34 @@ def _step_done(turn: Turn) -> None:
     if turn.state.step_index + 1 == len(turn.state.plan.steps):
         turn.finish(Cause.LAST_STEP, f"all {len(turn.state.plan.steps)} steps are done; load and position are held")
         return
+    done, after = turn.state, replace(turn.state, step_index=turn.state.step_index + 1)
+    if calibration.shut(after):
+        turn.go(Cause.JUDGE)
+        turn.update(step_index=done.step_index + 1)
+        return
+    if warm_up.shut(after):
+        warm_up.enter(turn, Cause.WARM_UP)
+        turn.update(step_index=done.step_index + 1)
+        return
     turn.go(Cause.NEXT_STEP)
-    turn.update(step_index=turn.state.step_index + 1)
+    turn.update(step_index=done.step_index + 1)
     begin_step(turn)
 
 
 def _load_reading(turn: Turn, sample: LoadSample) -> None:
     state = turn.state
+    watch, sudden = state.watch.with_sample(state.limits, sample)
     turn.update(
         load=sample,
+        watch=watch,
         stale=state.stale - {Device.LOAD_FRAME},
         history=state.history.with_sample(sample.time_ns, sample.force_n, sample.gage_strain),
     )
-    problem = sample_problem(state.limits, sample)
+    problem = sample_problem(state.limits, sample) or sudden
     if problem is not None and turn.allows(Cause.LIMIT):
         guards = (("force_n", sample.force_n), ("extension_mm", sample.extension_mm), ("sequence", sample.sequence))
         turn.fault(Cause.LIMIT, problem, *guards)
-    _motion_word(turn, Device.LOAD_FRAME, sample.motion)
+    _motion_word(turn, Device.LOAD_FRAME, sample, state.load)
 
 
 def _stage_reading(turn: Turn, sample: StageSample) -> None:
@@ -161,21 +222,40 @@ def _stage_reading(turn: Turn, sample: StageSample) -> None:
         stale=state.stale - {Device.STAGE},
         origin_um=state.origin_um or (sample.x_um, sample.y_um),
     )
-    _motion_word(turn, Device.STAGE, sample.motion)
+    _motion_word(turn, Device.STAGE, sample, state.position)
 
 
-def _motion_word(turn: Turn, device: Device, motion: MotionState) -> None:
-    """A device that says it is in trouble is believed."""
-    if motion is MotionState.FAULT and turn.allows(Cause.DEVICE_FAULT):
-        turn.fault(Cause.DEVICE_FAULT, f"the {device.words} says that it is in fault; look at it, then resume", ("device", device.value))
+def _motion_word(turn: Turn, device: Device, now: LoadSample | StageSample, before: LoadSample | StageSample | None) -> None:
+    """A device that says it is in trouble is believed.
+
+    One whose watchdog stopped it when a run died says so until it is spoken to: told to stop once, before the operator is asked.
+    """
+    if now.motion is not MotionState.FAULT:
+        return
+    trouble = now.trouble if isinstance(now, LoadSample) else None
+    if trouble is not None and trouble.is_emergency:
+        # Who was told to stop in an emergency is not kept from ending by the same emergency, which lasts.
+        known = turn.state.at is State.STOPPING and before is not None and before.motion is MotionState.FAULT
+        if turn.allows(Cause.EMERGENCY) and not known:
+            reason = f"the {device.words} was stopped by its {trouble}; free the machine, then resume"
+            turn.fault(Cause.EMERGENCY, reason, ("device", device.value), ("trouble", trouble.value))
+    elif turn.state.at is State.CONNECTING and turn.state.before is not None:
+        if before is None or before.motion is not MotionState.FAULT:
+            turn.commands.append(StopMotion(f"the {device.words} has been in fault since the run was interrupted"))
+    elif turn.allows(Cause.DEVICE_FAULT):
+        what = "is in fault" if trouble is None else f"is in fault ({trouble})"
+        turn.fault(Cause.DEVICE_FAULT, f"the {device.words} says that it {what}; look at it, then resume", ("device", device.value))
 
 
 def _ready(turn: Turn, event: ev.Ready) -> None:
-    cause = Cause.LINKED if turn.state.step_index == 0 else Cause.LINKED_AGAIN
-    if not turn.allows(cause):
-        return
+    # Also where a device has said meanwhile that it is in trouble: once it is out of it the run goes on with these devices.
     limits = tightened(turn.state.plan.limits, event.load_frame)
     turn.update(load_frame=event.load_frame, stage=event.stage, limits=limits)
+    if event.stage is None:
+        turn.update(shift_at_um=(0.0, 0.0))
+    cause = Cause.LINKED if turn.state.step_index == 0 and turn.state.before is None else Cause.LINKED_AGAIN
+    if not turn.allows(cause):
+        return
     problem = plan_problem(turn.state.plan, limits, turn.state.step_index)
     if problem is not None:
         turn.fault(Cause.LIMIT, f"the plan breaks the load frame's own limit in {problem}")
@@ -186,11 +266,25 @@ def _ready(turn: Turn, event: ev.Ready) -> None:
 
 
 def _ask_to_resume(turn: Turn) -> None:
-    """Say what resuming will do."""
+    """Say what resuming will do, and what is other than the log left it."""
     now = turn.state
     load = "" if now.step.load_n is None else f" and the load to {now.step.load_n:g} N"
     x, y = now.step.shift_um
-    turn.say(f"resume sets the stage to ({x:g}, {y:g}) um{load} and begins step {now.step_index + 1} again; or stop")
+    other = changed_since(now)
+    first = "" if other is None else f"look first: {other}; "
+    turn.say(f"{first}resume sets the stage to ({x:g}, {y:g}) um{load} and begins step {now.step_index + 1} again; or stop")
+
+
+def changed_since(state: EngineState) -> str | None:
+    """In a run that is taken up again: how the devices stand other than where its log left them, as words, or None."""
+    before = state.before
+    if before is None:
+        return None
+    if Device.LOAD_FRAME in state.stopped_when_found:
+        # A stage's way has an end; a load frame that nobody had held against the limits is looked at by a person.
+        return f"the {Device.LOAD_FRAME.words} was still moving, and was stopped"
+    tolerance_n = state.plan.hold.load_tolerance(0.0 if before.load is None else before.load.force_n)
+    return changes(before, state.step, tolerance_n, state.load, state.position)
 
 
 def _not_fit_to_move(state: EngineState) -> str | None:
@@ -204,7 +298,7 @@ def _not_fit_to_move(state: EngineState) -> str | None:
     return None if state.load is None else sample_problem(state.limits, state.load)
 
 
-def _operator(turn: Turn, verb: Verb) -> None:
+def _operator(turn: Turn, verb: Verb, reason: str) -> None:
     """What the operator says, where the table knows it; elsewhere only an answer."""
     cause = Cause(verb.value)
     at = turn.state.at
@@ -215,33 +309,74 @@ def _operator(turn: Turn, verb: Verb) -> None:
         if problem is not None:
             turn.say(f"cannot {verb}: {problem}")
             return
-        turn.go(cause)
-        begin_step(turn) if turn.state.at is State.RAMPING else _ask_to_resume(turn)
+        _go_on(turn, cause)
     elif verb is Verb.ABORT:
         turn.stop_and_go(cause, f"aborted by the operator while {at}")
         turn.commands.append(Finish(turn.state.at, turn.state.message))
     else:
         words = "paused" if verb is Verb.PAUSE else "stopped"
-        turn.stop_and_go(cause, f"{words} by the operator while {at}")
+        turn.stop_and_go(cause, f"{words} while {at}: {reason}" if reason else f"{words} by the operator while {at}")
+
+
+def _go_on(turn: Turn, cause: Cause) -> None:
+    """START or RESUME, with every device fit to move."""
+    at, gate = turn.state.at, warm_up.shut(turn.state)
+    if at in (State.PAUSED, State.RECOVER) and calibration.shut(turn.state):
+        asked = at is State.PAUSED and turn.state.calibration_asked
+        turn.update(before=None, calibrated=asked)
+        if not asked:
+            turn.go(Cause.JUDGE)
+            return
+        if gate:
+            # The operator was told of the calibration, and not how fast it drifts.
+            warm_up.enter(turn, Cause.WARM_UP)
+            return
+    if at is State.RECOVER and gate and turn.state.step_index > 0:
+        warm_up.enter(turn, Cause.WARM_UP)
+        turn.update(before=None)
+        return
+    turn.go(cause)
+    if turn.state.at is not State.RAMPING:
+        _ask_to_resume(turn)
+        return
+    turn.update(before=None)
+    if gate and at is State.PAUSED:
+        # The operator was told how fast it drifts, and goes on.
+        turn.update(warm=True)
+    elif gate:
+        turn.update(warming_since_ns=turn.state.time_ns)
+        warm_up.measure(turn)
+        return
+    begin_step(turn)
 
 
 def _stopping(turn: Turn) -> None:
     """In STOPPING: end when every device says, after the stop, that it does not move."""
     state = turn.state
-    samples = tuple(state.sample(device) for device in state.devices)
-    if all(s is not None and s.time_ns > state.since_ns and s.motion is not MotionState.MOVING for s in samples):
+    restless = [d for d in state.devices if not _rests_since(state.sample(d), state.since_ns)]
+    names = " and ".join(f"the {device.words}" for device in restless)
+    if not restless:
         turn.finish(Cause.AT_REST, "the run was stopped; load and position are held")
-    elif state.seconds_since(state.since_ns) > STOP_TIMEOUT_S:
+    elif state.seconds_since(state.since_ns) > state.limits.stop_timeout_s:
         turn.commands.append(StopMotion("the stop was not confirmed"))
-        turn.finish(Cause.STOP_UNCONFIRMED, "the run was stopped, but not every device confirmed that it rests: look at the machine")
+        turn.finish(
+            Cause.STOP_UNCONFIRMED,
+            f"the run was stopped, but not every device confirmed that it rests ({names} did not): look at the machine",
+        )
+    elif state.seconds_since(state.since_ns) > _STOP_TOLD_S and not state.message.startswith(_WAITING):
+        turn.say(f"{_WAITING} {names}, at most {state.limits.stop_timeout_s:g} s; abort ends without it")
+
+
+def _rests_since(sample: LoadSample | StageSample | None, since_ns: int) -> bool:
+    return sample is not None and sample.time_ns > since_ns and sample.motion is not MotionState.MOVING
 
 
 def _timeouts(turn: Turn) -> None:
     state = turn.state
     rule = state.plan.hold
     if state.at in (State.RAMPING, State.SETTLING) and state.seconds_since(state.motion.began_ns) > rule.motion_timeout_s:
-        reason = f"step {state.step.step} has not settled for {rule.motion_timeout_s:g} s"
+        reason = f"step {state.step.number} has not settled for {rule.motion_timeout_s:g} s"
         turn.fault(Cause.MOTION_TIMEOUT, reason, ("waited_s", state.seconds_since(state.motion.began_ns)))
     elif state.at is State.IMAGING and state.seconds_since(state.since_ns) > rule.frame_timeout_s:
-        reason = f"no frame for step {state.step.step} for {rule.frame_timeout_s:g} s: is the SEM scanning, and exporting into the folder?"
+        reason = f"no frame for step {state.step.number} for {rule.frame_timeout_s:g} s: is the SEM scanning and exporting into the folder?"
         turn.fault(Cause.FRAME_TIMEOUT, reason, ("waited_s", state.seconds_since(state.since_ns)))

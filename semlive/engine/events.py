@@ -160,6 +160,37 @@ class FieldSeen:
 
 
 @dataclass(frozen=True, slots=True)
+class DriftForeseen:
+    """How fast the drift is expected to be, from the pairs so far.
+
+    Attributes:
+        time_ns: experiment time.
+        pair: number of the newest pair that it is known from.
+        scans: begin (experiment time, ns, ascending), mean rate (px/s) and its standard uncertainty of scans to come; empty if the
+            estimate does not say.
+    """
+
+    time_ns: int
+    pair: int
+    scans: tuple[tuple[int, float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationJudged:
+    """What the calibration is worth, from the pairs so far.
+
+    Attributes:
+        time_ns: experiment time.
+        pair: number of the newest pair that it is known from.
+        refused: why nothing is to be loaded with it, one sentence with the figures; empty where it is good enough.
+    """
+
+    time_ns: int
+    pair: int
+    refused: str
+
+
+@dataclass(frozen=True, slots=True)
 class FrameUnreadable:
     """An exported file cannot be used."""
 
@@ -170,10 +201,17 @@ class FrameUnreadable:
 
 @dataclass(frozen=True, slots=True)
 class Operator:
-    """The operator said something."""
+    """The operator said something, or semlive did in the operator's place.
+
+    Attributes:
+        time_ns: experiment time.
+        verb: what.
+        reason: why semlive said it; empty if the operator did.
+    """
 
     time_ns: int
     verb: Verb
+    reason: str = ""
 
 
 Event = (
@@ -191,5 +229,7 @@ Event = (
     | FrameScanned
     | FrameUnreadable
     | FieldSeen
+    | DriftForeseen
+    | CalibrationJudged
     | Operator
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from semlive.data.frame import FrameInfo
+from semlive.data.frame import ColumnSettings, FrameInfo
 from semlive.data.pair import PairDecision
 from semlive.engine.commands import AcceptPair, RefuseFrame, TriggerFrame
 from semlive.engine.history import frame_load
@@ -100,7 +100,7 @@ def _load_known(state: EngineState, scanned: Scanned) -> bool:
 def _too_early(state: EngineState, info: FrameInfo) -> str:
     early_s = (state.hold_end_ns - _earliest_ns(info)) / 1e9
     return (
-        f"{info.name} is not used: its scan may have begun {early_s:.1f} s before the hold of step {state.step.step} ended "
+        f"{info.name} is not used: its scan may have begun {early_s:.1f} s before the hold of step {state.step.number} ended "
         f"(its start is known within {3 * info.start_sigma_s:g} s)"
     )
 
@@ -111,14 +111,39 @@ def difference(a: FrameInfo, b: FrameInfo) -> str | None:
         return f"{b.width_px} x {b.height_px} px instead of {a.width_px} x {a.height_px}"
     if a.timing.integrations.value != b.timing.integrations.value:
         return f"{b.timing.integrations.value} integrated scans instead of {a.timing.integrations.value}"
+    if a.timing.line_integrations.value != b.timing.line_integrations.value:
+        return f"{b.timing.line_integrations.value} passes over each line instead of {a.timing.line_integrations.value}"
     for what, unit, one, other in (
         ("dwell time", "s", a.timing.dwell_time_s.value, b.timing.dwell_time_s.value),
         ("row time", "s", a.timing.row_time_s.value, b.timing.row_time_s.value),
+        ("frame time", "s", a.timing.frame_time_s.value, b.timing.frame_time_s.value),
         ("pixel size", "m", a.pixel_size_m.value, b.pixel_size_m.value),
     ):
         if not abs(other - one) <= _SAME_WITHIN * abs(one):
             return f"{what} {other:g} {unit} instead of {one:g} {unit}"
+    return _column_difference(a.column, b.column)
+
+
+def _column_difference(a: ColumnSettings, b: ColumnSettings) -> str | None:
+    """The same of how the microscope was set; what only one of the files tells is passed over."""
+    if a.detector and b.detector and a.detector.value != b.detector.value:
+        return f"detector {b.detector.value} instead of {a.detector.value}"
+    for what, unit, one, other in (
+        ("voltage", "V", a.voltage_v, b.voltage_v),
+        ("magnification", "x", a.magnification, b.magnification),
+        ("scan rotation", "degrees", a.scan_rotation_deg, b.scan_rotation_deg),
+    ):
+        if one and other and not abs(other.value - one.value) <= _SAME_WITHIN * max(abs(one.value), 1.0):
+            return f"{what} {other.value:g} {unit} instead of {one.value:g} {unit}"
     return None
+
+
+def _pair_difference(a: FrameInfo, b: FrameInfo) -> str | None:
+    """What distinguishes the two frames of a pair; from step to step the focus may follow the specimen, within a pair it may not."""
+    one, other = a.column.working_distance_m, b.column.working_distance_m
+    if one and other and not abs(other.value - one.value) <= _SAME_WITHIN * one.value:
+        return f"working distance {other.value:g} m instead of {one.value:g} m"
+    return difference(a, b)
 
 
 def _problem(state: EngineState, scanned: Scanned) -> str | None:
@@ -148,7 +173,7 @@ def _take_first(turn: Turn, info: FrameInfo) -> None:
 
 def _take_second(turn: Turn, first: FrameInfo, second: FrameInfo) -> None:
     """Complete the pair, unless the settings of the SEM changed in between: then the second becomes the first."""
-    if other := difference(first, second):
+    if other := _pair_difference(first, second):
         turn.commands.append(RefuseFrame(first.export, f"{first.name} is not used: the frame after it has {other}"))
         _take_first(turn, second)
         return

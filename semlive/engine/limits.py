@@ -66,5 +66,5 @@ def plan_problem(plan: Plan, limits: Limits, first_step: int = 0) -> str | None:
             problem = ramp_problem(limits, step.load_n, plan.ramp_rate_n_s, step.load_n if load_n is None else load_n)
             load_n = step.load_n
         if problem is not None:
-            return f"step {index}: {problem}"
+            return f"step {index + 1}: {problem}"
     return None

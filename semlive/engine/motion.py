@@ -12,6 +12,7 @@ from semlive.data.loading import MotionState
 from semlive.engine.commands import MoveStage, RampTo
 from semlive.engine.events import Device
 from semlive.engine.field import recentred
+from semlive.engine.foresight import not_yet
 from semlive.engine.limits import move_problem, ramp_problem
 from semlive.engine.states import Cause, State
 from semlive.engine.turn import EngineState, Motion, Turn
@@ -92,7 +93,7 @@ def set_out(turn: Turn) -> None:
         todo.append(Device.LOAD_FRAME)
     missing = [d for d in todo if d not in state.devices]
     if missing:
-        turn.fault(Cause.LIMIT, f"step {step.step} needs the {missing[0].words}, but the run has none")
+        turn.fault(Cause.LIMIT, f"step {step.number} needs the {missing[0].words}, but the run has none")
         return
     problem = move_problem(state.limits, step.shift_um)
     if problem is None and step.load_n is not None and state.load is not None:
@@ -101,7 +102,7 @@ def set_out(turn: Turn) -> None:
         slack_n = plan.hold.load_tolerance(from_n) if known is None else 0.0
         problem = ramp_problem(state.limits, step.load_n, plan.ramp_rate_n_s, from_n, slack_n)
     if problem is not None:
-        turn.fault(Cause.LIMIT, f"step {step.step} is not commanded: {problem}")
+        turn.fault(Cause.LIMIT, f"step {step.number} is not commanded: {problem}")
         return
     turn.update(motion=replace(state.motion, todo=tuple(todo), taken_ns=None, astray_since_ns=None), anchor_n=None)
     _order(turn)
@@ -114,7 +115,7 @@ def begin_step(turn: Turn) -> None:
     step = turn.state.step
     load = "load as it is" if step.load_n is None else f"{step.load_n:g} N"
     x, y = step.shift_um
-    turn.say(f"step {step.step + 1} of {len(turn.state.plan.steps)}: {step.phase}, shift ({x:g}, {y:g}) um, {load}")
+    turn.say(f"step {step.number} of {len(turn.state.plan.steps)}: {step.phase}, shift ({x:g}, {y:g}) um, {load}")
     set_out(turn)
 
 
@@ -170,7 +171,8 @@ def _astray(turn: Turn) -> None:
         return
     guards = (("load_error_n", load_error_n(state)), ("stage_error_um", stage_error_um(state)), ("approaches", motion.approaches))
     if motion.approaches >= MAX_APPROACHES:
-        turn.fault(Cause.NOT_REACHED, f"step {state.step.step} is not reached after {MAX_APPROACHES} approaches: {unrest(state)}", *guards)
+        reason = f"step {state.step.number} is not reached after {MAX_APPROACHES} approaches: {unrest(state)}"
+        turn.fault(Cause.NOT_REACHED, reason, *guards)
         return
     turn.go(Cause.APPROACH_AGAIN, *guards)
     turn.update(motion=replace(motion, approaches=motion.approaches + 1))
@@ -206,9 +208,24 @@ def hold(turn: Turn) -> None:
     state = turn.state
     if state.stale or disturbed(turn):
         return
-    if state.time_ns >= state.hold_end_ns:
-        turn.update(asked=False)
+    if state.time_ns >= state.since_ns + round(state.plan.hold.hold_s * 1e9):
+        reason = not_yet(state)
+        if reason is not None:
+            _hold_longer(turn, reason)
+            return
+        # A frame that was scanned while the hold was made longer is not of this step's pair.
+        turn.update(asked=False, hold_end_ns=min(state.hold_end_ns, state.time_ns))
         turn.go(Cause.HOLD_OVER, ("held_s", state.seconds_since(state.since_ns)), ("load_error_n", load_error_n(state)))
+
+
+def _hold_longer(turn: Turn, reason: str) -> None:
+    """No frame counts before the hold is over, and nobody knows yet when that is: at the latest, its longest."""
+    state, rule = turn.state, turn.state.plan.adaptive_hold
+    assert rule is not None, "only an adaptive hold is made longer"
+    latest_ns = state.since_ns + round(rule.max_hold_s * 1e9)
+    if state.hold_end_ns != latest_ns:
+        turn.update(hold_end_ns=latest_ns)
+        turn.say(f"the hold of step {state.step.number} is made longer, because {reason}")
 
 
 def disturbed(turn: Turn) -> bool:
@@ -218,12 +235,12 @@ def disturbed(turn: Turn) -> bool:
     if reason is None:
         return False
     what = "hold" if state.at is State.HOLDING else "imaging"
-    turn.drop_frames(f"{reason} while step {state.step.step} was imaged")
+    turn.drop_frames(f"{reason} while step {state.step.number} was imaged")
     turn.go(Cause.DISTURBED, ("reason", reason), ("load_error_n", load_error_n(state)), ("stage_error_um", stage_error_um(state)))
     turn.update(
         motion=Motion(began_ns=state.time_ns, approaches=state.motion.approaches),
         steady_since_ns=None,
         anchor_n=None,
     )
-    turn.say(f"the {what} of step {state.step.step} begins again because {reason}")
+    turn.say(f"the {what} of step {state.step.number} begins again because {reason}")
     return True

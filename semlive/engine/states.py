@@ -12,9 +12,15 @@ A run goes once through CONNECTING and READY, then for every step of the plan ro
 RAMPING is the only state in which motion is ordered: the stage first, then the load, never both at once. SETTLING waits
 until everything stays within tolerance for the settle time. HOLDING is the rest before imaging. IMAGING waits for two frames.
 
+Where the plan has a warm-up gate, STEP_DONE leads to WARMING before the first load: from there to RAMPING of that step when the forecast
+drift is slow enough, to RAMPING of a further pair until then, or to PAUSED when that takes too long. After translations STEP_DONE leads
+to JUDGING before the first load: from there on, or to PAUSED when they do not determine the distortion.
+
 Any doubt leads to FAULT with motion stopped. Nothing leaves FAULT by itself: the operator resumes to RECOVER, which asks, and
 resumes again to re-enter the step from RAMPING with its full hold. PAUSED re-enters the step in the same way. Loading is path
 dependent, so no state rewinds or unloads.
+
+A run that was interrupted after its last pair is COMPLETE from IDLE: no device is asked for anything.
 
 Rule 1: everything that changes state is in TRANSITIONS, and a pair that is not in it raises. The engine has no other way to
 another state.
@@ -37,6 +43,8 @@ class State(StrEnum):
     HOLDING = "holding"
     IMAGING = "imaging"
     STEP_DONE = "step_done"
+    JUDGING = "judging"
+    WARMING = "warming"
     PAUSED = "paused"
     STOPPING = "stopping"
     FAULT = "fault"
@@ -62,6 +70,13 @@ class Cause(StrEnum):
     PAIR_COMPLETE = "pair_complete"
     NEXT_STEP = "next_step"
     LAST_STEP = "last_step"
+    WARM_UP = "warm_up"
+    MEASURE_AGAIN = "measure_again"
+    WARM = "warm"
+    WARM_UP_TIMEOUT = "warm_up_timeout"
+    JUDGE = "judge"
+    JUDGED = "judged"
+    POOR_CALIBRATION = "poor_calibration"
     PAUSE = "pause"
     RESUME = "resume"
     STOP = "stop"
@@ -81,13 +96,15 @@ class Cause(StrEnum):
 FINAL_STATES = frozenset({State.COMPLETE, State.ABORTED})
 
 _STEP_STATES = (State.RAMPING, State.SETTLING, State.HOLDING, State.IMAGING)
-_WATCHED_STATES = (State.CONNECTING, State.READY, *_STEP_STATES, State.STEP_DONE, State.PAUSED, State.RECOVER)
+_GATES = (State.JUDGING, State.WARMING)
+_WATCHED_STATES = (State.CONNECTING, State.READY, *_STEP_STATES, State.STEP_DONE, *_GATES, State.PAUSED, State.RECOVER)
 _OPEN_STATES = tuple(state for state in State if state not in FINAL_STATES)
 _ANYWHERE_FAULTS = (Cause.LIMIT, Cause.LINK_LOST, Cause.DEVICE_FAULT)
 
 TRANSITIONS = MappingProxyType(
     {
         (State.IDLE, Cause.OPENING): State.CONNECTING,
+        (State.IDLE, Cause.LAST_STEP): State.COMPLETE,
         (State.CONNECTING, Cause.LINKED): State.READY,
         (State.CONNECTING, Cause.LINKED_AGAIN): State.RECOVER,
         (State.READY, Cause.START): State.RAMPING,
@@ -102,12 +119,21 @@ TRANSITIONS = MappingProxyType(
         (State.IMAGING, Cause.PAIR_COMPLETE): State.STEP_DONE,
         (State.STEP_DONE, Cause.NEXT_STEP): State.RAMPING,
         (State.STEP_DONE, Cause.LAST_STEP): State.COMPLETE,
-        **{(state, Cause.PAUSE): State.PAUSED for state in _STEP_STATES},
+        **{(state, Cause.JUDGE): State.JUDGING for state in (State.STEP_DONE, State.PAUSED, State.RECOVER)},
+        (State.JUDGING, Cause.JUDGED): State.RAMPING,
+        (State.JUDGING, Cause.POOR_CALIBRATION): State.PAUSED,
+        **{(state, Cause.WARM_UP): State.WARMING for state in (State.STEP_DONE, State.JUDGING, State.PAUSED, State.RECOVER)},
+        (State.WARMING, Cause.MEASURE_AGAIN): State.RAMPING,
+        (State.WARMING, Cause.WARM): State.RAMPING,
+        (State.WARMING, Cause.WARM_UP_TIMEOUT): State.PAUSED,
+        **{(state, Cause.PAUSE): State.PAUSED for state in (*_STEP_STATES, *_GATES)},
         (State.PAUSED, Cause.RESUME): State.RAMPING,
         (State.FAULT, Cause.RESUME): State.RECOVER,
         (State.ESTOPPED, Cause.RESUME): State.RECOVER,
         (State.RECOVER, Cause.RESUME): State.RAMPING,
         **{(state, cause): State.FAULT for state in _WATCHED_STATES for cause in _ANYWHERE_FAULTS},
+        (State.CONNECTING, Cause.DEVICE_STOPPED): State.FAULT,
+        (State.READY, Cause.DEVICE_STOPPED): State.FAULT,
         (State.RAMPING, Cause.DEVICE_STOPPED): State.FAULT,
         (State.SETTLING, Cause.DEVICE_STOPPED): State.FAULT,
         (State.RAMPING, Cause.NOT_REACHED): State.FAULT,

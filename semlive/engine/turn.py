@@ -9,9 +9,11 @@ from semlive.data.experiment import Limits, Plan, Step
 from semlive.data.frame import FrameInfo
 from semlive.data.loading import DeviceIdentity, LoadSample, StageSample
 from semlive.engine.commands import Announce, Command, Finish, Guard, RefuseFrame, StopMotion, Transition
-from semlive.engine.events import Device, FieldSeen
+from semlive.engine.events import CalibrationJudged, Device, DriftForeseen, FieldSeen
 from semlive.engine.history import LoadHistory
+from semlive.engine.recover import Interrupted
 from semlive.engine.states import FINAL_STATES, TRANSITIONS, Cause, State, next_state
+from semlive.engine.watch import NOTHING_YET, LoadWatch
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +67,21 @@ class EngineState:
         steady_since_ns: since when everything is within tolerance while settling.
         hold_end_ns: when the hold is over or was over; frames count from here.
         history: load samples.
+        watch: what the next load sample is compared with.
         waiting: frames to be judged.
         first: the first frame of the pair.
         reference: the first frame accepted in the run; later ones must be of its kind.
         start_sigma_s: how well the start of the last frame was known; before the first, what scan profiles assume.
         seen: where the field of the newest correlated pair was; None before.
+        foreseen: how fast the newest estimate expects the drift to be; None before.
+        judged: what the newest estimate says of the calibration; None before.
+        calibrated: the calibration's gate was passed.
+        calibration_asked: the operator was told that it is refused.
+        warm: the warm-up gate was passed.
+        warming_since_ns: when the run first came to it.
         asked: in triggered mode, a frame has been asked for in this IMAGING.
+        before: what the log told of a run that is taken up again, until the operator let it go on; else None.
+        stopped_when_found: devices of a run that is taken up again which the first reading told to be in motion, or in doubt.
         message: the last sentence for the operator.
     """
 
@@ -81,6 +92,7 @@ class EngineState:
     time_ns: int
     since_ns: int
     history: LoadHistory
+    watch: LoadWatch = NOTHING_YET
     load_frame: DeviceIdentity | None = None
     stage: DeviceIdentity | None = None
     load: LoadSample | None = None
@@ -98,13 +110,26 @@ class EngineState:
     reference: FrameInfo | None = None
     start_sigma_s: float = 0.3
     seen: FieldSeen | None = None
+    foreseen: DriftForeseen | None = None
+    judged: CalibrationJudged | None = None
+    calibrated: bool = False
+    calibration_asked: bool = False
+    warm: bool = False
+    warming_since_ns: int | None = None
     asked: bool = False
+    before: Interrupted | None = None
+    stopped_when_found: frozenset[Device] = frozenset()
     message: str = ""
 
     @property
     def step(self) -> Step:
         """The step that is under way."""
         return self.plan.steps[self.step_index]
+
+    @property
+    def asks_of_calibration(self) -> bool:
+        """Whether it waits for the operator's word because the calibration is refused."""
+        return self.at is State.PAUSED and self.calibration_asked and not self.calibrated
 
     @property
     def devices(self) -> tuple[Device, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -12,22 +13,24 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.errors import IllPosed
-from semlive.estimate.blocks import BlockColumns, PackedColumns, block_columns
+from semlive.estimate.blocks import BlockColumns, PackedColumns, block_columns, in_a_row
 from semlive.estimate.rows import all_rows, map_rows
-from semlive.estimate.state import EstimatorState, Extent, MapRows, ReferenceNoise
+from semlive.estimate.state import SURE, EstimatorState, Extent, MapRows, ReferenceNoise
 from semlive.model import (
     Axis,
     DriftSpline,
     Layout,
+    LineShifts,
     MotionKind,
     PairMotions,
     RasterChange,
     RasterTerm,
     Sighting,
+    StartErrors,
     UniformSpline,
 )
 
-MAX_DRIFT_KNOTS = 60_000  # 15 kB each: 22 days of frames of 95 s; a clock that jumps by years is refused
+MAX_DRIFT_KNOTS = 250_000  # 15 kB each: 10,000 pairs of the published rate, 50 days, take 136,000; a clock that jumps by years is refused
 DENSE_PAIRS = 32  # what the data choose is chosen from sums over all pairs in one matrix; with more, from the first so many
 TREND_KNOTS = 6
 RASTER_KNOT_FRAMES = 8.0  # lens and high voltage wander in hours; faster changes are no drift of the magnification
@@ -76,7 +79,7 @@ def update(
     """
     if not state.phases and pair != 0:
         raise IllPosed(f"pair {pair} came before pair 0, the reference of all others: give pair 0 first")
-    if any(when.frame // 2 == pair for when in state.frames):
+    if pair in state.motions.pairs or (state.phases and not pair):
         raise IllPosed(f"pair {pair} is in the estimate already: give each pair once")
     if state.frames and times[0].start_s < state.frames[0].start_s:
         raise IllPosed(f"pair {pair} was scanned before pair 0, the reference of all others: begin with the earliest pair")
@@ -91,8 +94,10 @@ def update(
         raise IllPosed(f"the run is {times[1].start_s:.0f} s long at pair {pair}, more than {MAX_DRIFT_KNOTS} drift knots: start a new run")
     motions = state.motions if pair == 0 else state.motions.having(pair, _KIND[phase])
     frames, phases = tuple(sorted((*state.frames, *times), key=_start)), (*state.phases, phase)
-    larger = replace(state, drift=drift, raster=raster, motions=motions, frames=frames, phases=phases)
-    grown = _grown(larger, state.layout)
+    lines = state.lines.having((2 * pair, 2 * pair + 1))
+    starts = state.starts.having(pair, math.hypot(*(when.start_sigma_s for when in times)))
+    larger = replace(state, drift=drift, raster=raster, motions=motions, frames=frames, phases=phases, lines=lines, starts=starts)
+    grown = with_rates(_grown(larger, state.layout), state.starts)
     rows = all_rows(grown, maps)
     sums = Sums(grown.precision, grown.information, grown.reference.copy())  # made by `_grown` for this state alone
     for one in rows:
@@ -129,8 +134,9 @@ def reweighted(state: EstimatorState, rows: tuple[MapRows, ...]) -> EstimatorSta
 
 def relinearised(state: EstimatorState, about: NDArray[np.float64]) -> EstimatorState:
     """The same data about other parameters: only what touches effects that need the ideal position is summed anew."""
+    state = with_rates(replace(state, about=about))
     if not state.summed:
-        return replace(state, about=about)
+        return state
     precision, information, reference, layout = state.precision.copy(), state.information.copy(), state.reference.copy(), state.layout
     moving = np.zeros(len(information), dtype=bool)
     for effect in state.model:
@@ -140,7 +146,7 @@ def relinearised(state: EstimatorState, about: NDArray[np.float64]) -> Estimator
     information[moving] = 0.0
     reference.coupling[:, :, moving] = 0.0
     for rows in state.rows:
-        if rows.within_pair:
+        if rows.within_pair and not state.starts.size:
             continue
         parts = _parts(state, rows, about)
         own = [part for part in parts if moving[layout.part(part.effect)].any()]
@@ -154,15 +160,15 @@ def relinearised(state: EstimatorState, about: NDArray[np.float64]) -> Estimator
             information[index] += weighted.T @ rows.disparity_px[:, int(axis is Axis.Y)]
             reference.coupling[int(axis is Axis.Y)][:, index] -= weighted
     precision[np.ix_(~moving, moving)] = precision[np.ix_(moving, ~moving)].T
-    return replace(state, about=about, precision=precision, information=information, reference=reference)
+    return replace(state, precision=precision, information=information, reference=reference)
 
 
 def map_columns(
     state: EstimatorState, rows: MapRows, about: NDArray[np.float64]
 ) -> tuple[tuple[NDArray[np.int64], NDArray[np.float64]], ...]:
     """For x and for y: (m,) joint parameter indices and (blocks, m) design matrix of a map, linearised about parameters."""
-    parts = _parts(state, rows, about)
-    return tuple(_component(state.layout, parts, axis) for axis in (Axis.X, Axis.Y))
+    layout, parts = state.layout, _parts(state, rows, about)
+    return tuple(_component(layout, parts, axis) for axis in (Axis.X, Axis.Y))
 
 
 def predicted(state: EstimatorState, rows: MapRows, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -208,6 +214,7 @@ def beginning(state: EstimatorState, pairs: int) -> EstimatorState:
             drift=replace(state.drift, spline=replace(state.drift.spline, intervals=1)).until(end_s),
             raster=tuple(replace(one, spline=replace(one.spline, intervals=1)).until(end_s) for one in state.raster),
             motions=PairMotions(state.motions.pairs[: pairs - 1], state.motions.kinds[: pairs - 1]),
+            starts=state.starts.only(kept),
             frames=frames,
             phases=state.phases[:pairs],
             rows=tuple(rows for rows in state.rows if rows.current // 2 in kept),
@@ -292,17 +299,39 @@ def add_projected(layout: Layout, columns: Sequence[BlockColumns], field: NDArra
 
 
 def _parts(state: EstimatorState, rows: MapRows, about: NDArray[np.float64]) -> list[BlockColumns]:
-    """All columns of a map; those that need the ideal position are made from it here."""
+    """All columns of a map; those that need the ideal position, or the drift's rate, are made from them here."""
+    late, blocks = _late(state, rows), len(rows.position_px)
     if rows.within_pair:
-        return _unpacked(rows.difference)
-    blocks = len(rows.position_px)
-    ideal = rows.position_px + (evaluated(state.layout, _unpacked(rows.at_reference), about, blocks) if about.size else 0.0)
+        return [*_unpacked(rows.difference), *late]
+    layout = state.layout
+    ideal = rows.position_px + (evaluated(layout, _unpacked(rows.at_reference), about, blocks) if about.size else 0.0)
     nowhere, every = np.zeros(0), np.arange(blocks)
     pair = rows.current // 2
-    turn_rad = state.motions.turn_rad(pair, about[state.layout.part("motion")]) if about.size else 0.0
+    turn_rad = state.motions.turn_rad(pair, about[layout.part("motion")]) if about.size else 0.0
     seen = Sighting(rows.current, pair, nowhere, nowhere, nowhere, ideal, turn_rad)
-    moving = [effect for effect in state.model if effect.needs_ideal]
-    return [*_unpacked(rows.difference), *(block_columns(one.name, part, every, blocks) for one in moving for part in one.columns(seen))]
+    moving = [block_columns(one.name, part, every, blocks) for one in (state.axes, state.motions) for part in one.columns(seen)]
+    return [*_unpacked(rows.difference), *late, *moving]
+
+
+def _late(state: EstimatorState, rows: MapRows) -> list[BlockColumns]:
+    """Columns of the error of a second frame's start."""
+    if not state.starts.size or not rows.weight.any():
+        return []
+    every, nowhere = np.arange(len(rows.position_px)), np.zeros(len(rows.position_px))
+    seen = Sighting(rows.current, rows.current // 2, nowhere, nowhere, nowhere)
+    return [block_columns(state.starts.name, one, every, len(every)) for one in state.starts.columns(seen)]
+
+
+def with_rates(state: EstimatorState, known: StartErrors = SURE) -> EstimatorState:
+    """The state with errors of starts linearised about the drift that it is linearised about itself; those `known` stay as they are."""
+    if not state.starts.size or not state.about.size or state.drift is None:
+        return state
+    drift = state.about[state.layout.part("drift")].reshape(-1, 2)
+    second = [state.frame_time(2 * pair + 1) for pair in state.starts.pairs]
+    index, value = state.drift.spline.local_rate([when.start_s + 0.5 * when.timing.duration_s for when in second])
+    rate = np.einsum("nk,nkc->nc", value, drift[index])
+    rates = {pair: (float(x), float(y)) for pair, (x, y) in zip(state.starts.pairs, rate, strict=True)}
+    return replace(state, starts=state.starts.about(rates | dict(zip(known.pairs, known.rate_px_s, strict=True))))
 
 
 def _unpacked(columns: tuple[BlockColumns | PackedColumns, ...]) -> list[BlockColumns]:
@@ -322,7 +351,7 @@ def _component(layout: Layout, columns: list[BlockColumns], axis: Axis) -> tuple
     design = np.zeros((len(values[0]), len(unique)))
     at = 0
     for value in values:  # columns of one part are distinct, those of two parts (drift in two frames) may coincide
-        design[:, where[at : at + value.shape[1]]] += value
+        design[:, in_a_row(where[at : at + value.shape[1]])] += value
         at += value.shape[1]
     return unique, design
 
@@ -336,16 +365,27 @@ def _joint_index(layout: Layout, part: BlockColumns, axis: Axis) -> NDArray[np.i
 
 def carried_along(state: EstimatorState) -> EstimatorState:
     """The same data with the distortion carried along by the drift that the state is linearised about: all columns made anew."""
-    carried = replace(state, distortion=replace(state.distortion, carried=True))
-    kept = tuple(replace(map_rows(carried, one.dmap), weight=one.weight) if one.weight.any() else one for one in state.rows)
-    nothing, n = ReferenceNoise.nothing(state.blocks.size, state.layout.size), state.layout.size
-    if not state.summed:
-        return replace(carried, rows=kept)
-    sums = Sums(np.zeros((n, n)), np.zeros(n), nothing)
-    for one in kept:
-        add_rows(carried, one, carried.about, sums)
-        add_prior(one, sums.reference)
-    return replace(carried, rows=kept, precision=sums.precision, information=sums.information, reference=sums.reference)
+    return _remade(replace(state, distortion=replace(state.distortion, carried=True)))
+
+
+def at_rest(state: EstimatorState) -> EstimatorState:
+    """The same data with a distortion that stays where the beam is: all columns made anew."""
+    return _remade(replace(state, distortion=replace(state.distortion, carried=False)))
+
+
+def with_line_shifts(state: EstimatorState, over_y: UniformSpline, about: NDArray[np.float64]) -> EstimatorState:
+    """The same data, about other parameters (n,) of the old layout, with shifts of rows in every frame: all columns made anew."""
+    every = (0, *state.motions.pairs)
+    larger = replace(unsummed(state), lines=LineShifts(over_y, tuple(2 * pair + member for pair in every for member in (0, 1))))
+    larger = replace(larger, about=np.zeros(larger.layout.size))
+    larger.about[state.layout.within(larger.layout)] = about
+    return summed(_remade(larger))
+
+
+def _remade(state: EstimatorState) -> EstimatorState:
+    kept = tuple(replace(map_rows(state, one.dmap), weight=one.weight) if one.weight.any() else one for one in state.rows)
+    again = replace(state, rows=kept)
+    return summed(unsummed(again)) if state.summed else again
 
 
 def _end_s(when: FrameTime) -> float:

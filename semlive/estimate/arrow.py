@@ -49,6 +49,7 @@ def sides(state: EstimatorState) -> Sides:
     for name in ("distortion", "drift") if state.drift is not None else ("distortion",):
         part = state.layout.part(name)
         kind[part.start : part.stop : 2], kind[part.start + 1 : part.stop : 2] = 0, 1
+    kind[state.layout.part("line_shift")] = 0
     motion = [value for one in state.motions.kinds for value in ((0, 1, 2) if one is MotionKind.RIGID else (0, 0, 0, 1, 1, 1))]
     kind[state.layout.part("motion")] = motion
     return Sides(*(np.flatnonzero(kind == value) for value in (0, 1, 2)))

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.grid import Grid
+from semlive.kernels.columns import local_sums, tensor_sums
 from semlive.model import Axis, Columns, TensorColumns
 
 OUTLIER_MADS = 6.0  # a displacement gradient alone reaches 2 median absolute deviations within a block
 OUTLIER_FLOOR_PX = 0.05
+ENOUGH_BLOCKS = 272
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,8 +42,10 @@ class Blocks:
 
     @classmethod
     def of(cls, grid: Grid) -> Blocks:
-        """The partition of a grid; blocks have the edge of a subset, or of one POI where subsets do not overlap."""
+        """The partition of a grid; blocks have the edge of a subset, or of one POI where subsets do not overlap and their edge is known."""
         points = max(1, math.ceil(grid.subset_px / grid.step_px))
+        if grid.subset_px == 0:  # of another engine, which tells no subset: as many blocks as subsets of 43 px make of 18,000 points
+            points = max(1, round(math.sqrt(grid.nx * grid.ny / ENOUGH_BLOCKS)))
         along_x, along_y = _split(grid.nx, points), _split(grid.ny, points)
         block = along_y[:, None] * (along_x[-1] + 1) + along_x[None, :]
         flat = block.ravel()
@@ -157,45 +161,29 @@ class PackedColumns:
 
 def block_columns(effect: str, columns: Columns | TensorColumns, block: NDArray[np.int64], blocks: int, sign: float = 1.0) -> BlockColumns:
     """Average columns (n, k) over blocks; `block` (n,) is the block of each row."""
+    count = np.maximum(np.bincount(block, minlength=blocks), 1)[:, None]
     if isinstance(columns, TensorColumns):
-        return BlockColumns(
-            effect, columns.axis, np.arange(columns.shape[0] * columns.shape[1]), sign * _tensor_means(columns, block, blocks)
-        )
+        along_y, along_x = (columns.index_y, columns.value_y), (columns.index_x, columns.value_x)
+        total = tensor_sums(block, blocks, *along_y, *along_x, columns.shape).reshape(blocks, -1)
+        return BlockColumns(effect, columns.axis, np.arange(total.shape[1]), _mean(total, count, sign))
     low = int(columns.index.min())
     span = int(columns.index.max()) - low + 1
-    cell = (block * span - low)[:, None] + columns.index
-    total = np.bincount(cell.ravel(), columns.value.ravel(), blocks * span).reshape(blocks, span)
-    count = np.maximum(np.bincount(block, minlength=blocks), 1)
-    return BlockColumns(effect, columns.axis, np.arange(low, low + span), sign * total / count[:, None])
+    index, value = np.ascontiguousarray(columns.index), np.ascontiguousarray(columns.value)  # some are one row, broadcast
+    total = local_sums(block, blocks, index, value, low, span)
+    return BlockColumns(effect, columns.axis, np.arange(low, low + span), _mean(total, count, sign))
 
 
-def _tensor_means(columns: TensorColumns, block: NDArray[np.int64], blocks: int) -> NDArray[np.float64]:
-    """(blocks, ny nx) means of products: a small matrix product for each block, a tenth of the time of summing every product."""
-    order = np.argsort(block, kind="stable")
-    count = np.bincount(block, minlength=blocks)
-    own = block[order]
-    slot = np.arange(len(own)) - np.repeat(np.cumsum(count) - count, count)
-    x, low_x = _side_by_side(columns.index_x[order, 0], columns.value_x[order], own, slot, (blocks, int(count.max(initial=0))))
-    y, low_y = _side_by_side(columns.index_y[order, 0], columns.value_y[order], own, slot, (blocks, int(count.max(initial=0))))
-    product = np.matmul(y.transpose(0, 2, 1), x) / np.maximum(count, 1)[:, None, None]
-    ny, nx = columns.shape
-    total = np.zeros((blocks, ny + y.shape[2], nx + x.shape[2]))
-    along_y, along_x = low_y[:, None] + np.arange(y.shape[2]), low_x[:, None] + np.arange(x.shape[2])
-    total[np.arange(blocks)[:, None, None], along_y[:, :, None], along_x[:, None, :]] = product
-    return np.ascontiguousarray(total[:, :ny, :nx]).reshape(blocks, -1)
+def _mean(total: NDArray[np.float64], count: NDArray[np.int64], sign: float) -> NDArray[np.float64]:
+    total /= count
+    return np.negative(total, out=total) if sign < 0 else total
 
 
-def _side_by_side(
-    first: NDArray[np.int64], value: NDArray[np.float64], block: NDArray[np.int64], slot: NDArray[np.int64], shape: tuple[int, int]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """(blocks, most, span) rows of the points of each block over the indices that the block touches, and its lowest index."""
-    low = np.full(shape[0], np.iinfo(np.int64).max)
-    np.minimum.at(low, block, first)
-    low[low == np.iinfo(np.int64).max] = 0
-    ahead = first - low[block]
-    rows = np.zeros((*shape, int(ahead.max(initial=0)) + value.shape[1]))
-    rows[block[:, None], slot[:, None], ahead[:, None] + np.arange(value.shape[1])] = value
-    return rows, low
+def in_a_row(places: NDArray[np.int64]) -> slice | NDArray[np.int64]:
+    """Distinct places as a slice, if they are neighbours in ascending order: taken together four times as fast."""
+    ahead = len(places) - 1
+    if ahead >= 0 and places[-1] - places[0] == ahead and bool((np.diff(places) == 1).all()):
+        return slice(int(places[0]), int(places[-1]) + 1)
+    return places
 
 
 def _split(count: int, points: int) -> NDArray[np.int64]:

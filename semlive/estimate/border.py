@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.estimate.prior import AXES, BASE_PX, GAUGE_PX, RASTER_PX, STILL_PX, Hyper
+from semlive.estimate.prior import AXES, BASE_PX, GAUGE_PX, RASTER_PX, STILL_PX, Filter, Hyper
 from semlive.estimate.state import EstimatorState
 from semlive.model import Layout, UniformSpline, sighting
 
@@ -20,9 +20,9 @@ Codes = NDArray[np.int64]
 
 SHIFT = 40
 """A code is ``kind << SHIFT | index within the effect``."""
-KINDS = ("distortion", "drift", "magnification", "raster_rotation", "axes", "motion", "noise")
+KINDS = ("distortion", "drift", "magnification", "raster_rotation", "line_shift", "start_time", "axes", "motion", "noise")
 DISTORTION, DRIFT, MOTION, NOISE = (KINDS.index(name) for name in ("distortion", "drift", "motion", "noise"))
-AXES_KIND = KINDS.index("axes")
+AXES_KIND, LINES, STARTS = (KINDS.index(name) for name in ("axes", "line_shift", "start_time"))
 INDEX = (1 << SHIFT) - 1
 
 
@@ -39,12 +39,17 @@ def joint_of(layout: Layout, codes: Codes) -> NDArray[np.int64]:
     return np.asarray(starts[codes >> SHIFT] + (codes & INDEX), dtype=np.int64)
 
 
+def in_layout(layout: Layout, codes: Codes) -> NDArray[np.bool_]:
+    """Which codes a layout has: those of shifts of rows are gone when the data no longer ask for any."""
+    return np.asarray((codes & INDEX) < np.array(layout.sizes)[codes >> SHIFT])
+
+
 @dataclass(frozen=True, slots=True)
 class Border:
     """How many parameters of each kind, counted from the first, any pair may touch.
 
-    All of the distortion and of the scan's axes, the first knots of drift and raster (frame 0 touches them, and every map from frame
-    0 with it), and the noise of frame 0, block by block for x and then for y. All others belong to the time of one pair.
+    All of the distortion and of the scan's axes, the first knots of drift and raster and the rows of frame 0 (every map from frame 0
+    touches them), and the noise of frame 0, block by block for x and then for y. All others belong to the time of one pair.
 
     Attributes:
         counts: by kind, in the order of `KINDS`.
@@ -59,7 +64,8 @@ class Border:
         x, y = (one[[0, 0, -1, -1], [0, -1, 0, -1]] for one in state.grid.mesh())
         last_s = float(sighting(state.frame_time(0), x, y).visit_time_s.max())
         knots = [_touched(one, last_s) for one in (state.drift.spline, *(change.spline for change in state.raster))]
-        return cls((state.distortion.size, 2 * knots[0], knots[1], knots[2], state.axes.size, 0, 2 * state.blocks.size))
+        of_time = 2 * knots[0], knots[1], knots[2], state.lines.each, 0
+        return cls((state.distortion.size, *of_time, state.axes.size, 0, 2 * state.blocks.size))
 
     @property
     def size(self) -> int:
@@ -97,7 +103,7 @@ class Strand:
         offset: of the first knot's parameter.
         spline: over time.
         first: knots that belong to the border.
-        differences: (order, precision) of differences of knots that are believed to be small.
+        filters: differences of knots that are believed to be small.
         each: precision of every knot about zero.
     """
 
@@ -106,7 +112,7 @@ class Strand:
     offset: int
     spline: UniformSpline
     first: int
-    differences: tuple[tuple[int, float], ...]
+    filters: tuple[Filter, ...]
     each: float
 
     def codes(self, first: int, stop: int) -> Codes:
@@ -116,10 +122,10 @@ class Strand:
     def belief(self, first: int, stop: int) -> tuple[Codes, Matrix]:
         """What is believed of knots first ... stop - 1 and those before them that was not said of those before: codes, precision."""
         begin, total = self.since(first), np.zeros((stop - self.since(first),) * 2)
-        for order, weight in self.differences:
-            own = slice(max(first - order, 0) - begin, None)
-            rows = np.diff(np.eye(stop - begin)[own, own], n=order, axis=0)
-            total[own, own] += weight * (rows.T @ rows)
+        for one in self.filters:
+            own = slice(max(first - one.reach, 0) - begin, None)
+            rows = one.rows(len(total[own]))
+            total[own, own] += one.precision * (rows.T @ rows)
         fresh = np.arange(first - begin, stop - begin)
         total[fresh, fresh] += self.each
         return self.codes(begin, stop), total
@@ -127,18 +133,17 @@ class Strand:
     def asked(self, first: int, stop: int, value: Vector) -> Vector:
         """That precision times the knots' values, by their differences: products with the matrix would lose what is left of large ones."""
         begin, total = self.since(first), np.zeros(len(value))
-        for order, weight in self.differences:
-            own = slice(max(first - order, 0) - begin, None)
-            bent = np.diff(value[own], n=order)
-            for _ in range(order):
-                bent = np.diff(bent, prepend=0.0, append=0.0)
-            total[own] += weight * (-1.0) ** order * bent if bent.size == value[own].size else 0.0
+        for one in self.filters:
+            own = slice(max(first - one.reach, 0) - begin, None)
+            bent = one.of(value[own])
+            if bent.size:
+                total[own] += one.precision * one.back(bent)
         total[first - begin :] += self.each * value[first - begin :]
         return total
 
     def since(self, first: int) -> int:
         """First knot that a belief about knot `first` joins with it."""
-        return max(first - max((order for order, _ in self.differences), default=0), 0)
+        return max(first - max((one.reach for one in self.filters), default=0), 0)
 
     def size_at(self, end_s: float) -> int:
         """Number of knots that a run until then has."""
@@ -153,12 +158,12 @@ def strands(state: EstimatorState, hyper: Hyper, border: Border) -> tuple[Strand
     """The splines in time and what is believed of each."""
     assert state.drift is not None  # there are pairs
     found = [
-        Strand(DRIFT, 2, axis, state.drift.spline, border.counts[DRIFT] // 2, ((2, BASE_PX**-2.0), (one.order, one.size_px**-2.0)), 0.0)
+        Strand(DRIFT, 2, axis, state.drift.spline, border.counts[DRIFT] // 2, (Filter(2, BASE_PX**-2.0), one.filter), 0.0)
         for axis, one in enumerate(hyper.drift)
     ]
     for change, size_px in zip(state.raster, hyper.raster_px, strict=True):
         kind = KINDS.index(change.name)
-        believed = (((2, size_px**-2.0),), RASTER_PX**-2.0) if size_px else ((), STILL_PX**-2.0)
+        believed = ((Filter(2, size_px**-2.0),), RASTER_PX**-2.0) if size_px else ((), STILL_PX**-2.0)
         found.append(Strand(kind, 1, 0, change.spline, border.counts[kind], *believed))
     return tuple(found)
 
@@ -170,7 +175,7 @@ def border_belief(state: EstimatorState, hyper: Hyper, border: Border) -> Matrix
     bending = state.distortion.roughness() * BASE_PX**-2.0 + affine.T @ affine
     for axis, kind in enumerate(hyper.distortion):
         one = slice(axis, border.counts[DISTORTION], 2)
-        total[one, one] += bending + state.distortion.roughness(kind.order) * kind.size_px**-2.0
+        total[one, one] += bending + kind.roughness(state.distortion)
     for strand in strands(state, hyper, border):
         codes, believed = strand.belief(0, strand.first)
         at = border.place(codes)
@@ -180,6 +185,8 @@ def border_belief(state: EstimatorState, hyper: Hyper, border: Border) -> Matrix
         total[np.ix_(at, at)] += np.outer(value[0], value[0]) / GAUGE_PX**2
     axes = np.arange(border.size)[border.part(AXES_KIND)]
     total[axes, axes] = AXES**-2.0
+    lines = np.arange(border.size)[border.part(LINES)]
+    total[lines, lines] = hyper.line_px**-2.0 if lines.size else 0.0
     noise = np.arange(border.size)[border.part(NOISE)]
     prior = state.reference.prior.T.ravel()
     # A block that no map ever saw has no noise to speak of; any number keeps it apart.

@@ -7,22 +7,25 @@ later pair can touch. Carried on are a front of a few knots, and the border.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.linalg import get_blas_funcs, solve_triangular
 
 from semlive.data.drift import FrameTime
 from semlive.estimate.arrow import cholesky, steady
-from semlive.estimate.border import MOTION, SHIFT, Border, Codes, Matrix, Strand, Vector, joint_of, strands
+from semlive.estimate.border import DISTORTION, LINES, MOTION, SHIFT, STARTS, Border, Codes, Matrix, Strand, Vector, joint_of, strands
 from semlive.estimate.piece import Piece, border_sums, first_look, piece
-from semlive.estimate.prior import GRADIENT, SHIFT_PX, Hyper
-from semlive.estimate.state import EstimatorState, MapRows
+from semlive.estimate.prior import GRADIENT, REACH, SHIFT_PX, Hyper
+from semlive.estimate.state import EstimatorState, Keep, MapRows, in_memory
+from semlive.kernels.threads import at_once
 from semlive.model import MotionKind
 
 MARGIN = 0.125  # of a frame: so far before its first row and behind its last may a point be seen
 GAP_KNOTS = 32  # that no pair touches are eliminated at a time
+WORTH_A_THREAD = 64  # blocks
 TOGETHER = 256  # rows by which the border is brought up to date at once, which takes a third of the time of one pair after another
 
 
@@ -133,20 +136,35 @@ def extended(chain: Chain, state: EstimatorState, near: Vector, summed: bool = F
     weight, total, pull = chain.hyper.noise_scale**-2.0, chain.precision.copy(), chain.pull.copy()
     front, steps = chain.front, []
     later = _begun_later(known, [times[pair] for pair in new])
+
+    def said_of(pair: int) -> Piece:
+        said = piece(state, maps[pair], chain.border, near, None if summed else weight)
+        return replace(said, **{name: weight * getattr(said, name) for name in ("own", "to_border", "pull", "border_pull")})
+
+    following, worth, nothing = iter(new[1:]), state.blocks.size >= WORTH_A_THREAD, _nothing(chain.border)
+    said = said_of(new[0]) if new else nothing
     for pair, begun in zip(new, later, strict=True):
         for gap in _gap(known, front, times[pair]):
-            front, step = _eliminated(front, _nothing(chain.border), known, gap, (chain, state, near), total, pull, None)
+            front, step = _eliminated(front, nothing, known, gap, (chain, state, near), total, pull, None)
             steps.append(step)
-        said = piece(state, maps[pair], chain.border, near, None if summed else total, weight)
-        pull += weight * said.border_pull
-        said = replace(said, own=weight * said.own, to_border=weight * said.to_border, pull=weight * said.pull)
+        for one in said.shared:
+            one.add_to(total, chain.border.counts[DISTORTION])
+        pull += said.border_pull
         sizes = tuple(max(one.size_at(_end_s(times[pair])), size) for one, size in zip(known, front.sizes, strict=True))
         over = (one.interval(_over_s(times[pair])) for one in known)
         past = tuple(max(min(one, then), before) for one, then, before in zip(over, begun, front.past, strict=True))
-        front, step = _eliminated(front, said, known, (sizes, past), (chain, state, near), total, pull, pair)
+        eliminated = partial(_eliminated, front, said, known, (sizes, past), (chain, state, near), total, pull, pair)
+        # What the next pair says is made meanwhile; what it gives the border is added in its turn.
+        (front, step), said = _meanwhile(eliminated, said_of, next(following, None), nothing, worth)
         steps.append(step)
     _bring_up(total, steps)
     return Chain(state, near, chain.hyper, chain.border, tuple(order), (*chain.steps, *steps), front, total, pull)
+
+
+def _meanwhile(
+    eliminated: Callable[[], tuple[Front, Step]], said_of: Callable[[int], Piece], pair: int | None, nothing: Piece, worth: bool
+) -> tuple[tuple[Front, Step], Piece]:
+    return (eliminated(), nothing) if pair is None else at_once(eliminated, lambda: said_of(pair), worth=worth)
 
 
 def looked_at(state: EstimatorState, near: Vector, pairs: Iterable[int], border: Border) -> tuple[EstimatorState, Vector]:
@@ -187,7 +205,7 @@ def _eliminated(
     """
     (sizes, past), (chain, state, near) = until, of
     fresh = [one.codes(before, size) for one, before, size in zip(known, front.sizes, sizes, strict=True)]
-    motion, steadiness, drawn = _motion_belief(state, near, pair, chain.hyper)
+    motion, steadiness, drawn = own_belief(state, near, pair, chain.hyper)
     codes = np.unique(np.concatenate((front.codes, said.codes, motion, *fresh)))
     own, to_border, pull = np.zeros((len(codes),) * 2), np.zeros((len(codes), chain.border.size)), np.zeros(len(codes))
     for one in (front, said):
@@ -203,7 +221,7 @@ def _eliminated(
     at = np.searchsorted(codes, motion)
     own[at, at] += steadiness
     pull[at] -= drawn
-    out = codes >> SHIFT == MOTION
+    out = np.isin(codes >> SHIFT, (MOTION, LINES, STARTS))
     for strand, stop in zip(known, past, strict=True):
         out |= np.isin(codes, strand.codes(0, stop))
     factor = cholesky(steady(own[np.ix_(out, out)]))
@@ -215,7 +233,14 @@ def _eliminated(
     border_pull -= step.to_border.T @ step.pull
     left = own[np.ix_(~out, ~out)] - step.to_kept.T @ step.to_kept
     joined = to_border[~out] - step.to_kept.T @ step.to_border
-    return Front(codes[~out], left, joined, pull[~out] - step.to_kept.T @ step.pull, sizes, past), step
+    front = Front(codes[~out], left, joined, pull[~out] - step.to_kept.T @ step.pull, sizes, past)
+    return front, step if state.keep is in_memory else _kept(step, state.keep)
+
+
+def _kept(step: Step, keep: Keep) -> Step:
+    """The step with what it holds kept elsewhere: most of what a pair leaves behind."""
+    own, kept, border = (keep(one) for one in (step.factor, step.to_kept, step.to_border))
+    return replace(step, factor=own, to_kept=kept, to_border=border, pull=step.pull.copy())
 
 
 def _believe(
@@ -239,15 +264,24 @@ def _believe(
         outside[1][there] -= asked[~here]
 
 
-def _motion_belief(state: EstimatorState, near: Vector, pair: int | None, hyper: Hyper) -> tuple[Codes, Vector, Vector]:
-    """Codes of a pair's motion, the precision believed of each, and what that asks at `near`."""
-    if pair not in state.motions.pairs:
+def own_belief(state: EstimatorState, near: Vector, pair: int | None, hyper: Hyper) -> tuple[Codes, Vector, Vector]:
+    """Codes of a pair's motion, start error and shifts of rows, sorted, the precision believed of each, and what that asks at `near`."""
+    if pair is None:
         nothing = np.zeros(0)
         return np.zeros(0, dtype=np.int64), nothing, nothing
-    part, kind = state.motions.part(pair)
-    shift, gradient = SHIFT_PX**-2.0, GRADIENT**-2.0
-    believed = np.array((shift, shift, hyper.rotation_rad**-2.0) if kind is MotionKind.RIGID else (shift, gradient, gradient) * 2)
-    codes = (MOTION << SHIFT) | np.arange(part.start, part.stop, dtype=np.int64)
+    codes, believed = np.zeros(0, dtype=np.int64), np.zeros(0)
+    for part in (state.lines.part(frame) for frame in (2 * pair, 2 * pair + 1) if frame):
+        codes = np.concatenate((codes, (LINES << SHIFT) | np.arange(part.start, part.stop, dtype=np.int64)))
+        believed = np.concatenate((believed, np.full(part.stop - part.start, (hyper.line_px or 1.0) ** -2.0)))
+    late = state.starts.part(pair)
+    codes = np.concatenate((codes, (STARTS << SHIFT) | np.arange(late.start, late.stop, dtype=np.int64)))
+    believed = np.concatenate((believed, np.array(state.starts.sigma_s[late]) ** -2.0))
+    if pair in state.motions.pairs:
+        part, kind = state.motions.part(pair)
+        shift, gradient = SHIFT_PX**-2.0, GRADIENT**-2.0
+        codes = np.concatenate((codes, (MOTION << SHIFT) | np.arange(part.start, part.stop, dtype=np.int64)))
+        of_motion = (shift, shift, hyper.rotation_rad**-2.0) if kind is MotionKind.RIGID else (shift, gradient, gradient) * 2
+        believed = np.concatenate((believed, of_motion))
     return codes, believed, believed * near[joint_of(state.layout, codes)]
 
 
@@ -271,8 +305,7 @@ def _gap(known: Sequence[Strand], front: Front, times: tuple[FrameTime, FrameTim
     for count in range(1, most // GAP_KNOTS + 1):
         part = count * GAP_KNOTS / most
         at = tuple(before + int(part * (after - before)) for before, after in zip(front.sizes, sizes, strict=True))
-        # A belief joins a knot to three later ones.
-        pauses.append((at, tuple(max(size - 3, past) for size, past in zip(at, front.past, strict=True))))
+        pauses.append((at, tuple(max(size - REACH, past) for size, past in zip(at, front.past, strict=True))))
     return pauses
 
 

@@ -73,7 +73,6 @@ def consistency(solution: Solution) -> tuple[Agreement, ...]:
         return ()
     if count > DENSE_PAIRS:
         pairs, shape = looked_at(solution.state, due_before(count)), _shape_of_distortion(solution.state)
-        shape = shape[:, solution.state.layout.part("distortion")]
         return _told(FIELD, *drift_of_halves(solution, pairs)), _told(PAIRS, *distortion_of_halves(solution, pairs, shape))
     solution = replace(solution, state=summed(solution.state))
     state = solution.state
@@ -81,7 +80,7 @@ def consistency(solution: Solution) -> tuple[Agreement, ...]:
     every = np.ones(state.blocks.size, dtype=np.bool_)
     return (
         _agreement(solution, FIELD, lambda rows: left, _within_frames(state)),
-        _agreement(solution, PAIRS, lambda rows: every & (rows.current // 2 % 2 == 1), _shape_of_distortion(state)),
+        _agreement(solution, PAIRS, lambda rows: every & (rows.current // 2 % 2 == 1), _of_all(state, _shape_of_distortion(state))),
     )
 
 
@@ -184,8 +183,8 @@ def _within_frames(state: EstimatorState) -> Field:
 
 
 def _shape_of_distortion(state: EstimatorState) -> Field:
-    """(2 m, n) distortion on a coarse lattice over the grid, less its best affine map."""
-    grid, spline, part = state.grid, state.distortion, state.layout.part("distortion")
+    """(2 m, d) distortion on a coarse lattice over the grid, less its best affine map, as functions of its own parameters."""
+    grid, spline = state.grid, state.distortion
     x, y = (one.ravel() for one in np.meshgrid(*(np.linspace(axis[0], axis[-1], LATTICE) for axis in (grid.x_px, grid.y_px))))
     # The field is linear in its parameters: one column for each of one component's.
     (index_x, value_x), (index_y, value_y) = spline.along_x.local(x), spline.along_y.local(y)
@@ -195,7 +194,14 @@ def _shape_of_distortion(state: EstimatorState) -> Field:
     plane = np.column_stack((np.ones(len(x)), x - x.mean(), y - y.mean()))
     shape = own.reshape(len(x), -1)
     shape = shape - plane @ np.linalg.lstsq(plane, shape, rcond=None)[0]
-    rows = np.zeros((2 * len(x), state.layout.size))
+    rows = np.zeros((2 * len(x), spline.size))
     for axis in (0, 1):
-        rows[axis * len(x) : (axis + 1) * len(x), part.start + axis : part.stop : 2] = shape
+        rows[axis * len(x) : (axis + 1) * len(x), axis::2] = shape
     return rows
+
+
+def _of_all(state: EstimatorState, rows: Field) -> Field:
+    """Functions of the distortion's parameters as functions of all."""
+    total = np.zeros((len(rows), state.layout.size))
+    total[:, state.layout.part("distortion")] = rows
+    return total

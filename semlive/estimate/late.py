@@ -6,7 +6,6 @@ are known better than any pair knows its own drift. Taken as known, they leave a
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,12 +13,15 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from semlive.data.drift import TermTest
-from semlive.estimate.border import MOTION, NOISE, SHIFT, Border, Codes, Matrix, Strand, Vector, joint_of, strands
-from semlive.estimate.evidence import CANDIDATES, DRIFT_ORDERS, log_belief
+from semlive.estimate.border import DRIFT, NOISE, Border, Codes, Matrix, Strand, Vector, joint_of, strands
+from semlive.estimate.chain import MARGIN, own_belief
+from semlive.estimate.evidence import CANDIDATES, DRIFT_ORDERS, log_belief, of_kind
 from semlive.estimate.piece import piece
-from semlive.estimate.prior import Hyper, Smoothness, gauge_of_motions
+from semlive.estimate.prior import REACH, Filter, Hyper, Kind
 from semlive.estimate.state import EstimatorState, MapRows
 from semlive.estimate.terms import DECISIVE, RASTER_CANDIDATES
+
+STRETCHES, STRETCH_PAIRS = 4, 24  # so many neighbouring pairs each, some 160 knots, tell as much of a smoothness as a choice needs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,6 +30,7 @@ class Band:
 
     Attributes:
         state: the data.
+        pairs: that it holds, in order of time.
         border: what is taken as known.
         near: (n,) joint parameters from which solutions are steps, the border's at their estimate.
         codes: (m,) latest first: the start of the run is pinned by frame 0 and the end is free, so pivots stay large.
@@ -36,11 +39,16 @@ class Band:
     """
 
     state: EstimatorState
+    pairs: tuple[int, ...]
     border: Border
     near: Vector
     codes: Codes
     precision: Matrix
     pull: Vector
+
+    def strands(self, hyper: Hyper) -> tuple[Strand, ...]:
+        """What lives in time, of the drift only the knots that the band's pairs touch: those before are as `near` has them."""
+        return _strands(self.state, self.pairs, hyper, self.border)
 
     def place(self, codes: Codes) -> NDArray[np.int64]:
         """Where codes lie; -1 for those of the border."""
@@ -51,7 +59,10 @@ class Band:
 def rechosen(
     state: EstimatorState, hyper: Hyper, terms: tuple[TermTest, ...], near: Vector, noise_px: Vector
 ) -> tuple[Hyper, tuple[TermTest, ...]]:
-    """Smoothness of the drift and terms of the raster, chosen anew from all pairs; all else as it was.
+    """Smoothness of the drift and terms of the raster, chosen anew; all else as it was.
+
+    From all pairs, or of a long run from some stretches evenly over it, so that the choice costs as much after a thousand pairs as after a
+    hundred.
 
     Args:
         state: the data, linearised about `near`.
@@ -60,14 +71,14 @@ def rechosen(
         near: (n,) estimate of the joint parameters.
         noise_px: (2 blocks,) estimate of the noise of frame 0, first x, then y.
     """
-    band = banded(state, hyper, near, noise_px)
+    bands = [banded(state, hyper, near, noise_px, stretch) for stretch in stretches(state)]
     for axis in (0, 1):
-        hyper = _climbed(band, hyper, axis)
+        hyper = _climbed(bands, hyper, axis)
     tests = {one.name: one for one in terms}
     for number, change in enumerate(state.raster):
         sizes = [0.0, *(float(one) for one in RASTER_CANDIDATES)]
         options = [replace(hyper, raster_px=tuple(size if i == number else one for i, one in enumerate(hyper.raster_px))) for size in sizes]
-        scores = np.array([score(band, one) for one in options])
+        scores = np.array([sum(score(band, one) for band in bands) for one in options])
         best = int(np.argmax(scores[1:])) + 1
         gain = float(scores[best] - scores[0])
         hyper = options[best if gain > DECISIVE else 0]
@@ -76,39 +87,51 @@ def rechosen(
     return hyper, tuple(tests.values())
 
 
-def banded(state: EstimatorState, hyper: Hyper, near: Vector, noise_px: Vector) -> Band:
-    """All pairs of a state, at the noise scale and with the beliefs about motions of `hyper`."""
+def stretches(state: EstimatorState) -> list[tuple[int, ...]]:
+    """Numbers of all pairs in order of time, or of `STRETCHES` times `STRETCH_PAIRS` neighbours evenly over them."""
+    every = tuple(dict.fromkeys(when.frame // 2 for when in state.frames))
+    if len(every) <= STRETCHES * STRETCH_PAIRS:
+        return [every]
+    first = np.linspace(0, len(every) - STRETCH_PAIRS, STRETCHES).astype(int)
+    return [every[begin : begin + STRETCH_PAIRS] for begin in first]
+
+
+def banded(state: EstimatorState, hyper: Hyper, near: Vector, noise_px: Vector, pairs: tuple[int, ...] | None = None) -> Band:
+    """Neighbouring pairs of a state, by default all, at the noise scale and with the beliefs about motions of `hyper`."""
     border, weight = Border.of(state), hyper.noise_scale**-2.0
-    codes = _in_order(state, hyper, border)
-    empty = Band(state, border, near, codes, np.zeros((1, len(codes))), np.zeros(len(codes)))
+    pairs = tuple(dict.fromkeys(when.frame // 2 for when in state.frames)) if pairs is None else pairs
+    codes = _in_order(state, pairs, hyper, border)
+    empty = Band(state, pairs, border, near, codes, np.zeros((1, len(codes))), np.zeros(len(codes)))
     maps: dict[int, list[MapRows]] = {}
     for rows in state.rows:
-        maps.setdefault(rows.current // 2, []).append(rows)
+        if rows.current // 2 in pairs:
+            maps.setdefault(rows.current // 2, []).append(rows)
     said = []
     for _, one in sorted(maps.items()):
-        told = piece(state, one, border, near, None, 0.0)
+        told = piece(state, one, border, near)
         pull = told.pull - told.to_border[:, border.part(NOISE)] @ noise_px
         said.append((empty.place(told.codes), weight * told.own, weight * pull))
     width = max((int(np.ptp(at)) for at, _, _ in said if at.size), default=0)
-    for strand in strands(state, hyper, border):
+    for strand in empty.strands(hyper):
         at = empty.place(strand.codes(strand.first, strand.spline.size))
-        width = max(width, int((at[:-3] - at[3:]).max(initial=0)))
+        width = max(width, int((at[:-REACH] - at[REACH:]).max(initial=0)))
     precision, pull = np.zeros((width + 1, len(codes))), np.zeros(len(codes))
     for at, own, asked in said:
         lower = at[:, None] >= at[None, :]
         precision[(at[:, None] - at[None, :])[lower], np.broadcast_to(at, own.shape)[lower]] += own[lower]
         pull[at] += asked
-    motion = (MOTION << SHIFT) | np.arange(state.motions.size, dtype=np.int64)
-    at, believed = empty.place(motion), gauge_of_motions(state, hyper.rotation_rad)
-    precision[0, at] += believed
-    pull[at] -= believed * near[joint_of(state.layout, motion)]
+    for pair in pairs:
+        own, believed, asked = own_belief(state, near, pair, hyper)
+        at = empty.place(own)
+        precision[0, at] += believed
+        pull[at] -= asked
     return replace(empty, precision=precision, pull=pull)
 
 
 def believing(band: Band, hyper: Hyper) -> tuple[Matrix, Vector, float]:
     """A band's precision and pull with what is believed of drift and raster, and the logarithm of how likely `near` is by that."""
     precision, pull, total = band.precision.copy(), band.pull.copy(), 0.0
-    for strand in strands(band.state, hyper, band.border):
+    for strand in band.strands(hyper):
         codes = strand.codes(0, strand.spline.size)
         value = band.near[joint_of(band.state.layout, codes)]
         own, cost = _belief(strand, value)
@@ -136,12 +159,12 @@ def score(band: Band, hyper: Hyper) -> float:
 def _belief(strand: Strand, value: Vector) -> tuple[Matrix, float]:
     """Lower band of a strand's belief about its knots outside the border, latest first, and its cost at values of all knots."""
     first = strand.first
-    own = _band(strand.differences, strand.each, strand.spline.size, first)
+    own = _band(strand.filters, strand.each, strand.spline.size, first)
     for lag in range(len(own)):
         own[lag, : own.shape[1] - lag] = own[lag, : own.shape[1] - lag][::-1].copy()
     cost = strand.each * float(value[first:] @ value[first:])
-    for order, weight in strand.differences:
-        cost += weight * float(np.sum(np.diff(value[max(first - order, 0) :], n=order) ** 2))
+    for one in strand.filters:
+        cost += one.precision * float(np.sum(one.of(value[max(first - one.reach, 0) :]) ** 2))
     return own, cost
 
 
@@ -151,56 +174,82 @@ def _log_determinant(strand: Strand) -> float:
     Differences of the lowest order are as good unknowns as the knots themselves (each knot brings one, with coefficient 1), and far better
     to factor: thousands of knots free at one end span more than the decades of a double.
     """
-    least = 0 if strand.each else min(order for order, _ in strand.differences)
-    own = _band(tuple((order - least, weight) for order, weight in strand.differences), strand.each, strand.spline.size, strand.first)
+    least = 0 if strand.each else min(one.order for one in strand.filters)
+    own = _band(tuple(replace(one, order=one.order - least) for one in strand.filters), strand.each, strand.spline.size, strand.first)
     return 2.0 * float(np.log(cholesky_banded(own, lower=True, check_finite=False)[0]).sum())
 
 
-def _band(differences: tuple[tuple[int, float], ...], each: float, size: int, first: int) -> Matrix:
-    """(order + 1, size - first) lower band of what differences of a series, and its values, cost, those before `first` given."""
-    own = np.zeros((max((order for order, _ in differences), default=0) + 1, size))
+def _band(filters: tuple[Filter, ...], each: float, size: int, first: int) -> Matrix:
+    """(reach + 1, size - first) lower band of what filtered differences of a series, and its values, cost, those before `first` given."""
+    own = np.zeros((max((one.reach for one in filters), default=0) + 1, size))
     own[0] += each
-    for order, weight in differences:
-        sign = [(-1.0) ** (order - i) * math.comb(order, i) for i in range(order + 1)]
-        begin = max(first - order, 0)
-        for later in range(order + 1):
+    for one in filters:
+        weights, begin = one.weights, max(first - one.reach, 0)
+        for later in range(one.reach + 1):
             for earlier in range(later + 1):
-                own[later - earlier, begin + earlier : size - order + earlier] += weight * sign[later] * sign[earlier]
+                own[later - earlier, begin + earlier : size - one.reach + earlier] += one.precision * weights[later] * weights[earlier]
     return own[:, first:]
 
 
-def _climbed(band: Band, hyper: Hyper, axis: int) -> Hyper:
-    """The likeliest smoothness of one component of the drift: from size to size as long as it becomes likelier, for each order."""
-    known: dict[tuple[int, int], tuple[float, Hyper]] = {}
+def _climbed(bands: list[Band], hyper: Hyper, axis: int) -> Hyper:
+    """The likeliest smoothness of one component of the drift.
 
-    def at(order: int, number: int) -> tuple[float, Hyper]:
-        if (order, number) not in known:
-            kinds = tuple(Smoothness(order, float(CANDIDATES[number])) if i == axis else one for i, one in enumerate(hyper.drift))
-            option = replace(hyper, drift=(kinds[0], kinds[1]))
-            believed = float(log_belief(CANDIDATES[number : number + 1], DRIFT_ORDERS[order])[0])
-            known[order, number] = score(band, option) + believed, option
-        return known[order, number]
+    From size to size as long as it becomes likelier, for the kind that it has and those beside the best, until none of these is better.
+    """
+    known: dict[tuple[Kind, int], tuple[float, Hyper]] = {}
 
-    start = int(np.argmin(np.abs(np.log(CANDIDATES / max(hyper.drift[axis].size_px, CANDIDATES[0])))))
-    for order in DRIFT_ORDERS:
-        number = start
+    def at(kind: Kind, number: int) -> float:
+        if (kind, number) not in known:
+            one = of_kind(kind, float(CANDIDATES[number]))
+            option = replace(hyper, drift=(one, hyper.drift[1]) if axis == 0 else (hyper.drift[0], one))
+            believed = float(log_belief(CANDIDATES[number : number + 1], DRIFT_ORDERS[kind])[0])
+            known[kind, number] = sum(score(band, option) for band in bands) + believed, option
+        return known[kind, number][0]
+
+    now, kinds = hyper.drift[axis], list(DRIFT_ORDERS)
+    best = now.kind, int(np.argmin(np.abs(np.log(CANDIDATES / max(now.size_px, CANDIDATES[0])))))
+    climbed: set[Kind] = set()
+    while True:
+        here = kinds.index(best[0])
+        left = [kinds[one] for one in (here, here - 1, here + 1) if 0 <= one < len(kinds) and kinds[one] not in climbed]
+        if not left:
+            return known[best][1]
+        climbed.add(left[0])
+        number = best[1]
         while True:
             near = [one for one in (number - 1, number, number + 1) if 0 <= one < len(CANDIDATES)]
-            best = max(near, key=lambda one: at(order, one)[0])
-            if best == number:
+            likeliest = max(near, key=lambda one: at(left[0], one))
+            if likeliest == number:
                 break
-            number = best
-    return max(known.values(), key=lambda one: one[0])[1]
+            number = likeliest
+        best = max(known, key=lambda one: known[one][0])
 
 
-def _in_order(state: EstimatorState, hyper: Hyper, border: Border) -> Codes:
+def _strands(state: EstimatorState, pairs: tuple[int, ...], hyper: Hyper, border: Border) -> tuple[Strand, ...]:
+    whole = strands(state, hyper, border)
+    if len(pairs) == len(state.phases):
+        return whole
+    frames = [when for when in state.frames if when.frame // 2 in pairs]
+    begin_s = min(when.start_s - MARGIN * when.timing.duration_s for when in frames)
+    end_s = max(when.start_s + (1.0 + MARGIN) * when.timing.duration_s for when in frames)
+    some = []
+    for one in whole:
+        if one.kind == DRIFT:  # knots of the raster are few, and what it did before says where it is
+            shorter = replace(one.spline, intervals=one.size_at(end_s) - one.spline.degree)
+            one = replace(one, first=max(one.interval(begin_s), one.first), spline=shorter)
+        some.append(one)
+    return tuple(some)
+
+
+def _in_order(state: EstimatorState, pairs: tuple[int, ...], hyper: Hyper, border: Border) -> Codes:
     codes, times = [], []
-    for strand in strands(state, hyper, border):
+    for strand in _strands(state, pairs, hyper, border):
         knots = np.arange(strand.first, strand.spline.size)
         codes.append(strand.codes(strand.first, strand.spline.size))
         times.append(strand.spline.origin + (knots - 0.5 * strand.spline.degree) * strand.spline.spacing)
     start = {when.frame // 2: when.start_s for when in state.frames}
-    count = [kind.value for kind in state.motions.kinds]
-    codes.append((MOTION << SHIFT) | np.arange(sum(count), dtype=np.int64))
-    times.append(np.repeat([start[pair] for pair in state.motions.pairs], count))
+    for pair in pairs:
+        own, _, _ = own_belief(state, np.zeros(state.layout.size), pair, hyper)
+        codes.append(own)
+        times.append(np.full(len(own), start[pair]))
     return np.concatenate(codes)[np.argsort(-np.concatenate(times), kind="stable")]

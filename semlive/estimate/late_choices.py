@@ -10,7 +10,7 @@ from semlive.estimate.accumulate import predicted
 from semlive.estimate.arrow import steady
 from semlive.estimate.border import DISTORTION, Vector, border_belief, joint_of
 from semlive.estimate.chain import Chain, concluded
-from semlive.estimate.evidence import DISTORTION_CANDIDATES, DISTORTION_ORDERS, Misfit, prior_spread, smoothest
+from semlive.estimate.evidence import DISTORTION_CANDIDATES, DISTORTION_ORDERS, Known, Misfit, smoothest
 from semlive.estimate.prior import GAUGE_PX, Hyper
 from semlive.estimate.state import EstimatorState
 
@@ -53,10 +53,10 @@ def distortion_rechosen(chain: Chain) -> Hyper:
     gone = np.linalg.solve(steady(precision[rest, rest]), np.column_stack((precision[rest, part], pull[rest])))
     own = precision[part, part] - precision[part, rest] @ gone[:, :-1]
     asked = pull[part] - precision[part, rest] @ gone[:, -1]
-    before = {order: prior_spread(spline, pinned, order) for order in DISTORTION_ORDERS}
+    known = Known(spline, pinned)
     parts = (slice(axis, None, 2) for axis in (0, 1))
     data = (Misfit(own[one, one], asked[one], about[part][one]) for one in parts)
-    x, y = (smoothest(one, spline, before, DISTORTION_ORDERS, DISTORTION_CANDIDATES) for one in data)
+    x, y = (smoothest(one, known, DISTORTION_ORDERS, DISTORTION_CANDIDATES) for one in data)
     return replace(hyper, distortion=(x, y))
 
 

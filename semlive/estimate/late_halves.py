@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve, cho_solve_banded, cholesky_banded
+from scipy.linalg import block_diag, cho_solve, cho_solve_banded, cholesky_banded
 
 from semlive.estimate.accumulate import unsummed
 from semlive.estimate.border import DISTORTION, DRIFT, NOISE, SHIFT, border_belief
@@ -19,11 +19,12 @@ from semlive.estimate.late import Band, banded, believing
 from semlive.estimate.posterior import Solution
 from semlive.estimate.smooth import ended
 from semlive.estimate.state import EstimatorState, MapRows
+from semlive.kernels.threads import at_once
 from semlive.model import PairMotions
 
 Field = NDArray[np.float64]
 COUPLES = 16  # of neighbouring pairs
-BEYOND = 96  # parameters before the first pair that are solved for with it: the drift forgets within some ten knots
+BEYOND = 4  # pairs on either side that are solved for with some that are compared, 96 parameters: the drift forgets within some ten knots
 
 
 def looked_at(state: EstimatorState, since: int) -> tuple[int, ...]:
@@ -37,23 +38,37 @@ def looked_at(state: EstimatorState, since: int) -> tuple[int, ...]:
 def drift_of_halves(solution: Solution, pairs: tuple[int, ...]) -> tuple[Field, Field]:
     """Difference (k,) of what the left and the right half of the field say of the drift within frames, and its covariance (k, k).
 
-    Both take the border as known, and both believe the same of the drift: that cannot make them differ.
+    Both take the border as known, and both believe the same of the drift: that cannot make them differ. Pairs that are so far apart that
+    the drift forgets between them are looked at apart: the cost is that of the pairs, however long the run.
     """
+    found = [_drift_of_halves(solution, some, around) for some, around in _neighbours(solution.state, pairs)]
+    return np.concatenate([one for one, _ in found]), np.asarray(block_diag(*(one for _, one in found)), dtype=np.float64)
+
+
+def _neighbours(state: EstimatorState, pairs: tuple[int, ...]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+    """Pairs with less than twice `BEYOND` others between them, together; with each lot, in order of time, all that it is solved with."""
+    every = tuple(dict.fromkeys(when.frame // 2 for when in state.frames))
+    at = [place for place, pair in enumerate(every) if pair in pairs]
+    cuts = [number for number in range(1, len(at)) if at[number] - at[number - 1] > 2 * BEYOND]
+    lots = [at[begin:end] for begin, end in zip((0, *cuts), (*cuts, len(at)), strict=True)]
+    return [(tuple(every[one] for one in lot), every[max(lot[0] - BEYOND, 0) : lot[-1] + BEYOND + 1]) for lot in lots]
+
+
+def _drift_of_halves(solution: Solution, pairs: tuple[int, ...], around: tuple[int, ...]) -> tuple[Field, Field]:
     state, columns = solution.state, solution.state.blocks.layout[1]
     left = ((np.arange(state.blocks.size) % columns) < columns // 2)[:, None]
     rows = [one for one in state.rows if one.current // 2 in pairs]
     halves = [tuple(replace(one, weight=np.where(side, one.weight, 0.0)) for one in rows) for side in (left, ~left)]
     noise_px = solution.ending.step[solution.ending.chain.border.part(NOISE)]
-    bands = [banded(replace(state, rows=half), solution.hyper, solution.mean, noise_px) for half in (*halves, ())]
-    asked, stop = _within_frames(bands[0], pairs)
+    bands = [banded(replace(state, rows=half), solution.hyper, solution.mean, noise_px, around) for half in (*halves, ())]
+    asked = _within_frames(bands[0], pairs)
     steps, spreads = [], []
     for band in bands[:2]:
         precision, pull, _ = believing(band, solution.hyper)
-        factor = (cholesky_banded(precision[:, :stop], lower=True, check_finite=False), True)
+        factor = (cholesky_banded(precision, lower=True, check_finite=False), True)
         spreads.append(cho_solve_banded(factor, asked.T, check_finite=False))
-        steps.append(cho_solve_banded(factor, pull[:stop], check_finite=False))
-    belief = believing(bands[2], solution.hyper)[0][:, :stop]
-    cross = spreads[0].T @ _times(belief, spreads[1])
+        steps.append(cho_solve_banded(factor, pull, check_finite=False))
+    cross = spreads[0].T @ _times(believing(bands[2], solution.hyper)[0], spreads[1])
     return asked @ (steps[0] - steps[1]), asked @ (spreads[0] + spreads[1]) - cross - cross.T
 
 
@@ -63,22 +78,22 @@ def distortion_of_halves(solution: Solution, pairs: tuple[int, ...], rows: Field
     What both halves believe of the border they have in common. What they believe of the drift is taken as independent, for each knows the
     drift of its own pairs: that makes the covariance a little too large.
     """
-    steps, spreads = [], []
-    for parity in (1, 0):
-        half, near = _alone(solution, tuple(one for one in pairs if one and one % 2 == parity))
+
+    def of(parity: int) -> tuple[Field, Field, Field]:
+        half, near = alone(solution, tuple(one for one in pairs if one and one % 2 == parity))
         ending = ended(chained(half, solution.hyper, near))
         asked = np.zeros((len(rows), len(ending.step)))
         asked[:, ending.chain.border.part(DISTORTION)] = rows
-        steps.append(asked @ ending.step)
-        spreads.append((asked, cho_solve((ending.factor, True), asked.T, check_finite=False)))
+        return asked, asked @ ending.step, np.asarray(cho_solve((ending.factor, True), asked.T, check_finite=False))
+
+    (asked, odd, one), (_, even, two) = at_once(lambda: of(1), lambda: of(0))
     border = solution.ending.chain.border
-    (asked, one), (_, two) = spreads
     cross = one.T @ border_belief(solution.state, solution.hyper, border) @ two
-    return steps[0] - steps[1], asked @ (one + two) - cross - cross.T
+    return odd - even, asked @ (one + two) - cross - cross.T
 
 
-def _within_frames(band: Band, pairs: tuple[int, ...]) -> tuple[Field, int]:
-    """Change of the drift from the middle of every frame to its ends, as functions of a band's first parameters, and how many these are."""
+def _within_frames(band: Band, pairs: tuple[int, ...]) -> Field:
+    """Change of the drift from the middle of every frame of some pairs to its ends, as functions of a band's parameters."""
     drift = band.state.drift
     assert drift is not None  # a solution has data
     frames = [when for when in band.state.frames if when.frame // 2 in pairs and when.frame // 2]
@@ -92,10 +107,10 @@ def _within_frames(band: Band, pairs: tuple[int, ...]) -> tuple[Field, int]:
             places.append(band.place((DRIFT << SHIFT) | (2 * knots + axis).astype(np.int64)))
             rows.append(np.concatenate((there[1], -value), axis=1))
     place, row = np.concatenate(places), np.concatenate(rows)
-    stop = min(int(place.max()) + BEYOND, len(band.codes))
+    stop = len(band.codes)
     dense = np.zeros((len(row), stop + 1))  # the last column takes what is in the border
     np.add.at(dense, (np.arange(len(row))[:, None], np.where(place < 0, stop, place)), row)
-    return dense[:, :stop], stop
+    return dense[:, :stop]
 
 
 def _times(band: Field, columns: Field) -> Field:
@@ -108,7 +123,7 @@ def _times(band: Field, columns: Field) -> Field:
     return total
 
 
-def _alone(solution: Solution, pairs: tuple[int, ...]) -> tuple[EstimatorState, Field]:
+def alone(solution: Solution, pairs: tuple[int, ...]) -> tuple[EstimatorState, Field]:
     """The state as if it had seen some pairs alone, linearised where it is, and the parameters of the solution in its layout."""
     state = solution.state
     motion, held = state.layout.part("motion"), [(pair, *state.motions.part(pair)) for pair in state.motions.pairs if pair in pairs]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -17,9 +17,12 @@ from semlive.data.settings import EstimateSettings
 from semlive.data.strain import Tensor2
 from semlive.estimate import sutton
 
+PointSigma = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""(ny, nx) along x and along y."""
 
-class Method(Protocol):
-    """Maps in, estimate and corrections out. A state goes back only to the method that it came from."""
+
+class Learning(Protocol):
+    """From maps to a solution. A state goes back only to the method that it came from."""
 
     def init(self, settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) -> Any:
         """A state that has seen nothing."""
@@ -27,6 +30,10 @@ class Method(Protocol):
 
     def update(self, state: Any, pair: int, phase: Phase, times: tuple[FrameTime, FrameTime], maps: tuple[DisparityMap, ...]) -> Any:
         """The state with one pair more."""
+        ...
+
+    def kept_elsewhere(self, state: Any, pair: int, keep: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Any:
+        """The state with the large arrays of a pair, and those that are made of it later, kept by somebody else: the same numbers."""
         ...
 
     def solve(self, state: Any) -> Any:
@@ -41,6 +48,10 @@ class Method(Protocol):
         """The same, but of the newest pairs alone where no choices are due, if that costs less."""
         ...
 
+
+class Telling(Protocol):
+    """From a solution to what is said of it."""
+
     def estimate(self, solution: Any, revision: int, lately: bool = False) -> Estimate:
         """Everything known; if so asked, of the newest pairs alone."""
         ...
@@ -53,17 +64,25 @@ class Method(Protocol):
         """Drift and distortion in a map from frame 0."""
         ...
 
-    def correction_strain(self, solution: Any, dmap: DisparityMap) -> Any:
-        """What the correction gives to a mean strain, with its uncertainty `sigma`, to be asked later how far it moved."""
+    def correction_sigmas(self, solution: Any, maps: Iterable[DisparityMap]) -> Iterable[PointSigma | None]:
+        """Standard uncertainty (ny, nx) along x and y of each map's correction; None from a method that does not say."""
+        ...
+
+    def correction_strains(self, solution: Any, maps: Iterable[DisparityMap]) -> Sequence[Any]:
+        """What the correction gives to each map's mean strain, with its uncertainty `sigma`, to be asked later how far it moved."""
         ...
 
     def strain_moved(self, solution: Any, told: Any) -> Tensor2:
         """How far a mean strain moves if it is corrected with this solution instead of the one that was told of."""
         ...
 
-    def mean_strain_covariance(self, solution: Any, frames: Sequence[int]) -> NDArray[np.float64]:
-        """(2 n, 2 n) covariance of the mean strains of n frames."""
+    def mean_strain_covariance(self, solution: Any, frames: Sequence[int], of: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+        """(2 n, 2 n) covariance of the mean strains of n frames, first all exx, then all eyy; or (k, k) of functions (k, 2 n) `of` them."""
         ...
+
+
+class Method(Learning, Telling, Protocol):
+    """Maps in, estimate and corrections out."""
 
 
 METHODS: dict[str, Method] = {"joint": joint, "sutton2007": sutton}

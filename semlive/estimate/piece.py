@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.estimate.accumulate import map_columns
-from semlive.estimate.border import DISTORTION, MOTION, NOISE, SHIFT, Border, Codes, Matrix, Vector, codes_of, joint_of
+from semlive.estimate.blocks import in_a_row
+from semlive.estimate.border import MOTION, NOISE, SHIFT, Border, Codes, Matrix, Vector, codes_of, joint_of
 from semlive.estimate.state import EstimatorState, MapRows
 
 
@@ -23,6 +24,7 @@ class Piece:
         to_border: (m, b) precision that they share with the border.
         pull: (m,) what the residuals ask of them.
         border_pull: (b,) and of the border.
+        shared: what the border gets, weighted; empty where that was not asked for.
     """
 
     codes: Codes
@@ -30,6 +32,31 @@ class Piece:
     to_border: Matrix
     pull: Vector
     border_pull: Vector
+    shared: tuple[Shared, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shared:
+    """What one component of a pair's maps gives the border.
+
+    Attributes:
+        place: (k,) sorted places.
+        value: (k, k) information on them.
+        noise: for each map from frame 0 where the noise of its blocks lies, information on it, and what it shares with the places.
+    """
+
+    place: NDArray[np.int64]
+    value: Matrix
+    noise: tuple[tuple[slice, Vector, Matrix], ...]
+
+    def add_to(self, total: Matrix, distortion: int) -> None:
+        """Add it to `total` (b, b), whose first so many parameters are the distortion's, in place."""
+        _scattered(total, self.place, distortion, self.value)
+        for part, weight, coupling in self.noise:
+            noise = np.arange(part.start, part.stop)
+            total[noise, noise] += weight
+            # The lower triangle is read, and the noise comes last.
+            total[part, self.place] -= coupling
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,39 +71,40 @@ class _Rows:
     noise_at: slice | None
 
 
-def piece(state: EstimatorState, maps: Sequence[MapRows], border: Border, near: Vector, total: Matrix | None, weight: float) -> Piece:
-    """The information of one pair's maps; what the border gets of it times `weight` is added to `total` (b, b), in place, if given."""
+def piece(state: EstimatorState, maps: Sequence[MapRows], border: Border, near: Vector, weight: float | None = None) -> Piece:
+    """The information of one pair's maps, and what the border gets of it times `weight`, if given."""
     rows = [one for dmap in maps if dmap.weight.any() for one in _components(state, dmap, border, near)]
     codes = np.unique(np.concatenate([one.own[0] for one in rows])) if rows else np.zeros(0, dtype=np.int64)
     own, pull = np.zeros((len(codes),) * 2), np.zeros(len(codes))
     to_border, border_pull = np.zeros((len(codes), border.size)), np.zeros(border.size)
+    shared: list[Shared] = []
     for axis in (0, 1):
         of_axis = [one for one in rows if one.axis == axis]
         if not of_axis:
             continue
         place = np.unique(np.concatenate([one.border[0] for one in of_axis]))
         held, mine = _together([one.border for one in of_axis], place), _together([one.own for one in of_axis], codes)
-        weight_of = np.concatenate([one.weight for one in of_axis])[:, None]
-        misfit = np.concatenate([one.misfit for one in of_axis])
-        weighted, weighted_held = mine * weight_of, held * weight_of
-        own += weighted.T @ mine
-        pull += weighted.T @ misfit
-        to_border[:, place] += weighted.T @ held
-        border_pull[place] += weighted_held.T @ misfit
-        if total is not None:
-            _scattered(total, place, border.counts[DISTORTION], weight * (weighted_held.T @ held))
+        # By the weights' roots: of a matrix and its own transpose half the products are made.
+        root = np.sqrt(np.concatenate([one.weight for one in of_axis]))
+        misfit = root * np.concatenate([one.misfit for one in of_axis])
+        mine *= root[:, None]
+        held *= root[:, None]
+        own += mine.T @ mine
+        pull += mine.T @ misfit
+        to_border[:, place] += mine.T @ held
+        border_pull[place] += held.T @ misfit
+        noise: list[tuple[slice, Vector, Matrix]] = []
         for number, one in enumerate(of_axis):
             if one.noise_at is None:
                 continue
             here = slice(number * state.blocks.size, (number + 1) * state.blocks.size)
-            to_border[:, one.noise_at] -= weighted[here].T
+            to_border[:, one.noise_at] -= (mine[here] * root[here, None]).T
             border_pull[one.noise_at] -= one.weight * one.misfit
-            if total is not None:
-                noise = np.arange(one.noise_at.start, one.noise_at.stop)
-                total[noise, noise] += weight * one.weight
-                # The lower triangle is read, and the noise comes last.
-                total[one.noise_at, place] -= weight * weighted_held[here]
-    return Piece(codes, own, to_border, pull, border_pull)
+            if weight is not None:
+                noise.append((one.noise_at, weight * one.weight, weight * held[here] * root[here, None]))
+        if weight is not None:
+            shared.append(Shared(place, weight * (held.T @ held), tuple(noise)))
+    return Piece(codes, own, to_border, pull, border_pull, tuple(shared))
 
 
 def border_sums(state: EstimatorState, border: Border, weight: float) -> Matrix:
@@ -96,7 +124,7 @@ def _together(parts: Sequence[tuple[NDArray[np.int64], Matrix]], whole: NDArray[
     total = np.zeros((sum(len(value) for _, value in parts), len(whole)))
     row = 0
     for at, value in parts:
-        total[row : row + len(value), np.searchsorted(whole, at)] = value
+        total[row : row + len(value), in_a_row(np.searchsorted(whole, at))] = value
         row += len(value)
     return total
 
@@ -133,9 +161,9 @@ def first_look(state: EstimatorState, maps: Sequence[MapRows], border: Border, n
 
 def _components(state: EstimatorState, rows: MapRows, border: Border, near: Vector) -> list[_Rows]:
     found = []
-    noise, blocks = border.part(NOISE).start, state.blocks.size
+    noise, blocks, layout = border.part(NOISE).start, state.blocks.size, state.layout
     for axis, (index, design) in enumerate(map_columns(state, rows, state.about)):
-        codes = codes_of(state.layout, index)
+        codes = codes_of(layout, index)
         place = border.place(codes)
         own = place < 0
         misfit = rows.disparity_px[:, axis] - design @ near[index]

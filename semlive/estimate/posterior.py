@@ -10,11 +10,12 @@ from scipy.linalg import cho_solve
 
 from semlive.data.drift import TermTest
 from semlive.errors import IllPosed
-from semlive.estimate.accumulate import carried_along, marginal, predicted, pull, relinearised, reweighted
+from semlive.estimate.accumulate import carried_along, marginal, predicted, pull, relinearised, reweighted, with_line_shifts
 from semlive.estimate.arrow import Factor, cholesky, factored, sides, steady
 from semlive.estimate.blocks import Blocks
 from semlive.estimate.chain import Chain, chained
-from semlive.estimate.evidence import Misfit, likeliest_hyper
+from semlive.estimate.evidence import Misfit, likeliest_hyper, with_line_size
+from semlive.estimate.line_term import line_shifts, row_groups
 from semlive.estimate.prior import Hyper, belief_precision, gauge_precision
 from semlive.estimate.smooth import Ending, ended, mean_of
 from semlive.estimate.state import EstimatorState
@@ -89,8 +90,10 @@ def choose(state: EstimatorState) -> Solution:
         carried, carried_tests = _with_raster_terms(_carried(state, mean, gauge), gauge)
         if test.used or carried.hyper.noise_scale < LIKELIER * fitted.hyper.noise_scale:
             fitted, tests, test = carried, carried_tests, replace(test, used=True)
+    fitted, lines = _with_line_shifts(fitted)
+    gauge = gauge_precision(fitted.state)
     fitted = _robust(fitted, gauge)
-    return _concluded(fitted.state, fitted.data, fitted.hyper, gauge, (*tests, test))
+    return _concluded(fitted.state, fitted.data, fitted.hyper, gauge, (*tests, test, lines))
 
 
 def solved(chain: Chain, terms: tuple[TermTest, ...], noise_floor_px: float, newest: int | None = None) -> Solution:
@@ -161,6 +164,19 @@ def _with_raster_terms(fitted: _Fitted, gauge: NDArray[np.float64]) -> tuple[_Fi
         if number + 1 >= PASSES[0] and _same(before, fitted.hyper) and hyper.raster_px == fitted.hyper.raster_px:
             break
     return fitted if hyper == fitted.hyper else _fitted(fitted.state, hyper, gauge, mean), tests
+
+
+def _with_line_shifts(fitted: _Fitted) -> tuple[_Fitted, TermTest]:
+    test, size_px = line_shifts(fitted.state, residuals(fitted.state, fitted.mean), fitted.hyper.noise_scale)
+    if not test.used:
+        return fitted, test
+    # Noise and drift were made to take up what the shifts did: begin again with them.
+    state = with_line_shifts(fitted.state, row_groups(fitted.state), fitted.mean)
+    start = replace(Hyper(), raster_px=fitted.hyper.raster_px, rotation_rad=fitted.hyper.rotation_rad, line_px=size_px)
+    gauge, mean = gauge_precision(state), _first_mean(state, start, gauge_precision(state))
+    state = relinearised(state, mean)
+    data = Misfit(marginal(state)[0], pull(state, mean), mean)
+    return _fitted(state, with_line_size(state, data, start, gauge), gauge, mean), test
 
 
 def _same(one: Hyper, two: Hyper) -> bool:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semlive.estimate.state import EstimatorState
-from semlive.model import MotionKind, RasterChange
+from semlive.model import DistortionSpline, DriftSpline, MotionKind, RasterChange
+
+Kind = tuple[int, float]
+"""Order and swing of a `Smoothness`."""
 
 GAUGE_PX = 1e-4  # pins directions that data cannot see, so its size changes no answer
 SHIFT_PX = 1e3
@@ -24,17 +28,90 @@ BASE_PX = 30.0
 ANYWHERE_PX = 300.0
 
 
+LOST_IN_A_PERIOD = 0.7  # of a swing, natural logarithm; cooling and pumps do not keep their phase
+REACH = 4  # knots, that any belief joins a knot with
+
+
+@dataclass(frozen=True, slots=True)
+class Filter:
+    """Differences of a series of coefficients, filtered, that are believed to be small.
+
+    Attributes:
+        order: of the differences.
+        precision: of each, 1/px^2.
+        taps: filter over neighbouring differences, newest first.
+    """
+
+    order: int
+    precision: float
+    taps: tuple[float, ...] = (1.0,)
+
+    @property
+    def reach(self) -> int:
+        """How many earlier coefficients it joins one with."""
+        return self.order + len(self.taps) - 1
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """(reach + 1,) of the coefficients that it joins, oldest first."""
+        signs = [(-1.0) ** (self.order - k) * math.comb(self.order, k) for k in range(self.order + 1)]
+        return np.convolve(signs, self.taps[::-1])
+
+    def of(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n - reach,) filtered differences of a series (n,); by their differences, or large values would lose what is left of them."""
+        return np.convolve(np.diff(value, n=self.order), self.taps, mode="valid") if len(value) > self.reach else np.zeros(0)
+
+    def back(self, bent: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) the transpose of `of`, for filtered differences (n - reach,)."""
+        total = np.convolve(bent, self.taps[::-1], mode="full")
+        for _ in range(self.order):
+            total = np.diff(total, prepend=0.0, append=0.0)
+        return (-1.0) ** self.order * total
+
+    def rows(self, count: int) -> NDArray[np.float64]:
+        """(count - reach, count) as a matrix."""
+        weights, rows = self.weights, np.zeros((max(count - self.reach, 0), count))
+        for row in range(len(rows)):
+            rows[row, row : row + len(weights)] = weights
+        return rows
+
+
 @dataclass(frozen=True, slots=True)
 class Smoothness:
     """How one component of a spline is expected to vary: ``size`` is the typical difference of an order from knot to knot.
 
     Attributes:
         order: 2 where it may bend anywhere; higher orders leave long waves free and hold short ones more tightly.
-        size_px: typical difference of that order.
+        size_px: typical difference of that order, for what is slow.
+        swing_knots: period with which it likes to swing, as in a room whose cooling goes on and off; 0 where there is none.
     """
 
     order: int
     size_px: float
+    swing_knots: float = 0.0
+
+    @property
+    def kind(self) -> Kind:
+        """All but the size."""
+        return self.order, self.swing_knots
+
+    @property
+    def filter(self) -> Filter:
+        """What is believed to be small."""
+        tight = self.size_px**-2.0
+        if not self.swing_knots:
+            return Filter(self.order, tight)
+        kept = math.exp(-LOST_IN_A_PERIOD / self.swing_knots)
+        taps = np.array([1.0, -2.0 * kept * math.cos(2.0 * math.pi / self.swing_knots), kept**2])
+        return Filter(self.order, tight, tuple(float(one) for one in taps / taps.sum()))
+
+    def roughness(self, effect: DriftSpline | DistortionSpline) -> NDArray[np.float64]:
+        """(m, m) precision of one component of an effect."""
+        one = self.filter
+        if len(one.taps) == 1:
+            return effect.roughness(one.order) * one.precision
+        rows = one.rows(effect.size // 2)
+        return one.precision * (rows.T @ rows)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +125,7 @@ class Hyper:
         rotation_rad: typical rotation of the specimen by a translation.
         raster_px: typical second difference, from knot to knot, of magnification and rotation of the raster, at half the
             image's width; 0 where the raster keeps still.
+        line_px: typical shift of a group of rows; 0 where rows keep still.
     """
 
     noise_scale: float = 1.0
@@ -55,10 +133,11 @@ class Hyper:
     distortion: tuple[Smoothness, Smoothness] = (Smoothness(2, 0.5), Smoothness(2, 0.5))
     rotation_rad: float = 1e-2
     raster_px: tuple[float, float] = (0.0, 0.0)
+    line_px: float = 0.0
 
 
 def gauge_precision(state: EstimatorState) -> NDArray[np.float64]:
-    """(n, n) gauges F1 to F3 and the wide priors of shifts and gradients.
+    """(n, n) gauges F1 to F3, what is told of start times, and the wide priors of shifts and gradients.
 
     F1, F2: mean and best affine map of the distortion over the grid are zero (unknown translations determine neither;
     they cannot make strain out of none). F3: drift, magnification and rotation are zero at the start of frame 0. F4, a step
@@ -78,6 +157,8 @@ def gauge_precision(state: EstimatorState) -> NDArray[np.float64]:
         total[part, part] += start.T @ start
     axes = np.arange(*layout.part("axes").indices(layout.size))
     total[axes, axes] = AXES**-2.0
+    starts = np.arange(*layout.part("start_time").indices(layout.size))
+    total[starts, starts] = np.array(state.starts.sigma_s) ** -2.0
     motion = layout.part("motion")
     diagonal = np.arange(motion.start, motion.stop)
     total[diagonal, diagonal] = gauge_of_motions(state, None)
@@ -119,12 +200,14 @@ def belief_precision(state: EstimatorState, hyper: Hyper) -> NDArray[np.float64]
         base = effect.roughness() * BASE_PX**-2.0
         for axis, kind in enumerate(kinds):
             one = slice(part.start + axis, part.stop, 2)
-            total[one, one] += base + effect.roughness(kind.order) * kind.size_px**-2.0
+            total[one, one] += base + kind.roughness(effect)
     for change, size_px in zip(state.raster, hyper.raster_px, strict=False):
         part = layout.part(change.name)
         total[part, part] += raster_belief(change, size_px)
     at = angles(state)
     total[at, at] = hyper.rotation_rad**-2.0
+    lines = np.arange(*layout.part("line_shift").indices(layout.size))
+    total[lines, lines] = hyper.line_px**-2.0 if lines.size else 0.0
     return total
 
 

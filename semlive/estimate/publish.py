@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +13,14 @@ from numpy.typing import NDArray
 from semlive.data.disparity import DisparityMap
 from semlive.data.drift import Correction, DistortionField, DriftEstimate, Estimate, FrameTime, Motion, RasterWander
 from semlive.data.experiment import Phase
+from semlive.data.grid import Grid
 from semlive.estimate.consistency import consistency
 from semlive.estimate.outlook import forecast
 from semlive.estimate.posterior import Solution
 from semlive.estimate.smooth import LATELY, Spread, border_covariance, spreads
 from semlive.estimate.support import Calibration, calibration, outside_notes, pointwise, support
 from semlive.estimate.told_strain import sightings
-from semlive.model import MotionKind, offsets
+from semlive.model import Effect, MotionKind, RasterChange, offsets, sighting, with_drift
 
 SAMPLES_PER_FRAME = 12
 UNEXPLAINED = 2.0  # times the stated noise; rendered frames and the numerical experiment stay within 1.1
@@ -28,10 +31,13 @@ def estimate(solution: Solution, revision: int, lately: bool = False) -> Estimat
     state = solution.state
     known = calibration(solution)
     distortion = _distortion(solution, known)
-    wide = {one.pair: one for one in spreads(solution.ending, LATELY if lately else None)}
-    motions = tuple(_motion(solution, pair, wide) for pair in (0, *state.motions.pairs) if pair in wide)
-    notes, drift, wander = _notes(solution, known, wide), _drift(solution, revision, wide), _wander(solution, wide)
-    return Estimate(drift, distortion, motions, solution.noise_floor_px, notes, solution.terms, wander)
+    said = {one.pair: _of_pair(solution, one) for one in spreads(solution.ending, LATELY if lately else None)}
+    motions = tuple(said[pair].motion for pair in (0, *state.motions.pairs) if pair in said)
+    frames = sorted((frame for one in said.values() for frame in one.frames), key=lambda one: _start(one.when))
+    drift, wander = _drift(solution, revision, frames), _wander(solution, frames)
+    return Estimate(
+        drift, distortion, motions, solution.noise_floor_px, _notes(solution, known, said), solution.terms, wander, known.quality()
+    )
 
 
 def checks(solution: Solution) -> tuple[str, ...]:
@@ -62,10 +68,10 @@ def correction(solution: Solution, dmap: DisparityMap) -> Correction:
 
     Points that a frame shows beyond the addresses seen in calibration are marked: the distortion there would be extrapolated.
     """
-    reference, current = sightings(solution, dmap)
-    model = tuple(effect for effect in solution.state.model if not effect.needs_ideal)
-    parameters = np.concatenate([solution.part(effect.name) for effect in model])
-    both = offsets(model, parameters, current) - offsets(model, parameters, reference)
+    model, parameters = _acting(solution)
+    _, current = sightings(solution, dmap)
+    both = offsets(model, parameters, current) - _at_reference(solution, dmap.grid)
+    both += solution.state.starts.late_px(dmap.current, solution.part("start_time"))
     both[~dmap.valid.ravel()] = 0.0
     u, v = (np.ascontiguousarray(one.reshape(dmap.grid.shape)) for one in both.T)
     u.setflags(write=False)
@@ -77,69 +83,118 @@ def correction(solution: Solution, dmap: DisparityMap) -> Correction:
     return Correction(dmap.current, u, v, valid)
 
 
-def mean_strain_covariance(solution: Solution, frames: Sequence[int]) -> NDArray[np.float64]:
-    """(2 n, 2 n) joint covariance of the mean strains of n frames, first all exx, then all eyy.
+def _acting(solution: Solution) -> tuple[tuple[Effect, ...], NDArray[np.float64]]:
+    """Effects at the scan address with their parameters; what is held at zero (to 1e-9 px) adds nothing and is left out."""
+    held = {one.name for one, size_px in zip(solution.state.raster, solution.hyper.raster_px, strict=True) if not size_px}
+    model = tuple(one for one in solution.state.model if not one.needs_ideal and one.name not in held and one.size)
+    return model, np.concatenate([solution.part(one.name) for one in model])
+
+
+@lru_cache(maxsize=1)
+def _at_reference(solution: Solution, grid: Grid) -> NDArray[np.float64]:
+    """(n, 2) what acts at the points of frame 0, the same for every map from there: half of a correction's time."""
+    seen = sighting(solution.state.frame_time(0), *grid.mesh())
+    model, parameters = _acting(solution)
+    found = offsets(model, parameters, with_drift(model, parameters, seen))
+    found.setflags(write=False)
+    return found
+
+
+def mean_strain_covariance(solution: Solution, frames: Sequence[int], of: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    """(2 n, 2 n) joint covariance of the mean strains of n frames, first all exx, then all eyy; or (k, k) of functions (k, 2 n) `of` them.
 
     Errors of distortion and drift are common to the frames and may grow with load, because the specimen travels under
     load: taken as independent they make Young's modulus look better known than it is. The gradients of the pairs hold
     them together with the DIC's noise. Frames of one pair share theirs; frames without a free gradient have zeros.
     """
-    motions, start = solution.state.motions, solution.state.layout.part("motion").start
-    rows = np.zeros((2, len(frames), len(solution.mean)))
+    motions, start, count = solution.state.motions, solution.state.layout.part("motion").start, len(frames)
+    of = np.eye(2 * count) if of is None else of
+    rows = np.zeros((len(of), len(solution.mean)))
     for at, frame in enumerate(frames):
         if frame // 2 in motions.pairs:
             part, kind = motions.part(frame // 2)
             if kind is MotionKind.GRADIENT:
-                rows[0, at, start + part.start + 1] = rows[1, at, start + part.start + 5] = 1.0
-    return solution.covariance_of(rows.reshape(2 * len(frames), -1))
+                rows[:, start + part.start + 1] += of[:, at]
+                rows[:, start + part.start + 5] += of[:, count + at]
+    return solution.covariance_of(rows)
 
 
-Spreads = dict[int, Spread]
-"""Uncertainty of what concerns each pair."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _OfFrame:
+    """What is known of one frame.
+
+    Attributes:
+        when: its times.
+        time_s: (t,) samples of the drift.
+        drift_px: (t, 2) there.
+        variance_px2: (t, 2) of its change from the middle of the frame.
+        rate_px_s: (t, 2) there.
+        wander: value and variance of each term of the raster, at the middle of the frame.
+    """
+
+    when: FrameTime
+    time_s: NDArray[np.float64]
+    drift_px: NDArray[np.float64]
+    variance_px2: NDArray[np.float64]
+    rate_px_s: NDArray[np.float64]
+    wander: tuple[tuple[float, float], ...]
 
 
-def _wander(solution: Solution, wide: Spreads) -> RasterWander:
-    frames = _frames(solution, wide)
-    values = []
-    for change in solution.state.raster:
-        start = solution.state.layout.part(change.name).start
-        found, variance = [], []
-        for when in frames:
-            index, value = change.spline.local([when.start_s + 0.5 * when.timing.duration_s])
-            at, row = start + index[0], value[0] / change.radius_px
-            found.append(float(row @ solution.mean[at]))
-            variance.append(float(row @ wide[when.frame // 2].of(at) @ row))
-        values += [np.array(found), np.sqrt(np.clip(variance, 0.0, None))]
-    return RasterWander(np.array([when.frame for when in frames], dtype=np.int64), *values)
+@dataclass(frozen=True, slots=True, eq=False)
+class _OfPair:
+    """What is known of one pair, without the covariances that it was made of: those are a hundred times as much."""
+
+    motion: Motion
+    frames: tuple[_OfFrame, _OfFrame]
 
 
-def _drift(solution: Solution, revision: int, wide: Spreads) -> DriftEstimate:
+def _of_pair(solution: Solution, spread: Spread) -> _OfPair:
+    first, second = (_of_frame(solution, solution.state.frame_time(2 * spread.pair + member), spread) for member in (0, 1))
+    return _OfPair(_motion(solution, spread), (first, second))
+
+
+def _of_frame(solution: Solution, when: FrameTime, spread: Spread) -> _OfFrame:
     drift, layout = solution.state.drift, solution.state.layout
     assert drift is not None  # a solution has data
-    spline, start = drift.spline, layout.part("drift").start
-    parameters = solution.part("drift").reshape(-1, 2)
-    frames = _frames(solution, wide)
-    fraction = np.append(np.linspace(0.0, 1.0, SAMPLES_PER_FRAME), 0.5)
-    times, values, rates, variances = [], [], [], []
-    for when in frames:
-        time_s = when.start_s + fraction * when.timing.duration_s
-        (index, value), (_, rate) = spline.local(time_s), spline.local_rate(time_s)
-        first = int(index.min())
-        rows = np.zeros((len(time_s), int(index.max()) + 1 - first))
-        np.put_along_axis(rows, index - first, value, axis=1)
-        change = rows[:-1] - rows[-1]
-        knots = start + 2 * np.arange(first, first + rows.shape[1])
-        one = wide[when.frame // 2]
-        variances.append(np.stack([np.einsum("ni,ij,nj->n", change, one.of(knots + axis), change) for axis in (0, 1)], axis=1))
-        times.append(time_s[:-1])
-        values.append(np.einsum("nk,nkc->nc", value, parameters[index])[:-1])
-        rates.append(np.einsum("nk,nkc->nc", rate, parameters[index])[:-1])
+    start, parameters = layout.part("drift").start, solution.part("drift").reshape(-1, 2)
+    time_s = when.start_s + np.append(np.linspace(0.0, 1.0, SAMPLES_PER_FRAME), 0.5) * when.timing.duration_s
+    (index, value), (_, rate) = drift.spline.local(time_s), drift.spline.local_rate(time_s)
+    first = int(index.min())
+    rows = np.zeros((len(time_s), int(index.max()) + 1 - first))
+    np.put_along_axis(rows, index - first, value, axis=1)
+    change = rows[:-1] - rows[-1]
+    knots = start + 2 * np.arange(first, first + rows.shape[1])
+    return _OfFrame(
+        when,
+        time_s[:-1],
+        np.einsum("nk,nkc->nc", value, parameters[index])[:-1],
+        np.stack([np.einsum("ni,ij,nj->n", change, spread.of(knots + axis), change) for axis in (0, 1)], axis=1),
+        np.einsum("nk,nkc->nc", rate, parameters[index])[:-1],
+        tuple(_wandered(solution, change, when, spread) for change in solution.state.raster),
+    )
+
+
+def _wandered(solution: Solution, change: RasterChange, when: FrameTime, spread: Spread) -> tuple[float, float]:
+    index, value = change.spline.local([when.start_s + 0.5 * when.timing.duration_s])
+    at, row = solution.state.layout.part(change.name).start + index[0], value[0] / change.radius_px
+    return float(row @ solution.mean[at]), float(row @ spread.of(at) @ row)
+
+
+def _wander(solution: Solution, frames: Sequence[_OfFrame]) -> RasterWander:
+    values = []
+    for number, _ in enumerate(solution.state.raster):
+        found, variance = np.array([one.wander[number] for one in frames]).T
+        values += [np.ascontiguousarray(found), np.sqrt(np.clip(variance, 0.0, None))]
+    return RasterWander(np.array([one.when.frame for one in frames], dtype=np.int64), *values)
+
+
+def _drift(solution: Solution, revision: int, frames: Sequence[_OfFrame]) -> DriftEstimate:
     return DriftEstimate(
-        np.concatenate(times),
-        np.repeat([when.frame for when in frames], SAMPLES_PER_FRAME).astype(np.int64),
-        np.concatenate(values),
-        np.sqrt(np.clip(np.concatenate(variances), 0.0, None)),
-        np.concatenate(rates),
+        np.concatenate([one.time_s for one in frames]),
+        np.repeat([one.when.frame for one in frames], SAMPLES_PER_FRAME).astype(np.int64),
+        np.concatenate([one.drift_px for one in frames]),
+        np.sqrt(np.clip(np.concatenate([one.variance_px2 for one in frames]), 0.0, None)),
+        np.concatenate([one.rate_px_s for one in frames]),
         revision,
         forecast(solution),
     )
@@ -155,14 +210,14 @@ def _distortion(solution: Solution, known: Calibration) -> DistortionField:
     return DistortionField(grid, ex, ey, np.sqrt(variance), known.covered)
 
 
-def _motion(solution: Solution, pair: int, wide: Spreads) -> Motion:
-    motions = solution.state.motions
+def _motion(solution: Solution, spread: Spread) -> Motion:
+    motions, pair = solution.state.motions, spread.pair
     shift, gradient = motions.shift_and_gradient(pair, solution.part("motion"))
     shift_sigma, gradient_sigma = np.zeros(2), np.zeros((2, 2))
     if pair in motions.pairs:
         part, kind = motions.part(pair)
         start = solution.state.layout.part("motion").start
-        sigma = np.sqrt(np.diag(wide[pair].of(start + np.arange(part.start, part.stop))))
+        sigma = np.sqrt(np.diag(spread.of(start + np.arange(part.start, part.stop))))
         if kind is MotionKind.RIGID:
             shift_sigma, gradient_sigma = sigma[:2], np.array([[0.0, sigma[2]], [sigma[2], 0.0]])
         else:
@@ -170,7 +225,7 @@ def _motion(solution: Solution, pair: int, wide: Spreads) -> Motion:
     return Motion(pair, shift, shift_sigma, gradient, gradient_sigma)
 
 
-def _notes(solution: Solution, known: Calibration, wide: Spreads) -> tuple[str, ...]:
+def _notes(solution: Solution, known: Calibration, pairs: Container[int]) -> tuple[str, ...]:
     notes = []
     if not known.enough:
         warned = "WARNING, the load steps are corrected with it all the same: " if Phase.TENSION in solution.state.phases else ""
@@ -179,7 +234,7 @@ def _notes(solution: Solution, known: Calibration, wide: Spreads) -> tuple[str, 
         notes.append(
             "the affine part of the distortion is not determined by unknown translations and set to zero: it scales strain, it makes none"
         )
-    notes += outside_notes(solution.state, wide)
+    notes += outside_notes(solution.state, pairs)
     notes += _term_notes(solution)
     frames = sorted(solution.state.frames, key=_start)
     gap_s = max((after.start_s - before.start_s - before.timing.duration_s for before, after in itertools.pairwise(frames)), default=0.0)
@@ -195,6 +250,10 @@ def _term_notes(solution: Solution) -> list[str]:
         notes.append(
             f"the drift carries the distortion along (gamma {gamma.value:.2f} +- {gamma.sigma:.2f} before, 1 taken): E is at R - d"
         )
+    lines = tests.get("line_shift")
+    if lines is not None and lines.used:
+        size_px = solution.hyper.line_px
+        notes.append(f"rows are shifted along x by {size_px:.2g} px, otherwise in every frame (evidence {lines.evidence:.0f}): corrected")
     strained = Phase.TENSION in solution.state.phases
     for name, what in (("magnification", "strain"), ("raster_rotation", "rotation of the specimen")):
         if name in tests and tests[name].used:
@@ -202,10 +261,6 @@ def _term_notes(solution: Solution) -> list[str]:
             end = f", under load only as it goes on smoothly: a step of it cannot be told from {what}" if strained else ""
             notes.append(said + end)
     return notes
-
-
-def _frames(solution: Solution, wide: Spreads) -> list[FrameTime]:
-    return sorted((when for when in solution.state.frames if when.frame // 2 in wide), key=_start)
 
 
 def _start(when: FrameTime) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -14,18 +15,33 @@ from semlive.data.grid import Grid
 from semlive.errors import IllPosed
 from semlive.estimate.blocks import BlockColumns, Blocks, PackedColumns, block_columns
 from semlive.estimate.state import EstimatorState, MapRows
-from semlive.model import Axis, DistortionSpline, DriftSpline, Effect, RasterChange, Sighting, sighting, with_drift
+from semlive.kernels.threads import at_once
+from semlive.model import Axis, DistortionSpline, DriftSpline, Effect, LineShifts, RasterChange, Sighting, sighting, with_drift
 
 SIGMA_FLOOR_PX = 1e-4  # noise-free synthetic maps come with sigma 0
+WORTH_A_THREAD = 4096  # points; rows of a map of 18,000 take 5 ms, to begin a thread 0.05
 
 
 def all_rows(state: EstimatorState, maps: tuple[DisparityMap, ...]) -> tuple[MapRows, ...]:
     """Rows of a pair's maps; the map within the pair counts in the blocks that were not seen against frame 0 in both frames."""
-    across = {id(dmap): map_rows(state, dmap) for dmap in maps if dmap.reference == 0 and dmap.current > 1}
-    known = (
-        np.all([one.weight > 0 for one in across.values()], axis=0) if len(across) == 2 else np.zeros((state.blocks.size, 2), dtype=bool)
-    )
-    return tuple(across[id(dmap)] if id(dmap) in across else map_rows(state, dmap, known) for dmap in maps)
+    across = [dmap for dmap in maps if dmap.reference == 0 and dmap.current > 1]
+    both = _each(state, across, None) if len(across) == 2 else ()
+    known = np.all([one.weight > 0 for one in both], axis=0) if both else np.zeros((state.blocks.size, 2), dtype=bool)
+    made = {id(dmap): rows for dmap, rows in zip(across, both, strict=False)}
+    rest = [dmap for dmap in maps if id(dmap) not in made]
+    made |= {id(dmap): rows for dmap, rows in zip(rest, _each(state, rest, known), strict=True)}
+    return tuple(made[id(dmap)] for dmap in maps)
+
+
+def _each(state: EstimatorState, maps: Sequence[DisparityMap], known: NDArray[np.bool_] | None) -> tuple[MapRows, ...]:
+    """Rows of maps, two at the same time; of a map from frame 0 all blocks count."""
+
+    def rows(dmap: DisparityMap) -> MapRows:
+        return map_rows(state, dmap, None if dmap.reference == 0 and dmap.current > 1 else known)
+
+    if len(maps) != 2:
+        return tuple(rows(dmap) for dmap in maps)
+    return at_once(lambda: rows(maps[0]), lambda: rows(maps[1]), worth=maps[0].status.size >= WORTH_A_THREAD)
 
 
 def map_rows(state: EstimatorState, dmap: DisparityMap, known: NDArray[np.bool_] | None = None) -> MapRows:
@@ -47,6 +63,8 @@ def map_rows(state: EstimatorState, dmap: DisparityMap, known: NDArray[np.bool_]
     if not weight.any():
         none = BlockColumns("distortion", Axis.EACH, np.zeros(1, dtype=np.int64), np.zeros((blocks.size, 1)))
         return MapRows(dmap.reference, dmap.current, mean, weight, noisy, (none,), position, (), dmap)
+    # Of a map within a pair a few blocks count, at the edge; its other points take time and say nothing.
+    used = used & np.asarray(np.any(weight, axis=1), dtype=np.bool_)[blocks.block]
     at = blocks.block[used]
     reference = sighting(state.frame_time(dmap.reference), x[used], y[used])
     current = sighting(state.frame_time(dmap.current), x[used] + disparity[used, 0], y[used] + disparity[used, 1])
@@ -55,12 +73,14 @@ def map_rows(state: EstimatorState, dmap: DisparityMap, known: NDArray[np.bool_]
     difference: list[BlockColumns | PackedColumns] = []
     at_reference: list[BlockColumns | PackedColumns] = []
     for effect in state.model:
-        if effect.needs_ideal:
+        if effect.needs_ideal or not effect.size:
             continue
         after = [block_columns(effect.name, part, at, blocks.size) for part in effect.columns(current)]
         resting = used.all() and not state.distortion.carried
         if resting:
-            before = _resting(_shortest(effect, reference), dmap.grid, state.frame_time(dmap.reference))
+            # The distortion depends on the place alone: what was found at frame 0 serves every frame.
+            when = state.frame_time(0 if isinstance(effect, DistortionSpline) else dmap.reference)
+            before = _resting(_shortest(effect, reference), dmap.grid, when)
         else:
             before = [block_columns(effect.name, part, at, blocks.size, sign=-1.0) for part in effect.columns(reference)]
         both = _together(after, before)
@@ -85,6 +105,8 @@ def _together(after: list[BlockColumns], before: list[BlockColumns]) -> list[Blo
 
 def _shortest(effect: Effect, seen: Sighting) -> Effect:
     """The effect as it was when the sighting was made, so that what was made of it then is found again."""
+    if isinstance(effect, LineShifts):
+        return replace(effect, frames=effect.frames[:1])
     if not isinstance(effect, DriftSpline | RasterChange):
         return effect
     spline = effect.spline
@@ -92,10 +114,13 @@ def _shortest(effect: Effect, seen: Sighting) -> Effect:
     return replace(effect, spline=replace(spline, intervals=max(min(needed, spline.intervals), 1)))
 
 
+_blocks = lru_cache(maxsize=2)(Blocks.of)
+
+
 @lru_cache(maxsize=16)
 def _resting(effect: Effect, grid: Grid, when: FrameTime) -> list[BlockColumns]:
-    """Columns of an effect at the grid itself in frame 0, where every map begins; a third of a map's cost."""
-    blocks = Blocks.of(grid)
+    """Columns of an effect at the grid itself in the frame where a map begins: frame 0, mostly; a third of a map's cost."""
+    blocks = _blocks(grid)
     seen = sighting(when, *grid.mesh())
     return [block_columns(effect.name, part, blocks.block, blocks.size, sign=-1.0) for part in effect.columns(seen)]
 

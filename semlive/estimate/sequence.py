@@ -6,11 +6,12 @@ import itertools
 from dataclasses import replace
 
 from semlive.errors import IllPosed
-from semlive.estimate.accumulate import DENSE_PAIRS, beginning, carried_along, grown, unsummed, update
+from semlive.estimate.accumulate import DENSE_PAIRS, at_rest, beginning, carried_along, grown, unsummed, update, with_rates
 from semlive.estimate.border import DRIFT, NOISE
 from semlive.estimate.chain import Chain, chained, extended, looked_at
 from semlive.estimate.late import rechosen
 from semlive.estimate.late_choices import distortion_rechosen, noise_ratio
+from semlive.estimate.late_coupling import coupling_anew, rotation_of
 from semlive.estimate.posterior import Solution, choose, solved
 from semlive.estimate.smooth import LATELY
 from semlive.estimate.state import EstimatorState
@@ -64,12 +65,13 @@ def _gone_on(state: EstimatorState, known: Solution) -> Chain:
     local = slice(before.layout.part("drift").start + chain.border.counts[DRIFT], before.layout.part("drift").stop)
     before = replace(before, about=before.about.copy())
     before.about[local] = known.mean[local]
-    if before.distortion.carried:  # its columns hold the drift, so those of the earlier pairs are taken over
+    if before.distortion.carried or before.lines.size:  # columns that a fresh state does not have, so the earlier pairs' are taken over
         state = unsummed(_caught_up(before, state))
     else:
         weighed = {(one.reference, one.current): one for one in before.rows}
         rows = tuple(weighed.get((one.reference, one.current), one) for one in state.rows)
-        state = unsummed(replace(state, rows=rows, about=grown(state.layout, before.layout, before.about)))
+        state = replace(state, rows=rows, about=grown(state.layout, before.layout, before.about))
+        state = with_rates(unsummed(state), before.starts)
     near = grown(state.layout, before.layout, chain.near)
     new = slice(local.stop, state.layout.part("drift").stop)
     near[new] = state.about[new]
@@ -78,7 +80,7 @@ def _gone_on(state: EstimatorState, known: Solution) -> Chain:
 
 
 def solve(state: EstimatorState) -> Solution:
-    """Everything from all pairs; of a run longer than `DENSE_PAIRS`, rotations and coupling as the first so many that came have them.
+    """Everything from all pairs; of a run longer than `DENSE_PAIRS`, whether rows are shifted as the first so many that came have it.
 
     Raises:
         IllPosed: there are no data, or they are not finite.
@@ -90,17 +92,21 @@ def solve(state: EstimatorState) -> Solution:
 
 
 def _anew(solution: Solution, since: int) -> Solution:
-    """Linearised about the solution itself, with noise, smoothness and terms of the raster chosen anew from all pairs.
+    """Linearised about the solution itself, with noise, smoothness, coupling, rotations and terms of the raster chosen anew.
 
-    What rotations are believed to be, and the coupling, stay. The noise scale is known from the first `since` pairs.
+    Whether rows are shifted stays as it was. The noise scale is known from the first `since` pairs.
     """
-    state = unsummed(replace(solution.state, about=solution.mean))
-    if state.distortion.carried:
+    state, test = with_rates(unsummed(replace(solution.state, about=solution.mean))), coupling_anew(solution, since)
+    if test.used:
         state = carried_along(state)
+    elif state.distortion.carried:
+        state = at_rest(state)
     noise_px = solution.ending.step[solution.ending.chain.border.part(NOISE)]
     larger = noise_ratio(state, solution.mean, noise_px, since)
-    hyper = replace(solution.hyper, noise_scale=larger * solution.hyper.noise_scale)
-    hyper, terms = rechosen(state, hyper, solution.terms, solution.mean, noise_px)
+    turned = rotation_of(state, solution.mean, solution.hyper.rotation_rad)
+    hyper = replace(solution.hyper, noise_scale=larger * solution.hyper.noise_scale, rotation_rad=turned)
+    before = tuple(test if one.name == test.name else one for one in solution.terms)
+    hyper, terms = rechosen(state, hyper, before, solution.mean, noise_px)
     chain = chained(state, hyper, solution.mean)  # eliminates the pairs; the belief about the distortion comes after
     return solved(replace(chain, hyper=distortion_rechosen(chain)), terms, larger * solution.noise_floor_px)
 

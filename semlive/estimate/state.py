@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,16 @@ from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
 from semlive.errors import IllPosed
 from semlive.estimate.blocks import BlockColumns, Blocks, PackedColumns
-from semlive.model import DistortionSpline, DriftSpline, Effect, Layout, PairMotions, RasterChange, ScanAxes
+from semlive.model import DistortionSpline, DriftSpline, Effect, Layout, LineShifts, PairMotions, RasterChange, ScanAxes, StartErrors
+
+NO_LINES, SURE = LineShifts(), StartErrors()
+Keep = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Gives the same numbers in an array of the same shape and order."""
+
+
+def in_memory(array: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The array itself."""
+    return array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,6 +138,9 @@ class EstimatorState:
         information: (n,) accumulated information vector A^T W y; likewise.
         reference: what the maps say of the noise of frame 0.
         calibrated: where frames of calibration and translation pairs showed the middles of blocks; None where none did.
+        lines: shifts of rows, in no frame unless the data ask for them.
+        starts: errors of start times, of the pairs whose frames' starts are not known exactly.
+        keep: where large arrays of single pairs are kept that are made of it.
     """
 
     settings: EstimateSettings
@@ -148,12 +161,15 @@ class EstimatorState:
     information: NDArray[np.float64]
     reference: ReferenceNoise
     calibrated: Extent | None = None
+    lines: LineShifts = NO_LINES
+    starts: StartErrors = SURE
+    keep: Keep = in_memory
 
     @property
     def model(self) -> tuple[Effect, ...]:
         """The named effects."""
         drift = () if self.drift is None else (self.drift,)
-        return (self.distortion, *drift, *self.raster, self.axes, self.motions)
+        return (self.distortion, *drift, *self.raster, self.lines, self.starts, self.axes, self.motions)
 
     @property
     def layout(self) -> Layout:
@@ -172,7 +188,8 @@ class EstimatorState:
 
     def frame_time(self, frame: int) -> FrameTime:
         """When a frame was scanned; IllPosed if it never came."""
-        for when in self.frames:
+        usual = self.frames[frame : frame + 1]  # where every pair came in its turn
+        for when in (*usual, *(() if usual and usual[0].frame == frame else self.frames)):
             if when.frame == frame:
                 return when
         raise IllPosed(f"frame {frame} is not in the estimate, so its drift is unknown: add its pair first")
@@ -192,7 +209,7 @@ def init(settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) 
     """
     if grid.nx < 3 or grid.ny < 3:
         raise IllPosed(f"a grid of {grid.nx} x {grid.ny} points cannot carry a strain: give at least 3 x 3 points")
-    distortion = DistortionSpline.covering(width_px, height_px, settings.distortion_knot_px)
+    distortion = DistortionSpline.covering(width_px, height_px, settings.distortion_knot_px, grid.x0_px)
     n = distortion.size + ScanAxes().size
     blocks, nothing = Blocks.of(grid), np.zeros(0)
     return EstimatorState(
@@ -214,3 +231,35 @@ def init(settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) 
         information=np.zeros(n),
         reference=ReferenceNoise.nothing(blocks.size, n),
     )
+
+
+def kept_elsewhere(state: EstimatorState, pair: int, keep: Keep) -> EstimatorState:
+    """The state with the rows of a pair's maps, nearly all that it holds of a pair, kept by somebody else, and what is made of them later.
+
+    Args:
+        state: that has the pair, which came last.
+        pair: its number.
+        keep: gives the same numbers in an array of the same shape and order.
+    """
+    count = next((at for at, one in enumerate(reversed(state.rows)) if one.current // 2 != pair), len(state.rows))
+    first = len(state.rows) - count
+    return replace(state, rows=(*state.rows[:first], *(_kept(one, keep) for one in state.rows[first:])), keep=keep)
+
+
+def _kept(rows: MapRows, keep: Keep) -> MapRows:
+    # Columns at a frame 0 that has all its points are one for all maps; others are packed.
+    own = any(isinstance(one, PackedColumns) for one in rows.at_reference)
+    return replace(
+        rows,
+        disparity_px=keep(rows.disparity_px),
+        weight=keep(rows.weight),
+        position_px=keep(rows.position_px),
+        difference=tuple(_kept_columns(one, keep) for one in rows.difference),
+        at_reference=tuple(_kept_columns(one, keep) for one in rows.at_reference) if own else rows.at_reference,
+    )
+
+
+def _kept_columns(columns: BlockColumns | PackedColumns, keep: Keep) -> BlockColumns | PackedColumns:
+    if isinstance(columns, PackedColumns):
+        return replace(columns, window=keep(columns.window))
+    return replace(columns, value=keep(columns.value))

@@ -91,7 +91,7 @@ def coupling(state: EstimatorState, data: Misfit, mean: NDArray[np.float64], pri
     for rows in state.rows:
         if not rows.weight.any() or not rows.disparity_px.any():
             continue
-        column = _carried_column(state, rows, mean)
+        column = carried_column(state, rows, mean)
         misfit = rows.disparity_px - predicted(state, rows, mean)
         own += float(np.sum(rows.weight * column**2))
         pulled += float(np.sum(rows.weight * column * misfit))
@@ -118,7 +118,7 @@ def coupling(state: EstimatorState, data: Misfit, mean: NDArray[np.float64], pri
     return TermTest("coupling", carried, (gamma / sigma) ** 2, 0.5 * (gamma**2 - (1.0 - gamma) ** 2) / sigma**2, float(gamma), float(sigma))
 
 
-def _carried_column(state: EstimatorState, rows: MapRows, mean: NDArray[np.float64]) -> NDArray[np.float64]:
+def carried_column(state: EstimatorState, rows: MapRows, mean: NDArray[np.float64]) -> NDArray[np.float64]:
     """(blocks, 2) what carrying adds to a map, taken at the middle of each block."""
     here = rows.position_px + state.centre_px
     there = here + rows.disparity_px

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap
+from semlive.data.grid import Grid
 from semlive.data.strain import Tensor2
-from semlive.estimate.border import Codes, codes_of, joint_of
+from semlive.estimate.blocks import in_a_row
+from semlive.estimate.border import Codes, codes_of, in_layout, joint_of
 from semlive.estimate.posterior import Solution
-from semlive.model import Axis, Sighting, sighting, with_drift
+from semlive.estimate.smooth import covariances
+from semlive.kernels.columns import local_sums, tensor_sums
+from semlive.kernels.threads import at_once
+from semlive.model import Axis, Columns, Sighting, TensorColumns, sighting, with_drift
 
 ENOUGH = 40
 
@@ -33,35 +40,150 @@ class CorrectionStrain:
     sigma: Tensor2
 
 
+NOWHERE = CorrectionStrain(np.zeros(0, dtype=np.int64), np.zeros((3, 0)), np.zeros(3), Tensor2(np.inf, np.inf, np.inf))
+
+
 def correction_strain(solution: Solution, dmap: DisparityMap) -> CorrectionStrain:
     """What the correction of a map from frame 0 gives to the mean strain over its valid points, and how uncertain that is.
 
     This is the systematic part: the same for every point of the frame, whatever its own DIC noise. Corrections are smooth, so
     some ENOUGH points each way stand for all: within 1 % of what 18,000 points give (6 % in frame 1), at a ninth of their time.
     """
-    dmap = _thinned(dmap)
-    reference, current = sightings(solution, dmap)
-    layout, valid = solution.state.layout, dmap.valid.ravel()
+    return correction_strains(solution, (dmap,))[0]
+
+
+def correction_strains(solution: Solution, maps: Iterable[DisparityMap]) -> tuple[CorrectionStrain, ...]:
+    """The same of many maps, in one way back along the chain for all of them."""
+    found: list[CorrectionStrain] = []
+    of_pair: dict[int, list[int]] = {}
+    for dmap, rows in _all_strain_rows(solution, maps):
+        if rows is None:
+            found.append(NOWHERE)
+            continue
+        of_pair.setdefault(dmap.current // 2, []).append(len(found))
+        index, rows = rows
+        counts = rows.any(axis=0)
+        touched, own = index[counts], np.ascontiguousarray(rows[:, counts])
+        value = own @ solution.mean[touched]
+        found.append(CorrectionStrain(codes_of(solution.state.layout, touched), solution.state.keep(own), value, NOWHERE.sigma))
+    for pair, covariance in covariances(solution.ending, _Together(found, of_pair)).items():
+        for number, sigma in zip(of_pair[pair], np.sqrt(np.diag(covariance)).reshape(-1, 3), strict=True):
+            found[number] = replace(found[number], sigma=Tensor2(*(float(one) for one in sigma)))
+    return tuple(found)
+
+
+_Rows = tuple[NDArray[np.int64], NDArray[np.float64]] | None
+
+
+def _all_strain_rows(solution: Solution, maps: Iterable[DisparityMap]) -> Iterator[tuple[DisparityMap, _Rows]]:
+    """Maps with what `_strain_rows` gives of them, made two at the same time."""
+    todo = iter(maps)
+    for first in todo:
+        second = next(todo, None)
+        if second is None:
+            yield first, _strain_rows(solution, _thinned(first))
+            return
+        one, other = at_once(partial(_strain_rows, solution, _thinned(first)), partial(_strain_rows, solution, _thinned(second)))
+        yield first, one
+        yield second, other
+
+
+class _Together(Mapping[int, tuple[Codes, NDArray[np.float64]]]):
+    """Functions of each pair's frames, put together when they are asked for: for all pairs at once they are as much again."""
+
+    def __init__(self, found: Sequence[CorrectionStrain], of_pair: Mapping[int, Sequence[int]]) -> None:
+        self._found, self._of_pair = found, of_pair
+
+    def __getitem__(self, pair: int) -> tuple[Codes, NDArray[np.float64]]:
+        return _together([self._found[number] for number in self._of_pair[pair]])
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._of_pair)
+
+    def __len__(self) -> int:
+        return len(self._of_pair)
+
+    def __contains__(self, pair: object) -> bool:
+        return pair in self._of_pair
+
+
+def _together(parts: Sequence[CorrectionStrain]) -> tuple[Codes, NDArray[np.float64]]:
+    """Functions of several frames below each other, over the parameters of all of them."""
+    codes = np.unique(np.concatenate([one.codes for one in parts]))
+    rows = np.zeros((3 * len(parts), len(codes)))
+    for number, one in enumerate(parts):
+        rows[3 * number : 3 * number + 3, np.searchsorted(codes, one.codes)] = one.rows
+    return codes, rows
+
+
+def _strain_rows(solution: Solution, dmap: DisparityMap) -> _Rows:
+    """(m,) joint parameters and (3, m) exx, eyy, exy of a map's correction as linear functions of them; None with too few valid points."""
+    valid = dmap.valid.ravel()
     if valid.sum() < 3:
-        return CorrectionStrain(np.zeros(0, dtype=np.int64), np.zeros((3, 0)), np.zeros(3), Tensor2(np.inf, np.inf, np.inf))
+        return None
+    reference, current = sightings(solution, dmap)
     position = np.column_stack((np.ones(int(valid.sum())), reference.x_px[valid], reference.y_px[valid]))
     slopes = np.zeros((2, len(valid)))
     slopes[:, valid] = np.linalg.pinv(position)[1:]
-    along = np.zeros((2, 2, layout.size))  # slope in x or y, of u or v
-    for sign, seen in ((1.0, current), (-1.0, reference)):
-        for effect in (one for one in solution.state.model if not one.needs_ideal):
-            part = layout.part(effect.name)
-            for columns in effect.columns(seen):
-                for direction in (0, 1):
-                    for component in (0, 1) if columns.axis is Axis.EACH else (int(columns.axis is Axis.Y),):
-                        at = 2 * columns.index + component if columns.axis is Axis.EACH else columns.index
-                        weights = sign * slopes[direction][:, None] * columns.value
-                        along[direction, component, part] += np.bincount(at.ravel(), weights.ravel(), part.stop - part.start)
-    rows = np.stack((along[0, 0], along[1, 1], 0.5 * (along[1, 0] + along[0, 1])))
-    sigma = np.sqrt(np.clip(np.diag(solution.covariance_of(rows)), 0.0, None))
-    touched = np.flatnonzero(rows.any(axis=0))
-    own = np.ascontiguousarray(rows[:, touched])
-    return CorrectionStrain(codes_of(layout, touched), own, own @ solution.mean[touched], Tensor2(*(float(one) for one in sigma)))
+    moved, rest = _columns_at(solution, current), _columns_at_rest(solution, dmap.grid)
+    index = np.unique(np.concatenate([_joint_index(part, columns) for part, columns in (*moved, *rest)]))
+    along = _along(index, moved, slopes) - _along(index, rest, slopes)
+    return index, np.stack((along[0, 0], along[1, 1], 0.5 * (along[1, 0] + along[0, 1])))
+
+
+Acting = tuple[tuple[slice, Columns | TensorColumns], ...]
+"""Columns of what acts at points, each with the place of its effect's parameters."""
+
+
+def _columns_at(solution: Solution, seen: Sighting) -> Acting:
+    layout = solution.state.layout
+    effects = (one for one in solution.state.model if not one.needs_ideal)
+    return tuple((layout.part(effect.name), columns) for effect in effects for columns in effect.columns(seen))
+
+
+def _span(columns: Columns | TensorColumns) -> tuple[int, int]:
+    """First of an effect's coefficients that columns touch, and the one after the last."""
+    if isinstance(columns, TensorColumns):
+        return 0, columns.shape[0] * columns.shape[1]
+    return int(columns.index.min()), int(columns.index.max()) + 1
+
+
+def _joint_index(part: slice, columns: Columns | TensorColumns) -> NDArray[np.int64]:
+    """Joint parameters that columns touch, for both components, sorted."""
+    low, high = _span(columns)
+    each = 2 if columns.axis is Axis.EACH else 1
+    return np.arange(part.start + each * low, part.start + each * high)
+
+
+def _along(index: NDArray[np.int64], acting: Acting, slopes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(2, 2, m) slopes in x or y, of u or v, of what the effects do at the points seen, as linear functions of parameters `index` (m,)."""
+    along = np.zeros((2, 2, len(index)))
+    for part, columns in acting:
+        summed, at = _summed(columns, slopes), in_a_row(np.searchsorted(index, _joint_index(part, columns)))
+        if columns.axis is Axis.EACH:
+            own = np.zeros((2, 2, 2 * summed.shape[1]))
+            own[:, 0, 0::2] = own[:, 1, 1::2] = summed
+            along[:, :, at] += own
+        else:
+            along[:, int(columns.axis is Axis.Y), at] += summed
+    return along
+
+
+def _summed(columns: Columns | TensorColumns, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k, m) sums over the points of their rows, with k weights (k, n) each, for the coefficients that they touch."""
+    together = np.zeros(weights.shape[1], dtype=np.int64)
+    if isinstance(columns, TensorColumns):
+        along_x = columns.index_x, columns.value_x
+        weighed = [(columns.index_y, one[:, None] * columns.value_y) for one in weights]
+        return np.stack([tensor_sums(together, 1, *along_y, *along_x, columns.shape).ravel() for along_y in weighed])
+    low, high = _span(columns)
+    return np.concatenate([local_sums(together, 1, columns.index, one[:, None] * columns.value, low, high - low) for one in weights])
+
+
+@lru_cache(maxsize=1)
+def _columns_at_rest(solution: Solution, grid: Grid) -> Acting:
+    """The same at frame 0, where the points are those of the grid for every map."""
+    return _columns_at(solution, with_drift(solution.state.model, solution.mean, sighting(solution.state.frame_time(0), *grid.mesh())))
 
 
 def correction_strain_sigma(solution: Solution, dmap: DisparityMap) -> Tensor2:
@@ -70,8 +192,13 @@ def correction_strain_sigma(solution: Solution, dmap: DisparityMap) -> Tensor2:
 
 
 def strain_moved(solution: Solution, told: CorrectionStrain) -> Tensor2:
-    """How far the mean strain of a corrected map would move if it were corrected with another solution, exx, eyy and exy."""
-    moved = told.value - told.rows @ solution.mean[joint_of(solution.state.layout, told.codes)]
+    """How far the mean strain of a corrected map would move if it were corrected with another solution, exx, eyy and exy.
+
+    Parameters that the other solution does not have are zero there.
+    """
+    layout = solution.state.layout
+    kept = in_layout(layout, told.codes)
+    moved = told.value - told.rows[:, kept] @ solution.mean[joint_of(layout, told.codes[kept])]
     return Tensor2(*(float(one) for one in moved))
 
 

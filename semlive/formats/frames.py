@@ -8,7 +8,37 @@ from numpy.typing import NDArray
 from semlive.data.frame import ExportedFile, Frame, FrameInfo
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
-from semlive.formats import fei, grey, plain, png, tiff
+from semlive.formats import fei, grey, hitachi, jeol, plain, png, resolve, tescan, tiff, zeiss
+from semlive.formats.header import Header
+
+SIDECAR_VENDORS = ("jeol", "hitachi")
+"""Vendors whose header is always a text file beside the image."""
+
+
+def read_header(file: ExportedFile) -> tuple[Header, int, int]:
+    """What the file itself says: its header, its width and its rows, databar included. Nothing is filled in.
+
+    A header inside the image comes before one beside it.
+
+    Raises:
+        BadImage: one sentence: file, what is wrong, what to do.
+    """
+    data = file.data
+    if tiff.is_tiff(data):
+        directory = tiff.first_directory(data, file.name)
+        width, rows = tiff.size_px(data, file.name, directory)
+        header = fei.read_header(data, directory) or zeiss.read_header(data, directory, width, rows) or tescan.read_header(data, directory)
+    elif png.is_png(data):
+        width, rows = png.size_px(data, file.name)
+        header = None
+    else:
+        raise BadImage(f"{file.name}: is neither TIFF nor PNG; set the microscope's export to TIFF.")
+    return header or read_sidecar(file.sidecar or b"", file.mtime_ns) or plain.header(), width, rows
+
+
+def read_sidecar(sidecar: bytes, mtime_ns: int) -> Header | None:
+    """What the text file beside an image says; None if no vendor writes such a file."""
+    return jeol.read_sidecar(sidecar) or tescan.read_sidecar(sidecar) or hitachi.read_sidecar(sidecar, mtime_ns)
 
 
 def read_info(file: ExportedFile, profile: ScanProfile) -> FrameInfo:
@@ -21,18 +51,8 @@ def read_info(file: ExportedFile, profile: ScanProfile) -> FrameInfo:
     Raises:
         BadImage: one sentence: file, what is wrong, what to do.
     """
-    data = file.data
-    if tiff.is_tiff(data):
-        directory = tiff.first_directory(data, file.name)
-        width, rows = tiff.size_px(data, file.name, directory)
-        header = fei.read_header(data, directory)
-        if header is not None:
-            return fei.frame_info(file, header, width, rows, profile)
-        return plain.frame_info(file, width, rows, profile)
-    if png.is_png(data):
-        width, rows = png.size_px(data, file.name)
-        return plain.frame_info(file, width, rows, profile)
-    raise BadImage(f"{file.name}: is neither TIFF nor PNG; set the microscope's export to TIFF.")
+    header, width, rows = read_header(file)
+    return resolve.frame_info(file, header, width, rows, profile)
 
 
 def read_frame(file: ExportedFile, profile: ScanProfile) -> Frame:
@@ -46,7 +66,7 @@ def read_frame(file: ExportedFile, profile: ScanProfile) -> Frame:
         BadImage: one sentence: file, what is wrong, what to do.
     """
     info = read_info(file, profile)
-    pixels = _pixels(file)
+    pixels = read_pixels(file)
     # Whole rows from the top of a contiguous image are contiguous themselves.
     image: NDArray[np.uint8] | NDArray[np.uint16] = pixels[: info.height_px]
     grey.check_content(file.name, image)
@@ -62,7 +82,40 @@ def check_complete(data: bytes) -> str | None:
     return "it is neither TIFF nor PNG"
 
 
-def _pixels(file: ExportedFile) -> NDArray[np.uint8] | NDArray[np.uint16]:
+def check_finished(file: ExportedFile, profile: ScanProfile, vendor: str | None = None) -> str | None:
+    """What a file that is whole in structure still lacks, in words: its vendor's header, its sidecar's agreement, its last rows.
+
+    Args:
+        file: the file, with its sidecar if there is one.
+        profile: tells how many rows are databar, where the file does not.
+        vendor: whose header it must have; None if any will do.
+    """
+    try:
+        header, width, rows = read_header(file)
+    except BadImage as error:
+        return str(error).removeprefix(f"{file.name}: ").rstrip(".")
+    if vendor is not None and header.vendor != vendor:
+        return f"it has no header of {vendor}" + (" beside it" if vendor in SIDECAR_VENDORS else "")
+    if header.width_px not in (None, width) or header.rows not in (None, rows):
+        return f"it is {width} x {rows} px, its header speaks of another image"
+    if not tiff.is_tiff(file.data):
+        return None
+    bar = rows - int(header.height_px) if header.height_px else header.databar_rows or profile.databar_rows or 0
+    zeros = tiff.zero_rows(file.data, tiff.first_directory(file.data, file.name), rows - bar)
+    return f"its last {zeros} rows are zero" if zeros >= 2 else None
+
+
+def may_be_unfinished(data: bytes) -> bool:
+    """Whether a file that seems whole ends as one that is still being filled does; some programs end texts so, too."""
+    return tiff.is_tiff(data) and tiff.ends_in_zeros(data)
+
+
+def read_pixels(file: ExportedFile) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """All pixels as one grey channel, databar included.
+
+    Raises:
+        BadImage: one sentence: file, what is wrong, what to do.
+    """
     if png.is_png(file.data):
         return grey.as_grey(file.name, png.read_pixels(file.data, file.name), tiff.Photometric.BLACK_IS_ZERO)
     directory = tiff.first_directory(file.data, file.name)

@@ -51,13 +51,18 @@ def check_content(name: str, image: NDArray[np.uint8] | NDArray[np.uint16]) -> N
     """
     if int(image.min()) == int(image.max()):
         raise BadImage(f"{name}: every pixel is {int(image.flat[0])}; check the detector and export it again.")
-    uniform = (image == image[:, :1]).all(axis=1)
-    blank = int(uniform.size if uniform.all() else np.argmin(uniform[::-1]))
+    blank = blank_rows(image)
     if blank >= 2:
         raise BadImage(
             f"{name}: its last {blank} rows are uniform, so the scan was not finished when it was saved, or they are a databar; "
-            "save only finished frames, or set scan.databar_rows."
+            "save only finished frames, or set sem.profile.databar_rows."
         )
+
+
+def blank_rows(image: NDArray[np.uint8] | NDArray[np.uint16]) -> int:
+    """Rows at the bottom of an image, each of one value."""
+    uniform = (image == image[:, :1]).all(axis=1)
+    return int(uniform.size if uniform.all() else np.argmin(uniform[::-1]))
 
 
 def _one_channel(name: str, pixels: NDArray[np.generic]) -> NDArray[np.generic]:

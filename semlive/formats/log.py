@@ -1,31 +1,54 @@
-"""MCAP logs over streams: writing that survives a kill after every flush, reading that stops quietly where a log was torn.
+"""MCAP logs over streams: writing that survives a kill after every flush, reading that goes on behind what was damaged.
 
-Measured with mcap 1.6: a writer with its default chunks of 1 MiB leaves 0 bytes of telemetry when it is killed; `flush()`
-closes the chunk in progress, and everything flushed is kept. Nothing is compressed: SEM images gain 8 % at a fifth of the
-speed, and every reader opens the log without a decompressor.
+Measured with mcap 1.6: its own writer with its default chunks of 1 MiB leaves 0 bytes of telemetry when it is killed;
+`flush()` closes the chunk in progress, and everything flushed is kept. Nothing is compressed: SEM images gain 8 % at a
+fifth of the speed, and every reader opens the log without a decompressor.
+
+The writer is our own, because of where things stand: every chunk begins with the channels that it uses, the first two chunks of
+a channel with its schema, and bytes (images, maps) stand alone in chunks of their own. So each chunk can be read when all others are
+damaged, and an image costs one pass for its checksum and no copy.
 """
 
 from __future__ import annotations
 
+import contextlib
+import json
 import struct
+import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import IO
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from io import RawIOBase
+from typing import IO, Any
 
-from mcap.exceptions import McapError
-from mcap.records import Channel, Chunk, McapRecord, Message
-from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
-from mcap.writer import CompressionType, Writer
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Message,
+    MessageIndex,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
 
-from semlive.errors import BadLog
-from semlive.formats.messages import RAW_TOPICS, TOPICS, Payload, json_schema, to_json, topic_of
+from semlive.formats.messages import RAW_TOPICS, TOPICS, Payload, schema_of, to_json, topic_of
+from semlive.formats.segment import CHUNK_HEAD, MAGIC, channels_and_schemas, pieces
 
 LIBRARY = "semlive"
-MAGIC = b"\x89MCAP0\r\n"
+RUN_METADATA = "semlive.run"
+# Stands at the end of a segment that its writer ended to go on in the next.
+CONTINUED_METADATA = "semlive.continued"
 _CHUNK_BYTES = 64 * 1024
-_MAX_RECORD_BYTES = 2**30
-_DAMAGE = (McapError, CRCValidationError, struct.error, UnicodeDecodeError, ValueError, OverflowError, MemoryError)
+_SCHEMA_COPIES = 2
+_MESSAGE = struct.Struct("<BQHIQQ")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,20 +70,86 @@ class LogMessage:
     payload: bytes
 
 
-class LogWriter:
-    """Writes one segment of a log to a stream; knows every topic's schema."""
+@dataclass(slots=True)
+class _OpenChannel:
+    """A channel of the segment being written."""
 
-    def __init__(self, stream: IO[bytes]) -> None:
-        self._writer = Writer(stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.NONE)
-        self._writer.start(library=LIBRARY)
-        self._channels: dict[str, int] = {}
+    channel: Channel
+    schema: Schema | None
+    messages: int = 0
+    chunks: int = 0
+
+
+@dataclass(slots=True)
+class _OpenChunk:
+    """The chunk in progress: its content in parts, and for each channel where its messages stand."""
+
+    parts: list[bytes] = field(default_factory=list)
+    size: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    messages: int = 0
+    places: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
+
+    def add(self, part: bytes) -> None:
+        self.parts.append(part)
+        self.size += len(part)
+
+
+class _Index:
+    """Packed records that are written at the segment's end; until then they lie aside, where there is such a place.
+
+    A chunk ends with every flush, at least once a second: kept as objects, 0.7 kB each, those of a week would take 430 MB.
+    """
+
+    def __init__(self, aside: RawIOBase | None) -> None:
+        self.records = 0
+        self._aside, self._length = aside, 0
+        self._waiting = bytearray()
+
+    def add(self, record: bytes) -> None:
+        self.records += 1
+        self._waiting += record
+        if self._aside is None or len(self._waiting) < _CHUNK_BYTES:
+            return
+        with contextlib.suppress(OSError):  # no room: it waits in memory
+            self._aside.seek(self._length)
+            written = self._aside.write(self._waiting) or 0
+            del self._waiting[:written]
+            self._length += written
+
+    def pieces(self) -> Iterator[bytes]:
+        if self._aside is not None:
+            self._aside.seek(0)
+            for at in range(0, self._length, _CHUNK_BYTES):
+                yield self._aside.read(min(_CHUNK_BYTES, self._length - at)) or b""
+        yield bytes(self._waiting)
+
+
+class LogWriter:
+    """Writes one segment of a log to a stream; knows every topic's schema.
+
+    Args:
+        stream: it goes to.
+        aside: an unbuffered file of its own for what is written at the end, which grows with every chunk; in memory without.
+    """
+
+    def __init__(self, stream: IO[bytes], aside: RawIOBase | None = None) -> None:
+        self._stream = stream
+        self._channels: dict[str, _OpenChannel] = {}
+        self._schemas = 0
         self._counts: Counter[str] = Counter()
+        self._chunk = _OpenChunk()
+        self._index = _Index(aside)
+        self._metadata_indexes: list[MetadataIndex] = []
+        self._first_ns = self._last_ns = 0
+        stream.write(MAGIC + _packed(Header("", LIBRARY)))
 
     def write(self, topic: str, payload: Payload | bytes, log_time_ns: int, publish_time_ns: int, sequence: int | None = None) -> None:
         """Add one message; it is safe only after `flush`.
 
         Args:
-            topic: one of `TOPICS` or `RAW_TOPICS`.
+            topic: one of `TOPICS` or `RAW_TOPICS`, or one that was adopted.
             payload: the topic's message, or bytes that already are its payload.
             log_time_ns: experiment time when it is recorded.
             publish_time_ns: experiment time of what it tells.
@@ -70,78 +159,177 @@ class LogWriter:
             ValueError: the topic is unknown, the message belongs to another one, or a number is not finite.
         """
         data = payload if isinstance(payload, bytes) else _encode(topic, payload)
-        channel = self._channels.get(topic)
-        if channel is None:
-            channel = self._channels[topic] = self._register(topic)
+        one = self._channels.get(topic) or self._register(topic)
         number = self._counts[topic] if sequence is None else sequence
         self._counts[topic] += 1
-        self._writer.add_message(channel, log_time_ns, data, publish_time_ns, number & 0xFFFFFFFF)
+        alone = one.channel.message_encoding != "json"
+        if alone:
+            self._close_chunk()
+        self._add(one, data, log_time_ns, publish_time_ns, number & 0xFFFFFFFF)
+        if alone or self._chunk.size > _CHUNK_BYTES:
+            self._close_chunk()
+        if topic == "/run":
+            self.tell_run(data)
+
+    def adopt(self, channel: Channel, schema: Schema | None) -> None:
+        """Take a topic as another log has it, with that log's schema, so that its messages can be written as bytes."""
+        own = None
+        if schema is not None:
+            self._schemas += 1
+            own = replace(schema, id=self._schemas)
+        number = len(self._channels) + 1
+        self._channels[channel.topic] = _OpenChannel(replace(channel, id=number, schema_id=0 if own is None else own.id), own)
 
     def flush(self) -> None:
         """Close the chunk in progress and flush the stream: what was written so far survives a kill."""
-        self._writer.flush()
+        self._close_chunk()
+        self._stream.flush()
 
-    def finish(self) -> None:
-        """Write index and footer; the stream stays open."""
-        self._writer.finish()
+    def tell_run(self, payload: bytes) -> None:
+        """What a run is, by its message, where every MCAP tool shows it."""
+        try:
+            told: dict[str, Any] = dict(json.loads(payload))
+        except ValueError:
+            return
+        texts = {name: value if isinstance(value, str) else json.dumps(value, sort_keys=True) for name, value in told.items()}
+        self._close_chunk()
+        self._add_metadata(RUN_METADATA, texts)
 
-    def _register(self, topic: str) -> int:
-        if topic in RAW_TOPICS:
-            return self._writer.register_channel(topic, RAW_TOPICS[topic], 0)
-        if topic not in TOPICS:
+    def finish(self, continued: bool = False) -> None:
+        """Write index and footer; the stream stays open.
+
+        Args:
+            continued: the same writer goes on in another segment.
+        """
+        self._close_chunk()
+        if continued:
+            self._add_metadata(CONTINUED_METADATA, {})
+        self._stream.write(_packed(DataEnd(0)))
+        start = at = self._stream.tell()
+        groups: list[tuple[Opcode, Iterable[bytes]]] = [
+            (Opcode.SCHEMA, (_packed(one.schema) for one in self._channels.values() if one.schema is not None)),
+            (Opcode.CHANNEL, (_packed(one.channel) for one in self._channels.values())),
+            (Opcode.STATISTICS, (_packed(self._statistics()),)),
+            (Opcode.CHUNK_INDEX, self._index.pieces()),
+            (Opcode.METADATA_INDEX, (_packed(one) for one in self._metadata_indexes)),
+        ]
+        offsets, checksum = b"", 0
+        for kind, packed in groups:
+            begin = at
+            for piece in packed:
+                self._stream.write(piece)
+                checksum, at = zlib.crc32(piece, checksum), at + len(piece)
+            if at > begin:
+                offsets += _packed(SummaryOffset(kind, begin, at - begin))
+        footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, at)
+        checksum = zlib.crc32(footer, zlib.crc32(offsets, checksum))
+        self._stream.write(offsets + _packed(Footer(start, at, checksum)) + MAGIC)
+
+    def _add(self, one: _OpenChannel, data: bytes, log_time_ns: int, publish_time_ns: int, number: int) -> None:
+        chunk, channel = self._chunk, one.channel
+        if channel.id not in chunk.places:
+            if one.schema is not None and one.chunks < _SCHEMA_COPIES:
+                chunk.add(_packed(one.schema))
+            chunk.add(_packed(channel))
+            chunk.places[channel.id] = []
+            one.chunks += 1
+        chunk.first_ns = min(chunk.first_ns, log_time_ns) if chunk.messages else log_time_ns
+        chunk.last_ns = max(chunk.last_ns, log_time_ns)
+        chunk.messages += 1
+        chunk.places[channel.id].append((log_time_ns, chunk.size))
+        one.messages += 1
+        chunk.add(_MESSAGE.pack(Opcode.MESSAGE, 22 + len(data), channel.id, number, log_time_ns, publish_time_ns))
+        chunk.add(data)
+
+    def _close_chunk(self) -> None:
+        chunk = self._chunk
+        if not chunk.places:
+            return
+        self._chunk = _OpenChunk()
+        # The last part is what may be large: an image is neither joined nor copied.
+        small, last = b"".join(chunk.parts[:-1]), chunk.parts[-1]
+        checksum = zlib.crc32(last, zlib.crc32(small))
+        head = CHUNK_HEAD.pack(Opcode.CHUNK, CHUNK_HEAD.size - 1 + chunk.size, chunk.first_ns, chunk.last_ns, chunk.size, checksum, 0)
+        start = self._stream.tell()
+        self._stream.write(head + struct.pack("<Q", chunk.size) + small)
+        self._stream.write(last)
+        index_start, index, places = self._stream.tell(), b"", {}
+        for channel, entries in chunk.places.items():
+            places[channel] = index_start + len(index)
+            index += _packed(MessageIndex(channel, entries))
+        self._stream.write(index)
+        if not self._index.records:
+            self._first_ns, self._last_ns = chunk.first_ns, chunk.last_ns
+        self._first_ns, self._last_ns = min(self._first_ns, chunk.first_ns), max(self._last_ns, chunk.last_ns)
+        length = index_start - start
+        told = ChunkIndex(length, start, "", chunk.size, chunk.last_ns, len(index), places, chunk.first_ns, chunk.size)
+        self._index.add(_packed(told))
+
+    def _add_metadata(self, name: str, texts: dict[str, str]) -> None:
+        record = _packed(Metadata(name, texts))
+        self._metadata_indexes.append(MetadataIndex(self._stream.tell(), len(record), name))
+        self._stream.write(record)
+
+    def _statistics(self) -> Statistics:
+        counts = {one.channel.id: one.messages for one in self._channels.values()}
+        return Statistics(
+            attachment_count=0,
+            channel_count=len(self._channels),
+            channel_message_counts=counts,
+            chunk_count=self._index.records,
+            message_count=sum(counts.values()),
+            message_end_time=self._last_ns,
+            message_start_time=self._first_ns,
+            metadata_count=len(self._metadata_indexes),
+            schema_count=self._schemas,
+        )
+
+    def _register(self, topic: str) -> _OpenChannel:
+        if topic not in TOPICS and topic not in RAW_TOPICS:
             raise ValueError(f"{topic} is not a topic of the log")
-        schema = self._writer.register_schema("semlive." + TOPICS[topic].__name__, "jsonschema", json_schema(topic))
-        return self._writer.register_channel(topic, "json", schema)
+        told = schema_of(topic)
+        schema = None if told is None else Schema(0, told[2], told[1], told[0])
+        self.adopt(Channel(0, topic, RAW_TOPICS.get(topic, "json"), {}, 0), schema)
+        return self._channels[topic]
 
 
 def read_messages(stream: IO[bytes], on_damage: Callable[[str], None] | None = None) -> Iterator[LogMessage]:
-    """All messages of a segment in file order, as far as it is whole.
+    """All messages of a segment in file order, without those that were damaged.
 
     Reading ends quietly where the segment was torn; a chunk whose checksum is wrong is left out. Both are told.
 
     Args:
-        stream: the segment.
-        on_damage: told one sentence fragment for each damage: what was met and where.
+        stream: the segment, seekable.
+        on_damage: told one sentence fragment for each damage: what was met.
 
     Raises:
         BadLog: the stream is no MCAP file.
     """
     tell = on_damage or _ignore
-    head = stream.read(len(MAGIC))
-    if head != MAGIC:
-        if MAGIC.startswith(head):
-            tell("torn: nothing was written yet")
-            return
-        raise BadLog("not an MCAP file; give a log that semlive wrote.")
-    reader = StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=_MAX_RECORD_BYTES)
-    records = iter(reader.records)
     channels: dict[int, str] = {}
-    while True:
-        try:
-            record = next(records, None)
-        except _DAMAGE as exc:
-            tell(f"torn: {type(exc).__name__}")
-            return
-        if record is None:
-            return
-        try:
-            inner: list[McapRecord] = breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
-        except _DAMAGE as exc:
-            tell(f"a chunk is damaged: {type(exc).__name__}")
-            continue
-        yield from _messages(inner, channels, tell)
+    looked = False
+    for piece in pieces(stream):
+        if piece.damage:
+            tell(piece.damage)
+        for record in piece.records:
+            if isinstance(record, Channel):
+                channels[record.id] = record.topic
+            elif isinstance(record, Message):
+                if record.channel_id not in channels and not looked:
+                    # Older logs tell of a channel once, and that chunk was damaged.
+                    looked = True
+                    channels = {number: one.topic for number, one in channels_and_schemas(stream)[0].items()} | channels
+                topic = channels.get(record.channel_id)
+                if topic is None:
+                    tell(f"a message of the unknown channel {record.channel_id}")
+                    continue
+                yield LogMessage(topic, record.log_time, record.publish_time, record.sequence, record.data)
 
 
-def _messages(records: list[McapRecord], channels: dict[int, str], tell: Callable[[str], None]) -> Iterator[LogMessage]:
-    for record in records:
-        if isinstance(record, Channel):
-            channels[record.id] = record.topic
-        elif isinstance(record, Message):
-            topic = channels.get(record.channel_id)
-            if topic is None:
-                tell(f"a message of the unknown channel {record.channel_id}")
-                continue
-            yield LogMessage(topic, record.log_time, record.publish_time, record.sequence, record.data)
+def _packed(record: McapRecord) -> bytes:
+    builder = RecordBuilder()
+    record.write(builder)
+    return builder.end()
 
 
 def _encode(topic: str, payload: Payload) -> bytes:

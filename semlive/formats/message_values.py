@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.clock import Clock
-from semlive.data.drift import DistortionField, DriftEstimate, DriftForecast, Motion
+from semlive.data.drift import CalibrationQuality, DistortionField, DriftEstimate, DriftForecast, Motion
 from semlive.data.frame import FrameInfo
 from semlive.data.loading import FrameLoad, LoadSample, StageSample
 from semlive.data.pair import PairDecision
@@ -55,12 +55,14 @@ def load_sample_message(sample: LoadSample) -> LoadSampleMessage:
         simulator_lag_s=sample.simulator_lag_s,
         raw=sample.raw,
         gage_strain=sample.gage_strain,
+        trouble=sample.trouble,
+        rtt_s=sample.rtt_s,
     )
 
 
 def load_sample(message: LoadSampleMessage) -> LoadSample:
     """The reading in a message."""
-    return LoadSample(**{name: getattr(message, name) for name in LoadSampleMessage.model_fields})
+    return LoadSample(**{name: getattr(message, name) for name in LoadSampleMessage.model_fields if name != "boot_id"})
 
 
 def stage_sample_message(sample: StageSample) -> StageSampleMessage:
@@ -73,12 +75,13 @@ def stage_sample_message(sample: StageSample) -> StageSampleMessage:
         y_um=sample.y_um,
         motion=sample.motion,
         raw=sample.raw,
+        rtt_s=sample.rtt_s,
     )
 
 
 def stage_sample(message: StageSampleMessage) -> StageSample:
     """The reading in a message."""
-    return StageSample(**{name: getattr(message, name) for name in StageSampleMessage.model_fields})
+    return StageSample(**{name: getattr(message, name) for name in StageSampleMessage.model_fields if name != "boot_id"})
 
 
 def scan_message(info: FrameInfo, frame: int | None = None, load: FrameLoad | None = None) -> ScanMessage:
@@ -104,6 +107,11 @@ def scan_message(info: FrameInfo, frame: int | None = None, load: FrameLoad | No
         load_mean_n=None if load is None else load.mean_n,
         load_sd_n=None if load is None else load.sd_n,
         gage_strain_mean=None if load is None else load.gage_strain,
+        line_integrations=info.timing.line_integrations,
+        column=info.column,
+        start_anchor=info.start_anchor,
+        embedded_time_ns=info.embedded_time_ns,
+        notes=info.notes,
     )
 
 
@@ -116,10 +124,14 @@ def frame_info(message: ScanMessage) -> FrameInfo:
         width_px=message.width_px,
         height_px=message.height_px,
         databar_rows=message.databar_rows,
-        timing=ScanTiming(message.dwell_time_s, message.row_time_s, message.frame_time_s, message.integrations),
+        timing=ScanTiming(message.dwell_time_s, message.row_time_s, message.frame_time_s, message.integrations, message.line_integrations),
         start_time_ns=message.start_time_ns,
         start_sigma_s=message.start_sigma_s,
         pixel_size_m=message.pixel_size_m,
+        column=message.column,
+        start_anchor=message.start_anchor,
+        embedded_time_ns=message.embedded_time_ns,
+        notes=message.notes,
     )
 
 
@@ -133,8 +145,9 @@ def pair_decision(message: PairMessage) -> PairDecision:
     return PairDecision(message.pair, message.step, message.first, message.second, message.loads)
 
 
-def drift_message(drift: DriftEstimate) -> DriftMessage:
-    """One revision of drift."""
+def drift_message(drift: DriftEstimate, calibration: CalibrationQuality | None = None) -> DriftMessage:
+    """One revision of drift, and what the calibration is worth."""
+    drift_px, sigma_px, rate_px_s = (_newest(column) for column in (drift.drift_px, drift.sigma_px, drift.rate_px_s))
     return DriftMessage(
         revision=drift.revision,
         time_s=drift.time_s.tolist(),
@@ -143,7 +156,18 @@ def drift_message(drift: DriftEstimate) -> DriftMessage:
         sigma_px=drift.sigma_px.tolist(),
         rate_px_s=drift.rate_px_s.tolist(),
         forecast=None if drift.forecast is None else _forecast_message(drift.forecast),
+        x_px=drift_px[0],
+        y_px=drift_px[1],
+        sigma_x_px=sigma_px[0],
+        sigma_y_px=sigma_px[1],
+        rate_x_px_s=rate_px_s[0],
+        rate_y_px_s=rate_px_s[1],
+        calibration=calibration,
     )
+
+
+def _newest(column: NDArray[np.float64]) -> tuple[float | None, float | None]:
+    return _point(column[-1]) if len(column) else (None, None)
 
 
 def _forecast_message(forecast: DriftForecast) -> DriftForecastMessage:
@@ -235,12 +259,15 @@ def strain_message(summary: StrainSummary, revision: int) -> StrainMessage:
         sd=summary.sd,
         vsg_px=summary.vsg_px,
         gauge_sigma=summary.gauge_sigma,
+        systematic_sigma=summary.systematic_sigma,
     )
 
 
 def strain_summary(message: StrainMessage) -> StrainSummary:
     """The strain in a message."""
-    return StrainSummary(message.frame, message.mean, message.mean_sigma, message.sd, message.vsg_px, message.gauge_sigma)
+    return StrainSummary(
+        message.frame, message.mean, message.mean_sigma, message.sd, message.vsg_px, message.gauge_sigma, message.systematic_sigma
+    )
 
 
 def elastic_message(elastic: ElasticConstants | None, revision: int, gage: GageComparison | None = None) -> ElasticMessage:

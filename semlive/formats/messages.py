@@ -1,8 +1,9 @@
 """What stands in a log: one model for each topic, its JSON, and the registry of topics.
 
 Payloads are canonical JSON: keys sorted, no blanks, floats as Python's repr, which reads back to the same float; NaN and
-infinity are refused. Fields that begin with `wall_` tell how long something took and differ from run to run; everything
-else of a replay can be compared byte for byte. Nouns of `semlive.data` stand in messages as they are.
+infinity are refused. A field that is None by default is left out when it is None. Fields that begin with `wall_` tell how
+long something took and differ from run to run; everything else of a replay can be compared byte for byte. Nouns of
+`semlive.data` stand in messages as they are.
 """
 
 from __future__ import annotations
@@ -13,23 +14,24 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, JsonValue, RootModel, ValidationError
 
+from semlive.data.drift import CalibrationQuality
 from semlive.data.experiment import Step
-from semlive.data.frame import FrameInfo
+from semlive.data.frame import ColumnSettings, FrameInfo
 from semlive.data.grid import Grid
-from semlive.data.loading import FrameLoad, MotionState
-from semlive.data.scan import Sourced
+from semlive.data.loading import FrameLoad, MotionState, Trouble
+from semlive.data.scan import Provenance, Sourced
 from semlive.data.strain import GageComparison, Measured, Tensor2
 from semlive.errors import BadLog
+from semlive.formats.foxglove import FILE_DESCRIPTORS, PICTURE_TOPICS
+from semlive.formats.log_line import FoxgloveLog
+from semlive.formats.log_line import LogLineMessage as LogLineMessage
+from semlive.formats.message_base import Booted, Stamped
+from semlive.formats.message_base import Message as Message
+from semlive.formats.schemas import drawable, without_null
 
 Values = tuple[float, ...]
 Rows = tuple[tuple[float, ...], ...]
 Point = tuple[float, float]
-
-
-class Message(BaseModel):
-    """Base of all messages: frozen, no unknown fields, no NaN."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=False)
 
 
 class RunMessage(Message):
@@ -42,7 +44,7 @@ class RunMessage(Message):
         started_mono_ns: monotonic clock at that instant.
         boot_id: identity of the boot that the monotonic clock belongs to; empty if unknown.
         host: computer's name.
-        versions: of semlive, python, numpy, numba, ...
+        versions: of semlive, python, numpy, numba, ... and the `commit` that semlive comes from, where that can be told.
         config: the checked configuration.
     """
 
@@ -56,7 +58,7 @@ class RunMessage(Message):
     config: dict[str, JsonValue]
 
 
-class ClockMessage(Message):
+class ClockMessage(Stamped):
     """`/clock`: the line of experiment time in force from now on."""
 
     utc0_ns: int
@@ -66,7 +68,29 @@ class ClockMessage(Message):
     reason: str
 
 
-class StateMessage(Message):
+class ClockOffsetMessage(Message):
+    """`/clock/offset`: another computer's clock beside experiment time, as the files so far tell it (see `semlive.data.offsets`).
+
+    Attributes:
+        clock: ``sem``, the computer that writes the time into the files, or ``share``, the one that keeps their modification times.
+        offset_s: that clock minus experiment time.
+        sigma_s: standard uncertainty.
+        files: how many files tell it.
+        export: the newest of them; None if it was asked otherwise.
+        reason: why it is told, one sentence.
+        advice: what to do if it makes frames count as scanned at the wrong time; empty if nothing.
+    """
+
+    clock: str
+    offset_s: float
+    sigma_s: float
+    files: int
+    export: int | None
+    reason: str
+    advice: str = ""
+
+
+class StateMessage(Stamped):
     """`/state`: a transition of the engine, with its cause and the values that decided."""
 
     time_ns: int
@@ -77,7 +101,7 @@ class StateMessage(Message):
     guards: dict[str, JsonValue]
 
 
-class CommandMessage(Message):
+class CommandMessage(Stamped):
     """`/command`: something that was asked of a device, and how it ended."""
 
     time_ns: int
@@ -86,7 +110,7 @@ class CommandMessage(Message):
     result: str
 
 
-class LoadSampleMessage(Message):
+class LoadSampleMessage(Booted):
     """`/load_frame/sample`: one reading, with the registers as read (see `semlive.data.loading.LoadSample`)."""
 
     sequence: int
@@ -96,12 +120,14 @@ class LoadSampleMessage(Message):
     extension_mm: float
     motion: MotionState
     target_n: float
-    simulator_lag_s: float | None
+    simulator_lag_s: float | None = None
     raw: tuple[int, ...]
     gage_strain: float | None = None
+    trouble: Trouble | None = None
+    rtt_s: float | None = None
 
 
-class StageSampleMessage(Message):
+class StageSampleMessage(Booted):
     """`/stage/sample`: one reading, with the registers as read (see `semlive.data.loading.StageSample`)."""
 
     sequence: int
@@ -111,9 +137,51 @@ class StageSampleMessage(Message):
     y_um: float
     motion: MotionState
     raw: tuple[int, ...]
+    rtt_s: float | None = None
 
 
-class FileMessage(Message):
+class SnapshotMessage(Message):
+    """`/snapshot`: where a run stood when it was taken up again; the configuration is in the `/run` before it.
+
+    The estimate itself is not repeated here: the pairs and disparity maps of the earlier segments are exact, and give it again to the
+    last bit. `inputs` and `outputs` say how far it was.
+
+    Attributes:
+        segment: number of this segment.
+        time_ns: experiment time.
+        interrupted_time_ns: when the last message before was recorded.
+        interrupted_boot_id: boot of the computer then.
+        state: of the protocol when it broke off.
+        next_step: index of the step that is entered again, or the number of steps if all are done.
+        pairs: pairs that count.
+        exports: exported files so far; the next one has this number.
+        origin_um: the stage's reading when the run began, None without one.
+        load: last reading of the load frame.
+        stage: last reading of the stage.
+        inputs: messages that analysis has been given.
+        outputs: messages of analysis that stand in the log.
+        revision: of the last estimate in the log, 0 if there is none.
+        damage: what could not be read of the earlier segments, one sentence each.
+    """
+
+    segment: int
+    time_ns: int
+    interrupted_time_ns: int
+    interrupted_boot_id: str
+    state: str
+    next_step: int
+    pairs: int
+    exports: int
+    origin_um: Point | None
+    load: LoadSampleMessage | None
+    stage: StageSampleMessage | None
+    inputs: int
+    outputs: int
+    revision: int
+    damage: tuple[str, ...]
+
+
+class FileMessage(Stamped):
     """`/sem/file`: a file in the export folder, and what was decided about it.
 
     Attributes:
@@ -125,6 +193,8 @@ class FileMessage(Message):
         arrival_time_ns: experiment time when it was believed complete, or refused.
         decision: ``arrived``, ``paired`` or ``refused``.
         reason: why, one sentence; may be empty.
+        sidecar_sha256: of the bytes of the text file beside it; empty without one.
+        settled_time_ns: experiment time when the watcher first saw it as it stayed; 0 if unknown.
     """
 
     export: int | None
@@ -135,6 +205,8 @@ class FileMessage(Message):
     arrival_time_ns: int
     decision: str
     reason: str
+    sidecar_sha256: str = ""
+    settled_time_ns: int = 0
 
 
 class ScanMessage(Message):
@@ -158,11 +230,16 @@ class ScanMessage(Message):
     start_sigma_s: float
     end_time_ns: int
     pixel_size_m: Sourced[float]
-    load_before_n: float | None
-    load_after_n: float | None
-    load_mean_n: float | None
-    load_sd_n: float | None
+    load_before_n: float | None = None
+    load_after_n: float | None = None
+    load_mean_n: float | None = None
+    load_sd_n: float | None = None
     gage_strain_mean: float | None = None
+    line_integrations: Sourced[int] = Sourced(1, Provenance.ASSUMED)
+    column: ColumnSettings = ColumnSettings()
+    start_anchor: str = "end"
+    embedded_time_ns: int | None = None
+    notes: tuple[str, ...] = ()
 
 
 class PairMessage(Message):
@@ -182,9 +259,9 @@ class DicMessage(Message):
     current: int
     points: int
     converged: int
-    mean_u_px: float | None
-    mean_v_px: float | None
-    noise_px: float | None
+    mean_u_px: float | None = None
+    mean_v_px: float | None = None
+    noise_px: float | None = None
     wall_s: float
 
 
@@ -198,7 +275,10 @@ class DriftForecastMessage(Message):
 
 
 class DriftMessage(Message):
-    """`/drift/estimate`: one revision of drift in time (see `semlive.data.drift.DriftEstimate`)."""
+    """`/drift/estimate`: one revision of drift in time, and what the calibration is worth (see `semlive.data.drift`).
+
+    The numbers from `x_px` on are the newest row of the columns before them: a plot draws numbers, not the ends of columns.
+    """
 
     revision: int
     time_s: Values
@@ -207,6 +287,13 @@ class DriftMessage(Message):
     sigma_px: tuple[Point, ...]
     rate_px_s: tuple[Point, ...]
     forecast: DriftForecastMessage | None = None
+    x_px: float | None = None
+    y_px: float | None = None
+    sigma_x_px: float | None = None
+    sigma_y_px: float | None = None
+    rate_x_px_s: float | None = None
+    rate_y_px_s: float | None = None
+    calibration: CalibrationQuality | None = None
 
 
 class DistortionMessage(Message):
@@ -241,14 +328,15 @@ class StrainMessage(Message):
     sd: Tensor2
     vsg_px: float
     gauge_sigma: Tensor2 | None = None
+    systematic_sigma: Tensor2 | None = None
 
 
 class ElasticMessage(Message):
     """`/elastic`: elastic constants so far, None while the loads do not determine them, and their comparison with a strain gage."""
 
     revision: int
-    youngs_modulus_gpa: Measured | None
-    poissons_ratio: Measured | None
+    youngs_modulus_gpa: Measured | None = None
+    poissons_ratio: Measured | None = None
     gage: GageComparison | None = None
 
 
@@ -258,7 +346,7 @@ class ResultMessage(RootModel[dict[str, JsonValue]]):
     model_config = ConfigDict(frozen=True)
 
 
-class FaultMessage(Message):
+class FaultMessage(Stamped):
     """`/fault`: something went wrong: what, where, and what semlive did about it."""
 
     time_ns: int
@@ -267,15 +355,7 @@ class FaultMessage(Message):
     action: str
 
 
-class LogLineMessage(Message):
-    """`/log`: one line of the service's own log."""
-
-    time_ns: int
-    level: str
-    text: str
-
-
-class OperatorMessage(Message):
+class OperatorMessage(Stamped):
     """`/operator`: what the operator was asked, or said."""
 
     time_ns: int
@@ -284,10 +364,13 @@ class OperatorMessage(Message):
 
 
 Payload = Message | ResultMessage
+_LEFT_OUT: dict[str, frozenset[str]] = {}
 
 TOPICS: Mapping[str, type[Payload]] = {
     "/run": RunMessage,
+    "/snapshot": SnapshotMessage,
     "/clock": ClockMessage,
+    "/clock/offset": ClockOffsetMessage,
     "/state": StateMessage,
     "/command": CommandMessage,
     "/load_frame/sample": LoadSampleMessage,
@@ -309,6 +392,8 @@ TOPICS: Mapping[str, type[Payload]] = {
 
 SEM_ORIGINAL = "/sem/original"
 """The bytes of an exported file as they came; `sequence` is the export's number."""
+SEM_SIDECAR = "/sem/sidecar"
+"""The bytes of the text file beside an exported file; `sequence` is the export's number. It stands before `/sem/original`."""
 DIC_MAP = "/dic/map"
 """A disparity map, encoded by `semlive.formats.maps`; `sequence` is the number of its current frame."""
 DISPLACEMENT_FIELD = "/displacement/field"
@@ -316,7 +401,10 @@ DISPLACEMENT_FIELD = "/displacement/field"
 STRAIN_FIELD = "/strain/field"
 """A frame's strain, encoded by `semlive.formats.maps`; `sequence` is the frame's number."""
 
-RAW_TOPICS: Mapping[str, str] = dict.fromkeys((SEM_ORIGINAL, DIC_MAP, DISPLACEMENT_FIELD, STRAIN_FIELD), "application/octet-stream")
+RAW_TOPICS: Mapping[str, str] = {
+    **dict.fromkeys((SEM_ORIGINAL, SEM_SIDECAR, DIC_MAP, DISPLACEMENT_FIELD, STRAIN_FIELD), "application/octet-stream"),
+    **dict.fromkeys(PICTURE_TOPICS, "protobuf"),
+}
 """Topics without a JSON schema, with their message encoding; for each the sequence has a meaning."""
 
 
@@ -336,6 +424,8 @@ def to_json(message: Payload, wall: bool = True) -> bytes:
         ValueError: a number is NaN or infinite.
     """
     values: dict[str, Any] = message.model_dump(mode="json")
+    left_out = _left_out(type(message))
+    values = {key: value for key, value in values.items() if value is not None or key not in left_out}
     if not wall:
         values = {key: value for key, value in values.items() if not key.startswith("wall_")}
     return json.dumps(values, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
@@ -358,5 +448,32 @@ def from_json(topic: str, payload: bytes) -> Payload:
 
 
 def json_schema(topic: str) -> bytes:
-    """JSON schema of a topic's payload, as it stands in the log."""
-    return json.dumps(TOPICS[topic].model_json_schema(mode="serialization"), sort_keys=True).encode()
+    """JSON schema of a topic's payload; `schema_of` gives it as it stands in the log."""
+    return json.dumps(_json_schema(topic), sort_keys=True).encode()
+
+
+def _json_schema(topic: str) -> dict[str, Any]:
+    model = FoxgloveLog if topic == "/log" else TOPICS[topic]
+    return without_null(model.model_json_schema(mode="serialization"), _left_out(model))
+
+
+def _left_out(model: type[BaseModel]) -> frozenset[str]:
+    """Fields that are left out of the JSON when they are None: those that are None by default."""
+    known = _LEFT_OUT.get(model.__name__)
+    if known is None:
+        known = _LEFT_OUT[model.__name__] = frozenset(name for name, one in model.model_fields.items() if one.default is None)
+    return known
+
+
+def schema_of(topic: str) -> tuple[str, str, bytes] | None:
+    """Name, encoding and text of a topic's schema, as they stand in the log; None for bytes of our own.
+
+    Raises:
+        KeyError: there is no such topic.
+    """
+    if topic in PICTURE_TOPICS:
+        return PICTURE_TOPICS[topic], "protobuf", FILE_DESCRIPTORS[PICTURE_TOPICS[topic]]
+    if topic in RAW_TOPICS:
+        return None
+    name = "foxglove.Log" if topic == "/log" else "semlive." + TOPICS[topic].__name__
+    return name, "jsonschema", json.dumps(drawable(_json_schema(topic)), sort_keys=True).encode()

@@ -26,6 +26,8 @@ MAX_IMAGE_BYTES = 512 * 2**20
 _MAX_INFLATION = 200
 _MAX_TAGS = 4096
 _MAX_PAGES = 64
+_LONG_VALUE = 64
+_ZEROS = 16  # a text ends in one NUL, in real files in up to five
 _TYPE_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 16: 8, 17: 8, 18: 8}
 _INTEGER_FORMATS = {1: "u1", 3: "u2", 4: "u4", 13: "u4", 16: "u8", 18: "u8"}
 
@@ -40,14 +42,17 @@ class Tag(IntEnum):
     PHOTOMETRIC = 262
     STRIP_OFFSETS = 273
     SAMPLES_PER_PIXEL = 277
+    ROWS_PER_STRIP = 278
     STRIP_BYTES = 279
     COLOR_MAP = 320
     TILE_OFFSETS = 324
     TILE_BYTES = 325
     SAMPLE_FORMAT = 339
+    ZEISS = 34118
     FEI_SFEG = 34680
     FEI_HELIOS = 34682
     FEI_XML = 34683
+    TESCAN = 50431
 
 
 class Photometric(IntEnum):
@@ -177,6 +182,38 @@ def check_inflation(name: str, pixel_bytes: int, file_bytes: int, compressed: bo
     """
     if pixel_bytes > file_bytes * (_MAX_INFLATION if compressed else 1):
         raise BadImage(f"{name}: promises {pixel_bytes} bytes of pixels in a file of {file_bytes}; export it again.")
+
+
+def zero_rows(data: bytes, directory: Directory, last_row: int) -> int:
+    """Rows up to `last_row` whose bytes are all zero, counted upwards from there; 0 if the pixels are compressed or in tiles.
+
+    A preallocated file whose directory comes first decodes without error before its pixels are there: they are zeros.
+    """
+    compressed = directory.integer(data, Tag.COMPRESSION, 1) != 1
+    offsets, height = directory.integers(data, Tag.STRIP_OFFSETS), directory.integer(data, Tag.HEIGHT, 0)
+    lengths = directory.integers(data, Tag.STRIP_BYTES)
+    in_strip = min(directory.integer(data, Tag.ROWS_PER_STRIP, height), height)
+    if compressed or in_strip < 1 or len(offsets) != len(lengths) or len(offsets) != -(-height // in_strip) or last_row > height:
+        return 0
+    for row in range(last_row - 1, -1, -1):
+        strip, at = divmod(row, in_strip)
+        rows = min(in_strip, height - strip * in_strip)
+        width_bytes = lengths[strip] // rows
+        first = offsets[strip] + at * width_bytes
+        if width_bytes < 1 or data.count(0, first, first + width_bytes) != width_bytes:
+            return last_row - 1 - row
+    return last_row
+
+
+def ends_in_zeros(data: bytes) -> bool:
+    """Whether the file, or the long value of a tag, ends in more zeros than close a text: what fills it may not be written yet."""
+    try:
+        directory = _directory(data, *_first_offset(data))
+    except (struct.error, ValueError):
+        return False
+    values = [tag for tag in directory.tags.values() if tag.nbytes >= _LONG_VALUE]
+    ends = [len(data), *(tag.offset + tag.nbytes for tag in values)]
+    return any(data[end - _ZEROS : end] == bytes(_ZEROS) for end in ends if _ZEROS <= end <= len(data))
 
 
 def read_pixels(data: bytes, name: str, directory: Directory) -> NDArray[np.generic]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,12 @@ from semlive.errors import IllPosed
 
 # Loads closer than this are one load held twice: what is between them is relaxation and noise of the load cell.
 MIN_SPAN = 0.01
+Field = NDArray[np.float64]
+Covariance = Field | Callable[[Field], Field]
+"""(2 n, 2 n) of n steps' strains, first all exx, then all eyy; or what gives that (k, k) of linear functions (k, 2 n) of them.
+
+Of a thousand steps the whole one costs a hundred times what two slopes ask of it.
+"""
 
 
 def elastic_constants(
@@ -19,7 +25,7 @@ def elastic_constants(
     area_mm2: float,
     loading_axis: str = "y",
     load_sigma_n: float = 0.0,
-    covariance: NDArray[np.float64] | None = None,
+    covariance: Covariance | None = None,
 ) -> ElasticConstants:
     """Slopes of axial and transverse strain over stress, intercepts free.
 
@@ -33,8 +39,7 @@ def elastic_constants(
         area_mm2: cross-section.
         loading_axis: ``x`` or ``y``, the image axis that is pulled.
         load_sigma_n: standard uncertainty of one mean load, independent from frame to frame.
-        covariance: (2 n, 2 n) of the mean strains, first all exx, then all eyy; without it the frames' own sigmas are
-            taken as independent.
+        covariance: of the mean strains; without it the frames' own sigmas are taken as independent.
 
     Raises:
         IllPosed: fewer than two distinct loads, or strain does not follow stress.
@@ -55,7 +60,7 @@ def elastic_constants(
         slope[row] = weights @ strain[component]
         load_variance[row] = float(weights @ weights) * (slope[row] * load_sigma_n / area_mm2) ** 2
     flat = contrast.reshape(2, -1)
-    joint = flat @ covariance @ flat.T
+    joint = covariance_of(covariance, flat)
     if slope[0] <= 0.0:
         raise IllPosed("axial strain does not grow with stress: check the loading axis and the sign of the load")
     ratio = -slope[1] / slope[0]
@@ -64,6 +69,11 @@ def elastic_constants(
         Measured(float(1e-3 / slope[0]), float(1e-3 * np.sqrt(joint[0, 0] + load_variance[0]) / slope[0] ** 2)),
         Measured(float(ratio), float(np.sqrt(towards_ratio @ joint @ towards_ratio))),
     )
+
+
+def covariance_of(covariance: Covariance, functions: Field) -> Field:
+    """(k, k) of linear functions (k, 2 n)."""
+    return covariance(functions) if callable(covariance) else functions @ covariance @ functions.T
 
 
 def _slope_weights(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from semlive.data.loading import FrameLoad
 from semlive.data.strain import GageComparison, GageStep, Measured, StrainSummary
 from semlive.errors import IllPosed
-from semlive.mechanics.elastic import MIN_SPAN
+from semlive.mechanics.elastic import MIN_SPAN, Covariance, covariance_of
 
 NOTABLE = 3.0
 """Standard uncertainties between DIC and gage from which on the operator is told."""
@@ -21,7 +21,7 @@ def compare_with_gage(
     area_mm2: float,
     loading_axis: str = "y",
     factor_sigma: float = 0.0,
-    covariance: NDArray[np.float64] | None = None,
+    covariance: Covariance | None = None,
 ) -> GageComparison:
     """Three slopes with free intercepts: stress, and DIC's two strains, each over what the gage says.
 
@@ -33,8 +33,7 @@ def compare_with_gage(
         area_mm2: cross-section; its uncertainty is not included.
         loading_axis: ``x`` or ``y``, the image axis that is pulled, along which the gage lies.
         factor_sigma: relative standard uncertainty of the gage's factor.
-        covariance: (2 n, 2 n) of the mean strains by DIC, first all exx, then all eyy; without it the frames' own sigmas are taken
-            as independent.
+        covariance: of the mean strains by DIC; without it the frames' own sigmas are taken as independent.
 
     Raises:
         IllPosed: fewer than two distinct loads, or the gage does not follow them.
@@ -56,9 +55,10 @@ def compare_with_gage(
     slopes: list[Measured] = []
     for component in (axial, transverse):
         weights = _weights(gage, sigma[component])
-        shared = covariance[component * n : (component + 1) * n, component * n : (component + 1) * n]
+        function = np.zeros((1, 2 * n))
+        function[0, component * n : (component + 1) * n] = weights
         slope = float(weights @ strain[component])
-        random = float(weights @ shared @ weights) + slope**2 * float(weights**2 @ gage_sigma**2)
+        random = float(covariance_of(covariance, function)[0, 0]) + slope**2 * float(weights**2 @ gage_sigma**2)
         slopes.append(Measured(slope, float(np.sqrt(random + (slope * factor_sigma) ** 2))))
     modulus = 1e-3 / compliance
     steps = tuple(

@@ -55,3 +55,27 @@ def _gain(step_px: int, subset_px: int, window_points: int, order: int, weights:
     shared = overlap_correlation(window_points, Grid(0, 0, step_px, window_points, window_points, subset_px))
     by_x, by_y = (float(np.sum((shared @ slope @ shared) * slope)) / step_px**2 for slope in whole_window(window_points, settings))
     return by_x, by_y
+
+
+def expected_sigma(grid: Grid, window_points: int, sigma_px: tuple[float, float], settings: StrainSettings) -> Tensor2:
+    """Standard uncertainty of one whole gauge's strain that noise of the correlation alone is going to make.
+
+    Args:
+        grid: the POI.
+        window_points: edge of the gauge in POI, odd.
+        sigma_px: standard uncertainty of u and of v at a POI.
+        settings: how the gauge fits.
+    """
+    by_x, by_y = _gain(grid.step_px, grid.subset_px, window_points, settings.order, settings.weights)
+    u2, v2 = (one**2 for one in sigma_px)
+    return Tensor2(*(float(np.sqrt(one)) for one in (by_x * u2, by_y * v2, 0.25 * (by_y * u2 + by_x * v2))))
+
+
+def expected_mean_sigma(grid: Grid, sigma_px: tuple[float, float]) -> Tensor2:
+    """Standard uncertainty of the mean strain over the whole grid from the noise of the correlation alone; terms as in `summary`."""
+    x, y = grid.mesh()
+    overlap = max(grid.subset_px, grid.step_px) / grid.step_px
+    spread_x, spread_y = (float(np.sqrt(np.sum((one - one.mean()) ** 2))) for one in (x, y))
+    u, v = (one * overlap for one in sigma_px)
+    shear = 0.5 * float(np.hypot(u / max(spread_y, 1.0), v / max(spread_x, 1.0)))
+    return Tensor2(u / max(spread_x, 1.0), v / max(spread_y, 1.0), shear)

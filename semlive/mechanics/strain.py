@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.displacement import Displacement
 from semlive.data.strain import StrainField
 from semlive.errors import IllPosed
+from semlive.kernels.windows import window_moments
 
 MIN_FILL = 0.5  # of the window's POI; a window at the edge of the grid is cut to about half, at a corner to a quarter
 MIN_POINTS = 4
@@ -30,28 +34,54 @@ def strain(displacement: Displacement, window_points: int) -> StrainField:
     grid = displacement.grid
     if window_points < 3 or window_points % 2 == 0 or window_points > min(grid.nx, grid.ny):
         largest = min(grid.nx, grid.ny)
-        largest = min(grid.nx, grid.ny)
         raise IllPosed(
             f"a strain window of {window_points} points does not fit {grid.nx} x {grid.ny} points: take an odd number, 3 to {largest}"
         )
-    half = window_points // 2
-    weight = displacement.valid.astype(np.float64)
-    n, sx, sy, sxx, sxy, syy = (_moments(weight, half, a, b) for a, b in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)))
-    count = np.maximum(n, 1.0)
-    cxx, cxy, cyy = sxx - sx * sx / count, sxy - sx * sy / count, syy - sy * sy / count
-    determinant = cxx * cyy - cxy * cxy
-    window = _moments(np.ones_like(weight), half, 0, 0)
-    full = window_points**2 * (window_points**2 - 1) / 12.0
-    # The smaller eigenvalue is at least determinant / trace; an edge cuts it to about an eighth.
-    thin = determinant <= MIN_SPREAD * 0.125 * full * (cxx + cyy)
-    valid = displacement.valid & (n >= np.maximum(MIN_POINTS, MIN_FILL * window)) & ~thin
-    scale = np.where(valid, determinant, 1.0) * grid.step_px
-    ux, uy = _slopes(displacement.u_px * weight, half, (count, sx, sy, cxx, cxy, cyy), scale)
-    vx, vy = _slopes(displacement.v_px * weight, half, (count, sx, sy, cxx, cxy, cyy), scale)
+    half, weight = window_points // 2, displacement.valid.astype(np.float64)
+    # Most frames have all points, and their windows are the same: half of the time.
+    fit = _whole(grid.shape, window_points) if displacement.valid.all() else _fit(displacement.valid, window_points)
+    valid = fit.valid.copy()
+    scale = fit.determinant * grid.step_px
+    ux, uy = _slopes(displacement.u_px * weight, half, fit.moments, scale)
+    vx, vy = _slopes(displacement.v_px * weight, half, fit.moments, scale)
     exx, eyy, exy = (np.where(valid, one, 0.0) for one in (ux, vy, 0.5 * (uy + vx)))
     for one in (exx, eyy, exy, valid):
         one.setflags(write=False)
     return StrainField(displacement.frame, grid, window_points, exx, eyy, exy, valid)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """The windows of a mask, whatever the displacement.
+
+    Attributes:
+        valid: (ny, nx) where a window is full enough and thick enough.
+        determinant: (ny, nx) of the points' spread; 1 where not valid.
+        moments: (ny, nx) each: count, sums of x and y, spreads xx, xy, yy.
+    """
+
+    valid: NDArray[np.bool_]
+    determinant: NDArray[np.float64]
+    moments: tuple[NDArray[np.float64], ...]
+
+
+def _fit(mask: NDArray[np.bool_], window_points: int) -> _Fit:
+    half, weight = window_points // 2, mask.astype(np.float64)
+    n, sx, sxx, sy, sxy, syy = window_moments(weight, half, 2)
+    count = np.maximum(n, 1.0)
+    cxx, cxy, cyy = sxx - sx * sx / count, sxy - sx * sy / count, syy - sy * sy / count
+    determinant = cxx * cyy - cxy * cxy
+    window = window_moments(np.ones_like(weight), half, 0)[0]
+    full = window_points**2 * (window_points**2 - 1) / 12.0
+    # The smaller eigenvalue is at least determinant / trace; an edge cuts it to about an eighth.
+    thin = determinant <= MIN_SPREAD * 0.125 * full * (cxx + cyy)
+    valid = mask & (n >= np.maximum(MIN_POINTS, MIN_FILL * window)) & ~thin
+    return _Fit(valid, np.where(valid, determinant, 1.0), (count, sx, sy, cxx, cxy, cyy))
+
+
+@lru_cache(maxsize=4)
+def _whole(shape: tuple[int, int], window_points: int) -> _Fit:
+    return _fit(np.ones(shape, dtype=np.bool_), window_points)
 
 
 def _slopes(
@@ -59,19 +89,6 @@ def _slopes(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Slopes along x and y of the plane through the window of each POI."""
     count, sx, sy, cxx, cxy, cyy = moments
-    s, tx, ty = (_moments(value, half, a, b) for a, b in ((0, 0), (1, 0), (0, 1)))
+    s, tx, ty = window_moments(value, half, 1)
     dx, dy = tx - sx * s / count, ty - sy * s / count
     return (cyy * dx - cxy * dy) / scale, (cxx * dy - cxy * dx) / scale
-
-
-def _moments(value: NDArray[np.float64], half: int, power_x: int, power_y: int) -> NDArray[np.float64]:
-    """Sum over the window of each POI of ``value * dx^power_x * dy^power_y``, dx and dy in POI from the window's centre."""
-    lag = np.arange(-half, half + 1, dtype=np.float64)
-    padded = np.pad(value, half)
-    ny, nx = value.shape
-    along_x, total = np.zeros((padded.shape[0], nx)), np.zeros((ny, nx))
-    for i, wx in enumerate(lag**power_x):
-        along_x += wx * padded[:, i : i + nx]
-    for i, wy in enumerate(lag**power_y):
-        total += wy * along_x[i : i + ny]
-    return total

@@ -53,7 +53,8 @@ def summary(
     inside = field.valid
     scatter = (float(np.std(one[inside])) if inside.any() else 0.0 for one in (field.exx, field.eyy, field.exy))
     one_gauge = gauge_sigma(displacement, field, settings, systematic)
-    return StrainSummary(displacement.frame, mean, mean_sigma, Tensor2(*scatter), float(grid.vsg_px(field.window_points)), one_gauge)
+    vsg_px = float(grid.vsg_px(field.window_points))
+    return StrainSummary(displacement.frame, mean, mean_sigma, Tensor2(*scatter), vsg_px, one_gauge, systematic)
 
 
 def mean_gradient(displacement: Displacement) -> tuple[np.ndarray, np.ndarray]:

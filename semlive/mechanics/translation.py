@@ -8,6 +8,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from semlive.data.displacement import Displacement
 from semlive.data.drift import DistortionField
+from semlive.data.grid import Grid
 from semlive.data.strain import StrainField
 from semlive.mechanics.strain import strain
 
@@ -33,6 +34,30 @@ def false_strain(distortion: DistortionField, shift_px: tuple[float, float], win
     after = [RectBivariateSpline(grid.y_px, grid.x_px, one)(y, x) for one in (distortion.ex_px, distortion.ey_px)]
     u, v = np.where(valid, after[0] - distortion.ex_px, 0.0), np.where(valid, after[1] - distortion.ey_px, 0.0)
     return strain(Displacement(0, grid, u, v, distortion.sigma_px, distortion.sigma_px, valid), window_points)
+
+
+def typical_distortion(grid: Grid, width_px: int, height_px: int) -> DistortionField:
+    """A distortion like those that were measured at x200: 0.7 px from end to end along x and 1.9 px along y (Sutton 2007, part II).
+
+    It stands in for a microscope's own before that is known. Its amplitudes are chosen so that a translation of 5 px feigns the
+    strain that the paper's Fig. 16 shows.
+
+    Args:
+        grid: where it is sampled.
+        width_px: of the frame.
+        height_px: of the frame.
+    """
+    x, y = grid.mesh()
+    a, b = 2.0 * x / width_px - 1.0, 2.0 * y / height_px - 1.0
+    ex = 0.4 * a * b + 0.17 * np.cos(2.0 * np.pi * a) + 0.3 * b**2
+    ey = 0.6 * b**2 + 0.6 * a * b + 0.42 * np.cos(2.0 * np.pi * b) + 0.4 * np.cos(3.0 * np.pi * a)
+    fields = []
+    for one in (ex, ey, np.zeros(grid.shape)):
+        one.setflags(write=False)
+        fields.append(one)
+    everywhere = np.ones(grid.shape, dtype=np.bool_)
+    everywhere.setflags(write=False)
+    return DistortionField(grid, fields[0], fields[1], fields[2], everywhere)
 
 
 def _within(position: NDArray[np.float64], known: NDArray[np.float64]) -> NDArray[np.bool_]:

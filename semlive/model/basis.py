@@ -9,6 +9,8 @@ from functools import cache, lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from semlive.kernels.columns import on_intervals
+
 
 @dataclass(frozen=True, slots=True)
 class UniformSpline:
@@ -52,21 +54,18 @@ class UniformSpline:
         return _roughness(self.size, order)
 
     def _local(self, position: ArrayLike, derivative: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        scaled = (np.asarray(position, dtype=np.float64).ravel() - self.origin) / self.spacing
-        first = np.clip(np.floor(scaled), 0, self.intervals - 1)
-        value = _evaluate(scaled - first, self.degree, derivative) / self.spacing**derivative
-        return first.astype(np.int64)[:, None] + np.arange(self.degree + 1), value
+        at = np.ascontiguousarray(position, dtype=np.float64).ravel()
+        table = _polynomials(self.degree, derivative)
+        index, value = on_intervals(at, self.origin, self.spacing, self.intervals, table)
+        return index, value / self.spacing**derivative if derivative else value
 
 
-def _evaluate(f: NDArray[np.float64], degree: int, derivative: int) -> NDArray[np.float64]:
-    """(n, degree + 1) derivatives with respect to f of the basis functions that are not zero on an interval."""
-    coefficients = np.polynomial.polynomial.polyder(_cardinal(degree), derivative, axis=0)
-    # Powers times the table: a quarter of the time of Horner's scheme on whole arrays, and f lies between 0 and 1.
-    power = np.empty((len(coefficients), len(f)))
-    power[0] = 1.0
-    for k in range(1, len(power)):
-        np.multiply(power[k - 1], f, out=power[k])
-    return power.T @ coefficients
+@cache
+def _polynomials(degree: int, derivative: int) -> NDArray[np.float64]:
+    """(degree + 1 - derivative, degree + 1) the basis functions that are not zero on an interval, or their derivatives."""
+    table = np.ascontiguousarray(np.polynomial.polynomial.polyder(_cardinal(degree), derivative, axis=0), dtype=np.float64)
+    table.setflags(write=False)
+    return table
 
 
 @lru_cache(maxsize=64)

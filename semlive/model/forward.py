@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.drift import FrameTime
+from semlive.kernels.columns import curve_at, surface_at
 from semlive.model.distortion import DistortionSpline
 from semlive.model.drift import DriftSpline
 from semlive.model.effect import Axis, Columns, Effect, Layout, Sighting, TensorColumns
@@ -33,26 +34,10 @@ def offsets(model: Sequence[Effect], parameters: NDArray[np.float64], seen: Sigh
 
 
 def _both(columns: Columns | TensorColumns, own: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 2) what columns that act on x and y alike add, with parameters (k, 2).
-
-    The two components are taken as one complex number, and a surface is summed a coefficient at a time without its rows being
-    written out: a quarter of the time of both at 18,000 points.
-    """
-    paired = np.ascontiguousarray(own).view(np.complex128)[:, 0]
-    if isinstance(columns, Columns):
-        return _apart(np.einsum("nk,nk->n", columns.value, paired[columns.index]))
-    surface = paired.reshape(columns.shape)
-    total = np.zeros(len(columns.index_x), dtype=np.complex128)
-    for j in range(columns.index_y.shape[1]):
-        row = np.zeros_like(total)
-        for i in range(columns.index_x.shape[1]):
-            row += columns.value_x[:, i] * surface[columns.index_y[:, j], columns.index_x[:, i]]
-        total += columns.value_y[:, j] * row
-    return _apart(total)
-
-
-def _apart(total: NDArray[np.complex128]) -> NDArray[np.float64]:
-    return total.view(np.float64).reshape(-1, 2)
+    """(n, 2) what columns that act on x and y alike add, with parameters (k, 2)."""
+    if isinstance(columns, TensorColumns):
+        return surface_at(columns.index_y, columns.value_y, columns.index_x, columns.value_x, own.reshape(*columns.shape, 2))
+    return curve_at(np.ascontiguousarray(columns.index), np.ascontiguousarray(columns.value), np.ascontiguousarray(own))
 
 
 def with_drift(model: Sequence[Effect], parameters: NDArray[np.float64], seen: Sighting) -> Sighting:

@@ -89,7 +89,8 @@ class PairMotions:
 
 def _count(kinds: tuple[MotionKind, ...]) -> int:
     """Parameters of so many pairs; asked for dozens of times with every pair of a run of a thousand."""
-    return sum(kind.value * kinds.count(kind) for kind in MotionKind)
+    rigid = MotionKind.RIGID.value
+    return rigid * len(kinds) + (MotionKind.GRADIENT.value - rigid) * kinds.count(MotionKind.GRADIENT)
 
 
 def _column(axis: Axis, start: int, at: tuple[int, ...], values: tuple[NDArray[np.float64], ...]) -> Columns:

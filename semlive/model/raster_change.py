@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -55,10 +56,9 @@ class RasterChange:
 
     def columns(self, seen: Sighting) -> tuple[Columns, ...]:
         """Basis rows at the mean visit time, times the lever."""
-        index, value = self.spline.local(seen.visit_time_s.mean(axis=0))
-        x, y = (seen.x_px - self.centre_px[0]) / self.radius_px, (seen.y_px - self.centre_px[1]) / self.radius_px
-        along_x, along_y = (x, y) if self.term is RasterTerm.MAGNIFICATION else (-y, x)
-        return Columns(Axis.X, index, value * along_x[:, None]), Columns(Axis.Y, index, value * along_y[:, None])
+        index, by_x, by_y = _levers(self.spline, self.centre_px, self.radius_px, seen)
+        along_x, along_y = (by_x, by_y) if self.term is RasterTerm.MAGNIFICATION else (-by_y, by_x)
+        return Columns(Axis.X, index, along_x), Columns(Axis.Y, index, along_y)
 
     def until(self, time_s: float) -> RasterChange:
         """The same, lengthened to reach `time_s`."""
@@ -75,3 +75,13 @@ class RasterChange:
     def roughness(self, order: int = 2) -> NDArray[np.float64]:
         """(size, size) sum of squared differences of an order of neighbouring coefficients."""
         return self.spline.roughness(order)
+
+
+@lru_cache(maxsize=2)  # two maps at a time
+def _levers(
+    spline: UniformSpline, centre_px: tuple[float, float], radius_px: float, seen: Sighting
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Indices, and basis values times the levers along x and y: rotation asks for the same as magnification did just before."""
+    index, value = spline.local(seen.visit_time_s.mean(axis=0))
+    x, y = (seen.x_px - centre_px[0]) / radius_px, (seen.y_px - centre_px[1]) / radius_px
+    return index, value * x[:, None], value * y[:, None]

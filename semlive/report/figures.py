@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,8 +16,8 @@ from semlive.data.results import FrameResult, RunResult
 from semlive.data.series import LoadSeries
 from semlive.data.strain import GageComparison
 
-_X_COLOUR, _Y_COLOUR = "#2563eb", "#d97706"
-_GRID = {"color": "#94a3b8", "alpha": 0.25, "linewidth": 0.6}
+X_COLOUR, Y_COLOUR, INK = "#2563eb", "#d97706", "#0f172a"
+GRID: dict[str, Any] = {"color": "#94a3b8", "alpha": 0.25, "linewidth": 0.6}
 
 
 def png(figure: Figure) -> bytes:
@@ -28,23 +29,23 @@ def png(figure: Figure) -> bytes:
 
 def load_over_time(series: LoadSeries, result: RunResult) -> Figure:
     """Load against time, the scans of accepted frames marked."""
-    figure, axes = _axes(9.0, 3.0)
+    figure, axes = framed(9.0, 3.0)
     zero_ns = _zero_ns(result)
-    axes.plot((series.time_ns - zero_ns) / 60e9, series.force_n, color="#0f172a", linewidth=1.0)
+    axes.plot((series.time_ns - zero_ns) / 60e9, series.force_n, color=INK, linewidth=1.0)
     for decision in result.decisions:
         for info in (decision.first, decision.second):
             start, end = ((t - zero_ns) / 60e9 for t in (info.start_time_ns.value, info.end_time_ns))
-            axes.axvspan(start, end, color=_X_COLOUR, alpha=0.14, linewidth=0)
+            axes.axvspan(start, end, color=X_COLOUR, alpha=0.14, linewidth=0)
     axes.set(xlabel="time since frame 0 (min); shaded: accepted frames", ylabel="load (N)")
     return figure
 
 
 def drift_over_time(result: RunResult) -> Figure:
     """Drift against scan time with its band of two standard uncertainties."""
-    figure, axes = _axes(9.0, 3.4)
+    figure, axes = framed(9.0, 3.4)
     drift = result.estimate.drift
     minutes = drift.time_s / 60
-    for axis, (name, colour) in enumerate((("x", _X_COLOUR), ("y", _Y_COLOUR))):
+    for axis, (name, colour) in enumerate((("x", X_COLOUR), ("y", Y_COLOUR))):
         value, sigma = drift.drift_px[:, axis], drift.sigma_px[:, axis]
         axes.plot(minutes, value, ".-", color=colour, linewidth=0.9, markersize=2.5, label=f"drift {name}")
         axes.fill_between(minutes, value - 2 * sigma, value + 2 * sigma, color=colour, alpha=0.25, linewidth=0)
@@ -59,7 +60,7 @@ def distortion_fields(result: RunResult) -> Figure:
     grid = field.grid
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     for axes, values, name in zip(figure.subplots(1, 2), (field.ex_px, field.ey_px), ("x", "y"), strict=True):
-        _map(figure, axes, grid.x_px, grid.y_px, values, field.valid, f"distortion {name} (px)", robust=False)
+        draw_map(figure, axes, grid.x_px, grid.y_px, values, field.valid, f"distortion {name} (px)", robust=False)
     return figure
 
 
@@ -69,7 +70,20 @@ def strain_maps(frame: FrameResult, title: str) -> Figure:
     field = frame.strain
     components = ((field.exx, "exx"), (field.eyy, "eyy"), (field.exy, "exy"))
     for axes, (values, name) in zip(figure.subplots(1, 3), components, strict=True):
-        _map(figure, axes, field.grid.x_px, field.grid.y_px, values, field.valid, name, robust=True)
+        draw_map(figure, axes, field.grid.x_px, field.grid.y_px, values, field.valid, name, robust=True)
+    figure.suptitle(title, fontsize=10)
+    return figure
+
+
+def field_maps(frame: FrameResult, title: str) -> Figure:
+    """Displacement and strain of one frame, each with its colour bar; what was not measured is left blank."""
+    figure = Figure(figsize=(12.0, 6.4), layout="constrained")
+    moved, strain = frame.displacement, frame.strain
+    grid = moved.grid
+    fields = [(moved.u_px, moved.valid, "u (px)"), (moved.v_px, moved.valid, "v (px)"), (moved.sigma_u_px, moved.valid, "sigma u (px)")]
+    fields += [(getattr(strain, name), strain.valid, name) for name in ("exx", "eyy", "exy")]
+    for axes, (values, valid, name) in zip(figure.subplots(2, 3).flat, fields, strict=True):
+        draw_map(figure, axes, grid.x_px, grid.y_px, values, valid, name, robust=True)
     figure.suptitle(title, fontsize=10)
     return figure
 
@@ -79,15 +93,15 @@ def stress_strain(result: RunResult, area_mm2: float, loading_axis: str) -> Figu
     points = _stress_points(result, area_mm2, loading_axis)
     if points.size == 0 or result.elastic is None:
         return None
-    figure, axes = _axes(7.0, 4.2)
+    figure, axes = framed(7.0, 4.2)
     stress, axial, transverse = points.T
     modulus, ratio = result.elastic.youngs_modulus_gpa, result.elastic.poissons_ratio
-    axes.plot(axial * 1e3, stress, "o", color=_Y_COLOUR, label="axial")
-    axes.plot(transverse * 1e3, stress, "s", color=_X_COLOUR, label="transverse")
+    axes.plot(axial * 1e3, stress, "o", color=Y_COLOUR, label="axial")
+    axes.plot(transverse * 1e3, stress, "s", color=X_COLOUR, label="transverse")
     span = np.array([axial.min(), axial.max()])
     line = stress.mean() + modulus.value * 1e3 * (span - axial.mean())
-    axes.plot(span * 1e3, line, color=_Y_COLOUR, linewidth=0.9)
-    axes.plot((transverse.mean() - ratio.value * (span - axial.mean())) * 1e3, line, color=_X_COLOUR, linewidth=0.9)
+    axes.plot(span * 1e3, line, color=Y_COLOUR, linewidth=0.9)
+    axes.plot((transverse.mean() - ratio.value * (span - axial.mean())) * 1e3, line, color=X_COLOUR, linewidth=0.9)
     axes.set(xlabel="mean strain (1e-3)", ylabel="stress (MPa)")
     axes.set_title(
         f"E = {modulus.value:.2f} ± {modulus.sigma:.2f} GPa, Poisson's ratio = {ratio.value:.4f} ± {ratio.sigma:.4f}", fontsize=10
@@ -104,21 +118,21 @@ def gage_comparison(gage: GageComparison) -> Figure:
     slope = gage.dic_over_gage.value
     weight = sigma**-2.0
     line = np.average(by_dic, weights=weight) + slope * (by_gage - np.average(by_gage, weights=weight))
-    left.plot(by_gage * 1e3, by_dic * 1e3, "o", color=_Y_COLOUR)
-    left.plot(by_gage * 1e3, line * 1e3, color=_Y_COLOUR, linewidth=0.9)
+    left.plot(by_gage * 1e3, by_dic * 1e3, "o", color=Y_COLOUR)
+    left.plot(by_gage * 1e3, line * 1e3, color=Y_COLOUR, linewidth=0.9)
     left.set(xlabel="strain gage (1e-3)", ylabel="DIC, axial mean (1e-3)")
     left.set_title(f"slope = {slope:.4f} ± {gage.dic_over_gage.sigma:.4f}", fontsize=10)
-    right.errorbar(by_gage * 1e3, (by_dic - line) * 1e6, sigma * 1e6, fmt="o", color=_Y_COLOUR, linewidth=0.9)
-    right.axhline(0.0, color="#0f172a", linewidth=0.6)
+    right.errorbar(by_gage * 1e3, (by_dic - line) * 1e6, sigma * 1e6, fmt="o", color=Y_COLOUR, linewidth=0.9)
+    right.axhline(0.0, color=INK, linewidth=0.6)
     right.set(xlabel="strain gage (1e-3)", ylabel="DIC less the line (1e-6)")
     for axes in (left, right):
-        axes.grid(**_GRID)
+        axes.grid(**GRID)
     return figure
 
 
 def _stress_points(result: RunResult, area_mm2: float, loading_axis: str) -> NDArray[np.float64]:
     """(n, 3) stress in MPa, axial and transverse mean strain of every tension frame."""
-    frames = {frame.summary.frame: frame.summary.mean for frame in result.frames}
+    frames = {one.frame: one.mean for one in result.summaries}
     rows = []
     for decision in result.decisions:
         if decision.step.phase is Phase.TENSION and decision.loads:
@@ -134,15 +148,16 @@ def _zero_ns(result: RunResult) -> int:
     return first.first.start_time_ns.value
 
 
-def _axes(width: float, height: float) -> tuple[Figure, Axes]:
+def framed(width: float, height: float) -> tuple[Figure, Axes]:
+    """A figure of that size in inches with one pair of axes, as all of them look."""
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.subplots()
-    axes.grid(**_GRID)
+    axes.grid(**GRID)
     axes.spines[["top", "right"]].set_visible(False)
     return figure, axes
 
 
-def _map(
+def draw_map(
     figure: Figure,
     axes: Axes,
     x_px: NDArray[np.float64],
@@ -153,6 +168,7 @@ def _map(
     *,
     robust: bool,
 ) -> None:
+    """A field over the image, y down, blank where it is not valid; `robust` leaves the outermost percents out of the colours."""
     shown = np.ma.masked_array(values, ~valid)
     inside = values[valid]
     low, high = (0.0, 1.0) if inside.size == 0 else (np.percentile(inside, (1, 99)) if robust else (inside.min(), inside.max()))

@@ -4,15 +4,26 @@ from __future__ import annotations
 
 import base64
 import html
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from importlib.metadata import version
 
+import yaml
 from matplotlib.figure import Figure
 
+from semlive.data.grid import Grid
 from semlive.data.results import RunResult
 from semlive.data.series import LoadSeries
 from semlive.data.settings import AnalysisSettings
 from semlive.report import figures
+from semlive.report.budget import uncertainty_budget
+from semlive.report.sections import sections
+from semlive.service.log_facts import LogFacts
+from semlive.service.settings_changes import as_keys
 
-_STYLE = """
+_REASON_NUMBERS = re.compile(r"\d+(?:\.\d+)?")
+STYLE = """
 :root { color-scheme: light dark;
   --ink: #0f172a; --paper: #ffffff; --soft: #64748b; --line: #e2e8f0; --accent: #2563eb; }
 @media (prefers-color-scheme: dark) { :root { --ink: #e2e8f0; --paper: #0f172a; --soft: #94a3b8; --line: #334155; --accent: #60a5fa; } }
@@ -25,11 +36,18 @@ h1 { font-size: 1.5rem; margin-bottom: 0; } h2 { font-size: 1.1rem; margin-top: 
 img { max-width: 100%; border-radius: .5rem; } table { border-collapse: collapse; font-variant-numeric: tabular-nums; width: 100%; }
 th, td { text-align: right; padding: .2rem .6rem; border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child { text-align: left; }
-.scroll { overflow-x: auto; }
+.scroll { overflow-x: auto; } pre { overflow-x: auto; font-size: .85rem; } details { margin: .6rem 0; }
 """
 
 
-def report_html(name: str, result: RunResult, series: LoadSeries | None, settings: AnalysisSettings) -> str:
+def report_html(
+    name: str,
+    result: RunResult,
+    series: LoadSeries | None,
+    settings: AnalysisSettings,
+    facts: LogFacts | None = None,
+    progress: Callable[[int, int], object] = lambda *_: None,
+) -> str:
     """A whole run as one HTML page that needs no other file and no network.
 
     Args:
@@ -37,28 +55,41 @@ def report_html(name: str, result: RunResult, series: LoadSeries | None, setting
         result: every frame corrected with the newest estimate.
         series: load as sampled, or None without a load frame.
         settings: what the run was analysed with.
+        facts: what the log tells besides; None leaves refused frames, configuration and versions out.
+        progress: told how many figures of how many are drawn.
     """
-    area_mm2, axis = settings.specimen.area_mm2, settings.specimen.loading_axis
-    last = result.frames[-1]
-    curve = figures.stress_strain(result, area_mm2, axis) if area_mm2 is not None else None
-    sections = [
-        ("Load", figures.load_over_time(series, result)) if series is not None and series.time_ns.size else None,
-        ("Drift", figures.drift_over_time(result)),
-        ("Distortion", figures.distortion_fields(result)),
-        ("Strain", figures.strain_maps(last, f"frame {last.summary.frame}, virtual strain gauge {last.summary.vsg_px:.0f} px")),
-        ("Stress and strain", curve) if curve is not None else None,
-        ("Strain gage", figures.gage_comparison(result.gage)) if result.gage is not None else None,
-    ]
+    facts = facts or LogFacts()
     body = [f"<h1>{html.escape(name)}</h1>", f'<p class="soft">{html.escape(settings.specimen.name)}</p>', _key_figures(result)]
-    body += [f"<h2>{title}</h2>\n{_image(figure, title)}" for title, figure in filter(None, sections)]
-    body += ["<h2>Frames</h2>", _frames_table(result), "<h2>Notes</h2>", _notes(result), "<h2>Settings</h2>", _settings(settings)]
+    drawn = tuple(sections(result, series, settings))
+    for number, section in enumerate(drawn, start=1):
+        about = f'<p class="soft">{html.escape(section.about)}</p>'
+        body += [f"<h2>{html.escape(section.title)}</h2>", image(section.figure, section.title), about]
+        progress(number, len(drawn))
+    body += [
+        '<p class="soft">Figures are numbered as in M.A. Sutton et al., <i>Experimental Mechanics</i> 47 (2007) 789-804, '
+        "doi:10.1007/s11340-007-9041-0.</p>",
+        "<h2>Uncertainty budget</h2>",
+        _table(("what", "standard uncertainty", "from"), uncertainty_budget(result, settings)),
+        "<h2>Frames</h2>",
+        _frames_table(result),
+        "<h2>Refused frames</h2>",
+        refused_html(facts),
+        "<h2>Notes</h2>",
+        _notes(result),
+        "<h2>Settings</h2>",
+        _settings(settings, result.estimate.distortion.grid),
+        _all_settings(settings, facts),
+        "<h2>Versions</h2>",
+        _versions(facts),
+    ]
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
-        f"<title>{html.escape(name)} - semlive</title><style>{_STYLE}</style></head>\n<body>\n" + "\n".join(body) + "\n</body></html>\n"
+        f"<title>{html.escape(name)} - semlive</title><style>{STYLE}</style></head>\n<body>\n" + "\n".join(body) + "\n</body></html>\n"
     )
 
 
-def _image(figure: Figure, title: str) -> str:
+def image(figure: Figure, title: str) -> str:
+    """The figure within the page itself."""
     data = base64.b64encode(figures.png(figure)).decode("ascii")
     return f'<img alt="{html.escape(title)}" src="data:image/png;base64,{data}">'
 
@@ -82,8 +113,7 @@ def _frames_table(result: RunResult) -> str:
     decisions = {decision.pair: decision for decision in result.decisions}
     head = "<tr><th>frame</th><th>phase</th><th>load N</th><th>exx 1e-6</th><th>eyy 1e-6</th><th>exy 1e-6</th><th>sd eyy 1e-6</th></tr>"
     rows = []
-    for frame in result.frames:
-        summary = frame.summary
+    for summary in result.summaries:
         decision = decisions[summary.frame // 2]
         load = f"{decision.loads[summary.frame % 2].mean_n:.1f}" if decision.loads else ""
         strains = "".join(
@@ -100,10 +130,44 @@ def _notes(result: RunResult) -> str:
     return "<ul>" + "".join(f"<li>{html.escape(note)}</li>" for note in result.notes) + "</ul>"
 
 
-def _settings(settings: AnalysisSettings) -> str:
-    dic, gauge = settings.dic, settings.estimate.window_points
-    vsg_px = (gauge - 1) * dic.step_px + dic.subset_px
+def _settings(settings: AnalysisSettings, grid: Grid) -> str:
+    gauge = settings.estimate.window_points
+    subset = f"Subset {grid.subset_px} px, step" if grid.subset_px else "Maps of another engine, step"
     return (
-        f"<p>Subset {dic.subset_px} px, step {dic.step_px} px, virtual strain gauge {gauge} x {gauge} points = {vsg_px} px, "
+        f"<p>{subset} {grid.step_px} px, virtual strain gauge {gauge} x {gauge} points = {grid.vsg_px(gauge)} px, "
         f"engineering small strain relative to frame 0, tension positive.</p>"
     )
+
+
+def refused_html(facts: LogFacts) -> str:
+    """How many for each reason, and each of them on demand: a microscope that scans all the time has most of its frames refused."""
+    if not facts.refused:
+        return f"<p>None of {facts.files} files.</p>" if facts.files else "<p>The log tells of none.</p>"
+    count = Counter(_REASON_NUMBERS.sub("#", one.reason.removeprefix(one.name).strip()) for one in facts.refused)
+    said = f"<p>{len(facts.refused)} of {facts.files} files were not used.</p>"
+    reasons = _table(("reason", "files"), [(reason, str(times)) for reason, times in count.most_common()])
+    rows = [("" if one.export is None else str(one.export), one.name, one.reason) for one in facts.refused]
+    return f"{said}{reasons}<details><summary>each of them</summary>{_table(('export', 'file', 'reason'), rows)}</details>"
+
+
+def _all_settings(settings: AnalysisSettings, facts: LogFacts) -> str:
+    rows = [(key, str(value)) for key, value in as_keys(settings).items()]
+    found = f"<details><summary>every setting of the analysis</summary>{_table(('key', 'value'), rows)}</details>"
+    if facts.config:
+        text = html.escape(yaml.safe_dump(facts.config, sort_keys=False, allow_unicode=True))
+        found += f"<details><summary>the run's configuration</summary><pre>{text}</pre></details>"
+    return found
+
+
+def _versions(facts: LogFacts) -> str:
+    rows = [("report made by semlive", version("semlive"))]
+    rows += [(f"run made by {name}" if name == "semlive" else name, told) for name, told in (facts.versions or {}).items()]
+    rows += [("computer", facts.host)] if facts.host else []
+    rows += [("begun or taken up again", f"{facts.segments} times")] if facts.segments > 1 else []
+    return _table(("what", "is"), rows)
+
+
+def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    head = "".join(f"<th>{html.escape(one)}</th>" for one in headings)
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(one)}</td>" for one in row) + "</tr>" for row in rows)
+    return f'<div class="scroll"><table><tr>{head}</tr>{body}</table></div>'

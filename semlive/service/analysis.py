@@ -1,19 +1,18 @@
 """Analysis: a pure function of the log's messages, and the child process that runs it beside the experiment.
 
-The child reads messages from standard input and writes what it makes of them to standard output, both as they stand in
-the log. Started again after a crash, it first catches up from the log itself.
+The child reads the growing log, as far as standard input says that there is something for it, and writes what it makes of it to standard
+output as it shall stand in the log. Started again after a crash, it reads the log from the beginning.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
-import signal
+import hashlib
 import sys
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from itertools import islice
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 
 from semlive import dic, pipeline
@@ -25,13 +24,16 @@ from semlive.engine import FINAL_STATES
 from semlive.errors import BadImage, BadLog, SemliveError
 from semlive.formats import message_values as values
 from semlive.formats import read_frame
+from semlive.formats.foxglove import PICTURE_TOPICS
 from semlive.formats.log import LogMessage
 from semlive.formats.maps import encode_displacement, encode_map, encode_strain
 from semlive.formats.messages import (
     DIC_MAP,
     DISPLACEMENT_FIELD,
     SEM_ORIGINAL,
+    SEM_SIDECAR,
     STRAIN_FIELD,
+    ClockOffsetMessage,
     DicMessage,
     FaultMessage,
     FileMessage,
@@ -45,19 +47,43 @@ from semlive.formats.messages import (
     to_json,
     topic_of,
 )
+from semlive.service.analysis_voice import Voice, stand_back
 from semlive.service.blas import one_blas_thread
 from semlive.service.config import parse_config
-from semlive.service.log_files import messages
-from semlive.service.pipe import read_message, write_message
+from semlive.service.display import pictures
+from semlive.service.file_clocks import FileClocks
+from semlive.service.map_store import MapStore, beside_memory
+from semlive.service.pipe import read_counts
 from semlive.service.result_json import result_json
+from semlive.service.tail import Tail
+from semlive.service.warned import newly_warned
 
-INPUT_TOPICS = frozenset({"/run", "/sem/file", SEM_ORIGINAL, "/pair", "/state"})
+INPUT_TOPICS = frozenset({"/run", "/sem/file", SEM_SIDECAR, SEM_ORIGINAL, "/pair", "/state"})
 READY = "analysis is ready"
+_FAULT_OF_PAIR = "analysis of pair "
+_DOUBT = "estimate with pair "
+_ONLY_OURS = frozenset(
+    {
+        "/sem/scan",
+        "/dic/summary",
+        "/drift/estimate",
+        "/distortion/estimate",
+        "/motion",
+        "/strain/summary",
+        "/elastic",
+        "/result",
+    }
+) | {DIC_MAP, DISPLACEMENT_FIELD, STRAIN_FIELD, *PICTURE_TOPICS}
 
 # A pair is named after its frames were read, and while a correlation takes long many more are read than a hold has: 22 scans
 # came between at 16 times life on a busy computer. So what limits them is memory, and never fewer are kept than a hold needs.
 _KEPT_FRAMES = 8
 _KEPT_BYTES = 512 * 2**20
+_KEPT_HASHES = 1000
+_TOLD_BEYOND = 0.01
+_ASK = "the run goes on; `semlive diagnose LOG` says what is missing from the model"
+# From the word that something was recorded to its bytes in the log the recorder takes some milliseconds.
+_POLL_S = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,29 +95,43 @@ class AnalysisState:
         announced: the file whose bytes come next.
         frames: the newest decoded frames.
         begun: the run's estimate so far.
+        sidecar: bytes of the text file beside the file whose bytes come next.
+        shown: name of the frame that first showed these pixels, by their hash.
+        clocks: clocks of other computers as files tell them.
+        warned: what the estimate has warned of, without its figures.
     """
 
     settings: AnalysisSettings | None = None
     announced: FileMessage | None = None
+    sidecar: bytes | None = None
+    shown: Mapping[str, str] = field(default_factory=dict)
+    clocks: FileClocks = field(default_factory=lambda: FileClocks.looked_at_every(1.0))
     frames: tuple[Frame, ...] = ()
     begun: pipeline.Begun | None = None
+    warned: frozenset[str] = frozenset()
 
 
-def feed(state: AnalysisState, message: LogMessage) -> tuple[AnalysisState, tuple[LogMessage, ...]]:
+def feed(state: AnalysisState, message: LogMessage) -> tuple[AnalysisState, Iterable[LogMessage]]:
     """Take one message of the log and give what follows from it, ready to be logged.
+
+    What is told of a pair, its pictures last, is put into words only when it is asked for, once.
 
     Raises:
         BadLog: the message is not what its topic promises.
     """
+    if message.topic == SEM_SIDECAR:
+        return replace(state, sidecar=message.payload), ()
     if message.topic == SEM_ORIGINAL:
         return _decode(state, message)
     payload = from_json(message.topic, message.payload)
     if isinstance(payload, RunMessage):
-        settings = parse_config(payload.config, "the run's configuration").analysis_settings()
+        config = parse_config(payload.config, "the run's configuration")
+        settings, clocks = config.analysis_settings(), FileClocks.looked_at_every(config.sem.poll_s)
         ready = LogLineMessage(time_ns=message.log_time_ns, level="info", text=READY)
-        return replace(state, settings=settings), (_message(ready, message.log_time_ns),)
+        return replace(state, settings=settings, clocks=clocks), (_message(ready, message.log_time_ns),)
     if isinstance(payload, FileMessage):
-        return (replace(state, announced=payload) if payload.decision == "arrived" else state), ()
+        # Bytes beside an announced file whose own bytes were lost with the end of a segment belong to no other.
+        return (replace(state, announced=payload, sidecar=None) if payload.decision == "arrived" else state), ()
     if isinstance(payload, PairMessage):
         return _analyse(state, values.pair_decision(payload), message.log_time_ns)
     if isinstance(payload, StateMessage) and payload.after in FINAL_STATES and state.begun and state.settings:
@@ -100,18 +140,65 @@ def feed(state: AnalysisState, message: LogMessage) -> tuple[AnalysisState, tupl
     return state, ()
 
 
+def is_output(message: LogMessage) -> bool:
+    """Whether a message of the log is one that analysis gave: what stands in the log need not be said again."""
+    if message.topic in _ONLY_OURS:
+        return True
+    if message.topic not in ("/log", "/clock/offset", "/sem/file", "/fault"):
+        return False
+    payload = from_json(message.topic, message.payload)
+    if isinstance(payload, ClockOffsetMessage):
+        return payload.export is not None  # else the share was asked, when the run began
+    if isinstance(payload, LogLineMessage):
+        return payload.text == READY
+    if isinstance(payload, FileMessage):
+        # Control refuses frames by their number alone; only who has read the bytes repeats what the file is.
+        return payload.decision == "refused" and bool(payload.sha256)
+    return isinstance(payload, FaultMessage) and payload.where.startswith((_FAULT_OF_PAIR, _DOUBT))
+
+
+def is_doubt(fault: FaultMessage) -> bool:
+    """It doubts the model, and the pair was used."""
+    return fault.where.startswith(_DOUBT)
+
+
+def fault_place(pair: int) -> str:
+    """Where the fault of a pair that could not be analysed says that it arose."""
+    return f"{_FAULT_OF_PAIR}{pair}"
+
+
 def _decode(state: AnalysisState, message: LogMessage) -> tuple[AnalysisState, tuple[LogMessage, ...]]:
     told, settings = state.announced, state.settings
     if told is None or settings is None or told.export != message.sequence:
         raise BadLog(f"the bytes of export {message.sequence} come without the file's own message; recover the log first")
-    file = ExportedFile(message.sequence, told.name, message.payload, told.sha256, told.mtime_ns, told.arrival_time_ns)
+    file = ExportedFile(
+        message.sequence, told.name, message.payload, told.sha256, told.mtime_ns, told.arrival_time_ns, state.sidecar, told.settled_time_ns
+    )
+    done = replace(state, announced=None, sidecar=None)
     try:
         frame = read_frame(file, settings.scan)
+        shown = _shown(state.shown, frame)
     except BadImage as error:
         refused = told.model_copy(update={"decision": "refused", "reason": str(error)})
-        return replace(state, announced=None), (_message(refused, message.publish_time_ns),)
+        return done, (_message(refused, message.publish_time_ns),)
+    clocks, told_clocks = state.clocks.after(file, frame.info, settings.scan)
     frames = _newest((*state.frames, frame))
-    return replace(state, announced=None, frames=frames), (_message(values.scan_message(frame.info), frame.info.end_time_ns),)
+    scan = _message(values.scan_message(frame.info), frame.info.end_time_ns)
+    outputs = (*(_message(one, message.publish_time_ns) for one in told_clocks), scan)
+    return replace(done, frames=frames, shown=shown, clocks=clocks), outputs
+
+
+def _shown(before: Mapping[str, str], frame: Frame) -> Mapping[str, str]:
+    """With the frame's pixels; noise alone makes those of two scans differ, whatever their headers say.
+
+    Raises:
+        BadImage: an earlier frame shows the same.
+    """
+    pixels = hashlib.blake2b(frame.image.tobytes(), digest_size=16).hexdigest()
+    if pixels in before:
+        raise BadImage(f"{frame.info.name}: shows the same pixels as {before[pixels]}; the SEM's image is frozen, so let it scan.")
+    kept = dict(list(before.items())[-(_KEPT_HASHES - 1) :])
+    return {**kept, pixels: frame.info.name}
 
 
 def _newest(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
@@ -119,7 +206,7 @@ def _newest(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
     return frames[-kept:]
 
 
-def _analyse(state: AnalysisState, decision: PairDecision, time_ns: int) -> tuple[AnalysisState, tuple[LogMessage, ...]]:
+def _analyse(state: AnalysisState, decision: PairDecision, time_ns: int) -> tuple[AnalysisState, Iterable[LogMessage]]:
     if state.settings is None:
         raise BadLog(f"pair {decision.pair} comes before the run's configuration; recover the log first")
     by_export = {frame.info.export: frame for frame in state.frames}
@@ -131,14 +218,27 @@ def _analyse(state: AnalysisState, decision: PairDecision, time_ns: int) -> tupl
     try:
         begun, result = pipeline.analyse(state.settings, state.begun, pair)
     except SemliveError as error:
-        fault = FaultMessage(time_ns=time_ns, what=str(error), where=f"analysis of pair {decision.pair}", action="the pair is left out")
-        return state, (_message(fault, time_ns),)
+        fault = FaultMessage(time_ns=time_ns, what=str(error), where=fault_place(decision.pair), action="the pair is left out")
+        return state, _with_pictures(pair, lambda: (_message(fault, time_ns),))
     wall_s = time.perf_counter() - started
     frames = tuple(frame for frame in state.frames if frame.info.export > decision.second.export)
-    return replace(state, frames=frames, begun=begun), tuple(_pair_messages(result, wall_s))
+    news, warned = newly_warned(result.estimate.notes, state.warned)
+    end_ns = decision.second.end_time_ns
+    doubts = tuple(FaultMessage(time_ns=end_ns, what=one, where=f"{_DOUBT}{decision.pair}", action=_ASK) for one in news)
+    return replace(state, frames=frames, begun=begun, warned=warned), _with_pictures(
+        pair, lambda: (*pair_messages(result, wall_s), *(_message(one, end_ns) for one in doubts))
+    )
 
 
-def _pair_messages(result: PairResult, wall_s: float) -> Iterator[LogMessage]:
+def _with_pictures(pair: Pair, words: Callable[[], tuple[LogMessage, ...]]) -> Iterator[LogMessage]:
+    """What is told of a pair, then its pictures: no result waits for a picture."""
+    told = words()
+    yield from told
+    yield from pictures(pair, told)
+
+
+def pair_messages(result: PairResult, wall_s: float) -> Iterator[LogMessage]:
+    """All that is told of an analysed pair, in the order in which it is logged."""
     estimate, end_ns = result.estimate, result.decision.second.end_time_ns
     revision = estimate.drift.revision
     for disparity in result.maps:
@@ -156,7 +256,7 @@ def _pair_messages(result: PairResult, wall_s: float) -> Iterator[LogMessage]:
             wall_s=wall_s,
         )
         yield _message(summary, end_ns)
-    yield _message(values.drift_message(estimate.drift), end_ns)
+    yield _message(values.drift_message(estimate.drift, estimate.calibration), end_ns)
     yield _message(values.distortion_message(estimate.distortion, revision), end_ns)
     for motion in estimate.motions:
         yield _message(values.motion_message(motion, revision), end_ns)
@@ -166,6 +266,25 @@ def _pair_messages(result: PairResult, wall_s: float) -> Iterator[LogMessage]:
         yield LogMessage(STRAIN_FIELD, end_ns, end_ns, number, encode_strain(frame.strain))
         yield _message(values.strain_message(frame.summary, revision), end_ns)
     yield _message(values.elastic_message(result.elastic, revision, result.gage), end_ns)
+    yield from _left_area(result, end_ns)
+
+
+def _left_area(result: PairResult, end_ns: int) -> Iterator[LogMessage]:
+    """A word for the operator while the specimen can still be brought back: points that a frame shows beyond what was calibrated."""
+    measured = {one.current: one.valid for one in result.maps if one.reference == 0}
+    for frame in result.frames:
+        seen, number = measured.get(frame.summary.frame), frame.summary.frame
+        if seen is None or not seen.any():
+            continue
+        beyond = 1.0 - float(frame.displacement.valid[seen].mean())
+        if beyond > _TOLD_BEYOND:
+            what = (
+                f"{100 * beyond:.0f} % of the points of frame {number} lie beyond the area that the calibration covered and have no "
+                "displacement; bring the specimen back, or calibrate with larger translations"
+            )
+            action = "the other points are corrected as ever"
+            yield _message(FaultMessage(time_ns=end_ns, what=what, where=fault_place(result.decision.pair), action=action), end_ns)
+            return
 
 
 def _message(payload: Payload, time_ns: int) -> LogMessage:
@@ -174,33 +293,52 @@ def _message(payload: Payload, time_ns: int) -> LogMessage:
 
 def main() -> None:
     """The child process; it ends when its standard input does."""
-    if hasattr(os, "nice"):
-        # Links, watcher and recorder come first: they are late by milliseconds if correlation takes both cores.
-        os.nice(10)
-    for name in ("SIGTERM", "SIGHUP"):
-        # A service manager tells the whole group to end; control ends us when the log is whole.
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
     parser = argparse.ArgumentParser()
-    parser.add_argument("--log", type=Path, help="catch up from this log first")
-    parser.add_argument("--inputs", type=int, default=0, help="how many of its input messages")
-    parser.add_argument("--skip", type=int, default=0, help="how many outputs are in the log already")
+    parser.add_argument("--log", type=Path, required=True, help="the growing log")
+    parser.add_argument("--inputs", type=int, default=0, help="how many input messages stand in it already")
+    parser.add_argument("--skip", type=int, default=0, help="how many outputs stand in it already")
+    parser.add_argument("--beat", action="store_true", help="also say every second that this process lives")
     arguments = parser.parse_args()
-    state, skip = AnalysisState(), arguments.skip
+    stand_back()
     one_blas_thread()
-    for message in _inputs(arguments.log, arguments.inputs):
-        state, outputs = feed(state, message)
-        _warm(state, message)
-        for output in outputs[skip:]:
-            write_message(sys.stdout.buffer, output)
-        skip = max(0, skip - len(outputs))
+    state, skip, store = AnalysisState(), arguments.skip, MapStore()
+    with Voice(sys.stdout.buffer, arguments.beat) as voice:
+        for message in _inputs(arguments.log, chain((arguments.inputs,), read_counts(sys.stdin.buffer))):
+            with voice.at_work():
+                before = state.begun
+                state, outputs = feed(state, message)
+                _warm(state, message)
+                for output in outputs:
+                    if skip > 0:
+                        skip -= 1
+                    else:
+                        voice.say(output)
+                state = _lighter(state, before, store)
 
 
-def _inputs(log: Path | None, count: int) -> Iterator[LogMessage]:
-    if log is not None:
-        yield from islice((message for message in messages(log) if message.topic in INPUT_TOPICS), count)
-    while (message := read_message(sys.stdin.buffer)) is not None:
-        yield message
+def _inputs(log: Path, counts: Iterable[int]) -> Iterator[LogMessage]:
+    """Input messages of a growing log; each count says how many there are by now, and they are waited for."""
+    tail, taken = Tail(log), 0
+    for count in counts:
+        while taken < count:
+            for message in tail.poll():
+                if message.topic in INPUT_TOPICS:
+                    taken += 1
+                    yield message
+            if taken < count:
+                time.sleep(_POLL_S)
+
+
+def _lighter(state: AnalysisState, before: pipeline.Begun | None, store: MapStore) -> AnalysisState:
+    """What is kept of a new pair beyond the first 256 MB goes into files without a name, the same to the last bit."""
+    if state.begun is None or state.begun is before:
+        return state
+    try:
+        begun = beside_memory(state.begun, state.begun.pairs[-1].pair, (), store)
+    except OSError:
+        return state  # no room there: it stays in memory
+    store.settle()
+    return replace(state, begun=begun)
 
 
 def _warm(state: AnalysisState, message: LogMessage) -> None:

@@ -1,9 +1,8 @@
-"""Control's end of the analysis process: hand messages over, take results back, start it again when it dies."""
+"""Control's end of the analysis process: say what there is to read, take results back, start it again when it dies or hangs."""
 
 from __future__ import annotations
 
 import contextlib
-import queue
 import subprocess
 import sys
 import threading
@@ -13,66 +12,80 @@ from pathlib import Path
 
 from semlive.formats.log import LogMessage
 from semlive.service.analysis import INPUT_TOPICS
-from semlive.service.pipe import read_message, write_message
+from semlive.service.pipe import BEAT, read_message, write_count
 from semlive.service.process import start_apart
 
+# In a row, without a new output in between: what it dies of is in the log then, and it would die of it again.
 _MAX_RESTARTS = 3
-_FLUSH_AGAIN_S = 0.5
-
-_Messages = queue.SimpleQueue[LogMessage | None]
+_LOOK_S = 1.0
+# It beats every second, on a computer with twenty others at work sometimes only after four. Importing numerical packages comes before the
+# first beat: seconds, on a busy computer a minute.
+_SILENT_S = 60.0
+_SILENT_AT_FIRST_S = 300.0
+_REFUSED_S = 10.0
 
 
 class AnalysisLink:
-    """Owns the child process and the two threads that keep its pipes moving.
+    """Owns the child process and the threads beside it.
 
-    The child is a function of its input messages, so the numbers of inputs given and outputs taken say exactly where a
-    new child has to go on; what came before it reads from the log.
+    The child reads its input from the log, as the page does, so control keeps none of it: it only says how much there is. The child is a
+    function of that input, so the numbers of inputs given and outputs taken say exactly where a new child has to go on.
     """
 
     def __init__(
-        self, log: Path, flush: Callable[[], bool], on_output: Callable[[LogMessage], None], on_trouble: Callable[[str, bool], None]
+        self,
+        log: Path,
+        log_refused: Callable[[], bool],
+        on_output: Callable[[LogMessage], None],
+        on_trouble: Callable[[str, bool], None],
+        before: tuple[int, int] = (0, 0),
     ) -> None:
         """Start the child.
 
         Args:
-            log: the growing log, for catching up.
-            flush: tries to bring everything recorded so far to where it can be read from the log, and says whether it did.
+            log: the growing log.
+            log_refused: whether what is recorded does not get to where it can be read from.
             on_output: gets every output, in a thread of ours.
             on_trouble: gets a sentence, and whether the child is lost for good.
+            before: inputs and outputs that stand in the log already, of a run that is taken up again; the child catches up from there.
         """
-        self._log, self._flush, self._on_output, self._on_trouble = log, flush, on_output, on_trouble
-        self._given = self._taken = self._restarts = 0
-        self._closing = self._killed = False
+        self._log, self._log_refused, self._on_output, self._on_trouble = log, log_refused, on_output, on_trouble
+        self._given, self._taken = before
+        self._restarts = 0
+        self._closing = self._killed = self._finished = False
         self._heard_s = time.monotonic()
+        self._silent_s, self._has_spoken = 0.0, False
         self._over = threading.Event()
-        self._finished = False
-        self._lock = threading.Lock()
-        self._queue: _Messages = queue.SimpleQueue()
-        self._process = self._start([], self._queue)
+        self._changed = threading.Condition()
+        self._start()
+        threading.Thread(target=self._watch, name="analysis-watch", daemon=True).start()
 
     def give(self, message: LogMessage) -> None:
-        """Hand over the next message of the log; those that analysis does not read are passed over. Never blocks."""
+        """A message was recorded; those that analysis does not read are passed over. Never blocks."""
         if message.topic in INPUT_TOPICS and not self._over.is_set():
-            with self._lock:
+            with self._changed:
                 self._given += 1
-                self._queue.put(message)
+                self._changed.notify_all()
 
     def kill(self) -> None:
         """Do not wait for it any more."""
         self._killed = True
-        self._over.set()
+        self._end()
         self._process.kill()
 
     def drain(self, quiet_s: float) -> bool:
         """Let the child finish what it has, however long that takes while it keeps saying something, then end it; never raises.
 
+        A disk that refuses is not waited for: what the child misses is not in the log then.
+
         Returns:
             True if everything that it was given is analysed.
         """
-        self._heard_s = time.monotonic()
+        now_s = self._heard_s = taken_s = time.monotonic()
         self._let_end()
-        while not self._over.is_set() and (left_s := self._heard_s + quiet_s - time.monotonic()) > 0:
-            self._over.wait(left_s)
+        while not self._over.wait(0.1) and now_s < self._heard_s + quiet_s and now_s < taken_s + _REFUSED_S:
+            now_s = time.monotonic()
+            taken_s = taken_s if self._log_refused() else now_s
         return self.close(0.0)
 
     def close(self, timeout_s: float) -> bool:
@@ -84,7 +97,7 @@ class AnalysisLink:
         self._let_end()
         if not self._over.wait(timeout_s):
             self.kill()
-        with self._lock:
+        with self._changed:
             reader, process = self._reader, self._process
         if process.poll() is None:
             process.kill()
@@ -93,30 +106,40 @@ class AnalysisLink:
         return self._finished
 
     def _let_end(self) -> None:
-        with self._lock:
+        with self._changed:
             self._closing = True
-            self._queue.put(None)
+            self._changed.notify_all()
 
-    def _start(self, arguments: list[str], messages: _Messages) -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-m", "semlive.service.analysis", *arguments]
-        process = start_apart(command, stdout=subprocess.PIPE)
-        writer = threading.Thread(target=self._write, args=(process, messages), name="analysis-writer", daemon=True)
+    def _end(self) -> None:
+        self._over.set()
+        with self._changed:
+            self._changed.notify_all()
+
+    def _start(self) -> None:
+        place = ["--log", str(self._log), "--inputs", str(self._given), "--skip", str(self._taken)]
+        process = start_apart([sys.executable, "-m", "semlive.service.analysis", "--beat", *place], stdout=subprocess.PIPE)
+        self._process = process
+        self._silent_s, self._has_spoken = 0.0, False
         self._reader = threading.Thread(target=self._read, args=(process,), name="analysis-reader", daemon=True)
-        writer.start()
+        threading.Thread(target=self._tell, args=(process,), name="analysis-writer", daemon=True).start()
         self._reader.start()
-        return process
 
-    @staticmethod
-    def _write(process: subprocess.Popen[bytes], messages: _Messages) -> None:
-        stream = process.stdin
+    def _tell(self, process: subprocess.Popen[bytes]) -> None:
+        stream, told = process.stdin, 0
         if stream is None:
             return
         # A broken pipe here means that the child died; the reader notices and starts another.
-        with contextlib.suppress(OSError):
-            while (message := messages.get()) is not None:
-                write_message(stream, message)
-        with contextlib.suppress(OSError):
-            stream.close()
+        with contextlib.suppress(OSError), stream:
+            while (count := self._next_count(process, told)) is not None:
+                write_count(stream, count)
+                told = count
+
+    def _next_count(self, process: subprocess.Popen[bytes], told: int) -> int | None:
+        """How much there is to read once that is more, however often it grew meanwhile; None if there will be no more for this child."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._given > told or self._closing or self._over.is_set() or process is not self._process)
+            is_more = self._given > told and not self._over.is_set() and process is self._process
+            return self._given if is_more else None
 
     def _read(self, process: subprocess.Popen[bytes]) -> None:
         stream = process.stdout
@@ -125,37 +148,44 @@ class AnalysisLink:
         try:
             with stream:
                 while (message := read_message(stream)) is not None:
-                    self._taken += 1
-                    self._heard_s = time.monotonic()
-                    self._on_output(message)
+                    self._silent_s, self._has_spoken = 0.0, True
+                    if message != BEAT:
+                        self._taken += 1
+                        self._restarts = 0
+                        self._heard_s = time.monotonic()
+                        self._on_output(message)
         except Exception:
             # Whatever is wrong with what it says, a child that cannot be understood is as good as dead.
             process.kill()
         code = process.wait()
         if code == 0 and self._closing:
             self._finished = True
-            self._over.set()
+            self._end()
         elif not self._killed:
             self._again(code)
+
+    def _watch(self) -> None:
+        """A child that hangs is ended; the reader then starts another. Time counts in which this process runs itself."""
+        while not self._over.wait(_LOOK_S):
+            self._silent_s += _LOOK_S
+            if self._is_hung():
+                with self._changed:
+                    self._process.kill()
+
+    def _is_hung(self) -> bool:
+        return self._silent_s > (_SILENT_S if self._has_spoken else _SILENT_AT_FIRST_S)
 
     def _again(self, code: int) -> None:
         self._restarts += 1
         lost = self._restarts > _MAX_RESTARTS
-        with self._lock:
-            # Whatever was given so far is recorded; once it is on disk the new child can read it there.
-            self._queue.put(None)
-            self._queue, given, taken = queue.SimpleQueue(), self._given, self._taken
-            if self._closing:
-                self._queue.put(None)
+        what = f"hung: it was silent for {self._silent_s:.0f} s" if self._is_hung() else f"died (exit code {code})"
         with contextlib.suppress(RuntimeError):
             # The loop may be closed by now.
-            self._on_trouble(f"the analysis process died (exit code {code}); {'it is given up' if lost else 'it is started again'}", lost)
-        # The lock is free meanwhile: flushing takes as long as the disk likes, and the loop must be able to give.
-        while not lost and not self._flush():
-            lost = self._over.wait(_FLUSH_AGAIN_S)
+            self._on_trouble(f"the analysis process {what}; {'it is given up' if lost else 'it is started again'}", lost)
         if lost:
-            self._over.set()
+            self._end()
             return
-        with self._lock:
+        with self._changed:
             if not self._killed:
-                self._process = self._start(["--log", str(self._log), "--inputs", str(given), "--skip", str(taken)], self._queue)
+                self._start()
+            self._changed.notify_all()

@@ -12,10 +12,14 @@ from semlive.formats.clock_file import decode_clock
 
 
 class SystemClock:
-    """Experiment time at an instrument: UTC read once, then carried by the monotonic clock."""
+    """Experiment time at an instrument: UTC read once, then carried by the monotonic clock.
 
-    def __init__(self) -> None:
-        self._clock = Clock(time.time_ns(), time.monotonic_ns())
+    Args:
+        line: the line that the run began with, if this computer has not been started anew since.
+    """
+
+    def __init__(self, line: Clock | None = None) -> None:
+        self._clock = line or Clock(time.time_ns(), time.monotonic_ns())
 
     def current(self) -> Clock:
         """The line in force."""
@@ -77,10 +81,14 @@ class FileClock:
             return self._latest_ns
 
 
-def open_clock(clock_file: Path | None) -> SystemClock | FileClock:
+def open_clock(clock_file: Path | None, line: Clock | None = None) -> SystemClock | FileClock:
     """The clock of this run.
+
+    Args:
+        clock_file: published by a simulator, or None at an instrument.
+        line: the line of the same run before it was interrupted, where this computer's monotonic clock still is the one that it stands on.
 
     Raises:
         BadConfig: the clock file does not exist or is not one.
     """
-    return SystemClock() if clock_file is None else FileClock(clock_file)
+    return SystemClock(line) if clock_file is None else FileClock(clock_file)

@@ -5,18 +5,19 @@ from __future__ import annotations
 import dataclasses
 import difflib
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from semlive.data.experiment import HoldRule, Limits, Phase, Plan, Recentre, Step
-from semlive.data.settings import AnalysisSettings, DicSettings, EstimateSettings, ScanProfile, SpecimenSettings
+from semlive.data.experiment import AdaptiveHold, HoldRule, Limits, Phase, Plan, Recentre, Step, WarmUp
+from semlive.data.settings import AnalysisSettings, DicSettings, EstimateSettings, ScanProfile, ScanSpeed, SpecimenSettings
 from semlive.errors import BadConfig
+from semlive.service.folder import WatchSettings
 
 
-def _known_keys(cls: type, given: object) -> object:
+def known_keys(cls: type, given: object) -> object:
     """Refuse keys that a dataclass does not have; pydantic ignores them in a standard dataclass."""
     if isinstance(given, dict):
         names = [field.name for field in dataclasses.fields(cls)]
@@ -53,6 +54,8 @@ class RunSection(_Section):
     """Folder in which the log is written, relative to the configuration file."""
     clock_file: Path | None = None
     """Clock published by a simulator; without it experiment time is this computer's UTC."""
+    segment_gb: float = Field(default=2.0, gt=0)
+    """A segment of the log that has become larger, in 10^9 bytes, is ended and the next begun."""
 
 
 class DriverSection(_Section):
@@ -73,8 +76,42 @@ class SemSection(_Section):
     poll_s: float = Field(default=1.0, gt=0)
     stable_for_s: float = Field(default=2.0, gt=0)
     """Wall seconds without change before a file is believed complete."""
+    vendor: Literal["fei", "zeiss", "tescan", "jeol", "hitachi"] | None = None
+    """Whose files they are: none counts as complete without this vendor's header, or the text file beside it (JEOL, Hitachi)."""
+    sidecar_timeout_s: float = Field(default=60.0, gt=0)
+    """Wall seconds after which a file without the text file of its vendor is refused."""
+    probe_share: bool = False
+    """Ask the folder's computer for its time, when the run begins, by writing a small file there."""
     trigger: DriverSection | None = None
-    profile: Annotated[ScanProfile, BeforeValidator(lambda v: _known_keys(ScanProfile, v))] = ScanProfile()
+    profile: Annotated[ScanProfile, BeforeValidator(lambda v: known_keys(ScanProfile, v))] = ScanProfile()
+    scan_profiles: list[Annotated[ScanSpeed, BeforeValidator(lambda v: known_keys(ScanSpeed, v))]] = []
+    """Scan times by the vendor's name for a scan speed, for files that do not tell times."""
+
+    @property
+    def whole_profile(self) -> ScanProfile:
+        """All that the user says of files whose vendor does not."""
+        return dataclasses.replace(self.profile, speeds=(*self.profile.speeds, *self.scan_profiles))
+
+
+class WarmUpSection(_Section):
+    """The warm-up gate: how slow the drift must be before the first load."""
+
+    max_rate_px_s: float = Field(gt=0)
+    """Forecast drift rate plus its standard uncertainty; until then further pairs are taken at the place of the step to come."""
+    max_wait_s: float = Field(default=1800.0, gt=0)
+    """After this long the operator is asked."""
+    before: Literal["calibration", "tension"] = "tension"
+    """`calibration`: the gate is after the first pair already."""
+
+
+class AdaptiveHoldSection(_Section):
+    """When a hold lasts longer than `hold_s`; it never lasts less."""
+
+    max_hold_s: float = Field(gt=0)
+    max_rate_px_s: float | None = Field(default=None, gt=0)
+    """Forecast drift rate."""
+    max_relaxation_n_s: float | None = Field(default=None, gt=0)
+    """Change of the load."""
 
 
 class ProtocolSection(_Section):
@@ -93,11 +130,24 @@ class ProtocolSection(_Section):
     recentre_beyond_px: float | None = Field(default=None, ge=0)
     """Before each step, take back what drift carried the field of view away, if it is more than this; leave out to let it go."""
     frame_timeout_s: float = Field(default=900.0, gt=0)
+    warm_up: WarmUpSection | None = None
+    adaptive_hold: AdaptiveHoldSection | None = None
 
     @model_validator(mode="after")
     def _has_steps(self) -> ProtocolSection:
         if not (self.calibration_shifts_px or self.translation_shifts_px or self.loads_n):
             raise PydanticCustomError("no_steps", "no calibration_shifts_px, translation_shifts_px or loads_n: the run has nothing to do")
+        return self
+
+    @model_validator(mode="after")
+    def _can_wait(self) -> ProtocolSection:
+        gate, hold = self.warm_up, self.adaptive_hold
+        if gate is not None and gate.before == "tension" and not self.loads_n:
+            raise PydanticCustomError("no_load", "warm_up waits before the first load, but there are no loads_n")
+        if hold is not None and hold.max_hold_s < self.hold_s:
+            raise PydanticCustomError("short_hold", "adaptive_hold.max_hold_s is shorter than hold_s")
+        if hold is not None and hold.max_rate_px_s is None and hold.max_relaxation_n_s is None:
+            raise PydanticCustomError("no_rate", "adaptive_hold needs max_rate_px_s or max_relaxation_n_s")
         return self
 
 
@@ -108,15 +158,20 @@ class Config(_Section):
     sem: SemSection
     load_frame: DriverSection | None = None
     stage: DriverSection | None = None
-    specimen: Annotated[SpecimenSettings, BeforeValidator(lambda v: _known_keys(SpecimenSettings, v))] = SpecimenSettings()
+    specimen: Annotated[SpecimenSettings, BeforeValidator(lambda v: known_keys(SpecimenSettings, v))] = SpecimenSettings()
     protocol: ProtocolSection
-    limits: Annotated[Limits, BeforeValidator(lambda v: _known_keys(Limits, v))] | None = None
-    dic: Annotated[DicSettings, BeforeValidator(lambda v: _known_keys(DicSettings, v))] = DicSettings()
-    estimate: Annotated[EstimateSettings, BeforeValidator(lambda v: _known_keys(EstimateSettings, v))] = EstimateSettings()
+    limits: Annotated[Limits, BeforeValidator(lambda v: known_keys(Limits, v))] | None = None
+    dic: Annotated[DicSettings, BeforeValidator(lambda v: known_keys(DicSettings, v))] = DicSettings()
+    estimate: Annotated[EstimateSettings, BeforeValidator(lambda v: known_keys(EstimateSettings, v))] = EstimateSettings()
 
     @model_validator(mode="after")
     def _devices_fit_protocol(self) -> Config:
         protocol = self.protocol
+        asks_forecast = protocol.warm_up or (protocol.adaptive_hold and protocol.adaptive_hold.max_rate_px_s)
+        if asks_forecast and self.estimate.method != "joint":
+            raise PydanticCustomError(
+                "no_forecast", "protocol.warm_up and adaptive_hold need estimate.method joint, which forecasts the drift"
+            )
         if protocol.loads_n and self.load_frame is None:
             raise PydanticCustomError("no_frame", "protocol.loads_n needs a load_frame section")
         if self.load_frame is not None and self.limits is None:
@@ -126,9 +181,21 @@ class Config(_Section):
             raise PydanticCustomError("no_stage", "shifts need a stage section (driver: operator asks a hand to move the specimen)")
         return self
 
+    def watch_settings(self) -> WatchSettings:
+        """What is watched, and when a file is believed complete."""
+        sem = self.sem
+        return WatchSettings(
+            folder=sem.folder,
+            poll_s=sem.poll_s,
+            stable_for_s=sem.stable_for_s,
+            vendor=sem.vendor,
+            sidecar_timeout_s=sem.sidecar_timeout_s,
+            profile=sem.whole_profile,
+        )
+
     def analysis_settings(self) -> AnalysisSettings:
         """What the pipeline needs to know."""
-        return AnalysisSettings(self.dic, self.estimate, self.specimen, self.sem.profile)
+        return AnalysisSettings(self.dic, self.estimate, self.specimen, self.sem.whole_profile)
 
     def plan(self) -> Plan:
         """The experiment as steps: calibration shifts, translations, then loads at shift zero."""
@@ -141,7 +208,22 @@ class Config(_Section):
         hold = HoldRule(**{field.name: getattr(protocol, field.name) for field in dataclasses.fields(HoldRule)})
         limits = self.limits or _NO_MOTION
         recentre = None if protocol.recentre_beyond_px is None else Recentre(protocol.recentre_beyond_px, um)
-        return Plan(steps, hold, limits, protocol.ramp_rate_n_s, triggered=self.sem.trigger is not None, recentre=recentre)
+        return Plan(
+            steps,
+            hold,
+            limits,
+            protocol.ramp_rate_n_s,
+            triggered=self.sem.trigger is not None,
+            recentre=recentre,
+            warm_up=_warm_up(protocol.warm_up),
+            adaptive_hold=None if protocol.adaptive_hold is None else AdaptiveHold(**protocol.adaptive_hold.model_dump()),
+            # Who translates nothing asks for no distortion.
+            calibration_gate=any(shift != (0, 0) for _, shift in unloaded) and not self.estimate.accept_poor_calibration,
+        )
+
+
+def _warm_up(gate: WarmUpSection | None) -> WarmUp | None:
+    return None if gate is None else WarmUp(gate.max_rate_px_s, gate.max_wait_s, Phase(gate.before))
 
 
 # Without a load frame nothing pulls; the stage keeps a generous travel of 1 mm.

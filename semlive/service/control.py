@@ -25,7 +25,6 @@ from semlive.engine import (
     DeviceStopped,
     EngineState,
     Event,
-    FieldSeen,
     Finish,
     FrameScanned,
     FrameUnreadable,
@@ -45,6 +44,7 @@ from semlive.engine import (
     Transition,
     TriggerFrame,
     Verb,
+    changed_since,
     progress,
     start,
     step,
@@ -54,6 +54,7 @@ from semlive.errors import SemliveError
 from semlive.formats import message_values as values
 from semlive.formats.log import LogMessage
 from semlive.formats.messages import (
+    ClockOffsetMessage,
     DicMessage,
     DriftMessage,
     ElasticMessage,
@@ -64,15 +65,17 @@ from semlive.formats.messages import (
     ScanMessage,
     from_json,
 )
-from semlive.service.analysis import READY
+from semlive.service.analysis import READY, is_doubt
 from semlive.service.clock import FileClock, SystemClock
 from semlive.service.journal import Journal
 from semlive.service.link import LinkThread
+from semlive.service.resume import Earlier
+from semlive.service.seen import calibration_judged, drift_foreseen, field_seen
 from semlive.service.trigger import TriggerLink
 
 P = ParamSpec("P")
 
-_DECODED = ("/sem/scan", "/sem/file", "/log", "/dic/summary", "/drift/estimate", "/elastic", "/fault", "/result")
+_DECODED = ("/clock/offset", "/sem/scan", "/sem/file", "/log", "/dic/summary", "/drift/estimate", "/elastic", "/fault", "/result")
 _TROUBLE = (State.FAULT, State.ESTOPPED)
 _ENDING = (State.STOPPING, *FINAL_STATES)
 _WARNED = (DeviceFault, DeviceStopped, LinkLost)
@@ -111,10 +114,23 @@ class Control:
         clock: SystemClock | FileClock,
         journal: Journal,
         observe: Callable[[Snapshot], None],
+        earlier: Earlier | None = None,
+        go_on: bool = False,
     ) -> None:
+        """A run that begins, or one that is taken up again.
+
+        Args:
+            plan: what is to be done.
+            clock: experiment time.
+            journal: where everything is written down.
+            observe: gets a snapshot with every tick.
+            earlier: what the run's earlier segments tell.
+            go_on: the operator's answer to the question of a run that is taken up again, given beforehand.
+        """
         self._clock, self._journal, self._observe = clock, journal, observe
         self._loop = asyncio.get_running_loop()
-        self._state: EngineState = start(plan, clock.now_ns())
+        self._state: EngineState = start(plan, clock.now_ns(), before=None if earlier is None else earlier.before)
+        self._go_on = go_on
         self._links: Mapping[Device, LinkThread] = {}
         self._trigger: TriggerLink | None = None
         self._away: set[Device] = set()
@@ -122,10 +138,14 @@ class Control:
         self._clock_revision = clock.current().revision
         self._drift_rate_px_s: tuple[float, float] | None = None
         self._elastic: ElasticMessage | None = None
-        self._pairs_analysed = 0
+        self._pairs_analysed = 0 if earlier is None else earlier.revision
         self._warnings: tuple[str, ...] = ()
         self._closed = False
+        self.pairs_done = 0 if earlier is None else len(earlier.before.done)
+        self._log_behind = False
         self.failure: str | None = None
+        # Pairs that turned out to be of no use when every step was done already.
+        self.unusable: tuple[str, ...] = ()
         self.why: str | None = None
         self.analysis_ready = asyncio.Event()
         self.finished: asyncio.Future[Finish] = self._loop.create_future()
@@ -140,13 +160,16 @@ class Control:
         """All links are open and analysis is warm: begin."""
         now_ns = self._clock.now_ns()
         self.handle(Ready(now_ns, load_frame, stage))
-        self._start_again_mono_ns = self._clock.mono_ns() + _AGAIN_NS
-        self.operator(Verb.START)
+        self._start_again_mono_ns = self._clock.mono_ns()
+        self._start_again()
 
-    def operator(self, verb: Verb) -> None:
-        """The operator said something."""
+    def operator(self, verb: Verb, by: str = "") -> None:
+        """The operator said something, here or elsewhere."""
         now_ns = self._clock.now_ns()
-        self._journal.note(OperatorMessage(time_ns=now_ns, what=verb, args={}))
+        self._journal.note(OperatorMessage(time_ns=now_ns, what=verb, args={"by": by} if by else {}))
+        if self._log_behind and verb in (Verb.START, Verb.RESUME):
+            self._warn(f"cannot {verb}: the log does not keep up")
+            return
         self.handle(Operator(now_ns, verb))
 
     def tick(self) -> None:
@@ -161,6 +184,7 @@ class Control:
         if clock.revision != self._clock_revision:
             self._clock_revision = clock.revision
             self._journal.note(values.clock_message(clock, "the simulation fell behind and stretched its clock"))
+        self._look_at_log(self._journal.recorder.behind)
         self.handle(Tick(self._clock.now_ns()))
         self._start_again()
         self._observe(self._snapshot())
@@ -204,18 +228,26 @@ class Control:
     def _judge(self, before: State, event: Event) -> None:
         """Keep the reason of a trouble for the last sentence; whoever resumes is done with it."""
         at = self._state.at
-        if at in _TROUBLE and before not in _TROUBLE:
+        asks = self._state.asks_of_calibration
+        if (at in _TROUBLE and before not in _TROUBLE) or (asks and before is State.JUDGING):
             self.why = progress(self._state).message
             self.troubled.set()
             if not isinstance(event, _WARNED):
                 self._warn(self.why)
-        elif at not in (*_TROUBLE, *_ENDING):
+        elif not asks and at not in (*_TROUBLE, *_ENDING):
             self.why = None
+        if at is State.RECOVER is not before:
+            self._warn(progress(self._state).message)
 
     def refused(self, name: str, reason: str) -> None:
         """The watcher refused a file."""
         self._journal.refused_file(None, name, reason, self._clock.now_ns())
         self._warn(reason)
+
+    def notice(self, what: str) -> None:
+        """The watcher saw something unusual that is no trouble."""
+        self._journal.line(self._clock.now_ns(), what, "warning")
+        self._warn(what)
 
     def trouble(self, what: str, where: str, action: str) -> None:
         """Something of ours went wrong."""
@@ -234,29 +266,40 @@ class Control:
         if isinstance(payload, FileMessage) and payload.export is not None:
             self._warn(payload.reason)
             self.handle(FrameUnreadable(self._clock.now_ns(), payload.export, payload.reason))
+        elif isinstance(payload, ClockOffsetMessage) and payload.advice:
+            self._warn(payload.advice)
         elif isinstance(payload, LogLineMessage) and payload.text == READY:
             self.analysis_ready.set()
         elif isinstance(payload, DicMessage):
             self._field(payload)
         elif isinstance(payload, DriftMessage):
             self._drift_rate_px_s, self._pairs_analysed = payload.rate_px_s[-1], payload.revision
+            zero = self._state.reference
+            if zero is not None:
+                now_ns = self._clock.now_ns()
+                judged = calibration_judged(payload, now_ns)
+                for event in (drift_foreseen(payload, zero.start_time_ns.value, now_ns), *([judged] if judged else [])):
+                    self.handle(event)
         elif isinstance(payload, ElasticMessage):
             self._elastic = payload
         elif isinstance(payload, FaultMessage):
             self._warn(payload.what)
-            if self._pairs_analysed == 0:
-                # Every later frame is measured from the first pair; without it the specimen would be spent for nothing.
-                self.handle(DeviceFault(self._clock.now_ns(), Device.SEM, f"the first pair cannot be used: {payload.what}"))
+            if not is_doubt(payload):
+                self._pair_unusable(payload.what)
+
+    def _pair_unusable(self, why: str) -> None:
+        """Every later frame is measured from the first pair; what spoilt a later one may spoil the next, and spend the specimen on it."""
+        what = f"{'a' if self._pairs_analysed else 'the first'} pair cannot be used: {why}"
+        if self._state.at in FINAL_STATES:
+            self.unusable += (what,)
+        else:
+            self.handle(DeviceFault(self._clock.now_ns(), Device.SEM, what))
 
     def _field(self, message: DicMessage) -> None:
         """Where the field of view went since frame 0, if most of it was found again."""
-        if (
-            message.reference == 0
-            and message.mean_u_px is not None
-            and message.mean_v_px is not None
-            and 2 * message.converged > message.points
-        ):
-            self.handle(FieldSeen(self._clock.now_ns(), message.current // 2, (message.mean_u_px, message.mean_v_px)))
+        seen = field_seen(message, self._clock.now_ns())
+        if seen is not None:
+            self.handle(seen)
 
     def _guarded(self, call: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
         """In asyncio an exception in a callback is a line on the terminal, and the run would go on without it."""
@@ -284,7 +327,8 @@ class Control:
             self._journal.command(now_ns, "ramp_to", {"force_n": command.force_n, "rate_n_s": command.rate_n_s}, "sent")
             self._links[Device.LOAD_FRAME].send(command)
         elif isinstance(command, MoveStage):
-            self._journal.command(now_ns, "move_stage", {"x_um": command.x_um, "y_um": command.y_um}, "sent")
+            moves = self._links[Device.STAGE].moves or "unknown"
+            self._journal.command(now_ns, "move_stage", {"x_um": command.x_um, "y_um": command.y_um, "moves": moves}, "sent")
             self._links[Device.STAGE].send(command)
         elif isinstance(command, StopMotion):
             self._stop_all(command.reason)
@@ -312,12 +356,44 @@ class Control:
             reason = f"its driver has not come back for {_AWAY_S:g} s, so it cannot be told to stop: stop the machine by hand"
             self.handle(LinkLost(self._clock.now_ns(), device, reason))
 
+    def _look_at_log(self, behind: str | None) -> None:
+        """Nothing is acquired that could not be written down: the run pauses, and only the operator takes it up again."""
+        if (behind is not None) == self._log_behind:
+            return
+        self._log_behind = behind is not None
+        if behind is not None:
+            self.trouble(behind, "log", "paused the run; what is told meanwhile is kept in memory")
+            self.handle(Operator(self._clock.now_ns(), Verb.PAUSE, behind))
+            self.troubled.set()
+        else:
+            self._journal.line(self._clock.now_ns(), "the log keeps up again; resume when you are ready")
+            self._warn("the log keeps up again; resume when you are ready")
+
     def _start_again(self) -> None:
         """A start that was refused (no fresh reading at that instant) is asked for again; nobody else would."""
         due = self._start_again_mono_ns
-        if self._state.at is State.READY and due is not None and self._clock.mono_ns() >= due:
-            self._start_again_mono_ns = self._clock.mono_ns() + _AGAIN_NS
+        if due is None or self._clock.mono_ns() < due:
+            return
+        self._start_again_mono_ns = self._clock.mono_ns() + _AGAIN_NS
+        if self._log_behind:
+            return
+        if self._state.at is State.READY:
             self.operator(Verb.START)
+        elif self._state.at is State.RECOVER and self._go_on:
+            self._resume_as_told()
+        else:
+            self._start_again_mono_ns = None
+
+    def _resume_as_told(self) -> None:
+        """The operator's yes was given for what the log told; if the devices say something else, it is asked anew."""
+        other = changed_since(self._state)
+        if other is None:
+            self.operator(Verb.RESUME)
+            return
+        self._start_again_mono_ns = None
+        self.why = f"the run is not taken up again by itself, because {other}"
+        self._warn(self.why)
+        self.troubled.set()
 
     def _warn(self, text: str) -> None:
         self._warnings = (*self._warnings, text)[-50:]

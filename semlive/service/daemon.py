@@ -5,15 +5,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
-import platform
 import queue
 import shutil
 import signal
 import socket
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from importlib.metadata import version
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 
@@ -27,11 +25,20 @@ from semlive.service.analysis_link import AnalysisLink
 from semlive.service.clock import FileClock, SystemClock, open_clock
 from semlive.service.config import Config
 from semlive.service.control import Control, Snapshot
+from semlive.service.desks import OperatorDesks
+from semlive.service.door import Address, Door
+from semlive.service.file_clocks import probe_share
 from semlive.service.journal import Journal
 from semlive.service.link import LinkThread
+from semlive.service.lock import only_one
 from semlive.service.log_files import segment_path
+from semlive.service.process import boot_id
 from semlive.service.record import Recorder
+from semlive.service.recover import recover_leftovers
+from semlive.service.resume import Earlier, read_earlier
+from semlive.service.supervisor import Supervisor
 from semlive.service.trigger import TriggerLink
+from semlive.service.versions import versions
 from semlive.service.watch import FolderWatcher, WatchSettings
 
 _TICK_S = 0.05
@@ -42,6 +49,8 @@ _LOG_TIMEOUT_S = 10.0
 _ANALYSIS_QUIET_S = 300.0
 # Compiling for the first time takes half a minute on 2 cores.
 _READY_TIMEOUT_S = 300.0
+# A run that is taken up again has its pairs correlated anew first: at 16 million pixels a pair takes some seconds.
+_READY_TIMEOUT_PER_PAIR_S = 20.0
 # SIGHUP: the terminal was closed; SIGBREAK: likewise, and Ctrl-Break, on Windows.
 _STOP_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name))
 
@@ -70,12 +79,19 @@ class Faces:
         verbs: what the operator says, from any thread.
         attended: somebody stays at the instrument.
         stop_on_fault: end the run at a fault instead of waiting for the operator.
+        resume: take up a run that was interrupted, instead of beginning one.
+        go_on: the answer to what a run that is taken up again asks, given beforehand; holds only if the devices are as the log
+            left them.
+        door: told where other processes of this computer may speak to the run, when they may; in the loop, must not block.
     """
 
     observe: Callable[[Snapshot], None]
     verbs: queue.SimpleQueue[Verb]
     attended: bool = False
     stop_on_fault: bool = False
+    resume: bool = False
+    go_on: bool = False
+    door: Callable[[Address], object] | None = None
 
 
 def run_experiment(config: Config, faces: Faces) -> Outcome:
@@ -92,25 +108,32 @@ class _Daemon:
     def __init__(self, config: Config, faces: Faces) -> None:
         self._config, self._faces = config, faces
         self._folder = config.run.folder / config.run.name
+        self._versions = versions(("numpy", "scipy", "numba", "mcap"))
+        self._supervisor = Supervisor(os.environ)
         self._signals = 0
         self._log_ended = False
         self._control: Control | None = None
         self._began = False
 
     async def run(self) -> Outcome:
-        clock = open_clock(self._config.run.clock_file)
-        watch = WatchSettings(folder=self._config.sem.folder, poll_s=self._config.sem.poll_s, stable_for_s=self._config.sem.stable_for_s)
+        watch = self._config.watch_settings()
         if not watch.folder.is_dir():
             raise BadConfig(f"sem.folder {watch.folder}: no such folder; create it or correct the path")
-        # A plan that breaks its limits is refused before anything is written.
-        start(self._config.plan(), clock.now_ns())
         with contextlib.ExitStack() as stack:
             stack.enter_context(self._signals_heard())
-            journal, recorder = self._open_log(stack, clock)
-            self._control = control = Control(self._config.plan(), clock, journal, self._faces.observe)
+            beating = asyncio.create_task(self._supervisor.beat())
+            stack.callback(beating.cancel)
+            stack.callback(self._supervisor.stopping)
+            earlier = self._earlier(stack) if self._faces.resume else None
+            clock = self._open_clock(earlier)
+            # A plan that breaks its limits is refused before anything is written.
+            start(self._config.plan(), clock.now_ns(), before=None if earlier is None else earlier.before)
+            watch = replace(watch, first_export=0 if earlier is None else earlier.exports)
+            journal, recorder = self._open_log(stack, clock, earlier)
+            self._control = control = Control(self._config.plan(), clock, journal, self._faces.observe, earlier, self._faces.go_on)
             stack.callback(control.close)
             try:
-                return await self._experiment(stack, clock, watch, journal, recorder)
+                return await self._experiment(stack, clock, watch, journal, recorder, earlier)
             except SemliveError:
                 raise
             except Exception as error:
@@ -118,29 +141,43 @@ class _Daemon:
                 raise SemliveError(control.failure or str(error)) from error
 
     async def _experiment(
-        self, stack: contextlib.ExitStack, clock: SystemClock | FileClock, watch: WatchSettings, journal: Journal, recorder: Recorder
+        self,
+        stack: contextlib.ExitStack,
+        clock: SystemClock | FileClock,
+        watch: WatchSettings,
+        journal: Journal,
+        recorder: Recorder,
+        earlier: Earlier | None,
     ) -> Outcome:
         """From the open log to the finished one; the stack undoes in reverse, devices first."""
         control, loop = self._running(), asyncio.get_running_loop()
         analysis = AnalysisLink(
             self._folder,
-            recorder.flush_wait,
+            lambda: recorder.refused,
             lambda message: control.soon(control.output, message),
             lambda what, lost: control.soon(_analysis_trouble, control, clock, what, lost),
+            (0, 0) if earlier is None else (earlier.inputs, earlier.outputs),
         )
         stack.callback(analysis.close, 5.0)
         journal.follow(analysis.give)
-        journal.note(self._run_message(clock))
-        journal.note(values.clock_message(clock.current(), "start of the run"))
+        journal.note(self._run_message(clock, 0 if earlier is None else earlier.segment))
+        if earlier is not None:
+            journal.note(earlier.snapshot(clock.now_ns()))
+        journal.note(values.clock_message(clock.current(), "start of the run" if earlier is None else "the run is taken up again"))
+        await self._open_door(stack, control, clock, journal)
         watcher = FolderWatcher(
             watch,
             clock,
             lambda file: control.soon(journal.file, file),
             lambda refused: control.soon(control.refused, refused.name, refused.reason),
             lambda what: control.soon(control.trouble, what, "export folder", "kept trying"),
+            lambda what: control.soon(control.notice, what),
         )
         stack.callback(watcher.close)
-        links, trigger = self._links(control, clock), self._open_trigger(control, clock)
+        if self._config.sem.probe_share and (offset := probe_share(watch.folder, clock.now_ns)) is not None:
+            journal.note(offset)
+        over = earlier is not None and earlier.before.all_done(self._config.plan())
+        links, trigger = ({}, None) if over else (self._links(control, clock), self._open_trigger(control, clock))
         if trigger is not None:
             stack.callback(trigger.close)
         stack.callback(_close_links, links)
@@ -153,12 +190,22 @@ class _Daemon:
         watcher.close()
         if not await self._analysed(control, analysis):
             texts.append(f"the last pairs are not analysed; semlive replay {self._folder} does it")
+        texts += control.unusable
         for text in texts[1:]:
             control.trouble(text, "end of the run", "told the operator")
         self._log_ended = True
         if not await loop.run_in_executor(None, recorder.close, _LOG_TIMEOUT_S):
             raise SemliveError(f"{recorder.part}: the log could not be finished; make room on the disk, what was written is in it")
         return Outcome(self._folder, finish.outcome is State.COMPLETE and len(texts) == 1 and not control.failure, "; ".join(texts))
+
+    async def _open_door(self, stack: contextlib.ExitStack, control: Control, clock: SystemClock | FileClock, journal: Journal) -> None:
+        """Let other processes speak to the run, and answer what drivers ask a person."""
+        desks = OperatorDesks(drivers.desks(), clock, lambda told: control.soon(journal.note, told))
+        stack.callback(desks.close)
+        if self._faces.door is not None:
+            door = Door(lambda verb, by: control.soon(control.operator, verb, by), desks.answer)
+            self._faces.door(await door.open())
+            stack.callback(door.close)
 
     @staticmethod
     async def _open_links(links: Mapping[Device, LinkThread]) -> Mapping[Device, DeviceIdentity]:
@@ -179,16 +226,18 @@ class _Daemon:
         identities: Mapping[Device, DeviceIdentity],
     ) -> Finish:
         started, deaf = False, False
-        ready_by = time.monotonic() + _READY_TIMEOUT_S
+        ready_in_s = _READY_TIMEOUT_S + _READY_TIMEOUT_PER_PAIR_S * control.pairs_done
+        ready_by = time.monotonic() + ready_in_s
         while not control.finished.done():
             while not self._faces.verbs.empty():
                 control.operator(self._faces.verbs.get())
             if not started and control.analysis_ready.is_set():
                 started = self._began = True
+                self._supervisor.ready(f"run {self._config.run.name}")
                 watcher.start()
                 control.ready(identities.get(Device.LOAD_FRAME), identities.get(Device.STAGE))
             elif not started and time.monotonic() > ready_by:
-                raise SemliveError(f"the analysis process was not ready within {_READY_TIMEOUT_S:g} s; run again on an idle computer")
+                raise SemliveError(f"the analysis process was not ready within {ready_in_s:g} s; run again on an idle computer")
             if watcher.failed and not deaf:
                 deaf = True
                 control.handle(DeviceFault(clock.now_ns(), Device.SEM, "the export folder is not watched any more"))
@@ -217,18 +266,49 @@ class _Daemon:
             raise RuntimeError("the run has not begun")
         return self._control
 
-    def _open_log(self, stack: contextlib.ExitStack, clock: SystemClock | FileClock) -> tuple[Journal, Recorder]:
-        try:
-            self._folder.mkdir(parents=True)
-        except FileExistsError:
-            raise BadConfig(f"{self._folder}: this run exists already; give run.name another name") from None
-        except OSError as error:
-            raise BadConfig(f"{self._folder}: cannot be created ({error.strerror}); correct run.folder") from error
-        stack.push(self._forget_what_was_refused)
-        recorder = Recorder(segment_path(self._folder, self._config.run.name, 0), clock, self._disk_trouble)
+    def _earlier(self, stack: contextlib.ExitStack) -> Earlier:
+        """What an interrupted run left behind, which is ours from now on."""
+        if self._folder.is_dir():
+            stack.enter_context(only_one(self._folder))
+            recover_leftovers(self._folder)
+        return read_earlier(self._folder, self._config)
+
+    def _open_clock(self, earlier: Earlier | None) -> SystemClock | FileClock:
+        clock = open_clock(self._config.run.clock_file, None if earlier is None else earlier.line(boot_id()))
+        if earlier is not None and clock.now_ns() <= earlier.last_log_time_ns:
+            behind_s = (earlier.last_log_time_ns - clock.now_ns()) / 1e9
+            raise BadConfig(f"{self._folder}: the clock is {behind_s:.1f} s behind the end of the run's log; set it right, then resume")
+        return clock
+
+    def _open_log(self, stack: contextlib.ExitStack, clock: SystemClock | FileClock, earlier: Earlier | None) -> tuple[Journal, Recorder]:
+        if earlier is None:
+            self._make_folder(stack)
+        else:
+            # What the run was when it broke off is finished first; `earlier` tells what was lost of it.
+            recover_leftovers(self._folder)
+        recorder = Recorder(
+            segment_path(self._folder, self._config.run.name, 0 if earlier is None else earlier.segment),
+            clock,
+            self._disk_trouble,
+            after_ns=0 if earlier is None else earlier.last_log_time_ns,
+            segment_bytes=round(self._config.run.segment_gb * 1e9),
+        )
         # A disk that still refused when the run ended is not waited for a second time.
         stack.callback(lambda: recorder.close(0.0 if self._log_ended else _LOG_TIMEOUT_S))
         return Journal(recorder), recorder
+
+    def _make_folder(self, stack: contextlib.ExitStack) -> None:
+        """A new run's folder, held by us."""
+        try:
+            self._folder.mkdir(parents=True)
+        except FileExistsError:
+            raise BadConfig(
+                f"{self._folder}: this run exists already; give run.name another name, or --resume to take it up again"
+            ) from None
+        except OSError as error:
+            raise BadConfig(f"{self._folder}: cannot be created ({error.strerror}); correct run.folder") from error
+        stack.push(self._forget_what_was_refused)
+        stack.enter_context(only_one(self._folder))
 
     def _forget_what_was_refused(
         self, _kind: type[BaseException] | None, error: BaseException | None, _trace: TracebackType | None
@@ -280,15 +360,15 @@ class _Daemon:
                     f"give --attended and stay at the instrument"
                 )
 
-    def _run_message(self, clock: SystemClock | FileClock) -> RunMessage:
-        versions = {name: version(name) for name in ("semlive", "numpy", "scipy", "numba", "mcap")}
+    def _run_message(self, clock: SystemClock | FileClock, segment: int) -> RunMessage:
         return RunMessage(
             run=self._config.run.name,
+            segment=segment,
             started_time_ns=clock.now_ns(),
             started_mono_ns=clock.mono_ns(),
-            boot_id=_boot_id(),
+            boot_id=boot_id(),
             host=socket.gethostname(),
-            versions={**versions, "python": platform.python_version()},
+            versions=self._versions,
             config=self._config.model_dump(mode="json"),
         )
 
@@ -322,8 +402,3 @@ def _close_links(links: Mapping[Device, LinkThread]) -> list[str]:
         link.stop("the run is over")
     unsure = [device for device, link in links.items() if not link.close()]
     return [f"the {device.words} did not confirm that it stopped: look at the machine" for device in unsure]
-
-
-def _boot_id() -> str:
-    path = Path("/proc/sys/kernel/random/boot_id")
-    return path.read_text(encoding="ascii").strip() if os.name == "posix" and path.exists() else ""

@@ -7,7 +7,7 @@ from importlib.metadata import entry_points
 from typing import Any, cast
 
 from semlive.errors import BadConfig
-from semlive.ports import ClockSource, LoadFrame, LoadFrameFactory, Stage, StageFactory, Trigger, TriggerFactory
+from semlive.ports import ClockSource, Desk, LoadFrame, LoadFrameFactory, Stage, StageFactory, Trigger, TriggerFactory
 
 
 def open_load_frame(driver: str, settings: Mapping[str, object], clock: ClockSource) -> LoadFrame:
@@ -28,6 +28,11 @@ def open_stage(driver: str, settings: Mapping[str, object], clock: ClockSource) 
 def open_trigger(driver: str, settings: Mapping[str, object], clock: ClockSource) -> Trigger:
     """Open a trigger; raises like `open_load_frame`."""
     return cast(TriggerFactory, _factory("triggers", driver))(settings, clock)
+
+
+def desks() -> Mapping[str, Desk]:
+    """Where the installed drivers ask a person, by name."""
+    return {point.name: cast(Desk, point.load()) for point in entry_points(group="semlive.desks")}
 
 
 def _factory(group: str, driver: str) -> Any:

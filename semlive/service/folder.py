@@ -2,7 +2,8 @@
 
 No event means "complete": programs open a file several times, write it slowly, preallocate it, restore its modification time, and
 shares send no events at all. So the folder is scanned, and a file is believed complete when its size and times have stood still
-for a while, its structure is whole (`semlive.formats.check_complete`), and they still stand after it was read.
+for a while, its structure is whole (`semlive.formats.check_complete`), it has its vendor's header, its sidecar and its last rows
+(`semlive.formats.check_finished`), and everything still stands after it was read.
 """
 
 from __future__ import annotations
@@ -11,16 +12,21 @@ import hashlib
 import os
 import stat
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from semlive.data.frame import ExportedFile
+from semlive.data.settings import ScanProfile
 from semlive.errors import BadConfig
-from semlive.formats import check_complete
+from semlive.formats import SIDECAR_VENDORS, check_complete, check_finished, may_be_unfinished
 from semlive.ports import ClockSource
+from semlive.service.names import NameCount
+from semlive.service.open_elsewhere import held_back, open_elsewhere
+from semlive.service.sidecars import IMAGE_SUFFIXES, SIDECAR_SUFFIXES, sidecar_names
 
-Key = tuple[int, int, int]
-"""Size, modification time and file id."""
+_LATELY = 3.0  # looks
+Key = tuple[int, int, int, int]
+"""Size, modification time, change time (0 where there is none) and file id."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +44,9 @@ class WatchSettings:
         ignore_suffixes: endings of files that will be renamed when they are whole.
         adopt: take files that are there when the watch begins; otherwise they are none of this run.
         first_export: number of the first file taken.
+        vendor: whose header every file must have before it is complete; None if any will do.
+        sidecar_timeout_s: wall seconds after which a file without the text file that its vendor writes is refused.
+        profile: tells the databar where files do not.
     """
 
     folder: Path
@@ -46,10 +55,13 @@ class WatchSettings:
     stable_polls: int = 2
     give_up_after_s: float = 30.0
     max_bytes: int = 2**28
-    suffixes: tuple[str, ...] = (".tif", ".tiff", ".png")
+    suffixes: tuple[str, ...] = IMAGE_SUFFIXES
     ignore_suffixes: tuple[str, ...] = (".tmp", ".temp", ".part", "~")
     adopt: bool = False
     first_export: int = 0
+    vendor: str | None = None
+    sidecar_timeout_s: float = 60.0
+    profile: ScanProfile = field(default_factory=ScanProfile)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +91,13 @@ class _Candidate:
 
     key: Key
     since_ns: int
+    settled_time_ns: int
+    beside: tuple[str, Key] | None = None
     polls: int = 0
     look_again_ns: int = 0
+    missing_since_ns: int | None = None
+    held_since_ns: int | None = None
+    held_told: bool = False
 
 
 @dataclass(slots=True)
@@ -89,7 +106,27 @@ class _Taken:
 
     key: Key
     what: str
+    sha256: str = ""
+    alone: bool = False
     changed_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Listing:
+    """The folder at one scan: image files, and text files that may stand beside them."""
+
+    images: dict[str, Key]
+    texts: dict[str, Key]
+
+    def beside(self, name: str) -> tuple[str, Key] | None:
+        """The text file of an image, if it is there."""
+        if not self.texts:
+            return None
+        return next(((other, self.texts[other]) for other in sidecar_names(name) if other in self.texts), None)
+
+
+def silent(_text: str) -> None:
+    """Nobody listens."""
 
 
 @dataclass(slots=True)
@@ -102,6 +139,8 @@ class Folder:
         on_file: given each complete file once, in order of modification time.
         on_refused: given each refused file once.
         on_trouble: told one sentence when the folder goes away and when it is back.
+        on_notice: told one sentence of what is unusual but no trouble: gaps in numbers, late text files.
+        in_use: whether another program still writes a file, where the system tells.
     """
 
     settings: WatchSettings
@@ -109,12 +148,17 @@ class Folder:
     on_file: Callable[[ExportedFile], None]
     on_refused: Callable[[FileRefused], None]
     on_trouble: Callable[[str], None]
+    on_notice: Callable[[str], None] = silent
+    in_use: Callable[[Path], bool] = open_elsewhere
     _candidates: dict[str, _Candidate] = field(default_factory=dict)
     _taken: dict[str, _Taken] = field(default_factory=dict)
-    _given_up: dict[str, Key] = field(default_factory=dict)
+    _given_up: dict[str, tuple[Key, tuple[str, Key] | None]] = field(default_factory=dict)
     _hashes: dict[str, str] = field(default_factory=dict)
+    _names: NameCount = field(default_factory=NameCount)
     _export: int = 0
     _gone: bool = False
+    _looked_ns: int | None = None
+    _looked_lately: bool = False
 
     def open(self) -> None:
         """Look at the folder for the first time.
@@ -130,7 +174,7 @@ class Folder:
                 f"{self.settings.folder}: the SEM's export folder cannot be read ({exc.strerror}); create it, or correct sem.folder."
             ) from exc
         if not self.settings.adopt:
-            self._taken = {name: _Taken(key, "was there before the run") for name, key in there.items()}
+            self._taken = {name: _Taken(key, "was there before the run") for name, key in there.images.items()}
 
     def poll(self) -> None:
         """Look once; files that became complete are delivered before it returns."""
@@ -140,115 +184,184 @@ class Folder:
             if not self._gone:
                 self.on_trouble(f"{self.settings.folder}: the export folder cannot be read ({exc.strerror}); it is tried again.")
             self._gone = True
+            self._looked_ns = None
             return
+        now_ns = self.clock.mono_ns()
+        looked_ns, self._looked_ns = self._looked_ns, now_ns
+        # A file that is new after a pause may have been there all the time, so it tells nothing of clocks.
+        self._looked_lately = looked_ns is not None and now_ns - looked_ns <= _LATELY * max(self.settings.poll_s, 1e-3) * 1e9
         if self._gone:
             self._gone = False
             self.on_trouble(f"{self.settings.folder}: the export folder is back.")
-        now_ns = self.clock.mono_ns()
-        self._forget_vanished(there)
-        for name, key in there.items():
-            self._look(name, key, now_ns)
+            for candidate in self._candidates.values():  # nobody saw whether it stood still
+                candidate.since_ns, candidate.polls = now_ns, 0
+        self._forget_vanished(there, now_ns)
+        for name, key in there.images.items():
+            self._look(name, key, there, now_ns)
         ready = [name for name, candidate in self._candidates.items() if self._is_quiet(candidate, now_ns)]
         for name in sorted(ready, key=lambda one: (self._candidates[one].key[1], one)):
             self._try(name, now_ns)
 
-    def _list(self) -> dict[str, Key]:
-        found: dict[str, Key] = {}
+    def _list(self) -> _Listing:
+        found = _Listing({}, {})
         with os.scandir(self.settings.folder) as entries:
             for entry in entries:
                 name = entry.name.lower()
-                if not name.endswith(self.settings.suffixes) or name.endswith(self.settings.ignore_suffixes) or name.startswith("."):
+                if name.endswith(self.settings.ignore_suffixes) or name.startswith("."):
+                    continue
+                into = found.images if name.endswith(self.settings.suffixes) else found.texts if name.endswith(SIDECAR_SUFFIXES) else None
+                if into is None:
                     continue
                 try:
                     state = os.stat(entry.path)  # scandir's own may be stale on shares and has no file id on Windows
                 except OSError:
                     continue  # gone since, or not yet ours to see; the next scan tells
                 if stat.S_ISREG(state.st_mode):
-                    found[entry.name] = _key(state)
+                    into[entry.name] = _key(state)
         return found
 
-    def _forget_vanished(self, there: dict[str, Key]) -> None:
-        ids = {key[2] for key in there.values()}
-        for name in [name for name in self._candidates if name not in there]:
-            candidate = self._candidates.pop(name)
-            if candidate.key[2] not in ids:  # else it was renamed
+    def _forget_vanished(self, there: _Listing, now_ns: int) -> None:
+        gone = [name for name in self._candidates if name not in there.images]
+        news = {key for name, key in there.images.items() if name not in self._candidates and name not in self._taken} if gone else set()
+        for name in gone:
+            candidate = self._candidates[name]
+            if any(_same(candidate.key, key) for key in news):
+                del self._candidates[name]  # it was renamed; its file id would not tell: that of a deleted file is given to the next
+            elif candidate.missing_since_ns is None:
+                candidate.missing_since_ns = now_ns  # a share that comes back may list its files late
+            elif now_ns - candidate.missing_since_ns >= self.settings.stable_for_s * 1e9:
+                del self._candidates[name]
                 self._refuse(name, candidate.key, "disappeared before it was complete; export into a folder that nobody clears")
-        for name in [name for name in self._given_up if name not in there]:
-            del self._given_up[name]
 
-    def _look(self, name: str, key: Key, now_ns: int) -> None:
+    def _look(self, name: str, key: Key, there: _Listing, now_ns: int) -> None:
         taken = self._taken.get(name)
         if taken is not None:
-            self._look_at_taken(name, taken, key, now_ns)
+            self._look_at_taken(name, taken, key, there, now_ns)
             return
+        beside = there.beside(name)
         given_up = self._given_up.get(name)
-        if given_up is not None and _same(given_up, key):
+        if given_up is not None and _same(given_up[0], key) and _same_text(given_up[1], beside):
             return
         candidate = self._candidates.get(name)
-        if candidate is None or not _same(candidate.key, key):
+        if candidate is None or candidate.key[:3] != key[:3] or candidate.missing_since_ns is not None:
             self._given_up.pop(name, None)
-            self._candidates[name] = _Candidate(key, now_ns)
+            self._candidates[name] = _Candidate(key, now_ns, self.clock.now_ns() if self._looked_lately else 0, beside)
+        elif not _same_text(candidate.beside, beside, changed=3):
+            # Its own settling counts for the clocks, the newer of the two for completeness.
+            candidate.beside, candidate.since_ns, candidate.polls, candidate.look_again_ns = beside, now_ns, 0, 0
         else:
             candidate.polls += 1
 
-    def _look_at_taken(self, name: str, taken: _Taken, key: Key, now_ns: int) -> None:
-        if _same(taken.key, key):
+    def _look_at_taken(self, name: str, taken: _Taken, key: Key, there: _Listing, now_ns: int) -> None:
+        if taken.alone and (beside := there.beside(name)) is not None:
+            taken.alone = False
+            text, own = _as_text(beside[0]), _as_text(name)
+            self.on_notice(f"{text} came after {own} {taken.what} without it; name the SEM in sem.vendor, so that the text is waited for.")
+        if _same(taken.key, key) and (taken.key[2] == key[2] or self._holds_still(name, taken, key)):
             return
-        still_changing = taken.changed_ns is not None and now_ns - taken.changed_ns < max(self.settings.stable_for_s, 1.0) * 1e9
-        taken.key, taken.changed_ns = key, now_ns
+        # What is written slowly, or over a share that was away meanwhile, is one overwriting.
+        still_changing = taken.changed_ns is not None and now_ns - taken.changed_ns < self.settings.give_up_after_s * 1e9
+        taken.key, taken.changed_ns, taken.sha256 = key, now_ns, ""
         if not still_changing:
             self._refuse(name, key, f"was overwritten: a file of that name {taken.what}; let the SEM count its file names up")
 
+    def _holds_still(self, name: str, taken: _Taken, key: Key) -> bool:
+        """Whether a file that somebody touched, with its size and modification time as before, holds the bytes that it held."""
+        if not taken.sha256:
+            return True
+        try:
+            sha256 = hashlib.sha256((self.settings.folder / name).read_bytes()).hexdigest()
+        except OSError:
+            return True  # the next scan asks again
+        if sha256 == taken.sha256:
+            taken.key = key
+        return sha256 == taken.sha256
+
     def _is_quiet(self, candidate: _Candidate, now_ns: int) -> bool:
         long_enough = now_ns - candidate.since_ns >= self.settings.stable_for_s * 1e9
-        return long_enough and candidate.polls >= self.settings.stable_polls and now_ns >= candidate.look_again_ns
+        seen = candidate.polls >= self.settings.stable_polls and candidate.missing_since_ns is None
+        return long_enough and seen and now_ns >= candidate.look_again_ns
 
     def _try(self, name: str, now_ns: int) -> None:
         candidate = self._candidates[name]
-        path = self.settings.folder / name
         if candidate.key[0] > self.settings.max_bytes:
-            del self._candidates[name]
-            self._given_up[name] = candidate.key
-            self._refuse(name, candidate.key, f"is larger than {self.settings.max_bytes} bytes; export single images")
+            self._give_up(name, candidate, f"is larger than {self.settings.max_bytes} bytes; export single images")
+            return
+        if self.settings.vendor in SIDECAR_VENDORS and candidate.beside is None:
+            if now_ns - candidate.since_ns >= self.settings.sidecar_timeout_s * 1e9:
+                why = f"never got the text file that {self.settings.vendor} writes beside it"
+                self._give_up(name, candidate, f"{why}; switch the export of image information on, or raise sem.sidecar_timeout_s")
+            return
+        if self.in_use(self.settings.folder / name):
+            self._hold_back(name, candidate, now_ns)
             return
         try:
-            data = path.read_bytes()
-            state = path.stat()
+            data = self._read_still(name, candidate.key)
+            sidecar = None if candidate.beside is None else self._read_still(*candidate.beside)
         except OSError as exc:
+            if held_back(exc):
+                self._hold_back(name, candidate, now_ns)
+                return
             self._wait(name, candidate, now_ns, f"cannot be read ({exc.strerror})")
             return
-        if not _same(_key(state), candidate.key) or len(data) != state.st_size:
-            self._candidates[name] = _Candidate(_key(state), now_ns)
+        if data is None or (sidecar is None and candidate.beside is not None):
+            candidate.since_ns, candidate.polls = now_ns, 0
             return
-        problem = check_complete(data)
+        key = candidate.key
+        file = ExportedFile(self._export, _as_text(name), data, "", key[1], self.clock.now_ns(), sidecar, candidate.settled_time_ns)
+        problem = check_complete(data) or check_finished(file, self.settings.profile, self.settings.vendor)
         if problem is not None:
             self._wait(name, candidate, now_ns, f"never became whole ({problem})")
             return
+        if may_be_unfinished(data) and now_ns - candidate.since_ns < self.settings.give_up_after_s * 1e9:
+            candidate.look_again_ns = now_ns + (now_ns - candidate.since_ns) // 4
+            return
         del self._candidates[name]
-        self._deliver(name, candidate.key, data)
+        self._deliver(name, key, file)
+
+    def _read_still(self, name: str, key: Key) -> bytes | None:
+        """The bytes of a file, or None if it was not the same before and after."""
+        path = self.settings.folder / name
+        data = path.read_bytes()
+        state = path.stat()
+        return data if _key(state)[:3] == key[:3] and len(data) == state.st_size else None
+
+    def _hold_back(self, name: str, candidate: _Candidate, now_ns: int) -> None:
+        """Another program has it: that is no reason to refuse it, however long it takes; that it takes long is told once."""
+        since_ns = candidate.held_since_ns = now_ns if candidate.held_since_ns is None else candidate.held_since_ns
+        candidate.since_ns, candidate.polls = now_ns, 0
+        if now_ns - since_ns >= self.settings.give_up_after_s * 1e9 and not candidate.held_told:
+            candidate.held_told = True
+            waited_s = (now_ns - since_ns) / 1e9
+            self.on_notice(f"{_as_text(name)}: another program has had it open for {waited_s:.0f} s; it is taken when that lets go of it.")
 
     def _wait(self, name: str, candidate: _Candidate, now_ns: int, problem: str) -> None:
         waited_ns = now_ns - candidate.since_ns
         if waited_ns >= self.settings.give_up_after_s * 1e9:
-            del self._candidates[name]
-            self._given_up[name] = candidate.key
-            self._refuse(name, candidate.key, f"{problem}; check the export and the permissions, then export again")
+            self._give_up(name, candidate, f"{problem}; check the export and the permissions, then export again")
         else:
             # A large file that is not whole yet is not read again at every scan.
             candidate.look_again_ns = now_ns + waited_ns // 4
 
-    def _deliver(self, name: str, key: Key, data: bytes) -> None:
-        sha256 = hashlib.sha256(data).hexdigest()
+    def _give_up(self, name: str, candidate: _Candidate, reason: str) -> None:
+        del self._candidates[name]
+        self._given_up[name] = candidate.key, candidate.beside
+        self._refuse(name, candidate.key, reason)
+
+    def _deliver(self, name: str, key: Key, file: ExportedFile) -> None:
+        sha256 = hashlib.sha256(file.data).hexdigest()
         twin = self._hashes.get(sha256)
         if twin is not None:
             self._taken[name] = _Taken(key, "was refused as a copy")
             self._refuse(name, key, f"holds the same bytes as {twin}; check that the SEM still scans", sha256)
             return
         self._hashes[sha256] = name
-        self._taken[name] = _Taken(key, f"was taken as export {self._export}")
-        file = ExportedFile(self._export, _as_text(name), data, sha256, key[1], self.clock.now_ns())
+        self._taken[name] = _Taken(key, f"was taken as export {self._export}", sha256, alone=file.sidecar is None)
         self._export += 1
-        self.on_file(file)
+        self.on_file(replace(file, sha256=sha256))
+        notice = self._names.notice(file.name)
+        if notice is not None:
+            self.on_notice(notice)
 
     def _refuse(self, name: str, key: Key, reason: str, sha256: str = "") -> None:
         self.on_refused(FileRefused(_as_text(name), f"{_as_text(name)}: {reason}.", key[0], key[1], sha256, self.clock.now_ns()))
@@ -264,5 +377,13 @@ def _same(one: Key, other: Key) -> bool:
     return one[:2] == other[:2]
 
 
+def _same_text(one: tuple[str, Key] | None, other: tuple[str, Key] | None, changed: int = 2) -> bool:
+    """Whether the text beside an image is the same; `changed` of 3 asks its change time too."""
+    if one is None or other is None:
+        return one is other
+    return one[0] == other[0] and one[1][:changed] == other[1][:changed]
+
+
 def _key(state: os.stat_result) -> Key:
-    return state.st_size, state.st_mtime_ns, state.st_ino
+    # On Windows st_ctime is the time of creation, which tells nothing.
+    return state.st_size, state.st_mtime_ns, 0 if os.name == "nt" else state.st_ctime_ns, state.st_ino

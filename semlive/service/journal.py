@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+import time
 from collections.abc import Callable
 
 from pydantic import JsonValue
@@ -16,14 +18,18 @@ from semlive.formats.log import LogMessage
 from semlive.formats.messages import (
     RAW_TOPICS,
     SEM_ORIGINAL,
+    SEM_SIDECAR,
+    Booted,
     CommandMessage,
     FaultMessage,
     FileMessage,
     LogLineMessage,
     Payload,
+    Stamped,
     StateMessage,
     topic_of,
 )
+from semlive.service.boot import boot_id
 from semlive.service.record import Recorder
 
 
@@ -32,10 +38,14 @@ class Journal:
 
     A follower is told every message as it stands in the log and in the log's order, so what it has been told is always a
     beginning of the log. All methods are for one thread, the loop's.
+
+    Attributes:
+        recorder: who writes it all; its `behind` says whether it keeps up.
     """
 
     def __init__(self, recorder: Recorder) -> None:
-        self._recorder = recorder
+        self.recorder = recorder
+        self._boot_id = boot_id()
         self._follower: Callable[[LogMessage], None] | None = None
 
     def follow(self, follower: Callable[[LogMessage], None]) -> None:
@@ -57,7 +67,7 @@ class Journal:
         self.note(told, sample.time_ns)
 
     def file(self, file: ExportedFile) -> None:
-        """An exported file: what it is, then its bytes."""
+        """An exported file: what it is, then the bytes of its sidecar, if it has one, and its own."""
         told = FileMessage(
             export=file.export,
             name=file.name,
@@ -67,8 +77,12 @@ class Journal:
             arrival_time_ns=file.arrival_time_ns,
             decision="arrived",
             reason="",
+            sidecar_sha256="" if file.sidecar is None else hashlib.sha256(file.sidecar).hexdigest(),
+            settled_time_ns=file.settled_time_ns,
         )
         self.note(told)
+        if file.sidecar is not None:
+            self._write(SEM_SIDECAR, file.sidecar, file.arrival_time_ns, file.export)
         self._write(SEM_ORIGINAL, file.data, file.arrival_time_ns, file.export)
 
     def refused_file(self, export: int | None, name: str, reason: str, time_ns: int) -> None:
@@ -105,6 +119,9 @@ class Journal:
         self.note(LogLineMessage(time_ns=time_ns, level=level, text=text))
 
     def _write(self, topic: str, payload: Payload | bytes, publish_time_ns: int | None, sequence: int | None = None) -> None:
-        message = self._recorder.write(topic, payload, publish_time_ns, sequence)
+        if isinstance(payload, Booted):
+            stamp = {"mono_ns": time.monotonic_ns()} if isinstance(payload, Stamped) else {}
+            payload = payload.model_copy(update={**stamp, "boot_id": self._boot_id})
+        message = self.recorder.write(topic, payload, publish_time_ns, sequence)
         if self._follower is not None:
             self._follower(message)

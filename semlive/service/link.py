@@ -12,10 +12,11 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Protocol
 
 from semlive.data.experiment import Limits
-from semlive.data.loading import DeviceIdentity, LoadSample, MotionState, StageSample
+from semlive.data.loading import DeviceIdentity, LoadSample, MotionState, StageKind, StageSample
 from semlive.engine.commands import MoveStage, RampTo
 from semlive.engine.events import (
     CommandTaken,
@@ -30,6 +31,7 @@ from semlive.engine.events import (
     StageReading,
 )
 from semlive.engine.limits import sample_problem, tightened
+from semlive.engine.watch import LoadWatch
 from semlive.errors import LinkError, LinkRefused
 from semlive.ports import ClockSource, LoadFrame, Stage
 
@@ -58,6 +60,7 @@ class _LoadFramePort:
     def __init__(self, device: LoadFrame, limits: Limits) -> None:
         self._device = device
         self._limits = tightened(limits, device.identity)
+        self._watch = LoadWatch()
 
     def read(self) -> LoadSample:
         return self._device.read()
@@ -68,7 +71,8 @@ class _LoadFramePort:
 
     def problem(self, sample: LoadSample | StageSample) -> str | None:
         assert isinstance(sample, LoadSample)
-        return sample_problem(self._limits, sample)
+        self._watch, sudden = self._watch.with_sample(self._limits, sample)
+        return sample_problem(self._limits, sample) or sudden
 
     def obey(self, order: Order) -> None:
         if not isinstance(order, RampTo):
@@ -138,6 +142,7 @@ class LinkThread:
         self._answered = threading.Event()
         self._open_error: Exception | None = None
         self._identity: DeviceIdentity | None = None
+        self._moves: StageKind | None = None
         self._link: LoadFrame | Stage | None = None
         self._port: _Port | None = None
         self._stop_owed = False
@@ -151,6 +156,7 @@ class LinkThread:
         self._next_open_mono_ns = 0
         self._next_poll_mono_ns = 0
         self._rests = self._mistaken = False
+        self._counted: int | None = None
 
     # ------------------------------------------------------------------ for control
 
@@ -180,6 +186,11 @@ class LinkThread:
         return self._identity
 
     @property
+    def moves(self) -> StageKind | None:
+        """What a stage moves, the specimen or the beam; None for a load frame, and before the link was opened first."""
+        return self._moves
+
+    @property
     def sample_age_s(self) -> float:
         """Wall time since the last sample; infinite before the first."""
         sampled = self._sampled_mono_ns
@@ -187,7 +198,7 @@ class LinkThread:
 
     @property
     def away_s(self) -> float:
-        """Wall time since the thread began a turn: a driver that never comes back keeps it away."""
+        """Wall time since the thread went into its driver or began a turn: a driver that never comes back keeps it away."""
         return (self._clock.mono_ns() - self._turned_mono_ns) / 1e9 if self._thread.is_alive() and self._answered.is_set() else 0.0
 
     def feed(self) -> None:
@@ -281,6 +292,7 @@ class LinkThread:
 
     def _attempt(self, doing: str, call: Callable[[], None]) -> bool:
         """Call the device; whatever goes wrong ends this link, and the next turn opens another."""
+        self._turned_mono_ns = self._clock.mono_ns()
         try:
             call()
         except Exception as error:
@@ -301,6 +313,7 @@ class LinkThread:
             raise
         self._port = _LoadFramePort(link, self._limits) if isinstance(link, LoadFrame) else _StagePort(link)
         self._link, self._identity = link, identity
+        self._moves = None if isinstance(link, LoadFrame) else link.kind
         if self._may_move:
             self._stop_owed = True
 
@@ -309,7 +322,9 @@ class LinkThread:
         if port is None:
             return
         first = self._sampled_mono_ns is None
+        asked_ns = time.monotonic_ns()
         sample = port.read()
+        sample = replace(sample, rtt_s=(time.monotonic_ns() - asked_ns) / 1e9)
         problem = port.problem(sample)
         stopped_for = None
         if problem is not None and not self._beyond_limit:
@@ -328,6 +343,17 @@ class LinkThread:
         self._emit(port.event(sample))
         if stopped_for is not None:
             self._emit(DeviceStopped(sample.time_ns, self._device, stopped_for))
+        self._check_restart(sample)
+
+    def _check_restart(self, sample: LoadSample | StageSample) -> None:
+        """A device that was switched off and on has forgotten its orders, and perhaps where it is; the link alone does not show it."""
+        if not isinstance(sample, LoadSample) or sample.counted is None:
+            return
+        count, begins_anew = sample.counted
+        before, self._counted = self._counted, count
+        if before is not None and (count - before) % begins_anew > begins_anew // 2:
+            what = f"it was restarted: its counter of readings went from {before} to {count}; check its zero, position and settings"
+            self._emit(DeviceFault(sample.time_ns, self._device, what))
 
     def _obey_next(self) -> None:
         with self._wake:
@@ -338,6 +364,7 @@ class LinkThread:
             self._emit(DeviceFault(self._clock.now_ns(), self._device, "a command came while control was not feeding the link"))
             return
         self._may_move, self._beyond_limit = True, False
+        self._turned_mono_ns = self._clock.mono_ns()
         try:
             self._port.obey(order)
         except Exception as error:
@@ -359,6 +386,10 @@ class LinkThread:
         if self._link is not None:
             if self._may_move and not self._stop_owed:
                 self._stop_owed = True
+                # What is read may be nonsense while orders are still taken; on a link that is down this fails at once.
+                with contextlib.suppress(Exception):
+                    self._link.stop()
+                    self._stop_owed = False
                 self._emit(DeviceStopped(self._clock.now_ns(), self._device, f"the link failed while it may have moved: {reason}"))
             # A port's close never raises, but who wrote the driver may not have read that.
             with contextlib.suppress(Exception):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -18,6 +19,12 @@ def segment_path(folder: Path, run: str, segment: int) -> Path:
     return folder / f"{run}.{segment:03d}{SUFFIX}"
 
 
+def next_segment(path: Path) -> Path:
+    """Where the segment after this one is kept."""
+    run, _, number = path.name.removesuffix(SUFFIX).rpartition(".")
+    return segment_path(path.parent, run, int(number) + 1)
+
+
 def segments(log: Path) -> tuple[Path, ...]:
     """The files of a log in order; a segment that was not finished (killed, or still growing) counts.
 
@@ -28,18 +35,28 @@ def segments(log: Path) -> tuple[Path, ...]:
         return (log,)
     if not log.is_dir():
         raise BadLog(f"{log}: no such log; give an MCAP file or a run folder.")
-    found: dict[str, Path] = {}
-    for path in sorted(log.iterdir()):
-        name = path.name.removesuffix(PART)
-        if name.endswith(SUFFIX) and path.is_file():
-            # A finished segment comes before its own remains.
-            found.setdefault(name, path)
+    found, before = _listed(log), None
+    while before is None or found.keys() != before.keys():
+        # A file that is being renamed may be missed by a listing.
+        found, before = _listed(log), found
     if not found:
         raise BadLog(f"{log}: holds no {SUFFIX} file; give an MCAP file or a run folder.")
     runs = sorted({name.removesuffix(SUFFIX).rpartition(".")[0] for name in found})
     if len(runs) > 1:
         raise BadLog(f"{log}: holds several logs ({', '.join(found)}); give one of them.")
-    return tuple(found[name] for name in sorted(found))
+    # The thousandth has a digit more.
+    return tuple(found[name] for name in sorted(found, key=lambda name: (len(name), name)))
+
+
+def _listed(folder: Path) -> dict[str, Path]:
+    """Segments by the name that they have when they are finished."""
+    found: dict[str, Path] = {}
+    with os.scandir(folder) as entries:
+        names = sorted(entry.name for entry in entries if entry.name.removesuffix(PART).endswith(SUFFIX) and entry.is_file())
+    for name in names:
+        # A finished segment comes before its own remains.
+        found.setdefault(name.removesuffix(PART), folder / name)
+    return found
 
 
 def messages(log: Path, on_damage: Callable[[str], None] | None = None) -> Iterator[LogMessage]:
@@ -62,7 +79,7 @@ def _segment(path: Path, on_damage: Callable[[str], None] | None) -> Iterator[Lo
             on_damage(f"{path.name}: {what}.")
 
     try:
-        with _opened(path) as stream:
+        with opened(path) as stream:
             yield from read_messages(stream, tell)
     except OSError as exc:
         raise BadLog(f"{path}: cannot be read ({exc.strerror}); check the file and its permissions.") from exc
@@ -70,7 +87,7 @@ def _segment(path: Path, on_damage: Callable[[str], None] | None) -> Iterator[Lo
         raise BadLog(f"{path}: {exc}") from exc
 
 
-def _opened(path: Path) -> BinaryIO:
+def opened(path: Path) -> BinaryIO:
     """The segment, under its finished name if it was finished since it was listed."""
     try:
         return path.open("rb")

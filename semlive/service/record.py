@@ -2,37 +2,44 @@
 
 Policy: every transition, command, file and result is flushed as soon as it is written and survives a kill; transitions,
 pairs, faults and original images are also synced and survive a loss of power; telemetry is flushed once a second.
-A disk that refuses is reported at once and tried again every second: nothing is dropped, and when the queue is full,
-`write` says so. A segment is written as ``<name>.part`` and renamed when it is whole.
+A disk that refuses is reported at once and tried again every second; one that takes too long is slow. Both are told by
+`behind`, on which the daemon pauses the run: telemetry goes on into memory, for 40 minutes at 20 readings a second, and
+nothing is dropped. When the queue is full, `write` raises, which stops the devices and ends the run. A segment is written as
+``<name>.part`` and renamed when it is whole. One that has become large is ended and the next begun: what a loss of power can
+damage, and what then has to be read and written anew, is the newest alone.
 """
 
 from __future__ import annotations
 
-import os
 import queue
+import tempfile
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable
+from io import RawIOBase
 from pathlib import Path
+from typing import cast
 
 from semlive.errors import BadConfig, SemliveError
 from semlive.formats.log import LogMessage, LogWriter
-from semlive.formats.messages import RAW_TOPICS, SEM_ORIGINAL, TOPICS, Payload, to_json, topic_of
+from semlive.formats.messages import RAW_TOPICS, SEM_ORIGINAL, SEM_SIDECAR, TOPICS, Payload, to_json, topic_of
 from semlive.ports import ClockSource
-from semlive.service.log_files import PART
-from semlive.service.log_stream import OpenRaw, PatientStream, open_new
+from semlive.service.log_files import PART, next_segment
+from semlive.service.log_stream import OpenRaw, PatientStream, open_new, sync_folder
 
-SYNCED = frozenset({"/run", "/state", "/pair", "/fault", "/result", SEM_ORIGINAL})
+SYNCED = frozenset({"/run", "/snapshot", "/state", "/pair", "/fault", "/result", SEM_ORIGINAL, SEM_SIDECAR})
 TELEMETRY = frozenset({"/load_frame/sample", "/stage/sample", "/log"})
 MAX_MESSAGES = 50_000
 MAX_BYTES = 2**29
 FLUSH_EVERY_S = 1.0
 RETRY_AFTER_S = 1.0
+SLOW_AFTER_S = 5.0
+SEGMENT_BYTES = 2 * 10**9
 
 
 class Recorder:
-    """Writes one segment of a run's log.
+    """Writes a run's log, from one of its segments on.
 
     Args:
         path: the finished segment; it grows as ``<path>.part``.
@@ -41,6 +48,9 @@ class Recorder:
         open_raw: opens the file that grows.
         max_messages: `write` refuses beyond so many messages not yet written.
         retry_after_s: wall seconds between attempts to write to a disk that refuses.
+        after_ns: log time of the last message of the run's earlier segments; 0 without any.
+        slow_after_s: wall seconds after which something that is not yet on the disk means that the log is behind.
+        segment_bytes: a segment that has become larger is followed by another.
 
     Raises:
         BadConfig: the segment cannot be created.
@@ -55,20 +65,33 @@ class Recorder:
         open_raw: OpenRaw = open_new,
         max_messages: int = MAX_MESSAGES,
         retry_after_s: float = RETRY_AFTER_S,
+        after_ns: int = 0,
+        slow_after_s: float = SLOW_AFTER_S,
+        segment_bytes: int = SEGMENT_BYTES,
     ) -> None:
         self.path = path
         self.part = path.with_name(path.name + PART)
         self._clock, self._on_fault = clock, on_fault
-        self._max_messages, self._retry_after_s = max_messages, retry_after_s
+        self._max_messages, self._retry_after_s, self._slow_after_s = max_messages, retry_after_s, slow_after_s
+        self._refused = ""
+        self._moved = self._cut = False
+        self._flushed_bytes, self._segment_bytes = 0, segment_bytes
+        self._run_message: bytes | None = None
+        self._open_raw = open_raw
+        self._waits_since = 0.0
         self._lock = threading.Lock()
         self._queue: queue.SimpleQueue[LogMessage | threading.Event | None] = queue.SimpleQueue()
         self._counts: Counter[str] = Counter()
-        self._last_log_time_ns = 0
+        self._last_log_time_ns = after_ns
         self._waiting_messages = self._waiting_bytes = 0
         self._closing = threading.Event()
         self._whole = False
-        self._stream = self._open(open_raw)
-        self._writer = LogWriter(self._stream.as_binary())
+        try:
+            self._stream = self._open()
+        except OSError as exc:
+            raise BadConfig(f"{self.part}: cannot be created ({exc.strerror}); name another run or folder.") from exc
+        self._aside = _scratch()
+        self._writer = LogWriter(self._stream.as_binary(), self._aside)
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
@@ -103,10 +126,32 @@ class Recorder:
             message = LogMessage(topic, now_ns, now_ns if publish_time_ns is None else publish_time_ns, number, data)
             self._counts[topic] += 1
             self._last_log_time_ns = now_ns
+            if self._waiting_messages == 0:
+                self._waits_since = time.monotonic()
             self._waiting_messages += 1
             self._waiting_bytes += len(data)
             self._queue.put(message)
         return message
+
+    @property
+    def behind(self) -> str | None:
+        """Why what is told now would not soon be on the disk, one sentence; None while the log keeps up."""
+        with self._lock:
+            waits_s = time.monotonic() - self._waits_since if self._waiting_messages else 0.0
+            full = 4 * self._waiting_messages > self._max_messages or 4 * self._waiting_bytes > MAX_BYTES
+            if self._refused:
+                return f"the log cannot be written ({self._refused}): make room on the disk"
+        if self._moved or self._cut:
+            done, remedy = ("cut short", "stop the run") if self._cut else ("moved or removed", "put it back, or stop the run")
+            return f"{self.part}: another program has {done} the log while it is written: keep it away from there and {remedy}"
+        if waits_s > self._slow_after_s or full:
+            return f"the disk is too slow: {self._waiting_messages} messages wait for {waits_s:.0f} s to be written to the log"
+        return None
+
+    @property
+    def refused(self) -> bool:
+        """What is written does not get to the disk, or not to where readers find it."""
+        return bool(self._refused) or self._moved or self._cut
 
     def flush_wait(self, timeout_s: float = 10.0) -> bool:
         """Wait until everything written so far is on the disk; False if it is not in time."""
@@ -131,13 +176,10 @@ class Recorder:
         self._thread.join(timeout_s)
         return self._whole
 
-    def _open(self, open_raw: OpenRaw) -> PatientStream:
-        try:
-            if self.path.exists():
-                raise FileExistsError(0, "it exists already")
-            return PatientStream(open_raw(self.part))
-        except OSError as exc:
-            raise BadConfig(f"{self.part}: cannot be created ({exc.strerror}); name another run or folder.") from exc
+    def _open(self) -> PatientStream:
+        if self.path.exists():
+            raise FileExistsError(0, "it exists already")
+        return PatientStream(self._open_raw(self.part))
 
     def _run(self) -> None:
         try:
@@ -146,9 +188,12 @@ class Recorder:
             self._closing.set()
             self._on_fault(f"{self.part}: the recorder failed ({type(exc).__name__}: {exc}); stop the run and report this.")
             raise
+        finally:
+            if self._aside is not None:
+                self._aside.close()
 
     def _work(self) -> None:
-        flushed_at = time.monotonic()
+        flushed_at = looked_at = time.monotonic()
         closing = False
         while not closing:
             batch = self._next_batch(flushed_at + FLUSH_EVERY_S)
@@ -157,15 +202,22 @@ class Recorder:
             closing = None in batch
             for item in messages:
                 self._writer.write(item.topic, item.payload, item.log_time_ns, item.publish_time_ns, item.sequence)
+                self._run_message = item.payload if item.topic == "/run" else self._run_message
             if closing:
                 self._writer.finish()
             topics = {item.topic for item in messages}
             if closing or waiters or topics - TELEMETRY or time.monotonic() >= flushed_at + FLUSH_EVERY_S:
                 self._save(sync=closing or bool(waiters) or not topics.isdisjoint(SYNCED), finished=closing)
                 flushed_at = time.monotonic()
+            if not closing and self._stream.tell() > self._segment_bytes:
+                self._begin_next()
+            if not closing and time.monotonic() >= looked_at + FLUSH_EVERY_S:
+                self._look()
+                looked_at = time.monotonic()
             with self._lock:
                 self._waiting_messages -= len(messages)
                 self._waiting_bytes -= sum(len(item.payload) for item in messages)
+                self._waits_since = time.monotonic()
             for waiter in waiters:
                 waiter.set()
 
@@ -188,25 +240,70 @@ class Recorder:
                 if not finished:
                     self._writer.flush()
                 self._stream.sync() if sync else self._stream.flush()
+                self._flushed_bytes = self._stream.tell()
                 if finished:
                     self._rename()
             except OSError as exc:
                 if not refused:
                     self._on_fault(f"{self.part}: the log cannot be written ({exc.strerror or exc}); make room on the disk.")
-                refused = True
+                refused, self._refused = True, str(exc.strerror or exc)
                 time.sleep(self._retry_after_s)
             else:
                 break
+        self._refused = ""
         if refused:
             self._on_fault(f"{self.part}: the log is being written again; nothing was lost.")
+
+    def _begin_next(self) -> None:
+        """End this segment and go on in the next, however long the disk refuses."""
+        self._writer.finish(continued=True)
+        self._save(sync=True, finished=True)
+        self._whole = False
+        self.path = next_segment(self.path)
+        self.part = self.path.with_name(self.path.name + PART)
+        self._stream = self._opened_at_last()
+        self._writer, self._flushed_bytes = LogWriter(self._stream.as_binary(), self._aside), 0
+        if self._run_message is not None:
+            self._writer.tell_run(self._run_message)
+        self._save(sync=False, finished=False)
+
+    def _opened_at_last(self) -> PatientStream:
+        while True:
+            try:
+                stream = self._open()
+            except OSError as exc:
+                if not self._refused:
+                    self._on_fault(f"{self.part}: the log's next segment cannot be created ({exc.strerror or exc}); make room on the disk.")
+                self._refused = str(exc.strerror or exc)
+                time.sleep(self._retry_after_s)
+            else:
+                break
+        if self._refused:
+            self._on_fault(f"{self.part}: the log is being written again; nothing was lost.")
+        return stream
+
+    def _look(self) -> None:
+        """Whether readers find what was written. By name and size: some shares give a file a new identity at will."""
+        try:
+            size = self.part.stat().st_size
+        except FileNotFoundError:
+            self._moved = True
+            return
+        except OSError:
+            return  # a share that is away for a moment
+        self._moved = False
+        self._cut = self._cut or size < self._flushed_bytes
 
     def _rename(self) -> None:
         self._stream.close()
         self.part.replace(self.path)
-        if hasattr(os, "O_DIRECTORY"):
-            folder = os.open(self.path.parent, os.O_DIRECTORY)
-            try:
-                os.fsync(folder)
-            finally:
-                os.close(folder)
+        sync_folder(self.path.parent)
         self._whole = True
+
+
+def _scratch() -> RawIOBase | None:
+    """A file without a name, gone with the process; None where the system gives none."""
+    try:
+        return cast(RawIOBase, tempfile.TemporaryFile(buffering=0))
+    except OSError:
+        return None

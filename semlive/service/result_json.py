@@ -6,10 +6,13 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from semlive.data.results import FrameResult, RunResult
+from semlive.data.drift import Motion
+from semlive.data.pair import PairDecision
+from semlive.data.results import RunResult
 from semlive.data.settings import AnalysisSettings
-from semlive.data.strain import GageComparison, Measured, Tensor2
+from semlive.data.strain import GageComparison, Measured, StrainSummary, Tensor2
 
 
 def result_json(result: RunResult, settings: AnalysisSettings) -> dict[str, Any]:
@@ -18,15 +21,15 @@ def result_json(result: RunResult, settings: AnalysisSettings) -> dict[str, Any]
     Frames are numbered 2 * pair + 0 or 1; strain and shift are relative to frame 0, corrected, engineering small strain,
     tension positive. `window_px` counts the window as points x step, `vsg_px` with the subset: (points - 1) x step + subset.
     """
-    points, dic = settings.estimate.window_points, settings.dic
+    points, grid = settings.estimate.window_points, result.estimate.distortion.grid
     elastic = result.elastic
     return {
         "pairs": len(result.decisions),
         "method": settings.estimate.method,
         "window_points": points,
-        "window_px": points * dic.step_px,
-        "vsg_px": (points - 1) * dic.step_px + dic.subset_px,
-        "frames": [_frame(result, frame) for frame in result.frames],
+        "window_px": points * grid.step_px,
+        "vsg_px": grid.vsg_px(points),
+        "frames": _frames(result),
         "distortion": _distortion(result),
         "noise_floor_px": result.estimate.noise_floor_px,
         "elastic": elastic
@@ -39,12 +42,16 @@ def result_json(result: RunResult, settings: AnalysisSettings) -> dict[str, Any]
     }
 
 
-def _frame(result: RunResult, frame: FrameResult) -> dict[str, Any]:
-    number = frame.summary.frame
-    decision = next(one for one in result.decisions if one.pair == number // 2)
-    motion = next(one for one in result.estimate.motions if one.pair == number // 2)
+def _frames(result: RunResult) -> list[dict[str, Any]]:
     drift = result.estimate.drift
-    rows = np.flatnonzero(drift.frame == number)
+    decisions, motions = {one.pair: one for one in result.decisions}, {one.pair: one for one in result.estimate.motions}
+    numbers, first, count = np.unique(drift.frame, return_index=True, return_counts=True)  # samples of a frame lie together
+    ends = {int(number): drift.drift_px[[begin, begin + many - 1]] for number, begin, many in zip(numbers, first, count, strict=True)}
+    return [_frame(one, decisions[one.frame // 2], motions[one.frame // 2], ends[one.frame]) for one in result.summaries]
+
+
+def _frame(summary: StrainSummary, decision: PairDecision, motion: Motion, drift_px: NDArray[np.float64]) -> dict[str, Any]:
+    number = summary.frame
     return {
         "frame": number,
         "pair": decision.pair,
@@ -53,12 +60,13 @@ def _frame(result: RunResult, frame: FrameResult) -> dict[str, Any]:
         "gage_strain": decision.loads[number % 2].gage_strain if decision.loads else None,
         "shift_px": [float(v) for v in motion.shift_px],
         "shift_sigma_px": [float(v) for v in motion.shift_sigma_px],
-        "strain_mean": _tensor(frame.summary.mean),
-        "strain_mean_sigma": _tensor(frame.summary.mean_sigma),
-        "strain_sd": _tensor(frame.summary.sd),
-        "strain_gauge_sigma": frame.summary.gauge_sigma and _tensor(frame.summary.gauge_sigma),
-        "drift_start_px": [float(v) for v in drift.drift_px[rows[0]]],
-        "drift_end_px": [float(v) for v in drift.drift_px[rows[-1]]],
+        "strain_mean": _tensor(summary.mean),
+        "strain_mean_sigma": _tensor(summary.mean_sigma),
+        "strain_mean_systematic": summary.systematic_sigma and _tensor(summary.systematic_sigma),
+        "strain_sd": _tensor(summary.sd),
+        "strain_gauge_sigma": summary.gauge_sigma and _tensor(summary.gauge_sigma),
+        "drift_start_px": [float(v) for v in drift_px[0]],
+        "drift_end_px": [float(v) for v in drift_px[1]],
     }
 
 

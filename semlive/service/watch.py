@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from semlive.data.frame import ExportedFile
 from semlive.ports import ClockSource
-from semlive.service.folder import FileRefused, Folder, WatchSettings
+from semlive.service.folder import FileRefused, Folder, WatchSettings, silent
 
 __all__ = ["FileRefused", "FolderWatcher", "WatchSettings"]
 
@@ -23,6 +23,7 @@ class FolderWatcher:
         on_file: given each complete file once.
         on_refused: given each refused file once.
         on_trouble: told one sentence when the folder goes away, is back, or the watch itself fails.
+        on_notice: told one sentence of what is unusual but no trouble.
 
     Raises:
         BadConfig: the folder does not exist or cannot be read.
@@ -35,8 +36,9 @@ class FolderWatcher:
         on_file: Callable[[ExportedFile], None],
         on_refused: Callable[[FileRefused], None],
         on_trouble: Callable[[str], None],
+        on_notice: Callable[[str], None] = silent,
     ) -> None:
-        self._folder = Folder(settings, clock, on_file, on_refused, on_trouble)
+        self._folder = Folder(settings, clock, on_file, on_refused, on_trouble, on_notice)
         self._poll_s, self._on_trouble = settings.poll_s, on_trouble
         self._wake = threading.Event()
         self._stop = threading.Event()

@@ -27,6 +27,7 @@ from semlive_simulators.clockwork import BenchClock
 from semlive_simulators.exporters.facts import ImageFacts
 from semlive_simulators.kernels.pattern import gaussian
 from semlive_simulators.load_frame.lines import ascii_line, rtu_line
+from semlive_simulators.load_frame.rtu import STAGE_UNIT
 from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
 from semlive_simulators.machine import Machine
 from semlive_simulators.passes import Exposure, passes
@@ -66,7 +67,7 @@ class Bench:
         self._export = out / "export"
         self._export.mkdir(parents=True, exist_ok=True)
         self._triggered = triggered
-        self._stop = threading.Event()
+        self._stopped = False
         self._failure: BaseException | None = None
         _warm_up(scenario)
         self._rate = _sustainable_rate(scenario) if rate is None else rate
@@ -82,11 +83,14 @@ class Bench:
 
     def _fail(self, error: BaseException) -> None:
         self._failure = error
-        self._stop.set()
+        self.stop()
 
     def stop(self) -> None:
-        """Ask the bench to end; safe in a signal handler and from any thread."""
-        self._stop.set()
+        """Ask the bench to end; from any thread, and in a signal handler.
+
+        There an event cannot be set: a signal that comes while this thread waits for the same event finds the event's lock taken, for good.
+        """
+        self._stopped = True
 
     def run(self) -> int:
         """Serve until stopped; returns the exit code."""
@@ -106,6 +110,7 @@ class Bench:
     def _serve(self, port: int, stack: contextlib.ExitStack) -> None:
         ready, stand = self._ready(port), None
         if "rtu" in self._lines:
+            ready["rtu_stage_unit"] = STAGE_UNIT
             ready["rtu_port"] = stack.enter_context(rtu_line(port, UNIT, self._registers.troubles))
         if "serial" in self._lines:
             ready["serial_port"], stand = stack.enter_context(ascii_line(self._machine, self._clock.now_ns, self._registers.troubles))
@@ -113,7 +118,8 @@ class Bench:
         self._write_truth()
         write_atomically(self._out / "ready.json", (json.dumps(ready, indent=2) + "\n").encode())
         self._sem.start()
-        while not self._stop.wait(TICK_S):
+        while not self._stopped:
+            time.sleep(TICK_S)
             self._machine.advance_to(self._clock.now_ns())
             if self._registers.watchdog.expired:
                 self._machine.expire()

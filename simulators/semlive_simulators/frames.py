@@ -47,7 +47,7 @@ def simulate(scenario: Scenario, out: Path, wanted: frozenset[int] | None) -> It
         BadScenario: its experiment cannot be played.
         OSError: the folder cannot be written.
     """
-    export = replace(scenario.export, style=Style.DIRECT, counter_restarts_after=0)
+    export = replace(scenario.export, style=Style.DIRECT, counter_restarts_after=0, never_finished=())
     player = Player(scenario)
     beyond = sorted(frame for frame in wanted or () if frame >= player.frames)
     if beyond:

@@ -2,7 +2,8 @@
 
 Every experiment is small (10 pairs, 30 x 24 points, no images), has drift, distortion, motion and noise of its own from the simulators'
 code, and is estimated with the automatic settings. Prints the table of docs/estimation.md; 500 experiments or more of all cases also
-write it there, between its markers.
+write it there, between its markers. With ``--keep FOLDER`` every experiment is kept in a file of its own, and a run that was broken off
+goes on where it was.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 from numexp.coverage import SMALL, Normalised, coverages, normalised, table
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "estimation.md"
@@ -22,10 +24,19 @@ ENOUGH = 500
 FIRST_SEED = 10_000
 
 
-def run(job: tuple[str, int]) -> tuple[str, Normalised]:
-    """One experiment."""
-    case, seed = job
-    return case, normalised(SMALL[case], seed)
+def run(job: tuple[str, int, Path | None]) -> tuple[str, Normalised]:
+    """One experiment, or what is kept of it."""
+    case, seed, folder = job
+    kept = None if folder is None else folder / f"{case}-{seed}.npz"
+    if kept is not None and kept.exists():
+        with np.load(kept) as held:
+            return case, {name: held[name] for name in held.files}
+    found = normalised(SMALL[case], seed)
+    if kept is not None:
+        unfinished = kept.with_suffix(".part.npz")
+        np.savez(unfinished, **found)
+        unfinished.replace(kept)
+    return case, found
 
 
 def main() -> None:
@@ -34,11 +45,14 @@ def main() -> None:
     parser.add_argument("--experiments", type=int, default=ENOUGH)
     parser.add_argument("--cases", nargs="+", choices=list(SMALL), default=list(SMALL))
     parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--keep", type=Path, help="folder where each experiment is kept")
     parser.add_argument("--write", action="store_true", help="write the table into the documentation whatever it covers")
     given = parser.parse_args()
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # read by the processes that are spawned next
-    jobs = [(case, FIRST_SEED + number) for case in given.cases for number in range(given.experiments)]
+    if given.keep:
+        given.keep.mkdir(parents=True, exist_ok=True)
+    jobs = [(case, FIRST_SEED + number, given.keep) for number in range(given.experiments) for case in given.cases]
     results: dict[str, list[Normalised]] = {case: [] for case in given.cases}
     begin = time.perf_counter()
     with multiprocessing.get_context("spawn").Pool(given.processes) as pool:

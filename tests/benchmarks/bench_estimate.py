@@ -1,7 +1,8 @@
 """The paper's numerical experiment over many seeds: ``python tests/benchmarks/bench_estimate.py [--seeds N] [--cases A B] [--method M]``.
 
 Prints the table of docs/estimation.md; a run over all cases and methods with at least 20 seeds also writes it there, between its
-markers. 20 seeds take about 25 minutes of processor time on one core.
+markers. 20 seeds take about 25 minutes of processor time on one core. With ``--keep FOLDER`` what was measured of every seed, case and
+method is kept in a file of its own, and a run that was broken off goes on where it was; ``--so-far`` gives the table of what is kept.
 """
 
 from __future__ import annotations
@@ -11,12 +12,13 @@ import multiprocessing
 import os
 import sys
 import time
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 from numexp.cases import CASES
-from numexp.experiment import make_experiment
-from numexp.measure import measure
+from numexp.experiment import Experiment, make_experiment
+from numexp.measure import Measured, measure
 from numexp.methods import METHODS
 from numexp.table import Results, table
 
@@ -26,21 +28,39 @@ ENOUGH_SEEDS = 20
 SHOWN_ONCE, SHOWN_IN = ("uncorrected", "no_drift", "parametric"), ("smooth", "paper")  # what is wrong with them does not depend on the case
 
 
-Job = tuple[int, tuple[str, ...], tuple[str, ...]]
-"""Seed, cases of one setting, methods."""
+Job = tuple[int, tuple[str, ...], tuple[str, ...], Path | None]
+"""Seed, cases of one setting, methods, and where what was measured is kept."""
 
 
 def run(job: Job) -> tuple[Job, Results]:
     """All methods on the experiments of one seed and one setting."""
-    seed, cases, methods = job
+    seed, cases, methods, folder = job
     results: Results = {}
     for case in cases:
-        experiment = make_experiment(CASES[case], seed)
         for method in methods:
             if method in SHOWN_ONCE and case not in SHOWN_IN and len(methods) > 1:
                 continue
-            results[case, method] = [measure(experiment, METHODS[method](experiment))]
+            results[case, method] = [_measured(case, method, seed, folder)]
     return job, results
+
+
+def _measured(case: str, method: str, seed: int, folder: Path | None) -> Measured:
+    """One method on one experiment, or what is kept of it."""
+    kept = None if folder is None else folder / f"{case}-{method}-{seed}.npz"
+    if kept is not None and kept.exists():
+        return Measured.read(kept)
+    experiment = _experiment(case, seed)
+    found = measure(experiment, METHODS[method](experiment))
+    if kept is not None:
+        unfinished = kept.with_suffix(".part.npz")
+        found.write(unfinished)
+        unfinished.replace(kept)
+    return found
+
+
+@lru_cache(maxsize=1)
+def _experiment(case: str, seed: int) -> Experiment:
+    return make_experiment(CASES[case], seed)
 
 
 def main() -> None:
@@ -51,15 +71,21 @@ def main() -> None:
     parser.add_argument("--method", choices=[*METHODS, "both", "all"], default="all")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--write", action="store_true", help="write the table into the documentation whatever it covers")
+    parser.add_argument("--keep", type=Path, help="folder that keeps what was measured, for a run that goes on")
+    parser.add_argument("--so-far", action="store_true", help="nothing is measured: the table of what the folder keeps")
     given = parser.parse_args()
     methods = {"all": tuple(METHODS), "both": ("sutton2007", "joint")}.get(given.method, (given.method,))
     settings = dict.fromkeys(CASES[name].setting for name in given.cases)
     groups = [tuple(name for name in given.cases if CASES[name].setting == one) for one in settings]
-    jobs: list[Job] = [(seed, group, methods) for seed in range(1, given.seeds + 1) for group in groups]
+    jobs: list[Job] = [(seed, group, methods, given.keep) for seed in range(1, given.seeds + 1) for group in groups]
+    if given.keep:
+        given.keep.mkdir(parents=True, exist_ok=True)
     results: Results = {}
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # read by the processes that are spawned next
     begin = time.perf_counter()
+    if given.so_far:
+        results, jobs = _so_far(given.keep, given.cases, methods), []
     with multiprocessing.get_context("spawn").Pool(given.processes) as pool:
         for done, (job, found) in enumerate(pool.imap_unordered(run, jobs), 1):
             for key, measured in found.items():
@@ -67,11 +93,18 @@ def main() -> None:
             sys.stderr.write(f"\r{done}/{len(jobs)} seed {job[0]} {' '.join(job[1])} {time.perf_counter() - begin:.0f} s   ")
     sys.stderr.write("\n")
     lines = [*table(results, methods), "", *_speed(results)]
-    sys.stdout.write(f"{given.seeds} seeds: 95th percentile (median), or a mean over seeds ± its standard error\n\n")
+    counts = [f"{method} {min(len(one) for (_, by), one in results.items() if by == method)}" for method in methods]
+    title = f"Seeds: {', '.join(counts)}; 95th percentile (median), or a mean over seeds ± its standard error."
+    sys.stdout.write(title + "\n\n")
     sys.stdout.write("\n".join(lines) + "\n")
-    whole = set(methods) == set(METHODS) and set(given.cases) == set(CASES) and given.seeds >= ENOUGH_SEEDS
+    whole = not given.so_far and set(methods) == set(METHODS) and set(given.cases) == set(CASES) and given.seeds >= ENOUGH_SEEDS
     if whole or given.write:
-        _write([f"{given.seeds} seeds: 95th percentile (median), or a mean over seeds ± its standard error.", "", *lines])
+        _write([title, "", *lines])
+
+
+def _so_far(folder: Path, cases: list[str], methods: tuple[str, ...]) -> Results:
+    kept = {(case, method): sorted(folder.glob(f"{case}-{method}-*[0-9].npz")) for case in cases for method in methods}
+    return {key: [Measured.read(path) for path in paths] for key, paths in kept.items() if paths}
 
 
 def _speed(results: Results) -> list[str]:

@@ -2,6 +2,7 @@
 
 Runs the experiment whole through the daemon (or takes a run folder that is already in DIR), compares it with truth and with the
 paper, prints the table, and writes it with its figure into docs/paper.md and docs/. About 4 minutes on two cores at x200.
+``--seeds 2 3`` plays it again with other seeds and writes what they say, beside the scenario's own, into a table of its own.
 ``--quick`` plays few pairs and leaves the docs as they are.
 """
 
@@ -17,26 +18,29 @@ import yaml
 from sidebyside.facts import CURVE_WINDOWS, PAPER, QUICK_WINDOWS, WIDER_WINDOWS, PaperFigures
 from sidebyside.figure import curve_svg
 from sidebyside.measure import RunFigures, measure
+from sidebyside.seeds import seed_rows, seeds_markdown
 from sidebyside.table import curve_markdown, markdown, rows
 
 from semlive.errors import BadInput
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 QUICK = {
-    "calibration_shifts_px": [[0, 0], [9, 0], [-9, 0], [0, 8], [0, -8]],
+    "calibration_shifts_px": [[0, 0], [12, 0], [-12, 0], [0, 12], [0, -12]],
     "translation_shifts_px": [],
     "loads_n": [100, 800, 1500, 2200],
 }
 
 
-def run_demo(scenario: str, folder: Path, rate: float, *, quick: bool) -> None:
+def run_demo(scenario: str, folder: Path, rate: float, *, quick: bool, seed: int | None = None) -> None:
     """Play a scenario through the daemon."""
     name = scenario
-    if quick:
+    changes = {"experiment": {"protocol": QUICK, "limits": {"force_step_max_n": 2200}}} if quick else {}
+    if seed is not None:
+        changes["seed"] = seed
+    if changes:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        path = folder.parent / "quick.yaml"
-        experiment = {"protocol": QUICK, "limits": {"force_step_max_n": 2200}}
-        path.write_text(yaml.safe_dump({"extends": scenario, "experiment": experiment}), encoding="utf-8")
+        path = folder.parent / f"{folder.name}.yaml"
+        path.write_text(yaml.safe_dump({"extends": scenario, **changes}), encoding="utf-8")
         name = str(path)
     command = [sys.executable, "-m", "semlive", "demo", "--scenario", name, "--out", str(folder), "--rate", str(rate)]
     subprocess.run(command, check=True)
@@ -56,13 +60,13 @@ def section(figures: RunFigures, paper: PaperFigures, scenario: str) -> str:
     )
 
 
-def write_between(text: str, scenario: str, new: str) -> str:
-    """The document with a scenario's section replaced.
+def write_between(text: str, part: str, new: str) -> str:
+    """The document with what stands between a part's markers replaced.
 
     Raises:
         BadInput: its markers are missing.
     """
-    begin, end = f"<!-- {scenario}: begin -->", f"<!-- {scenario}: end -->"
+    begin, end = f"<!-- {part}: begin -->", f"<!-- {part}: end -->"
     before, found, rest = text.partition(begin)
     _, closed, after = rest.partition(end)
     if not (found and closed):
@@ -77,27 +81,37 @@ def main() -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder for the run and the results; a run that is already in it is taken")
     parser.add_argument("--rate", type=float, default=40.0, help="seconds of experiment per second of wall time")
     parser.add_argument("--quick", action="store_true", help="few pairs and gauge lengths; the docs stay as they are")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[], help="play it with these seeds too")
     parser.add_argument("--no-docs", action="store_true", help="leave the docs as they are")
     options = parser.parse_args()
-    paper, out = PAPER[options.scenario], options.out.resolve()
+    scenario, paper, out = options.scenario, PAPER[options.scenario], options.out.resolve()
+    windows = QUICK_WINDOWS if options.quick else (*CURVE_WINDOWS, *WIDER_WINDOWS)
     run = out if (out / "log" / "demo").is_dir() else out / "run"
-    if not (run / "log" / "demo").is_dir():
-        run_demo(options.scenario, run, options.rate, quick=options.quick)
-    figures = measure(run, QUICK_WINDOWS if options.quick else (*CURVE_WINDOWS, *WIDER_WINDOWS))
-    table, svg = rows(figures, paper), curve_svg(figures, paper)
-    text = section(figures, paper, options.scenario)
-    sys.stdout.write(text + "\n")
-    (out / f"{options.scenario}.md").write_text(text + "\n", encoding="utf-8")
-    (out / f"{options.scenario}.svg").write_text(svg, encoding="utf-8")
-    (out / f"{options.scenario}.json").write_text(json.dumps([vars(row) for row in table], indent=1), encoding="utf-8")
+    runs = {"own": run, **{str(seed): run.with_name(f"{run.name}-{seed}") for seed in options.seeds}}
+    for seed, folder in runs.items():
+        if not (folder / "log" / "demo").is_dir():
+            run_demo(scenario, folder, options.rate, quick=options.quick, seed=None if seed == "own" else int(seed))
+    found = tuple(measure(folder, windows) for folder in runs.values())
+    table, svg, text = rows(found[0], paper), curve_svg(found[0], paper), section(found[0], paper, scenario)
+    seeds = seeds_markdown(tuple(runs), found) if options.seeds else ""
+    sys.stdout.write(f"{text}\n\n{seeds}\n")
+    (out / f"{scenario}.md").write_text(text + "\n", encoding="utf-8")
+    (out / f"{scenario}.svg").write_text(svg, encoding="utf-8")
+    (out / f"{scenario}.json").write_text(json.dumps([vars(row) for row in table], indent=1), encoding="utf-8")
     if not (options.quick or options.no_docs):
-        page = DOCS / "paper.md"
-        page.write_text(write_between(page.read_text(encoding="utf-8"), options.scenario, text), encoding="utf-8")
-        (DOCS / f"{options.scenario.replace('_', '-')}.svg").write_text(svg, encoding="utf-8")
-    missed = [row.quantity for row in table if row.held is False]
+        write_docs(scenario, text, svg, seeds)
+    missed = [row.quantity for row in (*table, *(seed_rows(found) if options.seeds else ())) if row.held is False]
     for quantity in missed:
         sys.stdout.write(f"bar missed: {quantity}\n")
     return 1 if missed else 0
+
+
+def write_docs(scenario: str, text: str, svg: str, seeds: str) -> None:
+    """Put the results of a run, and of its seeds if there are any, into the page."""
+    page = DOCS / "paper.md"
+    told = write_between(page.read_text(encoding="utf-8"), scenario, text)
+    page.write_text(write_between(told, f"{scenario}_seeds", seeds) if seeds else told, encoding="utf-8")
+    (DOCS / f"{scenario.replace('_', '-')}.svg").write_text(svg, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -213,7 +213,7 @@ def test_letters_over_pyserial(bench: Troubled, trouble: Trouble, hears: bytes) 
         assert port.read(64) == b"S M\r\n"
 
 
-@pytest.mark.parametrize("words", [[9, 1, 1, 1], [1, 8, 1, 1]])
+@pytest.mark.parametrize("words", [[10, 1, 1, 1], [1, 8, 1, 1]])
 def test_an_unknown_trouble_or_line_is_refused(bench: Troubled, words: list[int]) -> None:
     assert bench.control.write_registers(900, words, device_id=UNIT).exception_code == 3
 

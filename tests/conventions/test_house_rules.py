@@ -100,12 +100,12 @@ def no_mocks(source: Source) -> Iterator[str]:
 
 
 def no_skips(source: Source) -> Iterator[str]:
-    """Only the fixture that finds the sample images may skip."""
+    """Only the fixtures that find the sample images, or a peer that is not ours to bring, may skip."""
     tree = source.tree
     allowed = {
         (inner.lineno, inner.col_offset)
         for node in ast.walk(tree)
-        if isinstance(node, ast.FunctionDef) and "samples" in node.name and node.decorator_list
+        if isinstance(node, ast.FunctionDef) and re.search(r"samples|_peer$", node.name) and node.decorator_list
         for inner in ast.walk(node)
         if isinstance(inner, ast.Attribute)
     }
@@ -172,6 +172,7 @@ def test_rule_bites(rule: Rule, path: str, text: str) -> None:
         (function_length, "semlive/kernels/a.py", "def f():\n" + "    x = 1\n" * 119),
         (no_print, "semlive/cli/a.py", "print(1)\n"),
         (no_skips, "tests/conftest.py", "import pytest\n\n@pytest.fixture\ndef samples():\n    pytest.skip('no samples')\n"),
+        (no_skips, "tests/conftest.py", "import pytest\n\n@pytest.fixture\ndef socat_peer():\n    pytest.skip('no socat')\n"),
         (public_text, "README.md", "frames/work/a.tif and https://example.org/\n"),
     ],
 )

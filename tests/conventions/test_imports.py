@@ -23,7 +23,7 @@ BREAKS = [
     ("layers", "semlive/formats/broken.py", "import semlive.ports"),
     ("layers", "semlive/ports.py", "import semlive.formats"),
     ("layers", "semlive/kernels/broken.py", "import semlive.model"),
-    ("layers", "semlive/model/broken.py", "import semlive.kernels"),
+    ("layers", "semlive/model/broken.py", "import semlive.dic"),
     ("layers", "semlive/dic/broken.py", "import semlive.estimate"),
     ("layers", "semlive/estimate/broken.py", "import semlive.mechanics"),
     ("layers", "semlive/mechanics/broken.py", "import semlive.dic"),

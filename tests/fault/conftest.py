@@ -53,18 +53,19 @@ class Patient:
         assert self.process is not None
         return self.process
 
-    def start(self, *options: str, stderr: int = subprocess.PIPE) -> Patient:
+    def start(self, *options: str, stderr: int = subprocess.PIPE, operator: int | None = None) -> Patient:
+        """Start the daemon; with a terminal for the operator it waits at a fault, without one it ends."""
         packages = self.folder / "packages"
-        (packages / "sick-1.0.dist-info").mkdir(parents=True)
+        (packages / "sick-1.0.dist-info").mkdir(parents=True, exist_ok=True)
         (packages / "sick-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: sick\nVersion: 1.0\n")
         (packages / "sick-1.0.dist-info" / "entry_points.txt").write_text(ENTRY_POINTS)
         path = self.folder / "run.yaml"
         path.write_text(yaml.safe_dump(self.config), encoding="utf-8")
         where = os.pathsep.join([str(packages), str(Path(__file__).with_name("sick"))])
-        command = [sys.executable, "-m", "semlive", "run", str(path), "--stop-on-fault", *options]
+        command = [sys.executable, "-m", "semlive", "run", str(path), "--no-page", *([] if operator else ["--stop-on-fault"]), *options]
         environment = {**os.environ, "PYTHONPATH": where}
         self.process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=stderr, text=True, env=environment
+            command, stdin=operator or subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=stderr, text=True, env=environment
         )
         self.started.append(self.process)
         return self

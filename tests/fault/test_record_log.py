@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import subprocess
 import sys
@@ -17,9 +18,12 @@ import pytest
 from mcap.reader import make_reader
 
 from semlive.errors import BadConfig, BadLog, SemliveError
-from semlive.formats.messages import SEM_ORIGINAL, FaultMessage, LogLineMessage, from_json
+from semlive.formats.log import RUN_METADATA, LogMessage, LogWriter
+from semlive.formats.messages import SEM_ORIGINAL, FaultMessage, LogLineMessage, RunMessage, from_json
 from semlive.service.log_files import messages, segment_path, segments
+from semlive.service.log_stream import open_new
 from semlive.service.record import Recorder
+from semlive.service.tail import Tail
 
 
 @dataclass
@@ -204,6 +208,28 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
+def test_the_index_of_a_long_log_lies_aside_as_far_as_there_is_room(tmp_path: Path) -> None:
+    whole: list[bytes] = []
+    for room in (None, 10**9, 100_001):
+        aside = None if room is None else SmallDisk(tmp_path / f"aside{room}", "w+b")
+        if aside is not None and room is not None:
+            aside.room = room
+        stream = io.BytesIO()
+        writer = LogWriter(stream, aside)
+        for number in range(3000):
+            writer.write("/log", line(str(number)), number, number)
+            writer.flush()
+        writer.finish()
+        whole.append(stream.getvalue())
+        if aside is not None and room is not None:
+            assert os.path.getsize(aside.name) >= min(room, 190_000)
+            aside.close()
+    assert whole[0] == whole[1] == whole[2]
+    summary = make_reader(io.BytesIO(whole[0])).get_summary()
+    assert summary is not None
+    assert len(summary.chunk_indexes) == 3000
+
+
 def test_a_killed_recorder_leaves_everything_that_was_flushed(tmp_path: Path) -> None:
     path = tmp_path / "run.000.mcap"
     done = subprocess.run([sys.executable, "-c", KILLED, str(path)], check=False, timeout=60)
@@ -211,3 +237,67 @@ def test_a_killed_recorder_leaves_everything_that_was_flushed(tmp_path: Path) ->
     read = list(messages(tmp_path))
     assert [message.topic for message in read] == ["/log"] * 50 + ["/fault", "/sem/original"]
     assert len(read[-1].payload) == 300_000
+
+
+def test_a_log_that_is_moved_or_cut_while_it_is_written_is_behind(tmp_path: Path, wait_until: Callable[..., None]) -> None:
+    path = segment_path(tmp_path, "run", 0)
+    recorder = Recorder(path, StuckClock(), unfaulted)
+    away = recorder.part.with_name("rotated.1")
+    recorder.write("/fault", FaultMessage(time_ns=1, what="x", where="", action=""))
+    assert recorder.flush_wait()
+    recorder.part.rename(away)
+    wait_until(lambda: "moved or removed" in (recorder.behind or ""))
+    assert recorder.refused
+    away.rename(recorder.part)
+    wait_until(lambda: recorder.behind is None)
+    os.truncate(recorder.part, 10)
+    wait_until(lambda: "cut short" in (recorder.behind or ""))
+    recorder.write("/fault", FaultMessage(time_ns=2, what="x" * 1000, where="", action=""))
+    assert recorder.flush_wait()
+    time.sleep(1.1)
+    assert "cut short" in (recorder.behind or "")
+    assert recorder.close()
+
+
+def test_a_large_segment_is_followed_by_another_and_readers_see_one_log(tmp_path: Path) -> None:
+    recorder = Recorder(segment_path(tmp_path, "run", 0), StuckClock(), unfaulted, segment_bytes=20_000)
+    tail, followed = Tail(tmp_path), list[LogMessage]()
+    recorder.write("/run", RunMessage(run="run", started_time_ns=1, host="here", versions={}, config={}))
+    for number in range(40):
+        recorder.write(SEM_ORIGINAL, bytes(2_000), sequence=number)
+        recorder.write("/log", LogLineMessage(time_ns=number, level="info", text="x"))
+        assert number % 10 or recorder.flush_wait()
+        followed += tail.poll()
+        assert not tail.finished
+    assert recorder.close()
+    followed += tail.poll()
+    assert tail.finished
+    assert followed == list(messages(tmp_path))
+    assert [one.sequence for one in followed if one.topic == SEM_ORIGINAL] == list(range(40))
+    assert len(segments(tmp_path)) > 2
+    for path in segments(tmp_path):
+        with path.open("rb") as stream:
+            assert RUN_METADATA in [one.name for one in make_reader(stream).iter_metadata()]
+
+
+def test_the_next_segment_is_begun_when_the_disk_takes_it_again(tmp_path: Path, wait_until: Callable[..., None]) -> None:
+    refuse, said = threading.Event(), list[str]()
+
+    def open_raw(path: Path) -> RawIOBase:
+        if refuse.is_set():
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return open_new(path)
+
+    recorder = Recorder(
+        segment_path(tmp_path, "run", 0), StuckClock(), said.append, open_raw=open_raw, segment_bytes=5_000, retry_after_s=0.05
+    )
+    refuse.set()
+    recorder.write(SEM_ORIGINAL, bytes(10_000), sequence=0)
+    wait_until(lambda: "No space left" in (recorder.behind or ""))
+    recorder.write(SEM_ORIGINAL, bytes(10), sequence=1)
+    refuse.clear()
+    assert recorder.flush_wait()
+    assert recorder.behind is None
+    assert recorder.close()
+    assert [one.sequence for one in messages(tmp_path)] == [0, 1]
+    assert ["next segment cannot be created" in said[0], "nothing was lost" in said[1]] == [True, True]

@@ -18,24 +18,7 @@ from semlive.errors import BadConfig
 from semlive.service.folder import FileRefused, Folder, WatchSettings
 from semlive.service.watch import FolderWatcher
 
-
-def image(seed: int) -> bytes:
-    stream = BytesIO()
-    tifffile.imwrite(stream, np.random.default_rng(seed).integers(0, 255, (40, 50), dtype=np.uint8), metadata=None)
-    return stream.getvalue()
-
-
-@dataclass
-class HandClock:
-    """A clock that is moved by hand: wall time and experiment time are the same."""
-
-    ns: int = 10**18
-
-    def now_ns(self) -> int:
-        return self.ns
-
-    def mono_ns(self) -> int:
-        return self.ns
+from .by_hand import HandClock, image
 
 
 @dataclass
@@ -259,6 +242,22 @@ def test_a_giant_file_is_refused_unread(tmp_path: Path) -> None:
     assert watched.files == []
     [refused] = watched.refused
     assert "larger than 1000 bytes" in refused.reason
+
+
+def test_a_share_that_numbers_its_files_anew_has_nothing_refused_again(tmp_path: Path) -> None:
+    watched = Watched(tmp_path, WatchSettings(tmp_path, max_bytes=1000, vendor="jeol")).open()
+    text = tmp_path / "a.txt"
+    (tmp_path / "a.tif").write_bytes(image(1))
+    text.write_bytes(b"$CM_FORMAT JEOL-SEM\r\n")
+    watched.wait(8)
+    before = text.stat()
+    (tmp_path / "kept").write_bytes(text.read_bytes())
+    text.unlink()
+    (tmp_path / "kept").rename(text)
+    os.utime(text, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert text.stat().st_ino != before.st_ino
+    watched.wait(8)
+    assert len(watched.refused) == 1
 
 
 def test_a_dead_watch_is_known(tmp_path: Path) -> None:

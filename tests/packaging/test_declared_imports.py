@@ -15,6 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 OWN = {"semlive", "semlive_drivers", "semlive_simulators"}
 PART_OF = {"pydantic-core": "pydantic"}  # pinned by its whole
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+EXTRAS = {"semlive": ("dask", "xarray")}  # imported where they are asked for, with a sentence where they are not installed
 
 pytestmark = pytest.mark.checkout
 
@@ -45,7 +46,8 @@ def imported(folder: Path) -> set[str]:
 
 @pytest.mark.parametrize("folder", ["semlive", "drivers", "simulators"])
 def test_the_packages_declare_what_they_import(folder: str) -> None:
-    assert imported(ROOT / folder) <= named(PROJECT["dependencies"])
+    extras = [one for extra in EXTRAS.get(folder, ()) for one in PROJECT["optional-dependencies"][extra]]
+    assert imported(ROOT / folder) <= named(PROJECT["dependencies"] + extras)
 
 
 def test_the_tests_declare_what_they_import() -> None:

@@ -8,9 +8,10 @@ import pytest
 
 GROUPS = {
     "console_scripts": {"semlive"},
-    "semlive.load_frames": {"modbus", "null"},
+    "semlive.load_frames": {"modbus", "ascii", "assembled", "operator", "null"},
     "semlive.stages": {"modbus", "operator", "null"},
-    "semlive.triggers": {"modbus"},
+    "semlive.triggers": {"modbus", "operator"},
+    "semlive.frame_checks": {"maps"},
     "semlive.simulators": {"bench", "frames"},
 }
 POINTS = [point for point in distribution("semlive").entry_points if point.group in GROUPS]

@@ -42,6 +42,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Instrument, list
         config = daemon_config(bench, RATE)
         config["run"]["name"] = "beam"
         config["dic"] = {"subset_px": 31, "step_px": 8, "roi_px": None}
+        config["estimate"] = {"accept_poor_calibration": True}
         config["protocol"]["load_tolerance_n"] = 20.0
         instrument = Instrument(root, bench, json.loads(json.dumps(config)))
         code, said = instrument.run()

@@ -71,7 +71,7 @@ def by_hand(instrument: Callable[..., Any], name: str) -> Any:
 @pytest.fixture(scope="module")
 def attended(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> Attended:
     one = by_hand(instrument, "attended")
-    command = [sys.executable, "-m", "semlive", "run", str(one.write_config()), "--attended", "--stop-on-fault"]
+    command = [sys.executable, "-m", "semlive", "run", str(one.write_config()), "--no-page", "--attended", "--stop-on-fault"]
     hand = Hand(one.bench)
     with (one.folder / "said").open("w+", encoding="utf-8") as errors:
         process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True)
@@ -98,7 +98,7 @@ def test_the_operator_is_asked_once_and_the_run_completes(attended: Attended) ->
 
 def test_the_log_shows_what_was_asked_and_that_nothing_was_believed_before_enter(attended: Attended) -> None:
     (asked,) = [command for command in attended.logged("/command") if command["what"] == "move_stage"]
-    assert asked["args"] == {"x_um": SHIFT_PX * UM_PER_PX, "y_um": 0.0}
+    assert asked["args"] == {"x_um": SHIFT_PX * UM_PER_PX, "y_um": 0.0, "moves": "specimen"}
     assert any(line["text"].startswith("step 2 of 2: calibration, shift (30, 0) um") for line in attended.logged("/log"))
     samples = [sample for sample in attended.logged("/stage/sample") if sample["time_ns"] > asked["time_ns"]]
     moving = [sample for sample in samples if sample["motion"] == "moving"]

@@ -16,9 +16,14 @@ from mcap.reader import make_reader
 from semlive.formats.log import LogMessage
 from semlive.formats.maps import decode_displacement, decode_strain
 from semlive.formats.messages import DISPLACEMENT_FIELD, STRAIN_FIELD
+from semlive.report.campaign import all_cores, reanalyse
 from semlive.service.analysis import INPUT_TOPICS, AnalysisState, feed
 from semlive.service.log_files import messages
+from semlive.service.map_store import MapStore
 from semlive.service.pipe import read_message
+from semlive.service.replay import Replay, Source, replay
+from semlive.service.result_json import result_json
+from semlive.service.settings_changes import parse_changes
 
 PX, BOTH = 5, 2
 
@@ -65,6 +70,39 @@ def test_live_and_replayed_results_agree(finished: Any) -> None:
     # A frame a tenth as large as the paper's knows the modulus to some 3 %; what it says of itself must be so.
     assert modulus["sigma"] < 4.0
     assert abs(modulus["value"] - 71.1) < 4.0 * modulus["sigma"]
+
+
+def test_a_replay_from_the_log_s_maps_is_the_live_result_to_the_last_bit(finished: Any) -> None:
+    (live,) = logged(finished.log, "/result")
+    done = replay(Replay(finished.log, source=Source.DISPARITY))
+    assert done.unchanged
+    assert done.recorded == live
+    assert json.dumps(result_json(done.result, done.settings), sort_keys=True) == json.dumps(live, sort_keys=True)
+
+
+def test_a_replay_from_images_that_keeps_nothing_in_memory_is_the_live_result_too(finished: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    (live,) = logged(finished.log, "/result")
+    monkeypatch.setattr("semlive.service.replay.MapStore", lambda: MapStore(in_memory_bytes=0))
+    done = replay(Replay(finished.log, source=Source.IMAGES))
+    assert json.dumps(result_json(done.result, done.settings), sort_keys=True) == json.dumps(live, sort_keys=True)
+
+
+def test_the_first_pairs_are_the_same_from_images_and_from_maps(finished: Any) -> None:
+    from_images, from_maps = (replay(Replay(finished.log, source=source, until=2)) for source in Source)
+    assert len(from_images.result.decisions) == len(from_maps.result.decisions) == 3
+    assert result_json(from_images.result, from_images.settings) == result_json(from_maps.result, from_maps.settings)
+
+
+def test_a_log_s_pairs_correlated_by_two_processes_are_the_live_result(finished: Any, tmp_path: Path) -> None:
+    (live,) = logged(finished.log, "/result")
+    (done,) = reanalyse([Replay(finished.log)], tmp_path / "out", lambda: all_cores(2))
+    assert done.error is None
+    assert json.dumps(done.told, sort_keys=True) == json.dumps(live, sort_keys=True)
+
+
+def test_another_subset_needs_the_images(finished: Any) -> None:
+    done = replay(Replay(finished.log, changes=parse_changes(["dic.subset=31"]), until=1))
+    assert result_json(done.result, done.settings)["vsg_px"] == 8 * 8 + 31
 
 
 def test_a_replay_by_another_method_says_so(finished: Any) -> None:
@@ -157,10 +195,19 @@ def test_the_report_is_one_page_that_needs_nothing_else(finished: Any) -> None:
     page = finished.folder / "report.html"
     subprocess.run([sys.executable, "-m", "semlive", "report", str(finished.log), "--out", str(page)], timeout=120, check=True)
     text = page.read_text(encoding="utf-8")
-    for title in ("Load", "Drift", "Distortion", "Strain", "Stress and strain", "Strain gage"):
+    for title in (
+        "Load",
+        "Drift",
+        "Distortion",
+        "Strain under load",
+        "Strain maps",
+        "Stress and strain",
+        "Elastic constants",
+        "Strain gage",
+    ):
         assert f"<h2>{title}</h2>" in text
     assert "http" not in text
-    assert text.count("data:image/png;base64,") == 6
+    assert text.count("data:image/png;base64,") == text.count("<img ") == 14
 
 
 def test_a_run_of_the_same_name_is_refused(finished: Any) -> None:

@@ -62,7 +62,9 @@ def test_ctrl_c_while_starting_leaves_no_traceback(instrument: Callable[..., Any
     process.send_signal(signal.SIGINT)
     code, said = finish(process)
     assert code in (1, -signal.SIGINT), said
-    assert "Traceback" not in said
+    # On a busy computer Python may not have come to a line of ours yet; then it answers itself, with files of its own.
+    of_ours = [line for line in said.splitlines() if 'File "' in line and '"<frozen ' not in line]
+    assert "Traceback" not in said or not of_ours, said
     assert one.load_frame_status() == 0
     assert not list(one.log.glob("*.part"))
 

@@ -23,6 +23,7 @@ experiment:
     translation_shifts_px: []
     loads_n: [100]
   dic: {subset_px: 31, step_px: 8, roi_px: null}
+  estimate: {accept_poor_calibration: true}
 """
 PAIRS = 3
 MODES = ("continuous", "triggered")

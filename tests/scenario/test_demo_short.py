@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import shlex
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -10,14 +12,24 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
+from semlive.cli.app import app
 from semlive.service.log_files import messages
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "conventions"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+from read_by_others import check_layout, check_messages, counts
+from shown import CASES, ON_A_LOG
 from sidebyside.facts import PAPER, QUICK_WINDOWS
 from sidebyside.measure import measure
 from sidebyside.table import Row, rows
 
+SHORTER = {"replay": ["--from-disparity"], "simulate": ["--frames", "0"]}
+"""So that the whole takes half a minute; with images and all frames the tutorial and test_cli_simulate do it."""
+SLOW = re.compile(r"diagnose|replay.* --model|report|simulate.* --from|.* (?:my-|runs/|test\.tif)")
+"""Run from top to bottom of the tutorial and of the first experiment, of short logs in test_cli_diagnose, or by test_pages."""
+PAGES = Path(__file__).parents[2] / "docs"
 GOLDEN = Path(__file__).parents[1] / "golden" / "score_names.json"
 
 
@@ -51,6 +63,50 @@ def test_the_short_demo_runs_to_its_table(demo: Demo) -> None:
     assert (demo.folder / "report.html").stat().st_size > 100_000
     live = [json.loads(message.payload) for message in messages(demo.folder / "log" / "demo") if message.topic == "/result"]
     assert [one["pairs"] for one in live] == [9]
+
+
+def test_others_read_its_log_and_every_panel_of_the_layout_shows_something(demo: Demo) -> None:
+    path = demo.folder / "log" / "demo" / "demo.000.mcap"
+    newest = check_messages(path)
+    assert newest["/state"]["boot_id"] == newest["/run"]["boot_id"]
+    assert newest["/state"]["mono_ns"] > 0
+    assert newest["/load_frame/sample"]["rtt_s"] > 0.0
+    assert check_layout(newest, set(counts(path))) >= 8
+
+
+@pytest.mark.checkout
+@pytest.mark.parametrize(("page", "which"), [("tutorial.md", ".*"), ("first-experiment.md", ".* runs/al2024-01.*")])
+def test_what_a_page_does_with_a_run_can_be_done(page: str, which: str, demo: Demo, tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "first").symlink_to(demo.folder)
+    (tmp_path / "runs" / "al2024-01").symlink_to(demo.folder / "log" / "demo")
+    lines = re.findall(rf"^ {{4}}semlive ({which})$", (PAGES / page).read_text(encoding="utf-8"), re.MULTILINE)
+    assert len(lines) >= 2
+    for line in lines:
+        command = [sys.executable, "-m", "semlive", *line.split()]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=200, check=False)
+        assert done.returncode == 0, f"{line}: {done.stderr}"
+
+
+@pytest.mark.checkout
+def test_what_the_pages_show_can_be_done_with_its_log(demo: Demo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    log, (first, second, *_) = demo.folder / "log" / "demo", sorted((demo.folder / "instrument" / "export").glob("*.tif"))
+    places = {"LOG": log, "FILE": first, "REF": first, "CUR": second, "SCENARIO": "short", "CONFIG": demo.folder / "run.yaml"}
+    places |= {"TRUTH": demo.folder / "instrument" / "truth.json", "hdf5|csv|mat|vtk|png": "hdf5"}
+    told = [line for _, line in CASES if line.split()[0] in ON_A_LOG and re.search(r" (?:LOG|FILE|REF|CONFIG|SCENARIO)\b", line)]
+    typed: dict[tuple[str, ...], str] = {}
+    for line in (one for one in told if not SLOW.match(one)):
+        name, *given = shlex.split(line)
+        words = [str(places.get(word.rstrip("."), word)) for word in given]
+        words += ["--format", "hdf5"] if name == "export" and "--format" not in words else []
+        words += ["-o", "OUT"] if name == "export" and "-o" not in words else []
+        typed.setdefault((name, *words, *SHORTER.get(name, [])), line)
+    for number, (words, line) in enumerate(typed.items()):
+        ran = CliRunner().invoke(app, [f"out{number}" if word in ("OUT", "FOLDER") else word for word in words])
+        assert ran.exit_code == 0, f"{line}: {ran.output} {ran.exception}"
+    done = {"diagnose", "report", *(words[0] for words in typed)}
+    assert done == set(ON_A_LOG)
 
 
 @pytest.fixture(scope="module")

@@ -160,6 +160,20 @@ def test_a_share_slower_than_the_scans_delays_files_but_neither_scans_nor_clock(
         assert np.array_equal(tifffile.imread(tmp_path / item.file)[:110], item.image)
 
 
+@pytest.mark.parametrize(("style", "left"), [(Style.DIRECT, 0.6), (Style.RENAME, 0.6), (Style.PREALLOCATE, 1.0)])
+def test_a_file_is_never_finished_and_the_next_one_is(tmp_path: Path, style: Style, left: float) -> None:
+    scenario = small(vendor=Vendor.JEOL, style=style, never_finished=(1,), delay_s=0.1, duration_s=0.5, chunks=4)
+    looks, exported, _ = watched(tmp_path, scenario, 2)
+    assert [item.frame for item in exported[:2]] == [0, 2]
+    working = "x200_0002.tif.tmp" if style is Style.RENAME else "x200_0002.tif"
+    sizes_seen = sizes(looks, working)
+    whole = (tmp_path / "x200_0001.tif").stat().st_size
+    assert max(sizes_seen) == pytest.approx(left * whole, rel=0.02)
+    assert (tmp_path / working).stat().st_size == max(sizes_seen)
+    assert not (tmp_path / "x200_0002.txt").exists()
+    assert (tmp_path / "x200_0003.txt").exists()
+
+
 def test_a_name_that_is_taken_gets_a_number(tmp_path: Path) -> None:
     (tmp_path / "x200_0002.tif").write_bytes(b"somebody's")
     scenario = small(counter_restarts_after=2, collision=Collision.NUMBER, delay_s=0.1, duration_s=0.3)

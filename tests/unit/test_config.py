@@ -54,6 +54,18 @@ def test_a_configuration_comes_back_from_its_own_dump() -> None:
     assert config.analysis_settings().dic.roi_px == (20, 20, 300, 200)
 
 
+def test_scan_profiles_reach_the_analysis_and_come_back_from_the_dump() -> None:
+    rows = [{"instrument": "JSM", "scan_speed": "9", "dwell_time_s": 1e-6, "row_time_s": 2e-3}]
+    sem = {"folder": "export", "pixel_size_um": 1.25, "profile": {"databar_rows": 64}, "scan_profiles": rows}
+    config = parse_config(given(sem=sem), "run.yaml")
+    scan = config.analysis_settings().scan
+    assert scan.databar_rows == 64
+    assert [(one.scan_speed, one.row_time_s, one.width_px) for one in scan.speeds] == [("9", 2e-3, None)]
+    assert parse_config(config.model_dump(mode="json"), "log") == config
+    assert "did you mean row_time_s?" in refusal(given(sem={**sem, "scan_profiles": [{"scan_speed": "9", "row_time": 1.0}]}))
+    assert "start_anchor must be start, end or save" in refusal(given(sem={**sem, "profile": {"start_anchor": "middle"}}))
+
+
 def test_folders_are_relative_to_the_file(tmp_path: Path) -> None:
     path = tmp_path / "run.yaml"
     path.write_text(yaml.safe_dump(given()))

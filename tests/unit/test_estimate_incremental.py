@@ -16,33 +16,41 @@ from semlive.data.grid import Grid
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import EstimateSettings
 from semlive.errors import IllPosed
-from semlive.estimate.accumulate import DENSE_PAIRS, carried_along, map_columns, marginal, pull, relinearised
+from semlive.estimate.accumulate import DENSE_PAIRS, carried_along, map_columns, marginal, pull, relinearised, with_line_shifts
 from semlive.estimate.arrow import eliminated, factored, sides
 from semlive.estimate.blocks import BlockColumns, Blocks, PackedColumns, block_columns
 from semlive.estimate.border import codes_of, joint_of, strands
 from semlive.estimate.chain import chained
 from semlive.estimate.late import banded, score
+from semlive.estimate.line_term import row_groups
 from semlive.estimate.posterior import Solution, posterior
 from semlive.estimate.prior import Hyper, Smoothness, belief_precision, gauge_precision
 from semlive.estimate.sequence import chosen_anew
-from semlive.estimate.smooth import border_covariance, ended, mean_of, spreads
+from semlive.estimate.smooth import border_covariance, covariances, ended, mean_of, spreads
 from semlive.estimate.state import EstimatorState
 from semlive.model import Axis, Columns, DistortionSpline, sighting
 
 GRID = Grid(40, 40, 20, 10, 8, 43)
 PHASES = (Phase.CALIBRATION, Phase.CALIBRATION, Phase.TRANSLATION, Phase.CALIBRATION, Phase.TENSION, Phase.TENSION)
+UNSURE = (0, 2, 3, 5)  # pairs whose frames began a little earlier or later than they are told to have
 SETTINGS = EstimateSettings(drift_knots_per_frame=1.0, distortion_knot_px=80.0)
 
 
-def when(frame: int, start_s: float) -> FrameTime:
+def when(frame: int, start_s: float, sigma_s: float = 0.0) -> FrameTime:
     def known(value: float) -> Sourced[float]:
         return Sourced(value, Provenance.CONFIG)
 
-    return FrameTime(frame, start_s, ScanTiming(known(1e-4), known(0.05), known(12.0), Sourced(1, Provenance.CONFIG)))
+    timing = ScanTiming(known(1e-4), known(0.05), known(12.0), Sourced(1, Provenance.CONFIG))
+    return FrameTime(frame, start_s, timing, sigma_s)
 
 
 def times(pair: int) -> tuple[FrameTime, FrameTime]:
-    return when(2 * pair, 60.0 * pair), when(2 * pair + 1, 60.0 * pair + 14.0)
+    return when(2 * pair, 60.0 * pair), when(2 * pair + 1, 60.0 * pair + 14.0, 0.05 if pair in UNSURE else 0.0)
+
+
+def exact_times(pair: int) -> tuple[FrameTime, FrameTime]:
+    first, second = times(pair)
+    return first, replace(second, start_sigma_s=0.0)
 
 
 def maps(pair: int) -> tuple[DisparityMap, ...]:
@@ -117,8 +125,11 @@ def at_once(state: EstimatorState, prior: np.ndarray, asked_of: Callable[[np.nda
 
 def named(state: EstimatorState, parameters: np.ndarray) -> dict[str, np.ndarray]:
     """Parameters by what they mean, whatever the order in which the pairs came."""
-    found = {name: parameters[state.layout.part(name)] for name in state.layout.names if name != "motion"}
-    motion = parameters[state.layout.part("motion")]
+    by_pair = ("motion", "start_time")
+    found = {name: parameters[state.layout.part(name)] for name, size in state.layout.of_each() if size and name not in by_pair}
+    motion, starts = (parameters[state.layout.part(name)] for name in by_pair)
+    late = [state.starts.late_px(2 * pair + 1, starts) for pair in sorted(state.starts.pairs)]
+    found["drift"] = np.concatenate((found["drift"], *late))  # as far as the drift had gone on
     return found | {f"motion {pair}": motion[state.motions.part(pair)[0]] for pair in state.motions.pairs}
 
 
@@ -175,14 +186,17 @@ def test_the_newest_pair_and_all_before_it_are_those_of_the_batch(order: tuple[i
         state = estimating.update(state, pair, PHASES[pair], times(pair), maps(pair))
         known = estimating.newest(state, known)
         wanted = batch_of(known)
-        assert close(named(state, mean_of(known.ending)), wanted)
-        filtered = named(state, known.mean)
+        assert close(named(known.state, mean_of(known.ending)), wanted)
+        filtered = named(known.state, known.mean)
         last = max((0, *state.motions.pairs), key=lambda one: times(one)[0].start_s)
         newest = {name: wanted[name] for name in ("distortion", "axes", *([f"motion {last}"] if last else []))}
         assert close(filtered, newest)
         assert state.drift is not None
         rows = state.drift.rows([when.start_s + 6.0 for when in times(last)])
-        np.testing.assert_allclose(rows @ filtered["drift"].reshape(-1, 2), rows @ wanted["drift"].reshape(-1, 2), atol=1e-8)
+        knots = state.drift.size
+        np.testing.assert_allclose(
+            rows @ filtered["drift"][:knots].reshape(-1, 2), rows @ wanted["drift"][:knots].reshape(-1, 2), atol=1e-8
+        )
 
 
 def test_uncertainty_of_every_pair_is_that_of_the_whole_matrix() -> None:
@@ -218,22 +232,75 @@ def test_a_long_time_without_a_pair_is_bridged_in_steps() -> None:
     assert close(named(state, mean_of(ending)), named(state, at_once(state, prior)))
 
 
-def test_a_long_run_takes_its_coupling_and_rotations_from_its_first_pairs() -> None:
+def test_pairs_with_shifts_of_rows_are_eliminated_to_what_one_least_squares_gives() -> None:
+    order = (0, 1, 2, 3, 4, 5)
+    whole = accumulated(order)
+    state = with_line_shifts(whole, row_groups(whole), about_of(whole, 3))
+    hyper = Hyper(line_px=0.03)
+    prior = gauge_precision(state) + belief_precision(state, hyper)
+    near = state.about + factored(marginal(state)[0] + prior, sides(state)).solve(pull(state, state.about) - prior @ state.about)
+    ending = ended(chained(state, hyper, near))
+    assert close(named(state, mean_of(ending)), named(state, at_once(state, prior)))
+    part = state.layout.part("line_shift")
+    spread = np.zeros((part.stop - part.start, state.layout.size))
+    spread[:, part] = np.eye(part.stop - part.start)
+    np.testing.assert_allclose(ending.covariance_of(spread), np.linalg.inv(marginal(state)[0] + prior)[part, part], rtol=1e-5, atol=1e-12)
+
+
+def test_what_pairs_touch_is_as_uncertain_on_one_way_back_as_asked_one_by_one() -> None:
+    known = estimating.solve(accumulated((0, 3, 1, 4)))
+    layout, rng = known.state.layout, np.random.default_rng(5)
+    touched = {one.pair: one.index for one in spreads(known.ending)}
+    border = joint_of(layout, known.ending.chain.border.codes()[: known.ending.chain.border.known])
+    wanted = {pair: np.unique(np.concatenate((touched[pair], border))) for pair in (3, 0, 4)}
+    rows = {pair: (codes_of(layout, index), rng.normal(size=(3, len(index)))) for pair, index in wanted.items()}
+    found = covariances(known.ending, rows)
+    assert list(found) == [3, 0, 4]
+    for pair, (_, own) in rows.items():
+        whole = np.zeros((3, layout.size))
+        whole[:, wanted[pair]] = own
+        np.testing.assert_allclose(found[pair], known.covariance_of(whole), rtol=1e-6)
+    with pytest.raises(KeyError):
+        covariances(known.ending, {7: rows[3]})
+
+
+def test_what_shifts_of_rows_took_off_is_given_back_when_they_are_in_the_model_no_more() -> None:
+    plain = estimating.solve(accumulated((0, 1, 2)))
+    assert plain.state.lines.size == 0
+    shifted = with_line_shifts(plain.state, row_groups(plain.state), plain.mean)
+    rng = np.random.default_rng(11)
+    mean = np.zeros(shifted.layout.size)
+    mean[plain.state.layout.within(shifted.layout)] = plain.mean
+    mean[shifted.layout.part("line_shift")] = rng.normal(0, 0.05, shifted.lines.size)
+    ending = ended(chained(shifted, replace(plain.hyper, line_px=0.05), mean))
+    with_lines = Solution(shifted, ending.chain.hyper, mean, ending, plain.noise_floor_px)
+    dmap = maps(2)[-1]
+    told, now = (estimating.correction_strain(one, dmap) for one in (with_lines, plain))
+    moved = estimating.strain_moved(plain, told)
+    assert np.abs(told.value - now.value).max() > 1e-6
+    np.testing.assert_allclose([moved.exx, moved.eyy, moved.exy], told.value - now.value, atol=1e-12)
+
+
+def test_a_long_run_makes_its_choices_anew() -> None:
     count = DENSE_PAIRS + 2
-    state = estimating.init(EstimateSettings(drift_knots_per_frame=0.3, distortion_knot_px=250.0), GRID, 280, 240)
+    fresh = estimating.init(EstimateSettings(drift_knots_per_frame=0.3, distortion_knot_px=250.0), GRID, 280, 240)
+    even = replace(fresh, distortion=DistortionSpline.covering(280, 240, 250.0))  # as few knots at the line start as elsewhere
+    n = even.layout.size
+    nothing = replace(fresh.reference, coupling=np.zeros((2, fresh.blocks.size, n)))
+    state = replace(even, precision=np.zeros((n, n)), information=np.zeros(n), reference=nothing)
     for pair in range(DENSE_PAIRS):
-        state = estimating.update(state, pair, Phase.CALIBRATION, times(pair), maps(pair))
+        state = estimating.update(state, pair, Phase.CALIBRATION, exact_times(pair), maps(pair))
     known = estimating.solve(state)
     for pair in range(DENSE_PAIRS, count):
-        state = estimating.update(state, pair, Phase.CALIBRATION, times(pair), maps(pair))
+        state = estimating.update(state, pair, Phase.CALIBRATION, exact_times(pair), maps(pair))
     assert not state.summed
     whole = estimating.solve(state)
-    assert whole.hyper.rotation_rad == known.hyper.rotation_rad
+    assert whole.hyper.rotation_rad != known.hyper.rotation_rad
     assert whole.hyper.noise_scale == pytest.approx(known.hyper.noise_scale, rel=0.02)  # its noise stayed the same
     assert whole.noise_floor_px / known.noise_floor_px == pytest.approx(whole.hyper.noise_scale / known.hyper.noise_scale)
     assert [one.used for one in whole.terms] == [one.used for one in known.terms]
     wanted = batch_of(whole)
-    for name, one in named(state, whole.mean).items():  # as stiff as the data choose the drift to be, neither is better than this
+    for name, one in named(whole.state, whole.mean).items():  # as stiff as the data choose the drift to be, neither is better than this
         np.testing.assert_allclose(one, wanted[name], atol=1e-7)
     followed = estimating.follow(state, known)
     part = state.layout.part("distortion")
@@ -290,7 +357,7 @@ def test_between_choices_the_data_decide_everything_but_the_choices() -> None:
     assert followed.hyper == known.hyper
     assert followed.terms == known.terms
     prior = gauge_precision(state) + belief_precision(state, known.hyper)
-    again = relinearised(state, followed.state.about)
+    again = followed.state
     near, factor = posterior(marginal(again), prior, known.hyper.noise_scale)
     asked = pull(again, near) * known.hyper.noise_scale**-2.0 - prior @ near
     expected = near + np.linalg.solve(factor @ factor.T, asked)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from datetime import UTC, datetime
 from io import BytesIO
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -151,7 +149,7 @@ def test_integrated_frames_prolong_the_scan() -> None:
 
 def test_missing_values_come_from_the_profile_and_say_so() -> None:
     ini = INI.replace("LineTime={line}\n", "")
-    with pytest.raises(BadImage, match=r"row time; set scan\.row_time_s"):
+    with pytest.raises(BadImage, match=r"row time; set sem\.profile\.row_time_s"):
         read_info(exported(fei_bytes(ini=ini)), ScanProfile())
     info = read_info(exported(fei_bytes(ini=ini)), ScanProfile(row_time_s=1.02e-3))
     assert info.timing.row_time_s.source is Provenance.CONFIG
@@ -181,7 +179,7 @@ def test_header_appended_as_text_is_found() -> None:
 
 def test_plain_files_need_the_profile_and_end_at_their_modification_time() -> None:
     for data in (png_bytes(speckle()), tiff_bytes(speckle())):
-        with pytest.raises(BadImage, match=r"set scan\.dwell_time_s, scan\.row_time_s, scan\.pixel_size_m"):
+        with pytest.raises(BadImage, match=r"set sem\.profile\.dwell_time_s, sem\.profile\.row_time_s, sem\.profile\.pixel_size_m"):
             read_info(exported(data), ScanProfile())
         frame = read_frame(exported(data), replace(PLAIN, databar_rows=10))
         assert np.array_equal(frame.image, speckle()[:50])
@@ -235,55 +233,3 @@ def test_every_truncation_of_a_file_is_known_to_be_incomplete() -> None:
     for data in (fei_bytes(xml_time="2023-11-10T14:09:15"), png_bytes(speckle())):
         assert check_complete(data) is None
         assert all(check_complete(data[:end]) is not None for end in range(0, len(data) - 13, 37))
-
-
-# Real files, where somebody has them -------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def samples() -> Path:
-    folder = os.environ.get("SEMLIVE_SAMPLES")
-    if not folder:
-        pytest.skip("SEMLIVE_SAMPLES does not name the folder of real export files")
-    return Path(folder)
-
-
-def test_thermo_fisher_sample(samples: Path) -> None:
-    frame = read_frame(exported((samples / "tfs_example.tif").read_bytes()), ScanProfile())
-    timing = frame.info.timing
-    assert frame.image.shape == (1024, 1536)
-    assert frame.info.databar_rows == 68  # although its DatabarHeight is 0
-    assert (timing.dwell_time_s.value, timing.row_time_s.value, timing.frame_time_s.value) == (1e-6, 0.001714, 1.75685)
-    assert timing.integrations.value == 1
-    assert frame.info.pixel_size_m.value == 2.69792e-07
-    assert frame.info.end_time_ns == ns(CREATED) + 500_000_000
-
-
-@pytest.mark.parametrize("bits", [8, 16])
-def test_helios_samples(samples: Path, bits: int) -> None:
-    file = exported((samples / f"FEI-Helios-Ebeam-{bits}bits.tif").read_bytes())
-    info = read_info(file, ScanProfile())
-    assert (info.width_px, info.height_px, info.databar_rows) == (512, 442, 29)
-    assert (info.timing.dwell_time_s.value, info.timing.row_time_s.value, info.timing.frame_time_s.value) == (1e-5, 0.0058, 2.62)
-    with pytest.raises(BadImage, match="every pixel is 0"):  # the beam was blanked
-        read_frame(file, ScanProfile())
-
-
-def test_navigation_camera_sample_is_refused(samples: Path) -> None:
-    data = (samples / "FEI-Helios-navcam-with-no-IRBeam-bad-floats.tif").read_bytes()
-    with pytest.raises(BadImage, match="Beam=IRBeam"):
-        read_info(exported(data), PLAIN)
-
-
-@pytest.mark.parametrize(
-    ("name", "shape"),
-    [
-        ("jeol_example_sem.tif", (960, 1280)),
-        ("zeiss_example_sem.tif", (768, 1024)),
-        ("test_tiff_Zeiss_SEM_512pix.tif", (384, 512)),
-        ("tescan_example_sem1.tif", (888, 1024)),
-    ],
-)
-def test_other_vendors_are_read_as_plain_files(samples: Path, name: str, shape: tuple[int, int]) -> None:
-    profile = replace(PLAIN, row_time_s=0.02)
-    assert read_frame(exported((samples / name).read_bytes()), profile).image.shape == shape

@@ -12,6 +12,7 @@ from semlive.errors import BadConfig, LinkError
 from semlive.ports import LoadFrame, Stage
 from semlive_drivers import null
 from semlive_drivers import operator as by_hand
+from semlive_drivers.console import Console
 
 
 class Clock:
@@ -64,7 +65,8 @@ def test_a_hand_is_told_in_pixels_and_directions(dx_um: float, dy_um: float, um_
 def test_a_stage_moved_by_hand_moves_until_it_is_confirmed() -> None:
     said: list[str] = []
     enter: queue.Queue[str] = queue.Queue()
-    stage = by_hand.open_stage({"um_per_px": 1.25}, Clock(), tell=said.append, confirm=enter.get)
+    console = Console(lambda: iter(enter.get, ""), said.append)
+    stage = by_hand.open_stage({"um_per_px": 1.25}, Clock(), console=console)
     assert isinstance(stage, Stage)
     stage.move_to(10.0, 0.0)
     assert said == ["move the specimen about 8 px (10.0 um) right in the image, then press enter"]
@@ -78,7 +80,7 @@ def test_a_stage_moved_by_hand_moves_until_it_is_confirmed() -> None:
     stage.stop()
     assert said[-1] == "do not move the specimen any more"
     assert (stage.read().motion, stage.read().x_um) == (MotionState.STOPPED, 10.0)
-    enter.put("\n")
+    enter.put("")
     stage.close()
 
 

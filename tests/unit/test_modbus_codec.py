@@ -23,6 +23,11 @@ from semlive_drivers.modbus.registers import DType, Kind, Point, StageMap, Words
         (Point(Kind.INPUT, 0, DType.I16, scale=0.1), (0xFFFF,), -0.1),
         (Point(Kind.INPUT, 0, DType.U32), (0x0001, 0x0000), 65_536.0),
         (Point(Kind.INPUT, 0, DType.I32), (0xFFFF, 0xFFFE), -2.0),
+        (Point(Kind.INPUT, 0, DType.F64), (0x4058, 0xD000, 0x0000, 0x0000), 99.25),
+        (Point(Kind.INPUT, 0, DType.F64, Words.LOW_FIRST), (0x0000, 0x0000, 0xD000, 0x4058), 99.25),
+        (Point(Kind.INPUT, 0, DType.F64, byte_order=Words.LOW_FIRST), (0x5840, 0x00D0, 0x0000, 0x0000), 99.25),
+        (Point(Kind.INPUT, 0, DType.U64), (0x0000, 0x0001, 0x0000, 0x0000), 4_294_967_296.0),
+        (Point(Kind.INPUT, 0, DType.I64, scale=1e-6), (0xFFFF, 0xFFFF, 0xFFFF, 0xFFFE), -2e-6),
     ],
 )
 def test_known_registers_are_known_values_both_ways(point: Point, registers: tuple[int, ...], value: float) -> None:
@@ -50,10 +55,17 @@ def test_what_does_not_fit_is_not_commanded(dtype: DType, value: float) -> None:
         encode(Point(Kind.HOLDING, 7, dtype), value)
 
 
-@given(st.floats(width=32, allow_nan=False, allow_infinity=False), st.sampled_from(list(Words)))
+@given(st.floats(width=32, allow_nan=False, allow_infinity=False, allow_subnormal=False), st.sampled_from(list(Words)))
 def test_a_float_survives_the_wire(value: float, words: Words) -> None:
     point = Point(Kind.HOLDING, 0, DType.F32, words)
     assert decode(point, encode(point, value)) == value
+
+
+@pytest.mark.parametrize("value", [99.25, -250.5, 4096.0])
+def test_a_round_float_with_its_words_swapped_is_no_reading(value: float) -> None:
+    registers = encode(Point(Kind.HOLDING, 0, DType.F32, Words.HIGH_FIRST), value)
+    with pytest.raises(LinkError, match="order of words"):
+        decode(Point(Kind.HOLDING, 0, DType.F32, Words.LOW_FIRST), registers)
 
 
 @given(st.integers(0, 2**32 - 1))

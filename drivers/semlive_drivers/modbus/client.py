@@ -1,6 +1,6 @@
-"""One Modbus TCP link: a thin door to pymodbus that maps everything that can go wrong to LinkError.
+"""Modbus links to one unit: over TCP a thin door to pymodbus, over a serial line our own master. All that goes wrong is a LinkError.
 
-After any trouble the socket is closed and stays closed: the owner opens a new link, identity check included. pymodbus would
+After any trouble a TCP socket is closed and stays closed: the owner opens a new link, identity check included. pymodbus would
 reconnect by itself inside the next request, to whoever answers then. Its own retries are off, because a request that is repeated
 behind our back makes the time to an answer (retries + 1) times the timeout.
 """
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
@@ -17,6 +17,9 @@ from pymodbus.exceptions import ModbusException
 from semlive.errors import LinkError, LinkRefused
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.registers import Kind
+from semlive_drivers.modbus.rtu import reading, values_in, writing
+from semlive_drivers.modbus.rtu_line import RtuLine
+from semlive_drivers.modbus.shared_line import LineShare
 
 # Every failure becomes a LinkError; pymodbus's own lines on stderr would tell the operator the same thing twice.
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
@@ -30,10 +33,52 @@ _EXCEPTIONS = {
     6: "the device is busy (exception 6); try again when it has finished",
     7: "the device's watchdog has expired (exception 7)",
 }
+_WORDS = {Kind.INPUT: "input register", Kind.HOLDING: "holding register", Kind.COIL: "coil", Kind.DISCRETE: "discrete input"}
+
+
+class Link(Protocol):
+    """A connection to one unit. Not thread-safe: one thread owns it."""
+
+    where: str
+
+    def read(self, block: Block) -> tuple[int, ...]:
+        """The registers of a block; raises LinkError on no, a wrong or a short answer."""
+        ...
+
+    def write(self, address: int, registers: Sequence[int], kind: Kind = Kind.HOLDING, *, single: bool = False) -> None:
+        """Write in one request; raises LinkError on no or a wrong answer."""
+        ...
+
+    def write_blind(self, address: int, registers: Sequence[int], kind: Kind = Kind.HOLDING, *, single: bool = False) -> None:
+        """Write without waiting for an answer, where that is possible; never raises."""
+        ...
+
+    def recover(self) -> bool:
+        """After a failed request: make the link believable again without opening another; False if that cannot be."""
+        ...
+
+    def close(self) -> None:
+        """Close the connection; never raises."""
+        ...
+
+
+def write_verified(link: Link, block: Block, registers: Sequence[int], *, single: bool = False) -> None:
+    """Write a block and read it back.
+
+    Raises:
+        LinkError: if the device did not take exactly this.
+    """
+    link.write(block.address, registers, block.kind, single=single)
+    taken = link.read(block)
+    if taken != tuple(registers):
+        raise LinkError(
+            f"{link.where} did not take the command: {list(registers)} was written from register {block.address}, "
+            f"{list(taken)} was read back; check the device's limits and who else commands it"
+        )
 
 
 class ModbusLink:
-    """A connection to one unit. Not thread-safe: one thread owns it.
+    """The Link over Modbus TCP.
 
     Args:
         host: name or address.
@@ -54,42 +99,49 @@ class ModbusLink:
             raise LinkRefused(f"nobody answers at {host}:{port}; check that the device is on and that host and port are right")
 
     def read(self, block: Block) -> tuple[int, ...]:
-        """The registers of a block.
+        """The registers of a block, as `Link.read`.
 
         Raises:
             LinkError: on no, a wrong or a short answer.
         """
-        call = self._client.read_input_registers if block.kind is Kind.INPUT else self._client.read_holding_registers
-        answer = self._ask(f"reading {block.kind} register {block.address}", call, block.address, count=block.count)
-        if len(answer.registers) != block.count:
+        call = {
+            Kind.INPUT: self._client.read_input_registers,
+            Kind.HOLDING: self._client.read_holding_registers,
+            Kind.COIL: self._client.read_coils,
+            Kind.DISCRETE: self._client.read_discrete_inputs,
+        }[block.kind]
+        answer = self._ask(f"reading {_WORDS[block.kind]} {block.address}", call, block.address, count=block.count)
+        values = [int(bit) for bit in answer.bits[: block.count]] if block.kind.bits else answer.registers
+        if len(values) != block.count:
             self.close()
             raise LinkError(
-                f"{self.where} answered {len(answer.registers)} registers instead of {block.count} from {block.address}; "
+                f"{self.where} answered {len(values)} registers instead of {block.count} from {block.address}; "
                 "check the device and the network"
             )
-        return tuple(answer.registers)
+        return tuple(values)
 
-    def write(self, address: int, registers: Sequence[int]) -> None:
-        """Write holding registers in one request (FC16).
+    def write(self, address: int, registers: Sequence[int], kind: Kind = Kind.HOLDING, *, single: bool = False) -> None:
+        """Write in one request (FC16, FC15; FC06, FC05 for one by itself), as `Link.write`.
 
         Raises:
             LinkError: on no or a wrong answer.
         """
-        self._ask(f"writing holding register {address}", self._client.write_registers, address, list(registers))
+        doing = f"writing {_WORDS[kind]} {address}"
+        if kind.bits and single:
+            self._ask(doing, self._client.write_coil, address, bool(registers[0]))
+        elif kind.bits:
+            self._ask(doing, self._client.write_coils, address, [bool(value) for value in registers])
+        elif single and len(registers) == 1:
+            self._ask(doing, self._client.write_register, address, registers[0])
+        else:
+            self._ask(doing, self._client.write_registers, address, list(registers))
 
-    def write_verified(self, block: Block, registers: Sequence[int]) -> None:
-        """Write a block and read it back.
+    def write_blind(self, address: int, registers: Sequence[int], kind: Kind = Kind.HOLDING, *, single: bool = False) -> None:
+        """Nothing: a socket in trouble is closed already, and the next one begins with a stop."""
 
-        Raises:
-            LinkError: if the device did not take exactly this.
-        """
-        self.write(block.address, registers)
-        taken = self.read(block)
-        if taken != tuple(registers):
-            raise LinkError(
-                f"{self.where} did not take the command: {list(registers)} was written from register {block.address}, "
-                f"{list(taken)} was read back; check the device's limits and who else commands it"
-            )
+    def recover(self) -> bool:
+        """Never: another socket is opened."""
+        return False
 
     def close(self) -> None:
         """Close the socket; further calls fail at once."""
@@ -104,6 +156,71 @@ class ModbusLink:
             self.close()
             raise LinkError(f"{self.where} gave no answer within {self._timeout_s:g} s while {doing}; check cable and device") from error
         if answer.isError():
-            code = int(getattr(answer, "exception_code", 0))
-            raise LinkError(f"{self.where} refused {doing}: {_EXCEPTIONS.get(code, f'exception {code}')}")
+            raise _refusal(self.where, doing, int(getattr(answer, "exception_code", 0)))
         return answer
+
+
+class RtuLink:
+    """The Link over a serial line that other units may share.
+
+    Args:
+        line: open, owned by the same thread; or a share of one.
+        unit: Modbus unit.
+        probes: blocks that can be read without harm, to settle the line with after trouble.
+
+    Raises:
+        LinkError: if an answer is still owed from before and the unit does not settle.
+    """
+
+    def __init__(self, line: RtuLine | LineShare, unit: int, probes: Sequence[Block]) -> None:
+        self.where = f"{line.where} unit {unit}"
+        self._line, self._unit, self._probes = line, unit, tuple(probes)
+        if isinstance(line, LineShare):
+            line.say_first(unit)
+        if line.owes(unit):
+            line.settle(unit, self._probes)
+
+    def read(self, block: Block) -> tuple[int, ...]:
+        """The registers of a block, as `Link.read`.
+
+        Raises:
+            LinkError: on no or a wrong answer.
+        """
+        return values_in(self._ask(reading(block), f"reading {_WORDS[block.kind]} {block.address}"), block)
+
+    def write(self, address: int, registers: Sequence[int], kind: Kind = Kind.HOLDING, *, single: bool = False) -> None:
+        """Write in one request, as `Link.write`.
+
+        Raises:
+            LinkError: on no or a wrong answer.
+        """
+        self._ask(writing(kind, address, registers, single), f"writing {_WORDS[kind]} {address}")
+
+    def write_blind(self, address: int, registers: Sequence[int], kind: Kind = Kind.HOLDING, *, single: bool = False) -> None:
+        """Say it without waiting, and again first thing when the line is opened anew; never raises."""
+        try:
+            self._line.shout(self._unit, writing(kind, address, registers, single))
+        except LinkError:
+            return
+
+    def recover(self) -> bool:
+        """Settle the unit, with one probe: a stop that is owed waits no longer than that. False if it does not answer."""
+        try:
+            self._line.settle(self._unit, self._probes, patient=False)
+        except LinkError:
+            return False
+        return True
+
+    def close(self) -> None:
+        """Close the line, or leave it to those who share it."""
+        self._line.close()
+
+    def _ask(self, pdu: bytes, doing: str) -> bytes:
+        reply = self._line.ask(self._unit, pdu, doing)
+        if reply[0] != pdu[0]:
+            raise _refusal(self.where, doing, reply[1])
+        return reply
+
+
+def _refusal(where: str, doing: str, code: int) -> LinkError:
+    return LinkError(f"{where} refused {doing}: {_EXCEPTIONS.get(code, f'exception {code}')}")

@@ -10,7 +10,13 @@ from dataclasses import dataclass
 from semlive.errors import BadConfig, LinkError
 from semlive_drivers.modbus.registers import MAX_BLOCK, DType, Kind, Point, Words
 
-_FORMATS = {DType.U16: ">H", DType.I16: ">h", DType.U32: ">I", DType.I32: ">i", DType.F32: ">f"}
+_FORMATS = {
+    **{DType.U16: ">H", DType.I16: ">h", DType.U32: ">I", DType.I32: ">i", DType.F32: ">f"},
+    **{DType.U64: ">Q", DType.I64: ">q", DType.F64: ">d"},
+}
+
+_TINIEST = 2.0**-126
+"""The smallest normal number of 32 bits; round numbers with their words swapped are smaller: 99.25 reads as 4.6e-41."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +39,12 @@ class Block:
         return slice(first, first + point.dtype.registers)
 
 
-def block_of(points: Iterable[Point]) -> Block:
+def block_of(points: Iterable[Point], max_block: int = MAX_BLOCK) -> Block:
     """The smallest block that holds all points.
+
+    Args:
+        points: at least one.
+        max_block: most registers that the device gives or takes at once.
 
     Raises:
         BadConfig: if they lie in different tables or too far apart for one request.
@@ -45,24 +55,59 @@ def block_of(points: Iterable[Point]) -> Block:
         raise BadConfig("registers that are read together must all be input or all be holding registers; correct the register map")
     first = min(p.address for p in points)
     count = max(p.address + p.dtype.registers for p in points) - first
-    if count > MAX_BLOCK:
-        raise BadConfig(f"registers {first} to {first + count - 1} do not fit into one request of {MAX_BLOCK}; correct the register map")
+    if count > max_block:
+        raise BadConfig(f"registers {first} to {first + count - 1} do not fit into one request of {max_block}; correct the register map")
     return Block(kinds.pop(), first, count)
 
 
-def decode(point: Point, registers: Sequence[int]) -> float:
+def number_in(point: Point, registers: Sequence[int]) -> float | int:
+    """The bare number of a point, before sign, factors and scale."""
+    ordered = registers if point.words is Words.HIGH_FIRST else registers[::-1]
+    raw = struct.pack(f"{'>' if point.byte_order is Words.HIGH_FIRST else '<'}{len(ordered)}H", *ordered)
+    (number,) = struct.unpack(_FORMATS[point.dtype], raw)
+    if point.bit_count:
+        return number >> point.first_bit & ((1 << point.bit_count) - 1)
+    return number
+
+
+def decode(point: Point, registers: Sequence[int], others: Mapping[str, Sequence[int]] | None = None) -> float:
     """The value of a point from its own registers.
 
+    Args:
+        point: which.
+        registers: its own, as read.
+        others: registers of the points that say its sign and size, by name.
+
     Raises:
-        LinkError: if it is not a finite number.
+        LinkError: if it is not a finite number, or says that there is no reading.
     """
-    ordered = registers if point.words is Words.HIGH_FIRST else registers[::-1]
-    raw = struct.pack(f">{len(ordered)}H", *ordered)
-    (number,) = struct.unpack(_FORMATS[point.dtype], raw)
+    number = number_in(point, registers)
     value = number * point.scale
-    if not math.isfinite(value):
+    if not math.isfinite(value) or number in point.sentinels:
         raise LinkError(f"register {point.address} holds {number}, which is no reading; check the sensor and the register map")
-    return value
+    if point.dtype.is_float and 0 < abs(number) < _TINIEST:
+        raise LinkError(f"register {point.address} holds {number:g}, which no device tells; check the order of words in the register map")
+    if point.sign is not None or point.factors:
+        value *= _told_by(point, others or {})
+    return value + point.offset
+
+
+def _told_by(point: Point, others: Mapping[str, Sequence[int]]) -> float:
+    """What other points say of the sign and the size of a number."""
+    factor = -1.0 if point.sign is not None and point.sign.of(others[point.sign.point][0]) else 1.0
+    for told in point.factors:
+        said = told.bits.of(others[told.bits.point][0])
+        if told.factors is None:
+            factor *= 10.0**-said
+            continue
+        known = dict(told.factors)
+        if said not in known:
+            raise LinkError(
+                f"{told.bits.point} says {said}, of which the register map does not tell what it means for register {point.address}; "
+                "check the device's settings and the map"
+            )
+        factor *= known[said]
+    return factor
 
 
 def decode_or_none(point: Point, registers: Sequence[int]) -> float | None:
@@ -84,14 +129,14 @@ def encode(point: Point, value: float) -> tuple[int, ...]:
     Raises:
         LinkError: if the value does not fit.
     """
-    number = value / point.scale
+    number = (value - point.offset) / point.scale
     try:
-        raw = struct.pack(_FORMATS[point.dtype], number if point.dtype is DType.F32 else round(number))
+        raw = struct.pack(_FORMATS[point.dtype], number if point.dtype.is_float else round(number))
     except (struct.error, OverflowError, ValueError):
         raise LinkError(f"{value:g} does not fit into register {point.address} ({point.dtype}); correct the scale") from None
     if not math.isfinite(number):
         raise LinkError(f"{value:g} cannot be commanded (register {point.address})")
-    registers = struct.unpack(f">{len(raw) // 2}H", raw)
+    registers = struct.unpack(f"{'>' if point.byte_order is Words.HIGH_FIRST else '<'}{len(raw) // 2}H", raw)
     return registers if point.words is Words.HIGH_FIRST else registers[::-1]
 
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from semlive.data.loading import MotionState
 from semlive.errors import LinkError, LinkRefused
-from semlive_drivers.modbus.client import ModbusLink
+from semlive_drivers.modbus.client import Link
 from semlive_drivers.modbus.codec import block_of, decode_int
-from semlive_drivers.modbus.registers import LoadFrameMap, StageMap
+from semlive_drivers.modbus.registers import StageMap
 
 MAP_VERSION = 1
 SIMULATOR_BIT = 0b01
@@ -25,7 +25,7 @@ class Greeting:
     has_watchdog: bool
 
 
-def greet(link: ModbusLink, registers: LoadFrameMap | StageMap, expected: int | None) -> Greeting:
+def greet(link: Link, registers: StageMap, expected: int | None) -> Greeting:
     """Check who answers.
 
     Raises:
@@ -48,7 +48,7 @@ def greet(link: ModbusLink, registers: LoadFrameMap | StageMap, expected: int | 
     return Greeting(simulated=bool(abilities & SIMULATOR_BIT), has_watchdog=bool(abilities & WATCHDOG_BIT))
 
 
-def motion_state(link: ModbusLink, word: int) -> MotionState:
+def motion_state(link: Link, word: int) -> MotionState:
     """The device's word on its motion.
 
     Raises:
@@ -63,7 +63,7 @@ def motion_state(link: ModbusLink, word: int) -> MotionState:
 class FrozenCheck:
     """Tells a frozen reading by the device's counter of readings."""
 
-    def __init__(self, link: ModbusLink, frozen_after_s: float) -> None:
+    def __init__(self, link: Link, frozen_after_s: float) -> None:
         self._link = link
         self._frozen_after_ns = round(frozen_after_s * 1e9)
         self._counter: int | None = None

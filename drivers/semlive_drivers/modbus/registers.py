@@ -1,4 +1,4 @@
-"""Register maps as data: which registers hold what. The defaults are the bench's (docs/bench-registers.md)."""
+"""Registers as data: how a number lies in a device. Where it lies is a register map (`device_map`, docs/register-maps.md)."""
 
 from __future__ import annotations
 
@@ -14,10 +14,17 @@ MAX_BLOCK = 123
 
 
 class Kind(StrEnum):
-    """Which table a register is in."""
+    """Which table: input registers (FC04), holding registers (FC03, 06, 16), coils (FC01, 05, 15), discrete inputs (FC02)."""
 
     INPUT = "input"
     HOLDING = "holding"
+    COIL = "coil"
+    DISCRETE = "discrete"
+
+    @property
+    def bits(self) -> bool:
+        """Whether it holds single bits."""
+        return self in (Kind.COIL, Kind.DISCRETE)
 
 
 class DType(StrEnum):
@@ -28,30 +35,77 @@ class DType(StrEnum):
     U32 = "u32"
     I32 = "i32"
     F32 = "f32"
+    U64 = "u64"
+    I64 = "i64"
+    F64 = "f64"
 
     @property
     def registers(self) -> int:
         """Registers that one value takes."""
-        return 1 if self in (DType.U16, DType.I16) else 2
+        return int(self.value[1:]) // 16
+
+    @property
+    def is_float(self) -> bool:
+        """Whether the number has a fraction of its own."""
+        return self.value.startswith("f")
 
 
 class Words(StrEnum):
-    """Order of the registers of a 32-bit number."""
+    """Order of the registers of a long number, or of the two bytes in a register."""
 
     HIGH_FIRST = "high_first"
     LOW_FIRST = "low_first"
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
-    """One number in a device.
+class Bits:
+    """Part of the word of another point.
 
     Attributes:
-        kind: input or holding register.
+        point: whose word.
+        first: lowest bit, from 0.
+        count: how many bits.
+    """
+
+    point: str
+    first: int = 0
+    count: int = 16
+
+    def of(self, word: int) -> int:
+        """The number in these bits."""
+        return word >> self.first & ((1 << self.count) - 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Factor:
+    """What another point says of the size of a number.
+
+    Attributes:
+        bits: where it is said.
+        factors: by the number there, what to multiply with; None takes the number as that of decimals.
+    """
+
+    bits: Bits
+    factors: tuple[tuple[int, float], ...] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One number in a device: value = (sign * number * factors) * scale + offset.
+
+    Attributes:
+        kind: which table.
         address: of the first register, from 0 as on the wire.
         dtype: how the number lies there.
-        words: order of the registers of a 32-bit number.
-        scale: value = scale * number; -1 turns the sign, 1000 turns kN into N.
+        words: order of the registers of a long number.
+        byte_order: order of the bytes in each register; Modbus says high first.
+        scale: value of one count; -1 turns the sign, 1000 turns kN into N.
+        offset: value of zero counts.
+        first_bit: lowest bit of the word that belongs to the number.
+        bit_count: how many bits; 0 takes all.
+        sentinels: numbers that mean "no reading".
+        sign: a bit that is set when the number is negative.
+        factors: what other points say of its size (decimals, division, unit).
     """
 
     kind: Kind
@@ -59,38 +113,26 @@ class Point:
     dtype: DType = DType.U16
     words: Words = Words.HIGH_FIRST
     scale: float = 1.0
+    byte_order: Words = Words.HIGH_FIRST
+    offset: float = 0.0
+    first_bit: int = 0
+    bit_count: int = 0
+    sentinels: tuple[int, ...] = ()
+    sign: Bits | None = None
+    factors: tuple[Factor, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0 <= self.address <= 65_536 - self.dtype.registers:
             raise BadConfig(f"register address {self.address} does not exist; give one from 0 to {65_536 - self.dtype.registers}")
         if not self.scale:
             raise BadConfig(f"the scale of register {self.address} is 0; give the value of one count")
+        if self.kind.bits and self.dtype is not DType.U16:
+            raise BadConfig(f"bit {self.address} cannot hold {self.dtype}; leave dtype out")
 
-
-@dataclass(frozen=True, slots=True)
-class LoadFrameMap:
-    """Where a load frame keeps what; the points down to `force_limit` are read in one block, those from `target` written in one.
-
-    `strain_gage` lies elsewhere, is asked for by itself, and only where the settings say that there is one.
-    """
-
-    identity: Point = Point(Kind.INPUT, 0)
-    version: Point = Point(Kind.INPUT, 1)
-    abilities: Point = Point(Kind.INPUT, 2)
-    motion: Point = Point(Kind.INPUT, 3)
-    force: Point = Point(Kind.INPUT, 4, DType.F32)
-    extension: Point = Point(Kind.INPUT, 6, DType.F32)
-    target_in_force: Point = Point(Kind.INPUT, 8, DType.F32)
-    counter: Point = Point(Kind.INPUT, 10, DType.U32)
-    lag: Point = Point(Kind.INPUT, 12, DType.F32)
-    force_limit: Point = Point(Kind.INPUT, 14, DType.F32)
-    target: Point = Point(Kind.HOLDING, 0, DType.F32)
-    rate: Point = Point(Kind.HOLDING, 2, DType.F32)
-    command: Point = Point(Kind.HOLDING, 4)
-    nonce: Point = Point(Kind.HOLDING, 5)
-    heartbeat: Point = Point(Kind.HOLDING, 6)
-    watchdog: Point = Point(Kind.HOLDING, 7)
-    strain_gage: Point = Point(Kind.INPUT, 301, DType.F32)
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Points whose words are needed to understand this one."""
+        return (() if self.sign is None else (self.sign.point,)) + tuple(factor.bits.point for factor in self.factors)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +171,7 @@ class TriggerMap:
     scan: Point = Point(Kind.HOLDING, 200)
 
 
-Map = TypeVar("Map", LoadFrameMap, StageMap, TriggerMap)
+Map = TypeVar("Map", StageMap, TriggerMap)
 
 
 def overridden(registers: Map, overrides: Mapping[str, Mapping[str, Any]], where: str) -> Map:
@@ -143,17 +185,30 @@ def overridden(registers: Map, overrides: Mapping[str, Mapping[str, Any]], where
     Raises:
         BadConfig: for a point or field that does not exist, or a value that cannot be.
     """
-    names = [f.name for f in fields(registers)]
-    changed: dict[str, Point] = {}
+    points: dict[str, Point] = {f.name: getattr(registers, f.name) for f in fields(registers)}
+    return replace(registers, **overridden_points(points, overrides, where))
+
+
+def overridden_points(points: Mapping[str, Point], overrides: Mapping[str, Mapping[str, Any]], where: str) -> dict[str, Point]:
+    """Points by name with some replaced, field by field; arguments and errors as for `overridden`."""
+    changed = dict(points)
     for name, values in overrides.items():
-        if name not in names:
-            raise BadConfig(f"{where} has no register called {name!r}; it has {', '.join(names)}")
-        changed[name] = _changed(getattr(registers, name), values, f"{where}.{name}")
-    return replace(registers, **changed)
+        if name not in changed:
+            raise BadConfig(f"{where} has no register called {name!r}; it has {', '.join(points)}")
+        changed[name] = _changed(points[name], values, f"{where}.{name}")
+    return changed
 
 
 def _changed(point: Point, values: Mapping[str, Any], where: str) -> Point:
-    parsers: dict[str, type] = {"address": int, "dtype": DType, "words": Words, "scale": float}
+    parsers: dict[str, type] = {
+        "address": int,
+        "dtype": DType,
+        "words": Words,
+        "byte_order": Words,
+        "scale": float,
+        "offset": float,
+        "kind": Kind,
+    }
     parsed: dict[str, Any] = {}
     for key, value in values.items():
         if key not in parsers:

@@ -1,4 +1,4 @@
-"""A specimen stage (or beam shift) behind Modbus TCP."""
+"""A specimen stage (or beam shift) behind Modbus TCP or RTU."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from semlive.data.loading import DeviceIdentity, StageKind, StageSample, StopOnLinkLoss
 from semlive.errors import SemliveError
 from semlive.ports import ClockSource
-from semlive_drivers.modbus.client import ModbusLink
+from semlive_drivers.modbus.client import Link, write_verified
 from semlive_drivers.modbus.codec import block_of, decode, decode_int, encode_block
 from semlive_drivers.modbus.device import FrozenCheck, greet, motion_state
+from semlive_drivers.modbus.part import open_link
 from semlive_drivers.modbus.registers import StageMap, overridden, stage_at
 from semlive_drivers.modbus.settings import StageSettings, checked
 
@@ -20,7 +21,7 @@ _NAMES = {StageKind.SPECIMEN: "stage", StageKind.BEAM: "beam shift"}
 class ModbusStage:
     """The Stage port over one Modbus link; opened by `open_stage`."""
 
-    def __init__(self, link: ModbusLink, registers: StageMap, settings: StageSettings, clock: ClockSource) -> None:
+    def __init__(self, link: Link, registers: StageMap, settings: StageSettings, clock: ClockSource) -> None:
         r = registers
         self._link, self._map, self._clock = link, registers, clock
         self._kind = settings.kind
@@ -91,7 +92,7 @@ class ModbusStage:
         r = self._map
         self._nonce = (self._nonce + 1) % 65_536
         values = {r.target_x: self._last_um[0], r.target_y: self._last_um[1], r.command: word, r.nonce: self._nonce}
-        self._link.write_verified(self._order, encode_block(self._order, values))
+        write_verified(self._link, self._order, encode_block(self._order, values))
 
 
 def open_stage(settings: Mapping[str, object], clock: ClockSource) -> ModbusStage:
@@ -104,7 +105,8 @@ def open_stage(settings: Mapping[str, object], clock: ClockSource) -> ModbusStag
     """
     known = checked(StageSettings, settings, "modbus stage")
     registers = overridden(stage_at(known.first_register), known.registers, "modbus stage: registers")
-    link = ModbusLink(known.host, known.port, known.unit, known.timeout_s)
+    status = block_of((registers.motion, registers.x, registers.y, registers.counter))
+    link = open_link(known, None, (status,))
     try:
         return ModbusStage(link, registers, known, clock)
     except SemliveError:

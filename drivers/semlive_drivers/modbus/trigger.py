@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from semlive.ports import ClockSource
-from semlive_drivers.modbus.client import ModbusLink
-from semlive_drivers.modbus.codec import encode
+from semlive_drivers.modbus.client import Link
+from semlive_drivers.modbus.codec import block_of, encode
+from semlive_drivers.modbus.part import open_link
 from semlive_drivers.modbus.registers import TriggerMap, overridden
 from semlive_drivers.modbus.settings import ModbusSettings, checked
 
@@ -33,9 +34,8 @@ class ModbusTrigger:
     def close(self) -> None:
         """Nothing stays open."""
 
-    def _link(self) -> ModbusLink:
-        s = self._settings
-        return ModbusLink(s.host, s.port, s.unit, s.timeout_s)
+    def _link(self) -> Link:
+        return open_link(self._settings, None, (block_of((self._map.scan,)),))
 
 
 def open_trigger(settings: Mapping[str, object], clock: ClockSource) -> ModbusTrigger:

@@ -13,14 +13,15 @@ from semlive.estimate.sutton.procedure import Options, SuttonSolution, follow, s
 from semlive.estimate.sutton.publish import (
     checks,
     correction,
-    correction_strain,
+    correction_sigmas,
     correction_strain_sigma,
+    correction_strains,
     estimate,
     live_rate,
     mean_strain_covariance,
     strain_moved,
 )
-from semlive.estimate.sutton.state import SuttonState, init, update
+from semlive.estimate.sutton.state import SuttonState, init, kept_elsewhere, update
 
 live = follow
 """A batch has no shorter way."""
@@ -31,11 +32,13 @@ __all__ = [
     "SuttonState",
     "checks",
     "correction",
-    "correction_strain",
+    "correction_sigmas",
     "correction_strain_sigma",
+    "correction_strains",
     "estimate",
     "follow",
     "init",
+    "kept_elsewhere",
     "live",
     "live_rate",
     "mean_strain_covariance",

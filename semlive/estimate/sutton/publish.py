@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap
-from semlive.data.drift import Correction, DistortionField, DriftEstimate, Estimate, FrameTime, Motion
+from semlive.data.drift import CalibrationQuality, Correction, DistortionField, DriftEstimate, Estimate, FrameTime, Motion
 from semlive.data.strain import Tensor2
 from semlive.estimate.sutton.procedure import SuttonSolution
+from semlive.estimate.sutton.start_times import start_time_strain
 from semlive.estimate.sutton.state import PairMaps
 
 Array = NDArray[np.float64]
@@ -40,7 +41,8 @@ def estimate(solution: SuttonSolution, revision: int, lately: bool = False) -> E
     del lately
     distortion = _distortion(solution)
     motions = tuple(_motion(solution, one) for one in solution.state.pairs)
-    return Estimate(_drift(solution, revision), distortion, motions, solution.noise_floor_px, _notes(solution, distortion))
+    quality, notes = _quality(solution, distortion), _notes(solution, distortion)
+    return Estimate(_drift(solution, revision), distortion, motions, solution.noise_floor_px, notes, calibration=quality)
 
 
 def checks(solution: SuttonSolution) -> tuple[str, ...]:
@@ -82,12 +84,29 @@ def correction_strain_sigma(solution: SuttonSolution, dmap: DisparityMap) -> Ten
     x, y = (one[valid] for one in grid.mesh())
     sigma = _drift_sigma_px(solution, solution.state.frame_time(dmap.current)) * shared
     along_x, along_y = (sigma / (np.std(one) * np.sqrt(one.size) + 1e-12) for one in (x, y))
-    return Tensor2(float(along_x), float(along_y), 0.5 * float(np.hypot(along_x, along_y)))
+    late = _by_start_times(solution, dmap.current // 2)
+    return Tensor2(
+        float(np.hypot(along_x, late.exx)), float(np.hypot(along_y, late.eyy)), float(np.hypot(0.5 * np.hypot(along_x, along_y), late.exy))
+    )
 
 
-def correction_strain(solution: SuttonSolution, dmap: DisparityMap) -> CorrectionStrain:
-    """What the correction of a map from frame 0 gives to its mean strain, and how uncertain that is."""
-    return CorrectionStrain(dmap, _strain_of(solution, dmap), correction_strain_sigma(solution, dmap))
+def _by_start_times(solution: SuttonSolution, pair: int) -> Tensor2:
+    """What the uncertain starts of a pair's scans do to the strain of its frames."""
+    own = next(one for one in solution.state.pairs if one.pair == pair)
+    if own.within is None or not own.within.valid.any():
+        return Tensor2(0.0, 0.0, 0.0)
+    return start_time_strain(own.times, [float(one[own.within.valid].mean()) for one in (own.within.u_px, own.within.v_px)])
+
+
+def correction_sigmas(solution: SuttonSolution, maps: Iterable[DisparityMap]) -> tuple[None, ...]:
+    """Nothing: the procedure says of its correction how uncertain mean strain is, not points."""
+    del solution
+    return tuple(None for _ in maps)
+
+
+def correction_strains(solution: SuttonSolution, maps: Iterable[DisparityMap]) -> tuple[CorrectionStrain, ...]:
+    """What the correction of maps from frame 0 gives to their mean strain, and how uncertain that is."""
+    return tuple(CorrectionStrain(dmap, _strain_of(solution, dmap), correction_strain_sigma(solution, dmap)) for dmap in maps)
 
 
 def strain_moved(solution: SuttonSolution, told: CorrectionStrain) -> Tensor2:
@@ -106,13 +125,17 @@ def _strain_of(solution: SuttonSolution, dmap: DisparityMap) -> Tensor2:
     return Tensor2(float(slope[0, 0]), float(slope[1, 1]), 0.5 * float(slope[0, 1] + slope[1, 0]))
 
 
-def mean_strain_covariance(solution: SuttonSolution, frames: Sequence[int]) -> Array:
-    """(2 n, 2 n) covariance of the mean strains of n frames, first all exx, then all eyy; frames are taken as independent."""
+def mean_strain_covariance(solution: SuttonSolution, frames: Sequence[int], of: Array | None = None) -> Array:
+    """(2 n, 2 n) covariance of the mean strains of n frames, first all exx, then all eyy; or (k, k) of functions (k, 2 n) `of` them.
+
+    Frames are taken as independent.
+    """
     sigma = [correction_strain_sigma(solution, dmap) for frame in frames for dmap in [_from_reference(solution, frame)]]
     noise = [_mean_noise(solution, frame) for frame in frames]
     along_x = [np.hypot(one.exx, two[0]) for one, two in zip(sigma, noise, strict=True)]
     along_y = [np.hypot(one.eyy, two[1]) for one, two in zip(sigma, noise, strict=True)]
-    return np.diag(np.array([*along_x, *along_y], dtype=np.float64) ** 2)
+    variance = np.array([*along_x, *along_y], dtype=np.float64) ** 2
+    return np.diag(variance) if of is None else (of * variance) @ of.T
 
 
 def live_rate(solution: SuttonSolution) -> Array:
@@ -186,6 +209,21 @@ def _distortion(solution: SuttonSolution) -> DistortionField:
     shifts = np.array(list(bundle.shifts_px.values()))
     both = len(shifts) >= 2 and bool(np.all(np.ptp(np.concatenate((shifts, np.zeros((1, 2)))), axis=0) >= MIN_SPAN_PX))
     return DistortionField(grid, ex, ey, sigma, np.full(grid.shape, both))
+
+
+def _quality(solution: SuttonSolution, distortion: DistortionField) -> CalibrationQuality:
+    """By how far the translations went along each axis alone."""
+    bundle = solution.bundle
+    shifts = (
+        np.zeros((1, 2)) if bundle is None else np.concatenate((np.array(list(bundle.shifts_px.values())).reshape(-1, 2), np.zeros((1, 2))))
+    )
+    x_px, y_px = (float(one) for one in np.ptp(shifts, axis=0))
+    refused = (
+        f"distortion not determined yet: needs translations in both directions; the pairs so far moved {x_px:.3g} px along x and "
+        f"{y_px:.3g} px along y, and at least {MIN_SPAN_PX:g} px along both are needed"
+    )
+    covered = float(distortion.valid.mean())
+    return CalibrationQuality(covered, (x_px, y_px), None, "" if covered == 1.0 else refused)
 
 
 def _shared_points(solution: SuttonSolution) -> float:

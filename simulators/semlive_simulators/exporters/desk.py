@@ -79,7 +79,7 @@ class ExportDesk:
         self._exported = 0
         self._free_ns = 0
         self._images: queue.SimpleQueue[Scanned | None] = queue.SimpleQueue()
-        self._later: queue.SimpleQueue[tuple[Exported, int, tuple[FilePlan, ...]] | None] = queue.SimpleQueue()
+        self._later: queue.SimpleQueue[tuple[Exported | None, int, tuple[FilePlan, ...]] | None] = queue.SimpleQueue()
         self._threads = [
             threading.Thread(target=self._guarded, args=(work,), name=name, daemon=True)
             for name, work in (("export", self._write_images), ("sidecar", self._write_later))
@@ -120,8 +120,8 @@ class ExportDesk:
         finally:
             self._later.put(None)
 
-    def _write_image(self, item: Scanned) -> tuple[Exported, int, tuple[FilePlan, ...]]:
-        """Write the image; gives the instant from which its plans count, and the plans that are left."""
+    def _write_image(self, item: Scanned) -> tuple[Exported | None, int, tuple[FilePlan, ...]]:
+        """Write the image; gives it unless it is never finished, the instant from which its plans count, and the plans that are left."""
         scenario, reading = self._scenario, item.reading
         begin_ns = max(item.end_time_ns, self._free_ns)
         name = scenario.export.free_name(item.frame, lambda other: (self._folder / other).exists())
@@ -129,19 +129,20 @@ class ExportDesk:
         facts = ImageFacts(
             scenario.scan, told_ns, reading.encoder_x_um, reading.encoder_y_um, item.frame, name, reading.beam_x_um, reading.beam_y_um
         )
-        image, *later = plan_files(scenario.export.encode(item.image, facts), name, scenario.export)
+        image, *later = plan_files(scenario.export.encode(item.image, facts), name, scenario.export, item.frame)
         write_file(image, self._folder, begin_ns, lambda since_s: self._at("export", begin_ns + round(since_s * 1e9)))
         self._free_ns = begin_ns + round(image.last_s * 1e9)
         exported = Exported(item.frame, item.start_time_ns, item.end_time_ns, item.image, reading, item.window, name)
-        return exported, begin_ns, tuple(later)
+        return exported if image.finished else None, begin_ns, tuple(later)
 
     def _write_later(self) -> None:
         while (handed := self._later.get()) is not None:
             item, begin_ns, plans = handed
             for plan in plans:
                 self._write_sidecar(plan, begin_ns)
-            self._exported += 1
-            self._on_exported(item)
+            if item is not None:
+                self._exported += 1
+                self._on_exported(item)
 
     def _write_sidecar(self, plan: FilePlan, begin_ns: int) -> None:
         write_file(plan, self._folder, begin_ns, lambda since_s: self._at("sidecar", begin_ns + round(since_s * 1e9)))

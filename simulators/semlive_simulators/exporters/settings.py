@@ -69,6 +69,8 @@ class Export:
         sidecar_delay_s: from the end of the image file to the sidecar, for vendors that have one.
         counter_restarts_after: files after which the number in the name begins at 1 again; 0 never.
         collision: what becomes of a file whose name is taken: ``overwrite`` replaces the old one, ``number`` adds ``_1``, ``_2``, ...
+        never_finished: frames, counted from 0, whose file is begun and never finished, as when the software or its disk gives up.
+        finished_part: part of such a file's bytes that is written, 0 to 1.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -84,12 +86,16 @@ class Export:
     sidecar_delay_s: float = 0.0
     counter_restarts_after: int = 0
     collision: Collision = Collision.OVERWRITE
+    never_finished: tuple[int, ...] = ()
+    finished_part: float = 0.6
 
     def __post_init__(self) -> None:
         if self.chunks < 1:
             raise ValueError(f"chunks must be at least 1, not {self.chunks}")
         if min(self.delay_s, self.duration_s, self.sidecar_delay_s, self.databar_rows, self.counter_restarts_after) < 0:
             raise ValueError("times, databar_rows and counter_restarts_after must not be below zero")
+        if not 0.0 <= self.finished_part < 1.0:
+            raise ValueError(f"finished_part must be at least 0 and below 1, not {self.finished_part}")
 
     @property
     def suffix(self) -> str:

@@ -35,11 +35,13 @@ class FilePlan:
         name: it has in the end.
         working_name: it has while it is written.
         writes: in order of time.
+        finished: the file becomes whole; otherwise it keeps its working name and lacks its last bytes.
     """
 
     name: str
     working_name: str
     writes: tuple[Write, ...]
+    finished: bool = True
 
     @property
     def last_s(self) -> float:
@@ -47,8 +49,8 @@ class FilePlan:
         return self.writes[-1].due_s
 
 
-def plan_files(product: Product, name: str, export: Export) -> tuple[FilePlan, ...]:
-    """The image file, then its sidecar, which is small and comes at once or not at all."""
+def plan_files(product: Product, name: str, export: Export, frame: int = 0) -> tuple[FilePlan, ...]:
+    """The image file, then its sidecar, which is small and comes at once or, beside an image that is never finished, not at all."""
     data, pieces = product.image, export.chunks
     bounds = [round(part * len(data) / pieces) for part in range(pieces + 1)]
     writes = [
@@ -58,11 +60,23 @@ def plan_files(product: Product, name: str, export: Export) -> tuple[FilePlan, .
     if export.style is Style.PREALLOCATE:
         writes.insert(0, Write(export.delay_s, 0, bytes(len(data))))
     working_name = f"{name}.tmp" if export.style is Style.RENAME else name
+    if frame in export.never_finished:
+        return (FilePlan(name, working_name, tuple(_until(writes, round(export.finished_part * len(data)), len(data))), finished=False),)
     image = FilePlan(name, working_name, tuple(writes))
     if product.sidecar is None:
         return (image,)
     beside = Path(name).with_suffix(".txt").name
     return image, FilePlan(beside, beside, (Write(image.last_s + export.sidecar_delay_s, 0, product.sidecar),))
+
+
+def _until(writes: list[Write], end: int, whole: int) -> list[Write]:
+    """The writes up to a byte of the file; what preallocates it stays, and what lies behind is never written."""
+    preallocated = len(writes[0].data) == whole and len(writes) > 1
+    kept = writes[:1] if preallocated else []
+    for write in writes[len(kept) :]:
+        if write.offset < end or not kept:
+            kept.append(Write(write.due_s, write.offset, write.data[: max(0, end - write.offset)]))
+    return kept
 
 
 def write_file(plan: FilePlan, folder: Path, begin_ns: int, at: Callable[[float], AbstractContextManager[object]]) -> None:
@@ -86,5 +100,5 @@ def write_file(plan: FilePlan, folder: Path, begin_ns: int, at: Callable[[float]
                 stream.write(piece.data)
     last_ns = begin_ns + round(plan.last_s * 1e9)
     os.utime(working, ns=(last_ns, last_ns))
-    if working != path:
+    if working != path and plan.finished:
         os.replace(working, path)

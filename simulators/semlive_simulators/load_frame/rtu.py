@@ -2,6 +2,7 @@
 
 Frame: unit, function and data as in Modbus TCP, then a CRC-16, low byte first (Modbus over serial line V1.02, section 2.5).
 A frame with a wrong CRC or for another unit meets silence, as at a real device; a write to unit 0 acts without a reply.
+The stage and the beam's shift answer as a unit of their own too, as two devices on one pair of wires do.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ import socket
 import struct
 
 UNIT_FOR_ALL = 0
+STAGE_UNIT = 7
+_OF_STAGE = (range(3), range(100, 107), range(400, 407))
 _WRITES = (5, 6, 15, 16)
 _TIMEOUT_S = 2.0
 
@@ -45,9 +48,9 @@ class RtuGateway:
         if unit == UNIT_FOR_ALL and request[0] in _WRITES:
             self._ask(request)
             return b""
-        if unit != self._unit:
+        if unit not in (self._unit, STAGE_UNIT):
             return b""
-        reply = self._ask(request)
+        reply = self._ask(request) if unit == self._unit or _is_for_stage(request) else bytes([request[0] | 0x80, 2])
         return b"" if reply is None else bytes([unit]) + reply + crc16(bytes([unit]) + reply)
 
     def close(self) -> None:
@@ -71,3 +74,12 @@ class RtuGateway:
                 raise ConnectionResetError
             data += more
         return data
+
+
+def _is_for_stage(request: bytes) -> bool:
+    """Whether all registers of a request belong to the stage, or tell who answers."""
+    if len(request) < 5:
+        return False
+    first, count = struct.unpack(">HH", request[1:5])
+    last = first + (0 if request[0] in (5, 6) else count - 1)
+    return any(first in block and last in block for block in _OF_STAGE)

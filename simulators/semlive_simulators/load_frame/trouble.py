@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
+
+from semlive_simulators.load_frame.rtu import crc16
+
+_NEWTONS = re.compile(rb"(-?\d+\.\d+) N\b")
+_N_PER_LBF = 4.4482216152605
 
 
 class Line(StrEnum):
@@ -28,6 +34,7 @@ class Trouble(StrEnum):
     ECHO = "echo"
     TWICE = "twice"
     SILENT = "silent"
+    WRONG_UNIT = "wrong_unit"
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +84,8 @@ def pieces(line: Line, request: bytes, reply: bytes, spoiling: Spoiling | None) 
     """What is sent in place of a reply.
 
     `WRONG_CHECK` damages what a master can check: the CRC of RTU, the transaction number of TCP; letters have no check, there it
-    sets the top bit of the first one. `NOISE` is three bytes before the reply, `ECHO` the request, as on a two-wire line.
+    sets the top bit of the first one. `WRONG_UNIT` answers in the name of the next unit, with a right check; letters have no
+    unit number, there the same force is told in lbF. `NOISE` is three bytes before the reply, `ECHO` the request, as on a two-wire line.
     """
     if spoiling is None:
         return (Piece(0.0, reply),) if reply else ()
@@ -91,6 +99,7 @@ def pieces(line: Line, request: bytes, reply: bytes, spoiling: Spoiling | None) 
         Trouble.ECHO: (Piece(0.0, request + reply),),
         Trouble.TWICE: (Piece(0.0, reply), Piece(wait_s, reply)),
         Trouble.SILENT: (),
+        Trouble.WRONG_UNIT: (Piece(0.0, _of_another_unit(line, reply)),),
     }
     return made[spoiling.trouble]
 
@@ -99,6 +108,15 @@ def _damaged(line: Line, reply: bytes) -> bytes:
     if line is Line.RTU:
         return reply[:-1] + bytes([reply[-1] ^ 0xFF])
     return bytes([reply[0] ^ (0x80 if line is Line.SERIAL else 0x55)]) + reply[1:]
+
+
+def _of_another_unit(line: Line, reply: bytes) -> bytes:
+    if line is Line.SERIAL:
+        return _NEWTONS.sub(lambda found: b"%.3f lbF" % (float(found[1]) / _N_PER_LBF), reply)
+    if line is Line.TCP:
+        return reply[:6] + bytes([(reply[6] + 1) & 0xFF]) + reply[7:]
+    frame = bytes([(reply[0] + 1) & 0xFF]) + reply[1:-2]
+    return frame + crc16(frame)
 
 
 @dataclass(slots=True)

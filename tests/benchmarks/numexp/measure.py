@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 from numexp.experiment import Experiment, Seen
@@ -64,6 +65,19 @@ class Measured:
     magnification: float | None
     update_s: tuple[float, ...]
     solve_s: float
+
+    def write(self, path: Path) -> None:
+        """Into a file of arrays; a magnification that was not found is no number there."""
+        np.savez(path, allow_pickle=False, **{name: np.asarray(value, dtype=np.float64) for name, value in asdict(self).items()})
+
+    @classmethod
+    def read(cls, path: Path) -> Measured:
+        """What `write` wrote."""
+        with np.load(path) as held:
+            plain = {name: float(held[name]) for name in ("distortion_max_px", "correction_max", "displacement_rms_px", "solve_s")}
+            fields = {name: held[name] for name in ("mean_strain", "correction_mean_strain", "correction_sd", "load_step_strain")}
+            grown, update_s = float(held["magnification"]), tuple(held["update_s"].tolist())
+        return cls(**plain, **fields, magnification=None if np.isnan(grown) else grown, update_s=update_s)
 
 
 def measure(experiment: Experiment, found: Found) -> Measured:

@@ -58,8 +58,8 @@ def curve_markdown(figures: RunFigures) -> str:
         if row.window_points not in facts.CURVE_WINDOWS:
             continue
         u, e = pooled(figures, at, DISPLACEMENTS), pooled(figures, at, COMPONENTS)
-        numbers = (_px(u.measured), _strain(e.measured), f"{u.ratio:.2f}", f"{e.ratio:.2f}", f"± {e.chance:.2f}")
-        shares = (_px(u.correction), _strain(e.correction))
+        numbers = (_px(u.measured), strain_text(e.measured), f"{u.ratio:.2f}", f"{e.ratio:.2f}", f"± {e.chance:.2f}")
+        shares = (_px(u.correction), strain_text(e.correction))
         lines.append(f"| {row.window_points} | {row.vsg_px} | " + " | ".join((*numbers, *shares)) + " |")
     return "\n".join(lines)
 
@@ -150,16 +150,17 @@ def _strains(figures: RunFigures, paper: PaperFigures) -> Iterator[Row]:
         largest = float(np.abs(phase.error).max())
         label = "error of the mean strain" if name == "tension" else "mean strain"
         bar = paper.strain_mean.get(name)
+        rms = float(np.sqrt(np.mean(phase.error**2)))
         yield Row(
             f"{label}, {name}, worst of {len(phase.error)} frames × 3 components",
             paper.strain_mean_said.get(name, "no figure"),
-            f"{_strain(largest)} (rms {_strain(float(np.sqrt(np.mean(phase.error**2))))}; uncorrected {_strain(_worst(phase))})",
-            NOTHING if bar is None else f"≤ {_strain(bar)}",
+            f"{strain_text(largest)} (rms {strain_text(rms)}; uncorrected {strain_text(_worst(phase))})",
+            NOTHING if bar is None else f"≤ {strain_text(bar)}",
             None if bar is None else largest <= bar,
         )
-        sd = ", ".join(f"{c} {_strain(row.measured[c])}" for c in COMPONENTS)
+        sd = ", ".join(f"{c} {strain_text(row.measured[c])}" for c in COMPONENTS)
         figure = paper.strain_sd.get(name)
-        gauge = NOTHING if figure is None else f"{_strain(figure)} at {reached_at(phase.curve, figure)}"
+        gauge = NOTHING if figure is None else f"{strain_text(figure)} at {reached_at(phase.curve, figure)}"
         ratio = max(row.ratio(c) for c in COMPONENTS)
         yield Row(
             f"strain sd over a {row.vsg_px} px gauge, {name}", paper.strain_sd_said.get(name, "no figure"),
@@ -168,8 +169,8 @@ def _strains(figures: RunFigures, paper: PaperFigures) -> Iterator[Row]:
         share, allowed = max(row.correction[c] for c in COMPONENTS), facts.CORRECTION_SD_BAR
         yield Row(
             f"the correction's share of it, {name}", NOTHING,
-            f"sd {_strain(share)}, mean ≤ {_strain(float(np.abs(phase.correction).max()))}",
-            f"sd ≤ {_strain(allowed)}", share <= allowed,
+            f"sd {strain_text(share)}, mean ≤ {strain_text(float(np.abs(phase.correction).max()))}",
+            f"sd ≤ {strain_text(allowed)}", share <= allowed,
         )  # fmt: skip
 
 
@@ -213,6 +214,7 @@ def _px(value: float) -> str:
     return f"{value:.4f}" if value < 0.1 else f"{value:.2f}"
 
 
-def _strain(value: float) -> str:
+def strain_text(value: float) -> str:
+    """As 1.2e-5."""
     mantissa, _, exponent = f"{value:.1e}".partition("e")
     return f"{mantissa}e{int(exponent)}"

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import pytest
 
@@ -182,6 +183,18 @@ def test_a_limit_stops_the_device_before_anybody_is_told() -> None:
     assert len(heard.of(DeviceStopped)) == 1
 
 
+def test_a_sudden_fall_of_the_load_stops_the_device_before_anybody_is_told() -> None:
+    device, heard = FewLines(force_n=500.0), Listener()
+    with linked(device.open, heard, limits=replace(LIMITS, force_drop_max_n=50.0)) as link:
+        link.send(RampTo(600.0, 10.0))
+        wait_until(lambda: len(heard.of(LoadReading)) > 5, 2.0)
+        device.force_n = 420.0
+        fell_s = time.monotonic()
+        wait_until(lambda: bool(heard.of(DeviceStopped)), 2.0)
+    assert device.times("stop")[0] - fell_s < 0.2
+    assert "the load fell by 80 N to 420 N" in heard.of(DeviceStopped)[0].reason
+
+
 def test_a_limit_stops_a_real_link() -> None:
     heard = Listener()
     with peer() as bench, linked(lambda: open_load_frame({"port": bench.port}, CLOCK), heard) as link:
@@ -260,9 +273,11 @@ def test_a_failure_on_the_way_stops_at_the_first_chance() -> None:
         link.send(RampTo(10.0, 1.0))
         wait_until(lambda: heard.of(CommandTaken))
         device.trouble["read"] = LinkError("no answer")
-        wait_until(lambda: device.times("stop"))
+        wait_until(lambda: len(device.times("stop")) > 1)
         names = [name for name, _ in device.calls]
         assert names[names.index("close") :][:3] == ["close", "open", "stop"]
+        # What cannot be read may still take orders: the link that failed was told first.
+        assert names[names.index("close") - 1] == "stop"
         assert "no answer" in heard.of(DeviceStopped)[0].reason
 
 
@@ -342,3 +357,15 @@ def test_closing_stops_a_device_whose_link_was_down() -> None:
         device.trouble.clear()
     assert device.calls[-2][0] == "stop"
     assert device.calls[-1][0] == "close"
+
+
+def test_a_link_says_what_its_stage_moves() -> None:
+    for kind in ("specimen", "beam"):
+        heard = Listener()
+        with peer() as bench:
+            opened = partial(open_stage, {"port": bench.port, "kind": kind}, CLOCK)
+            stage = LinkThread(Device.STAGE, opened, heard, clock=CLOCK, limits=LIMITS)
+            assert stage.moves is None
+            stage.open()
+            assert stage.moves == kind
+            stage.close()

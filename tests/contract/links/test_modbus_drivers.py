@@ -12,7 +12,10 @@ import pytest
 from semlive.data.loading import MotionState, StageKind, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError, LinkRefused
 from semlive.ports import LoadFrame, Stage, Trigger
+from semlive_drivers.modbus.client import ModbusLink
+from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.load_frame import open_load_frame
+from semlive_drivers.modbus.registers import Kind
 from semlive_drivers.modbus.stage import open_stage
 from semlive_drivers.modbus.trigger import open_trigger
 
@@ -199,7 +202,7 @@ def test_a_trigger_asks_for_one_frame(bench: Peer) -> None:
         ({"port": 0}, "modbus load frame: port: input should be greater than or equal to 1"),
         ({"registers": {"farce": {"address": 1}}}, "has no register called 'farce'; it has identity"),
         ({"registers": {"force": {"adress": 1}}}, "registers.force has no field 'adress'; it has address"),
-        ({"registers": {"force": {"dtype": "f64"}}}, "registers.force.dtype is 'f64'"),
+        ({"registers": {"force": {"dtype": "f80"}}}, "registers.force.dtype is 'f80'"),
         ({"registers": {"force": {"address": 70000}}}, "register address 70000 does not exist"),
     ],
 )
@@ -226,3 +229,14 @@ def test_the_drivers_speak_with_a_stack_of_another_make() -> None:
             open_trigger({"port": other.port, "registers": {"scan": {"address": 500}}}, CLOCK).scan_once()
         load_frame.close()
         stage.close()
+
+
+def test_single_bits_are_read_and_written(bench: Peer) -> None:
+    link = ModbusLink("127.0.0.1", bench.port, 1, 0.5)
+    bit = Block(Kind.COIL, 0, 1)
+    assert link.read(bit) == (0,)
+    link.write(0, [1], Kind.COIL, single=True)
+    assert link.read(bit) == (1,)
+    link.write(0, [0], Kind.COIL)
+    assert (link.read(bit), link.read(Block(Kind.DISCRETE, 0, 1))) == ((0,), (0,))
+    link.close()

@@ -8,6 +8,7 @@ from semlive.data.loading import DeviceIdentity, LoadSample, MotionState, StageS
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.engine import (
     AcceptPair,
+    Cause,
     CommandTaken,
     Device,
     EngineState,
@@ -39,8 +40,9 @@ FRAME_S = 20.0
 class Record:
     """Devices of a few lines, the engine, and what they did."""
 
-    def __init__(self) -> None:
-        self.state: EngineState = start(PLAN, 0)
+    def __init__(self, plan: Plan = PLAN) -> None:
+        self.state: EngineState = start(plan, 0)
+        self.warm = plan.warm_up is None
         self.now_ns = 0
         self.force_n, self.load_goal_n = 0.0, None
         self.xy_um, self.stage_goal_um = (0.0, 0.0), None
@@ -61,12 +63,14 @@ class Record:
                 case Transition():
                     assert command.before is at
                     at = command.after
+                    self.check_waiting(command)
                     self.entered.append((command.time_ns, at))
                 case RampTo(force_n=force_n, rate_n_s=rate):
                     assert at is State.RAMPING
                     assert LIMITS.force_min_n <= force_n <= LIMITS.force_max_n
                     assert 0 < rate <= LIMITS.force_rate_max_n_s
                     assert self.stage_goal_um is None, "both at once"
+                    assert self.warm, "a load before the warm-up gate was passed"
                     self.load_goal_n = force_n
                 case MoveStage(x_um=x, y_um=y):
                     assert at is State.RAMPING
@@ -88,6 +92,21 @@ class Record:
                 device = Device.LOAD_FRAME if isinstance(command, RampTo) else Device.STAGE
                 self.tell(CommandTaken(self.now_ns, device))
 
+    def check_waiting(self, transition: Transition) -> None:
+        """A hold is never shorter than it must be nor longer than it may; the gate opens by the forecast or by the operator's word."""
+        rule, gate = self.state.plan.adaptive_hold, self.state.plan.warm_up
+        if transition.cause is Cause.HOLD_OVER:
+            held_s = (transition.time_ns - [t for t, state in self.entered if state is State.HOLDING][-1]) / S
+            assert HOLD.hold_s <= held_s
+            # Readings come twice a second, and a stale one is not decided on.
+            assert rule is None or held_s <= rule.max_hold_s + 1.0
+        if transition.cause is Cause.WARM and gate is not None:
+            guards = dict(transition.guards)
+            assert float(guards["rate_px_s"]) + float(guards["sigma_px_s"]) <= gate.max_rate_px_s
+            self.warm = True
+        if transition.before is State.PAUSED and transition.cause is Cause.RESUME:
+            self.warm = self.warm or not self.state.step.warm_up
+
     def check_pair(self, accepted: AcceptPair) -> None:
         decision = accepted.decision
         assert decision.pair == len(self.pairs) == decision.step.step
@@ -97,8 +116,8 @@ class Record:
             assert info.start_time_ns.value - 3 * info.start_sigma_s * S >= held_ns + HOLD.hold_s * S
         assert decision.second.start_time_ns.value >= decision.first.end_time_ns - 2 * 3 * 0.3 * S
         during = [(n, m) for t, n, m in self.samples if held_ns <= t <= end_ns]
-        target_n = decision.step.load_n or 0.0
         assert during
+        target_n = during[0][0] if decision.step.warm_up else decision.step.load_n or 0.0
         assert all(abs(n - target_n) <= HOLD.load_tolerance(target_n) and m is MotionState.STOPPED for n, m in during)
         assert decision.loads is not None
         self.judged += [decision.first.export, decision.second.export]

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from semlive.data.experiment import AdaptiveHold, WarmUp
 from semlive.engine import (
     CommandTaken,
     Device,
     DeviceFault,
     DeviceStopped,
+    DriftForeseen,
     Event,
     FieldSeen,
     FrameUnreadable,
@@ -25,7 +29,7 @@ from semlive.engine import (
     Verb,
 )
 
-from .record import IDENTITY, LIMITS, Record, S
+from .record import IDENTITY, LIMITS, PLAN, Record, S
 
 
 class Protocol(RuleBasedStateMachine):
@@ -126,7 +130,23 @@ class Protocol(RuleBasedStateMachine):
         assert run.finished == (run.state.at in {State.COMPLETE, State.ABORTED})
 
 
+class WaitingProtocol(Protocol):
+    """The same, with a warm-up gate and holds that may be made longer."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.run = Record(replace(PLAN, warm_up=WarmUp(0.01, 300.0), adaptive_hold=AdaptiveHold(50.0, 0.02, 0.5)))
+
+    @rule(behind=st.sampled_from([0, 0, 0, 1, 5]), rate=st.sampled_from([0.0, 0.005, 0.015, 1.0]), sigma=st.sampled_from([0.0, 0.004, 0.1]))
+    def foresee_the_drift(self, behind: int, rate: float, sigma: float) -> None:
+        run = self.run
+        scans = tuple((run.now_ns + n * 20 * S, rate * 0.8**n, sigma * (1 + n)) for n in (0, 1, 2, 4, 8))
+        self._tell(DriftForeseen(run.now_ns, len(run.pairs) - 1 - behind, scans))
+
+
 TestProtocol = Protocol.TestCase
+TestWaitingProtocol = WaitingProtocol.TestCase
 TestProtocol.settings = settings(
     max_examples=100, stateful_step_count=30, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
 )
+TestWaitingProtocol.settings = settings(TestProtocol.settings, max_examples=40)

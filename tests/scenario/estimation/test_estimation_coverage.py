@@ -16,7 +16,7 @@ EXPERIMENTS = 4
 # Fractions within the stated 68 % over 90 experiments of other seeds, and how much one experiment's own fraction scatters about that
 # (its errors hang together); four are believed within four standard errors.
 USUAL = {
-    "drift within frames": (0.88, 0.06),
+    "drift within frames": (0.76, 0.06),
     "distortion": (0.68, 0.10),
     "displacement of points": (0.687, 0.009),
     "mean strain": (0.75, 0.10),
@@ -58,3 +58,11 @@ def test_a_coverage_counts_what_is_inside() -> None:
     assert abs(narrow.bias - 0.5) < 5.0 * narrow.bias_error
     (empty,) = coverages([{"a": np.zeros((0, 2))}, {"a": rng.normal(size=(50, 2))}, {"a": rng.normal(size=(50, 2))}])
     assert np.isfinite(empty.rms)
+
+
+def test_where_drift_wanders_errors_are_as_large_as_stated() -> None:
+    """0.3 px rms with waves from four minutes on: believed to bend at random, drift and distortion erred by 1.2 of what was stated."""
+    found = {one.quantity: one for one in coverages([normalised(SMALL["wander"], seed) for seed in range(1, 1 + EXPERIMENTS)])}
+    for quantity in ("drift within frames", "distortion", "displacement of points", "strain of a gauge"):
+        assert 0.4 < found[quantity].rms < 1.15, quantity
+        assert found[quantity].inside[1] > 0.9, quantity

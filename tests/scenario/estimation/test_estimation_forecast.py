@@ -62,6 +62,23 @@ def test_the_forecast_of_a_random_drift_holds(world: Callable[..., Any], plans: 
     assert np.mean(np.abs(z) < 1.96) >= 0.9
 
 
+def test_the_forecast_of_waves_of_ten_minutes_to_an_hour_holds(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
+    """As a room, a chiller and an instrument give: 0.3 px rms of eight waves, in an experiment that is as long as two of the longest."""
+    z = []
+    for seed in range(330, 336):
+        one, phase = world(seed, step_px=60), np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, (2, 8))
+        period_s = np.geomspace(600.0, 3600.0, 8)
+
+        def drift(time_s: Field, phase: Field = phase, period_s: Field = period_s) -> Field:
+            waves = np.sin(2.0 * np.pi * np.asarray(time_s)[..., None, None] / period_s + phase)
+            return 0.3 * np.sqrt(2.0 / 8.0) * waves.sum(axis=-1)
+
+        one.drift = drift
+        z.append(normalised(forecast_of(one, plans["full"][:10])[0], drift))
+    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.3
+    assert np.mean(np.abs(z) < 1.96) >= 0.88
+
+
 def test_the_forecast_begins_where_the_estimate_ends(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
     found, solution = forecast_of(world(320, step_px=60), plans["short"][:4])
     assert found.time_s[0] == pytest.approx(solution.state.frames[-1].start_s + found.duration_s)

@@ -114,5 +114,6 @@ def test_the_strain_of_a_load_step_is_known_as_well_as_the_noise_allows(solution
         motions = estimating.estimate(one, 0).motions
         said = motions[4].gradient[1, 1] - motions[3].gradient[1, 1]
         sigma = float(np.sqrt(step @ joint @ step))
+        assert estimating.mean_strain_covariance(one, [6, 8], step[None])[0, 0] == pytest.approx(sigma**2, rel=1e-9)
         assert sigma < 4e-5
         assert abs(said - STRAIN) < 4.0 * sigma

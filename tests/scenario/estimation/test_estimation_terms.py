@@ -14,6 +14,10 @@ from semlive import estimate as estimating
 from semlive.data.drift import Estimate
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import EstimateSettings
+from semlive.estimate import posterior as estimating_posterior
+from semlive.estimate.accumulate import at_rest, carried_along, unsummed
+from semlive.estimate.chain import chained
+from semlive.estimate.late_coupling import coupling_anew
 
 WIDTH_PX, HEIGHT_PX = 1024, 884
 CENTRE = np.array([WIDTH_PX - 1, HEIGHT_PX - 1]) / 2
@@ -82,7 +86,7 @@ def test_drifting_magnification_is_found_and_corrected(world: Callable[..., Any]
     """5e-4 in two hours: without the term it is 0.1 px at the edge after the five pairs of this plan, and strain of 1.3e-4."""
     growth = 5e-4 / 6400.0
     found, worst = solved(changed(world(4), growth=growth), steps)
-    assert used(found) == {"magnification": True, "raster_rotation": False, "coupling": False}
+    assert used(found) == {"magnification": True, "raster_rotation": False, "coupling": False, "line_shift": False}
     assert any("the magnification drifts" in note for note in found.notes)
     assert found.raster is not None
     change = found.raster.magnification[-1] - found.raster.magnification[0]
@@ -112,8 +116,25 @@ def test_distortion_carried_by_drift_is_found(world: Callable[..., Any], steps: 
 def test_carried_distortion_is_found_without_noise(world: Callable[..., Any], steps: list[Any]) -> None:
     """The misfit of the wrong coupling is then all that there is: drift was made rough by hundreds of px in its place."""
     found, worst = solved(changed(world(1, noise_px=0.0), carried=True), steps)
-    assert used(found) == {"magnification": False, "raster_rotation": False, "coupling": True}
+    assert used(found) == {"magnification": False, "raster_rotation": False, "coupling": True, "line_shift": False}
     assert worst < 5e-5
+
+
+@pytest.mark.parametrize("carried", [False, True])
+def test_a_long_run_judges_the_coupling_again(world: Callable[..., Any], steps: list[Any], carried: bool) -> None:
+    """Along a chain of pairs, whatever was chosen before: right or wrong, it ends with what the data have."""
+    one = changed(world(5, noise_px=0.005), carried=carried)
+    state = estimating.init(EstimateSettings(), one.grid, WIDTH_PX, HEIGHT_PX)
+    for taken in one.pairs(steps):
+        state = estimating.update(state, taken.pair, taken.step.phase, taken.times, taken.maps)
+    right = estimating.solve(state)
+    assert right.state.distortion.carried == carried
+    other = at_rest(unsummed(right.state)) if carried else carried_along(unsummed(right.state))
+    wrong = estimating_posterior.solved(chained(other, right.hyper, right.mean), right.terms, right.noise_floor_px)
+    assert coupling_anew(wrong, 1).used == carried
+    test = coupling_anew(right, 1)
+    assert test.used == carried
+    assert test.value == pytest.approx(float(carried), abs=0.25)
 
 
 @pytest.mark.parametrize("scans", [2, 16])

@@ -123,7 +123,7 @@ from semlive.data.settings import DicSettings
 
 def compiled():
     modules = [importlib.import_module("semlive.kernels." + m.name) for m in pkgutil.iter_modules(kernels.__path__) if m.name != "rows"]
-    found = {f"{m.__name__}.{name}": len(k.signatures) for m in modules for name, k in vars(m).items() if hasattr(k, "signatures")}
+    found = {f"{m.__name__}.{name}": len(k.signatures) for m in modules for name, k in vars(m).items() if hasattr(k, "py_func")}
     assert len(found) > 15
     return found
 

@@ -79,6 +79,7 @@ class Run:
     commands: list[Command] = field(default_factory=list)
     load_goal_n: float | None = None
     stage_goal_um: tuple[float, float] | None = None
+    target_n: float = 0.0
     exports: int = 0
     deaf: bool = False
 
@@ -92,7 +93,7 @@ class Run:
         for command in given:
             match command:
                 case RampTo(force_n=force_n) if not self.deaf:
-                    self.load_goal_n = force_n
+                    self.load_goal_n = self.target_n = force_n
                     self.tell(CommandTaken(self.now_ns, Device.LOAD_FRAME))
                 case MoveStage(x_um=x_um, y_um=y_um) if not self.deaf:
                     self.stage_goal_um = (x_um, y_um)
@@ -120,7 +121,7 @@ class Run:
     def load_sample(self) -> LoadSample:
         """What the load frame says now."""
         moving = MotionState.STOPPED if self.load_goal_n is None else MotionState.MOVING
-        return LoadSample(0, self.now_ns, 0, self.force_n, self.force_n / 5000, moving, self.load_goal_n or self.force_n)
+        return LoadSample(0, self.now_ns, 0, self.force_n, self.force_n / 5000, moving, self.target_n)
 
     def wait(self, seconds: float, until: State | None = None) -> None:
         """Let time pass (devices move at 50 N/s, the stage arrives at the next poll), or only until a state is reached."""
@@ -141,6 +142,16 @@ class Run:
         """Let time pass until a state is reached."""
         self.wait(within_s, state)
         assert self.state.at is state, f"in {self.state.at} instead of {state}: {self.state.message}"
+
+    def fail_and_resume(self) -> None:
+        """A load beyond its limit for a while, a fault; then somebody acknowledges it and resumes."""
+        self.force_n = -60.0
+        self.wait(1.0)
+        assert self.state.at is State.FAULT
+        self.force_n = 0.0
+        self.wait(1.0)
+        for _ in range(2):
+            self.tell(Operator(self.now_ns, Verb.RESUME))
 
     def scan(self, start_ns: int | None = None, **kwargs: float) -> FrameInfo:
         """Scan a frame from `start_ns` (now) on, let its time pass, and export it."""

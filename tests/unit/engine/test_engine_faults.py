@@ -207,7 +207,7 @@ def test_the_devices_own_limit_wins_where_it_is_tighter() -> None:
     run.tell(Opening(run.now_ns))
     run.tell(Ready(run.now_ns, replace(IDENTITY, force_max_n=300.0), None))
     assert run.state.at is State.FAULT
-    assert "the plan breaks the load frame's own limit in step 1" in run.state.message
+    assert "the plan breaks the load frame's own limit in step 2" in run.state.message
     assert run.state.limits == replace(LIMITS, force_max_n=300.0)
 
 

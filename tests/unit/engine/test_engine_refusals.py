@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from semlive.data.frame import ColumnSettings
 from semlive.data.scan import Provenance, Sourced
 from semlive.engine import FrameScanned, FrameUnreadable, LinkStale, Operator, State, Verb
 from semlive.engine.events import Device
@@ -37,7 +38,7 @@ def test_a_frame_that_began_before_the_hold_ended() -> None:
     run.wait(20.0)
     run.scan()
     assert only_reason(run) == (
-        "frame0000.tif is not used: its scan may have begun 10.9 s before the hold of step 0 ended (its start is known within 0.9 s)"
+        "frame0000.tif is not used: its scan may have begun 10.9 s before the hold of step 1 ended (its start is known within 0.9 s)"
     )
     assert run.state.at is State.IMAGING
 
@@ -55,7 +56,7 @@ def test_a_frame_that_arrives_while_holding() -> None:
     run.begin()
     run.reach(State.HOLDING)
     run.tell(FrameScanned(run.now_ns, frame(0, run.now_ns - 92 * S)))
-    assert "before the hold of step 0 ended" in only_reason(run)
+    assert "before the hold of step 1 ended" in only_reason(run)
 
 
 @pytest.mark.parametrize(
@@ -116,11 +117,41 @@ def test_kinds_differ_by_each_of_their_settings() -> None:
     assert "pixel size" in (difference(a, replace(a, pixel_size_m=Sourced(1e-6, Provenance.FILE))) or "")
 
 
+def test_settings_of_the_column_differ_by_name() -> None:
+    known = Provenance.FILE
+    column = ColumnSettings(Sourced("ETD", known), Sourced(5e3, known), Sourced(0.01, known), Sourced(200.0, known), Sourced(0.0, known))
+    a = replace(frame(0, 0), column=column)
+    for change, words in (
+        (replace(column, detector=Sourced("BSD", known)), "detector BSD instead of ETD"),
+        (replace(column, voltage_v=Sourced(1e4, known)), "voltage 10000 V instead of 5000 V"),
+        (replace(column, magnification=Sourced(250.0, known)), "magnification 250 x instead of 200 x"),
+        (replace(column, scan_rotation_deg=Sourced(90.0, known)), "scan rotation 90 degrees instead of 0 degrees"),
+    ):
+        assert difference(a, replace(a, column=change)) == words
+    refocused = replace(a, column=replace(column, working_distance_m=Sourced(0.011, known)))
+    assert difference(a, refocused) is None  # from step to step the focus may follow the specimen
+    passes = replace(a.timing, line_integrations=Sourced(2, known))
+    assert difference(a, replace(a, timing=passes)) == "2 passes over each line instead of 1"
+    longer = replace(a.timing, frame_time_s=Sourced(95.0, known))
+    assert difference(a, replace(a, timing=longer)) == "frame time 95 s instead of 90 s"
+
+
+def test_focus_that_is_changed_inside_a_pair_costs_its_first_frame(imaging: Run) -> None:
+    imaging.wait(2.0)
+    for number, distance_m in enumerate((0.01, 0.011)):
+        info = frame(number, imaging.now_ns)
+        imaging.wait(92.0)
+        column = ColumnSettings(working_distance_m=Sourced(distance_m, Provenance.FILE))
+        imaging.tell(FrameScanned(imaging.now_ns, replace(info, column=column)))
+        imaging.wait(1.0)
+    assert only_reason(imaging) == "frame0000.tif is not used: the frame after it has working distance 0.011 m instead of 0.01 m"
+
+
 def test_a_load_that_leaves_tolerance_costs_the_pair_its_first_frame(imaging: Run) -> None:
     imaging.scan()
     imaging.force_n = 189.0
     imaging.wait(1.0)
-    assert only_reason(imaging) == "frame0000.tif is not used: the load is -11.0 N from its target while step 0 was imaged"
+    assert only_reason(imaging) == "frame0000.tif is not used: the load is -11.0 N from its target while step 1 was imaged"
     assert imaging.state.at is State.SETTLING
     assert imaging.accepted == []
 

@@ -112,7 +112,7 @@ def test_a_device_that_never_takes_the_command_times_out() -> None:
     run.wait(299.0)
     assert run.state.at is State.RAMPING
     run.reach(State.FAULT, 10.0)
-    assert run.state.message == "step 0 has not settled for 300 s"
+    assert run.state.message == "step 1 has not settled for 300 s"
 
 
 def test_a_run_without_load_frame_and_stage_only_takes_pairs() -> None:
@@ -147,7 +147,7 @@ def test_a_shift_needs_a_stage_and_a_load_a_load_frame() -> None:
     run = Run(plan_of(((10.0, 0.0), None)), has_stage=False)
     run.begin()
     assert run.state.at is State.FAULT
-    assert run.state.message == "step 0 needs the stage, but the run has none"
+    assert run.state.message == "step 1 needs the stage, but the run has none"
 
 
 def test_loads_of_a_pair_are_those_during_its_scans() -> None:

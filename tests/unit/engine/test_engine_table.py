@@ -36,6 +36,9 @@ def test_only_ramping_follows_on_the_operators_word_or_the_protocols() -> None:
         (State.RAMPING, Cause.APPROACH_AGAIN),
         (State.SETTLING, Cause.APPROACH_AGAIN),
         (State.STEP_DONE, Cause.NEXT_STEP),
+        (State.JUDGING, Cause.JUDGED),
+        (State.WARMING, Cause.MEASURE_AGAIN),
+        (State.WARMING, Cause.WARM),
         (State.PAUSED, Cause.RESUME),
         (State.RECOVER, Cause.RESUME),
     }

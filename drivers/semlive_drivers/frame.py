@@ -1,0 +1,216 @@
+"""The LoadFrame port over parts: one device that does everything, or a load cell here, a drive there and a strain gage elsewhere."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable, Mapping, Sequence
+
+from pydantic import BaseModel, ConfigDict
+
+from semlive.data.loading import DeviceIdentity, LoadSample, MotionState, StopOnLinkLoss
+from semlive.errors import BadConfig, LinkError
+from semlive.ports import ClockSource
+from semlive_drivers.approach import Approach, ApproachSettings, begin, step
+from semlive_drivers.parts import MOTIONS, Do, Part, Said
+
+
+class FrameSettings(BaseModel):
+    """What concerns a load frame as a whole."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    stop_on_link_loss: StopOnLinkLoss | None = None
+    """What was found out at this machine; None believes the device's own word, which counts as assumed."""
+    approach: ApproachSettings | None = None
+    """How a machine that only knows displacement is brought to a load."""
+
+    @classmethod
+    def split(cls, settings: Mapping[str, object]) -> tuple[dict[str, object], dict[str, object]]:
+        """Settings of the frame as a whole, and the rest."""
+        own = {key: value for key, value in settings.items() if key in cls.model_fields}
+        return own, {key: value for key, value in settings.items() if key not in own}
+
+
+class PartsLoadFrame:
+    """One load frame made of parts; what several of them tell is taken from the first.
+
+    A ramp is the device's own where one has load control. Otherwise the drive is sent short ways, one with each reading and never
+    before the link thread has judged the last sample: whoever falls silent leaves a machine that stops by itself.
+
+    Args:
+        parts: open; closed with the frame.
+        settings: of the whole.
+        clock: experiment time.
+
+    Raises:
+        BadConfig: if nobody tells a load, or a displacement drive has no `approach`.
+        LinkError: if somebody gives no sensible reading.
+    """
+
+    def __init__(self, parts: Sequence[Part], settings: FrameSettings, clock: ClockSource) -> None:
+        self._parts, self._settings, self._clock = tuple(parts), settings, clock
+        self._sequence = 0
+        self._target_n = 0.0
+        self._ramp: Approach | None = None
+        self._ordered_mono_ns = 0
+        self._may_move = self._stopped = False
+        drives = [part for part in self._parts if part.can & {Do.PULL, Do.PUSH} and Do.RAMP not in part.can]
+        self._takes_loads = next((part for part in self._parts if Do.RAMP in part.can), None)
+        self._drive = drives[0] if drives else None
+        if self._takes_loads is None and self._drive is not None and settings.approach is None:
+            raise BadConfig(f"{self._drive.where} knows no load; give approach: {{stiffness_n_mm: ..., speed_max_mm_s: ...}}")
+        said = merged([part.look() for part in self._parts])
+        if said.force_n is None:
+            raise BadConfig(f"{self._where}: nobody tells the load; name a part that does (cell)")
+        self._said = said
+        self._identity = DeviceIdentity(
+            name=f"load frame at {self._where}",
+            simulated=bool(self._parts) and all(part.simulated for part in self._parts),
+            stop_on_link_loss=self._statement(),
+            force_max_n=said.force_max_n,
+        )
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        """Who answers, as read when the link was opened."""
+        return self._identity
+
+    def read(self) -> LoadSample:
+        """One fresh reading of all parts; a ramp in displacement control is taken one way further first.
+
+        Raises:
+            LinkError: if nothing sensible comes back, the reading is frozen, or a ramp had to be given up (the machine is then stopped).
+        """
+        self._go_on()
+        said = self._said = merged([part.read() for part in self._parts])
+        if said.force_n is None:
+            raise LinkError(f"{self._where} gives no load")
+        sample = LoadSample(
+            sequence=self._sequence,
+            time_ns=self._clock.now_ns(),
+            mono_ns=self._clock.mono_ns(),
+            force_n=said.force_n,
+            extension_mm=said.extension_mm or 0.0,
+            motion=self._motion(said),
+            target_n=self._target_n if said.target_n is None else said.target_n,
+            simulator_lag_s=said.lag_s,
+            raw=said.raw,
+            gage_strain=said.gage_strain,
+            trouble=said.trouble,
+            counted=said.counted,
+        )
+        self._sequence += 1
+        return sample
+
+    def ramp_to(self, force_n: float, rate_n_s: float) -> None:
+        """Start going to a load at a rate; returns when the device has taken the command.
+
+        Raises:
+            LinkError: if nobody can, or the device did not take it.
+        """
+        if self._takes_loads is None and self._drive is None:
+            raise LinkError(f"{self._where} cannot be moved by semlive; add a part that pulls (drive), or take the loads out of the plan")
+        self._stopped, self._may_move = False, True
+        self._target_n = force_n
+        if self._takes_loads is not None:
+            self._takes_loads.tell(Do.RAMP, {"force_n": force_n, "rate_n_s": rate_n_s})
+            return
+        self._ramp = None
+        said = self._said = merged([part.read() for part in self._parts])
+        if said.force_n is None:
+            raise LinkError(f"{self._where} gives no load to begin from")
+        self._ramp = begin(force_n, rate_n_s, said.force_n, said.extension_mm or 0.0)
+        self._ordered_mono_ns = self._clock.mono_ns()
+        self._go_on()
+
+    def stop(self) -> None:
+        """Stop motion and hold position; returns when every part that moves has taken it.
+
+        Raises:
+            LinkError: if one did not take it.
+        """
+        self._ramp = None
+        failures = []
+        for part in self._parts:
+            if Do.STOP in part.can:
+                try:
+                    part.tell(Do.STOP, {})
+                except LinkError as error:
+                    failures.append(error)
+        if failures:
+            raise failures[0]
+        self._stopped, self._may_move = True, False
+
+    def close(self) -> None:
+        """Close the links; a device that was stopped is told not to expect us any more, one that may move is told to stop.
+
+        Otherwise its watchdog would expire after an orderly end and leave it in a fault that somebody has to clear. A
+        device that may be moving keeps its watchdog.
+        """
+        for part in self._parts:
+            with contextlib.suppress(LinkError):
+                if self._stopped and Do.DISARM in part.can and part.stops_by_itself:
+                    part.tell(Do.DISARM, {})
+            if self._may_move and Do.STOP in part.can:
+                part.shout_stop()
+        for part in self._parts:
+            part.close()
+
+    @property
+    def _where(self) -> str:
+        return ", ".join(part.where for part in self._parts) or "nothing"
+
+    def _go_on(self) -> None:
+        """Order the next way of a ramp, judged by the last reading; that reading has been held against the limits meanwhile."""
+        drive, settings = self._drive, self._settings.approach
+        if self._ramp is None or drive is None or settings is None or self._said.force_n is None:
+            return
+        now = self._clock.mono_ns()
+        since_s = (now - self._ordered_mono_ns) / 1e9
+        self._ordered_mono_ns = now
+        ramp, go = step(self._ramp, settings, self._said.force_n, self._said.extension_mm or 0.0, since_s)
+        if self._said.motion is MotionState.FAULT:
+            go, self._ramp = None, None
+        if go is not None:
+            self._ramp = ramp
+            drive.tell(Do.PULL if go.pull else Do.PUSH, {"travel_mm": go.travel_mm, "speed_mm_s": go.speed_mm_s})
+            return
+        self.stop()
+        if ramp.trouble:
+            raise LinkError(ramp.trouble)
+
+    def _motion(self, said: Said) -> MotionState:
+        if said.motion is MotionState.FAULT:
+            return MotionState.FAULT
+        if self._ramp is not None or said.motion is MotionState.MOVING:
+            return MotionState.MOVING
+        return MotionState.STOPPED
+
+    def _statement(self) -> StopOnLinkLoss:
+        """What is known of the machine's own stop: what was found out at it, else its own word, else the short ways that it is sent."""
+        if self._settings.stop_on_link_loss is not None:
+            return self._settings.stop_on_link_loss
+        movers = [part for part in self._parts if part.can & MOTIONS]
+        return StopOnLinkLoss.ASSUMED if all(part.stops_by_itself for part in movers) and movers else StopOnLinkLoss.ABSENT
+
+
+def _first(values: Iterable[float | None]) -> float | None:
+    return next((value for value in values if value is not None), None)
+
+
+def merged(told: Sequence[Said]) -> Said:
+    """What all parts say as one: each value from the first that tells it, motion from whoever says the worst."""
+    motions = {said.motion for said in told} - {None}
+    worst = next((state for state in (MotionState.FAULT, MotionState.MOVING, MotionState.STOPPED) if state in motions), None)
+    return Said(
+        force_n=_first(said.force_n for said in told),
+        extension_mm=_first(said.extension_mm for said in told),
+        motion=worst,
+        target_n=_first(said.target_n for said in told),
+        lag_s=_first(said.lag_s for said in told),
+        force_max_n=_first(said.force_max_n for said in told),
+        gage_strain=_first(said.gage_strain for said in told),
+        raw=tuple(word for said in told for word in said.raw),
+        trouble=next((said.trouble for said in told if said.trouble is not None), None),
+        counted=next((said.counted for said in told if said.counted is not None), None),
+    )

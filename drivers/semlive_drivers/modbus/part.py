@@ -1,0 +1,281 @@
+"""A device that a register map describes, as a part of a load frame."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping, Sequence
+
+from semlive.data.loading import MotionState, Trouble
+from semlive.errors import LinkError, LinkRefused, SemliveError
+from semlive.ports import ClockSource
+from semlive_drivers.maps import UNCONFIRMED
+from semlive_drivers.modbus.client import Link, ModbusLink, RtuLink, write_verified
+from semlive_drivers.modbus.codec import Block, block_of, decode, encode, encode_block, number_in
+from semlive_drivers.modbus.device import FrozenCheck
+from semlive_drivers.modbus.device_map import Condition, DeviceMap, Write, load_map, number
+from semlive_drivers.modbus.registers import Point, overridden_points
+from semlive_drivers.modbus.rtu_line import NoAnswer
+from semlive_drivers.modbus.settings import ModbusSettings, PartSettings, checked
+from semlive_drivers.modbus.shared_line import join_line
+from semlive_drivers.parts import MOTIONS, Do, Said
+from semlive_drivers.serial_port import SerialSettings
+from semlive_drivers.units import factor
+
+
+class ModbusPart:
+    """The Part over one Modbus link; opened by `open_part`."""
+
+    def __init__(self, link: Link, device: DeviceMap, points: Mapping[str, Point], settings: PartSettings, clock: ClockSource) -> None:
+        self._link, self._device, self._points, self._settings, self._clock = link, device, points, settings, clock
+        self._blocks = [(names, block_of((points[name] for name in names), device.max_block)) for names in device.every_turn]
+        gage = device.tells.strain_gage if settings.strain_gage else None
+        self._gage = None if gage is None else (gage, block_of((points[gage],)))
+        for writes in device.orders.values():
+            for write in writes:
+                block_of((points[name] for name in write.set), device.max_block)
+        self._frozen = FrozenCheck(link, settings.frozen_after_s)
+        self._nonce = clock.mono_ns() // 1_000_000 % 65_536
+        self._beat = 0
+        self._recovered = False
+        # A stop repeats the last target: a target of zero would wait in the device for the next spurious "go".
+        self._last: dict[str, float] = dict.fromkeys(("force_n", "rate_n_s", "travel_mm", "speed_mm_s"), 0.0)
+        self._greet()
+        checked_identity = settings.identity is not None
+        self.simulated = checked_identity and self._true(device.simulated)
+        self.stops_by_itself = bool(checked_identity and settings.watchdog_s and self._true(device.stops_by_itself))
+        if settings.watchdog_s and Do.ARM in device.orders:
+            self.tell(Do.ARM, {})
+
+    @property
+    def where(self) -> str:
+        """How it is reached."""
+        return self._link.where
+
+    @property
+    def can(self) -> frozenset[Do]:
+        """What it can be told."""
+        return frozenset(self._device.orders)
+
+    def read(self) -> Said:
+        """A fresh reading, after feeding the device's watchdog.
+
+        Raises:
+            LinkError: if nothing sensible comes back, the reading is frozen, or the device says that it is none.
+        """
+        self._recovered = False
+        self._feed()
+        return self.look()
+
+    def look(self) -> Said:
+        """A fresh reading, without writing anything; raises as `read`."""
+        words: dict[str, Sequence[int]] = {}
+        raw: tuple[int, ...] = ()
+        for names, block in self._blocks:
+            registers = self._again(block)
+            raw += registers
+            words.update((name, registers[block.slice(self._points[name])]) for name in names)
+        gage_strain = None
+        if self._gage is not None:
+            name, block = self._gage
+            registers = self._again(block)
+            raw += registers
+            # A broken wire or an amplifier that is off reads as no number.
+            with contextlib.suppress(LinkError):
+                gage_strain = decode(self._points[name], registers) * factor(self._device.tells.strain_gage_unit, "strain gage")
+        for condition in self._device.valid:
+            if not condition.holds(self._word(condition.point, words)):
+                raise LinkError(f"{self.where} gives no reading: {condition.says or f'{condition.point} is not as it must be'}")
+        return self._said(words, raw, gage_strain)
+
+    def tell(self, what: Do, values: Mapping[str, float]) -> None:
+        """Give an order; returns when it was taken, and read back where the map says so.
+
+        Raises:
+            LinkError: if the device did not take it, or its description is not confirmed and it would move.
+        """
+        if what in MOTIONS and not (self._device.confirmed or self._settings.confirmed):
+            raise LinkError(
+                f"{self.where}: the description of {self._device.name} is {UNCONFIRMED}; "
+                "check it with `semlive frame check`, move the machine by its own panel and watch the values, then set confirmed: true"
+            )
+        self._last.update(values)
+        for write in self._device.orders[what]:
+            block, registers = self._request(write)
+            if write.verify:
+                write_verified(self._link, block, registers, single=write.single)
+            else:
+                self._link.write(block.address, registers, block.kind, single=write.single)
+
+    def shout_stop(self) -> None:
+        """Say stop without waiting, where the link can; never raises."""
+        for write in self._device.orders.get(Do.STOP, ()):
+            block, registers = self._request(write)
+            self._link.write_blind(block.address, registers, block.kind, single=write.single)
+
+    def close(self) -> None:
+        """Close the link."""
+        self._link.close()
+
+    def word(self, name: str) -> int:
+        """The bare number of a point, read for itself."""
+        point = self._points[name]
+        return int(number_in(point, self._link.read(block_of((point,)))))
+
+    def _again(self, block: Block) -> tuple[int, ...]:
+        """Read, and once more where the link recovers from a lost answer."""
+        try:
+            return self._link.read(block)
+        except NoAnswer:
+            if not self._recover():
+                raise
+            return self._link.read(block)
+
+    def _greet(self) -> None:
+        if self._settings.identity is None:
+            self._read_identity()
+            return
+        for place, condition in enumerate(self._device.identity):
+            wanted = condition.equals
+            if place == 0 and isinstance(self._settings.identity, int):
+                wanted = [self._settings.identity]
+            said = self.word(condition.point)
+            if condition.model_copy(update={"equals": wanted}).holds(said):
+                continue
+            hint = condition.says or "check host and unit"
+            raise LinkRefused(
+                f"{self.where} is another device: its {condition.point} is {said:#06x} instead of "
+                f"{' or '.join(f'{value:#06x}' for value in wanted)}; {hint}"
+            )
+
+    def _read_identity(self) -> None:
+        """Somebody must answer sensibly, whoever it is."""
+        for condition in self._device.identity[:1]:
+            self.word(condition.point)
+
+    def _true(self, condition: Condition | None) -> bool:
+        return condition is not None and condition.holds(self.word(condition.point))
+
+    def _feed(self) -> None:
+        beat = self._device.heartbeat
+        if beat is None:
+            return
+        highest = beat.value if beat.how == "counter" and beat.value > 1 else 65_535
+        self._beat = {"constant": beat.value, "toggle": self._beat ^ 1, "counter": (self._beat + 1) % (highest + 1)}[beat.how]
+        point = self._points[beat.point]
+        try:
+            self._link.write(point.address, encode(point, self._beat), point.kind)
+        except NoAnswer:
+            if not self._recover():
+                raise
+
+    def _recover(self) -> bool:
+        """Once in a turn, so that a turn stays short."""
+        again, self._recovered = not self._recovered, True
+        return again and self._link.recover()
+
+    def _request(self, write: Write) -> tuple[Block, tuple[int, ...]]:
+        self._nonce = (self._nonce + 1) % 65_536
+        values = {**self._last, "nonce": float(self._nonce), "watchdog_s": self._settings.watchdog_s}
+        points = {self._points[name]: number(value, values) for name, value in write.set.items()}
+        block = block_of(points, self._device.max_block)
+        registers = encode_block(block, points)
+        for point, value in points.items():
+            if value == values["speed_mm_s"] > 0 and not any(registers[block.slice(point)]):
+                raise LinkError(f"{value:g} mm/s is less than one count of register {point.address}; give approach: speed_min_mm_s")
+        return block, registers
+
+    def _word(self, name: str, words: Mapping[str, Sequence[int]]) -> int:
+        return int(number_in(self._points[name], words[name]))
+
+    def _value(self, name: str | None, words: Mapping[str, Sequence[int]], unit: str = "1") -> float | None:
+        return None if name is None else decode(self._points[name], words[name], words) * factor(unit, name)
+
+    def _said(self, words: Mapping[str, Sequence[int]], raw: tuple[int, ...], gage_strain: float | None) -> Said:
+        tells, counted = self._device.tells, None
+        if tells.counter is not None:
+            counted = self._word(tells.counter, words), 1 << 16 * self._points[tells.counter].dtype.registers
+            self._frozen.check(counted[0], self._clock.mono_ns())
+        motion = self._motion(words)
+        return Said(
+            force_n=self._value(tells.force, words, tells.force_unit),
+            extension_mm=self._value(tells.extension, words, tells.extension_unit),
+            motion=motion,
+            target_n=self._value(tells.target, words, tells.force_unit),
+            lag_s=self._value(tells.lag, words) if self.simulated else None,
+            force_max_n=self._value(tells.force_limit, words, tells.force_unit),
+            gage_strain=gage_strain,
+            raw=raw,
+            trouble=self._trouble() if motion is MotionState.FAULT else None,
+            counted=counted,
+        )
+
+    def _trouble(self) -> Trouble | None:
+        """Why it is in fault; a word that is not known tells nothing."""
+        reason = self._device.tells.trouble
+        return None if reason is None else reason.words.get(self.word(reason.point))
+
+    def _motion(self, words: Mapping[str, Sequence[int]]) -> MotionState | None:
+        motion = self._device.tells.motion
+        if motion is None:
+            return None
+        if motion.point is not None:
+            word = self._word(motion.point, words)
+            if word not in motion.states:
+                raise LinkError(f"{self.where} says motion state {word}, which does not exist; check the register map")
+            return motion.states[word]
+        if any(condition.holds(self._word(condition.point, words)) for condition in motion.fault):
+            return MotionState.FAULT
+        moving = any(condition.holds(self._word(condition.point, words)) for condition in motion.moving)
+        return MotionState.MOVING if moving else MotionState.STOPPED
+
+
+def open_link(settings: ModbusSettings, device: DeviceMap | None, probes: Sequence[Block]) -> Link:
+    """A link to a unit, over TCP or a serial line, which may be one that this process has open already.
+
+    Args:
+        settings: where it is.
+        device: whose usual line settings hold where the configuration says nothing.
+        probes: blocks that can be read without harm.
+
+    Raises:
+        BadConfig: if the serial line is open with other settings.
+        LinkRefused: if nobody answers.
+        LinkError: if the unit does not settle.
+    """
+    if settings.serial is None:
+        return ModbusLink(settings.host, settings.port, settings.unit, settings.timeout_s)
+    given = settings.serial.over(device.serial) if device else settings.serial.model_dump(exclude_none=True)
+    line = join_line(SerialSettings.model_validate(given), settings.timeout_s, device.name if device else "modbus")
+    try:
+        return RtuLink(line, settings.unit, probes)
+    except LinkError:
+        line.close()
+        raise
+
+
+def open_part(settings: Mapping[str, object], clock: ClockSource, where: str = "modbus load frame") -> ModbusPart:
+    """Open the link and check who answers.
+
+    Raises:
+        BadConfig: for settings or a map that are not understood.
+        LinkRefused: if nobody, or somebody else, answers.
+        LinkError: if the device answers nonsense.
+    """
+    known = checked(PartSettings, settings, where)
+    device = load_map(known.map)
+    points = overridden_points({name: text.point() for name, text in device.points.items()}, known.registers, f"{where}: registers")
+    link = open_link(known, device, probes_of(device, points))
+    try:
+        return ModbusPart(link, device, points, known, clock)
+    except NoAnswer as error:
+        link.close()
+        raise LinkRefused(str(error)) from error
+    except SemliveError:
+        link.close()
+        raise
+
+
+def probes_of(device: DeviceMap, points: Mapping[str, Point]) -> tuple[Block, ...]:
+    """Blocks of a device that can be read without harm: what is read anyway."""
+    blocks = [block_of((points[name] for name in names), device.max_block) for names in device.every_turn]
+    return (*blocks, *(block_of((points[condition.point],)) for condition in device.identity))

@@ -1,0 +1,174 @@
+"""A load frame that a hand moves, by the closed software of its maker: semlive asks, and reads the load where it can."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from semlive.data.asking import Wanted
+from semlive.data.loading import MotionState
+from semlive.errors import SemliveError
+from semlive.ports import ClockSource
+from semlive_drivers.console import TERMINAL, Console
+from semlive_drivers.csv_tail import CsvSettings, CsvTail
+from semlive_drivers.frame import FrameSettings, PartsLoadFrame
+from semlive_drivers.modbus.settings import checked
+from semlive_drivers.parts import Do, Part, Said
+
+
+class OperatorFrameSettings(BaseModel):
+    """Settings of a load frame that a hand moves."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    load_file: CsvSettings | None = None
+    """The file that the maker's program records into; without it the operator enters the load."""
+    program: str = "the load frame's program"
+    """What the operator calls it."""
+    arrived_n: float = Field(default=5.0, gt=0)
+    """This close to the target the motion is over; with a file without a word."""
+
+
+class OperatorDrive:
+    """The Part over a person: told a load, it asks for it; the motion is over when the operator says so.
+
+    Args:
+        settings: checked settings.
+        console: where it is asked.
+        has_file: a file tells the load; otherwise what is typed does.
+    """
+
+    simulated = False
+    stops_by_itself = True  # a hand stops when it is not asked on
+    can = frozenset({Do.RAMP, Do.STOP})
+
+    def __init__(self, settings: OperatorFrameSettings, console: Console, has_file: bool) -> None:
+        self._settings, self._console, self._has_file = settings, console, has_file
+        self._lock = threading.Lock()
+        self._target_n = 0.0
+        self._entered_n = 0.0
+        self._moving = False
+        self.where = "a hand"
+
+    def read(self) -> Said:
+        """The target, the load that was entered, and whether the operator is still at it."""
+        with self._lock:
+            motion = MotionState.MOVING if self._moving else MotionState.STOPPED
+            return Said(None if self._has_file else self._entered_n, None, motion, self._target_n)
+
+    def look(self) -> Said:
+        """The same."""
+        return self.read()
+
+    def arrived(self) -> None:
+        """The load is there, as the file says."""
+        with self._lock:
+            over, self._moving = self._moving, False
+        if over:
+            self._console.forget(self._heard)
+            self._console.tell(f"the load is {self._target_n:g} N; hold it there")
+
+    @property
+    def towards_n(self) -> float | None:
+        """Where the load is brought to, or None while nothing is asked."""
+        with self._lock:
+            return self._target_n if self._moving else None
+
+    def tell(self, what: Do, values: Mapping[str, float]) -> None:
+        """Ask for a load, or to stop."""
+        if what is Do.STOP:
+            with self._lock:
+                taken_back, self._moving = self._moving, False
+            self._console.forget(self._heard)
+            if taken_back:
+                self._console.tell(f"STOP the motion in {self._settings.program} and hold")
+            return
+        with self._lock:
+            self._target_n, self._moving = values["force_n"], True
+        answer = "press enter when it is there" if self._has_file else "type the load in N and press enter when it is there"
+        rate = f"at {values['rate_n_s']:g} N/s, then hold"
+        wanted = Wanted.CONFIRMATION if self._has_file else Wanted.LOAD_N
+        self._console.ask(f"in {self._settings.program}, bring the load to {values['force_n']:g} N {rate}; {answer}", self._heard, wanted)
+
+    def shout_stop(self) -> None:
+        """Ask to stop."""
+        self.tell(Do.STOP, {})
+
+    def close(self) -> None:
+        """Take a question back."""
+        self._console.forget(self._heard)
+
+    def _heard(self, line: str) -> bool:
+        """What the operator typed; True when the motion is over."""
+        if not self._has_file:
+            try:
+                entered_n = float(line.replace(",", "."))
+            except ValueError:
+                entered_n = float("nan")
+            if not abs(entered_n) < float("inf"):
+                self._console.tell(f"{line or 'nothing'} is no load; type the load in N as {self._settings.program} shows it")
+                return False
+            with self._lock:
+                self._entered_n = entered_n
+            if abs(entered_n - self._target_n) > self._settings.arrived_n:
+                self._console.tell(
+                    f"that is {entered_n - self._target_n:+g} N from {self._target_n:g} N; bring it nearer and type it again"
+                )
+                return False
+        with self._lock:
+            self._moving = False
+        return True
+
+
+class WatchedFile:
+    """A growing file that also tells the operator's part when the load is there."""
+
+    def __init__(self, tail: CsvTail, drive: OperatorDrive, arrived_n: float) -> None:
+        self._tail, self._drive, self._arrived_n = tail, drive, arrived_n
+        self.where, self.simulated, self.stops_by_itself, self.can = tail.where, tail.simulated, tail.stops_by_itself, tail.can
+
+    def read(self) -> Said:
+        """The newest whole line; raises as `CsvTail.read`."""
+        said, target_n = self._tail.read(), self._drive.towards_n
+        if target_n is not None and said.force_n is not None and abs(said.force_n - target_n) <= self._arrived_n:
+            self._drive.arrived()
+        return said
+
+    def look(self) -> Said:
+        """The same."""
+        return self.read()
+
+    def tell(self, what: Do, values: Mapping[str, float]) -> None:
+        """Nothing can be told to a file; raises as `CsvTail.tell`."""
+        self._tail.tell(what, values)
+
+    def shout_stop(self) -> None:
+        """Nothing moves."""
+
+    def close(self) -> None:
+        """Nothing stays open."""
+
+
+def open_load_frame(settings: Mapping[str, object], clock: ClockSource, *, console: Console = TERMINAL) -> PartsLoadFrame:
+    """A load frame that a hand moves, asked on the terminal.
+
+    Raises:
+        BadConfig: for settings that are not understood.
+        LinkRefused: if the file is not there.
+        LinkError: if it holds no reading.
+    """
+    own, rest = FrameSettings.split(settings)
+    known = checked(FrameSettings, own, "operator load frame")
+    given = checked(OperatorFrameSettings, rest, "operator load frame")
+    drive = OperatorDrive(given, console, given.load_file is not None)
+    parts: list[Part] = [drive]
+    if given.load_file is not None:
+        parts.insert(0, WatchedFile(CsvTail(given.load_file, clock), drive, given.arrived_n))
+    try:
+        return PartsLoadFrame(parts, known, clock)
+    except SemliveError:
+        for part in parts:
+            part.close()
+        raise

@@ -1,0 +1,115 @@
+"""A load frame's parts: whatever tells the load, the extension or a strain, and whatever can be told to move."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+from semlive.data.loading import MotionState, Trouble
+from semlive.ports import ClockSource
+
+
+class Do(StrEnum):
+    """What a part can be told.
+
+    `RAMP` goes to a load by the device's own control. `PULL` and `PUSH` move the crosshead by no more than a way, and end by themselves.
+    `ARM` and `DISARM` are the device's own watchdog.
+    """
+
+    RAMP = "ramp"
+    PULL = "pull"
+    PUSH = "push"
+    STOP = "stop"
+    ARM = "arm"
+    DISARM = "disarm"
+
+
+MOTIONS = frozenset({Do.RAMP, Do.PULL, Do.PUSH})
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """What one part says in one turn; None is what it does not tell.
+
+    Attributes:
+        force_n: tension positive.
+        extension_mm: of the crosshead, pulling positive.
+        motion: by its own word.
+        target_n: the load it is going to or holding.
+        lag_s: how far a simulator is behind its clock.
+        force_max_n: its own limit.
+        gage_strain: of a strain gage, tension positive.
+        trouble: why it is in fault.
+        raw: registers as read.
+        counted: its counter of readings, and at how many that begins anew.
+    """
+
+    force_n: float | None = None
+    extension_mm: float | None = None
+    motion: MotionState | None = None
+    target_n: float | None = None
+    lag_s: float | None = None
+    force_max_n: float | None = None
+    gage_strain: float | None = None
+    raw: tuple[int, ...] = ()
+    trouble: Trouble | None = None
+    counted: tuple[int, int] | None = None
+
+
+class Part(Protocol):
+    """One device, opened and greeted. Not thread-safe. Every method but `close` may raise LinkError."""
+
+    @property
+    def where(self) -> str:
+        """Who it is and how it is reached."""
+        ...
+
+    @property
+    def simulated(self) -> bool:
+        """Whether it says that it is a simulator."""
+        ...
+
+    @property
+    def stops_by_itself(self) -> bool:
+        """Whether it says that it stops when nobody speaks to it any more, and is armed to."""
+        ...
+
+    @property
+    def can(self) -> frozenset[Do]:
+        """What it can be told."""
+        ...
+
+    def read(self) -> Said:
+        """A fresh reading; tells the device that we are there."""
+        ...
+
+    def look(self) -> Said:
+        """A fresh reading that writes nothing."""
+        ...
+
+    def tell(self, what: Do, values: Mapping[str, float]) -> None:
+        """Give an order; returns when the device has taken it.
+
+        Args:
+            what: the order.
+            values: ``force_n``, ``rate_n_s`` of a ramp; ``travel_mm`` (at most, positive), ``speed_mm_s`` of a motion.
+        """
+        ...
+
+    def shout_stop(self) -> None:
+        """Say stop without waiting for an answer, on a link that failed; never raises."""
+        ...
+
+    def close(self) -> None:
+        """Close the link; never raises."""
+        ...
+
+
+class PartFactory(Protocol):
+    """Opens a part."""
+
+    def __call__(self, settings: Mapping[str, object], clock: ClockSource) -> Part:
+        """Raises BadConfig, LinkRefused or LinkError."""
+        ...

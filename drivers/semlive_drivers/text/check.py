@@ -1,0 +1,53 @@
+"""Looks at a device that a dialogue describes: who answers, and whether its values are plausible. It asks, and gives no order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from semlive.data.frame_check import Finding, FrameCheck, Verdict
+from semlive.errors import LinkError
+from semlive.ports import ClockSource
+from semlive_drivers.text.part import TextPart, open_part
+
+
+def check_text(name: str, settings: Mapping[str, object], clock: ClockSource) -> FrameCheck:
+    """Ask what a description asks with every reading, and hold the answers beside it.
+
+    Raises:
+        BadConfig: for settings or a description that are not understood.
+        LinkRefused: if the line cannot be opened, or somebody else answers.
+    """
+    part = open_part({**settings, "map": name}, clock, "frame check")
+    try:
+        dialogue = part.dialogue
+        findings = (
+            []
+            if dialogue.identity
+            else [Finding("identity", "the description has none", Verdict.OPEN, "make sure that the line is this machine's")]
+        )
+        findings += [Finding("identity", step.ask, Verdict.GOOD) for step in dialogue.identity]
+        findings += [finding for ask in dialogue.every_turn for finding in _asked(part, ask)]
+        try:
+            part.look()
+        except LinkError as error:
+            findings.append(Finding("reading", str(error), Verdict.BAD, "every reading would be refused until that is mended"))
+    finally:
+        part.close()
+    return FrameCheck(dialogue.name, part.where, dialogue.source, dialogue.confirmed, tuple(findings))
+
+
+def _asked(part: TextPart, ask: str) -> Iterator[Finding]:
+    try:
+        reply = part.ask(ask)
+    except LinkError as error:
+        yield Finding(ask, str(error), Verdict.BAD, "check line, station and description")
+        part.recover()
+        return
+    for group, value in reply.items():
+        if not isinstance(value, float) or group not in part.dialogue.plausible:
+            yield Finding(group, f"{value:g}" if isinstance(value, float) else str(value), Verdict.OPEN)
+            continue
+        low, high = part.dialogue.plausible[group]
+        good = low <= value <= high
+        advice = "" if good else f"{low:g} to {high:g} is plausible at rest: check unit and description"
+        yield Finding(group, f"{value:g}", Verdict.GOOD if good else Verdict.BAD, advice)

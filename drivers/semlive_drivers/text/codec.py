@@ -1,0 +1,132 @@
+"""Text to values and back, without IO: templates of requests, patterns of replies, checksums."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from semlive.errors import LinkError
+from semlive_drivers.modbus.rtu import crc16
+from semlive_drivers.units import factor
+
+_PLACE = re.compile(r"\{(?P<name>[a-z_0-9]+)(?::(?P<sign>\+?)(?P<digits>\d+)(?:\.(?P<decimals>\d+))?(?P<outward>!?))?\}")
+
+
+class CheckKind(StrEnum):
+    """How a checksum is made: all bytes exclusive-or, their sum modulo 256, or the CRC-16 of Modbus, low byte first."""
+
+    XOR = "xor"
+    SUM = "sum"
+    CRC16 = "crc16"
+
+
+@dataclass(frozen=True, slots=True)
+class Checksum:
+    """Hexadecimal digits between the text and its end.
+
+    Attributes:
+        kind: how it is made.
+        lead: what stands before the digits; not part of the sum.
+    """
+
+    kind: CheckKind
+    lead: str = ""
+
+    def of(self, text: bytes) -> bytes:
+        """Lead and digits for a text."""
+        total = 0
+        for byte in text:
+            total = total ^ byte if self.kind is CheckKind.XOR else (total + byte) & 0xFF
+        digits = crc16(text).hex() if self.kind is CheckKind.CRC16 else f"{total:02x}"
+        return self.lead.encode() + digits.upper().encode()
+
+
+def places(template: str) -> set[str]:
+    """The names that a template wants."""
+    return {place["name"] for place in _PLACE.finditer(template)}
+
+
+def filled(template: str, values: Mapping[str, float]) -> bytes:
+    """A request.
+
+    Args:
+        template: text with places ``{name:+D.d!}``: D digits before the point at least, with leading zeros, d after it, a plus sign if
+            wanted, and with ``!`` rounded away from zero.
+        values: by name.
+
+    Raises:
+        LinkError: if a value does not fit.
+    """
+
+    def put(place: re.Match[str]) -> str:
+        value, digits, decimals = values[place["name"]], int(place["digits"] or 1), int(place["decimals"] or 0)
+        counts = abs(value) * 10**decimals
+        if not math.isfinite(counts):
+            raise LinkError(f"{value:g} cannot be commanded ({place['name']})")
+        whole = math.ceil(round(counts, 6)) if place["outward"] else round(counts)
+        text = f"{whole / 10**decimals:0{digits + (decimals + 1 if decimals else 0)}.{decimals}f}"
+        if len(text.partition(".")[0]) > digits > 1:
+            raise LinkError(f"{value:g} does not fit into {digits} digits ({place['name']})")
+        return ("-" if value < 0 and whole else "+" if place["sign"] else "") + text
+
+    return _PLACE.sub(put, template).encode("ascii")
+
+
+def with_check(text: bytes, checksum: Checksum | None) -> bytes:
+    """A request with its checksum, if the device wants one."""
+    return text if checksum is None else text + checksum.of(text)
+
+
+def without_check(line: bytes, checksum: Checksum | None, where: str) -> bytes:
+    """A reply without its checksum.
+
+    Raises:
+        LinkError: if it is not right.
+    """
+    if checksum is None:
+        return line
+    length = len(checksum.of(b""))
+    text, said = line[:-length], line[-length:]
+    if len(line) < length or said.upper() != checksum.of(text):
+        raise LinkError(f"{where} gave a reply with a wrong checksum: {shown(line)}; check cable and baud rate")
+    return text
+
+
+def understood(pattern: re.Pattern[str], text: str, units: Mapping[str, str], where: str) -> dict[str, str | float]:
+    """What a reply says, by the pattern's groups; numbers in N, mm and s, by the unit in the reply or else the usual one.
+
+    Args:
+        pattern: groups ``force``, ``extension``, ``target`` and ``gage`` are numbers, with ``..._unit`` beside them where the reply tells.
+        text: the reply.
+        units: usual units by group.
+        where: who said it, for an error.
+
+    Raises:
+        LinkError: if the reply is no such thing.
+    """
+    found = pattern.fullmatch(text)
+    if found is None:
+        said_text = shown(text.encode(errors="replace"))
+        raise LinkError(f"{where} said {said_text}, which is no answer to what was asked; check the device and its description")
+    said: dict[str, str | float] = {}
+    for name, value in found.groupdict().items():
+        if value is None or name.endswith("_unit"):
+            continue
+        try:
+            number = float(value)
+        except ValueError:
+            said[name] = value
+            continue
+        unit = found.groupdict().get(f"{name}_unit") or units.get(name, "1")
+        said[name] = number * factor(unit, f"{where}: {name}")
+        if not math.isfinite(number):
+            raise LinkError(f"{where} said {value} for {name}, which is no reading; check the sensor")
+    return said
+
+
+def shown(line: bytes) -> str:
+    """Bytes as a person can read them."""
+    return repr(line[:60].decode("ascii", errors="backslashreplace"))

@@ -1,0 +1,224 @@
+"""A device that speaks text, as a part of a load frame."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import time
+from collections.abc import Mapping
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from semlive.data.loading import MotionState
+from semlive.errors import BadConfig, LinkError, LinkRefused, SemliveError
+from semlive.ports import ClockSource
+from semlive_drivers.maps import UNCONFIRMED
+from semlive_drivers.modbus.settings import SerialLine, checked
+from semlive_drivers.modbus.shared_line import is_shared
+from semlive_drivers.parts import MOTIONS, Do, Said
+from semlive_drivers.serial_port import SerialSettings
+from semlive_drivers.text.codec import filled, understood, with_check, without_check
+from semlive_drivers.text.dialogue import Dialogue, Step, load_dialogue
+from semlive_drivers.text.line import TextLine
+from semlive_drivers.units import factor
+
+_AGAIN_S = 0.02
+
+Reply = dict[str, str | float]
+
+
+class TextSettings(BaseModel):
+    """Settings of a device that speaks text."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    map: str
+    """Name of a description that comes with semlive, or the path of another."""
+    serial: SerialLine
+    timeout_s: float = Field(default=0.3, gt=0, le=5)
+    """Longest wait for one answer."""
+    station: int = Field(default=1, ge=0, le=999)
+    """The device's number, where several share a line."""
+    units: dict[str, str] = {}
+    """Units that are others than the description says: `{force: kN}`."""
+    confirmed: bool = False
+    """Somebody has held the description beside this machine; without that nothing is moved by it."""
+
+
+class TextPart:
+    """The Part over a serial line of text; opened by `open_part`."""
+
+    simulated = False
+    stops_by_itself = False
+
+    def __init__(self, line: TextLine, dialogue: Dialogue, settings: TextSettings) -> None:
+        self._line, self.dialogue, self._settings = line, dialogue, settings
+        self._units = {**dialogue.units, **settings.units}
+        self._patterns = {name: re.compile(ask.reply) for name, ask in dialogue.asks.items()}
+        self._values: dict[str, float] = {"station": float(settings.station)}
+        self._extension_mm = 0.0
+        self._wrong_since_s: dict[str, float] = {}
+        self.where = f"{line.where} station {settings.station}" if self._has_stations else line.where
+        for step in dialogue.identity:
+            try:
+                self._do(step)
+            except LinkError as error:
+                raise LinkRefused(f"{self.where} is another device than {dialogue.name}: {error}") from error
+
+    @property
+    def can(self) -> frozenset[Do]:
+        """What it can be told."""
+        return frozenset(self.dialogue.orders)
+
+    def read(self) -> Said:
+        """A fresh reading.
+
+        Raises:
+            LinkError: if nothing sensible comes back, or the device says that it is none.
+        """
+        return self.look()
+
+    def look(self) -> Said:
+        """A fresh reading; raises as `read`."""
+        reply: Reply = {}
+        for name in self.dialogue.every_turn:
+            reply |= self.ask(name)
+        now_s = time.monotonic()
+        for rule in self.dialogue.valid:
+            if int(reply[rule.group]) >> rule.bit & 1 == rule.equals:
+                self._wrong_since_s.pop(rule.says, None)
+            elif now_s - self._wrong_since_s.setdefault(rule.says, now_s) >= rule.for_s:
+                raise LinkError(f"{self.where} gives no reading: {rule.says}")
+        extension_mm = _number(reply, "extension")
+        self._extension_mm = self._extension_mm if extension_mm is None else extension_mm
+        return Said(
+            force_n=_number(reply, "force"),
+            extension_mm=extension_mm,
+            motion=self._motion(reply),
+            target_n=_number(reply, "target"),
+            gage_strain=_number(reply, "gage"),
+        )
+
+    def ask(self, name: str) -> Reply:
+        """The answer to one question of the dialogue.
+
+        Raises:
+            LinkError: if it does not come, or is no such answer.
+        """
+        ask, check = self.dialogue.asks[name], self.dialogue.check
+        heard = self._line.ask(self._request(ask.send), self.dialogue.ends.encode(), ask.lines)
+        lines = [without_check(line, check, self.where) for line in heard]
+        text = "\n".join(line.decode("ascii", errors="replace") for line in lines)
+        if self.dialogue.refused and text == self.dialogue.refused:
+            raise LinkError(f"{self.where} does not understand {ask.send.strip()!r}; check the description and the device's settings")
+        return understood(self._patterns[name], text, self._units, self.where)
+
+    def recover(self) -> None:
+        """Listen until nothing late can come any more."""
+        with contextlib.suppress(LinkError):
+            self._line.recover()
+
+    def tell(self, what: Do, values: Mapping[str, float]) -> None:
+        """Give an order; returns when every step of it was taken.
+
+        Raises:
+            LinkError: if the device did not take it, or its description is not confirmed and it would move.
+        """
+        if what in MOTIONS and not (self.dialogue.confirmed or self._settings.confirmed):
+            raise LinkError(
+                f"{self.where}: the description of {self.dialogue.name} is {UNCONFIRMED}; "
+                "check it with `semlive frame check`, move the machine by its own panel and watch the values, then set confirmed: true"
+            )
+        self._values.update(self._derived(what, values))
+        for step in self.dialogue.orders[what]:
+            self._do(step)
+
+    def shout_stop(self) -> None:
+        """Say stop without waiting for an answer; never raises."""
+        for step in self.dialogue.orders.get(Do.STOP, ()):
+            if step.send:
+                with contextlib.suppress(LinkError):
+                    self._line.shout(self._request(step.send))
+
+    def close(self) -> None:
+        """Close the line."""
+        self._line.close()
+
+    @property
+    def _has_stations(self) -> bool:
+        return any("{station" in ask.send for ask in self.dialogue.asks.values())
+
+    def _request(self, template: str) -> bytes:
+        return with_check(filled(template.rstrip("\r\n"), self._values), self.dialogue.check) + _tail(template)
+
+    def _derived(self, what: Do, values: Mapping[str, float]) -> dict[str, float]:
+        """The values of an order in all the ways in which a dialogue may want them."""
+        derived = dict(values)
+        if "speed_mm_s" in derived:
+            derived["speed_mm_min"] = derived["speed_mm_s"] * 60.0
+        if "rate_n_s" in derived:
+            derived["rate_n_min"] = derived["rate_n_s"] * 60.0
+        if "travel_mm" in derived:
+            derived["to_mm"] = self._extension_mm + (derived["travel_mm"] if what is Do.PULL else -derived["travel_mm"])
+        return derived
+
+    def _do(self, step: Step) -> None:
+        if step.send:
+            self._line.say(self._request(step.send))
+            return
+        end_s = time.monotonic() + step.within_s
+        while (wrong := self._wrong(step)) and time.monotonic() < end_s:
+            time.sleep(_AGAIN_S)
+        if wrong:
+            raise LinkError(f"{self.where} did not take the command: {wrong}; check the device's limits and who else commands it")
+
+    def _wrong(self, step: Step) -> str:
+        """What an answer says otherwise than it must, or nothing."""
+        reply = self.ask(step.ask)
+        for group, name in step.equals.items():
+            said = _number(reply, group)
+            if said is None or abs(said - self._values[name]) > step.tolerance:
+                return f"{group} is {said} instead of {self._values[name]:g}"
+        motion = self._motion(reply)
+        return f"it says {motion} instead of {step.motion}" if step.motion is not None and motion is not step.motion else ""
+
+    def _motion(self, reply: Reply) -> MotionState | None:
+        word = reply.get("motion")
+        if word is None:
+            return None
+        try:
+            return self.dialogue.motion[str(word)]
+        except KeyError:
+            raise LinkError(f"{self.where} says motion {word!r}, which does not exist; check the description") from None
+
+
+def _number(reply: Reply, group: str) -> float | None:
+    value = reply.get(group)
+    return value if isinstance(value, float) else None
+
+
+def _tail(template: str) -> bytes:
+    return template[len(template.rstrip("\r\n")) :].encode("ascii")
+
+
+def open_part(settings: Mapping[str, object], clock: ClockSource, where: str = "ascii load frame") -> TextPart:
+    """Open the line and check who answers.
+
+    Raises:
+        BadConfig: for settings or a description that are not understood.
+        LinkRefused: if the line cannot be opened, or somebody else answers.
+        LinkError: if the device answers nonsense.
+    """
+    del clock
+    known = checked(TextSettings, settings, where)
+    dialogue = load_dialogue(known.map)
+    for unit in known.units.values():
+        factor(unit, f"{where}: units")
+    if is_shared(known.serial.port):
+        raise BadConfig(f"{where}: {known.serial.port} is used by a Modbus device already; give each its own line")
+    line = TextLine(SerialSettings.model_validate(known.serial.over(dialogue.serial)), known.timeout_s, dialogue.name)
+    try:
+        return TextPart(line, dialogue, known)
+    except SemliveError:
+        line.close()
+        raise

@@ -1,0 +1,48 @@
+"""Units that devices speak in, as factors to N, mm, s and plain strain."""
+
+from __future__ import annotations
+
+from semlive.errors import BadConfig
+
+FACTORS = {
+    "1": 1.0,
+    "N": 1.0,
+    "kN": 1e3,
+    "mN": 1e-3,
+    "kg": 9.80665,
+    "g": 9.80665e-3,
+    "t": 9.80665e3,
+    "lbF": 4.4482216152605,
+    "mm": 1.0,
+    "um": 1e-3,
+    "m": 1e3,
+    "in": 25.4,
+    "s": 1.0,
+    "ms": 1e-3,
+    "mm/s": 1.0,
+    "um/s": 1e-3,
+    "mm/min": 1.0 / 60.0,
+    "in/min": 25.4 / 60.0,
+    "N/s": 1.0,
+    "N/min": 1.0 / 60.0,
+    "ustrain": 1e-6,
+    "%": 1e-2,
+}
+"""Value in N, mm, s, mm/s, N/s or strain of one of each; kg, g, t and lbF are forces."""
+_WORDS = {name.lower(): name for name in FACTORS} | {"lb": "lbF", "lbs": "lbF", "kgf": "kg", "gf": "g", "newton": "N", "inch": "in"}
+
+
+def factor(unit: str, where: str) -> float:
+    """Value of one of a unit.
+
+    Args:
+        unit: its name; of mN and MN only the first is known, case counts where both could be meant.
+        where: what to call the place in an error.
+
+    Raises:
+        BadConfig: if it is unknown.
+    """
+    name = unit if unit in FACTORS else _WORDS.get(unit.lower(), "")
+    if not name:
+        raise BadConfig(f"{where}: unit {unit!r} is not known; it may be {', '.join(FACTORS)}")
+    return FACTORS[name]

@@ -1,0 +1,95 @@
+"""`semlive diagnose`: where model and data disagree, and what is missing."""
+
+from __future__ import annotations
+
+import json
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from semlive.cli.track import tracked_stages
+from semlive.data.diagnosis import Diagnosis, FoundEffect, Outcome
+from semlive.report.diagnosis_page import diagnosis_html
+from semlive.service.diagnosis import diagnose_log, diagnosis_json
+from semlive.service.model_file import Model, read_model, write_model
+
+_SAID = {
+    Outcome.NONE: "nothing is missing that these data could show",
+    Outcome.IDENTIFIED: "an effect is missing, and has a name",
+    Outcome.AMBIGUOUS: "an effect is missing; several would do",
+    Outcome.UNKNOWN: "something is missing that no known effect explains",
+    Outcome.REJECTED: "an effect seemed to be missing, but does not explain pairs that it was not fitted on",
+}
+
+
+def diagnose(
+    log: Annotated[Path, typer.Argument(help="One MCAP file, or a run folder of segments.")],
+    model: Annotated[Path | None, typer.Option(help="The model to begin with, as `-o` writes it.")] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Write the model with what was found to this file.")] = None,
+    page: Annotated[Path | None, typer.Option("--html", help="Write the verdict as one HTML page to this file.")] = None,
+    seed: Annotated[int, typer.Option(help="Of the draws that the verdict is calibrated with.", min=0)] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Find where model and data disagree, name the missing effect, and show how much of the gap it closes."""
+    parent = Model() if model is None else read_model(model)
+    with tracked_stages(quiet=False) as progress:
+        found = diagnose_log(log, seed, progress, parent.effects)
+    if out is not None:
+        write_model(out, found, log, parent)
+    if page is not None:
+        made_from = [
+            ("log", log.name),
+            ("model", "none" if model is None else model.name),
+            ("seed", str(seed)),
+            ("semlive", version("semlive")),
+        ]
+        page.write_text(diagnosis_html(log.name, found, made_from), encoding="utf-8")
+    if as_json:
+        typer.echo(json.dumps(diagnosis_json(found)))
+        return
+    console = Console()
+    console.print(f"{found.outcome.value}: {_SAID[found.outcome]}")
+    for effect in found.effects:
+        console.print(_effect_table(effect))
+    _say_gap(console, found)
+    console.print(_where_table(found))
+    if found.rows is None:
+        console.print(found.no_rows)
+    else:
+        console.print(f"rows: {found.rows.pairs} pairs of {found.rows.rows}, each known to {found.rows.noise_px:.4f} px")
+    if found.experiment is not None:
+        console.print(f"to decide between {', '.join(found.experiment.between)}: {found.experiment.about}")
+
+
+def _effect_table(effect: FoundEffect) -> Table:
+    table = Table(title=f"{effect.name}: at most {effect.peak_px:.3f} px, p = {effect.p_value:.3f}, log odds {effect.log_bayes_factor:.1f}")
+    for heading in ("parameter", "value", "sigma", "unit"):
+        table.add_column(heading)
+    for one in effect.parameters:
+        table.add_row(one.name, f"{one.value:.4g}", f"{one.sigma:.2g}", one.unit)
+    if effect.strain:
+        table.caption = "this is strain, or looks like it: strain is not corrected for it"
+    return table
+
+
+def _say_gap(console: Console, found: Diagnosis) -> None:
+    gap = found.gap
+    if gap is not None:
+        low, high = gap.closure_interval
+        console.print(
+            f"gap on held-out pairs: {gap.before_px:.4f} px before, {gap.after_px:.4f} px after, {gap.floor_px:.4f} px is noise; "
+            f"{100 * gap.closure:.0f} % closed ({100 * low:.0f} to {100 * high:.0f} %)"
+        )
+
+
+def _where_table(found: Diagnosis) -> Table:
+    table = Table(title="where model and data disagree, before")
+    for heading in ("domain", "p", "rms px"):
+        table.add_column(heading)
+    for one in sorted(found.where, key=lambda item: item.p_value):
+        table.add_row(one.domain, f"{one.p_value:.3f}", f"{one.rms_px:.4f}")
+    return table

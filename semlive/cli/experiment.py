@@ -1,0 +1,47 @@
+"""`semlive experiment`: what to do next."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from semlive.cli.track import tracked_stages
+from semlive.diagnose.propose import proposed
+from semlive.service.diagnosis import diagnose_log
+from semlive.service.model_file import read_model
+from semlive.service.next_experiment import next_config
+
+experiment = typer.Typer(help="What to do next.", no_args_is_help=True)
+
+
+@experiment.callback()
+def about() -> None:
+    """What to do next."""
+
+
+@experiment.command("propose")
+def propose(
+    log: Annotated[Path, typer.Argument(help="One MCAP file, or a run folder of segments.")],
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Write the configuration to this file.")] = None,
+    model: Annotated[Path | None, typer.Option(help="The model to begin with, as `diagnose -o` writes it.")] = None,
+    seed: Annotated[int, typer.Option(help="Of the draws that the verdict is calibrated with.", min=0)] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Diagnose a run, and write the experiment that decides between what it leaves open, as a configuration for `semlive run`."""
+    with tracked_stages(quiet=False) as progress:
+        found = diagnose_log(log, seed, progress, () if model is None else read_model(model).effects)
+    proposal = proposed(found)
+    config = None if proposal is None else next_config(log, proposal)
+    if config is not None and out is not None:
+        out.write_text(config, encoding="utf-8")
+    if as_json:
+        between = [] if proposal is None else list(proposal.between)
+        told = None if proposal is None else {"kind": proposal.kind.value, "between": between, "about": proposal.about}
+        typer.echo(json.dumps({"outcome": found.outcome.value, "experiment": told, "config": config}))
+    elif config is None:
+        typer.echo(f"{found.outcome.value}: there is nothing to decide")
+    else:
+        typer.echo(config if out is None else f"{found.outcome.value}: {proposal.about if proposal else ''}; written to {out}")

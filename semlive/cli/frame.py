@@ -1,0 +1,75 @@
+"""`semlive frame`: looks at load frames before they are used."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict
+from importlib.metadata import entry_points
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from semlive.data.frame_check import FrameCheck, Verdict
+from semlive.errors import BadConfig, SemliveError
+from semlive.ports import FrameChecker
+from semlive.service.clock import open_clock
+
+frame = typer.Typer(help="Look at a load frame, without moving it.", no_args_is_help=True)
+_COLOURS = {Verdict.GOOD: "green", Verdict.OPEN: "yellow", Verdict.BAD: "red"}
+
+
+@frame.callback()
+def _frame() -> None:
+    """Look at a load frame, without moving it."""
+
+
+@frame.command("check")
+def check(
+    description: Annotated[
+        str, typer.Argument(metavar="MAP", help="Device description: a name (a wrong one lists them), or a .yaml path.")
+    ],
+    host: Annotated[str, typer.Option(help="Address of a device on the network.")] = "127.0.0.1",
+    port: Annotated[str, typer.Option(help="TCP port, or the path of a serial line (/dev/ttyUSB0, COM3).")] = "502",
+    unit: Annotated[int, typer.Option(min=0, max=255, help="Modbus unit.")] = 1,
+    baud: Annotated[int | None, typer.Option(help="Of a serial line; otherwise as the description says.")] = None,
+    parity: Annotated[str | None, typer.Option(help="none, even or odd; otherwise as the description says.")] = None,
+    timeout_s: Annotated[float, typer.Option(help="Longest wait for an answer.")] = 0.5,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Read who answers, whether its values are plausible and in which order its words come; nothing is written or moved."""
+    settings: dict[str, object] = {"unit": unit, "timeout_s": timeout_s}
+    if port.isdigit():
+        settings |= {"host": host, "port": int(port)}
+    else:
+        line = {"port": port, "baud": baud, "parity": parity}
+        settings["serial"] = {key: value for key, value in line.items() if value is not None}
+    found = _checker()(description, settings, open_clock(None))
+    if as_json:
+        sys.stdout.write(json.dumps({**asdict(found), "sound": found.sound}) + "\n")
+    else:
+        _show(found)
+    if not found.sound:
+        bad = [finding for finding in found.findings if finding.verdict is Verdict.BAD]
+        raise SemliveError(
+            f"{found.device} at {found.where}: {len(bad)} of {len(found.findings)} findings are bad; {bad[0].what}: {bad[0].advice}"
+        )
+
+
+def _checker() -> FrameChecker:
+    points = list(entry_points(group="semlive.frame_checks"))
+    if not points:
+        raise BadConfig("no driver can look at devices; install semlive with its drivers (python -m pip install semlive)")
+    return points[0].load()
+
+
+def _show(found: FrameCheck) -> None:
+    table = Table(title=f"{found.device} at {found.where}", title_justify="left", caption=found.source, caption_justify="left")
+    for column in ("what", "says", "is", "do"):
+        table.add_column(column)
+    for finding in found.findings:
+        colour = _COLOURS[finding.verdict]
+        table.add_row(finding.what, finding.said, f"[{colour}]{finding.verdict}[/{colour}]", finding.advice)
+    Console().print(table)

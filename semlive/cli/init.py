@@ -1,0 +1,77 @@
+"""`semlive init`: a configuration to begin with."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated, get_args
+
+import typer
+import yaml
+
+from semlive.errors import BadConfig
+from semlive.service.config import parse_config
+from semlive.service.config_text import LABS, FrameKind, Lab, Vendor, configuration_text
+
+_QUESTIONS = {
+    "name": "Name of the run",
+    "export_folder": "Folder into which the SEM saves its frames",
+    "vendor": f"Whose SEM ({', '.join(get_args(Vendor))})",
+    "pixel_size_um": "Edge of a pixel on the specimen, um",
+    "frame": f"Load frame ({', '.join(get_args(FrameKind))})",
+    "address": "Its address: host, serial port, or the program that a hand uses",
+    "specimen": "Specimen",
+    "area_mm2": "Its cross-section, mm^2",
+    "loading_axis": "Image axis that is pulled (x, y)",
+    "max_load_n": "Largest load, N",
+    "load_steps": "Number of loads",
+}
+
+
+def init(
+    out: Annotated[Path, typer.Argument(help="File to write.")] = Path("semlive.yaml"),
+    lab: Annotated[str, typer.Option(help=f"Kind of lab to begin with: {', '.join(LABS)}.")] = "modbus-fei",
+    yes: Annotated[bool, typer.Option("--yes", help="Ask nothing: every answer as given by options, or as usual in such a lab.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Write over a file that is there.")] = False,
+    name: Annotated[str | None, typer.Option(help="Name of the run.")] = None,
+    export_folder: Annotated[str | None, typer.Option(help="Folder into which the SEM saves.")] = None,
+    vendor: Annotated[str | None, typer.Option(help=f"Whose SEM: {', '.join(get_args(Vendor))}.")] = None,
+    pixel_size_um: Annotated[float | None, typer.Option(help="Edge of a pixel on the specimen, um.")] = None,
+    frame: Annotated[str | None, typer.Option(help=f"Load frame: {', '.join(get_args(FrameKind))}.")] = None,
+    address: Annotated[str | None, typer.Option(help="Host, serial port, or program of the load frame.")] = None,
+    specimen: Annotated[str | None, typer.Option(help="Name of the specimen.")] = None,
+    area_mm2: Annotated[float | None, typer.Option(help="Its cross-section, mm^2.")] = None,
+    loading_axis: Annotated[str | None, typer.Option(help="Image axis that is pulled: x or y.")] = None,
+    max_load_n: Annotated[float | None, typer.Option(help="Largest load, N.")] = None,
+    load_steps: Annotated[int | None, typer.Option(help="Number of loads.")] = None,
+) -> None:
+    """Write a commented configuration after a few questions."""
+    if lab not in LABS:
+        raise BadConfig(f"--lab {lab}: no such kind of lab; known are {', '.join(LABS)}")
+    if out.exists() and not force:
+        raise BadConfig(f"{out}: exists already; give another name, or --force to write over it")
+    options = locals()
+    given = {key: options[key] for key in _QUESTIONS if options[key] is not None}
+    answers = _answered(LABS[lab], given, ask=not yes)
+    text = configuration_text(answers)
+    parse_config(yaml.safe_load(text), str(out))  # what is written can be run
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(text, encoding="utf-8")
+    typer.echo(f"{out} is written; next: semlive doctor {out}, then semlive plan {out} --test-frame FILE")
+
+
+def _answered(usual: Lab, given: dict[str, object], *, ask: bool) -> Lab:
+    """The usual answers with those that were given, and those that are typed now."""
+    told = dataclasses.replace(usual, **given)  # type: ignore[arg-type]  (checked below)
+    for key, question in _QUESTIONS.items() if ask else ():
+        if key in given or (key in ("address", "area_mm2", "max_load_n", "load_steps") and told.frame == "none"):
+            continue
+        before = getattr(told, key)
+        told = dataclasses.replace(told, **{key: typer.prompt(question, default=before, type=type(before))})
+    for key, allowed in (("vendor", get_args(Vendor)), ("frame", get_args(FrameKind)), ("loading_axis", ("x", "y"))):
+        if getattr(told, key) not in allowed:
+            raise BadConfig(f"{key} {getattr(told, key)}: is none of {', '.join(allowed)}")
+    for key in ("pixel_size_um", "area_mm2", "max_load_n"):
+        if not getattr(told, key) > 0:
+            raise BadConfig(f"{key} must be more than 0, not {getattr(told, key)}")
+    return told

@@ -1,0 +1,136 @@
+"""`semlive plan`: an experiment before it is run."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from semlive.cli.track import tracked_stages
+from semlive.engine.schedule import dose_c_m2
+from semlive.service.config import load_config
+from semlive.service.planning import Planned, plan_experiment
+from semlive.service.replay import Watch
+
+_ELECTRONS_PER_C = 1.0 / 1.602176634e-19
+
+
+def plan(
+    config: Annotated[Path, typer.Argument(help="YAML configuration of the run.")],
+    test_frame: Annotated[Path | None, typer.Option("--test-frame", help="One frame of the specimen as the SEM exports it.")] = None,
+    log: Annotated[Path | None, typer.Option("--log", help="An earlier run at this microscope, whose distortion is taken.")] = None,
+    current_na: Annotated[float, typer.Option("--current-na", help="Beam current in nA, for the dose.", min=0.0)] = 1.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Show an experiment before it is run: time, frames, dose, expected noise, false strain, and advice."""
+    checked = load_config(config)
+    with tracked_stages() as progress:
+        planned = plan_experiment(checked, test_frame, log, Watch(progress))
+    dose = _dose(planned, current_na)
+    if as_json:
+        typer.echo(json.dumps(_json(planned, dose)))
+        return
+    console = Console()
+    console.print(_facts(planned, dose, current_na))
+    console.print(_steps(planned))
+    if planned.gauges:
+        console.print(_noise(planned, checked.estimate.window_points))
+    if planned.false_strain:
+        console.print(_false_strain(planned))
+    for number, sentence in enumerate(planned.advice, start=1):
+        console.print(f"{number}. {sentence}", highlight=False)
+    if not planned.advice:
+        console.print("nothing to advise")
+
+
+def _dose(planned: Planned, current_na: float) -> float | None:
+    scan = planned.scan
+    return None if scan.dwell_s is None else dose_c_m2(planned.schedule.scans, scan.dwell_s, current_na * 1e-9, scan.pixel_size_m)
+
+
+def _json(planned: Planned, dose: float | None) -> dict[str, Any]:
+    times, quality = planned.schedule, planned.quality
+    return {
+        "duration_s": times.duration_s,
+        "waiting_at_most_s": times.most_s,
+        "pairs": len(times.steps),
+        "frames": times.pair_frames,
+        "scans": times.scans,
+        "dose_c_m2": dose,
+        "scan": asdict(planned.scan),
+        "steps": [asdict(one) for one in times.steps],
+        "displacement_sigma_px": None if quality is None or not quality.usable.any() else list(quality.median_sigma_px),
+        "strain_sigma": [asdict(one) for one in planned.gauges],
+        "mean_strain_sigma": None if planned.mean_sigma is None else asdict(planned.mean_sigma),
+        "false_strain": {"distortion": planned.distortion, "shifts": [asdict(one) for one in planned.false_strain]},
+        "advice": list(planned.advice),
+    }
+
+
+def _facts(planned: Planned, dose: float | None, current_na: float) -> Table:
+    times, scan, grid = planned.schedule, planned.scan, planned.grid
+    table = Table(box=SIMPLE_HEAD, show_header=False, padding=(0, 1))
+    more = f", and up to {_clock(times.most_s)} of waiting" if times.most_s else ""
+    rows = [
+        ("duration", _clock(times.duration_s) + more),
+        ("frames", f"{times.pair_frames} in {len(times.steps)} pairs; the field is scanned {times.scans} times"),
+        ("a scan", f"{scan.frame_s:.2f} s, {scan.width_px} x {scan.height_px} px of {1e9 * scan.pixel_size_m:.4g} nm (from {scan.source})"),
+        ("points", f"{grid.nx} x {grid.ny} = {grid.nx * grid.ny}, subset {grid.subset_px} px, step {grid.step_px} px"),
+    ]
+    if dose is not None:
+        electrons = dose * _ELECTRONS_PER_C * 1e-18
+        rows.append(("dose", f"{dose:.3g} C/m² = {electrons:.3g} electrons per nm², at {current_na:g} nA (--current-na)"))
+    if planned.quality is not None and planned.quality.usable.any():
+        u, v = planned.quality.median_sigma_px
+        rows.append(("displacement noise", f"{u:.4f} px along x, {v:.4f} px along y, of one point in one pair"))
+    if planned.mean_sigma is not None:
+        mean = planned.mean_sigma
+        rows.append(("mean strain noise", f"exx {mean.exx:.1e}, eyy {mean.eyy:.1e}, exy {mean.exy:.1e}; drift and distortion add to it"))
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _steps(planned: Planned) -> Table:
+    table = Table(title="steps", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
+    for heading in ("phase", "pairs", "begins", "ends"):
+        table.add_column(heading, justify="left" if heading == "phase" else "right")
+    for phase in dict.fromkeys(one.phase for one in planned.schedule.steps):
+        own = [one for one in planned.schedule.steps if one.phase is phase]
+        table.add_row(phase.value, str(len(own)), _clock(own[0].begins_s), _clock(own[-1].ends_s))
+    return table
+
+
+def _noise(planned: Planned, window_points: int) -> Table:
+    table = Table(title="expected noise of strain, one gauge", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
+    for heading in ("points", "gage px", "exx", "eyy", "exy"):
+        table.add_column(heading, justify="right")
+    for one in planned.gauges:
+        values = (f"{getattr(one.sigma, name):.1e}" for name in ("exx", "eyy", "exy"))
+        own = one.window_points == window_points
+        table.add_row(f"{one.window_points}{' *' if own else ''}", str(one.vsg_px), *values, style="bold" if own else None)
+    table.caption = "* as configured"
+    return table
+
+
+def _false_strain(planned: Planned) -> Table:
+    table = Table(title="false strain if distortion were not corrected, 1e-6", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
+    table.add_column("shift px")
+    for name in ("exx", "eyy", "exy"):
+        table.add_column(name, justify="right")
+    for one in planned.false_strain:
+        ranges = (f"{1e6 * getattr(one.low, name):+.0f} ... {1e6 * getattr(one.high, name):+.0f}" for name in ("exx", "eyy", "exy"))
+        table.add_row(f"{one.shift_px[0]:g}, {one.shift_px[1]:g}", *ranges)
+    table.caption = f"distortion: {planned.distortion}"
+    return table
+
+
+def _clock(seconds: float) -> str:
+    minutes = round(seconds / 60)
+    return f"{minutes // 60} h {minutes % 60:02d} min" if minutes >= 60 else f"{minutes} min"

@@ -1,0 +1,38 @@
+"""`semlive serve`: the live page of a log, finished or growing; it only shows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from semlive.cli.page import PORT, Host, Name, PageProcess, Place, Port
+from semlive.errors import SemliveError
+from semlive.service.log_files import segments
+
+
+def serve(
+    log: Annotated[Path, typer.Argument(help="One MCAP file, or a run folder of segments; it may still grow.")],
+    host: Host = "127.0.0.1",
+    port: Port = PORT,
+    name: Name = None,
+) -> None:
+    """Show a log on the live page until Ctrl-C; nothing can be steered there."""
+    segments(log)
+    console = Console(stderr=True)
+
+    def ready(address: str | None, why: str) -> None:
+        if address is not None:
+            console.print(f"live page: {address}", highlight=False, soft_wrap=True)
+        else:
+            console.print(why, highlight=False, soft_wrap=True)
+
+    page = PageProcess(log, Place(host, port, tuple(name or ())), ready)
+    try:
+        code = page.wait()
+    except KeyboardInterrupt:
+        page.close()
+        return
+    raise SemliveError(f"the page ended with exit code {code}; look whether {host} is an address of this computer")

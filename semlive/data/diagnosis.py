@@ -1,0 +1,274 @@
+"""What diagnosis says: where model and data disagree, what is missing, and how much of the gap it closes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Values = NDArray[np.float64]
+
+
+class Outcome(StrEnum):
+    """How a diagnosis ends."""
+
+    NONE = "NONE"
+    """Nothing is missing that these data could show."""
+    IDENTIFIED = "IDENTIFIED"
+    AMBIGUOUS = "AMBIGUOUS"
+    """Something is missing; several effects would do, and an experiment is named that decides."""
+    UNKNOWN = "UNKNOWN"
+    """Something is missing that no known effect explains."""
+    REJECTED = "REJECTED"
+    """The best effect does not explain pairs that it was not fitted on."""
+
+
+@dataclass(frozen=True, slots=True)
+class FoundParameter:
+    """A parameter of an effect.
+
+    Attributes:
+        name: of it.
+        value: most likely.
+        sigma: standard uncertainty.
+        unit: of both.
+    """
+
+    name: str
+    value: float
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class KnownEffect:
+    """An effect as a model has it: enough to predict it in any run.
+
+    Attributes:
+        name: canonical.
+        values: of what is not linear in it, by name.
+        size_px: standard deviation of its amplitudes before the data.
+    """
+
+    name: str
+    values: tuple[tuple[str, float], ...]
+    size_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class FoundEffect:
+    """An effect that the data ask for.
+
+    Attributes:
+        name: canonical.
+        parameters: what is known of it.
+        peak_px: the largest displacement that it causes anywhere.
+        log_bayes_factor: how much likelier the data are with it, natural logarithm.
+        p_value: share of data without it that would ask for any effect as loudly.
+        strain: whether it looks like strain, which must then not be corrected for it.
+        law: the same for a model.
+        amplitudes_px: most likely.
+        covariance_px2: of the amplitudes.
+        strain_eaten: largest share of an injected strain that a correction for the effect would take away.
+    """
+
+    name: str
+    parameters: tuple[FoundParameter, ...]
+    peak_px: float
+    log_bayes_factor: float
+    p_value: float
+    strain: bool
+    law: KnownEffect
+    amplitudes_px: tuple[float, ...] = ()
+    covariance_px2: tuple[tuple[float, ...], ...] = ()
+    strain_eaten: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Misfit on pairs that the effects were not fitted on, root mean squares of block means.
+
+    Attributes:
+        before_px: without the effects.
+        after_px: with them.
+        floor_px: what noise alone leaves.
+        closure: share of the gap (in squares) that the effects close.
+        closure_interval: 95 % interval of the share.
+        clear: what they gain, in its own standard errors.
+    """
+
+    before_px: float
+    after_px: float
+    floor_px: float
+    closure: float
+    closure_interval: tuple[float, float]
+    clear: float
+
+
+@dataclass(frozen=True, slots=True)
+class Disagreement:
+    """One domain in which model and data may disagree.
+
+    Attributes:
+        domain: space, row, row_start, scan_time, frame, load or fraction; of the row channel row_waves and row_common, of the stage moves.
+        p_value: family-wise, over all domains.
+        rms_px: size of what disagrees there.
+    """
+
+    domain: str
+    p_value: float
+    rms_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """What would decide between effects.
+
+    Attributes:
+        between: their names.
+        about: what to do, one sentence.
+    """
+
+    between: tuple[str, ...]
+    about: str
+
+
+@dataclass(frozen=True, slots=True)
+class RowChannel:
+    """What rows show that were registered by themselves: disparity maps average it over a subset.
+
+    Attributes:
+        outcome: of this channel.
+        effects: that were named, or the closest.
+        ambiguous: names that would do as well.
+        gap: on what they were not fitted on; None where nothing was named.
+        where: the two domains of rows, before any effect.
+        evidence: before any effect was added, each name with the logarithm of its Bayes factor.
+        pairs: that were looked at.
+        rows: of each, at most.
+        noise_px: standard deviation of a row's shift by noise alone.
+        frequency_hz: of the spectrum, thinned to its peaks.
+        power: there, a mean over pairs and axes in units of the noise.
+        loud: power that one spectrum of noise in a hundred reaches anywhere.
+    """
+
+    outcome: Outcome
+    effects: tuple[FoundEffect, ...]
+    ambiguous: tuple[str, ...]
+    gap: Gap | None
+    where: tuple[Disagreement, ...]
+    evidence: tuple[tuple[str, float], ...]
+    pairs: int
+    rows: int
+    noise_px: float
+    frequency_hz: tuple[float, ...]
+    power: tuple[float, ...]
+    loud: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Profile:
+    """How much of an effect's shape each frame shows, beside what the model says.
+
+    Attributes:
+        name: of the effect.
+        over: what the frames are told apart by: ``time`` or ``load``.
+        at: (f,) seconds after the start of frame 0, or N.
+        data_px: (f,) as measured, all other effects taken off.
+        sigma_px: (f,) standard uncertainty.
+        model_px: (f,) as the effect has it.
+    """
+
+    name: str
+    over: str
+    at: Values
+    data_px: Values
+    sigma_px: Values
+    model_px: Values
+
+
+@dataclass(frozen=True, slots=True)
+class OnStrain:
+    """What an effect adds to the mean strain under load.
+
+    Attributes:
+        name: of the effect.
+        exx, eyy, exy: at the highest load.
+        modulus: relative change of Young's modulus by a correction, or None without loads.
+        ratio: change of Poisson's ratio by a correction, or None.
+    """
+
+    name: str
+    exx: float
+    eyy: float
+    exy: float
+    modulus: float | None
+    ratio: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pictures:
+    """What a verdict looks like.
+
+    Attributes:
+        x_px: (b,) columns of the blocks' centres.
+        y_px: (b,) rows.
+        frame: (k,) numbers of frames that nothing was fitted on but how the specimen lay in them.
+        before: (k, b, 2) what the baseline leaves of them, in standard deviations of the noise.
+        after: (k, b, 2) the same with the effects, their amplitudes being those of the other pairs.
+        profiles: of each effect.
+        on_strain: of each effect.
+        quantiles: (n, 2) of what is left, whitened: of a normal distribution, and found.
+        neighbours: correlation of what is left with the next frame, and what it scatters by.
+    """
+
+    x_px: Values
+    y_px: Values
+    frame: tuple[int, ...]
+    before: Values
+    after: Values
+    profiles: tuple[Profile, ...]
+    on_strain: tuple[OnStrain, ...]
+    quantiles: Values
+    neighbours: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """The verdict.
+
+    Attributes:
+        outcome: how it ended.
+        effects: that were named, the first one first; of an UNKNOWN the closest.
+        ambiguous: names that would do as well, the effects' own among them; empty unless AMBIGUOUS.
+        group: of confounded effects, G1 ... G12, or None.
+        experiment: what would decide, or None.
+        gap: on held-out pairs; None where nothing was named.
+        where: all domains, before any effect.
+        noise_px: standard deviation of a block's mean in one frame.
+        evidence: before any effect was added, each name with the logarithm of its Bayes factor; those without a name among them.
+        known: effects that were in the model before.
+        end_s: when the last point was scanned, seconds after the start of frame 0.
+        size_px: width and height of the frames.
+        rows: what rows show; their effects and domains are among those above.
+        no_rows: why there is no row channel, one sentence; empty if there is one.
+        pictures: what it looks like; None where nothing was named in the maps.
+    """
+
+    outcome: Outcome
+    effects: tuple[FoundEffect, ...]
+    ambiguous: tuple[str, ...]
+    group: str | None
+    experiment: Experiment | None
+    gap: Gap | None
+    where: tuple[Disagreement, ...]
+    noise_px: float
+    evidence: tuple[tuple[str, float], ...] = ()
+    known: tuple[KnownEffect, ...] = ()
+    end_s: float = 0.0
+    size_px: tuple[int, int] = (0, 0)
+    rows: RowChannel | None = None
+    no_rows: str = ""
+    pictures: Pictures | None = field(default=None, compare=False)

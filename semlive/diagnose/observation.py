@@ -1,0 +1,178 @@
+"""What there is to explain: block means of every map from frame 0, and what was known when each was taken."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+
+from semlive.data.experiment import Phase
+from semlive.data.grid import Grid
+from semlive.data.pair import PairDecision
+from semlive.errors import IllPosed
+from semlive.estimate.accumulate import predicted
+from semlive.estimate.posterior import Solution
+from semlive.estimate.state import EstimatorState, MapRows
+from semlive.model.effects import Scene
+
+MIN_PAIRS = 5
+MIN_BLOCKS = 24
+HOLD_S = 30.0
+"""The paper's hold: where a run does not say when its steps ended, they are taken to have ended so long before their pair."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepFacts:
+    """What was done before a pair.
+
+    Attributes:
+        pair: its number.
+        phase: what it is for.
+        load_n: (2,) mean load during its frames, 0 without a load frame.
+        shift_px: (2,) commanded place of the stage or the beam.
+        hold_s: from the end of the step to the start of the first frame.
+    """
+
+    pair: int
+    phase: Phase
+    load_n: tuple[float, float]
+    shift_px: tuple[float, float]
+    hold_s: float = HOLD_S
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation:
+    """Block means as seen by every frame, and the estimate that they were taken from.
+
+    Attributes:
+        state: of the estimator, linearised about a first solution.
+        solution: that first solution.
+        rows: maps from frame 0, in the order of the scene's frames without frame 0.
+        used: (b,) blocks that every map has.
+        disparity_px: (f, b, 2) as measured; zero for frame 0.
+        scene: where and when they were seen.
+    """
+
+    state: EstimatorState
+    solution: Solution
+    rows: tuple[MapRows, ...]
+    used: NDArray[np.int64]
+    disparity_px: NDArray[np.float64]
+    scene: Scene
+
+    @property
+    def frames(self) -> int:
+        """Number of frames, frame 0 included."""
+        return len(self.scene.frame)
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks."""
+        return len(self.used)
+
+    @property
+    def grid(self) -> Grid:
+        """Of the points that the blocks were made of."""
+        return self.state.grid
+
+    def residual_px(self) -> NDArray[np.float64]:
+        """(f - 1, b, 2) what the first solution leaves of each map."""
+        left = [one.disparity_px - predicted(self.state, one, self.solution.mean) for one in self.rows]
+        return np.stack(left)[:, self.used]
+
+
+def observe(solution: Solution, steps: Sequence[StepFacts]) -> Observation:
+    """What an estimate was made from.
+
+    Args:
+        solution: of the joint method.
+        steps: what was done before each pair, in the order of the pairs' times.
+
+    Raises:
+        IllPosed: there are too few pairs or points to name anything.
+    """
+    state = solution.state
+    frames = np.array([2 * one.pair + member for one in steps for member in (0, 1)])
+    found = {one.current: one for one in state.rows if one.reference == 0 and one.weight.any()}
+    missing = [int(frame) for frame in frames if frame and frame not in found]
+    if missing:
+        raise IllPosed(f"no map from frame 0 to frame {missing[0]}: diagnosis needs one to every frame of a run")
+    rows = tuple(found[int(frame)] for frame in frames if frame)
+    used = np.flatnonzero(np.all([one.weight.all(axis=1) for one in rows], axis=0)) if rows else np.zeros(0, dtype=np.int64)
+    if len(steps) < MIN_PAIRS or len(used) < MIN_BLOCKS:
+        raise IllPosed(
+            f"{len(steps)} pairs with {len(used)} blocks of points that all of them show: nothing can be named with this data; "
+            f"needs at least {MIN_PAIRS} pairs and {MIN_BLOCKS} blocks"
+        )
+    disparity = np.concatenate((np.zeros((1, len(used), 2)), np.stack([one.disparity_px[used] for one in rows])))
+    # Effects are predicted on what the estimate says of the maps: sin(2 pi U) of a measured U goes along with U's own noise.
+    told = np.concatenate((np.zeros((1, len(used), 2)), np.stack([predicted(state, one, solution.mean)[used] for one in rows])))
+    return Observation(state, solution, rows, used, disparity, _scene(solution, steps, frames, rows[0].position_px[used], told))
+
+
+def steps_of(decisions: Sequence[PairDecision]) -> tuple[StepFacts, ...]:
+    """What a run's decisions say."""
+    found = []
+    for one in decisions:
+        load = (0.0, 0.0) if one.loads is None else (one.loads[0].mean_n, one.loads[1].mean_n)
+        found.append(StepFacts(one.pair, one.step.phase, load, one.step.shift_px))
+    return tuple(found)
+
+
+def _scene(
+    solution: Solution,
+    steps: Sequence[StepFacts],
+    frames: NDArray[np.int64],
+    position: NDArray[np.float64],
+    disparity: NDArray[np.float64],
+) -> Scene:
+    state = solution.state
+    address = position + disparity
+    pixel = address + state.centre_px
+    whens = [state.frame_time(int(frame)) for frame in frames]
+    start_s = np.array([when.start_s for when in whens])
+    in_frame = np.stack([when.timing.time_in_frame_s(one[:, 0], one[:, 1]) for when, one in zip(whens, pixel, strict=True)])
+    time_s = in_frame + start_s[:, None]
+    between = np.array([0.5 * sum(one.load_n) for one in steps])
+    shift = np.array([one.shift_px for one in steps])
+    return Scene(
+        address_px=address,
+        disparity_px=disparity,
+        time_s=time_s,
+        in_frame_s=in_frame,
+        drift_rate_px_s=_drift_rate(solution, time_s),
+        distortion_px=_distortion(solution, pixel),
+        half_px=float(state.centre_px[0]),
+        frame=frames,
+        pair=frames // 2,
+        loaded=np.repeat([one.phase is Phase.TENSION for one in steps], 2),
+        free=np.repeat([one.phase is not Phase.CALIBRATION for one in steps], 2),
+        start_s=start_s,
+        load_n=np.array([load for one in steps for load in one.load_n]),
+        load_change_n=np.repeat(np.diff(between, prepend=0.0), 2),
+        move_px=np.repeat(np.diff(shift, axis=0, prepend=shift[:1]), 2, axis=0),
+        since_step_s=np.repeat([one.hold_s for one in steps], 2) + start_s - np.repeat(start_s[::2], 2),
+    )
+
+
+def _drift_rate(solution: Solution, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(f, b, 2) from one frame of a pair to the other, and in between as interpolated over time.
+
+    Not the estimate's own course within frames, which is wrong where their row time is: with four scans integrated it is a quarter
+    of the true one, and an oscillation with the period of the frames was named.
+    """
+    drift = solution.state.drift
+    assert drift is not None  # there are pairs
+    index, value = drift.spline.local(time_s.ravel())
+    place_px = np.einsum("nk,nkc->nc", value, solution.part("drift").reshape(-1, 2)[index]).reshape(*time_s.shape, 2).mean(axis=1)
+    when_s = time_s.mean(axis=1)
+    rate = (place_px[1::2] - place_px[::2]) / (when_s[1::2] - when_s[::2])[:, None]
+    return make_interp_spline(0.5 * (when_s[::2] + when_s[1::2]), rate, k=1)(time_s)
+
+
+def _distortion(solution: Solution, pixel: NDArray[np.float64]) -> NDArray[np.float64]:
+    flat = pixel.reshape(-1, 2)
+    return solution.state.distortion.field(solution.part("distortion"), flat[:, 0], flat[:, 1]).reshape(pixel.shape)

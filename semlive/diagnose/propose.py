@@ -1,0 +1,81 @@
+"""The next experiment: what decides between effects, as a change of the protocol that the daemon runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from semlive.data.diagnosis import Diagnosis, Outcome
+from semlive.diagnose.known import family_of
+from semlive.model.move_effects import MOVES, beside_maps
+
+
+class Kind(StrEnum):
+    """What can be done to a run."""
+
+    PARKED = "parked"
+    """Pairs without a load and without a move."""
+    AGAIN = "again"
+    """The calibration once more, without a load."""
+    LONGER_HOLD = "longer_hold"
+    """The same loads, held four times as long."""
+    DUMMY_STEPS = "dummy_steps"
+    """Every load twice: the second step changes nothing."""
+    UNLOAD = "unload"
+    """The same loads, and back down."""
+    REVERSED = "reversed"
+    """Every move there and back."""
+    OTHER_SCAN = "other_scan"
+    """The calibration once more with another dwell or row time, which the operator sets."""
+    TURNED_SCAN = "turned_scan"
+    """The calibration once more with the scan turned by 90 degrees, which the operator sets."""
+
+
+_DECIDES = {
+    "creep_in_hold": Kind.LONGER_HOLD,
+    "load_step_transient": Kind.DUMMY_STEPS,
+    "stage_step_transient": Kind.REVERSED,
+    "distortion_scale_drift": Kind.AGAIN,
+    "wrong_row_time": Kind.OTHER_SCAN,
+    "scan_shear_drift": Kind.TURNED_SCAN,
+    "aspect_drift": Kind.TURNED_SCAN,
+    "drift_jump": Kind.PARKED,
+    "charging_local_lens": Kind.REVERSED,
+    "dic_subpixel_bias": Kind.PARKED,
+}
+_BY_GROUP = {"G1": Kind.PARKED, "G2": Kind.PARKED, "G3": Kind.OTHER_SCAN, "G4": Kind.OTHER_SCAN, "G8": Kind.PARKED, "G11": Kind.UNLOAD}
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """What to do next.
+
+    Attributes:
+        kind: of the experiment.
+        between: the effects that it is about.
+        about: what it shows, one sentence.
+    """
+
+    kind: Kind
+    between: tuple[str, ...]
+    about: str
+
+
+def proposed(found: Diagnosis) -> Proposal | None:
+    """What would decide; None where there is nothing to decide.
+
+    Of an identified effect it is the experiment that confirms the name; of what has no name, a series in which nothing is done.
+    """
+    between = found.ambiguous or tuple(one.name for one in found.effects)
+    if found.outcome is Outcome.NONE:
+        return None
+    if not between:
+        return Proposal(
+            Kind.PARKED, (), "what goes on while nothing is loaded or moved belongs to the microscope, the rest to what was done"
+        )
+    beside = beside_maps(found.effects[0].law.name)
+    if beside is not None:
+        return Proposal(Kind.REVERSED if beside in MOVES else Kind.OTHER_SCAN, between, beside.decides)
+    family = family_of(found.effects[0].law.name)
+    kind = _DECIDES.get(family.name) or _BY_GROUP.get(family.group or "", Kind.PARKED)
+    return Proposal(kind, between, family.decides)

@@ -1,0 +1,99 @@
+"""A run that was interrupted: what its log tells of it, and what is asked before it goes on.
+
+Loading is path dependent, so nothing is rewound: the steps whose pairs stand in the log are done, and the step that was under way is
+entered again from its motion, with its hold in full. A frame of an unfinished pair is not believed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from semlive.data.experiment import Plan, Step
+from semlive.data.loading import LoadSample, MotionState, StageSample
+from semlive.data.pair import PairDecision
+from semlive.engine.events import CalibrationJudged, DriftForeseen, FieldSeen
+from semlive.errors import BadInput
+
+
+@dataclass(frozen=True, slots=True)
+class Interrupted:
+    """What is known of a run up to where it broke off.
+
+    Attributes:
+        done: its pairs, in order from pair 0; their steps are those that were commanded, corrections of the stage included.
+        origin_um: the stage's reading when the run began, None if there was none.
+        load: last reading of the load frame.
+        position: last reading of the stage.
+        seen: where the field of the newest correlated pair was.
+        start_sigma_s: how well the start of the last frame was known, None before the first.
+        foreseen: how fast the newest estimate expected the drift to be.
+        judged: what the newest estimate said of the calibration.
+        ramping: motion of the step had been ordered, and its end was not seen.
+    """
+
+    done: tuple[PairDecision, ...] = ()
+    origin_um: tuple[float, float] | None = None
+    load: LoadSample | None = None
+    position: StageSample | None = None
+    seen: FieldSeen | None = None
+    start_sigma_s: float | None = None
+    foreseen: DriftForeseen | None = None
+    judged: CalibrationJudged | None = None
+    ramping: bool = False
+
+    def all_done(self, plan: Plan) -> bool:
+        """Whether nothing of a plan is left to do."""
+        return len(self.done) == len(self.steps_of(plan).steps)
+
+    def steps_of(self, plan: Plan) -> Plan:
+        """The plan with the steps that are done as they were done.
+
+        Raises:
+            BadInput: if the pairs are not the plan's first ones, each once.
+        """
+        numbers, planned = [one.pair for one in self.done], sum(not one.step.warm_up for one in self.done)
+        if numbers != list(range(len(numbers))) or planned > len(plan.steps):
+            raise BadInput(
+                f"the log holds the pairs {numbers} of a plan of {len(plan.steps)} steps; pairs are missing or strange, so begin a new run"
+            )
+        left = (replace(step, step=number) for number, step in enumerate(plan.steps[planned:], start=len(numbers)))
+        return replace(plan, steps=(*(one.step for one in self.done), *left))
+
+
+def changes(before: Interrupted, step: Step, tolerance_n: float, load: LoadSample | None, position: StageSample | None) -> str | None:
+    """How the devices stand other than where the log left them, as words, or None.
+
+    A load that was on its way may have arrived meanwhile, or stopped anywhere on it; a stage that moved is where it happens to be.
+
+    Args:
+        before: what the log told.
+        step: the step that is entered again.
+        tolerance_n: how far a load may have crept.
+        load: as read now.
+        position: as read now.
+    """
+    then = before.load
+    if then is not None and load is not None:
+        ends_n = [then.force_n, then.target_n if then.motion is MotionState.MOVING else then.force_n]
+        if before.ramping and step.load_n is not None:
+            ends_n.append(step.load_n)
+        if not min(ends_n) - tolerance_n <= load.force_n <= max(ends_n) + tolerance_n:
+            return f"the load is {load.force_n:.1f} N now, and was {then.force_n:.1f} N when it was last read"
+    at = before.position
+    if at is not None and position is not None and at.motion is MotionState.STOPPED:
+        x_um, y_um = before.origin_um or (at.x_um, at.y_um)
+        places = ((at.x_um, at.y_um), (x_um + step.shift_um[0], y_um + step.shift_um[1]))
+        if not any(_near(place, position, _STAGE_UM) for place in places):
+            return (
+                f"the stage is at ({position.x_um:.1f}, {position.y_um:.1f}) um now, "
+                f"and was at ({at.x_um:.1f}, {at.y_um:.1f}) um when it was last read"
+            )
+    return None
+
+
+_STAGE_UM = 20.0
+"""A stage further from where it was than this was moved, or forgot its zero; backlash and creep are a few um."""
+
+
+def _near(place: tuple[float, float], position: StageSample, within_um: float) -> bool:
+    return max(abs(position.x_um - place[0]), abs(position.y_um - place[1])) <= within_um

@@ -1,0 +1,68 @@
+"""Choices of a long run that the first pairs made: whether the drift carries the distortion, and how far the specimen turns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from semlive.data.drift import TermTest
+from semlive.estimate.accumulate import at_rest, carried_along, predicted
+from semlive.estimate.border import NOISE, Matrix, Vector
+from semlive.estimate.chain import chained
+from semlive.estimate.late_halves import alone, looked_at
+from semlive.estimate.posterior import Solution
+from semlive.estimate.prior import Hyper, angles
+from semlive.estimate.smooth import ended, mean_of
+from semlive.estimate.state import EstimatorState
+from semlive.estimate.terms import COUPLING_SIGMAS, carried_column
+
+LEAST_RAD = 1e-7
+
+
+def coupling_anew(solution: Solution, since: int) -> TermTest:
+    """Gamma as the pairs since the first `since` have it: one column beside all others, as in `terms.coupling`, along a chain of 32 pairs.
+
+    The column is fitted by everything else as if it were the data; what is left of it is what gamma alone can explain. Where gamma is not
+    what was chosen, these pairs are fitted both ways, and the smaller misfit decides.
+    """
+    state, near = alone(solution, looked_at(solution.state, since))
+    noise_px, carried = solution.ending.step[solution.ending.chain.border.part(NOISE)], solution.state.distortion.carried
+    told = [rows for rows in state.rows if rows.weight.any() and rows.disparity_px.any()]
+    columns = [carried_column(solution.state, rows, solution.mean) for rows in told]
+    as_data = tuple(replace(rows, disparity_px=column) for rows, column in zip(told, columns, strict=True))
+    fit = ended(chained(replace(state, rows=as_data), solution.hyper, np.zeros(len(near))))
+    unexplained = _left(replace(state, rows=as_data), mean_of(fit), fit.step[fit.chain.border.part(NOISE)])
+    misfit = _left(replace(state, rows=tuple(told)), near, noise_px)
+    own = sum(float(np.sum(rows.weight * one * column)) for rows, one, column in zip(told, unexplained, columns, strict=True))
+    pulled = sum(float(np.sum(rows.weight * one * left)) for rows, one, left in zip(told, unexplained, misfit, strict=True))
+    gamma = float(carried) + (pulled / own if own > 0 else 0.0)  # where it is carried already, the misfit asks for less or more of it
+    sigma = float(solution.hyper.noise_scale / np.sqrt(own)) if own > 0 else np.inf
+    doubtful = abs(gamma - float(carried)) > COUPLING_SIGMAS * sigma
+    used = carried != _better_otherwise(state, solution.hyper, near) if doubtful else carried
+    likelier = 0.5 * (gamma**2 - (1.0 - gamma) ** 2) / sigma**2
+    return TermTest("coupling", used, (gamma / sigma) ** 2, float(likelier), gamma, sigma)
+
+
+def _better_otherwise(state: EstimatorState, hyper: Hyper, near: Vector) -> bool:
+    """Whether the pairs of a state leave less with the distortion carried if it is not, or not carried if it is."""
+    about = replace(state, about=near)
+    spreads = []
+    for one in (state, at_rest(about) if state.distortion.carried else carried_along(about)):
+        fit = ended(chained(one, hyper, near))
+        left = _left(one, mean_of(fit), fit.step[fit.chain.border.part(NOISE)])
+        z = np.concatenate([(residual * np.sqrt(rows.weight)).ravel() for rows, residual in zip(one.rows, left, strict=True)])
+        spreads.append(float(np.mean(z**2)))
+    return spreads[1] < spreads[0]
+
+
+def _left(state: EstimatorState, mean: Vector, noise_px: Vector) -> list[Matrix]:
+    """(blocks, 2) of each map, what parameters and the noise of frame 0 leave."""
+    noise = noise_px.reshape(2, -1).T
+    return [rows.disparity_px - predicted(state, rows, mean) + (noise if rows.from_reference else 0.0) for rows in state.rows]
+
+
+def rotation_of(state: EstimatorState, mean: Vector, before_rad: float) -> float:
+    """Root mean square of the rotations of pairs that moved rigidly; as before where there are none."""
+    at = angles(state)
+    return max(float(np.sqrt(np.mean(mean[at] ** 2))), LEAST_RAD) if at.size else before_rad

@@ -1,0 +1,55 @@
+"""Effects that can be named: one file each, with what it does, what it is confounded with, and which experiment decides."""
+
+from semlive.model.effects import (
+    aspect_drift,
+    bending_misalignment,
+    charging_frame_ramp,
+    charging_local_lens,
+    creep_in_hold,
+    dic_subpixel_bias,
+    distortion_scale_drift,
+    drift_jump,
+    inhomogeneous_strain,
+    jump_within_pair,
+    load_step_transient,
+    magnification_drift,
+    magnification_frame_instability,
+    raster_rotation_drift,
+    refocus_magnification_step,
+    scan_shear_drift,
+    stage_step_transient,
+    stage_yaw,
+    thermal_oscillation,
+    tilt_with_load,
+    wrong_row_time,
+)
+from semlive.model.effects.family import Family, Law, Reported, Theta
+from semlive.model.effects.scene import Scene
+
+_FILES = (
+    wrong_row_time,
+    magnification_drift,
+    magnification_frame_instability,
+    refocus_magnification_step,
+    raster_rotation_drift,
+    scan_shear_drift,
+    aspect_drift,
+    distortion_scale_drift,
+    tilt_with_load,
+    creep_in_hold,
+    load_step_transient,
+    stage_step_transient,
+    stage_yaw,
+    drift_jump,
+    jump_within_pair,
+    bending_misalignment,
+    inhomogeneous_strain,
+    thermal_oscillation,
+    charging_frame_ramp,
+    charging_local_lens,
+    dic_subpixel_bias,
+)
+DICTIONARY: tuple[Family, ...] = tuple(one.FAMILY for one in _FILES)
+"""Every effect that is looked for, in the order of the groups: scan, field, specimen, drift, charge and correlation."""
+
+__all__ = ["DICTIONARY", "Family", "Law", "Reported", "Scene", "Theta"]

@@ -1,0 +1,41 @@
+"""A charged grain bends the beam around it; it sticks to the specimen."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from semlive.model.effects.family import Family, Law, Theta, Values
+from semlive.model.effects.scene import Scene, in_time, plane, slowly
+
+WIDTHS_PX = (60.0, 120.0)
+APART_PX = 75.0
+SLOW = 3  # columns of its course in time
+
+
+def law(scene: Scene, values: Values) -> Law:
+    """q(T) 2 w (r - r_j) / (|r - r_j|^2 + w^2) around a place on the specimen."""
+    at, width_px = scene.address_px - scene.disparity_px, values["width_px"]
+    dx, dy = at[..., 0] - values["x_px"], at[..., 1] - values["y_px"]
+    lens = 2.0 * width_px / (dx * dx + dy * dy + width_px**2)
+    return Law(in_time(plane(lens * dx, lens * dy), slowly(scene.time_s)[..., :SLOW]), scatter=("peak_px", "px", 1.0))
+
+
+def grid(scene: Scene) -> Iterable[Values]:
+    """Places all over the field, from the image centre, and two widths."""
+    at = scene.address_px - scene.disparity_px
+    low, high = at.min(axis=(0, 1)) - 0.5 * APART_PX, at.max(axis=(0, 1)) + 0.5 * APART_PX
+    for width_px in WIDTHS_PX:
+        for x_px in np.arange(low[0], high[0] + 1.0, APART_PX):
+            for y_px in np.arange(low[1], high[1] + 1.0, APART_PX):
+                yield {"x_px": float(x_px), "y_px": float(y_px), "width_px": width_px}
+
+
+FAMILY = Family(
+    "charging_local_lens",
+    "a charged spot of the specimen bends the beam around it",
+    law,
+    grid,
+    thetas=(Theta("x_px", "px", 37.5), Theta("y_px", "px", 37.5), Theta("width_px", "px", 1.4, ratio=True)),
+    group="G11",
+    decides="a move of the specimen (it goes along), a fresh field, grey levels around the spot",
+)

@@ -1,0 +1,36 @@
+"""Effects of the stage, as commanded and fitted moves tell them: maps hold them for moves, and moves are free."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from semlive.model.row_effects import RowFamily, of_rows
+
+
+@dataclass(frozen=True, slots=True)
+class MoveFamily:
+    """An effect of the stage.
+
+    Attributes:
+        name: canonical.
+        about: what happens, one sentence.
+        decides: the experiment that tells it from its like, one sentence.
+        group: of effects that it is confounded with, or None.
+    """
+
+    name: str
+    about: str
+    decides: str
+    group: str | None = None
+
+
+BACKLASH = MoveFamily(
+    "stage_backlash", "where the stage stops depends on where it came from: m = c + b sign(dc)", "the same places from the other side"
+)
+QUADRATIC = MoveFamily("stage_quadratic", "the stage's scale changes along its way: m = c + q c^2", "the same moves about another place")
+MOVES = (BACKLASH, QUADRATIC)
+
+
+def beside_maps(name: str) -> RowFamily | MoveFamily | None:
+    """An effect that another channel than the disparity maps shows; None if it is none."""
+    return of_rows(name) or next((one for one in MOVES if one.name == name), None)

@@ -1,0 +1,65 @@
+"""Where the uncertainty of a run's results comes from."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from semlive.data.results import RunResult
+from semlive.data.settings import AnalysisSettings
+
+Row = tuple[str, str, str]
+"""What, its standard uncertainty, where that is from."""
+
+
+def uncertainty_budget(result: RunResult, settings: AnalysisSettings) -> list[Row]:
+    """Parts of the uncertainty, from a single point to the elastic constants.
+
+    Args:
+        result: of the run.
+        settings: what it was analysed with.
+    """
+    estimate, last = result.estimate, result.summaries[-1]
+    rows: list[Row] = [("displacement, one point", f"{estimate.noise_floor_px:.4f} px", "what the model leaves of the disparity, robust")]
+    valid = estimate.distortion.valid
+    if valid.any():
+        rms = float(np.sqrt(np.mean(estimate.distortion.sigma_px[valid] ** 2)))
+        rows.append(("distortion", f"{rms:.4f} px", "rms over the field; calibration's noise and drift"))
+    rows.append(
+        ("drift within a frame", f"{float(np.sqrt(np.mean(estimate.drift.sigma_px**2))):.4f} px", "rms, relative to its frame's middle")
+    )
+    if estimate.motions:
+        shift = max(float(np.max(one.shift_sigma_px)) for one in estimate.motions)
+        rows.append(("motion of the specimen", f"{shift:.4f} px", "the worst pair; drift across the motion included"))
+    starts = [info.start_sigma_s for one in result.decisions for info in (one.first, one.second)]
+    rows.append(("start of a scan", f"{max(starts):.3g} s", "the worst frame; carried into mean strain"))
+    for name in ("exx", "eyy", "exy"):
+        whole = getattr(last.mean_sigma, name)
+        added = 0.0 if last.systematic_sigma is None else getattr(last.systematic_sigma, name)
+        noise = float(np.sqrt(max(whole**2 - added**2, 0.0)))
+        parts = f"noise {1e6 * noise:.1f}, correction {1e6 * added:.1f}"
+        rows.append((f"mean {name}, frame {last.frame}", f"{1e6 * whole:.1f} · 10⁻⁶", parts))
+    if last.gauge_sigma is not None:
+        gauge = max(last.gauge_sigma.exx, last.gauge_sigma.eyy)
+        rows.append(
+            (
+                f"strain of one gauge, {last.vsg_px:.0f} px",
+                f"{1e6 * gauge:.0f} · 10⁻⁶",
+                "noise of the points in it, overlap of subsets counted",
+            )
+        )
+    if result.elastic is not None:
+        modulus, ratio = result.elastic.youngs_modulus_gpa, result.elastic.poissons_ratio
+        area = settings.specimen.area_mm2
+        rows.append(
+            (
+                "Young's modulus",
+                f"{modulus.sigma:.2f} GPa",
+                f"strain and scatter of the load; add that of the cross-section of {area:g} mm²",
+            )
+        )
+        rows.append(("Poisson's ratio", f"{ratio.sigma:.4f}", "strain alone; load and cross-section cancel"))
+    if result.gage is not None:
+        factor = 100 * settings.specimen.gage_factor_sigma
+        rows.append(("DIC over gage", f"{result.gage.dic_over_gage.sigma:.4f}", f"strain, and {factor:.2g} % of the gage's factor"))
+    rows.append(("magnification", "not included", "unknown translations do not tell it; a calibrated pixel size is yours to bring"))
+    return rows

@@ -1,0 +1,79 @@
+"""Figures of a diagnosis: maps before and after, courses of effects, the spectrum of rows, and what is left."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
+from matplotlib.figure import Figure
+
+from semlive.data.diagnosis import Pictures, Profile, RowChannel
+from semlive.report.figures import GRID, INK, X_COLOUR, Y_COLOUR, framed
+
+
+def before_and_after(pictures: Pictures) -> Figure:
+    """What is left of frames without and with the effects, on one scale, in standard deviations of the noise."""
+    count = len(pictures.frame)
+    figure = Figure(figsize=(2.7 * count + 0.8, 8.4), layout="constrained")
+    grid = figure.subplots(4, count, squeeze=False)
+    limit = max(3.0, float(np.quantile(np.abs(pictures.before), 0.99)))
+    rows = [(told, axis) for axis in (0, 1) for told in ("before", "after")]
+    drawn = None
+    for at, (told, axis) in enumerate(rows):
+        values = getattr(pictures, told)[..., axis]
+        for column in range(count):
+            axes = grid[at, column]
+            drawn = _dots(axes, pictures, values[column], limit)
+            if column == 0:
+                axes.set_ylabel(f"{'xy'[axis]}, {told}", fontsize=9)
+            if at == 0:
+                axes.set_title(f"frame {pictures.frame[column]}", fontsize=9)
+    if drawn is not None:
+        figure.colorbar(drawn, ax=grid, label="standard deviations of the noise", shrink=0.6)
+    return figure
+
+
+def _dots(axes: Axes, pictures: Pictures, values: np.ndarray, limit: float) -> PathCollection:
+    size = 1.1e4 / max(len(values), 1)
+    drawn = axes.scatter(pictures.x_px, pictures.y_px, c=values, s=size, marker="s", cmap="RdBu_r", vmin=-limit, vmax=limit, linewidths=0)
+    axes.invert_yaxis()
+    axes.set_aspect("equal")
+    axes.set_xticks([])
+    axes.set_yticks([])
+    return drawn
+
+
+def course(profile: Profile) -> Figure:
+    """How much of an effect each frame shows, beside the model."""
+    figure, axes = framed(9.0, 3.0)
+    order = np.argsort(profile.at, kind="stable")
+    at = profile.at[order] / (60.0 if profile.over == "time" else 1.0)
+    axes.errorbar(
+        at, profile.data_px[order], 2.0 * profile.sigma_px[order], fmt=".", color=X_COLOUR, elinewidth=0.8, label="maps, two sigma"
+    )
+    axes.plot(at, profile.model_px[order], "-", color=Y_COLOUR, linewidth=1.0, label="model")
+    over = "start of the frame since frame 0 (min)" if profile.over == "time" else "load (N)"
+    axes.set(xlabel=over, ylabel="part of the shape (px at its peak)")
+    axes.legend(frameon=False)
+    return figure
+
+
+def row_spectrum(rows: RowChannel) -> Figure:
+    """Power of waves in the rows over their frequency."""
+    figure, axes = framed(9.0, 3.0)
+    axes.semilogy(rows.frequency_hz, rows.power, color=X_COLOUR, linewidth=0.7)
+    axes.axhline(rows.loud, color=Y_COLOUR, linewidth=0.9, linestyle="--", label="one spectrum of noise in a hundred reaches this")
+    axes.set(xlabel="frequency (Hz)", ylabel="power, in units of noise")
+    axes.legend(frameon=False)
+    return figure
+
+
+def what_is_left(pictures: Pictures) -> Figure:
+    """Quantiles of the whitened residual against those of a normal distribution."""
+    figure, axes = framed(4.6, 3.6)
+    normal, found = pictures.quantiles.T
+    axes.plot(normal, normal, color=INK, linewidth=0.7)
+    axes.plot(normal, found, ".", color=X_COLOUR, markersize=3.5)
+    axes.set(xlabel="normal distribution", ylabel="found")
+    axes.grid(**GRID)
+    return figure

@@ -1,0 +1,176 @@
+"""What is exported: the same fields, series and units in every format."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.results import FrameResult, RunResult
+from semlive.data.series import LoadSeries
+
+Array = NDArray[Any]
+FORMAT_VERSION = 1
+UNITS: Mapping[str, str] = {
+    "x": "px",
+    "y": "px",
+    "u": "px",
+    "v": "px",
+    "sigma_u": "px",
+    "sigma_v": "px",
+    "systematic_u": "px",
+    "systematic_v": "px",
+    "exx": "1",
+    "eyy": "1",
+    "exy": "1",
+    "valid": "1",
+    "strain_valid": "1",
+    "time_s": "s",
+    "time_ns": "ns",
+    "start_s": "s",
+    "dx_px": "px",
+    "dy_px": "px",
+    "sigma_px": "px",
+    "sigma_dx_px": "px",
+    "sigma_dy_px": "px",
+    "force_n": "N",
+    "load_n": "N",
+    "extension_mm": "mm",
+    "shift_x_px": "px",
+    "shift_y_px": "px",
+}
+"""Units by name; what is not here has none."""
+
+
+class Format(StrEnum):
+    """Formats of an export."""
+
+    HDF5 = "hdf5"
+    CSV = "csv"
+    MAT = "mat"
+    VTK = "vtk"
+    PNG = "png"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Story:
+    """What is told of a run besides its frames.
+
+    Attributes:
+        name: of the log.
+        result: estimate, decisions and summaries.
+        told: the result as `semlive replay --json` prints it.
+        settings: every setting by its whole name.
+        configuration: the run's, as the log has it.
+        load: load as sampled, None without a load frame.
+    """
+
+    name: str
+    result: RunResult
+    told: Mapping[str, Any]
+    settings: Mapping[str, Any]
+    configuration: Mapping[str, Any]
+    load: LoadSeries | None
+
+
+class Writer(Protocol):
+    """One export: every frame in turn, then the story."""
+
+    def frame(self, frame: FrameResult) -> None:
+        """Write one frame."""
+        ...
+
+    def story(self, story: Story) -> None:
+        """Write everything else."""
+        ...
+
+    def close(self, complete: bool) -> None:
+        """Finish; what is not complete is removed."""
+        ...
+
+
+def frame_fields(frame: FrameResult) -> dict[str, Array]:
+    """(ny, nx) fields of a frame by name; zero and meaningless where not `valid`, strain where not `strain_valid`."""
+    moved, strain = frame.displacement, frame.strain
+    x, y = moved.grid.mesh()
+    told = {"systematic_u": moved.systematic_u_px, "systematic_v": moved.systematic_v_px}
+    return {
+        "x": x,
+        "y": y,
+        "u": moved.u_px,
+        "v": moved.v_px,
+        "exx": strain.exx,
+        "eyy": strain.eyy,
+        "exy": strain.exy,
+        "sigma_u": np.where(moved.valid, moved.sigma_u_px, 0.0),
+        "sigma_v": np.where(moved.valid, moved.sigma_v_px, 0.0),
+        "valid": moved.valid,
+        "strain_valid": strain.valid,
+        **{name: np.where(moved.valid, sigma, 0.0) for name, sigma in told.items() if sigma is not None},
+    }
+
+
+def drift_series(result: RunResult) -> dict[str, Array]:
+    """Drift over scan time; `sigma_px` is the larger of the two components'."""
+    drift = result.estimate.drift
+    return {
+        "time_s": drift.time_s,
+        "frame": drift.frame,
+        "dx_px": drift.drift_px[:, 0],
+        "dy_px": drift.drift_px[:, 1],
+        "sigma_px": drift.sigma_px.max(axis=1),
+        "sigma_dx_px": drift.sigma_px[:, 0],
+        "sigma_dy_px": drift.sigma_px[:, 1],
+    }
+
+
+def distortion_fields(result: RunResult) -> dict[str, Array]:
+    """(ny, nx) distortion over the scan address."""
+    field = result.estimate.distortion
+    x, y = field.grid.mesh()
+    return {"x": x, "y": y, "dx_px": field.ex_px, "dy_px": field.ey_px, "sigma_px": field.sigma_px, "valid": field.valid}
+
+
+def load_series(load: LoadSeries) -> dict[str, Array]:
+    """Load as sampled."""
+    found: dict[str, Array] = {"time_ns": load.time_ns, "force_n": load.force_n, "extension_mm": load.extension_mm}
+    return found if load.gage_strain is None else {**found, "gage_strain": load.gage_strain}
+
+
+def frame_series(story: Story) -> dict[str, Array]:
+    """(frames,) one number for each frame: when, load, shift, mean strain with its uncertainty; NaN where there is none."""
+    decisions = {one.pair: one for one in story.result.decisions}
+    infos = [(decisions[one["pair"]].first, decisions[one["pair"]].second)[one["frame"] % 2] for one in story.told["frames"]]
+    zero_ns = infos[0].start_time_ns.value
+    frames = story.told["frames"]
+    series: dict[str, Array] = {
+        "frame": np.array([one["frame"] for one in frames]),
+        "pair": np.array([one["pair"] for one in frames]),
+        "start_s": np.array([(info.start_time_ns.value - zero_ns) / 1e9 for info in infos]),
+        "load_n": np.array([np.nan if one["load_n"] is None else one["load_n"] for one in frames]),
+        "gage_strain": np.array([np.nan if one["gage_strain"] is None else one["gage_strain"] for one in frames]),
+        "shift_x_px": np.array([one["shift_px"][0] for one in frames]),
+        "shift_y_px": np.array([one["shift_px"][1] for one in frames]),
+    }
+    for key, name in (("strain_mean", "{}_mean"), ("strain_mean_sigma", "{}_mean_sigma"), ("strain_sd", "{}_sd")):
+        for component in ("exx", "eyy", "exy"):
+            series[name.format(component)] = np.array([one[key][component] for one in frames])
+    for component in ("exx", "eyy", "exy"):
+        systematic = ((one["strain_mean_systematic"] or {}).get(component, np.nan) for one in frames)
+        series[f"{component}_mean_systematic"] = np.fromiter(systematic, dtype=np.float64)
+    return series
+
+
+def phases(story: Story) -> list[str]:
+    """The phase of each frame."""
+    return [one["phase"] for one in story.told["frames"]]
+
+
+def constants(story: Story) -> dict[str, float]:
+    """Elastic constants and their standard uncertainties; empty where they are not known."""
+    elastic = story.told["elastic"] or {}
+    return {name if part == "value" else f"{name}_sigma": value[part] for name, value in elastic.items() for part in ("value", "sigma")}

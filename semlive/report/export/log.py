@@ -1,0 +1,68 @@
+"""Export of a log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from semlive.errors import BadInput
+from semlive.report.export.as_csv import CsvWriter
+from semlive.report.export.as_hdf5 import Hdf5Writer
+from semlive.report.export.as_mat import MatWriter
+from semlive.report.export.as_png import PngWriter
+from semlive.report.export.as_vtk import VtkWriter
+from semlive.report.export.fields import Format, Story, Writer
+from semlive.service.log_pairs import first_run, load_series
+from semlive.service.replay import Replay, Replayed, Source, Watch, replay, require_calibration
+from semlive.service.result_json import result_json
+from semlive.service.settings_changes import as_keys
+
+WRITERS: dict[Format, Callable[[Path], Writer]] = {
+    Format.HDF5: Hdf5Writer,
+    Format.CSV: CsvWriter,
+    Format.MAT: MatWriter,
+    Format.VTK: VtkWriter,
+    Format.PNG: PngWriter,
+}
+
+
+def export_log(
+    asked: Replay,
+    kind: Format,
+    out: Path,
+    progress: Callable[[str, int, int], None] | None = None,
+    by: Callable[[Replay, Watch | None], Replayed] = replay,
+) -> Replayed:
+    """Write a log's corrected fields, one frame in memory at a time.
+
+    Args:
+        asked: the log; without a source its disparity maps are taken.
+        kind: format.
+        out: file (hdf5, mat) or folder (csv, vtk, png).
+        progress: told what is done, how much of it, of how much.
+        by: who replays.
+
+    Raises:
+        BadInput: the log cannot be read, its calibration is refused, or `out` cannot be written.
+    """
+    asked = asked if asked.source is not None else replace(asked, source=Source.DISPARITY)
+    try:
+        writer = WRITERS[kind](out)
+        complete = False
+        try:
+            done = by(asked, Watch(progress, None, writer.frame, point_sigma=True))
+            require_calibration(asked.log, done)
+            writer.story(story_of(asked.log, done))
+            complete = True
+        finally:
+            writer.close(complete)
+    except OSError as error:
+        raise BadInput(f"{out}: cannot be written ({error.strerror or error}); give a path that can.") from error
+    return done
+
+
+def story_of(log: Path, done: Replayed) -> Story:
+    """What is told of a replayed log besides its frames."""
+    told = result_json(done.result, done.settings)
+    return Story(log.stem, done.result, told, as_keys(done.settings), first_run(log).config, load_series(log))

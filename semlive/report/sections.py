@@ -1,0 +1,146 @@
+"""All figures of a report, in order, each with its name and what it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from semlive.data.results import RunResult
+from semlive.data.series import LoadSeries
+from semlive.data.settings import AnalysisSettings
+from semlive.errors import BadInput
+from semlive.report import figures, paper_figures
+
+COLUMN_INCH = 7.0
+"""178 mm, both columns of a journal's page."""
+_PUBLICATION: dict[Any, Any] = {
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "font.family": "DejaVu Sans",
+    "pdf.fonttype": 42,
+    "svg.fonttype": "none",
+}
+_DPI = 300
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Section:
+    """A figure with its words.
+
+    Attributes:
+        key: for file names.
+        title: heading.
+        about: what it shows; the paper's figure that it corresponds to.
+        figure: the figure.
+    """
+
+    key: str
+    title: str
+    about: str
+    figure: Figure
+
+
+def sections(result: RunResult, series: LoadSeries | None, settings: AnalysisSettings) -> Iterator[Section]:
+    """Those figures that this run has data for.
+
+    Args:
+        result: every frame corrected with the newest estimate.
+        series: load as sampled, or None without a load frame.
+        settings: what the run was analysed with.
+    """
+    area_mm2, axis, window = settings.specimen.area_mm2, settings.specimen.loading_axis, settings.estimate.window_points
+    loaded = series is not None and series.time_ns.size > 0
+    told = [
+        (
+            "load",
+            "Load",
+            "Load as sampled; accepted frames are shaded.",
+            figures.load_over_time(series, result) if series and loaded else None,
+        ),
+        ("fig01-drift-in-frames", "Drift within frames", "As Fig. 1.", paper_figures.drift_within_frames(result)),
+        (
+            "fig05-drift",
+            "Drift",
+            "As Fig. 5, with the band of two standard uncertainties in place of the input.",
+            figures.drift_over_time(result),
+        ),
+        ("fig06-pair", "What is left in a pair", "As Fig. 6: nothing moved between the two frames.", paper_figures.pair_residual(result)),
+        (
+            "fig07-left",
+            "Distortion not told",
+            "As Fig. 7: what all unloaded frames have in common after correction, their mean strain taken out.",
+            paper_figures.distortion_residual(result),
+        ),
+        ("fig10-drift-field", "Drift over a field", "As Fig. 10.", paper_figures.drift_over_field(result)),
+        (
+            "fig11-distortion",
+            "Distortion",
+            "As Fig. 11; its best affine map cannot be known and is taken out.",
+            figures.distortion_fields(result),
+        ),
+        ("fig12-unloaded", "Strain without load", "As Fig. 12: should be zero within the bars.", paper_figures.unloaded_strain(result)),
+        ("fig13-loaded", "Strain under load", "As Fig. 13.", paper_figures.loaded_strain(result, area_mm2)),
+        (
+            "stress-strain",
+            "Stress and strain",
+            "Means over the field.",
+            figures.stress_strain(result, area_mm2, axis) if area_mm2 else None,
+        ),
+        ("fig14-constants", "Elastic constants", "As Fig. 14; bars are two standard uncertainties.", paper_figures.constants(result)),
+        ("gage", "Strain gage", "DIC beside the gage.", figures.gage_comparison(result.gage) if result.gage else None),
+        ("fig15-path", "Translation path", "As Fig. 15.", paper_figures.translation_path(result)),
+        ("fig16-false-strain", "False strain", "As Fig. 16: without correction, for 5 px.", paper_figures.feigned_strain(result, window)),
+    ]
+    if result.frames:
+        last = result.frames[-1]
+        title = f"frame {last.summary.frame}, virtual strain gauge {last.summary.vsg_px:.0f} px"
+        told.insert(9, ("strain-maps", "Strain maps", "The last frame.", figures.strain_maps(last, title)))
+    for key, title, about, figure in told:
+        if figure is not None:
+            yield Section(key, title, about, figure)
+
+
+def write_figures(
+    folder: Path,
+    result: RunResult,
+    series: LoadSeries | None,
+    settings: AnalysisSettings,
+    progress: Callable[[int, int], object] = lambda *_: None,
+) -> list[Path]:
+    """Every figure as PNG (300 dpi) and PDF, as wide as a journal's page, letters as text; `progress` is told how many of how many.
+
+    Raises:
+        BadInput: the folder cannot be written.
+    """
+    written: list[Path] = []
+    with rc_context(_PUBLICATION):
+        drawn = tuple(sections(result, series, settings))
+        for number, section in enumerate(drawn, start=1):
+            written += write_section(folder, section)
+            progress(number, len(drawn))
+    return written
+
+
+def write_section(folder: Path, section: Section) -> list[Path]:
+    """One figure as PNG and PDF.
+
+    Raises:
+        BadInput: the folder cannot be written.
+    """
+    width, height = section.figure.get_size_inches()
+    section.figure.set_size_inches(COLUMN_INCH, COLUMN_INCH * height / width)
+    written = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for kind in ("png", "pdf"):
+            path = folder / f"{section.key}.{kind}"
+            section.figure.savefig(path, dpi=_DPI, facecolor="white")
+            written.append(path)
+    except OSError as error:
+        raise BadInput(f"{folder}: cannot be written ({error.strerror or error}); give a folder that can") from error
+    return written

@@ -1,0 +1,36 @@
+"""All that is looked at, in order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+
+from semlive.data.frame_check import Finding, Verdict
+from semlive.service.checkup import computer, surroundings
+from semlive.service.config import Config
+
+# 8 bit of 1024 x 884 px with its header is 1 MB, and the same again for maps and fields.
+_BYTES_PER_PAIR = 40_000_000
+
+
+def look(config: Config | None) -> Iterator[Finding]:
+    """What a run needs, one by one; nothing is moved, and no byte goes to a device.
+
+    Args:
+        config: of the run; None looks at the computer alone.
+    """
+    yield Finding("semlive", version("semlive"), Verdict.GOOD)
+    yield computer.processor()
+    yield computer.jit_cache()
+    yield computer.clock_steps()
+    yield computer.clock_synchronised()
+    folder, needed = Path("runs").resolve(), None
+    if config is not None:
+        folder, needed = config.run.folder, _BYTES_PER_PAIR * len(config.plan().steps)
+    yield from computer.disk(folder, needed)
+    yield from surroundings.drivers(config)
+    yield surroundings.page_port()
+    if config is not None:
+        yield from surroundings.export_folder(config)
+        yield from surroundings.lines(config)

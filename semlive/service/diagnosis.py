@@ -1,0 +1,130 @@
+"""Diagnosis of a log: its disparity maps, the joint estimate of them, and what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from semlive import pipeline
+from semlive.data.diagnosis import Diagnosis, FoundEffect, Gap, KnownEffect
+from semlive.diagnose.judge import diagnose
+from semlive.diagnose.moves import moves_of, with_moves
+from semlive.diagnose.observation import Observation, StepFacts, observe, steps_of
+from semlive.diagnose.row_channel import diagnose_rows
+from semlive.diagnose.verdict import with_rows
+from semlive.errors import BadLog, IllPosed
+from semlive.estimate.posterior import choose
+from semlive.model.move_effects import beside_maps
+from semlive.model.row_effects import of_rows
+from semlive.service.blas import one_blas_thread
+from semlive.service.log_pairs import Words, log_settings, mapped_pairs
+from semlive.service.row_channel import rows_of_log
+
+
+def diagnose_log(
+    log: Path, seed: int = 0, watch: Callable[[str, int, int], None] | None = None, known: Sequence[KnownEffect] = ()
+) -> Diagnosis:
+    """What is missing from the model of a run, from the disparity maps in its log and, where it holds images, from their rows.
+
+    Args:
+        log: one file, or a run folder.
+        seed: of the draws of the null.
+        watch: told what is done, how much of it, of how much.
+        known: effects that the model has already.
+
+    Raises:
+        BadInput: the log cannot be read, or its data are too few to name anything.
+    """
+    seen, steps = _observed(log, watch)
+    found = diagnose(seen, seed, known=[one for one in known if beside_maps(one.name) is None])
+    found = with_moves(replace(found, known=tuple(known)), moves_of(seen, steps))
+    series, why_not = rows_of_log(log, watch)
+    if not series:
+        return replace(found, no_rows=why_not)
+    try:
+        rows = diagnose_rows(series, seed, [one for one in known if of_rows(one.name) is not None])
+    except IllPosed as error:
+        return replace(found, no_rows=str(error))
+    return with_rows(found, rows)
+
+
+def observed(log: Path, watch: Callable[[str, int, int], None] | None = None) -> Observation:
+    """What a run's disparity maps show, estimated jointly without further effects.
+
+    Raises:
+        BadInput: the log cannot be read, or its data are too few to name anything.
+    """
+    return _observed(log, watch)[0]
+
+
+def _observed(log: Path, watch: Callable[[str, int, int], None] | None) -> tuple[Observation, tuple[StepFacts, ...]]:
+    one_blas_thread()
+    settings = log_settings(log)
+    settings = replace(settings, estimate=replace(settings.estimate, method="joint"))
+    begun = None
+    for done, (decision, maps) in enumerate(mapped_pairs(log, Words()), start=1):
+        begun = begun or pipeline.begin_from_maps(settings, decision.first, maps[0].grid)
+        within = tuple(one for one in maps if one.reference != 0)
+        begun = pipeline.absorb(begun, decision, (*within, *pipeline.seen_from_frame_0(decision.pair, maps)))
+        if watch is not None:
+            watch("pair", done, done)
+    if begun is None:
+        raise BadLog(f"{log}: holds no disparity maps; replay it from its images first.")
+    steps = steps_of(begun.pairs)
+    return observe(choose(begun.estimator), steps), steps
+
+
+def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
+    """The verdict as other programs read it (`semlive diagnose LOG --json`); only ever extended."""
+    return {
+        "outcome": found.outcome.value,
+        "effects": [effect_json(one) for one in found.effects],
+        "ambiguous": list(found.ambiguous),
+        "group": found.group,
+        "experiment": None if found.experiment is None else {"between": list(found.experiment.between), "about": found.experiment.about},
+        "gap": None if found.gap is None else gap_json(found.gap),
+        "where": [asdict(one) for one in found.where],
+        "noise_px": found.noise_px,
+        "evidence": dict(found.evidence),
+        "rows": _rows_json(found),
+    }
+
+
+def _rows_json(found: Diagnosis) -> dict[str, Any]:
+    rows = found.rows
+    if rows is None:
+        return {"looked_at": False, "why_not": found.no_rows}
+    return {
+        "looked_at": True,
+        "outcome": rows.outcome.value,
+        "pairs": rows.pairs,
+        "rows": rows.rows,
+        "noise_px": rows.noise_px,
+        "gap": None if rows.gap is None else gap_json(rows.gap),
+    }
+
+
+def gap_json(gap: Gap) -> dict[str, Any]:
+    """A gap as other programs read it."""
+    return {
+        "before_px": gap.before_px,
+        "after_px": gap.after_px,
+        "floor_px": gap.floor_px,
+        "closure": gap.closure,
+        "closure_interval": list(gap.closure_interval),
+    }
+
+
+def effect_json(one: FoundEffect) -> dict[str, Any]:
+    """An effect as other programs read it."""
+    return {
+        "name": one.name,
+        "parameters": {item.name: {"value": item.value, "sigma": item.sigma, "unit": item.unit} for item in one.parameters},
+        "peak_px": one.peak_px,
+        "log_bayes_factor": one.log_bayes_factor,
+        "p_value": one.p_value,
+        "looks_like_strain": one.strain,
+        "strain_eaten": one.strain_eaten,
+    }

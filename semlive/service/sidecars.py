@@ -1,0 +1,22 @@
+"""Text files that microscopes write beside their images: which belongs to which."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+IMAGE_SUFFIXES = (".tif", ".tiff", ".png")
+SIDECAR_SUFFIXES = (".txt", ".hdr")
+
+
+def sidecar_names(image: str) -> tuple[str, ...]:
+    """Names that the text beside an image may have: ``a.txt`` (JEOL, Hitachi), ``a-tif.hdr`` and ``a.hdr`` (TESCAN)."""
+    stem, _, suffix = image.rpartition(".")
+    if not stem:
+        return ()
+    return (f"{stem}.txt", f"{stem}.TXT", f"{stem}-{suffix}.hdr", f"{stem}.hdr")
+
+
+def sidecar_of(image: Path, exists: Callable[[Path], bool] = Path.is_file) -> Path | None:
+    """The text file beside an image, or None."""
+    return next((path for name in sidecar_names(image.name) if exists(path := image.with_name(name))), None)

@@ -1,0 +1,170 @@
+"""A log that is being written, read as it grows.
+
+Only control writes; everybody else reads what stands in whole chunks and waits for the rest. A segment's torn end is what is still to
+come, until the next segment exists: then it is what a kill left, and what can be read of it is taken.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from itertools import islice
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.records import Channel, Footer, Message, Metadata
+
+from semlive.errors import BadLog
+from semlive.formats.log import CONTINUED_METADATA, LogMessage
+from semlive.formats.segment import Piece, pieces
+from semlive.service.log_files import PART, opened, segments
+
+
+class Tail:
+    """Gives each message of a growing log once, in order, over renames, recoveries and new segments.
+
+    Between two calls no file is kept open: an open file cannot be renamed everywhere.
+
+    Args:
+        log: one file, finished or not, or a run folder; it need not exist yet.
+        on_damage: told one sentence for each damage that was passed over.
+    """
+
+    def __init__(self, log: Path, on_damage: Callable[[str], None] | None = None) -> None:
+        self._log, self._tell = log, on_damage
+        self._name: str | None = None
+        self._identity: tuple[int, int] | None = None
+        self._at = self._given = 0
+        self._ended = self._continued = False
+        self._channels: dict[int, str] = {}
+        self._waiting: deque[LogMessage] = deque()
+
+    @property
+    def finished(self) -> bool:
+        """The newest segment that there was at the last `poll` is finished, its writer did not go on in another, and all was given."""
+        return self._ended and not self._continued and not self._waiting
+
+    def poll(self) -> Iterator[LogMessage]:
+        """What is new and stands in whole chunks; ends when there is no more for now.
+
+        What was not taken from one iterator comes with the next.
+
+        Raises:
+            BadLog: a file of the log cannot be read or is not MCAP.
+        """
+        while True:
+            while self._waiting:
+                yield self._waiting.popleft()
+            path, is_newest = self._segment()
+            if path is None:
+                return
+            before = self._at, self._name
+            yield from self._read(path, is_newest)
+            if is_newest and (self._at, self._name) == before:
+                return
+            if not is_newest:
+                self._ended = False
+                self._next_after(path)
+
+    def _segment(self) -> tuple[Path | None, bool]:
+        """The segment to read, and whether it is the newest."""
+        try:
+            found = segments(self._log) if self._log.is_dir() else (self._log,)
+        except BadLog:
+            return None, True
+        names = [path.name.removesuffix(PART) for path in found]
+        if self._name is None or self._name not in names:
+            self._begin(names[0])
+        place = names.index(self._name or names[0])
+        return found[place], place == len(found) - 1
+
+    def _next_after(self, path: Path) -> None:
+        names = [one.name.removesuffix(PART) for one in segments(self._log)]
+        place = names.index(path.name.removesuffix(PART)) + 1
+        if place < len(names):
+            self._begin(names[place])
+
+    def _begin(self, name: str) -> None:
+        self._name, self._identity = name, None
+        self._ended = self._continued = False
+        self._at = self._given = 0
+        self._channels = {}
+
+    def _read(self, path: Path, is_newest: bool) -> Iterator[LogMessage]:
+        try:
+            with opened(path) as stream:
+                self._look(stream)
+                for piece in [] if self._ended else pieces(stream, self._at):
+                    if is_newest and self._may_still_come(piece, stream):
+                        return
+                    self._take(path, piece)
+                    while self._waiting:
+                        yield self._waiting.popleft()
+        except FileNotFoundError:
+            return
+        except OSError as exc:
+            raise BadLog(f"{path}: cannot be read ({exc.strerror}); check the file and its permissions.") from exc
+        except BadLog as exc:
+            raise BadLog(f"{path}: {exc}") from exc
+
+    def _look(self, stream: BinaryIO) -> None:
+        """A segment that was recovered is another file: what was given of the old one is passed over."""
+        identity = _identity(stream)
+        if self._identity not in (None, identity):
+            given, self._given = self._given, 0
+            self._at, self._channels, self._ended = 0, {}, False
+            for piece in pieces(stream):
+                self._at = piece.end
+                told = self._messages(piece)
+                self._waiting.extend(islice(told, max(0, given - self._given), None))
+                self._given += len(told)
+                if self._given >= given or piece.torn:
+                    break
+        self._identity = identity
+
+    @staticmethod
+    def _may_still_come(piece: Piece, stream: BinaryIO) -> bool:
+        # On a share a chunk's length may be seen before its content is.
+        return piece.torn or (piece.damage != "" and piece.end >= stream.seek(0, os.SEEK_END))
+
+    def _take(self, path: Path, piece: Piece) -> None:
+        self._at = piece.end
+        told = self._messages(piece)
+        self._given += len(told)
+        self._waiting.extend(told)
+        self._ended = bool(piece.records) and isinstance(piece.records[0], Footer)
+        if piece.damage and self._tell is not None:
+            self._tell(f"{path.name}: {piece.damage}.")
+
+    def _messages(self, piece: Piece) -> list[LogMessage]:
+        told = []
+        for record in piece.records:
+            if isinstance(record, Channel):
+                self._channels[record.id] = record.topic
+            elif isinstance(record, Metadata):
+                self._continued = self._continued or record.name == CONTINUED_METADATA
+            elif isinstance(record, Message) and record.channel_id in self._channels:
+                topic = self._channels[record.channel_id]
+                told.append(LogMessage(topic, record.log_time, record.publish_time, record.sequence, record.data))
+        return told
+
+
+def follow(log: Path, poll_s: float = 0.1, on_damage: Callable[[str], None] | None = None) -> Iterator[LogMessage]:
+    """Messages of a log as they come, until its newest segment is finished; waits for what is not there yet.
+
+    Raises:
+        BadLog: a file of the log cannot be read or is not MCAP.
+    """
+    tail = Tail(log, on_damage)
+    while True:
+        yield from tail.poll()
+        if tail.finished:
+            return
+        time.sleep(poll_s)
+
+
+def _identity(stream: BinaryIO) -> tuple[int, int]:
+    status = os.fstat(stream.fileno())
+    return status.st_dev, status.st_ino

@@ -1,0 +1,85 @@
+"""The page's process: ``python -m semlive.web LOG``; its first line on standard output is its port."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import socket
+import sys
+import threading
+import time
+from pathlib import Path
+
+import uvicorn
+
+from semlive.web.app import Control, make_app
+from semlive.web.hub import Hub
+
+_ENDING_S = 1
+_LAST_WORDS_S = 2.0
+_SHOWN_S = 0.5
+
+
+def main() -> None:
+    """Serve until told to end, or with `--exit-with-stdin` until whoever started it is gone."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("log", type=Path)
+    parser.add_argument("--host", required=True)
+    parser.add_argument("--port", type=int, required=True, help="0 lets the system choose; so does a port that is taken, with --or-any")
+    parser.add_argument("--or-any", action="store_true")
+    parser.add_argument("--name", action="append", default=[], help="further name of this computer")
+    parser.add_argument("--control", type=int, help="port on loopback where the run listens")
+    parser.add_argument("--exit-with-stdin", action="store_true")
+    arguments = parser.parse_args()
+    if hasattr(os, "nice"):
+        # Whoever looks on comes after control and its links, and before correlation.
+        os.nice(5)
+    control = None if arguments.control is None else Control("127.0.0.1", arguments.control)
+    hub = Hub(arguments.log)
+    listening = _listen(arguments.host, arguments.port, arguments.or_any)
+    config = uvicorn.Config(
+        make_app(hub, control, [arguments.host, *arguments.name]),
+        log_level="critical",
+        access_log=False,
+        ws="none",
+        server_header=False,
+        limit_concurrency=300,
+        timeout_keep_alive=30,
+        timeout_graceful_shutdown=_ENDING_S,
+    )
+    if arguments.exit_with_stdin:
+        threading.Thread(target=_end_with_stdin, args=(hub,), daemon=True).start()
+    sys.stdout.write(f"{listening.getsockname()[1]}\n")
+    sys.stdout.flush()
+    uvicorn.Server(config).run(sockets=[listening])
+
+
+def _listen(host: str, port: int, or_any: bool) -> socket.socket:
+    """A listening socket.
+
+    Raises:
+        OSError: the address cannot be had.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        return socket.create_server((host, port), family=family, backlog=128)
+    except OSError:
+        if not or_any or port == 0:
+            raise
+        return socket.create_server((host, 0), family=family, backlog=128)
+
+
+def _end_with_stdin(hub: Hub) -> None:
+    """The last results are still shown: whoever started us ends us when the log is finished, or is dead."""
+    while sys.stdin.buffer.read(1024):
+        pass
+    until_s = time.monotonic() + _LAST_WORDS_S
+    while time.monotonic() < until_s and not hub.finished:
+        time.sleep(0.05)
+    time.sleep(_SHOWN_S)
+    signal.raise_signal(signal.SIGTERM)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""Maps as a browser draws them: float32, row by row, NaN where a point does not count; kept beside memory."""
+
+from __future__ import annotations
+
+import tempfile
+import threading
+import weakref
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import IO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.disparity import DisparityMap
+from semlive.data.grid import Grid
+from semlive.formats.log import LogMessage
+from semlive.formats.maps import decode_displacement, decode_map, decode_strain
+from semlive.formats.messages import DIC_MAP, DISPLACEMENT_FIELD, STRAIN_FIELD
+from semlive.web.view import MapQuality
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fields:
+    """Maps of one frame.
+
+    Attributes:
+        frame: its number.
+        grid: where they lie.
+        values: (ny, nx) float32 each, by name: disparity_u, disparity_v, zncc (of a disparity from frame 0), displacement_u,
+            displacement_v (px), exx, eyy, exy.
+        quality: how well it was correlated, for a disparity map.
+    """
+
+    frame: int
+    grid: Grid
+    values: Mapping[str, NDArray[np.float32]]
+    quality: MapQuality | None = None
+
+
+def fields_of(message: LogMessage) -> Fields | None:
+    """The maps in a message; None if it holds none.
+
+    Raises:
+        BadLog: the bytes are no map.
+    """
+    if message.topic == DIC_MAP:
+        disparity = decode_map(message.payload)
+        valid = disparity.valid
+        shown = {"disparity_u": disparity.u_px, "disparity_v": disparity.v_px, "zncc": disparity.zncc} if disparity.reference == 0 else {}
+        return Fields(disparity.current, disparity.grid, _counted(shown, valid), _quality(disparity))
+    if message.topic == DISPLACEMENT_FIELD:
+        moved = decode_displacement(message.payload)
+        return Fields(moved.frame, moved.grid, _counted({"displacement_u": moved.u_px, "displacement_v": moved.v_px}, moved.valid))
+    if message.topic == STRAIN_FIELD:
+        strain = decode_strain(message.payload)
+        return Fields(strain.frame, strain.grid, _counted({name: getattr(strain, name) for name in ("exx", "eyy", "exy")}, strain.valid))
+    return None
+
+
+def _quality(disparity: DisparityMap) -> MapQuality:
+    valid = disparity.valid
+    noise_px = float(disparity.sigma_u_px[valid].mean()) if valid.any() else None
+    zncc = float(np.median(disparity.zncc[valid])) if valid.any() else None
+    return MapQuality(disparity.reference, disparity.current, int(valid.sum()), valid.size, noise_px, zncc)
+
+
+def _counted(fields: Mapping[str, NDArray[np.float64]], valid: NDArray[np.bool_]) -> dict[str, NDArray[np.float32]]:
+    return {name: np.where(valid, field, np.nan).astype("<f4") for name, field in fields.items()}
+
+
+class FieldStore:
+    """Maps in a temporary file that goes with the process: a tenth of what they take in the log."""
+
+    def __init__(self) -> None:
+        self._file: IO[bytes] = tempfile.TemporaryFile(prefix="semlive-page-")  # noqa: SIM115 - as long as the store
+        weakref.finalize(self, self._file.close)
+        self._places: dict[tuple[int, str], tuple[int, int]] = {}
+        self._lock = threading.Lock()
+
+    def keep(self, fields: Fields) -> None:
+        """Keep maps; one of the same frame and name takes the earlier one's place."""
+        with self._lock:
+            for name, field in fields.values.items():
+                data, known = field.tobytes(), self._places.get((fields.frame, name))
+                begin = known[0] if known is not None and known[1] == len(data) else self._file.seek(0, 2)
+                self._file.seek(begin)
+                self._file.write(data)
+                self._places[(fields.frame, name)] = (begin, len(data))
+
+    def read(self, frame: int, name: str) -> bytes | None:
+        """A map's bytes, or None if there is none."""
+        with self._lock:
+            place = self._places.get((frame, name))
+            if place is None:
+                return None
+            self._file.seek(place[0])
+            return self._file.read(place[1])

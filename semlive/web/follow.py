@@ -1,0 +1,233 @@
+"""From the messages of a log to what the page shows: one pure function, one step a message."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from typing import Any
+
+from semlive.data.asking import Asking
+from semlive.engine import FINAL_STATES, Cause, State, Verb
+from semlive.errors import BadInput
+from semlive.formats import message_values as values
+from semlive.formats.log import LogMessage
+from semlive.formats.messages import (
+    TOPICS,
+    ClockMessage,
+    ClockOffsetMessage,
+    FaultMessage,
+    FileMessage,
+    LoadSampleMessage,
+    LogLineMessage,
+    OperatorMessage,
+    PairMessage,
+    RunMessage,
+    StageSampleMessage,
+    StateMessage,
+    from_json,
+)
+from semlive.service.config import parse_config
+from semlive.web.fields import Fields
+from semlive.web.results import FOLLOWED as RESULTS
+from semlive.web.trace import LoadRow, added
+from semlive.web.view import Alarm, MappedFrame, Question, Refused, Run, View
+from semlive.web.words import ASKING, advice, advice_for
+
+_KEPT_ALARMS = 100
+_KEPT_REFUSED = 100
+_KEPT_QUALITY = 4000
+
+
+def after(view: View, message: LogMessage) -> View:
+    """What the page shows after one message more; a topic that it does not show changes only the time of the last message.
+
+    Raises:
+        BadLog: the message is not what its topic promises.
+    """
+    view = replace(view, last_ns=message.log_time_ns)
+    if message.topic not in _FOLLOWED or message.topic not in TOPICS:
+        return view
+    payload = from_json(message.topic, message.payload)
+    return _FOLLOWED[message.topic](view, payload)
+
+
+def with_fields(view: View, fields: Fields) -> View:
+    """With maps of one frame more: which there are, and how well they were correlated."""
+    if fields.quality is not None:
+        view = replace(view, quality=(*view.quality, fields.quality)[-_KEPT_QUALITY:])
+    if not fields.values:
+        return view
+    before = {one.frame: one for one in view.maps.frames}
+    pair = fields.frame // 2
+    step = view.schedule.done[pair] if pair < len(view.schedule.done) else None
+    old = before.get(fields.frame)
+    mapped = MappedFrame(
+        fields.frame,
+        "" if step is None else step.phase.value,
+        None if step is None else step.load_n,
+        tuple(dict.fromkeys((*(old.fields if old else ()), *fields.values))),
+        old.version + 1 if old else 1,
+    )
+    frames = tuple({**before, fields.frame: mapped}[number] for number in sorted({*before, fields.frame}))
+    grid = fields.grid
+    place = (grid.x0_px, grid.y0_px, grid.step_px, grid.nx, grid.ny, grid.subset_px)
+    return replace(view, maps=replace(view.maps, frames=frames, grid=place))
+
+
+def seconds(view: View, time_ns: int) -> float:
+    """Seconds after the start of the run."""
+    return 0.0 if view.run is None else round((time_ns - view.run.start_ns) / 1e9, 4)
+
+
+def _run(view: View, told: RunMessage) -> View:
+    try:
+        config = parse_config(told.config, "the run's configuration")
+        plan = config.plan()
+    except BadInput:
+        # A log of another version, or one that was imported: there is still something to see.
+        return replace(view, run=_bare(told), boot_id=told.boot_id)
+    gate, hold = plan.warm_up, plan.hold
+    run = Run(
+        name=told.run,
+        host=told.host,
+        version=told.versions.get("semlive", ""),
+        start_ns=view.run.start_ns if view.run else told.started_time_ns,
+        limits={} if config.limits is None else {name: value for name, value in asdict(config.limits).items() if value is not None},
+        hold_s=hold.hold_s,
+        max_hold_s=hold.hold_s if plan.adaptive_hold is None else plan.adaptive_hold.max_hold_s,
+        settle_s=hold.settle_s,
+        warm_up_rate_px_s=None if gate is None else gate.max_rate_px_s,
+        warm_up_wait_s=None if gate is None else gate.max_wait_s,
+        area_mm2=config.specimen.area_mm2,
+        loading_axis=config.specimen.loading_axis,
+    )
+    return replace(view, run=run, boot_id=told.boot_id, schedule=replace(view.schedule, planned=plan.steps))
+
+
+def _bare(told: RunMessage) -> Run:
+    return Run(told.run, told.host, told.versions.get("semlive", ""), told.started_time_ns, {}, 0.0, 0.0, 0.0, None, None, None, "y")
+
+
+def _clock(view: View, told: ClockMessage) -> View:
+    return replace(view, clock=values.clock(told))
+
+
+def _state(view: View, told: StateMessage) -> View:
+    since_s = seconds(view, told.time_ns)
+    hold_end_s = None if told.after != State.HOLDING or view.run is None else since_s + view.run.hold_s
+    protocol = replace(
+        view.protocol,
+        state=told.after,
+        cause=told.cause,
+        step=told.step,
+        since_s=since_s,
+        hold_end_s=hold_end_s,
+        advice=advice(told.after, told.cause),
+        asks=told.after in ASKING,
+        guards={name: value for name, value in told.guards.items() if isinstance(value, float | int | str)},
+    )
+    measures = (view.schedule.measures and told.cause != Cause.PAIR_COMPLETE) or told.cause == Cause.MEASURE_AGAIN
+    schedule = view.schedule if measures == view.schedule.measures else replace(view.schedule, measures=measures)
+    view = replace(view, protocol=protocol, schedule=schedule, drift=_gate(view, told))
+    return replace(view, desk=replace(view.desk, questions=())) if told.after in FINAL_STATES else view
+
+
+def _gate(view: View, told: StateMessage) -> Any:
+    """The verdict of the warm-up gate, in the drift's part."""
+    rate, sigma, waited_s = (told.guards.get(name) for name in ("rate_px_s", "sigma_px_s", "waited_s"))
+    drift = view.drift
+    if view.run is None or view.run.warm_up_rate_px_s is None or not isinstance(rate, float | int) or not isinstance(sigma, float | int):
+        return drift
+    wanted = f"{60 * view.run.warm_up_rate_px_s:.2g} px/min wanted"
+    is_told = f"forecast {60 * rate:.2g} ± {60 * sigma:.1g} px/min"
+    waited = f", waited {float(waited_s) / 60:.0f} min" if isinstance(waited_s, float | int) else ""
+    if told.cause == Cause.WARM:
+        return replace(drift, verdict=f"warm: {is_told}, {wanted}", warm=True)
+    word = "too long" if told.cause == Cause.WARM_UP_TIMEOUT else "warming up"
+    return replace(drift, verdict=f"{word}: {is_told}, {wanted}{waited}", warm=False)
+
+
+def _load(view: View, told: LoadSampleMessage) -> View:
+    row = LoadRow(seconds(view, told.time_ns), told.force_n, told.force_n, told.extension_mm, told.target_n)
+    reading = replace(
+        view.reading,
+        force_n=told.force_n,
+        extension_mm=told.extension_mm,
+        target_n=told.target_n,
+        motion=told.motion.value,
+        gage_strain=told.gage_strain,
+    )
+    return replace(view, reading=reading, load=added(view.load, row))
+
+
+def _stage(view: View, told: StageSampleMessage) -> View:
+    return replace(view, reading=replace(view.reading, stage_um=(told.x_um, told.y_um)))
+
+
+def _line(view: View, told: LogLineMessage) -> View:
+    if told.level == "info":
+        return replace(view, protocol=replace(view.protocol, message=told.text))
+    return _alarm(view, told.time_ns, told.level, told.text.strip().splitlines()[-1] if told.text.strip() else "", "")
+
+
+def _fault(view: View, told: FaultMessage) -> View:
+    return _alarm(view, told.time_ns, "error", f"{told.where}: {told.what}", advice_for(told.where) or f"semlive: {told.action}.")
+
+
+def _offset(view: View, told: ClockOffsetMessage) -> View:
+    return _alarm(view, view.last_ns, "warning", told.reason, told.advice) if told.advice else view
+
+
+def _alarm(view: View, time_ns: int, level: str, text: str, what_to_do: str) -> View:
+    alarm = Alarm(seconds(view, time_ns), level, text, what_to_do)
+    return replace(view, alarms=(*view.alarms, alarm)[-_KEPT_ALARMS:])
+
+
+def _file(view: View, told: FileMessage) -> View:
+    frames, time_s = view.frames, seconds(view, view.last_ns)
+    if told.decision == "arrived":
+        return replace(view, frames=replace(frames, newest=told.export, name=told.name, time_s=time_s, arrived=frames.arrived + 1))
+    if told.decision != "refused":
+        return view
+    refused = Refused(time_s, told.name, told.reason)
+    kept = (refused, *frames.refused)[:_KEPT_REFUSED]
+    return replace(view, frames=replace(frames, refused=kept, refused_count=frames.refused_count + 1))
+
+
+def _pair(view: View, told: PairMessage) -> View:
+    done = (*view.schedule.done[: told.pair], told.step)
+    frames = replace(view.frames, paired=2 * len(done))
+    loads = {2 * told.pair + member: load.mean_n for member, load in enumerate(told.loads or ())}
+    desk = replace(view.desk, told="") if view.desk.told else view.desk
+    schedule = replace(view.schedule, done=done)
+    return replace(view, schedule=schedule, frames=frames, desk=desk, frame_loads={**view.frame_loads, **loads})
+
+
+def _operator(view: View, told: OperatorMessage) -> View:
+    text, question = str(told.args.get("text", "")), str(told.args.get("question", ""))
+    desk = view.desk
+    others = tuple(one for one in desk.questions if one.question != question)
+    if told.what == Asking.ASKED:
+        asked = Question(question, text, str(told.args.get("wanted", "")))
+        return replace(view, desk=replace(desk, questions=(*others, asked), told=""))
+    if told.what in (Asking.ANSWERED, Asking.TAKEN_BACK):
+        return replace(view, desk=replace(desk, questions=others, told=""))
+    if told.what == Asking.TOLD:
+        return replace(view, desk=replace(desk, told=text))
+    return view if told.what not in list(Verb) else replace(view, desk=replace(desk, told=""))
+
+
+_FOLLOWED: Mapping[str, Callable[[View, Any], View]] = {
+    "/run": _run,
+    "/clock": _clock,
+    "/clock/offset": _offset,
+    "/state": _state,
+    "/load_frame/sample": _load,
+    "/stage/sample": _stage,
+    "/log": _line,
+    "/fault": _fault,
+    "/sem/file": _file,
+    "/pair": _pair,
+    "/operator": _operator,
+    **RESULTS,
+}

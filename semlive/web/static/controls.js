@@ -1,0 +1,126 @@
+// Steering: the token, the buttons, and the answers to questions. Everything else on the page only shows.
+
+import { byId, make, say } from "./dom.js";
+import { panel } from "./stream.js";
+
+const KEY = "semlive token";
+const CAN = {
+  start: ["ready"], pause: ["ramping", "settling", "holding", "imaging", "judging", "warming"], resume: ["paused", "fault", "estopped", "recover"],
+};
+const OVER = ["complete", "aborted"];
+let here = true;
+
+const token = () => sessionStorage.getItem(KEY) ?? "";
+
+/** Take the token out of the address, so that it is neither seen nor passed on with it. */
+function takeToken() {
+  const found = new URLSearchParams(location.hash.slice(1)).get("token");
+  if (!found) return;
+  sessionStorage.setItem(KEY, found);
+  history.replaceState(null, "", location.pathname);
+}
+
+async function ask(body) {
+  if (!token() && !(await askToken())) return false;
+  const own = token();
+  let reply;
+  try {
+    reply = await fetch("say", {
+      method: "POST", headers: { "content-type": "application/json", authorization: `Bearer ${own}` }, body: JSON.stringify(body),
+    });
+  } catch {
+    return answered("the page's server does not answer; steer the run at its terminal", false);
+  }
+  const { text } = await reply.json().catch(() => ({ text: `refused (${reply.status})` }));
+  if (reply.status === 403 && token() === own) sessionStorage.removeItem(KEY);
+  return answered(text, reply.ok);
+}
+
+function answered(text, ok) {
+  const bar = byId("answer");
+  bar.hidden = ok;
+  say(bar, ok ? "" : text);
+  return ok;
+}
+
+let settle = () => {};
+
+/** Ask for the token; gives whether there is one now. One question at a time: the answer to an earlier one is no. */
+function askToken() {
+  settle(false);
+  byId("token-text").value = token();
+  byId("ask-token").showModal();
+  return new Promise((resolve) => { settle = resolve; });
+}
+
+/** What the dialog was left with. Its close event comes late and may be that of an earlier opening, so it counts only where the dialog is still closed. */
+function takeAnswers() {
+  const dialog = byId("ask-token"), text = byId("token-text");
+  dialog.addEventListener("submit", ({ submitter }) => {
+    const given = text.value.trim();
+    if (submitter?.value === "keep" && given) sessionStorage.setItem(KEY, given);
+    if (submitter?.value === "forget") sessionStorage.removeItem(KEY);
+    settle(Boolean(token()));
+  });
+  dialog.addEventListener("close", () => {
+    if (dialog.open) return;
+    text.value = "";
+    settle(Boolean(token()));
+  });
+}
+
+function drawButtons({ protocol }) {
+  if (!protocol) return;
+  for (const button of document.querySelectorAll("[data-say]")) {
+    const verb = button.dataset.say;
+    button.disabled = verb in CAN ? !CAN[verb].includes(protocol.state) : OVER.includes(protocol.state);
+  }
+  byId("start").hidden = protocol.state !== "ready";
+}
+
+/** One form for each open question; a form stays the same element while its question is open, so that what is typed is kept. */
+function drawDesk({ desk }) {
+  if (!desk) return;
+  const bar = byId("desk");
+  const open = new Map(desk.questions.map((one) => [one.question, one]));
+  for (const form of [...bar.querySelectorAll("form")]) if (!open.has(form.dataset.question)) form.remove();
+  for (const one of open.values()) if (![...bar.children].some((form) => form.dataset.question === one.question)) bar.append(question(one));
+  let told = byId("told");
+  if (!told) bar.prepend((told = make("p", { id: "told" })));
+  say(told, desk.told);
+  bar.hidden = !open.size && !desk.told;
+}
+
+function question({ question: name, text, wanted }) {
+  const load = wanted === "load_n";
+  const shown = text.replace(/(, then|;) press enter( when it is there)?$/, "").replace(/type the load in N and press enter when it is there$/, "enter the load");
+  const id = `answer-${name}`;
+  const field = load ? make("input", { id, inputmode: "decimal", required: true, autocomplete: "off" }) : null;
+  const form = make("form", { "data-question": name }, make("label", { for: load ? id : null }, shown),
+    field, load ? "N" : null, make("button", { class: "main" }, load ? "Enter load" : "Done"));
+  form.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    await ask({ question: name, answer: field ? field.value : "" });
+    if (field) field.select();
+  });
+  for (const one of form.querySelectorAll("input, button")) one.disabled = !here;
+  return form;
+}
+
+/** Put the controls to work, or away where the server only shows. */
+export async function control() {
+  takeToken();
+  addEventListener("hashchange", takeToken);
+  panel(["protocol"], drawButtons);
+  panel(["desk"], drawDesk);
+  for (const button of document.querySelectorAll("[data-say]")) {
+    button.addEventListener("click", () => (button.dataset.say === "abort" ? byId("ask-abort").showModal() : ask({ say: button.dataset.say })));
+  }
+  // Its submit, not the dialog's close: that comes later, and after a quick "Go on" and "Abort…" it was taken for the answer to the second question.
+  byId("ask-abort").addEventListener("submit", ({ submitter }) => submitter?.value === "yes" && ask({ say: "abort" }));
+  byId("token").addEventListener("click", askToken);
+  takeAnswers();
+  here = await fetch("about").then((reply) => reply.json()).then((told) => told.controls).catch(() => true);
+  byId("controls").hidden = !here;
+  for (const one of byId("desk").querySelectorAll("input, button")) one.disabled = !here;
+}

@@ -1,0 +1,107 @@
+"""Hidden effects, named blindly: outcomes by effect and size, false names where nothing is hidden, and what has no name.
+
+    python tests/benchmarks/bench_diagnose.py --seeds 16 --sizes 2 4 8 --nulls 773 --doubles 50 --strange 25 --folder blind --shard 1/2
+    python tests/benchmarks/bench_diagnose.py ... --folder blind --score [--write]
+
+A case is known to diagnosis by its data alone; verdicts are written by the case's key, and only scoring joins them with what was
+hidden. A run that was broken off goes on where it stopped, and shards of one run write into one folder. Experiments are made by the
+simulators' own effects at displacement level: 15 pairs, 0.02 px of noise shared over subsets, 1 % of the points missing, 0.1 % wrong;
+where nothing is hidden number of pairs, noise and lost points vary.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from blind.cases import Case, cases
+from blind.hiding import DETECTABLE_PX
+from blind.scoring import Verdict, table
+
+from semlive.diagnose.judge import diagnose
+from semlive.diagnose.observation import Observation
+
+PAGE = Path(__file__).parents[2] / "docs" / "diagnose.md"
+BEGIN, END = "<!-- measured: begin -->\n", "<!-- measured: end -->\n"
+
+
+def main() -> None:
+    """Run what is missing, or score what is there."""
+    asked = _arguments()
+    chosen = list(cases(asked.set, asked.seeds, asked.sizes, asked.effects, asked.nulls, asked.doubles, asked.strange))
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    if not asked.score:
+        _run(chosen, asked)
+    said = verdicts(asked.folder)
+    scored = [(case, said[case.key]) for case in chosen if case.key in said]
+    found = table(scored)
+    sys.stdout.write(found)
+    if asked.write:
+        write(found, f"{len(scored)} cases of the {asked.set} set")
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--set", choices=("development", "final"), default="development")
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--sizes", type=float, nargs="*", default=[4.0, 8.0], help="times what can be detected")
+    parser.add_argument("--effects", nargs="*", default=list(DETECTABLE_PX))
+    parser.add_argument("--nulls", type=int, default=10)
+    parser.add_argument("--doubles", type=int, default=0)
+    parser.add_argument("--strange", type=int, default=0)
+    parser.add_argument("--shard", default="1/1", help="k/n: every n-th case from the k-th on")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long")
+    parser.add_argument("--folder", type=Path, default=Path("blind"))
+    parser.add_argument("--score", action="store_true", help="run nothing")
+    parser.add_argument("--write", action="store_true", help="put the tables into docs/diagnose.md")
+    return parser.parse_args()
+
+
+def _run(chosen: list[Case], asked: argparse.Namespace) -> None:
+    own, shards = (int(one) for one in asked.shard.split("/"))
+    done, begin = verdicts(asked.folder), time.monotonic()
+    for case in chosen[own - 1 :: shards]:
+        if time.monotonic() - begin > asked.seconds:
+            return
+        if case.key not in done:
+            verdict = judge(case.observed())
+            with (asked.folder / f"verdicts-{own}-of-{shards}.jsonl").open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps({"key": case.key, **verdict}) + "\n")
+
+
+def judge(seen: Observation) -> Verdict:
+    """A verdict, knowing nothing but data."""
+    begin = time.process_time()
+    found = diagnose(seen)
+    return {
+        "outcome": found.outcome.value,
+        "names": [one.name for one in found.effects],
+        "ambiguous": list(found.ambiguous),
+        "odds": [one.log_bayes_factor for one in found.effects],
+        "parameters": {one.name: {item.name: [item.value, item.sigma] for item in one.parameters} for one in found.effects},
+        "closure": None if found.gap is None else found.gap.closure,
+        "cpu_s": time.process_time() - begin,
+    }
+
+
+def verdicts(folder: Path) -> dict[str, Verdict]:
+    """All there are, by the key of their case."""
+    lines = [line for path in sorted(folder.glob("verdicts-*.jsonl")) for line in path.read_text(encoding="utf-8").splitlines()]
+    return {str(one["key"]): one for one in map(json.loads, lines)}
+
+
+def write(found: str, how_many: str) -> None:
+    """Replace the measured part of the page."""
+    page = PAGE.read_text(encoding="utf-8")
+    before, rest = page.split(BEGIN)
+    after = rest.split(END)[1]
+    PAGE.write_text(f"{before}{BEGIN}\n{how_many}.\n\n{found}\n{END}{after}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

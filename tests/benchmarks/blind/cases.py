@@ -1,0 +1,113 @@
+"""Cases of the benchmark: what is hidden in each, known to the scorer alone, and the data, known to diagnosis alone."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from blind.experiment import Conditions
+from blind.hiding import DETECTABLE_PX, hidden_effect, hidden_values
+from blind.observing import observed
+from blind.strange import STRANGE
+
+from semlive.data.grid import Grid
+from semlive.diagnose.observation import Observation
+from semlive_simulators.effects.protocol import Effect
+
+GRID = Grid(101, 101, 15, 50, 40, 43)
+"""Every third point of the usual grid: its block means differ by less than their noise, and cases are made in half the time."""
+FIRST_SEED = {"development": 1, "final": 20_001}
+"""Nothing may be chosen by what the final set says."""
+NOTHING, ONE, TWO, STRANGER = "nothing", "one", "two", "stranger"
+APART = (  # their fields have nothing in common that the baseline leaves
+    ("magnification_drift", "tilt_with_load"),
+    ("raster_rotation_drift", "bending_misalignment"),
+    ("thermal_oscillation", "refocus_magnification_step"),
+    ("drift_jump", "distortion_scale_drift"),
+    ("charging_local_lens", "stage_yaw"),
+    ("stage_step_transient", "magnification_drift"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """What is hidden.
+
+    Attributes:
+        kind: nothing, one, two or stranger.
+        names: of what is hidden.
+        size: times what can be detected; px of a stranger.
+        seed: of everything.
+    """
+
+    kind: str
+    names: tuple[str, ...]
+    size: float
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """By which its data and verdict are known: tells nothing of what is hidden."""
+        return hashlib.sha256(b"semlive blind " + json.dumps(asdict(self)).encode()).hexdigest()[:16]
+
+    def effects(self) -> tuple[Effect, ...]:
+        """What is hidden."""
+        if self.kind == STRANGER:
+            return (STRANGE[self.names[0]](self.size, self.seed),)
+        return tuple(one for name in self.names for one in hidden_effect(name, self.size * DETECTABLE_PX[name], self.seed))
+
+    def truth(self) -> dict[str, dict[str, float]]:
+        """What diagnosis should report of each effect."""
+        if self.kind == STRANGER:
+            return {name: {} for name in self.names}
+        return {name: hidden_values(name, one) for name, one in zip(self.names, self.effects(), strict=True)}
+
+    def conditions(self) -> Conditions:
+        """As they are stated for sizes that can be detected; where nothing is hidden they vary."""
+        if self.kind != NOTHING:
+            return Conditions(self.seed)
+        rng = np.random.default_rng((self.seed, 77))
+        return Conditions(
+            self.seed,
+            calibration=int(rng.integers(5, 9)),
+            tension=int(rng.integers(3, 8)),
+            noise_px=float(rng.uniform(0.01, 0.03)),
+            missing=float(rng.uniform(0.0, 0.03)),
+            outliers=float(rng.uniform(0.0, 0.003)),
+        )
+
+    def observed(self) -> Observation:
+        """The data."""
+        return observed(self.conditions(), self.effects(), GRID)
+
+
+def cases(which: str, seeds: int, sizes: Sequence[float], names: Sequence[str], nulls: int, doubles: int, strange: int) -> Iterator[Case]:
+    """Cases in an order in which each part of the list says something of all.
+
+    Args:
+        which: development or final.
+        seeds: of each effect and size.
+        sizes: of single effects, times what can be detected.
+        names: of single effects.
+        nulls: with nothing hidden.
+        doubles: of two effects at eight times.
+        strange: of each stranger and size.
+    """
+    first = FIRST_SEED[which]
+    for number in range(max(seeds, nulls, doubles, strange)):
+        if number < seeds:
+            for size in sizes:
+                for name in names:
+                    yield Case(ONE, (name,), size, first + number)
+        each = max(1, -(-nulls // max(seeds, 1)))
+        for null in range(number * each, min((number + 1) * each, nulls)):
+            yield Case(NOTHING, (), 0.0, first + 5000 + null)
+        if number < doubles:
+            yield Case(TWO, APART[number % len(APART)], 8.0, first + 3000 + number)
+        if number < strange:
+            for name in STRANGE:
+                for size_px in (0.03, 0.1):
+                    yield Case(STRANGER, (name,), size_px, first + 4000 + number)

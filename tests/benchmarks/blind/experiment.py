@@ -1,0 +1,182 @@
+"""Experiments with something hidden in them, at displacement level: the simulators' own effects, no images.
+
+Every frame's scan addresses solve the simulators' forward equation, effects at every point included, until they stand still.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numexp.experiment import CROSS_PX, POISSON, STAGE_ERROR_PX, TOP_STRAIN, timing
+from numexp.noise import FrameNoise, NoiseKind
+from numexp.world import HEIGHT_PX, PAUSE_S, WIDTH_PX, World, make_world, start_s
+from numpy.typing import NDArray
+
+from semlive.data.disparity import DisparityMap, PoiStatus
+from semlive.data.drift import FrameTime
+from semlive.data.experiment import Phase
+from semlive.data.grid import Grid
+from semlive_simulators.effects.protocol import Effect, Visits
+from semlive_simulators.history import History, LoadStep, Move
+from semlive_simulators.specimen import Motion, at_rest
+
+Field: TypeAlias = NDArray[np.float64]
+GRID = Grid(101, 101, 5, 150, 120, 43)
+HOLD_S = 30.0
+AREA_MM2, YOUNGS_GPA = 10.0, 71.1
+STANDS_STILL_PX, MAX_ITERATIONS = 1e-9, 40
+_NOBODY = np.zeros((1, 1), dtype=np.bool_)
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """How the specimen lies in one pair, and what was done to get it there."""
+
+    pair: int
+    phase: Phase
+    motion: Motion
+    commanded_px: tuple[float, float]
+    load_n: float
+
+
+@dataclass(frozen=True, slots=True)
+class HiddenPair:
+    """One pair as diagnosis gets it."""
+
+    pose: Pose
+    times: tuple[FrameTime, FrameTime]
+    maps: tuple[DisparityMap, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """What varies from case to case besides the effect.
+
+    Attributes:
+        seed: drift, distortion, stage errors, noise.
+        calibration: pairs of the cross.
+        tension: pairs under load.
+        noise_px: standard deviation of a map's component.
+        kind: how noise is shared between points.
+        missing: share of the points that are lost.
+        outliers: share of the points that are wrong.
+        bias_px: amplitude of the correlation's own bias over fractions of a pixel.
+        sway: effects that are nobody's fault: wandering drift.
+    """
+
+    seed: int
+    calibration: int = 8
+    tension: int = 7
+    noise_px: float = 0.02
+    kind: NoiseKind = NoiseKind.CORRELATED
+    missing: float = 0.01
+    outliers: float = 0.001
+    bias_px: float = 0.0
+    sway: tuple[Effect, ...] = ()
+
+
+def poses(conditions: Conditions) -> list[Pose]:
+    """The cross, then load steps; what was done is in each pose's history."""
+    rng = np.random.default_rng((conditions.seed, 8))
+    found: list[Pose] = []
+    moves: list[Move] = []
+    steps: list[LoadStep] = []
+    before_px, before_n = (0.0, 0.0), 0.0
+    for pair in range(conditions.calibration + conditions.tension):
+        when_s = start_s(2 * pair) - HOLD_S
+        loaded = pair >= conditions.calibration
+        strain = TOP_STRAIN * (pair - conditions.calibration) / max(conditions.tension - 1, 1) if loaded else 0.0
+        load_n = strain * YOUNGS_GPA * 1e3 * AREA_MM2
+        wanted = before_px if loaded else CROSS_PX[pair]
+        if wanted != before_px:
+            moves.append(Move(when_s, before_px, wanted))
+        if load_n != before_n:
+            steps.append(LoadStep(when_s, load_n - before_n))
+        error = rng.normal(0.0, STAGE_ERROR_PX, 2) if pair else np.zeros(2)
+        carried = np.array([1.5, -2.0]) * (pair - conditions.calibration) if loaded else np.zeros(2)
+        shift = (float(wanted[0] + error[0] + carried[0]), float(wanted[1] + error[1] + carried[1]))
+        history = History(tuple(steps), tuple(moves))
+        motion = at_rest(shift, np.diag([-POISSON * strain, strain]), load_n, history)
+        found.append(Pose(pair, Phase.TENSION if loaded else Phase.CALIBRATION, motion, wanted, load_n))
+        before_px, before_n = wanted, load_n
+    return found
+
+
+def hidden(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRID) -> list[HiddenPair]:
+    """All pairs of an experiment, with noise."""
+    told = poses(conditions)
+    rng = np.random.default_rng((conditions.seed, 2007))
+    world = make_world(rng, start_s(2 * len(told)) - PAUSE_S, (*conditions.sway, *effects), carried=False)
+    noise = FrameNoise(conditions.kind, conditions.noise_px, conditions.seed, WIDTH_PX, HEIGHT_PX)
+    here = np.stack(grid.mesh(), axis=-1).reshape(-1, 2)
+    material = seen_at(world, here, 0, told[0].motion)
+    found = []
+    for pose in told:
+        first, second = 2 * pose.pair, 2 * pose.pair + 1
+        near = here + pose.motion.shift_px[0] + (material - world.column.scan.centre_px) @ pose.motion.gradient[0].T
+        there = {first: address(world, material, first, pose.motion, near)} if pose.pair else {}
+        there[second] = address(world, material, second, pose.motion, there[first] if pose.pair else near)
+        maps = []
+        for frame, at in there.items():
+            maps.append(_map(noise, conditions, grid, frame, here, at))
+        times = tuple(FrameTime(frame, start_s(frame), timing()) for frame in (first, second))
+        found.append(HiddenPair(pose, (times[0], times[1]), tuple(maps)))
+    return found
+
+
+def address(world: World, material: Field, frame: int, motion: Motion, near: Field) -> Field:
+    """(n, 2) scan addresses at which a frame shows material points (n, 2)."""
+    at = near
+    for _ in range(MAX_ITERATIONS):
+        wrong = seen_at(world, at, frame, motion) - material
+        at = at - wrong
+        if np.max(np.abs(wrong)) < STANDS_STILL_PX:
+            return at
+    raise RuntimeError(f"scan addresses of frame {frame} do not converge")
+
+
+def seen_at(world: World, at: Field, frame: int, motion: Motion) -> Field:
+    """(n, 2) material points that a frame shows at scan addresses (n, 2)."""
+    column, scan, timing_ = world.column, world.column.scan, world.column.timing
+    rows = np.arange(scan.height_px)
+    visits = []
+    for row_start_s in timing_.row_start_s:
+        in_frame = np.interp(at[:, 1], rows, row_start_s) + at[:, 0] * timing_.dwell_time_s
+        beyond = at[:, 1] - np.clip(at[:, 1], 0, scan.height_px - 1)
+        time_s = start_s(frame) + in_frame + beyond * timing_.row_time_s
+        bend = world.bend_px(at)
+        visit = Visits(
+            at[:, :1], at[:, 1:], time_s[:, None], start_s(frame), frame, 0, _NOBODY, scan, motion, (bend[:, :1], bend[:, 1:])
+        )  # fmt: skip
+        shifted = at - bend
+        for u, v in column.effects.offset_px(visit):
+            shifted = shifted - np.concatenate(np.broadcast_arrays(u, v, at[:, :1])[:2], axis=1)
+        maps = column.row_maps(time_s, motion, start_s(frame), frame)
+        point = np.einsum("nij,nj->ni", maps[:, :, :2], shifted) + maps[:, :, 2]
+        visits.append(_undeformed(world, point, visit, np.linalg.inv(np.eye(2) + motion.gradient[0])))
+    return np.mean(visits, axis=0)
+
+
+def _undeformed(world: World, point: Field, visit: Visits, inverse: Field) -> Field:
+    found = point
+    for _ in range(6):
+        moved = world.column.effects.material_px(found[:, :1], found[:, 1:], visit)
+        if not moved:
+            return point
+        found = point - sum(np.concatenate(np.broadcast_arrays(u, v, found[:, :1])[:2], axis=1) for u, v in moved) @ inverse.T
+    return found
+
+
+def _map(noise: FrameNoise, conditions: Conditions, grid: Grid, frame: int, here: Field, there: Field) -> DisparityMap:
+    rng = np.random.default_rng((conditions.seed, 11, frame))
+    exact = there - here
+    moved = exact + noise.at(frame, there) - noise.at(0, here) + conditions.bias_px * np.sin(2 * np.pi * exact)
+    status = np.full(grid.shape, PoiStatus.CONVERGED, np.uint8)
+    status[rng.random(grid.shape) < conditions.missing] = PoiStatus.LOW_ZNCC
+    wrong = (rng.random(len(here)) < conditions.outliers)[:, None] * rng.normal(0.0, 1.0, here.shape)
+    lost = (status != PoiStatus.CONVERGED).ravel()[:, None]
+    u, v = (np.ascontiguousarray(one.reshape(grid.shape)) for one in np.where(lost, 0.0, moved + wrong).T)
+    sigma = np.where(status == PoiStatus.CONVERGED, conditions.noise_px, 0.0)
+    return DisparityMap(0, frame, grid, u, v, sigma, sigma, np.ones(grid.shape), status)

@@ -1,0 +1,22 @@
+"""From a hidden experiment to what diagnosis is given: through the estimator's public doors, like any log."""
+
+from __future__ import annotations
+
+from blind.experiment import GRID, Conditions, hidden
+from numexp.world import HEIGHT_PX, WIDTH_PX
+
+from semlive import estimate
+from semlive.data.grid import Grid
+from semlive.data.settings import EstimateSettings
+from semlive.diagnose.observation import Observation, StepFacts, observe
+from semlive_simulators.effects.protocol import Effect
+
+
+def observed(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRID) -> Observation:
+    """An experiment with effects in it, estimated without them."""
+    pairs = hidden(conditions, effects, grid)
+    state = estimate.init(EstimateSettings(), grid, WIDTH_PX, HEIGHT_PX)
+    for one in pairs:
+        state = estimate.update(state, one.pose.pair, one.pose.phase, one.times, one.maps)
+    steps = [StepFacts(one.pose.pair, one.pose.phase, (one.pose.load_n, one.pose.load_n), one.pose.commanded_px) for one in pairs]
+    return observe(estimate.solve(state), steps)

@@ -1,0 +1,162 @@
+"""Verdicts against the truth, with one-sided bounds."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from blind.cases import NOTHING, ONE, STRANGER, TWO, Case
+from blind.hiding import DETECTABLE_PX, PHYSICAL_PX
+from scipy.stats import beta
+
+LEVEL = 0.95
+Verdict = dict[str, object]
+Scored = Sequence[tuple[Case, Verdict]]
+
+
+def at_least(count: int, total: int) -> float:
+    """Clopper and Pearson's one-sided 95 % lower bound of a share."""
+    return 0.0 if count == 0 else float(beta.ppf(1.0 - LEVEL, count, total - count + 1))
+
+
+def at_most(count: int, total: int) -> float:
+    """The upper bound."""
+    return 1.0 if count == total else float(beta.ppf(LEVEL, count + 1, total - count))
+
+
+def judged(case: Case, verdict: Verdict) -> str:
+    """What a verdict is worth: right, set (truth among several), wrong, or the outcome that names nothing."""
+    outcome, names, among = str(verdict["outcome"]), _names(verdict["names"]), _names(verdict["ambiguous"])
+    if outcome == "IDENTIFIED":
+        return "right" if sorted(names) == sorted(case.names) else "wrong"
+    if outcome == "AMBIGUOUS":
+        return "set" if set(case.names) <= {*names, *among} and case.names else "wrong"
+    return outcome
+
+
+def _names(told: object) -> list[str]:
+    return [str(one) for one in told] if isinstance(told, list) else []
+
+
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """One thing that must be shown.
+
+    Attributes:
+        about: what.
+        count: of cases that do it.
+        total: of cases.
+        limit: share.
+        below: whether the share must lie below the limit.
+    """
+
+    about: str
+    count: int
+    total: int
+    limit: float
+    below: bool
+
+    def row(self) -> str:
+        """Of the table."""
+        if not self.total:
+            return f"| {self.about} | 0 | | | {self._asked()} | not measured |"
+        bound = at_most(self.count, self.total) if self.below else at_least(self.count, self.total)
+        share = self.count / self.total
+        met = bound <= self.limit if self.below else bound >= self.limit
+        said = "met" if met else "open" if (share <= self.limit if self.below else share >= self.limit) else "missed"
+        return f"| {self.about} | {self.total} | {100 * share:.1f} % | {100 * bound:.1f} % | {self._asked()} | {said} |"
+
+    def _asked(self) -> str:
+        return f"{'at most' if self.below else 'at least'} {100 * self.limit:g} %"
+
+
+def bars(scored: Scored) -> Iterable[Bar]:
+    """All that shares can be stated of."""
+    by = defaultdict(list)
+    for case, verdict in scored:
+        by[case.kind, case.size].append(judged(case, verdict))
+    nulls = by[NOTHING, 0.0]
+    named = [one for one in nulls if one in ("wrong", "right", "set")]
+    yield Bar("false names where nothing is hidden", len(named), len(nulls), 0.01, below=True)
+    yield Bar("UNKNOWN where nothing is hidden", nulls.count("UNKNOWN"), len(nulls), 0.03, below=True)
+    asked = {2.0: 0.85, 4.0: 0.97, 8.0: 0.99}
+    sizes = sorted({case.size for case, _ in scored if case.kind == ONE})
+    for size in sizes:
+        said = by[ONE, size]
+        if size in asked:
+            yield Bar(f"right name at {size:g} times", said.count("right"), len(said), asked[size], below=False)
+        if size >= 4.0:
+            yield Bar(f"truth in the stated set at {size:g} times", said.count("right") + said.count("set"), len(said), 0.99, below=False)
+        yield Bar(f"another name IDENTIFIED at {size:g} times", said.count("wrong"), len(said), 0.01, below=True)
+    doubles = [(case, verdict) for case, verdict in scored if case.kind == TWO]
+    both = sum(set(case.names) <= set(_names(verdict["names"])) for case, verdict in doubles)
+    yield Bar("two effects at 8 times, both found", both, len(doubles), 0.95, below=False)
+    yield Bar("two effects at 8 times, and no other", by[TWO, 8.0].count("right"), len(doubles), 0.90, below=False)
+    for size, limit in ((0.1, 0.95), (0.03, 0.85)):
+        said = by[STRANGER, size]
+        yield Bar(f"UNKNOWN of what has no name, {size:g} px", said.count("UNKNOWN"), len(said), limit, below=False)
+
+
+def table(scored: Scored) -> str:
+    """All of it, as Markdown."""
+    lines = ["| | cases | share | bound, one-sided 95 % | asked | |", "|---|---|---|---|---|---|", *(one.row() for one in bars(scored)), ""]
+    return "\n".join([*lines, *_each_effect(scored), *_sizes(scored), *_missed(scored)]) + "\n"
+
+
+def _each_effect(scored: Scored) -> list[str]:
+    sizes = sorted({case.size for case, _ in scored if case.kind == ONE})
+    lines = ["| effect | " + " | ".join(f"{size:g} times" for size in sizes) + " |", "|---" * (len(sizes) + 1) + "|"]
+    for name in DETECTABLE_PX:
+        cells = []
+        for size in sizes:
+            said = [judged(case, one) for case, one in scored if case.kind == ONE and case.names == (name,) and case.size == size]
+            cells.append(f"{said.count('right')} of {len(said)}")
+        beyond = 2.0 * DETECTABLE_PX[name] > PHYSICAL_PX[name][1]
+        lines.append(f"| `{name}`{' (2 times is more than is met at x200)' if beyond else ''} | " + " | ".join(cells) + " |")
+    return [*lines, ""]
+
+
+def _sizes(scored: Scored) -> list[str]:
+    lines = ["| size | closure, median | closure, 5th percentile | error of parameters, median | inside stated 90 % | CPU time, median |"]
+    lines.append("|---|---|---|---|---|---|")
+    for size in sorted({case.size for case, _ in scored if case.kind == ONE}):
+        right = [(case, one) for case, one in scored if case.kind == ONE and case.size == size and judged(case, one) == "right"]
+        closures = [float(str(one["closure"])) for _, one in right if one["closure"] is not None]
+        errors = [pair for case, one in right for pair in _errors(case, one)]
+        if not closures or not errors:
+            continue
+        error, inside = (float(np.median([pair[0] for pair in errors])), float(np.mean([pair[1] for pair in errors])))
+        cpu_s = float(np.median([float(str(one["cpu_s"])) for _, one in right]))
+        low = float(np.quantile(closures, 0.05))
+        parts = (
+            f"{np.median(closures):.3f}",
+            f"{low:.3f}",
+            f"{100 * error:.1f} %",
+            f"{100 * inside:.0f} % of {len(errors)}",
+            f"{cpu_s:.1f} s",
+        )
+        lines.append(f"| {size:g} times | " + " | ".join(parts) + " |")
+    return [*lines, ""]
+
+
+def _errors(case: Case, verdict: Verdict) -> Iterable[tuple[float, bool]]:
+    """Relative error of each parameter, and whether the stated 90 % interval holds the truth."""
+    told = verdict["parameters"]
+    for name, values in case.truth().items():
+        own = told.get(name, {}) if isinstance(told, dict) else {}
+        for one, true in values.items():
+            if one in own:
+                value, sigma = own[one]
+                yield abs(value - true) / abs(true), abs(value - true) < 1.645 * sigma
+
+
+def _missed(scored: Scored) -> list[str]:
+    found = [(case, one) for case, one in scored if judged(case, one) not in ("right", "set") and (case.kind, one["outcome"]) not in _FINE]
+    return [
+        f"- {' + '.join(case.names) or NOTHING}, {case.size:g}, seed {case.seed}: {one['outcome']} {one['names']}" for case, one in found
+    ]
+
+
+_FINE = {(NOTHING, "NONE"), (STRANGER, "UNKNOWN")}

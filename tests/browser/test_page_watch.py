@@ -1,0 +1,163 @@
+"""A whole simulated experiment, watched and steered from the page in a real browser."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import takewhile
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from semlive.formats.log import LogWriter
+from semlive.service.log_files import messages
+
+Tab = Callable[..., Page]
+Shoot = Callable[[Page, str], None]
+Readable = Callable[[Page], None]
+
+
+def state(page: Page, word: str, timeout_s: float = 60.0) -> None:
+    expect(page.locator("#state-word")).to_have_text(word, timeout=1000 * timeout_s)
+
+
+@pytest.mark.timeout(600)
+def test_an_experiment_is_watched_steered_interrupted_and_completed(
+    bench: Callable[[str], Any], tab: Tab, shoot: Shoot, readable: Readable
+) -> None:
+    run = bench("watched")
+    address = run.start()
+    port = int(re.search(r":(\d+)/", address)[1])
+    page = tab()
+    page.goto(address)
+    expect(page).to_have_url(address.partition("#")[0])
+    state(page, "holding")
+    expect(page.locator("#step")).to_have_text("step 1 of 5, calibration")
+    expect(page.locator("#countdown")).to_have_text(re.compile(r"^\d+ s left$"))
+    expect(page.locator("#plan tr[aria-current]")).to_contain_text("now")
+    page.get_by_role("button", name="Abort…").click()
+    page.get_by_role("button", name="Go on").click()
+    page.get_by_role("button", name="Pause").click()
+    state(page, "paused")
+    expect(page.get_by_role("alert")).to_contain_text("Resume enters the step again with its hold in full")
+    expect(page.get_by_role("button", name="Stop")).to_be_enabled()
+    page.get_by_role("button", name="Resume").click()
+    # A second pair, so that the run that is taken up again has something behind it.
+    expect(page.locator("#plan tr.done")).to_have_count(1, timeout=60_000)
+    state(page, "holding")
+    run.process.send_signal(signal.SIGKILL)
+    run.end()
+    expect(page.locator("#connection")).to_contain_text("no connection", timeout=15_000)
+
+    again = run.start("--resume", port=port)
+    state(page, "asks before it goes on")
+    expect(page.locator("#connection")).to_be_hidden()
+    page.get_by_role("button", name="Resume").click()
+    expect(page.locator("#answer")).to_contain_text("the token is not that of this run")
+    page.get_by_role("button", name="Resume").click()
+    page.get_by_role("textbox", name="Token").fill(again.partition("#token=")[2])
+    page.get_by_role("button", name="Keep it in this tab").click()
+    expect(page.locator("#step")).to_have_text("step 5 of 5, tension", timeout=240_000)
+    for word in ("holding", "imaging"):
+        state(page, word)
+        shoot(page, word)
+    completed(run, page)
+    shoot(page, "complete")
+    assert run.end() == 0, run.said
+    said = [told["what"] for told in run.logged("/operator")]
+    assert said == ["start", "pause", "resume", "resume"]
+    with served(run.log) as shows:
+        tablet = tab(viewport={"width": 820, "height": 1180})
+        looked_at(tablet, shows, shoot)
+        readable(tablet)
+    begun = run.folder / "begun.mcap"
+    with begun.open("wb") as stream:
+        writer = LogWriter(stream)
+        for told in takewhile(lambda message: message.topic != "/state", messages(run.log)):
+            writer.write(told.topic, told.payload, told.log_time_ns, told.publish_time_ns)
+        writer.finish()
+    with served(begun) as shows:
+        page = tab()
+        page.goto(shows)
+        state(page, "idle")
+        expect(page.locator("#plan tr")).to_have_count(5)
+        shoot(page, "idle")
+
+
+def completed(run: Any, page: Page) -> None:
+    """The end of the run is on the page before the daemon takes the page away: results, maps, words."""
+    state(page, "complete")
+    expect(page.locator("#plan tr.done")).to_have_count(5)
+    expect(page.locator("#map-which")).to_have_text("9: tension 800 N", timeout=90_000)
+    expect(page.locator("#elastic")).to_contain_text(re.compile(r"E[\d.]+ ± [\d.]+ GPa"))
+
+
+@contextmanager
+def served(log: Path) -> Iterator[str]:
+    """`semlive serve`, and its address."""
+    command = [sys.executable, "-m", "semlive", "serve", str(log), "--page-port", "0"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        yield process.stderr.readline().partition("live page: ")[2].strip()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
+
+
+def looked_at(page: Page, address: str, shoot: Shoot) -> None:
+    """A finished log on a tablet: nothing to steer, everything to look at, with keys alone."""
+    page.goto(address)
+    state(page, "complete")
+    expect(page.locator("#controls")).to_be_hidden()
+    expect(page.locator("#map-which")).to_have_text("9: tension 800 N")
+    page.get_by_role("slider", name="frame").focus()
+    page.keyboard.press("Home")
+    expect(page.locator("#map-which")).to_have_text("0: calibration")
+    page.keyboard.press("End")
+    page.get_by_label("Show").select_option("displacement_v")
+    expect(page.locator("#map-now")).to_contain_text("displacement v, corrected, frame 9: mean")
+    page.locator("#map").focus()
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#map-now")).to_have_text(re.compile(r"^at \(\d+, \d+\) px: −?[\d.]+ px; mean"))
+    expect(page.get_by_role("img", name=re.compile("^Colours from .* px to .* px$"))).to_be_visible()
+    expect(page.get_by_role("img", name=re.compile(r"6 frames under load; E is"))).to_be_visible()
+    expect(page.locator("#frame-now")).to_contain_text("320 × 276 px, grid of 58 × 50 points")
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    shoot(page, "tablet")
+
+
+def test_a_person_enters_loads_on_the_page_and_a_limit_stops_all(
+    bench: Callable[[str], Any], tab: Tab, shoot: Shoot, readable: Readable
+) -> None:
+    run = bench("by-hand")
+    run.config["load_frame"] = {"driver": "operator", "settings": {"program": "MICROTEST"}}
+    run.config["protocol"].update(calibration_shifts_px=[], loads_n=[100.0])
+    run.config["limits"]["force_max_n"] = 900.0
+    page = tab(color_scheme="dark")
+    page.goto(run.start())
+    question = page.get_by_label("in MICROTEST, bring the load to 100 N")
+    question.fill("ninety", timeout=60_000)
+    page.keyboard.press("Enter")
+    expect(page.locator("#told")).to_have_text("ninety is no load; type the load in N as MICROTEST shows it")
+    question.fill("99,5")
+    shoot(page, "question")
+    page.get_by_role("button", name="Enter load").click()
+    state(page, "holding")
+    expect(page.locator("#desk")).to_be_hidden()
+    expect(page.locator("#load-now")).to_contain_text("99.50 N of 100.0 N, stopped")
+    page.get_by_role("button", name="Pause").click()
+    page.get_by_role("button", name="Resume").click()
+    question.fill("950")
+    page.keyboard.press("Enter")
+    state(page, "FAULT")
+    expect(page.get_by_role("alert")).to_contain_text("Look at specimen and load frame")
+    shoot(page, "fault")
+    readable(page)
+    page.get_by_role("button", name="Stop").click()
+    assert run.end() == 1
+    assert run.logged("/state")[-1]["after"] == "aborted"

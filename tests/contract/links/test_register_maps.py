@@ -1,0 +1,278 @@
+"""Devices as their public documents describe them, driven by the maps that come with semlive."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from semlive.data.frame_check import Verdict
+from semlive.data.loading import MotionState, StopOnLinkLoss
+from semlive.errors import BadConfig, LinkError, LinkRefused
+from semlive.ports import LoadFrame
+from semlive_drivers.assembled import open_load_frame
+from semlive_drivers.maps import UNCONFIRMED, known_maps, map_content
+from semlive_drivers.modbus.check import check_modbus
+from semlive_drivers.modbus.device_map import load_map
+from semlive_drivers.modbus.load_frame import open_load_frame as open_one
+
+from .emulated import Device, Spring, laumas_tlb, leadshine, oriental_az, over_rtu, over_tcp
+from .processes import WallClock, wait_until
+
+CLOCK = WallClock()
+APPROACH = {"stiffness_n_mm": 1200.0, "speed_max_mm_s": 0.5, "speed_min_mm_s": 0.01, "arrived_n": 0.5, "ahead_s": 0.2}
+
+
+@contextmanager
+def tcp(*devices: Device) -> Iterator[list[int]]:
+    with ExitStack() as stack:
+        yield [stack.enter_context(over_tcp(device)) for device in devices]
+
+
+@contextmanager
+def pulled(drive_map: str, drive: Device, spring: Spring, **approach: float) -> Iterator[LoadFrame]:
+    """A cell and a drive of two makes as one load frame."""
+    with tcp(laumas_tlb(spring), drive) as (cell_port, drive_port):
+        frame = open_load_frame(
+            {
+                "cell": {"map": "laumas_tlb", "port": cell_port},
+                "drive": {"map": drive_map, "port": drive_port, "confirmed": True},
+                "approach": {**APPROACH, **approach},
+            },
+            CLOCK,
+        )
+        yield frame
+        frame.close()
+
+
+@pytest.mark.parametrize("name", known_maps())
+def test_every_map_says_where_it_is_from_and_only_the_bench_is_confirmed(name: str) -> None:
+    content = map_content(name)
+    assert content.get("confirmed", False) == (name == "bench")
+    assert name == "bench" or "confirm before motion" in content["source"]
+
+
+def test_a_sign_in_a_status_bit_and_decimals_in_another_register() -> None:
+    spring = Spring(at_mm=-0.0123, to_mm=-0.0123)
+    cell = laumas_tlb(spring)
+    with tcp(cell) as (port,):
+        frame = open_one({"map": "laumas_tlb", "port": port}, CLOCK)
+        assert frame.read().force_n == pytest.approx(-12.3)
+        cell.words[13] = 0 << 8 | 13  # kg with three decimals
+        assert frame.read().force_n == pytest.approx(-0.123 * 9.80665)
+        cell.words[13] = 9 << 8 | 13  # N m: no force
+        with pytest.raises(LinkError, match="division says 9, of which the register map does not tell"):
+            frame.read()
+        cell.words[13] = 4 << 8 | 7
+        cell.before_read = lambda: cell.words.update({6: 0x0001})
+        with pytest.raises(LinkError, match="gives no reading: load cell error"):
+            frame.read()
+        with pytest.raises(LinkError, match="cannot be moved by semlive"):
+            frame.ramp_to(1.0, 1.0)
+        assert not cell.writes
+        frame.close()
+
+
+@pytest.mark.parametrize(("name", "made"), [("oriental_az", oriental_az), ("leadshine_rs", leadshine)])
+def test_a_drive_that_knows_no_load_is_brought_to_one_and_back(name: str, made: type) -> None:
+    spring = Spring()
+    with pulled(name, made(spring), spring) as frame:
+        for target_n in (60.0, 20.0):
+            frame.ramp_to(target_n, 100.0)
+            assert frame.read().motion is MotionState.MOVING
+            highest = []
+            wait_until(lambda kept=highest: (kept.append(frame.read()), kept[-1].motion is MotionState.STOPPED)[1])
+            assert frame.read().force_n == pytest.approx(target_n, abs=1.0)
+            assert max(sample.force_n for sample in highest) < 61.5
+        assert frame.identity.stop_on_link_loss is StopOnLinkLoss.ABSENT
+
+
+def test_a_drive_that_is_left_alone_stops_after_the_way_that_was_ordered() -> None:
+    spring = Spring()
+    with pulled("oriental_az", oriental_az(spring), spring) as frame:
+        frame.ramp_to(400.0, 100.0)
+        time.sleep(0.5)
+        at_mm, _, moving = spring.look()
+        assert not moving
+        assert at_mm == pytest.approx(100.0 / 1200.0 * 0.2, abs=2e-3)
+
+
+def test_a_stop_ends_the_ramp() -> None:
+    spring = Spring()
+    with pulled("oriental_az", oriental_az(spring), spring) as frame:
+        frame.ramp_to(400.0, 100.0)
+        frame.read()
+        frame.stop()
+        at_mm = spring.look()[0]
+        assert frame.read().motion is MotionState.STOPPED
+        frame.read()
+        assert spring.look()[0] == at_mm
+
+
+def test_a_specimen_that_breaks_is_not_followed() -> None:
+    spring = Spring(breaks_at_n=50.0)
+    with pulled("oriental_az", oriental_az(spring), spring) as frame:
+        frame.ramp_to(400.0, 200.0)
+        with pytest.raises(LinkError, match=r"the load went from .* to 0.0 N on its way to 400 N; check sign and direction"):
+            wait_until(lambda: frame.read().motion is MotionState.STOPPED)
+        assert not spring.look()[2]
+        assert frame.read().motion is MotionState.STOPPED
+
+
+def test_a_way_without_an_end_has_one() -> None:
+    spring = Spring(stiffness_n_mm=10.0)
+    with pulled("oriental_az", oriental_az(spring), spring, travel_max_mm=0.1) as frame:
+        frame.ramp_to(400.0, 500.0)
+        with pytest.raises(LinkError, match=r"of travel brought the load to .* only, not to 400 N"):
+            wait_until(lambda: frame.read().motion is MotionState.STOPPED)
+        assert 0.08 < spring.look()[0] < 0.13
+
+
+def test_a_speed_that_the_drive_cannot_say_is_refused() -> None:
+    spring = Spring()
+    with pulled("leadshine_rs", leadshine(spring), spring, speed_min_mm_s=0.0) as frame:
+        with pytest.raises(LinkError, match="mm/s is less than one count of register 25091; give approach: speed_min_mm_s"):
+            frame.ramp_to(400.0, 1.0)
+        assert spring.look()[0] == 0.0
+
+
+def test_an_unconfirmed_map_moves_nothing() -> None:
+    spring = Spring()
+    with tcp(laumas_tlb(spring), oriental_az(spring)) as (cell, drive):
+        parts = {"cell": {"map": "laumas_tlb", "port": cell}, "drive": {"map": "oriental_az", "port": drive}}
+        frame = open_load_frame({**parts, "approach": APPROACH}, CLOCK)
+        with pytest.raises(LinkError, match=f"is {UNCONFIRMED}; check it with `semlive frame check`"):
+            frame.ramp_to(10.0, 10.0)
+        frame.stop()
+        frame.close()
+        with pytest.raises(BadConfig, match="knows no load; give approach"):
+            open_load_frame(parts, CLOCK)
+        with pytest.raises(BadConfig, match="nobody tells the load; name a part that does"):
+            open_load_frame({"drive": parts["drive"], "approach": APPROACH}, CLOCK)
+
+
+def test_two_devices_on_one_serial_line() -> None:
+    spring = Spring()
+    with over_rtu({1: laumas_tlb(spring), 2: oriental_az(spring)}) as path:
+        serial = {"port": path, "baud": 115_200, "parity": "none", "slowest_s": 0.1}
+        frame = open_load_frame(
+            {
+                "cell": {"map": "laumas_tlb", "serial": serial, "unit": 1},
+                "drive": {"map": "oriental_az", "serial": serial, "unit": 2, "confirmed": True},
+                "approach": APPROACH,
+            },
+            CLOCK,
+        )
+        frame.ramp_to(30.0, 200.0)
+        wait_until(lambda: frame.read().motion is MotionState.STOPPED)
+        assert frame.read().force_n == pytest.approx(30.0, abs=1.0)
+        frame.close()
+
+
+def test_a_watchdog_of_its_own_is_armed_and_fed_by_changing_numbers() -> None:
+    spring = Spring()
+    wago = Device(dict.fromkeys(range(0x1000, 0x100A), 0))
+    with tcp(laumas_tlb(spring), wago) as (cell, coupler):
+        watchdog = {"map": "wago_watchdog", "port": coupler, "watchdog_s": 1.5}
+        frame = open_load_frame({"cell": {"map": "laumas_tlb", "port": cell}, "watchdog": watchdog}, CLOCK)
+        assert wago.words[0x1000] == 15
+        fed = []
+        for _ in range(3):
+            frame.read()
+            fed.append(wago.words[0x1003])
+        assert len(set(fed)) == 3
+        wago.words[0x1006] = 2
+        with pytest.raises(LinkError, match="its watchdog has expired; find out why"):
+            frame.read()
+        frame.close()
+
+
+def test_a_strain_gage_from_a_file_or_another_device_is_told_beside_the_load(tmp_path: Path) -> None:
+    spring = Spring(at_mm=0.01, to_mm=0.01)
+    amplifier = Device({301: 0x3A03, 302: 0x126F})  # 5.0e-4
+    path, mine = tmp_path / "daq.csv", tmp_path / "amplifier.yaml"
+    path.write_text("t;eps\n0,0;123,5\n", encoding="utf-8")
+    points = "points: {gage: {kind: input, address: 301, dtype: f32}}"
+    mine.write_text(f"protocol: modbus\nname: amplifier\nsource: mine\n{points}\ntells: {{strain_gage: gage}}\n", encoding="utf-8")
+    with tcp(laumas_tlb(spring), amplifier) as (cell_port, gage_port):
+        cell = {"map": "laumas_tlb", "port": cell_port}
+        gages = [
+            {"protocol": "csv", "file": str(path), "decimal_comma": True, "gage": {"column": "eps", "unit": "ustrain"}},
+            {"map": str(mine), "port": gage_port, "strain_gage": True},
+        ]
+        for gage, strain in zip(gages, (123.5e-6, 5.0e-4), strict=True):
+            frame = open_load_frame({"cell": cell, "gage": gage}, CLOCK)
+            sample = frame.read()
+            assert sample.force_n == pytest.approx(10.0)
+            assert sample.gage_strain == pytest.approx(strain, rel=1e-6)
+            frame.close()
+
+
+def test_a_look_reads_and_never_writes() -> None:
+    spring = Spring(at_mm=-0.5, to_mm=-0.5)
+    cell, drive = laumas_tlb(spring), oriental_az(spring)
+    with tcp(cell, drive) as (cell_port, drive_port):
+        found = check_modbus("laumas_tlb", {"port": cell_port})
+        said = {finding.what: finding for finding in found.findings}
+        assert said["gross"].said.startswith("-500 ")
+        assert said["order of words"].verdict is Verdict.GOOD
+        assert "gross: high word first makes sense" in said["order of words"].said
+        assert found.sound
+        assert not found.confirmed
+        assert check_modbus("oriental_az", {"port": drive_port}).sound
+    assert cell.requests
+    assert not cell.writes + drive.writes
+
+
+def test_a_look_finds_a_wrong_order_of_words_and_a_register_that_is_not_there() -> None:
+    cell = laumas_tlb(Spring(at_mm=0.05, to_mm=0.05))
+    del cell.words[3]
+    with tcp(cell) as (port,):
+        found = check_modbus("laumas_tlb", {"port": port, "registers": {"gross": {"words": "low_first"}}})
+    said = {finding.what: finding for finding in found.findings}
+    assert said["order of words"].verdict is Verdict.BAD
+    assert "the description says low word first: correct it" in said["order of words"].advice
+    assert "no such register (exception 2)" in said["serial_number"].said
+    assert not found.sound
+
+
+def test_nobody_answers_on_a_line_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(LinkRefused, match="cannot be opened"):
+        open_one({"serial": {"port": str(tmp_path / "ttyUSB7")}}, CLOCK)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ("", ""),
+        ("tells: {force: farce}", "tells names a point 'farce' that is not among points"),
+        ("every_turn: [[extension]]", "every_turn must hold force, which is told or needed with every reading"),
+        ("orders: {stop: [{set: {command: now}}]}", "orders.stop writes 'now'; an order can write numbers and force_n"),
+        ("tells: {force: force, force_unit: stone}", "unit 'stone' is not known; it may be 1, N, kN"),
+        ("tals: {}", "tals: Extra inputs are not permitted"),
+        ("orders: {hover: []}", "orders.hover.*Input should be 'ramp', 'pull', 'push', 'stop'"),
+    ],
+)
+def test_what_is_wrong_in_a_map_is_said(tmp_path: Path, change: str, sentence: str) -> None:
+    key = change.split(":")[0]
+    text = ["protocol: modbus", "name: mine", "source: mine", "points: {force: {kind: input, address: 0, dtype: f32}, "]
+    text[3] += "extension: {kind: input, address: 2, dtype: f32}, command: {kind: holding, address: 4}}"
+    usual = {"every_turn": "every_turn: [[force, extension]]", "tells": "tells: {force: force, extension: extension}"}
+    text += [line for name, line in usual.items() if name != key] + [change]
+    path = tmp_path / "mine.yaml"
+    path.write_text("\n".join(text), encoding="utf-8")
+    if not change:
+        assert load_map(str(path)).tells.force == "force"
+        return
+    with pytest.raises(BadConfig, match=sentence):
+        load_map(str(path))
+
+
+def test_a_map_that_does_not_exist() -> None:
+    with pytest.raises(BadConfig, match="no device description is called 'laumas'; there are bench, generic, laumas_tlb"):
+        load_map("laumas")
+    with pytest.raises(BadConfig, match=r"none\.yaml: cannot be read"):
+        load_map("none.yaml")

@@ -1,0 +1,178 @@
+"""Modbus RTU over a pseudo-terminal: answers that come late are never taken for answers to later requests."""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from semlive.errors import LinkError
+from semlive_drivers.modbus.client import RtuLink
+from semlive_drivers.modbus.codec import Block
+from semlive_drivers.modbus.registers import Kind
+from semlive_drivers.modbus.rtu import alike, answers, cut, framed, reading, values_in, writing
+from semlive_drivers.modbus.rtu_line import NoAnswer, RtuLine
+from semlive_drivers.serial_port import SerialSettings
+
+from .emulated import Device, over_rtu
+from .processes import wait_until
+
+TIMEOUT_S = 0.05
+
+
+class Lateness:
+    """How late the next answers are, in turn; then none is."""
+
+    def __init__(self) -> None:
+        self.planned: list[float] = []
+
+    def __call__(self) -> float:
+        return self.planned.pop(0) if self.planned else 0.0
+
+
+@pytest.fixture
+def lateness() -> Lateness:
+    return Lateness()
+
+
+@pytest.fixture
+def device() -> Device:
+    return Device({address: 1000 + address for address in range(40)})
+
+
+@pytest.fixture
+def opened(device: Device, lateness: Lateness) -> Iterator[Callable[[], RtuLink]]:
+    with over_rtu({1: device}, lateness) as path:
+        lines = []
+
+        def open_link() -> RtuLink:
+            lines.append(RtuLine(SerialSettings(port=path, baud=115_200, slowest_s=0.3), TIMEOUT_S))
+            return RtuLink(lines[-1], 1, (Block(Kind.HOLDING, 0, 4),))
+
+        yield open_link
+        for line in lines:
+            line.close()
+
+
+def test_a_late_answer_is_not_taken_for_the_next_one(opened: Callable[[], RtuLink], lateness: Lateness) -> None:
+    link = opened()
+    lateness.planned = [0.12]
+    with pytest.raises(NoAnswer, match=r"unit 1 gave no answer within 0\.05 s while reading holding register 10; check cable"):
+        link.read(Block(Kind.HOLDING, 10, 1))
+    with pytest.raises(NoAnswer, match="an answer is still owed"):
+        link.read(Block(Kind.HOLDING, 11, 1))
+    wait_until(link.recover)
+    assert link.read(Block(Kind.HOLDING, 11, 1)) == (1011,)
+
+
+def test_closing_and_opening_again_forgets_nothing(opened: Callable[[], RtuLink], lateness: Lateness) -> None:
+    link = opened()
+    lateness.planned = [0.2]
+    with pytest.raises(NoAnswer):
+        link.read(Block(Kind.HOLDING, 10, 4))
+    link.close()
+    again = opened()
+    assert again.read(Block(Kind.HOLDING, 20, 4)) == (1020, 1021, 1022, 1023)
+
+
+def test_late_answers_to_the_probes_themselves(opened: Callable[[], RtuLink], lateness: Lateness) -> None:
+    link = opened()
+    lateness.planned = [0.08, 0.08, 0.08]
+    with pytest.raises(NoAnswer):
+        link.read(Block(Kind.HOLDING, 10, 2))
+    assert not link.recover()
+    wait_until(link.recover)
+    assert [link.read(Block(Kind.HOLDING, 10 + n, 1 + n % 4)) for n in range(8)] == [
+        tuple(range(1010 + n, 1011 + n + n % 4)) for n in range(8)
+    ]
+
+
+def test_a_stop_is_said_on_a_line_that_is_not_believed_and_first_when_it_is_opened_again(
+    opened: Callable[[], RtuLink], lateness: Lateness, device: Device
+) -> None:
+    link = opened()
+    lateness.planned = [0.2]
+    with pytest.raises(NoAnswer):
+        link.read(Block(Kind.HOLDING, 10, 4))
+    link.write_blind(5, [2])
+    link.close()
+    again = opened()
+    assert [int.from_bytes(pdu[6:]) for pdu in device.writes] == [2, 2]
+    again.write(5, [2])
+    again.close()
+    opened()
+    assert len(device.writes) == 3
+
+
+def test_writes_and_refusals(opened: Callable[[], RtuLink], device: Device) -> None:
+    link = opened()
+    link.write(3, [7, 8])
+    link.write(5, [9], single=True)
+    assert link.read(Block(Kind.HOLDING, 3, 3)) == (7, 8, 9)
+    assert [pdu[0] for pdu in device.writes] == [16, 6]
+    with pytest.raises(LinkError, match=r"refused reading input register 90: there is no such register \(exception 2\)"):
+        link.read(Block(Kind.INPUT, 90, 1))
+    with pytest.raises(LinkError, match="the function is not supported"):
+        link.read(Block(Kind.COIL, 0, 3))
+
+
+def test_a_silence_before_every_request(device: Device) -> None:
+    with over_rtu({1: device}) as path:
+        line = RtuLine(SerialSettings(port=path, baud=115_200, slowest_s=0.05, silence_s=0.03), TIMEOUT_S)
+        link = RtuLink(line, 1, ())
+        began_s = time.monotonic()
+        for _ in range(5):
+            link.read(Block(Kind.HOLDING, 0, 1))
+        assert time.monotonic() - began_s > 4 * 0.03
+        link.close()
+        with pytest.raises(LinkError, match=r"the serial line .* is gone"):
+            link.read(Block(Kind.HOLDING, 0, 1))
+
+
+def test_three_hundred_readings_with_late_answers_are_right_or_refused(device: Device) -> None:
+    chance = random.Random(7)
+    with over_rtu({1: device}, lambda: chance.choice((0.0,) * 24 + (0.07,))) as path:
+        link = RtuLink(RtuLine(SerialSettings(port=path, baud=115_200, slowest_s=0.3), TIMEOUT_S), 1, (Block(Kind.HOLDING, 0, 4),))
+        late = 0
+        for _ in range(300):
+            block = Block(Kind.HOLDING, chance.randrange(36), chance.randrange(1, 4))
+            try:
+                assert link.read(block) == tuple(range(1000 + block.address, 1000 + block.address + block.count))
+            except NoAnswer:
+                late += 1
+                wait_until(link.recover)
+        link.close()
+    assert late > 5
+
+
+@given(st.sampled_from(list(Kind)), st.integers(0, 65_000), st.integers(1, 120))
+def test_a_reading_is_answered_by_its_own_length_only(kind: Kind, address: int, count: int) -> None:
+    request = reading(Block(kind, address, count))
+    size = (count + 7) // 8 if kind.bits else 2 * count
+    reply = bytes([request[0], size]) + bytes(size)
+    assert answers(reply, request)
+    assert answers(bytes([request[0] | 0x80, 2]), request)
+    assert not answers(reply[:-1], request)
+    other = reading(Block(kind, address + 1, count))
+    assert alike(request, other)
+    assert len(values_in(reply, Block(kind, address, count))) == count
+    assert cut(framed(1, reply) + b"more").rest == b"more"
+
+
+@given(st.binary(max_size=300))
+def test_any_bytes_can_be_received(received: bytes) -> None:
+    part = cut(received)
+    assert part.frame is None or part.frame + part.rest == received
+    assert len(part.rest) <= len(received)
+
+
+def test_requests_are_those_of_the_specification() -> None:
+    assert framed(1, reading(Block(Kind.HOLDING, 0, 10))) == bytes.fromhex("01030000000ac5cd")
+    assert writing(Kind.HOLDING, 1, [10, 258], False) == bytes.fromhex("100001000204000a0102")
+    assert writing(Kind.HOLDING, 1, [3], True) == bytes.fromhex("0600010003")
+    assert writing(Kind.COIL, 0x13, [1, 0, 1, 1, 0, 0, 1, 1, 1, 0], False) == bytes.fromhex("0f0013000a02cd01")
+    assert writing(Kind.COIL, 0xAC, [1], True) == bytes.fromhex("0500acff00")

@@ -1,0 +1,266 @@
+"""Devices that speak text: the test stand of the bench, an amplifier as its public drivers describe it, and one with checksums."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from semlive.data.frame_check import Verdict
+from semlive.data.loading import MotionState, StopOnLinkLoss
+from semlive.errors import BadConfig, LinkError, LinkRefused
+from semlive.ports import LoadFrame
+from semlive_drivers.check import check_frame
+from semlive_drivers.text.codec import CheckKind, Checksum, filled, with_check, without_check
+from semlive_drivers.text.load_frame import open_load_frame
+from semlive_simulators.clockwork import BenchClock
+from semlive_simulators.load_frame.lines import ascii_line
+from semlive_simulators.load_frame.trouble import Line, Trouble, Troubles
+from semlive_simulators.machine import Machine
+from semlive_simulators.scenario import load_scenario
+
+from .processes import WallClock, wait_until
+from .text_server import over_text
+
+CLOCK = WallClock()
+APPROACH = {"stiffness_n_mm": 8000.0, "speed_max_mm_s": 0.05, "speed_min_mm_s": 0.0084, "arrived_n": 12.0, "ahead_s": 0.6}
+
+
+class Stand:
+    """The bench's test stand on its line."""
+
+    def __init__(self, path: str, machine: Machine, troubles: Troubles, clock: BenchClock) -> None:
+        self.path, self.machine, self.troubles, self.clock = path, machine, troubles, clock
+
+    def settings(self, **more: object) -> dict[str, object]:
+        line = {"port": self.path, "slowest_s": 0.2}
+        return {"map": "mark10_esm", "serial": line, "confirmed": True, "approach": APPROACH, **more}
+
+
+@pytest.fixture
+def stand() -> Iterator[Stand]:
+    clock = BenchClock(1.0, lambda _: None)
+    machine = Machine(load_scenario("paper_x200"), clock.start_ns)
+    machine.read(clock.start_ns)
+    troubles = Troubles((), lambda: 0.0)
+    clock.begin()
+    over = threading.Event()
+    with ascii_line(machine, clock.now_ns, troubles) as (path, letters):
+
+        def watch() -> None:
+            while not over.wait(0.02):
+                letters.watch_limits()
+
+        watching = threading.Thread(target=watch)
+        watching.start()
+        yield Stand(path, machine, troubles, clock)
+        over.set()
+        watching.join()
+
+
+@pytest.fixture
+def frame(stand: Stand) -> Iterator[LoadFrame]:
+    opened = open_load_frame(stand.settings(), CLOCK)
+    yield opened
+    opened.close()
+
+
+def test_a_stand_tells_load_extension_and_motion(stand: Stand, frame: LoadFrame) -> None:
+    assert isinstance(frame, LoadFrame)
+    assert frame.identity.name == f"load frame at {stand.path}"
+    assert frame.identity.stop_on_link_loss is StopOnLinkLoss.ABSENT
+    sample = frame.read()
+    assert sample.force_n == pytest.approx(0.0, abs=15.0)
+    assert (sample.motion, sample.extension_mm) == (MotionState.STOPPED, pytest.approx(0.0, abs=2e-3))
+
+
+def test_a_stand_is_brought_to_a_load_and_stopped_there(stand: Stand, frame: LoadFrame) -> None:
+    frame.ramp_to(150.0, 100.0)
+    assert frame.read().motion is MotionState.MOVING
+    wait_until(lambda: frame.read().motion is MotionState.STOPPED, within_s=8.0)
+    assert frame.read().force_n == pytest.approx(150.0, abs=40.0)
+    assert stand.machine.jogging_mm_s == 0.0
+
+
+def test_a_stand_that_is_left_alone_stops_at_the_limit_that_was_set(stand: Stand, frame: LoadFrame) -> None:
+    frame.ramp_to(1500.0, 400.0)
+    wait_until(lambda: stand.machine.jogging_mm_s > 0)
+    wait_until(lambda: stand.machine.jogging_mm_s == 0)
+    assert stand.machine.read(stand.clock.now_ns()).extension_mm < 0.05 * APPROACH["ahead_s"] + 0.02
+
+
+def test_a_stop_is_confirmed_by_the_stand(stand: Stand, frame: LoadFrame) -> None:
+    frame.ramp_to(500.0, 200.0)
+    wait_until(lambda: stand.machine.jogging_mm_s > 0)
+    frame.stop()
+    assert stand.machine.jogging_mm_s == 0.0
+    assert frame.read().motion is MotionState.STOPPED
+
+
+def test_a_late_answer_is_refused_and_the_next_ones_are_right(stand: Stand, frame: LoadFrame) -> None:
+    stand.troubles.order(Trouble.LATE, [Line.SERIAL], 1, 0.6)
+    with pytest.raises(LinkError, match=r"gave no whole answer within 0\.3 s to 'p'"):
+        frame.read()
+    with pytest.raises(LinkError, match="an answer is still owed"):
+        frame.read()
+    frame.close()
+    again = open_load_frame(stand.settings(serial={"port": stand.path, "slowest_s": 0.8}), CLOCK)
+    assert [again.read().motion for _ in range(5)] == [MotionState.STOPPED] * 5
+    again.close()
+
+
+def read_three_times(frame: LoadFrame) -> None:
+    """What comes twice is heard with the next request at the latest."""
+    for _ in range(3):
+        frame.read()
+
+
+@pytest.mark.parametrize("trouble", [Trouble.NOISE, Trouble.WRONG_CHECK, Trouble.TWICE, Trouble.LOST])
+def test_what_is_spoiled_is_no_reading(stand: Stand, frame: LoadFrame, trouble: Trouble) -> None:
+    stand.troubles.order(trouble, [Line.SERIAL], 1, 0.01)
+    with pytest.raises(LinkError, match=r"said|spoke unasked|gave no whole answer"):
+        read_three_times(frame)
+
+
+def test_a_reply_in_pieces_is_a_reply(stand: Stand, frame: LoadFrame) -> None:
+    stand.troubles.order(Trouble.SPLIT, [Line.SERIAL], 2, 0.05)
+    assert frame.read().motion is MotionState.STOPPED
+
+
+def test_a_force_in_another_unit_is_the_same_force(stand: Stand, frame: LoadFrame) -> None:
+    stand.machine.jog(0.1)
+    wait_until(lambda: frame.read().force_n > 300.0)
+    frame.stop()
+    before_n = frame.read().force_n
+    stand.troubles.order(Trouble.WRONG_UNIT, [Line.SERIAL], 2, 0.0)
+    assert frame.read().force_n == pytest.approx(before_n, abs=40.0)
+
+
+def test_a_look_at_the_stand_gives_no_order(stand: Stand) -> None:
+    found = check_frame("mark10_esm", {"unit": 1, "timeout_s": 0.5, "serial": {"port": stand.path, "slowest_s": 0.2}}, CLOCK)
+    said = {finding.what: finding for finding in found.findings}
+    assert said["force"].verdict is Verdict.GOOD
+    assert said["motion"].said == "S"
+    assert found.sound
+    with pytest.raises(BadConfig, match="mark10_esm speaks over a serial line; give its path"):
+        check_frame("mark10_esm", {"host": "127.0.0.1", "port": 502}, CLOCK)
+
+
+def test_an_unconfirmed_stand_is_not_moved(stand: Stand) -> None:
+    frame = open_load_frame(stand.settings(confirmed=False), CLOCK)
+    with pytest.raises(LinkError, match="from public documents, confirm before motion"):
+        frame.ramp_to(500.0, 1.0)
+    assert stand.machine.jogging_mm_s == 0.0
+    frame.close()
+
+
+class Amplifier:
+    """A load cell's amplifier at station 7."""
+
+    def __init__(self) -> None:
+        self.load, self.stat, self.asked = 1.234567, 0, []
+
+    def __call__(self, line: str) -> str:
+        self.asked.append(line)
+        told = {"STN?": 7.0, "SYS?": self.load, "STAT?": float(self.stat)}
+        station, _, what = line.partition(":")
+        return "" if station != "!007" else f"{told[what]:+.6f}\r" if what in told else "?\r"
+
+
+def test_an_amplifier_tells_its_load_in_the_unit_of_the_configuration() -> None:
+    amplifier = Amplifier()
+    with over_text(amplifier) as path:
+        line = {"port": path, "slowest_s": 0.05}
+        frame = open_load_frame({"map": "mantracourt_dsc", "serial": line, "station": 7, "units": {"force": "kN"}}, CLOCK)
+        assert frame.identity.name == f"load frame at {path} station 7"
+        assert frame.read().force_n == pytest.approx(1234.567)
+        amplifier.stat = 1 << 9
+        with pytest.raises(LinkError, match=r"gives no reading: the load is beyond the range \(SYSOR\)"):
+            frame.read()
+        amplifier.stat = 1 << 13
+        assert frame.read().force_n == pytest.approx(1234.567)
+        with pytest.raises(LinkError, match="cannot be moved by semlive"):
+            frame.ramp_to(1.0, 1.0)
+        frame.close()
+        with pytest.raises(LinkRefused, match="is another device than Mantracourt DSC"):
+            open_load_frame({"map": "mantracourt_dsc", "serial": line, "station": 3, "timeout_s": 0.05}, CLOCK)
+    assert not [asked for asked in amplifier.asked if "?" not in asked]
+
+
+CHECKED = """
+protocol: ascii
+name: with checksums
+source: a test
+checksum: {kind: xor, lead: "*"}
+ends: "\\r\\n"
+refused: "NAK"
+asks: {load: {send: "RD\\r", reply: 'F=(?P<force>[-+.\\d]+) (?P<force_unit>\\w+)'}}
+every_turn: [load]
+"""
+
+
+def test_units_in_the_reply_and_checksums_on_every_line(tmp_path: Path) -> None:
+    path = tmp_path / "checked.yaml"
+    path.write_text(CHECKED, encoding="utf-8")
+    replies = ["F=+2.5 kN*34", "F=+2.5 lbF*2B", "F=+2.5 kN*00", "F=+2.5 stone*12", "NAK*44"]
+    asked = []
+
+    def answer(line: str) -> str:
+        asked.append(line)
+        text = replies[min(len(asked), len(replies)) - 1]
+        body, _, said = text.partition("*")
+        return (text if said == "00" else with_check(body.encode(), Checksum(CheckKind.XOR, "*")).decode()) + "\r\n"
+
+    with over_text(answer) as line:
+        frame = open_load_frame({"map": str(path), "serial": {"port": line, "slowest_s": 0.05}}, CLOCK)
+        assert frame.read().force_n == pytest.approx(2.5 * 4.4482216, rel=1e-6)
+        with pytest.raises(LinkError, match="reply with a wrong checksum"):
+            frame.read()
+        with pytest.raises(BadConfig, match="unit 'stone' is not known"):
+            frame.read()
+        with pytest.raises(LinkError, match="does not understand 'RD'"):
+            frame.read()
+        frame.close()
+    assert set(asked) == {"RD*16"}
+
+
+@given(st.floats(-900, 900), st.integers(0, 3))
+def test_a_number_in_a_request_reads_back(value: float, decimals: int) -> None:
+    text = filled(f"x{{to_mm:+3.{decimals}}}y", {"to_mm": value}).decode()
+    assert text[1] in "+-"
+    assert float(text[1:-1]) == pytest.approx(value, abs=0.501 * 10**-decimals)
+    outward = float(filled(f"{{to_mm:3.{decimals}!}}", {"to_mm": value}))
+    assert abs(outward) >= abs(value) - 1e-5
+
+
+@given(st.binary(max_size=40), st.sampled_from(CheckKind))
+def test_a_checksum_finds_a_changed_byte(text: bytes, kind: CheckKind) -> None:
+    check = Checksum(kind)
+    sent = with_check(text, check)
+    assert without_check(sent, check, "it") == text
+    if text:
+        with pytest.raises(LinkError, match="wrong checksum"):
+            without_check(bytes([sent[0] ^ 1]) + sent[1:], check, "it")
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ("every_turn: [lood]", "'lood' is not among asks"),
+        ("orders: {stop: [{send: s, ask: load}]}", "a step either sends or asks"),
+        ("orders: {pull: [{send: 'e{speed:3}'}]}", "wants speed; there are force_n"),
+        ("asks: {load: {send: n, reply: '(?P<force'}}", "is no regular expression"),
+        ("valid: [{group: stat, bit: 3, says: bad}]", "valid needs 'stat', which no question of every_turn asks"),
+    ],
+)
+def test_what_is_wrong_in_a_dialogue_is_said(tmp_path: Path, change: str, sentence: str) -> None:
+    key = change.split(":")[0]
+    lines = [line for line in CHECKED.splitlines() if not line.startswith(key)] + [change]
+    path = tmp_path / "mine.yaml"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(BadConfig, match=sentence):
+        open_load_frame({"map": str(path), "serial": {"port": "none"}}, CLOCK)

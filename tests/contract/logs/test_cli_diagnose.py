@@ -1,0 +1,58 @@
+"""`semlive diagnose`: exit codes, one JSON object, the model's file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+from numexp.asfolder import write_folder
+from numexp.cases import CASES
+from numexp.experiment import make_experiment
+
+from semlive.data.grid import Grid
+
+Said = tuple[int, str, str]
+DOMAINS = {"space", "row", "row_start", "scan_time", "frame", "load", "fraction", "moves"}
+
+
+def test_a_verdict_is_one_object_and_the_model_a_file(semlive: Callable[..., Said], tmp_path: Path) -> None:
+    experiment = make_experiment(CASES["magnification"], 3, Grid(101, 101, 20, 38, 30, 43), calibration_pairs=6)
+    write_folder(experiment, tmp_path / "maps")
+    log, model = tmp_path / "log.mcap", tmp_path / "model.json"
+    assert semlive("import", str(tmp_path / "maps"), "-o", str(log), "--subset-px", "43")[0] == 0
+
+    code, out, _ = semlive("diagnose", str(log), "--json", "-o", str(model), "--html", str(tmp_path / "page.html"))
+
+    found = json.loads(out)
+    assert code == 0
+    assert set(found) >= {"outcome", "effects", "ambiguous", "group", "experiment", "gap", "where"}
+    assert (found["outcome"], found["group"]) == ("IDENTIFIED", "G1")
+    (effect,) = found["effects"]
+    assert effect["name"] == "magnification_drift"
+    assert set(effect["parameters"]["change"]) == {"value", "sigma", "unit"}
+    assert set(found["gap"]) == {"before_px", "after_px", "floor_px", "closure", "closure_interval"}
+    assert {one["domain"] for one in found["where"]} <= DOMAINS
+    written = json.loads(model.read_text())
+    assert [{key: one[key] for key in effect} for one in written["effects"]] == found["effects"]
+    assert (written["version"], written["parent_sha256"], len(written["data_sha256"])) == (1, None, 64)
+
+    page = (tmp_path / "page.html").read_text()
+    assert all(word in page for word in ("IDENTIFIED", "magnification_drift", "Next experiment", "95 % interval"))
+    assert not any(word in page for word in ("http:", "https:"))
+    assert page.count("src=") == page.count('src="data:image/png;base64,') == 3  # course, maps before and after, what is left
+    assert "holds no images" in page
+    assert found["rows"]["looked_at"] is False
+    assert found["evidence"]["magnification_drift"] == max(found["evidence"].values())
+
+    code, out, _ = semlive("diagnose", str(log), "--json", "--model", str(model))
+    assert (code, json.loads(out)["outcome"]) == (0, "NONE")
+    code, out, _ = semlive("replay", str(log), "--json", "--model", str(model))
+    assert code == 0
+    assert any("magnification_drift" in one for one in json.loads(out)["warnings"])
+
+
+def test_too_few_pairs_are_one_sentence(semlive: Callable[..., Said], short: Path) -> None:
+    code, out, err = semlive("diagnose", str(short), "--json")
+    assert (code, out) == (1, "")
+    assert "needs at least 5 pairs" in err.splitlines()[-1]

@@ -1,0 +1,166 @@
+"""`semlive export`: what other programs open holds the very fields."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.io
+import xarray as xr
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkIOXML import vtkXMLImageDataReader
+
+from semlive.data.results import RunResult
+from semlive.estimate import correction_sigma
+from semlive.service.replay import Replay, replay
+from semlive.service.result_json import result_json
+
+Semlive = Callable[..., tuple[int, str, str]]
+NAMES = ("u", "v", "exx", "eyy", "exy", "sigma_u", "sigma_v")
+
+
+@pytest.fixture(scope="module")
+def known(imported: Path) -> Any:
+    return replay(Replay(imported, until=5))
+
+
+@pytest.fixture
+def exported(semlive: Semlive, imported: Path, tmp_path: Path) -> Callable[[str], Path]:
+    def export(kind: str) -> Path:
+        out = tmp_path / f"out.{kind}"
+        code, said, err = semlive("export", str(imported), "--format", kind, "-o", str(out), "--until", "5")
+        assert (code, err) == (0, "")
+        assert said == f"{out}: 12 frames\n"
+        assert [path for path in tmp_path.iterdir()] == [out]
+        return out
+
+    return export
+
+
+def fields(result: RunResult, number: int) -> dict[str, np.ndarray]:
+    frame = result.frames[number]
+    moved, strain = frame.displacement, frame.strain
+    return {
+        "u": moved.u_px,
+        "v": moved.v_px,
+        "exx": strain.exx,
+        "eyy": strain.eyy,
+        "exy": strain.exy,
+        "sigma_u": np.where(moved.valid, moved.sigma_u_px, 0.0),
+        "sigma_v": np.where(moved.valid, moved.sigma_v_px, 0.0),
+    }
+
+
+def test_hdf5_holds_fields_series_units_and_configuration(exported: Callable[[str], Path], known: Any) -> None:
+    path = exported("hdf5")
+    with h5py.File(path) as file:
+        assert set(file) == {"frames", "drift", "distortion", "series", "elastic", "configuration", "settings", "result"}
+        assert list(file["frames"]) == sorted(str(one) for one in range(12))
+        group = file["frames/11"]
+        assert set(group) >= {"x", "y", "u", "v", "exx", "eyy", "exy", "sigma_u", "sigma_v", "valid"}
+        x, y = known.begun.grid.mesh()
+        np.testing.assert_array_equal(group["x"], x)
+        np.testing.assert_array_equal(group["y"], y)
+        for name, values in fields(known.result, 11).items():
+            np.testing.assert_array_equal(group[name], values)
+        dmap = next(one for one in known.begun.from_frame_0 if one.current == 11)
+        for name, values in zip(("systematic_u", "systematic_v"), correction_sigma(known.solution, dmap), strict=True):
+            np.testing.assert_allclose(group[name], np.where(group["valid"], values, 0.0), rtol=1e-9)
+        assert float(group["systematic_u"][()].max()) > 0.0
+        assert not file["frames/0/systematic_u"][()].any()
+        np.testing.assert_array_equal(group["valid"], known.result.frames[11].displacement.valid)
+        assert group["u"].attrs["units"] == "px"
+        assert group["eyy"].attrs["units"] == "1"
+        assert (group.attrs["pair"], group.attrs["phase"]) == (5, "tension")
+        drift = known.result.estimate.drift
+        np.testing.assert_array_equal(file["drift/time_s"], drift.time_s)
+        np.testing.assert_array_equal(np.stack([file["drift/dx_px"], file["drift/dy_px"]], axis=1), drift.drift_px)
+        assert file["drift/sigma_px"].shape == drift.time_s.shape
+        for name, values in (("dx_px", "ex_px"), ("dy_px", "ey_px"), ("sigma_px", "sigma_px")):
+            np.testing.assert_array_equal(file["distortion"][name], getattr(known.result.estimate.distortion, values))
+        assert json.loads(file["result"].asstr()[()]) == result_json(known.result, known.settings)
+        assert json.loads(file["configuration"].asstr()[()])["imported"]["engines"] == ["semlive"]
+        assert json.loads(file["settings"].asstr()[()])["estimate.window_points"] == 9
+
+
+def test_xarray_reads_the_hdf5(exported: Callable[[str], Path], known: Any) -> None:
+    with h5py.File(exported("hdf5")) as file:
+        group = file["frames/3"]
+        frame = xr.Dataset({name: (("y", "x"), group[name][()], dict(group[name].attrs)) for name in NAMES})
+    assert float(frame.eyy.max()) == known.result.frames[3].strain.eyy.max()
+
+
+def test_pandas_reads_the_csv(exported: Callable[[str], Path], known: Any) -> None:
+    out = exported("csv")
+    frame, series = pd.read_csv(out / "frame_00011.csv"), pd.read_csv(out / "series.csv")
+    for name, values in fields(known.result, 11).items():
+        column = name if name.startswith("e") else f"{name}_px"
+        np.testing.assert_array_equal(frame[column], values.ravel())
+    assert list(series["frame"]) == list(range(12))
+    assert list(series["phase"])[-1] == "tension"
+    assert series["eyy_mean"].iloc[-1] == known.result.summaries[-1].mean.eyy
+    assert series["load_n"].isna().sum() == 10  # no load before the first load step
+    assert len(pd.read_csv(out / "drift.csv")) == len(known.result.estimate.drift.time_s)
+    assert len(pd.read_csv(out / "distortion.csv")) == frame.shape[0]
+
+
+def test_scipy_reads_the_mat_file_as_octave_would(exported: Callable[[str], Path], known: Any) -> None:
+    held = scipy.io.loadmat(exported("mat"), simplify_cells=True)
+    for name, values in fields(known.result, 11).items():
+        np.testing.assert_array_equal(held["frame_00011"][name], values)
+    assert held["units"]["u"] == "px"
+    assert list(held["series"]["phase"])[-1] == "tension"
+    assert json.loads(held["result_json"])["pairs"] == 6
+    assert scipy.io.whosmat(exported("mat"))[0] == ("frame_00000", (1, 1), "struct")
+
+
+def test_vtk_reads_the_image_data(exported: Callable[[str], Path], known: Any) -> None:
+    out = exported("vtk")
+    reader = vtkXMLImageDataReader()
+    reader.SetFileName(os.fspath(out / "frame_00011.vti"))
+    reader.Update()
+    image, grid = reader.GetOutput(), known.begun.grid
+    assert image.GetDimensions() == (grid.nx, grid.ny, 1)
+    assert image.GetOrigin()[:2] == (grid.x0_px, grid.y0_px)
+    assert image.GetSpacing()[:2] == (grid.step_px, grid.step_px)
+    held = image.GetPointData()
+    expected = fields(known.result, 11)
+    moved = vtk_to_numpy(held.GetArray("displacement"))
+    np.testing.assert_array_equal(moved[:, 0], expected["u"].ravel())
+    np.testing.assert_array_equal(moved[:, 1], expected["v"].ravel())
+    for name in ("exx", "eyy", "exy", "sigma_u"):
+        np.testing.assert_array_equal(vtk_to_numpy(held.GetArray(name)), expected[name].ravel())
+    assert (out / "frames.pvd").read_text().count("<DataSet ") == 12
+    assert (out / "distortion.vti").is_file()
+
+
+def test_pictures(semlive: Semlive, short: Path, tmp_path: Path) -> None:
+    code, _, err = semlive("export", str(short), "--format", "png", "-o", str(tmp_path / "maps"), "--until", "0")
+    assert (code, err) == (0, "")
+    names = {path.name for path in (tmp_path / "maps").glob("*.png")}
+    assert names == {"frame_00000.png", "frame_00001.png", "drift.png", "distortion.png"}
+    picture = cv2.imread(str(tmp_path / "maps" / "frame_00001.png"))
+    assert picture is not None
+    assert picture.shape[1] > 1000
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 256  # maps, not a blank sheet
+
+
+def test_what_cannot_be_written_is_one_sentence_and_leaves_nothing(semlive: Semlive, imported: Path, tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("")
+    code, out, err = semlive("export", str(imported), "--format", "csv", "-o", str(tmp_path / "taken" / "out"))
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    code, out, err = semlive("export", str(imported), "--format", "hdf5", "-o", str(tmp_path / "nowhere" / "out.h5"))
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    code, out, err = semlive("export", str(imported), "--format", "hdf5", "-o", str(tmp_path / "out.h5"), "--set", "estimate.window=500")
+    assert code == 2 or code == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["taken"]

@@ -1,0 +1,145 @@
+"""`semlive import`: a folder becomes a log that every other command takes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numexp.asfolder import write_folder
+from numexp.cases import CASES
+from numexp.experiment import Experiment, make_experiment
+
+from semlive.data.grid import Grid
+from semlive.errors import BadInput
+from semlive.formats.maps import decode_map
+from semlive.formats.messages import DIC_MAP
+from semlive.service.importing import Import, import_folder
+from semlive.service.log_files import messages
+from semlive.service.replay import Replay, replay
+from semlive.service.result_json import result_json
+
+Semlive = Callable[..., tuple[int, str, str]]
+
+
+def test_the_command_writes_a_log_and_says_so_in_one_object(semlive: Semlive, folder: Path, tmp_path: Path) -> None:
+    log = tmp_path / "brought.mcap"
+    code, out, err = semlive("import", str(folder), "-o", str(log), "--specimen-area-mm2", "1.0", "--loading-axis", "y", "--json")
+    assert (code, err) == (0, "")
+    said = json.loads(out)
+    assert said["pairs"] == 12
+    assert said["maps"] == 23
+    assert said["grid"] == {"x0_px": 101, "y0_px": 101, "step_px": 25, "nx": 30, "ny": 24, "subset_px": 0}
+    assert said["from"] == ["semlive"]
+    assert log.is_file()
+    assert list(tmp_path.iterdir()) == [log]
+
+
+def test_maps_stand_in_the_log_as_they_were_listed(imported: Path, experiment: Experiment) -> None:
+    found = {(m.reference, m.current): m for m in (decode_map(one.payload) for one in messages(imported) if one.topic == DIC_MAP)}
+    given = {(m.reference, m.current): m for taken in experiment.pairs for m in taken.maps}
+    assert found.keys() == {key for key in given if key[0] or key[1] % 2 == 0 or key[1] == 1}
+    for key, one in found.items():
+        np.testing.assert_allclose(one.u_px, given[key].u_px, atol=5e-10)
+        np.testing.assert_allclose(one.v_px, given[key].v_px, atol=5e-10)
+
+
+def test_strain_and_elastic_constants_come_out_right(imported: Path, experiment: Experiment) -> None:
+    done = replay(Replay(imported))
+    told = result_json(done.result, done.settings)
+    assert told["pairs"] == 12
+    assert told["vsg_px"] == 8 * 25
+    assert told["window_px"] == 9 * 25
+    modulus, ratio = told["elastic"]["youngs_modulus_gpa"], told["elastic"]["poissons_ratio"]
+    assert abs(modulus["value"] - 71.1) < 4 * modulus["sigma"] < 4.0
+    assert abs(ratio["value"] - 0.33) < 4 * ratio["sigma"] < 0.1
+    for frame in told["frames"]:
+        truth = experiment.pairs[frame["pair"]].seen[-1].gradient
+        assert abs(frame["strain_mean"]["eyy"] - truth[1, 1]) < 5 * frame["strain_mean_sigma"]["eyy"] + 1e-6
+    assert [frame["frame"] for frame in told["frames"]] == list(range(24))
+
+
+def test_maps_from_frame_0_to_second_frames_are_taken_too(experiment: Experiment, tmp_path: Path) -> None:
+    few = make_experiment(CASES["exact"], 5, Grid(101, 101, 50, 15, 12, 0), calibration_pairs=3)
+    whole = import_folder(Import(write_folder(few, tmp_path / "whole", seconds=True), tmp_path / "whole.mcap"))
+    assert whole.maps == 1 + 2 * 3
+    results = []
+    for name in ("whole", "less"):
+        if name == "less":
+            import_folder(Import(write_folder(few, tmp_path / "less"), tmp_path / "less.mcap"))
+        results.append(replay(Replay(tmp_path / f"{name}.mcap")).result)
+    for one, other in zip(*(result.frames for result in results), strict=True):
+        both = one.displacement.valid & other.displacement.valid
+        assert both.mean() > 0.5
+        # Composed of two maps by bilinear interpolation over 50 px of bent raster.
+        assert np.abs(one.displacement.u_px - other.displacement.u_px)[both].max() < 0.05
+
+
+def test_an_imported_log_goes_through_report_and_score(semlive: Semlive, imported: Path, tmp_path: Path) -> None:
+    code, _, err = semlive("report", str(imported), "-o", str(tmp_path / "page.html"))
+    assert (code, err) == (0, "")
+    assert "Maps of another engine, step 25 px" in (tmp_path / "page.html").read_text()
+
+
+@pytest.fixture
+def copy(folder: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(folder, tmp_path / "copy"))
+
+
+def refused(folder: Path, log: str = "log.mcap") -> str:
+    with pytest.raises(BadInput) as wrong:
+        import_folder(Import(folder, folder.parent / log))
+    assert not list(folder.parent.glob("*.part"))
+    assert "\n" not in str(wrong.value)
+    return str(wrong.value)
+
+
+def test_a_missing_map_is_named(copy: Path) -> None:
+    (copy / "disparity_0_8.csv").unlink()
+    assert refused(copy) == (
+        "disparity_0_8.csv: is missing, it tells the motion of the pair; add it, or take the frames of pair 4 out of frames.csv."
+    )
+
+
+def test_a_missing_table_of_frames_is_named(copy: Path) -> None:
+    (copy / "frames.csv").unlink()
+    assert "frames.csv: is missing; write it as docs/import.md shows." in refused(copy)
+    assert "no such folder" in refused(copy / "nowhere")
+
+
+def test_unequal_grids_are_told_where_they_part(copy: Path) -> None:
+    path = copy / "disparity_0_8.csv"
+    path.write_text(path.read_text().replace("\n101,", "\n100,"))
+    assert "disparity_0_8.csv: line 2, column x: 100 is not on the grid of the first map (101, 126, ... 826)" in refused(copy)
+
+
+def test_a_map_without_a_valid_point_is_refused(copy: Path) -> None:
+    path = copy / "disparity_8_9.csv"
+    head, *lines = path.read_text().split()
+    path.write_text("\n".join([head + ",valid", *(line + ",0" for line in lines)]))
+    assert refused(copy).startswith("disparity_8_9.csv: no point is valid")
+
+
+def test_what_an_import_did_not_write_is_never_overwritten(copy: Path) -> None:
+    mine = copy.parent / "log.mcap"
+    mine.write_bytes(b"mine")
+    assert "exists and was not written by an import" in refused(copy)
+    assert mine.read_bytes() == b"mine"
+    mine.unlink()
+    for _ in range(2):
+        import_folder(Import(copy, mine))
+
+
+def test_maps_of_other_pairs_are_left_out_and_told(copy: Path) -> None:
+    shutil.copy(copy / "disparity_0_8.csv", copy / "disparity_3_8.csv")
+    assert import_folder(Import(copy, copy.parent / "log.mcap")).left_out == ("disparity_3_8.csv",)
+
+
+def test_images_cannot_be_replayed_where_there_are_none(semlive: Semlive, imported: Path) -> None:
+    code, out, err = semlive("replay", str(imported), "--from-images", "--json")
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert "holds no images" in err

@@ -1,0 +1,106 @@
+"""`semlive reanalyse`: many logs by many processes, here and on a Dask cluster; what is wrong with one does not stop the rest."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shutil
+import signal
+from collections.abc import Callable
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from distributed import LocalCluster
+
+from semlive.report import campaign
+from semlive.report.campaign import LogDone, all_cores, analyse_one, reanalyse
+from semlive.service.replay import Replay, replay
+from semlive.service.result_json import result_json
+
+Semlive = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture(scope="module")
+def logs(short: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """A good log, a torn one, the good one again in another folder under the same name."""
+    folder = tmp_path_factory.mktemp("campaign")
+    (folder / "again").mkdir()
+    torn = folder / "torn.mcap"
+    torn.write_bytes(short.read_bytes()[:2000])
+    return [short, torn, Path(shutil.copy(short, folder / "again"))]
+
+
+def checked(out: Path, short: Path) -> None:
+    own = replay(Replay(short))
+    told = json.loads(json.dumps(result_json(own.result, own.settings)))
+    assert sorted(path.name for path in out.iterdir()) == ["combined.h5", "summary.csv", "summary.json"]
+    with h5py.File(out / "combined.h5") as file:
+        assert set(file["logs"]) == {"short", "short_2"}
+        for group in file["logs"].values():
+            assert json.loads(group["result"].asstr()[()]) == told
+            np.testing.assert_array_equal(group["frames/7/eyy"], own.result.frames[7].strain.eyy)
+        assert list(file["summary/name"].asstr()) == ["short", "torn", "short_2"]
+        assert file["summary/noise_floor_px"][0] == told["noise_floor_px"]
+        assert np.isnan(file["summary/noise_floor_px"][1])
+    with (out / "summary.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [bool(row["error"]) for row in rows] == [False, True, False]
+    assert rows[0]["pairs"] == "4"
+
+
+def test_all_cores_and_one_log_that_is_torn(semlive: Semlive, logs: list[Path], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    code, said, err = semlive("reanalyse", *map(str, logs), "-o", str(out), "--jobs", "2", "--json")
+    assert code == 1
+    assert "1 of 3 logs failed, the first" in err
+    told = json.loads(said)
+    assert told["failed"] == 1
+    assert [row["pairs"] for row in told["logs"]] == [4, None, 4]
+    checked(out, logs[0])
+
+
+def test_a_dask_cluster(logs: list[Path], tmp_path: Path) -> None:
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None) as workers:
+        done = reanalyse([Replay(log) for log in logs], tmp_path / "out", lambda: campaign.cluster(workers.scheduler_address))
+    assert [one.error is None for one in done] == [True, False, True]
+    checked(tmp_path / "out", logs[0])
+
+
+def test_nobody_at_the_scheduler_s_address(semlive: Semlive, short: Path, tmp_path: Path) -> None:
+    code, out, err = semlive("reanalyse", str(short), "-o", str(tmp_path / "out"), "--dask", "nonsense://nowhere")
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert "--dask nonsense://nowhere: nobody answers there" in err
+
+
+def dying(asked: Replay, name: str, part: str) -> LogDone:
+    """A process that the system kills while it works on one of the logs."""
+    if asked.log.name.startswith("torn"):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return analyse_one(asked, name, part)
+
+
+def test_a_process_that_dies_takes_no_other_log_with_it(logs: list[Path], tmp_path: Path) -> None:
+    class Dying:
+        """Submits the dying work in place of the work."""
+
+        def __init__(self, pool: Executor) -> None:
+            self._pool = pool
+
+        def submit(self, _: Any, *arguments: Any) -> Any:
+            return self._pool.submit(dying, *arguments)
+
+    @contextmanager
+    def executor() -> Any:
+        with all_cores(1) as pool:
+            yield Dying(pool)
+
+    done = reanalyse([Replay(log) for log in logs[:2]], tmp_path / "out", executor)
+    assert [one.error is None for one in done] == [True, False]
+    assert "its process died" in (done[1].error or "")

@@ -1,0 +1,61 @@
+"""`semlive report`: one page that needs nothing else, with the figures that the run has data for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from semlive.report.page import refused_html
+from semlive.report.sections import sections, write_section
+from semlive.service.log_facts import LogFacts, RefusedFile
+from semlive.service.replay import Replay, Replayed, Source, replay
+
+OF_THE_PAPER = {"fig01", "fig05", "fig06", "fig07", "fig10", "fig11", "fig12", "fig13", "fig14", "fig15", "fig16"}
+
+
+@pytest.fixture(scope="module")
+def done(imported: Path) -> Replayed:
+    return replay(Replay(imported, source=Source.DISPARITY))
+
+
+def test_a_tensile_run_has_the_papers_figures(done: Replayed) -> None:
+    keys = [one.key for one in sections(done.result, None, done.settings)]
+    assert {key.split("-")[0] for key in keys if key.startswith("fig")} == OF_THE_PAPER
+    assert {"strain-maps", "stress-strain"} <= set(keys)
+    assert len(keys) == len(set(keys))
+
+
+def test_the_page_tells_all_and_needs_nothing(semlive: Callable[..., tuple[int, str, str]], imported: Path, tmp_path: Path) -> None:
+    code, said, err = semlive("report", str(imported), "-o", str(tmp_path / "page.html"))
+    assert (code, said) == (0, f"{tmp_path / 'page.html'}\n"), err
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    headings = re.findall(r"<h2>(.*?)</h2>", page)
+    assert {"Uncertainty budget", "Frames", "Refused frames", "Settings", "Versions", "False strain", "Translation path"} <= set(headings)
+    assert page.count('src="data:image/png;base64,') == page.count("<img ") > 10
+    assert not re.search(r'(?:src|href)="(?!data:)|url\(|<script', page)
+    assert "dic.subset_px" in page
+    assert "Young&#x27;s modulus</td><td>" in page
+
+
+def test_refused_frames_are_counted_by_reason_and_listed() -> None:
+    refused = tuple(RefusedFile(k, f"<a{k}>.tif", f"<a{k}>.tif is not used: its scan began {k} s before the hold ended") for k in range(3))
+    page = refused_html(LogFacts(files=9, refused=refused))
+    assert "3 of 9 files were not used" in page
+    assert "<td>is not used: its scan began # s before the hold ended</td><td>3<" in page
+    assert "&lt;a2&gt;.tif</td><td>&lt;a2&gt;.tif is not used: its scan began 2 s" in page
+
+
+def test_a_figure_is_written_for_a_journal(done: Replayed, tmp_path: Path) -> None:
+    section = next(one for one in sections(done.result, None, done.settings) if one.key == "fig14-constants")
+    paths = write_section(tmp_path / "figures", section)
+    assert [one.name for one in paths] == ["fig14-constants.png", "fig14-constants.pdf"]
+    assert paths[1].read_bytes().startswith(b"%PDF")
+    assert png_width(paths[0]) == pytest.approx(7.0 * 300, abs=1)
+
+
+def png_width(path: Path) -> int:
+    """Width of a PNG, from its header."""
+    return int.from_bytes(path.read_bytes()[16:20], "big")

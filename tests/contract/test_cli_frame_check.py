@@ -1,0 +1,111 @@
+"""`semlive frame check`: looks at a bench over both lines, and moves and writes nothing."""
+
+from __future__ import annotations
+
+import json
+import socket
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from pymodbus.client import ModbusTcpClient
+
+from semlive.cli.app import run_app
+from semlive_simulators.clockwork import BenchClock
+from semlive_simulators.load_frame.lines import rtu_line
+from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
+from semlive_simulators.machine import Machine
+from semlive_simulators.scenario import load_scenario
+from semlive_simulators.sem import Sem
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[int, str]]:
+    """TCP port and serial path of a bench on which nothing scans."""
+    scenario, clock = load_scenario("paper_x200"), BenchClock(1.0, lambda _: None)
+    machine = Machine(scenario, clock.start_ns)
+    machine.read(clock.start_ns)
+    sem = Sem(scenario, clock, machine, tmp_path_factory.mktemp("export"), True, lambda _: None, lambda _: None)
+    registers = BenchRegisters(scenario, clock, machine, sem)
+    server = ModbusThread(registers, 0)
+    port = server.start()
+    clock.begin()
+    with rtu_line(port, UNIT, registers.troubles) as path:
+        yield port, path
+    server.stop()
+
+
+Check = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def check(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Check:
+    """The command, in this process: exit code, standard output, standard error."""
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["semlive", "frame", "check", *arguments])
+        code = run_app()
+        said = capsys.readouterr()
+        return code, said.out, said.err.strip()
+
+    return run
+
+
+@pytest.mark.parametrize("line", ["tcp", "rtu"])
+def test_a_look_at_the_bench_finds_it_sound_and_writes_nothing(bench: tuple[int, str], check: Check, line: str) -> None:
+    port, path = bench
+    reach = ["--host", "127.0.0.1", "--port", str(port)] if line == "tcp" else ["--port", path, "--timeout-s", "1"]
+    code, out, error = check("bench", *reach, "--json")
+    assert code == 0, error
+    found = json.loads(out)
+    assert found["sound"]
+    assert found["confirmed"]
+    said = {finding["what"]: finding for finding in found["findings"]}
+    assert said["identity"]["said"] == "0x5e31"
+    assert said["order of words"]["verdict"] == "good"
+    assert said["counter goes on"]["verdict"] == "good"
+    with ModbusTcpClient("127.0.0.1", port=port) as client:
+        assert client.read_holding_registers(0, count=8, device_id=UNIT).registers == [0] * 8
+
+
+def test_another_device_is_told_in_a_table_and_by_the_exit_code(bench: tuple[int, str], check: Check) -> None:
+    code, out, error = check("oriental_az", "--port", str(bench[0]))
+    assert code == 1
+    assert "bad" in out
+    assert "confirm before motion" in " ".join(out.split())
+    assert "Oriental Motor AZ" in error
+    assert "findings are bad" in error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["laumas"], "no device description is called 'laumas'; there are bench"),
+        (["bench", "--port", "1"], "nobody answers at 127.0.0.1:1; check that the device is on"),
+        (["bench", "--port", "ttyNone"], "ttyNone cannot be opened"),
+    ],
+)
+def test_what_is_wrong_is_one_sentence(check: Check, arguments: list[str], sentence: str) -> None:
+    code, out, error = check(*arguments)
+    assert (code, out) == (2, "")
+    assert error.startswith(sentence)
+    assert len(error.splitlines()) == 1
+
+
+def test_a_machine_that_listens_and_never_answers_is_one_sentence(check: Check) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as deaf:
+        code, out, error = check("bench", "--port", str(deaf.getsockname()[1]), "--timeout-s", "0.2")
+    assert (code, out) == (2, "")
+    assert "gave no answer within 0.2 s" in error
+    assert error.endswith("check cable and device, and that host, port and unit are its own")
+    assert len(error.splitlines()) == 1
+
+
+def test_a_map_of_ones_own_is_given_by_path(bench: tuple[int, str], check: Check, tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    text = "protocol: modbus\nname: mine\nsource: mine\npoints: {limit: {kind: input, address: 14, dtype: f32, words: low_first}}\n"
+    path.write_text(text + "plausible: {limit: [1, 10000]}\n", encoding="utf-8")
+    code, _, error = check(str(path), "--port", str(bench[0]))
+    assert code == 1
+    assert error.startswith("mine at 127.0.0.1")

@@ -1,0 +1,84 @@
+"""Analysis stands still: control keeps nothing for it, starts another in its place, and that one catches up from the log."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from semlive.formats.log import LogMessage
+from semlive.formats.messages import SEM_SIDECAR, RunMessage
+from semlive.service import analysis_link
+from semlive.service.analysis import READY
+from semlive.service.analysis_link import AnalysisLink
+from semlive.service.config import parse_config
+from semlive.service.journal import Journal
+from semlive.service.record import Recorder
+
+CONFIG = {
+    "sem": {"folder": "export", "pixel_size_um": 1.25},
+    "stage": {"driver": "null"},
+    "protocol": {"calibration_shifts_px": [[0, 0]]},
+}
+WAITING, BYTES = 200, 100_000
+
+
+class Now:
+    def now_ns(self) -> int:
+        return time.time_ns()
+
+    def mono_ns(self) -> int:
+        return time.monotonic_ns()
+
+
+def children() -> set[int]:
+    return {int(one) for path in Path("/proc/self/task").iterdir() for one in (path / "children").read_text().split()}
+
+
+def test_a_hung_analysis_is_started_again_and_what_waits_for_it_takes_no_memory(
+    tmp_path: Path, wait_until: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorder, said, troubles, before = Recorder(tmp_path / "run.000.mcap", Now(), pytest.fail), list[LogMessage](), list[str](), children()
+
+    def in_trouble(what: str, _lost: bool) -> None:
+        monkeypatch.undo()
+        troubles.append(what)
+
+    link = AnalysisLink(tmp_path, lambda: recorder.refused, said.append, in_trouble)
+    journal = Journal(recorder)
+    journal.follow(link.give)
+    config = parse_config(CONFIG, "here").model_dump(mode="json")
+    journal.note(RunMessage(run="run", started_time_ns=1, host="here", versions={}, config=config))
+    wait_until(lambda: bool(said), 120.0)
+    (child,) = children() - before
+    os.kill(child, signal.SIGSTOP)
+    monkeypatch.setattr(analysis_link, "_SILENT_S", 2.0)
+    tracemalloc.start()
+    for number in range(WAITING):
+        link.give(recorder.write(SEM_SIDECAR, bytes(BYTES), sequence=number))
+    assert recorder.flush_wait()
+    assert recorder.flush_wait()  # it lets go of what it wrote with the next
+    kept, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert kept < WAITING * BYTES / 10
+    wait_until(lambda: bool(troubles), 60.0)
+    assert "hung: it was silent for" in troubles[0]
+    assert link.drain(120.0)
+    assert [READY in one.payload.decode() for one in said] == [True]
+    assert len(troubles) == 1
+    assert recorder.close()
+
+
+def test_what_is_not_in_the_log_is_not_waited_for(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "run.000.mcap", Now(), pytest.fail)
+    link = AnalysisLink(tmp_path, lambda: recorder.refused, lambda _: None, lambda _what, _lost: None)
+    link.give(LogMessage(SEM_SIDECAR, 1, 1, 0, b""))
+    began_s = time.monotonic()
+    assert not link.close(0.2)
+    assert time.monotonic() - began_s < 10.0
+    assert recorder.close()

@@ -1,0 +1,39 @@
+"""A run that is taken up again where the machine is not as its log left it, or while another daemon is at work on it."""
+
+from __future__ import annotations
+
+import signal
+import time
+from typing import Any
+
+
+def test_a_machine_that_stands_elsewhere_is_not_moved_without_asking(patient: Any) -> None:
+    patient.start().reach("ramping")
+    time.sleep(2.0)
+    patient.daemon.send_signal(signal.SIGINT)
+    assert patient.end()[0] == 1
+    ramps = patient.calls().count("ramp_to")
+    # The load frame of the next process begins at 0 N; the log says some 20 N.
+    patient.start("--resume", "--yes")
+    code, said = patient.end()
+    assert code == 1
+    assert "the run is not taken up again by itself, because the load is 0.0 N now, and was" in said
+    assert patient.calls().count("ramp_to") == ramps
+    assert sorted(path.name for path in patient.log.iterdir()) == ["run.000.mcap", "run.001.mcap"]
+
+
+def test_a_second_daemon_on_the_same_run_is_refused(patient: Any) -> None:
+    first = patient.start().reach("ramping").daemon
+    patient.start("--resume", "--yes")
+    code, said = patient.end()
+    assert code == 2
+    assert "another semlive is at work on this run" in said
+    first.send_signal(signal.SIGKILL)
+    first.communicate()
+    patient.config["protocol"]["load_tolerance_n"] = 900.0
+    patient.start("--resume", "--yes")
+    code, said = patient.end()
+    assert code == 2
+    assert "protocol.load_tolerance_n is 900.0 in the configuration and 10.0 in the log" in said
+    # The torn segment was made whole at once, and nothing was begun.
+    assert [path.name for path in patient.log.glob("*.mcap")] == ["run.000.mcap"]

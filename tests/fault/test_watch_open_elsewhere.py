@@ -1,0 +1,72 @@
+"""A file that another program still has open: it is waited for and never refused for that. What Windows tells is emulated elsewhere."""
+
+from __future__ import annotations
+
+import errno
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from semlive.data.frame import ExportedFile
+from semlive.service.folder import FileRefused, Folder, WatchSettings
+from semlive.service.open_elsewhere import held_back, open_elsewhere
+
+from .by_hand import HandClock, image
+
+
+@dataclass
+class Watched:
+    """A folder whose system tells who has which file open."""
+
+    path: Path
+    held: set[str] = field(default_factory=set)
+    clock: HandClock = field(default_factory=HandClock)
+    files: list[ExportedFile] = field(default_factory=list)
+    refused: list[FileRefused] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        settings = WatchSettings(self.path, stable_for_s=2.0, give_up_after_s=20.0)
+        said = self.said.append
+        self.folder = Folder(settings, self.clock, self.files.append, self.refused.append, said, said, lambda path: path.name in self.held)
+        self.folder.open()
+
+    def wait(self, seconds: int) -> None:
+        for _ in range(seconds):
+            self.folder.poll()
+            self.clock.ns += 10**9
+        self.folder.poll()
+
+
+def test_a_whole_file_is_not_taken_while_its_writer_has_it_open(tmp_path: Path) -> None:
+    one = Watched(tmp_path, {"a.tif"})
+    (tmp_path / "a.tif").write_bytes(image(1))
+    one.wait(100)
+    assert (one.files, one.refused) == ([], [])
+    (notice,) = one.said
+    assert notice.startswith("a.tif: another program has had it open for 2")
+    assert notice.endswith("it is taken when that lets go of it.")
+    one.held.clear()
+    one.wait(6)
+    assert [file.data for file in one.files] == [image(1)]
+    assert one.refused == []
+
+
+def test_what_the_system_says_of_a_held_file_is_known() -> None:
+    assert held_back(OSError(errno.EBUSY, "busy"))
+    assert held_back(OSError(errno.ETXTBSY, "text file busy"))
+    assert not held_back(OSError(errno.EACCES, "permission denied"))
+    refused = OSError(errno.EACCES, "the process cannot access the file")
+    for number, held in ((32, True), (33, True), (5, False)):
+        refused.winerror = number  # type: ignore[attr-defined]  # as Windows sets it
+        assert held_back(refused) is held
+
+
+def test_what_this_system_tells_of_an_open_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    with path.open("wb") as file:
+        file.write(image(1))
+        file.flush()
+        assert open_elsewhere(path) is (sys.platform == "win32")
+    assert not open_elsewhere(path)
+    assert not open_elsewhere(tmp_path / "none.tif")

@@ -1,0 +1,212 @@
+"""docs/cli.md and docs/configuration.md, held to the commands and to the configuration's own words.
+
+Run ``python tests/golden/test_reference_pages.py`` to write them anew after a deliberate change.
+"""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import re
+import sys
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from semlive.cli.app import COMMANDS
+from semlive.cli.lazy import load
+from semlive.data.experiment import Limits
+from semlive.data.settings import DicSettings, EstimateSettings, ScanProfile, ScanSpeed, SpecimenSettings, StrainSettings
+from semlive.service import config
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+SECTIONS: tuple[tuple[str, type], ...] = (
+    ("run", config.RunSection),
+    ("sem", config.SemSection),
+    ("sem.profile", ScanProfile),
+    ("sem.scan_profiles", ScanSpeed),
+    ("load_frame, stage, sem.trigger", config.DriverSection),
+    ("specimen", SpecimenSettings),
+    ("protocol", config.ProtocolSection),
+    ("protocol.warm_up", config.WarmUpSection),
+    ("protocol.adaptive_hold", config.AdaptiveHoldSection),
+    ("limits", Limits),
+    ("dic", DicSettings),
+    ("estimate", EstimateSettings),
+    ("estimate.strain", StrainSettings),
+)
+ELSEWHERE = {
+    "hold_s": "Rest between settled and the first frame of the pair.",
+    "settle_s": "How long load and stage must stay within tolerance to be called settled.",
+    "load_tolerance_n": "Allowed distance of the load from its target.",
+    "load_tolerance_fraction": "The same as a fraction of the target; the larger of both holds.",
+    "stage_tolerance_um": "Allowed distance of the stage's own reading from its target.",
+    "motion_timeout_s": "A motion that is not settled after this is a fault.",
+    "frame_timeout_s": "No acceptable frame for this long while imaging is a fault.",
+    "ramp_rate_n_s": "Rate of load changes.",
+    "calibration_shifts_px": "Places (x, y) of the unloaded pairs that tell the distortion, in both directions.",
+    "translation_shifts_px": "Places (x, y) of the unloaded pairs that check it.",
+    "loads_n": "Loads at which pairs are taken, tension positive.",
+    "name": "Of the run, and of its log.",
+    "max_hold_s": "No hold lasts longer, whatever is expected.",
+    "driver": "Name of an installed driver: [drivers.md](drivers.md).",
+    "settings": "What the driver needs: [drivers.md](drivers.md).",
+    "folder": "Into which the microscope's auto-save writes.",
+    "poll_s": "Wall seconds between looks into the folder.",
+    "trigger": "What makes the microscope scan one frame; without it any frame counts whose scan began after the hold.",
+    "profile": "What files do not tell: sem.profile.",
+    "warm_up": "The warm-up gate: protocol.warm_up; left out, nothing waits.",
+    "adaptive_hold": "Longer holds: protocol.adaptive_hold; left out, every hold is `hold_s` long.",
+}
+"""Words for keys whose own docstring stands with the noun that they become, or that say it all by their name."""
+
+
+def cli_page() -> str:
+    """Every command with its arguments and options, as it tells them itself."""
+    parts = [
+        "# Commands\n",
+        "Written from the commands themselves (`tests/golden/test_reference_pages.py`), whose `--help` says the same.\n",
+        "Exit codes: 0 all is well, 1 something failed or was found bad, 2 the input is wrong; the last line on standard error says",
+        "what, where and what to do.",
+        "`semlive --install-completion` makes the tab key complete commands and options (bash, zsh, fish, PowerShell).\n",
+    ]
+    for entry in COMMANDS:
+        command = load(entry)
+        inner = getattr(command, "commands", None)
+        if not inner:
+            parts += _command(f"semlive {entry.name}", command)
+        for name, one in (inner or {}).items():
+            parts += _command(f"semlive {entry.name} {name}", one)
+    return "\n".join(parts) + "\n"
+
+
+def _command(name: str, command: Any) -> Iterator[str]:
+    arguments = [one for one in command.params if one.param_type_name == "argument"]
+    options = [one for one in command.params if one.param_type_name == "option" and one.name != "help"]
+    used = " ".join(_place(one) for one in arguments)
+    yield f"## `{f'{name} {used}'.strip()}`\n"
+    yield f"{' '.join((command.help or '').split())}\n"
+    if not arguments and not options:
+        return
+    yield "| | | default |\n|---|---|---|"
+    for one in (*arguments, *options):
+        words = _place(one) if one in arguments else ", ".join(sorted((*one.opts, *one.secondary_opts), key=len))
+        default = "" if one.default in (None, False, (), []) or one.required or callable(one.default) else f"`{one.default}`"
+        yield f"| `{words}` | {_cell(one.help or '')} | {default} |"
+    yield ""
+
+
+def _place(argument: Any) -> str:
+    return str(argument.metavar or argument.name.upper()) + ("..." if argument.nargs == -1 and "..." not in str(argument.metavar) else "")
+
+
+def configuration_page() -> str:
+    """Every key of a configuration file: type, default and meaning."""
+    parts = [
+        "# Configuration\n",
+        "Written from the code that checks it (`tests/golden/test_reference_pages.py`). A key that does not exist is refused, with",
+        "the one that was meant. Units are in the names: `_s` seconds, `_px` pixels, `_um`, `_mm`, `_n` newtons, `_n_s` newtons per",
+        "second. Folders are relative to the file.\n",
+        "`semlive init` writes a commented file; [deploy/examples](../deploy/examples) has three.\n",
+    ]
+    for heading, cls in SECTIONS:
+        parts += [f"## `{heading}`\n", f"{_first_line(cls)}\n", "| key | type | default | |\n|---|---|---|---|"]
+        about = _attribute_words(cls)
+        for name, kind, default in _fields(cls):
+            parts.append(f"| `{name}` | {kind} | {default} | {_cell(about.get(name) or ELSEWHERE.get(name, ''))} |")
+        parts.append("")
+    return "\n".join(parts)
+
+
+def _fields(cls: type) -> Iterator[tuple[str, str, str]]:
+    hints = typing.get_type_hints(cls)
+    if issubclass(cls, BaseModel):
+        for name, field in cls.model_fields.items():
+            yield name, _type(hints[name]), _model_default(field)
+        return
+    for one in dataclasses.fields(cls):
+        default = "needed" if one.default is dataclasses.MISSING and one.default_factory is dataclasses.MISSING else _default(one.default)
+        yield one.name, _type(hints[one.name]), default
+
+
+def _model_default(field: FieldInfo) -> str:
+    return "needed" if field.is_required() else _default(field.default)
+
+
+def _default(value: object) -> str:
+    if value is None or isinstance(value, BaseModel) or dataclasses.is_dataclass(value):
+        return ""
+    if isinstance(value, bool):
+        return "`true`" if value else "`false`"
+    text = value.as_posix() if isinstance(value, Path) else str(list(value)) if isinstance(value, tuple) else str(value)
+    return f"`{text}`" if text not in ("", "[]", "{}") else ""
+
+
+def _type(hint: Any) -> str:
+    if typing.get_origin(hint) is typing.Annotated:
+        hint = typing.get_args(hint)[0]
+    arguments = [one for one in typing.get_args(hint) if one is not type(None)]
+    if typing.get_origin(hint) is typing.Literal:
+        return " or ".join(str(one) for one in typing.get_args(hint))
+    if len(arguments) < len(typing.get_args(hint)):
+        return " or ".join(_type(one) for one in arguments)
+    if typing.get_origin(hint) in (list, tuple):
+        return (
+            f"list of {_type(arguments[0])}"
+            if typing.get_origin(hint) is list or arguments[-1] is Ellipsis
+            else f"{len(arguments)} numbers"
+        )
+    if typing.get_origin(hint) is dict or (inspect.isclass(hint) and (issubclass(hint, BaseModel) or dataclasses.is_dataclass(hint))):
+        return "section"
+    return {float: "number", int: "whole number", str: "text", bool: "yes or no", Path: "path"}.get(hint, "section")
+
+
+def _attribute_words(cls: type) -> dict[str, str]:
+    """What a class says of its attributes: under ``Attributes:``, or by the string below each."""
+    found: dict[str, str] = {}
+    for match in re.finditer(
+        r"^    (\w+): (.*?)(?=^    \w+: |\Z)", inspect.cleandoc(cls.__doc__ or "").partition("Attributes:\n")[2], re.M | re.S
+    ):
+        found[match[1]] = " ".join(match[2].split())
+    body = ast.parse(inspect.getsource(cls)).body[0]
+    assert isinstance(body, ast.ClassDef)
+    for before, after in zip(body.body, body.body[1:], strict=False):
+        named = isinstance(before, ast.AnnAssign) and isinstance(before.target, ast.Name)
+        if named and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+            found[before.target.id] = " ".join(str(after.value.value).split())  # type: ignore[union-attr]
+    return {name: words[0].upper() + words[1:] for name, words in found.items()}
+
+
+def _first_line(cls: type) -> str:
+    return inspect.cleandoc(cls.__doc__ or "").split("\n\n")[0].replace("\n", " ")
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("``", "`").replace("|", "\\|")
+
+
+PAGES = {"cli.md": cli_page, "configuration.md": configuration_page}
+
+
+@pytest.mark.checkout
+@pytest.mark.parametrize("name", PAGES)
+def test_the_page_says_what_the_code_says(name: str) -> None:
+    assert (DOCS / name).read_text(encoding="utf-8") == PAGES[name]()
+
+
+def test_every_key_of_a_configuration_is_explained() -> None:
+    rows = re.findall(r"^\| `(\w+)` \|.*\| (.*) \|$", configuration_page(), re.MULTILINE)
+    assert len(rows) > 80
+    assert [name for name, words in rows if not words] == []
+
+
+if __name__ == "__main__":
+    for page, write in PAGES.items():
+        (DOCS / page).write_text(write(), encoding="utf-8")
+        sys.stdout.write(f"{page} is written\n")

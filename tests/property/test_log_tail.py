@@ -1,0 +1,153 @@
+"""A growing log is read message by message as its chunks become whole, whatever happens to its files."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import pytest
+
+from semlive.errors import BadLog
+from semlive.formats.log import LogMessage, LogWriter
+from semlive.formats.messages import SEM_ORIGINAL, LogLineMessage
+from semlive.service.log_files import messages
+from semlive.service.record import Recorder
+from semlive.service.recover import recover_segment
+from semlive.service.tail import Tail, follow
+
+
+def write(path: Path, first: int, count: int, finish: bool = True) -> bytes:
+    with path.open("wb") as stream:
+        writer = LogWriter(stream)
+        for number in range(first, first + count):
+            writer.write("/log", LogLineMessage(time_ns=number, level="info", text="x" * (number % 7)), number, number)
+            if number % 3 == 0:
+                writer.write(SEM_ORIGINAL, bytes(number % 5), number, number, number)
+            if number % 2 == 0:
+                writer.flush()
+        writer.finish() if finish else writer.flush()
+    return path.read_bytes()
+
+
+def test_a_file_cut_at_every_byte_gives_each_message_once_when_its_chunk_is_whole(tmp_path: Path) -> None:
+    data = write(tmp_path / "whole.mcap", 0, 12)
+    whole = list(messages(tmp_path / "whole.mcap"))
+    ends = [end for end in range(len(data)) if data[end : end + 1] == b"\x07" and int.from_bytes(data[end + 1 : end + 9], "little") < 100]
+    path = tmp_path / "run.000.mcap.part"
+    tail, read = Tail(path), list[LogMessage]()
+    with path.open("wb") as growing:
+        for at in range(len(data)):
+            growing.write(data[at : at + 1])
+            growing.flush()
+            read += tail.poll()
+            assert read == whole[: len(read)]
+            assert not tail.finished or at + 1 >= len(data) - 8
+            if at + 1 in ends[:3]:
+                # A message index begins: the chunk before it is whole, and all of it has been given.
+                assert read
+                assert read == list(messages(path))
+    assert read == whole
+    assert tail.finished
+    assert list(tail.poll()) == []
+
+
+def test_a_cut_read_anew_gives_what_a_following_reader_was_given(tmp_path: Path) -> None:
+    data = write(tmp_path / "whole.mcap", 0, 6)
+    path = tmp_path / "cut.mcap.part"
+    follower, followed = Tail(path), 0
+    for at in range(0, len(data) + 1, 13):
+        path.write_bytes(data[:at])
+        followed += len(list(follower.poll()))
+        assert len(list(Tail(path).poll())) == followed
+
+
+def test_renames_and_new_segments_are_followed(tmp_path: Path) -> None:
+    tail = Tail(tmp_path)
+    assert list(tail.poll()) == []
+    part, finished = tmp_path / "run.000.mcap.part", tmp_path / "run.000.mcap"
+    data = write(part, 0, 6)
+    part.write_bytes(data[:-300])
+    first = list(tail.poll())
+    assert not tail.finished
+    part.write_bytes(data)
+    part.rename(finished)
+    assert [one.payload for one in first + list(tail.poll())] == [one.payload for one in messages(finished)]
+    assert tail.finished
+    write(tmp_path / "run.001.mcap.part", 100, 4, finish=False)
+    later = list(tail.poll())
+    assert [one.log_time_ns for one in later if one.topic == "/log"] == [100, 101, 102, 103]
+    assert not tail.finished
+
+
+def test_a_torn_segment_is_given_up_when_the_next_one_exists(tmp_path: Path) -> None:
+    told: list[str] = []
+    tail = Tail(tmp_path, told.append)
+    data = write(tmp_path / "run.000.mcap.part", 0, 6, finish=False)
+    (tmp_path / "run.000.mcap.part").write_bytes(data[:-120])
+    first = list(tail.poll())
+    assert told == []
+    write(tmp_path / "run.001.mcap", 100, 4)
+    rest = list(tail.poll())
+    assert len(told) == 1
+    assert first + rest == list(messages(tmp_path))
+    assert tail.finished
+
+
+def test_a_segment_recovered_under_the_reader_gives_nothing_twice(tmp_path: Path) -> None:
+    part = tmp_path / "run.000.mcap.part"
+    data = bytearray(write(part, 0, 20, finish=False))
+    part.write_bytes(data[: len(data) // 2])
+    tail = Tail(tmp_path)
+    read = list(tail.poll())
+    part.write_bytes(data)
+    recover_segment(part)
+    read += tail.poll()
+    assert read == list(messages(tmp_path))
+    assert tail.finished
+
+
+def test_what_was_not_taken_comes_again(tmp_path: Path) -> None:
+    write(tmp_path / "run.000.mcap", 0, 12)
+    tail, read = Tail(tmp_path), list[LogMessage]()
+    while one := next(tail.poll(), None):
+        read.append(one)
+    assert read == list(messages(tmp_path))
+
+
+def test_damage_in_the_middle_is_passed_over_and_told(tmp_path: Path) -> None:
+    path = tmp_path / "run.000.mcap"
+    data = bytearray(write(path, 0, 12))
+    data[data.index(b"xxxxx")] ^= 1
+    path.write_bytes(data)
+    told: list[str] = []
+    assert list(follow(tmp_path, on_damage=told.append)) == list(messages(tmp_path))
+    assert told == ["run.000.mcap: a chunk is damaged: its checksum is wrong."]
+    (tmp_path / "run.001.mcap").write_bytes(b"no log at all")
+    with pytest.raises(BadLog, match=r"run\.001\.mcap: not an MCAP file"):
+        list(Tail(tmp_path).poll())
+
+
+class Ticking:
+    """Experiment time that counts."""
+
+    def now_ns(self) -> int:
+        return 1
+
+    def mono_ns(self) -> int:
+        return 1
+
+
+def test_a_recorder_is_followed_to_its_end(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "run.000.mcap", Ticking(), lambda _: None)
+    read: list[LogMessage] = []
+    reader = threading.Thread(target=lambda: read.extend(follow(tmp_path, 0.005)))
+    reader.start()
+    for number in range(300):
+        recorder.write("/log", LogLineMessage(time_ns=number, level="info", text="x"))
+        if number % 50 == 0:
+            recorder.write(SEM_ORIGINAL, bytes(100_000), sequence=number)
+            assert recorder.flush_wait()
+    assert recorder.close()
+    reader.join(10)
+    assert read == list(messages(tmp_path))
+    assert len(read) == 306

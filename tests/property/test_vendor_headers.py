@@ -1,0 +1,89 @@
+"""Headers of any text, and damaged files of every vendor: nothing but BadInput comes out, soon."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from semlive.errors import BadInput
+from semlive.formats import fei, hitachi, jeol, tescan, zeiss
+from semlive.formats.frames import read_sidecar
+from semlive.formats.header import Header
+from semlive.formats.inspection import as_json, inspect_sidecar
+from semlive.formats.moment import dated, iso
+from semlive.formats.quantity import quantity
+from semlive.formats.resolve import find
+from semlive.service.names import NameCount
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+from fuzz_formats import PROFILES, Tally, campaign, seeds
+
+NOW_NS = 1_772_439_825 * 10**9
+ZEISS = ("AP_LINE_TIME", "AP_FRAME_TIME", "AP_DATE", "AP_TIME", "AP_LINE_COUNTER", "DP_NOISE_REDUCTION", "AP_IMAGE_PIXEL_SIZE")
+TESCAN = ("DwellTime", "PixelSizeX", "PixelSizeY", "ImageStripSize", "AccFrames", "Date", "Time", "ScanSpeed")
+JEOL = ("$CM_FULL_SIZE", "$CM_MAG", "$$SM_MICRON_BAR", "$$SM_MICRON_MARKER", "$CM_DATE", "$CM_TIME", "$$SM_INTEG_NO")
+KEYS = st.sampled_from((*ZEISS, "AP_LINE_AVERAGE_COUNT", *TESCAN, *JEOL, "DataSize", "PixelSize", "InstructName", "Dwell", "LineTime"))
+VALUES = st.one_of(
+    st.text(max_size=20),
+    st.sampled_from(
+        ["0", "-1", "1e308", "nan", "inf", "9" * 70, "0e9999", "1e-9999", "Line Int. Busy", "1024 * 768", "1 1", "0x0", "00:00:00"]
+    ),
+    st.floats().map(str),
+    st.integers().map(str),
+)
+LINES = st.lists(st.tuples(KEYS, VALUES), max_size=12)
+
+
+def _resolved(header: Header | None) -> None:
+    if header is None:
+        return
+    for profile in PROFILES:
+        height_px, said = 1, "a.tif"
+        try:
+            height_px = find("a.tif", header, 64, 48, profile).height_px
+        except BadInput as refusal:
+            said = str(refusal)
+        assert 1 <= height_px <= 48
+        assert "a.tif" in said
+
+
+@settings(max_examples=150, deadline=2000)
+@given(LINES, st.sampled_from(["=", " = ", " ", "\n", "\r\nx = "]))
+def test_any_header_is_read_or_passed_over(lines: list[tuple[str, str]], mark: str) -> None:
+    text = "\r\n".join(f"{key}{mark}{value}" for key, value in lines)
+    raw = text.encode("utf-16" if len(text) % 2 else "utf-8", errors="replace")
+    _resolved(zeiss.header(zeiss.parse(text), 64, 48))
+    _resolved(fei.header(fei.FeiText(fei.parse_ini("[EScan]\n" + text), fei.parse_xml(text))))
+    _resolved(tescan.header(tescan.parse_tag(raw)))
+    _resolved(jeol.header({key: value for key, value in lines}))
+    _resolved(hitachi.header(dict(lines), NOW_NS))
+    _resolved(read_sidecar(raw, NOW_NS))
+    alone = inspect_sidecar("a.txt", raw, NOW_NS, PROFILES[1])
+    json.dumps(None if alone is None else as_json(alone, "a.txt"), allow_nan=False)
+
+
+@settings(max_examples=150, deadline=2000)
+@given(st.text(max_size=30), st.text(max_size=20))
+def test_any_number_date_and_name_is_one_or_none(text: str, other: str) -> None:
+    found = quantity(text)
+    assert found is None or np.isfinite(found.value)
+    iso(text)
+    for order in ("dmy", "mdy", "ymd"):
+        dated(text, order, other)
+    NameCount().notice(text)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_short_campaign_of_damaged_files_ends_without_a_crash(seed: int) -> None:
+    failed: list[BaseException] = []
+    tally = Tally()
+    campaign(400, seed, seeds(), lambda _data, _sidecar, error: failed.append(error), 10.0, tally)
+    assert failed == []
+    assert tally.inputs == 400
+    assert tally.read > 20

@@ -1,0 +1,69 @@
+"""Hidden effects are named, nothing is named where nothing is hidden, and a wave that no effect makes has no name."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+from blind.experiment import Conditions
+from blind.hiding import DETECTABLE_PX, hidden_effect
+from blind.observing import observed
+
+from semlive.data.diagnosis import Outcome
+from semlive.data.grid import Grid
+from semlive.diagnose.judge import diagnose
+from semlive.model.effects import DICTIONARY
+from semlive_simulators.effects.protocol import Effect, Plane, Visits
+
+GRID = Grid(101, 101, 15, 50, 40, 43)
+DRAWS = 99
+# A seventh of the laws: with all of them a verdict takes twice as long.
+FEW = tuple(
+    one
+    for one in DICTIONARY
+    if one.name in ("magnification_drift", "refocus_magnification_step", "aspect_drift", "tilt_with_load", "dic_subpixel_bias")
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MovingWave(Effect):
+    """A wave that runs over the field, 0.1 px: nothing in the dictionary does that."""
+
+    name = "moving_wave"
+
+    def offset_px(self, at: Visits) -> Plane:
+        """Along x."""
+        # Over columns: over rows it would be an oscillation in time, seen once in every frame.
+        wave = 0.1 * np.sin(2.0 * np.pi * (at.x_px / 400.0 - at.time_s / 700.0))
+        return wave, np.zeros_like(wave)
+
+
+def test_nothing_is_named_where_nothing_is_hidden() -> None:
+    found = diagnose(observed(Conditions(501), (), GRID), dictionary=FEW, draws=DRAWS)
+
+    assert found.outcome is Outcome.NONE
+    assert found.effects == ()
+    assert all(one.p_value > 0.01 for one in found.where)
+
+
+@pytest.mark.parametrize("name", ["magnification_drift", "tilt_with_load"])
+def test_a_hidden_effect_is_named_and_closes_the_gap(name: str) -> None:
+    found = diagnose(observed(Conditions(502), hidden_effect(name, 8.0 * DETECTABLE_PX[name], 1), GRID), dictionary=FEW, draws=DRAWS)
+
+    assert found.outcome is Outcome.IDENTIFIED
+    assert [one.name for one in found.effects] == [name]
+    assert found.gap is not None
+    assert found.gap.closure > 0.75
+    assert min(one.p_value for one in found.where) < 0.05
+
+
+def test_what_no_effect_makes_is_not_given_a_name() -> None:
+    found = diagnose(observed(Conditions(503), (MovingWave(),), GRID), dictionary=FEW, draws=DRAWS)
+
+    assert found.outcome is Outcome.UNKNOWN

@@ -1,0 +1,31 @@
+"""What is no drift: one drift for all positions does not fit it, one at every position swallows it, and it has a name."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+from bench_swallowed import experiment, swallowed
+from blind.experiment import Conditions
+
+from semlive.data.diagnosis import Outcome
+from semlive.data.grid import Grid
+from semlive.diagnose.judge import diagnose
+from semlive.model.effects import DICTIONARY
+
+CONDITIONS = Conditions(702, calibration=8, tension=2)
+GRID = Grid(101, 101, 25, 30, 24, 43)
+FEW = tuple(one for one in DICTIONARY if one.name in ("magnification_drift", "aspect_drift"))
+
+
+def test_a_local_drift_swallows_what_diagnosis_names() -> None:
+    seen = experiment("magnification_drift", 0.4, CONDITIONS, GRID)
+    misfit = swallowed(seen)
+    found = diagnose(seen, dictionary=FEW, draws=99)
+
+    assert misfit.global_misfit > 1.3
+    assert misfit.local_misfit < 1.2  # noise alone gives 1.07, as what no drift is has been left in both
+    assert misfit.between_px > 0.003
+    assert (found.outcome, [one.name for one in found.effects]) == (Outcome.IDENTIFIED, ["magnification_drift"])

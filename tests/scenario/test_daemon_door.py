@@ -1,0 +1,133 @@
+"""A run is steered from another process: with its token, over its own socket, and a person's answers come that way too."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from semlive.engine import Verb
+from semlive.service.door import LINE_BYTES, Heard, Reply, Request, knock
+from semlive.service.log_files import messages
+
+DAEMON = """
+import json, queue, sys
+from dataclasses import asdict
+from pathlib import Path
+from semlive.service.config import load_config
+from semlive.service.daemon import Faces, run_experiment
+
+tell = lambda address: print(json.dumps(asdict(address)), flush=True)
+run_experiment(load_config(Path(sys.argv[1])), Faces(lambda _: None, queue.SimpleQueue(), attended=True, door=tell))
+"""
+
+
+@dataclass
+class Steered:
+    """A daemon in a process of its own, and its address."""
+
+    process: subprocess.Popen[str]
+    address: dict[str, Any]
+    one: Any
+    wait_until: Callable[..., None]
+
+    def ask(self, **asked: Any) -> Reply:
+        request = Request(**{"token": self.address["token"], **asked})
+        return asyncio.run(knock(self.address["host"], self.address["port"], request))
+
+    def logged(self, topic: str) -> list[dict[str, Any]]:
+        there = self.one.log.is_dir() and list(self.one.log.iterdir())
+        return [json.loads(message.payload) for message in messages(self.one.log) if message.topic == topic] if there else []
+
+    def reach(self, state: str, times: int = 1) -> None:
+        self.wait_until(lambda: sum(told["after"] == state for told in self.logged("/state")) >= times)
+
+    def words(self, kind: str) -> list[dict[str, Any]]:
+        return [told["args"] for told in self.logged("/operator") if told["what"] == kind]
+
+
+@pytest.fixture(scope="module")
+def steered(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> Iterator[Steered]:
+    one = instrument("steered")
+    one.config["load_frame"] = {"driver": "operator", "settings": {"program": "MICROTEST"}}
+    one.config["protocol"].update(calibration_shifts_px=[], loads_n=[100.0], settle_s=1.0)
+    command = [sys.executable, "-c", DAEMON, str(one.write_config())]
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    yield Steered(process, json.loads(process.stdout.readline()), one, wait_until)
+    if process.poll() is None:
+        process.kill()
+    process.communicate()
+
+
+def send(steered: Steered, line: bytes) -> bytes:
+    where = (steered.address["host"], steered.address["port"])
+    # A line that is too long may be met with a reset instead of an end.
+    with contextlib.suppress(ConnectionError), socket.create_connection(where, timeout=10) as caller:
+        caller.sendall(line)
+        return caller.makefile("rb").readline()
+    return b""
+
+
+def test_nobody_is_heard_without_the_token(steered: Steered) -> None:
+    steered.wait_until(lambda: len(steered.words("asked")) == 1)
+    for token in ("", "a", steered.address["token"][:-1], steered.address["token"] + "a"):
+        assert steered.ask(token=token, say=Verb.ABORT).heard is Heard.NO_TOKEN
+    told = {"token": "", "question": "terminal.1", "answer": "100"}
+    assert Reply.model_validate_json(send(steered, json.dumps(told).encode() + b"\n")).heard is Heard.NO_TOKEN
+    assert steered.logged("/state")[-1]["after"] == "ramping"
+    assert {told["what"] for told in steered.logged("/operator")} == {"start", "asked"}
+
+
+@pytest.mark.parametrize(
+    "line", [b"\n", b"stop\n", b'{"say": "stop"}\n', b"[" * 3000 + b"\n", b'{"token": "%s", "say": "jump"}\n', b"\xff\xfe\n"]
+)
+def test_what_is_no_request_is_told_so(steered: Steered, line: bytes) -> None:
+    line = line.replace(b"%s", steered.address["token"].encode())
+    assert Reply.model_validate_json(send(steered, line)).heard is Heard.NO_REQUEST
+
+
+def test_a_line_that_is_too_long_is_not_read(steered: Steered) -> None:
+    assert send(steered, b"x" * (4 * LINE_BYTES)) == b""
+    assert steered.ask(question="terminal.7", answer="").heard is Heard.NOT_OPEN
+    assert steered.ask(question="nobody.1", answer="").heard is Heard.NOT_OPEN
+
+
+def test_a_load_is_entered_from_elsewhere(steered: Steered) -> None:
+    (asked,) = steered.words("asked")
+    assert asked["text"].startswith("in MICROTEST, bring the load to 100 N at ")
+    assert (asked["question"], asked["wanted"]) == ("terminal.1", "load_n")
+    assert steered.ask(question=asked["question"], answer="ninety").heard is Heard.TAKEN
+    steered.wait_until(lambda: len(steered.words("told")) == 1)
+    assert steered.words("told")[0]["text"] == "ninety is no load; type the load in N as MICROTEST shows it"
+    assert not steered.words("answered")
+    assert steered.ask(question=asked["question"], answer=" 99,5 ").heard is Heard.TAKEN
+    steered.reach("holding")
+    (answered,) = steered.words("answered")
+    assert (answered["text"], answered["question"]) == ("99,5", "terminal.1")
+    assert steered.logged("/load_frame/sample")[-1]["force_n"] == 99.5
+    assert steered.ask(question=asked["question"], answer="99.5").heard is Heard.NOT_OPEN
+
+
+def test_a_run_is_paused_resumed_and_stopped_from_elsewhere(steered: Steered) -> None:
+    assert steered.ask(say=Verb.PAUSE, by="page").heard is Heard.TAKEN
+    steered.reach("paused")
+    assert steered.ask(say=Verb.RESUME, by="page").heard is Heard.TAKEN
+    steered.wait_until(lambda: len(steered.words("asked")) == 2)
+    assert steered.ask(say=Verb.STOP, by="page").heard is Heard.TAKEN
+    assert steered.process.wait(60) == 0
+    last = steered.logged("/state")[-1]
+    assert (last["after"], last["before"]) == ("aborted", "stopping")
+    assert steered.words("taken_back")[-1]["question"] == "terminal.2"
+    said = {told["what"]: told["args"] for told in steered.logged("/operator") if told["what"] in list(Verb)}
+    assert said == {"start": {}, "pause": {"by": "page"}, "resume": {"by": "page"}, "stop": {"by": "page"}}
+    with pytest.raises(ConnectionRefusedError):
+        steered.ask(say=Verb.ABORT)

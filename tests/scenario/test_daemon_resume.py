@@ -1,0 +1,217 @@
+"""A daemon that is killed in the middle of a pair, and the same run taken up again."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+from threadpoolctl import threadpool_limits
+
+from semlive.errors import BadConfig
+from semlive.formats.log import LogMessage
+from semlive.formats.messages import LoadSampleMessage
+from semlive.service.analysis import INPUT_TOPICS, READY, AnalysisState, feed, is_output
+from semlive.service.config import load_config
+from semlive.service.log_files import messages, segments
+from semlive.service.pipe import read_message
+from semlive.service.resume import read_earlier
+
+PAIRS = 3
+HALF = 1
+
+
+def logged(log: Path, topic: str) -> list[dict[str, Any]]:
+    return [json.loads(one.payload) for one in messages(log) if one.topic == topic] if log.is_file() or list(log.glob("*.mcap*")) else []
+
+
+def kill(process: subprocess.Popen[str]) -> None:
+    process.send_signal(signal.SIGKILL)
+    process.communicate(timeout=30)
+
+
+def until_half(log: Path, pair: int) -> None:
+    """Wait until the step is imaged, and the scan of its first frame is in the log."""
+    deadline = time.monotonic() + 100.0
+    while time.monotonic() < deadline:
+        time.sleep(0.3)
+        hold_over = [one["time_ns"] for one in logged(log, "/state") if one["cause"] == "hold_over" and one["step"] == pair]
+        if hold_over and any(one["start_time_ns"]["value"] > hold_over[-1] for one in logged(log, "/sem/scan")):
+            return
+    raise AssertionError("no frame of that step was scanned in time")
+
+
+@pytest.fixture(autouse=True)
+def sums_in_one_order() -> Iterator[None]:
+    """As in the daemon's own analysis: with two threads for linear algebra the last bits differ."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield
+
+
+@pytest.fixture(scope="module")
+def resumed(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> Any:
+    """Killed while the second pair is half, taken up again, killed before the last pair is analysed, and taken up once more."""
+    one = instrument("killed")
+    one.config["protocol"].update(calibration_shifts_px=[[0, 0], [6, 0]], loads_n=[100])
+    process = one.start()
+    until_half(one.log, HALF)
+    kill(process)
+    assert [path.name for path in sorted(one.log.iterdir())] == ["killed.000.mcap.part"]
+    one.before = logged(one.log, "/pair"), logged(one.log, "/sem/scan"), logged(one.log, "/load_frame/sample")
+    process, terminal = at_a_terminal(one)
+    wait_until(lambda: any(state["after"] == "recover" for state in logged(one.log, "/state")))
+    time.sleep(0.5)
+    one.unasked = logged(one.log, "/command")[len(logged_by(one.log, 0, "/command")) :]
+    os.write(terminal, b"resume\n")
+    wait_until(lambda: len(logged(one.log, "/pair")) == PAIRS)
+    kill(process)
+    os.close(terminal)
+    process = one.start("--resume", "--yes")
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, out + err
+    return one
+
+
+def at_a_terminal(one: Any) -> tuple[subprocess.Popen[str], int]:
+    """The run taken up again where somebody can be asked."""
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "semlive", "run", str(one.write_config()), "--no-page", "--resume"]
+    process = subprocess.Popen(command, stdin=theirs, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True)
+    os.close(theirs)
+    return process, ours
+
+
+def logged_by(log: Path, segment: int, topic: str) -> list[dict[str, Any]]:
+    return logged(segments(log)[segment], topic)
+
+
+def test_every_pair_is_there_once_and_the_half_one_is_taken_anew(resumed: Any) -> None:
+    pairs, before = logged(resumed.log, "/pair"), resumed.before[0]
+    assert [one["pair"] for one in before] == [0]
+    assert [one["pair"] for one in pairs] == list(range(PAIRS))
+    assert pairs[:HALF] == before
+    scanned_before = {one["export"] for one in resumed.before[1]}
+    assert not scanned_before & {info["export"] for one in pairs[HALF:] for info in (one["first"], one["second"])}
+    exports = [one["export"] for one in logged(resumed.log, "/sem/scan")]
+    assert exports == sorted(set(exports))
+
+
+def test_it_asks_and_the_step_is_entered_again_with_its_hold_in_full(resumed: Any) -> None:
+    states = logged(resumed.log, "/state")
+    again = next(at for at, one in enumerate(states) if one["after"] == "recover")
+    assert [one["after"] for one in states[again : again + 3]] == ["recover", "ramping", "settling"]
+    assert [one["step"] for one in states[again : again + 2]] == [HALF, HALF]
+    # The bench's watchdog stopped it when the daemon died, and says fault until it is told to stop.
+    assert {one["what"] for one in resumed.unasked} == {"stop"}
+    assert any(f"begins step {HALF + 1} again" in one["text"] for one in logged(resumed.log, "/log"))
+    settled = next(one["time_ns"] for one in states[again:] if one["cause"] == "settled")
+    assert logged(resumed.log, "/pair")[HALF]["first"]["start_time_ns"]["value"] - settled >= 30e9
+    # The stage's zero is that of the run's beginning, not where the run was taken up.
+    moves = [one["args"] for one in logged(resumed.log, "/command") if one["what"] == "move_stage"]
+    assert len(moves) == 3
+    assert moves[0] == moves[1]
+    assert moves[0]["x_um"] - moves[2]["x_um"] == pytest.approx(6 * resumed.config["sem"]["pixel_size_um"])
+
+
+def test_the_next_segment_begins_with_where_the_run_stood_and_time_goes_on(resumed: Any) -> None:
+    first, second, third = segments(resumed.log)
+    # What was torn is whole now; an original that was damaged stays beside it.
+    assert [path.name for path in (first, second, third)] == [f"killed.{number:03d}.mcap" for number in range(3)]
+    head = [one for one in messages(second)][:3]
+    assert [one.topic for one in head] == ["/run", "/snapshot", "/clock"]
+    run, snapshot = (json.loads(one.payload) for one in head[:2])
+    assert run["segment"] == snapshot["segment"] == 1
+    assert run["config"] == logged(resumed.log, "/run")[0]["config"]
+    assert (snapshot["state"], snapshot["next_step"], snapshot["pairs"]) == ("imaging", HALF, HALF)
+    load, last = (LoadSampleMessage.model_validate(one) for one in (snapshot["load"], resumed.before[2][-1]))
+    assert load == last
+    assert snapshot["exports"] == max(one.sequence for one in messages(first) if one.topic == "/sem/original") + 1
+    assert snapshot["inputs"] == sum(one.topic in INPUT_TOPICS for one in messages(first))
+    over = logged(third, "/snapshot")[0]
+    assert (over["next_step"], over["pairs"]) == (PAIRS, PAIRS)
+    # It died before its last pair was analysed, and the last segment says what was not said then; it asked no device.
+    assert over["revision"] < PAIRS
+    assert len(logged(third, "/dic/summary")) + len(logged(first, "/dic/summary")) + len(logged(second, "/dic/summary")) == 3 * PAIRS - 2
+    assert logged(third, "/command") == logged(third, "/load_frame/sample") == []
+    times = [one.log_time_ns for one in messages(resumed.log)]
+    assert all(earlier < later for earlier, later in itertools.pairwise(times))
+
+
+def analysed_again(log: Path) -> list[LogMessage]:
+    """What analysis makes of the whole folder without a break."""
+    count = sum(one.topic in INPUT_TOPICS for one in messages(log))
+    command = [sys.executable, "-m", "semlive.service.analysis", "--log", str(log), "--inputs", str(count)]
+    stream = BytesIO(subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=120, check=True).stdout)
+    outputs = []
+    while (message := read_message(stream)) is not None:
+        outputs.append(message)
+    return outputs
+
+
+def told(message: LogMessage) -> tuple[str, int, bytes]:
+    """An output without what differs from one time to the next: how long it took, and what control added to a scan."""
+    payload = message.payload
+    if message.topic in ("/dic/summary", "/sem/scan"):
+        known = json.loads(payload)
+        payload = json.dumps({key: value for key, value in known.items() if not key.startswith(("wall_", "load_", "gage_"))}).encode()
+    return message.topic, message.publish_time_ns, payload
+
+
+def test_live_results_are_byte_for_byte_those_of_the_whole_folder_without_a_break(resumed: Any) -> None:
+    live = [one for one in messages(resumed.log) if is_output(one)]
+    again = analysed_again(resumed.log)
+    assert READY in live[0].payload.decode()
+    assert [told(one)[0::2] for one in live] == [told(one)[0::2] for one in again]
+    out = subprocess.run(
+        [sys.executable, "-m", "semlive", "replay", str(resumed.log), "--json"], capture_output=True, text=True, timeout=120, check=True
+    )
+    results = logged(resumed.log, "/result")
+    result = results[-1]
+    assert all(one == json.loads(out.stdout) for one in results)
+    assert result["pairs"] == PAIRS
+
+
+def test_wherever_the_log_is_torn_it_is_known_what_analysis_has_said(resumed: Any, tmp_path: Path) -> None:
+    config = load_config(resumed.write_config())
+    whole = segments(resumed.log)[0]
+    state, said, after = AnalysisState(), list[LogMessage](), [0]
+    for one in messages(whole):
+        if one.topic in INPUT_TOPICS:
+            state, outputs = feed(state, one)
+            said.extend(outputs)
+            after.append(len(said))
+    size = whole.stat().st_size
+    told_of = 0
+    for torn_at in range(size // 40, size, size // 20):
+        folder = tmp_path / str(torn_at)
+        folder.mkdir()
+        torn = folder / "killed.000.mcap.part"
+        torn.write_bytes(whole.read_bytes()[:torn_at])
+        earlier = read_earlier(folder, config)
+        kept = [one for one in messages(torn) if is_output(one)]
+        assert [told(one)[0::2] for one in kept] == [told(one)[0::2] for one in said[: earlier.outputs]]
+        assert earlier.outputs <= after[earlier.inputs]
+        assert earlier.segment == 1
+        told_of = max(told_of, earlier.outputs)
+    assert told_of > 10
+
+
+def test_a_run_that_is_complete_or_another_or_of_another_configuration_is_refused(resumed: Any) -> None:
+    config = load_config(resumed.write_config())
+    with pytest.raises(BadConfig, match="this run is complete"):
+        read_earlier(resumed.log, config)
+    other = config.model_copy(update={"protocol": config.protocol.model_copy(update={"hold_s": 25.0})})
+    with pytest.raises(BadConfig, match=r"protocol.hold_s is 25.0 in the configuration and 30.0 in the log; a run goes on with"):
+        read_earlier(resumed.log, other)
+    with pytest.raises(BadConfig, match="no such run to take up again; leave --resume out"):
+        read_earlier(resumed.log.with_name("no-such"), config)

@@ -1,0 +1,52 @@
+"""A whole run over Modbus RTU: load frame and stage are two units on one serial line."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from semlive.cli.demo import daemon_config
+from semlive.cli.simulator import running_simulator
+from semlive.service.log_files import messages
+
+RATE = 20.0
+SCENARIO = """
+extends: paper_x200
+scan: {width_px: 256, height_px: 221, frame_time_s: 6.0}
+export: {databar_rows: 0}
+experiment:
+  protocol:
+    calibration_shifts_px: [[6, 0]]
+    translation_shifts_px: []
+    loads_n: [100]
+"""
+
+
+def logged(log: Path, topic: str) -> list[dict[str, Any]]:
+    return [json.loads(one.payload) for one in messages(log) if one.topic == topic]
+
+
+def test_a_run_from_begin_to_end_with_two_units_on_one_line(tmp_path: Path) -> None:
+    (tmp_path / "small.yaml").write_text(SCENARIO, encoding="utf-8")
+    with running_simulator(str(tmp_path / "small.yaml"), tmp_path / "bench", RATE, rtu=True) as bench:
+        config = daemon_config(bench, RATE)
+        links = [config[one]["settings"] for one in ("load_frame", "stage")]
+        assert [(link["serial"]["port"], link["unit"]) for link in links] == [(bench["rtu_port"], 1), (bench["rtu_port"], 7)]
+        config["dic"] = {"subset_px": 31, "step_px": 8, "roi_px": None}
+        config["estimate"] = {"accept_poor_calibration": True}
+        config["protocol"]["load_tolerance_n"] = 20.0
+        (tmp_path / "run.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
+        command = [sys.executable, "-m", "semlive", "run", str(tmp_path / "run.yaml"), "--stop-on-fault"]
+        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    log = tmp_path / "log" / "demo"
+    assert [one["pair"] for one in logged(log, "/pair")] == [0, 1]
+    assert [one["what"] for one in logged(log, "/command")].count("move_stage") == 2
+    assert logged(log, "/pair")[1]["loads"][0]["mean_n"] == pytest.approx(100, abs=20)
+    assert not [one["what"] for one in logged(log, "/fault") if "did not confirm" in one["what"]]

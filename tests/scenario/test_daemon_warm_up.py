@@ -1,0 +1,86 @@
+"""A column that is still warm: the daemon measures until the drift is expected to be slow, and only then loads."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from semlive.cli.demo import daemon_config
+from semlive.cli.simulator import running_simulator
+from semlive.service.log_files import messages
+
+RATE = 20.0
+LIMIT_PX_S = 0.015
+# 1 px/s when the bench begins, a tenth of it four minutes later; the daemon's first pair is there after some three.
+SCENARIO = """
+extends: paper_x200
+scan: {width_px: 320, height_px: 276, frame_time_s: 9.4}
+export: {databar_rows: 30}
+detector: {read_noise: 3.0, shot_noise: 0.25}
+drift:
+  x: {warmup_px: 100.0, warmup_s: 100.0, linear_px_s: 0.0005, quadratic_px_s2: 0.0}
+  y: {warmup_px: -20.0, warmup_s: 100.0, linear_px_s: -0.0012, quadratic_px_s2: 0.0}
+experiment:
+  protocol:
+    calibration_shifts_px: [[0, 0]]
+    translation_shifts_px: []
+    loads_n: [100]
+"""
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("warm")
+    scenario = root / "warm.yaml"
+    scenario.write_text(SCENARIO, encoding="utf-8")
+    with running_simulator(str(scenario), root / "bench", RATE) as bench:
+        config = daemon_config(bench, RATE)
+        config["run"]["name"] = "warm"
+        config["dic"] = {"subset_px": 31, "step_px": 8, "roi_px": None}
+        config["protocol"].update(
+            load_tolerance_n=20.0,
+            warm_up={"max_rate_px_s": LIMIT_PX_S, "max_wait_s": 1800.0},
+            adaptive_hold={"max_hold_s": 60.0, "max_rate_px_s": 0.04, "max_relaxation_n_s": 0.2},
+        )
+        path = root / "run.yaml"
+        path.write_text(yaml.safe_dump(json.loads(json.dumps(config))), encoding="utf-8")
+        done = subprocess.run(
+            [sys.executable, "-m", "semlive", "run", str(path), "--no-page", "--stop-on-fault"], capture_output=True, text=True, timeout=200
+        )
+    assert done.returncode == 0, done.stderr
+    return root / "log" / "warm"
+
+
+def logged(log: Path, topic: str) -> list[dict[str, Any]]:
+    return [json.loads(one.payload) for one in messages(log) if one.topic == topic]
+
+
+def test_it_measures_until_the_drift_is_expected_to_be_slow_and_only_then_loads(log: Path) -> None:
+    pairs, states = logged(log, "/pair"), logged(log, "/state")
+    extra = [one for one in pairs if one["step"]["warm_up"]]
+    assert len(extra) >= 1
+    assert [one["pair"] for one in pairs] == list(range(2 + len(extra)))
+    assert [one["step"]["load_n"] for one in pairs] == [None] * (1 + len(extra)) + [100.0]
+    asked = [one for one in states if one["before"] == "warming"]
+    assert [one["cause"] for one in asked] == ["measure_again"] * len(extra) + ["warm"]
+    for one in asked:
+        upper = one["guards"]["rate_px_s"] + one["guards"]["sigma_px_s"]
+        assert (upper <= LIMIT_PX_S) == (one["cause"] == "warm")
+    (ramp,) = [one["time_ns"] for one in logged(log, "/command") if one["what"] == "ramp_to"]
+    assert ramp >= asked[-1]["time_ns"]
+    assert asked[-1]["guards"]["rate_px_s"] < 0.7 * asked[0]["guards"]["rate_px_s"]
+
+
+def test_holds_are_never_shorter_than_they_must_be_nor_longer_than_they_may(log: Path) -> None:
+    held = [one["guards"]["held_s"] for one in logged(log, "/state") if one["cause"] == "hold_over"]
+    # The loop turns twenty times a second, which at this rate is once a second of experiment time.
+    assert all(30.0 <= one <= 65.0 for one in held), held
+    for pair in logged(log, "/pair"):
+        over = next(one["time_ns"] for one in logged(log, "/state") if one["cause"] == "hold_over" and one["step"] == pair["pair"])
+        assert pair["first"]["start_time_ns"]["value"] >= over - 2e9

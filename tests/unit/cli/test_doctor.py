@@ -1,0 +1,120 @@
+"""`semlive doctor` finds what is wrong, names how to mend it, and leaves everything as it was."""
+
+from __future__ import annotations
+
+import json
+import socket
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from semlive.cli.app import app
+from semlive.data.frame_check import Verdict
+from semlive.errors import SemliveError
+from semlive.service.checkup import computer, surroundings
+from semlive.service.jit_cache import VARIABLE, settle_jit_cache
+
+LIMITS = {
+    "force_min_n": 0, "force_max_n": 100, "extension_min_mm": 0, "extension_max_mm": 1,
+    "force_rate_max_n_s": 1, "force_step_max_n": 10, "stage_travel_um": 1,
+}  # fmt: skip
+
+
+def config(folder: Path, **changes: Any) -> Path:
+    """A configuration whose export folder exists."""
+    (folder / "export").mkdir()
+    given = {
+        "run": {"folder": "log"},
+        "sem": {"folder": "export", "pixel_size_um": 1.0},
+        "stage": {"driver": "null"},
+        "limits": LIMITS,
+        "protocol": {"calibration_shifts_px": [[0, 0], [8, 0]]},
+    }
+    path = folder / "run.yaml"
+    path.write_text(yaml.safe_dump({**given, **changes}), encoding="utf-8")
+    return path
+
+
+def told(path: Path) -> tuple[dict[str, dict[str, str]], Any]:
+    done = CliRunner().invoke(app, ["doctor", str(path), "--json"])
+    return {one["what"]: one for one in json.loads(done.stdout)["findings"]}, done
+
+
+def test_all_is_well_and_nothing_is_left_behind(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        frame = {"driver": "modbus", "settings": {"host": "127.0.0.1", "port": server.getsockname()[1]}}
+        findings, done = told(config(tmp_path, load_frame=frame))
+    assert findings["load_frame"]["verdict"] == "good"
+    assert {"processor", "JIT cache", "clock", "time service", "disk", "log folder", "drivers", "export folder"} <= set(findings)
+    assert done.exit_code == 0, done.output
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["export", "run.yaml"]
+
+
+def test_what_is_wrong_is_said_with_what_to_do(tmp_path: Path) -> None:
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        port = unused.getsockname()[1]
+        parts = {"cell": {"serial": {"port": str(tmp_path / "ttyNone")}}, "drive": {"host": "127.0.0.1", "port": port}}
+        path = config(tmp_path, load_frame={"driver": "assembled", "settings": parts}, stage={"driver": "teleport"})
+        (tmp_path / "export").rmdir()
+        _, done = told(path)
+    bad = [one for one in json.loads(done.stdout)["findings"] if one["verdict"] == "bad"]
+    assert len(bad) == 4, bad
+    assert all(one["advice"] for one in bad)
+    assert isinstance(done.exception, SemliveError)
+    assert "4 of" in str(done.exception)
+
+
+def test_ends_are_found_however_deep() -> None:
+    settings = {"cell": {"host": "a", "port": 1}, "drive": {"link": {"serial": {"port": "COM3"}}}, "host": "b", "gage": {"host": "b"}}
+    assert list(surroundings.ends_of(settings)) == [("b", 502), ("a", 1), "COM3"]
+
+
+def test_a_share_is_known_by_its_mount(tmp_path: Path) -> None:
+    mounts = tmp_path / "mounts"
+    mounts.write_text(f"/dev/sda1 / ext4 rw 0 0\n//sem/export {tmp_path}/sem cifs rw 0 0\n", encoding="utf-8")
+    assert surroundings.file_system(tmp_path / "sem" / "today", mounts) == "cifs"
+    assert surroundings.file_system(tmp_path / "semantics", mounts) == "ext4"
+    assert surroundings.file_system(tmp_path, tmp_path / "absent") == ""
+
+
+def test_a_full_disk_is_bad(tmp_path: Path) -> None:
+    room, kept = computer.disk(tmp_path / "not" / "yet", 10**18)
+    assert (room.verdict, kept.verdict) == (Verdict.BAD, Verdict.GOOD)
+    assert "run.folder" in room.advice
+
+
+def test_a_log_folder_that_cannot_be_written_is_bad(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    assert computer.disk(tmp_path / "file", None)[1].verdict is Verdict.BAD
+
+
+def test_kernels_are_kept_beside_the_package_where_that_may_be_written(tmp_path: Path) -> None:
+    environ: dict[str, str] = {}
+    assert settle_jit_cache(environ, tmp_path) == tmp_path / "__pycache__"
+    assert environ == {}
+
+
+@pytest.mark.parametrize("variable", ["CACHE_DIRECTORY", "XDG_CACHE_HOME", "HOME"])
+def test_a_read_only_installation_keeps_them_elsewhere(tmp_path: Path, variable: str) -> None:
+    (tmp_path / "file").touch()  # no folder can be made below it, by nobody
+    environ = {"CACHE_DIRECTORY": str(tmp_path / "file"), variable: str(tmp_path / "own")}
+    chosen = settle_jit_cache(environ, tmp_path / "file")
+    assert chosen.is_relative_to(tmp_path / "own")
+    assert environ[VARIABLE] == str(chosen)
+
+
+def test_what_the_user_says_of_the_cache_holds(tmp_path: Path) -> None:
+    environ = {VARIABLE: str(tmp_path / "mine")}
+    assert settle_jit_cache(environ, tmp_path) == tmp_path / "mine"
+
+
+def test_without_any_folder_they_are_kept_until_the_computer_starts_anew(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    environ = {"HOME": str(tmp_path / "file")}
+    chosen = settle_jit_cache(environ, tmp_path / "file")
+    assert chosen.is_dir()
+    chosen.rmdir()

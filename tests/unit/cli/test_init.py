@@ -1,0 +1,101 @@
+"""`semlive init` writes what can be run, and says the unit of every number."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from semlive.cli.app import app
+from semlive.data.clock import Clock
+from semlive.errors import BadConfig, LinkRefused, SemliveError
+from semlive.service import drivers
+from semlive.service.clock import SystemClock
+from semlive.service.config import load_config, parse_config
+from semlive.service.config_text import LABS, Lab, configuration_text
+
+ROOT = Path(__file__).resolve().parents[3]
+UNITS = {"s", "um", "px", "px/s", "N", "N/s", "N/mm", "mm", "mm/s", "mm^2", "points"}
+NUMBERED = {"host", "port", "unit"}
+"""Keys whose numbers are names."""
+
+
+def written(folder: Path, *arguments: str, typed: str | None = None) -> Any:
+    return CliRunner().invoke(app, ["init", str(folder / "run.yaml"), *arguments], input=typed)
+
+
+@pytest.mark.parametrize("lab", LABS)
+def test_every_kind_of_lab_can_be_run(tmp_path: Path, lab: str) -> None:
+    done = written(tmp_path, "--lab", lab, "--yes")
+    assert done.exit_code == 0, done.output
+    config = load_config(tmp_path / "run.yaml")
+    assert len(config.plan().steps) == 12 + len(config.protocol.loads_n)
+    assert config.load_frame is not None
+
+
+@pytest.mark.checkout
+@pytest.mark.parametrize("lab", LABS)
+def test_the_examples_are_what_it_writes(lab: str) -> None:
+    assert (ROOT / "deploy" / "examples" / f"{lab}.yaml").read_text(encoding="utf-8") == configuration_text(LABS[lab])
+
+
+@pytest.mark.parametrize("lab", LABS)
+def test_drivers_understand_their_settings(lab: str) -> None:
+    config = parse_config(yaml.safe_load(configuration_text(LABS[lab])), lab)
+    assert config.load_frame is not None
+    assert config.stage is not None
+    settings = dict(config.load_frame.settings)
+    if "host" in settings:
+        settings |= {"host": "127.0.0.1", "port": 1}  # nobody listens there, which is told after settings were understood
+    clock = SystemClock(Clock(0, 0))
+    if lab == "operator-deben":
+        drivers.open_load_frame(config.load_frame.driver, settings, clock).close()
+    else:
+        with pytest.raises(LinkRefused):
+            drivers.open_load_frame(config.load_frame.driver, settings, clock)
+    drivers.open_stage(config.stage.driver, config.stage.settings, clock).close()
+
+
+@pytest.mark.parametrize("lab", [*LABS.values(), Lab(frame="none", vendor="other"), Lab(stage="modbus", vendor="jeol")])
+def test_every_number_says_its_unit(lab: Lab) -> None:
+    without = []
+    for line in configuration_text(lab).splitlines():
+        found = re.match(r"[ #]*(\w+): *([-\d.\[]+\d[^#:]*)(?:# (.*))?$", line)
+        if found and found[1] not in NUMBERED and re.split("[, ]", found[3] or "")[0] not in UNITS:
+            without.append(line)
+    assert not without
+
+
+def test_answers_are_asked_for_and_taken(tmp_path: Path) -> None:
+    typed = "tried\n\ntescan\n0.5\nnone\nfoil\n\n"
+    done = written(tmp_path, typed=typed)
+    assert done.exit_code == 0, done.output
+    config = load_config(tmp_path / "run.yaml")
+    assert (config.run.name, config.sem.vendor, config.sem.pixel_size_um, config.load_frame) == ("tried", "tescan", 0.5, None)
+    assert (config.specimen.name, config.protocol.loads_n) == ("foil", [])
+
+
+def test_options_are_not_asked_again(tmp_path: Path) -> None:
+    done = written(tmp_path, "--yes", "--max-load-n", "500", "--load-steps", "3", "--loading-axis", "x")
+    assert done.exit_code == 0, done.output
+    config = load_config(tmp_path / "run.yaml")
+    assert config.protocol.loads_n == [50, 275, 500]
+    assert config.specimen.loading_axis == "x"
+
+
+@pytest.mark.parametrize("wrong", [("--lab", "moon"), ("--vendor", "canon"), ("--area-mm2", "-1"), ("--name", "a b")])
+def test_wrong_answers_are_refused_and_nothing_is_written(tmp_path: Path, wrong: tuple[str, str]) -> None:
+    done = written(tmp_path, "--yes", *wrong)
+    assert isinstance(done.exception, SemliveError)
+    assert not (tmp_path / "run.yaml").exists()
+
+
+def test_a_file_that_is_there_stays(tmp_path: Path) -> None:
+    (tmp_path / "run.yaml").write_text("mine")
+    assert isinstance(written(tmp_path, "--yes").exception, BadConfig)
+    assert (tmp_path / "run.yaml").read_text() == "mine"
+    assert written(tmp_path, "--yes", "--force").exit_code == 0

@@ -1,0 +1,60 @@
+"""Scoring of hidden effects: bounds are exact, keys tell nothing, and a verdict is worth what it says."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+from blind.cases import NOTHING, ONE, STRANGER, TWO, Case, cases
+from blind.hiding import DETECTABLE_PX, PHYSICAL_PX
+from blind.scoring import at_least, at_most, judged, table
+
+
+def verdict(outcome: str, names: list[str], ambiguous: list[str] | None = None) -> dict[str, object]:
+    return {"outcome": outcome, "names": names, "ambiguous": ambiguous or [], "parameters": {}, "closure": 1.0, "cpu_s": 1.0}
+
+
+@pytest.mark.parametrize(("count", "total", "bound"), [(0, 299, 0.00997), (1, 473, 0.00999), (3, 773, 0.00999)])
+def test_the_upper_bound_is_that_of_clopper_and_pearson(count: int, total: int, bound: float) -> None:
+    assert at_most(count, total) == pytest.approx(bound, abs=2e-5)
+    assert at_least(total - count, total) == pytest.approx(1.0 - at_most(count, total))
+
+
+@pytest.mark.parametrize(
+    ("case", "told", "worth"),
+    [
+        (Case(ONE, ("stage_yaw",), 4.0, 1), verdict("IDENTIFIED", ["stage_yaw"]), "right"),
+        (Case(ONE, ("stage_yaw",), 4.0, 1), verdict("IDENTIFIED", ["stage_yaw", "drift_jump"]), "wrong"),
+        (Case(ONE, ("stage_yaw",), 4.0, 1), verdict("AMBIGUOUS", ["raster_rotation_drift"], ["raster_rotation_drift", "stage_yaw"]), "set"),
+        (Case(ONE, ("stage_yaw",), 4.0, 1), verdict("AMBIGUOUS", ["aspect_drift"], ["aspect_drift", "creep_in_hold"]), "wrong"),
+        (Case(TWO, ("a", "b"), 8.0, 1), verdict("IDENTIFIED", ["b", "a"]), "right"),
+        (Case(NOTHING, (), 0.0, 1), verdict("IDENTIFIED", ["stage_yaw"]), "wrong"),
+        (Case(STRANGER, ("spiral_drift",), 0.1, 1), verdict("UNKNOWN", ["stage_yaw"]), "UNKNOWN"),
+    ],
+)
+def test_a_verdict_is_worth_what_it_says(case: Case, told: dict[str, object], worth: str) -> None:
+    assert judged(case, told) == worth
+
+
+def test_seeds_of_the_final_set_are_never_those_of_development() -> None:
+    asked = {"seeds": 16, "sizes": (2.0, 4.0), "names": tuple(DETECTABLE_PX), "nulls": 773, "doubles": 50, "strange": 25}
+    development, final = ({(one.seed) for one in cases(which, **asked)} for which in ("development", "final"))
+    assert not development & final
+    listed = list(cases("final", **asked))
+    assert len({one.key for one in listed}) == len(listed) == 16 * 2 * len(DETECTABLE_PX) + 773 + 50 + 25 * 6 * 2
+
+
+def test_a_table_says_what_is_met_and_what_is_open() -> None:
+    nulls = [(Case(NOTHING, (), 0.0, seed), verdict("NONE", [])) for seed in range(299)]
+    few = [(Case(ONE, ("stage_yaw",), 4.0, 1), verdict("IDENTIFIED", ["stage_yaw"]))]
+    said = table([*nulls, *few])
+    assert "| false names where nothing is hidden | 299 | 0.0 % | 1.0 % | at most 1 % | met |" in said
+    assert "| right name at 4 times | 1 | 100.0 % | 5.0 % | at least 97 % | open |" in said
+
+
+def test_sizes_that_are_not_met_in_practice_are_known() -> None:
+    assert [name for name, size in DETECTABLE_PX.items() if 2.0 * size > PHYSICAL_PX[name][1]] == ["scan_shear_drift"]

@@ -1,0 +1,125 @@
+"""What a verdict leads to: an experiment that the daemon's configuration can hold, and a scenario that the simulator can play."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+
+from semlive.data.diagnosis import Diagnosis, FoundEffect, FoundParameter, KnownEffect, Outcome
+from semlive.diagnose.known import family_of
+from semlive.diagnose.propose import Kind, proposed
+from semlive.errors import BadConfig
+from semlive.model.effects import DICTIONARY
+from semlive.model.move_effects import MOVES, beside_maps
+from semlive.model.row_effects import ROW_DICTIONARY
+from semlive.service.config import parse_config
+from semlive.service.model_scenario import SIMULATED, scenario_yaml
+from semlive.service.next_experiment import changed_protocol
+from semlive_simulators.scenario import load_scenario
+
+PROTOCOL = {"calibration_shifts_px": [[0.0, 0.0], [20.0, 0.0]], "loads_n": [100.0, 500.0, 900.0], "hold_s": 30.0}
+RUN = {
+    "sem": {"folder": "export", "pixel_size_um": 1.25},
+    "load_frame": {"driver": "modbus"},
+    "stage": {"driver": "operator"},
+    "limits": {
+        "force_min_n": -10,
+        "force_max_n": 1000,
+        "extension_min_mm": -1,
+        "extension_max_mm": 1,
+        "force_rate_max_n_s": 50,
+        "force_step_max_n": 500,
+        "stage_travel_um": 100,
+    },
+}
+NAMED_BY_VALUE = {"frame_integration", "interlaced_scan"}
+PARAMETERS = {
+    "change": 1e-4, "change_rad": 1e-4, "sd": 1e-4, "sd_rad": 1e-4, "tilt_over_working_distance_per_n": 1e-10, "curvature_per_n": 1e-10,
+    "strain_per_n": 1e-8, "onset_s": 10.0, "x_px_per_n": 1e-3, "y_px_per_n": 1e-3, "time_constant_s": 60.0, "fraction": 0.02,
+    "x_px": 0.1, "y_px": 0.1, "at_s": 900.0, "row_time_error": -0.75, "amplitude_px": 0.1, "period_s": 300.0, "charging_s": 20.0,
+    "dose_s": 1800.0, "peak_px": 0.1, "width_px": 80.0, "first_frame": 5.0,
+    "frequency_hz": 50.0, "amplitude_x_px": 0.02, "amplitude_y_px": 0.01, "sd_x_px": 0.03,
+    "backlash_x_px": 0.6, "backlash_y_px": 0.6, "quadratic_x_per_px": 1e-4, "quadratic_y_per_px": 1e-4,
+}  # fmt: skip
+
+
+def verdict(outcome: Outcome, names: tuple[str, ...] = (), ambiguous: tuple[str, ...] = ()) -> Diagnosis:
+    effects = tuple(FoundEffect(name, (), 0.1, 20.0, 0.003, False, KnownEffect(name, (), 0.1)) for name in names)
+    return Diagnosis(outcome, effects, ambiguous, None, None, None, (), 0.01)
+
+
+@pytest.mark.parametrize(
+    ("found", "kind"),
+    [
+        (verdict(Outcome.AMBIGUOUS, ("stage_yaw",), ("stage_yaw", "raster_rotation_drift")), Kind.PARKED),
+        (verdict(Outcome.IDENTIFIED, ("wrong_row_time",)), Kind.OTHER_SCAN),
+        (verdict(Outcome.IDENTIFIED, ("creep_in_hold",)), Kind.LONGER_HOLD),
+        (verdict(Outcome.IDENTIFIED, ("tilt_with_load",)), Kind.UNLOAD),
+        (verdict(Outcome.UNKNOWN), Kind.PARKED),
+    ],
+)
+def test_each_doubt_has_its_experiment(found: Diagnosis, kind: Kind) -> None:
+    proposal = proposed(found)
+    assert proposal is not None
+    assert proposal.kind is kind
+    assert proposal.about
+
+
+def test_nothing_is_proposed_where_nothing_is_missing() -> None:
+    assert proposed(verdict(Outcome.NONE)) is None
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_every_experiment_is_a_protocol_that_the_daemon_takes(kind: Kind) -> None:
+    protocol = changed_protocol(PROTOCOL, kind)
+    checked = parse_config({**RUN, "protocol": protocol}, "next")
+    assert checked.protocol.calibration_shifts_px or checked.protocol.loads_n
+    assert changed_protocol(PROTOCOL, kind) != PROTOCOL or kind in (Kind.AGAIN, Kind.OTHER_SCAN, Kind.TURNED_SCAN)
+
+
+def model(path: Path, name: str) -> Path:
+    if beside_maps(name) is None:
+        family = family_of("wrong_row_time" if name in NAMED_BY_VALUE else name).name
+        values = {theta.name: PARAMETERS[theta.name] for theta in family_of(family).thetas}
+    else:
+        family, values = name, {"frequency_hz": 50.0}
+    effect = {
+        "name": name,
+        "parameters": {key: {"value": value, "sigma": 0.0, "unit": "1"} for key, value in PARAMETERS.items()},
+        "law": {"family": family, "values": values, "size_px": 0.1},
+    }
+    run = {"end_s": 6300.0, "width_px": 1024, "height_px": 884, "pixel_size_um": 1.25}
+    path.write_text(json.dumps({"version": 1, "effects": [effect], "run": run}))
+    return path
+
+
+@pytest.mark.parametrize("name", sorted(SIMULATED))
+def test_a_found_effect_is_played_by_the_simulators_own(name: str, tmp_path: Path) -> None:
+    scenario = tmp_path / "found.yaml"
+    scenario.write_text(scenario_yaml(model(tmp_path / "model.json", name), "paper_x200"))
+    (effect,) = [one for one in load_scenario(str(scenario)).effects.members if one.name == name]
+    assert effect.name in yaml.safe_load(scenario.read_text())["effects"]
+
+
+def test_what_cannot_be_played_is_said(tmp_path: Path) -> None:
+    known = {one.name for one in (*DICTIONARY, *ROW_DICTIONARY, *MOVES)}
+    assert set(SIMULATED) - NAMED_BY_VALUE == known - {"inhomogeneous_strain", "dic_subpixel_bias"}
+    with pytest.raises(BadConfig, match="no counterpart"):
+        scenario_yaml(model(tmp_path / "model.json", "inhomogeneous_strain"), "paper_x200")
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "names"),
+    [
+        (0.044, 0.004, ()),
+        (-0.9375, 0.001, ("frame_integration",)),
+        (-0.5, 0.002, ("frame_integration", "interlaced_scan")),
+        (-0.75, 0.05, ("frame_integration", "wrong_row_time")),
+        (-0.6, 0.02, ()),
+    ],
+)
+def test_a_row_time_that_is_a_whole_part_is_integration(value: float, sigma: float, names: tuple[str, ...]) -> None:
+    assert family_of("wrong_row_time").told([FoundParameter("row_time_error", value, sigma, "1")]) == names

@@ -1,0 +1,200 @@
+"""A run that is taken up again: what is asked, what is believed, and where the stage's zero is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from semlive.data.experiment import Recentre
+from semlive.data.loading import LoadSample, MotionState, StageSample
+from semlive.engine import (
+    Device,
+    DeviceStopped,
+    FieldSeen,
+    Finish,
+    Interrupted,
+    LoadReading,
+    MoveStage,
+    Opening,
+    Operator,
+    RampTo,
+    Ready,
+    State,
+    StopMotion,
+    Verb,
+    changed_since,
+    start,
+)
+from semlive.errors import BadInput
+
+from .bench_in_memory import IDENTITY, T0, Run, plan_of
+
+HERE = (0.0, 0.0)
+PLAN = plan_of((HERE, 100.0), ((6.0, 0.0), 200.0), (HERE, 400.0))
+
+
+def interrupted(pairs: int, plan: object = PLAN, until: State = State.IMAGING) -> tuple[Run, Interrupted]:
+    """A run in memory that died in a state after so many pairs, and what its log would tell."""
+    run = Run(plan)  # type: ignore[arg-type]
+    run.begin()
+    for _ in range(pairs):
+        run.reach(State.IMAGING)
+        run.scan()
+        run.scan()
+    if pairs < len(run.plan.steps):
+        run.reach(until)
+    done = tuple(one.decision for one in run.accepted)
+    return run, Interrupted(done, (7.0, -3.0), run.state.load, run.state.position, None, 0.2, ramping=run.state.at is State.RAMPING)
+
+
+def taken_up(run: Run, before: Interrupted) -> Run:
+    """A new engine for the same machine, asked up to where it asks."""
+    run.commands.clear()
+    run.state = start(run.plan, run.now_ns, before=before)
+    run.tell(Opening(run.now_ns))
+    run.readings()
+    run.tell(Ready(run.now_ns, IDENTITY if run.has_load else None, IDENTITY if run.has_stage else None))
+    return run
+
+
+@pytest.mark.parametrize("pairs", [0, 1, 2])
+@pytest.mark.parametrize("state", [State.RAMPING, State.SETTLING, State.HOLDING, State.IMAGING])
+def test_it_asks_first_and_then_enters_the_step_again_in_full(pairs: int, state: State) -> None:
+    run, before = interrupted(pairs, until=state)
+    if state is State.IMAGING:
+        run.scan()
+    assert before == replace(before, done=tuple(one.decision for one in run.accepted))
+    taken_up(run, before)
+    run.wait(40.0)
+    assert run.state.at is State.RECOVER
+    assert run.of(MoveStage) == run.of(RampTo) == run.accepted == []
+    assert changed_since(run.state) is None
+    assert f"begins step {pairs + 1} again" in run.state.message
+    run.tell(Operator(run.now_ns, Verb.RESUME))
+    assert State.RAMPING in run.path
+    for pair in range(pairs, len(PLAN.steps)):
+        run.reach(State.IMAGING)
+        x_um, y_um = PLAN.steps[pair].shift_um
+        assert run.xy_um == (7.0 + x_um, -3.0 + y_um)
+        run.scan()
+        run.scan()
+    assert run.state.at is State.COMPLETE
+    assert [one.decision.pair for one in run.accepted] == list(range(pairs, len(PLAN.steps)))
+
+
+def test_a_run_without_stage_needs_none() -> None:
+    run = Run(plan_of((HERE, 100.0), (HERE, 200.0)), has_stage=False)
+    run.begin()
+    run.reach(State.HOLDING)
+    taken_up(run, Interrupted((), None, run.state.load, None))
+    run.tell(Operator(run.now_ns, Verb.RESUME))
+    run.reach(State.IMAGING)
+    assert run.force_n == 100.0
+
+
+def test_after_its_last_pair_nothing_is_asked_of_any_device() -> None:
+    run, before = interrupted(3)
+    taken_up(run, before)
+    assert run.state.at is State.COMPLETE
+    assert [type(one) for one in run.commands if isinstance(one, MoveStage | RampTo | StopMotion)] == []
+    assert len(run.of(Finish)) == 1
+
+
+def test_a_load_or_a_stage_that_is_elsewhere_is_told() -> None:
+    run, before = interrupted(1)
+    run.force_n -= 30.0
+    assert "look first: the load is 170.0 N now, and was 200.0 N" in taken_up(run, before).state.message
+    assert changed_since(run.state) is not None
+    run, before = interrupted(1)
+    run.xy_um = (60.0, -3.0)
+    assert "the stage is at (60.0, -3.0) um now" in str(changed_since(taken_up(run, before).state))
+
+
+@pytest.mark.parametrize(("device", "as_left"), [(Device.LOAD_FRAME, False), (Device.STAGE, True)])
+def test_a_load_frame_that_was_found_moving_is_no_machine_as_the_log_left_it(device: Device, as_left: bool) -> None:
+    run, before = interrupted(1, until=State.RAMPING)
+    run.commands.clear()
+    run.load_goal_n = None
+    run.state = start(run.plan, run.now_ns, before=before)
+    run.tell(Opening(run.now_ns))
+    run.readings()
+    run.tell(DeviceStopped(run.now_ns, device, "it moved before it was told to"))
+    assert run.state.at is State.CONNECTING
+    run.tell(Ready(run.now_ns, IDENTITY, IDENTITY))
+    assert run.state.at is State.RECOVER
+    assert (changed_since(run.state) is None) is as_left
+    assert ("look first: the load frame was still moving" in run.state.message) is not as_left
+
+
+def test_a_new_run_does_not_begin_on_a_machine_that_was_found_moving() -> None:
+    run = Run(PLAN)
+    run.tell(Opening(run.now_ns))
+    run.readings()
+    run.tell(DeviceStopped(run.now_ns, Device.LOAD_FRAME, "it moved before it was told to"))
+    run.tell(Ready(run.now_ns, IDENTITY, IDENTITY))
+    run.tell(Operator(run.now_ns, Verb.START))
+    assert run.state.at is State.FAULT
+    run.tell(Operator(run.now_ns, Verb.RESUME))
+    run.tell(Operator(run.now_ns, Verb.RESUME))
+    assert run.state.at is State.RAMPING
+
+
+def test_a_load_that_was_on_its_way_may_be_anywhere_on_it() -> None:
+    run, before = interrupted(1, until=State.RAMPING)
+    before = replace(before, load=LoadSample(0, T0, 0, 120.0, 0.0, MotionState.MOVING, 200.0), position=None, ramping=False)
+    run.load_goal_n = None
+    for force_n, as_left in ((120.0, True), (160.0, True), (205.0, True), (100.0, False), (220.0, False)):
+        run.force_n = force_n
+        assert (changed_since(taken_up(run, before).state) is None) is as_left, force_n
+
+
+def test_what_is_asked_once_is_not_held_against_a_later_fault() -> None:
+    run, before = interrupted(1)
+    run.force_n -= 30.0
+    taken_up(run, before)
+    run.tell(Operator(run.now_ns, Verb.RESUME))
+    assert State.RAMPING in run.path
+    assert changed_since(run.state) is None
+
+
+def test_a_watchdog_that_stopped_the_machine_is_acknowledged_once_and_a_fault_that_stays_is_one() -> None:
+    run, before = interrupted(1)
+    run.commands.clear()
+    run.state = start(PLAN, run.now_ns, before=before)
+    run.tell(Opening(run.now_ns))
+    for _ in range(3):
+        sick = replace(run.load_sample(), motion=MotionState.FAULT)
+        run.tell(LoadReading(run.now_ns, sick))
+    assert len(run.of(StopMotion)) == 1
+    run.readings()
+    run.tell(Ready(run.now_ns, IDENTITY, IDENTITY))
+    assert run.state.at is State.RECOVER
+    run.tell(LoadReading(run.now_ns + 1, replace(run.load_sample(), motion=MotionState.FAULT, time_ns=run.now_ns + 1)))
+    assert run.state.at is State.FAULT
+
+
+def test_the_field_is_brought_back_from_where_the_last_pair_saw_it() -> None:
+    plan = replace(PLAN, recentre=Recentre(beyond_px=1.0, um_per_px=1.0))
+    run, before = interrupted(1)
+    done = replace(before.done[0], step=replace(before.done[0].step, shift_um=(2.0, 0.0)))
+    run.plan = plan
+    taken_up(run, replace(before, done=(done,), seen=FieldSeen(T0, 0, (-5.0, 0.0))))
+    run.tell(Operator(run.now_ns, Verb.RESUME))
+    # The pair's own correction counts: 2 um then, and 5 px more are to be made good.
+    assert run.of(MoveStage)[-1].x_um == pytest.approx(7.0 + 6.0 + 2.0 + 5.0)
+
+
+def test_pairs_that_are_not_the_first_of_the_plan_are_refused() -> None:
+    _, before = interrupted(2)
+    with pytest.raises(BadInput, match=r"the log holds the pairs \[1\] of a plan of 3 steps"):
+        start(PLAN, T0, before=replace(before, done=before.done[1:]))
+    with pytest.raises(BadInput, match="of a plan of 1 steps"):
+        start(plan_of((HERE, 100.0)), T0, before=before)
+
+
+def test_a_stage_that_moved_when_the_run_died_is_where_it_happens_to_be() -> None:
+    run, before = interrupted(1)
+    moving = StageSample(0, T0, 0, 8.0, -3.0, MotionState.MOVING)
+    run.xy_um = (90.0, -3.0)
+    assert changed_since(taken_up(run, replace(before, position=moving)).state) is None

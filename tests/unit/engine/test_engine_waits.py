@@ -1,0 +1,223 @@
+"""The warm-up gate before the first load, and holds that last until things are quiet."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from semlive.data.experiment import AdaptiveHold, Phase, Plan, WarmUp
+from semlive.engine import Cause, DriftForeseen, Interrupted, Opening, Operator, RampTo, Ready, State, Transition, Verb, start
+from semlive.engine.foresight import drift_rate
+from semlive.errors import BadInput
+
+from .bench_in_memory import HOLD, IDENTITY, Run, S, plan_of
+
+HERE = (0.0, 0.0)
+LIMIT = 0.01
+
+
+def gated(*stops: tuple[tuple[float, float], float | None], before: Phase = Phase.TENSION) -> Plan:
+    return replace(plan_of(*stops), warm_up=WarmUp(LIMIT, 1800.0, before))
+
+
+def pair(run: Run, rate_px_s: float, sigma_px_s: float = 0.0) -> None:
+    """A pair, and its forecast some seconds later."""
+    run.reach(State.IMAGING)
+    run.scan()
+    run.scan()
+    run.wait(5.0)
+    foresee(run, rate_px_s, sigma_px_s)
+
+
+def foresee(run: Run, rate_px_s: float, sigma_px_s: float = 0.0) -> None:
+    run.tell(DriftForeseen(run.now_ns, len(run.accepted) - 1, ((run.now_ns, rate_px_s, sigma_px_s),)))
+
+
+def test_nothing_is_loaded_before_the_drift_is_expected_to_be_slow() -> None:
+    run = Run(gated((HERE, None), ((6.0, 0.0), None), (HERE, 100.0), (HERE, 200.0)))
+    run.begin()
+    pair(run, 0.08)
+    pair(run, 0.04)
+    assert run.state.at is not State.WARMING
+    for rate, sigma in ((0.02, 0.0), (0.009, 0.002)):
+        assert run.of(RampTo) == []
+        pair(run, rate, sigma)
+    assert run.of(RampTo) == []
+    pair(run, 0.006, 0.002)
+    assert run.state.at in (State.RAMPING, State.SETTLING)
+    assert [one.force_n for one in run.of(RampTo)] == [100.0]
+    assert run.of(Transition)[-2].cause is Cause.WARM or run.of(Transition)[-1].cause is Cause.WARM
+    pair(run, 1.0)
+    pair(run, 1.0)
+    assert run.state.at is State.COMPLETE
+    steps = [one.decision.step for one in run.accepted]
+    assert [one.step for one in steps] == list(range(7))
+    assert [one.warm_up for one in steps] == [False, False, True, True, True, False, False]
+    assert [one.load_n for one in steps] == [None, None, None, None, None, 100.0, 200.0]
+    assert {one.shift_um for one in steps[2:]} == {HERE}
+
+
+def test_a_plan_that_begins_with_a_load_is_measured_first() -> None:
+    run = Run(gated((HERE, 100.0)))
+    run.begin()
+    assert run.of(RampTo) == []
+    pair(run, 0.001)
+    run.reach(State.IMAGING)
+    assert run.force_n == 100.0
+    assert [one.decision.step.warm_up for one in run.accepted] == [True]
+
+
+def test_the_gate_may_be_before_the_calibration() -> None:
+    run = Run(gated((HERE, None), ((6.0, 0.0), None), before=Phase.CALIBRATION))
+    run.begin()
+    pair(run, 0.08)
+    pair(run, 0.001)
+    pair(run, 0.08)
+    assert [one.decision.step.warm_up for one in run.accepted] == [False, True, False]
+    assert run.state.at is State.COMPLETE
+
+
+def test_after_its_longest_wait_it_asks_and_the_operators_word_opens_the_gate() -> None:
+    run = Run(gated((HERE, None), (HERE, 100.0)))
+    run.begin()
+    while run.state.at is not State.PAUSED:
+        pair(run, 0.02, 0.003)
+    assert "after 30 min of warming up the drift is expected to be 1.2 +- 0.18 px/min; resume goes on all the same" in run.state.message
+    assert run.of(RampTo) == []
+    run.tell(Operator(run.now_ns, Verb.RESUME))
+    run.reach(State.IMAGING)
+    assert run.force_n == 100.0
+
+
+def test_a_forecast_that_never_comes_is_asked_about() -> None:
+    run = Run(gated((HERE, None), (HERE, 100.0)))
+    run.begin()
+    run.reach(State.IMAGING)
+    run.scan()
+    run.scan()
+    assert run.state.at is State.WARMING
+    run.wait(2000.0, State.PAUSED)
+    assert "the drift is not known" in run.state.message
+    assert len(run.accepted) == 1
+
+
+def test_a_fault_while_warming_up_does_not_open_the_gate() -> None:
+    run = Run(gated((HERE, None), (HERE, 100.0)))
+    run.begin()
+    run.reach(State.IMAGING)
+    run.scan()
+    run.scan()
+    run.fail_and_resume()
+    assert run.state.at is State.WARMING
+    foresee(run, 0.001)
+    run.reach(State.IMAGING)
+    assert run.force_n == 100.0
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_an_interrupted_warm_up_goes_on(known: bool) -> None:
+    plan = gated((HERE, None), (HERE, 100.0))
+    run = Run(plan)
+    run.begin()
+    pair(run, 0.08)
+    pair(run, 0.04)
+    before = Interrupted(
+        tuple(one.decision for one in run.accepted),
+        (7.0, -3.0),
+        run.state.load,
+        run.state.position,
+        foreseen=run.state.foreseen if known else None,
+    )
+    run.state = start(plan, run.now_ns, before=before)
+    assert [(one.step, one.warm_up, one.load_n) for one in run.state.plan.steps] == [(0, False, None), (1, True, None), (2, False, 100.0)]
+    run.tell(Opening(run.now_ns))
+    run.readings()
+    run.tell(Ready(run.now_ns, IDENTITY, IDENTITY))
+    run.tell(Operator(run.now_ns, Verb.RESUME))
+    if not known:
+        assert run.state.at is State.WARMING
+        foresee(run, 0.04)
+    pair(run, 0.001)
+    run.reach(State.IMAGING)
+    run.scan()
+    run.scan()
+    assert [one.decision.step.warm_up for one in run.accepted] == [False, True, True, False]
+    assert run.state.at is State.COMPLETE
+
+
+def held_s(run: Run) -> float:
+    """How long the last hold was."""
+    (held,) = [value for one in run.of(Transition) if one.cause is Cause.HOLD_OVER for name, value in one.guards if name == "held_s"][-1:]
+    return float(held)
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(
+    longest=st.floats(30.0, 120.0),
+    rates=st.lists(st.floats(0.0, 0.1), min_size=5, max_size=5),
+    relaxes=st.floats(0.0, 0.5),
+    quiet_s=st.floats(1.0, 60.0),
+    limits=st.sampled_from([(0.02, None), (None, 0.05), (0.02, 0.05)]),
+)
+def test_a_hold_is_never_shorter_than_it_must_be_nor_longer_than_it_may(
+    longest: float, rates: list[float], relaxes: float, quiet_s: float, limits: tuple[float | None, float | None]
+) -> None:
+    run = Run(replace(plan_of((HERE, 100.0)), adaptive_hold=AdaptiveHold(longest, *limits)))
+    run.begin()
+    run.reach(State.HOLDING)
+    foreseen = DriftForeseen(run.now_ns, 0, tuple((run.now_ns + n * 20 * S, rate, 0.0) for n, rate in enumerate(rates)))
+    run.tell(foreseen)
+    began_ns = run.now_ns
+    while run.state.at is State.HOLDING:
+        # The load creeps more and more slowly, within its tolerance of 10 N.
+        elapsed_s = (run.now_ns - began_ns) / S
+        run.force_n = 100.0 - min(relaxes * quiet_s, 8.0) * (1.0 - math.exp(-elapsed_s / quiet_s))
+        run.wait(0.5)
+    assert HOLD.hold_s <= held_s(run) <= longest + run.poll_s
+    assert run.state.at is State.IMAGING
+    if held_s(run) < longest - run.poll_s and limits[0] is not None:
+        assert drift_rate(foreseen, run.now_ns)[0] <= limits[0]
+    if limits[0] is None and relaxes == 0.0:
+        assert held_s(run) == HOLD.hold_s
+
+
+def test_frames_of_a_longer_hold_are_not_of_the_pair() -> None:
+    run = Run(replace(plan_of((HERE, 100.0)), adaptive_hold=AdaptiveHold(300.0, max_rate_px_s=0.02)))
+    run.begin()
+    run.reach(State.HOLDING)
+    foresee(run, 0.1)
+    run.wait(40.0)
+    assert run.state.at is State.HOLDING
+    assert "made longer, because the drift is expected to go on at 6 px/min" in run.state.message
+    run.scan()
+    foresee(run, 0.001)
+    run.reach(State.IMAGING)
+    run.scan(run.now_ns - 20 * S)
+    assert len(run.refusals) == 2
+    run.scan()
+    run.scan()
+    assert run.state.at is State.COMPLETE
+    assert held_s(run) > 120.0
+
+
+def test_a_forecast_is_read_between_its_scans() -> None:
+    seen = DriftForeseen(0, 0, ((0, 0.1, 0.0), (10 * S, 0.2, 0.02), (20 * S, 0.4, 0.04)))
+    assert drift_rate(seen, -S) == (0.1, 0.0)
+    assert drift_rate(seen, 5 * S) == pytest.approx((0.15, 0.01))
+    assert drift_rate(seen, 20 * S) == (0.4, 0.04)
+    assert drift_rate(seen, 99 * S) == (0.4, 0.04)
+    assert drift_rate(None, 0) == (math.inf, math.inf)
+
+
+def test_pairs_of_a_warm_up_do_not_count_as_steps_of_the_plan() -> None:
+    run = Run(gated((HERE, None), (HERE, 100.0)))
+    run.begin()
+    pair(run, 0.08)
+    pair(run, 0.04)
+    done = tuple(one.decision for one in run.accepted)
+    with pytest.raises(BadInput, match="of a plan of 0 steps"):
+        Interrupted(done).steps_of(replace(run.plan, steps=()))

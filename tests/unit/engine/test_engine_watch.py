@@ -1,0 +1,167 @@
+"""What two readings tell: a slip, a fracture, a load that runs away, a crosshead that pulls nothing; and what an emergency leads to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from semlive.data.loading import LoadSample, MotionState, Trouble
+from semlive.engine import Announce, LoadReading, Opening, Operator, RampTo, Ready, State, StopMotion, Verb, start
+from semlive.engine.watch import NOTHING_YET
+
+from .bench_in_memory import IDENTITY, LIMITS, T0, Run, S, plan_of
+
+HERE = (0.0, 0.0)
+WATCHED = replace(LIMITS, force_drop_max_n=50.0, force_slope_max_n_s=250.0, slack_max_mm=0.1)
+
+
+def problems(
+    forces: list[float], *, every_s: float = 0.05, extensions: list[float] | None = None, target_n: float | None = None
+) -> list[str]:
+    """What is said of readings one after the other; they move if they have extensions."""
+    watch, said = NOTHING_YET, []
+    for number, force_n in enumerate(forces):
+        extension_mm = 0.0 if extensions is None else extensions[number]
+        motion = MotionState.STOPPED if extensions is None else MotionState.MOVING
+        to_n = forces[0] if target_n is None else target_n
+        sample = LoadSample(number, T0 + round(number * every_s * S), 0, force_n, extension_mm, motion, to_n)
+        watch, problem = watch.with_sample(WATCHED, sample)
+        said += [] if problem is None else [problem]
+    return said
+
+
+@pytest.mark.parametrize("every_s", [0.05, 1.0])
+def test_a_sudden_fall_is_told_once(every_s: float) -> None:
+    (said,) = problems([500.0] * 20 + [430.0] * 20, every_s=every_s)
+    assert "the load fell by 70 N to 430 N within" in said
+    assert problems([500.0] * 20 + [460.0] * 20, every_s=every_s) == []
+    assert len(problems([-500.0] * 20 + [0.0] * 20, every_s=every_s)) == 1
+
+
+def test_a_fall_in_steps_within_half_a_second_is_a_fall() -> None:
+    assert len(problems([500.0] * 20 + [490.0, 480.0, 470.0, 460.0, 449.0])) == 1
+    assert problems([500.0 - 2.0 * n for n in range(200)]) == []
+
+
+def test_a_load_that_is_taken_off_on_purpose_is_no_fall() -> None:
+    down = [500.0 - 100.0 * n for n in range(5)]
+    assert problems(down, every_s=1.0, target_n=0.0) == []
+    assert len(problems(down, every_s=1.0, target_n=500.0)) == 4
+
+
+def test_a_load_that_runs_away_is_told() -> None:
+    assert "the load changes by +400 N/s, more than the limit of 250 N/s" in problems([0.0] * 10 + [400.0], every_s=1.0)[0]
+    # Half a second apart at least: noise of some newtons from one reading to the next is no slope.
+    assert problems([100.0, 112.0] * 40) == []
+
+
+def test_a_crosshead_that_pulls_nothing_is_told() -> None:
+    ran = [0.002 * n for n in range(60)]
+    (said,) = problems([3.0] * 60, extensions=ran)
+    assert "the crosshead ran 0.102 mm while the load stayed at 3 N" in said
+    assert problems([2.0 * n for n in range(60)], extensions=ran) == []
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    every_s=st.floats(0.02, 1.5),
+    noise=st.lists(st.floats(-8.0, 8.0), min_size=60, max_size=60),
+    rate=st.floats(1.0, 100.0),
+    targets=st.lists(st.floats(-40.0, 2000.0), min_size=1, max_size=3),
+)
+def test_ramps_as_they_are_ordered_are_never_told(every_s: float, noise: list[float], rate: float, targets: list[float]) -> None:
+    watch, force_n = NOTHING_YET, 0.0
+    for number, wobble in enumerate(noise):
+        target_n = targets[number * len(targets) // len(noise)]
+        force_n += max(-rate * every_s, min(rate * every_s, target_n - force_n))
+        sample = LoadSample(number, T0 + round(number * every_s * S), 0, force_n + wobble, force_n / 5000, MotionState.MOVING, target_n)
+        watch, problem = watch.with_sample(replace(WATCHED, slack_max_mm=0.4), sample)
+        assert problem is None
+
+
+@pytest.mark.parametrize("state", [State.RAMPING, State.HOLDING, State.IMAGING])
+def test_the_engine_stops_and_holds_after_a_fall(state: State) -> None:
+    run = Run(replace(plan_of((HERE, 200.0)), limits=WATCHED))
+    run.begin()
+    run.reach(state)
+    run.wait(2.0)
+    run.force_n -= 100.0
+    commands = len(run.commands)
+    run.wait(0.5)
+    given = run.commands[commands:]
+    assert isinstance(given[0], StopMotion)
+    assert run.state.at is State.FAULT
+    assert "the load fell by" in run.state.message
+    run.wait(100.0)
+    assert [one for one in run.commands[commands:] if isinstance(one, RampTo)] == []
+
+
+@pytest.mark.parametrize("trouble", list(Trouble))
+@pytest.mark.parametrize("state", [State.CONNECTING, State.READY, State.RAMPING, State.SETTLING, State.HOLDING, State.IMAGING])
+def test_an_emergency_stop_or_a_limit_switch_is_an_emergency_anywhere(state: State, trouble: Trouble) -> None:
+    run = Run(plan_of((HERE, 200.0)))
+    if state is State.CONNECTING:
+        run.tell(Opening(run.now_ns))
+    elif state is State.READY:
+        run.tell(Opening(run.now_ns))
+        run.readings()
+        run.tell(Ready(run.now_ns, IDENTITY, IDENTITY))
+    else:
+        run.begin()
+        run.reach(state)
+    given = run.tell(LoadReading(run.now_ns, replace(run.load_sample(), motion=MotionState.FAULT, trouble=trouble)))
+    assert isinstance(given[0], StopMotion)
+    assert run.state.at is (State.ESTOPPED if trouble.is_emergency else State.FAULT)
+    assert str(trouble) in run.state.message
+
+
+def test_an_emergency_that_lasts_does_not_keep_a_run_from_ending() -> None:
+    run = Run(plan_of((HERE, 200.0)))
+    run.begin()
+    run.reach(State.RAMPING)
+
+    def pressed() -> LoadReading:
+        run.now_ns += 10**8
+        return LoadReading(run.now_ns, replace(run.load_sample(), motion=MotionState.FAULT, trouble=Trouble.LIMIT_SWITCH))
+
+    run.tell(pressed())
+    assert run.state.at is State.ESTOPPED
+    run.tell(Operator(run.now_ns, Verb.STOP))
+    for _ in range(3):
+        run.tell(pressed())
+        assert run.state.at is not State.ESTOPPED
+
+
+def test_from_an_emergency_while_connecting_the_operator_leads_back() -> None:
+    run = Run(plan_of((HERE, 200.0)))
+    run.tell(Opening(run.now_ns))
+    run.tell(LoadReading(run.now_ns, replace(run.load_sample(), motion=MotionState.FAULT, trouble=Trouble.EMERGENCY_STOP)))
+    run.tell(Ready(run.now_ns, IDENTITY, IDENTITY))
+    assert run.state.at is State.ESTOPPED
+    run.wait(1.0)
+    for _ in range(2):
+        run.tell(Operator(run.now_ns, Verb.RESUME))
+    run.reach(State.IMAGING)
+    assert run.force_n == 200.0
+
+
+def test_a_stop_waits_as_long_as_is_configured_and_says_for_whom() -> None:
+    run = Run(replace(plan_of((HERE, 200.0)), limits=replace(LIMITS, stop_timeout_s=6.0)))
+    run.begin()
+    run.tell(Operator(run.now_ns, Verb.STOP))
+    run.has_load = False
+    run.wait(4.0)
+    assert run.state.at is State.STOPPING
+    told = [one.text for one in run.of(Announce) if one.text.startswith("waiting for")]
+    assert told == ["waiting for the word that it rests of the load frame, at most 6 s; abort ends without it"]
+    run.wait(3.0)
+    assert run.state.at is State.ABORTED
+    assert "the load frame did not" in run.state.message
+
+
+def test_limits_of_a_resumed_run_watch_from_its_first_reading() -> None:
+    state = start(replace(plan_of((HERE, 200.0)), limits=WATCHED), T0)
+    assert state.watch == NOTHING_YET

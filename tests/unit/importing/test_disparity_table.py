@@ -1,0 +1,147 @@
+"""Maps of several engines: the same map in every dialect is the same map; what is wrong is said with file, line and column."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from semlive.data.disparity import DisparityMap
+from semlive.data.grid import Grid
+from semlive.errors import BadInput
+from semlive.formats.disparity_grid import check_inside, grid_of, map_on, scatter_px
+from semlive.formats.disparity_table import read_disparity_table
+
+GRID = Grid(20, 30, 10, 5, 4, 0)
+X, Y = (one.ravel() for one in GRID.mesh())
+RNG = np.random.default_rng(3)
+U, V = (np.round(RNG.normal(1.0, 2.0, X.size), 6) for _ in range(2))
+LOST = 7  # a point that every engine says it did not find
+
+
+def text(header: str, row: str, *, above: str = "", skip: bool = False) -> bytes:
+    lines = [
+        row.format(i=i, x=x, y=y, u=0.0 if lost else u, v=0.0 if lost else v, sigma=-1 if lost else 0.01, zncc=-4 if lost else 0.98,
+                   ok=int(not lost),
+                   word="low_zncc" if lost else "converged", nan="nan" if lost else u)
+        for i, (x, y, u, v) in enumerate(zip(X, Y, U, V, strict=True))
+        for lost in (i == LOST,)
+        if not (skip and lost)
+    ]  # fmt: skip
+    return (above + "\n".join([header, *lines]) + "\n").encode()
+
+
+DICE = "SUBSET_ID,COORDINATE_X,COORDINATE_Y,DISPLACEMENT_X,DISPLACEMENT_Y,SIGMA,GAMMA,BETA,STATUS_FLAG,UNCERTAINTY"
+DICE_ROW = "{i},{x:.4E},{y:.4E},{u:.8E},{v:.8E},{sigma:.4E},2.1E-02,0.0E+00,4.0E+00,7.6E-03"
+VIC = '"x", "y", "u", "v", "sigma", "exx", "eyy", "exy"'
+VIC_ROW = "{x:.6f}, {y:.6f}, {u:.6f}, {v:.6f}, {sigma}, 0.0, 0.0, 0.0"
+CORR = "x,y,u,v,u0,v0,ZNCC,iteration,convergence,feature,exx,eyy,exy,subset_rx,subset_ry,"
+CORR_ROW = "{x:.8f},{y:.8f},{u:.8f},{v:.8f},0,0,{zncc},3,0.0001,0,0,0,0,16,16,"
+VALE = "subset_x,subset_y,displacement_u,displacement_v,displacement_mag,converged,cost,ftol,xtol,num_iterations"
+VALE_ROW = "{x:.0f},{y:.0f},{nan},{nan},1.0,{ok},0.99,1e-6,1e-6,4"
+DIALECTS = {
+    "semlive": text("x,y,u,v,valid", "{x:.0f},{y:.0f},{u},{v},{ok}"),
+    "semlive with uncertainties": text("x,y,u,v,sigma_u,sigma_v,valid", "{x:.0f},{y:.0f},{u},{v},0.01,0.02,{ok}"),
+    "semicolons": text("x;y;u;v;valid", "{x:.0f};{y:.0f};{u};{v};{ok}"),
+    "nothing where nothing was found": text("x,y,u,v,valid", "{x:.0f},{y:.0f},{u},{v},{ok}").replace(b"0.0,0.0,0", b",,0"),
+    "semlive dic": text("x,y,u,v,sigma_u,sigma_v,zncc,status", "{x:.0f},{y:.0f},{u},{v},0.01,0.01,0.9,{word}"),
+    "vic2d": text(VIC, VIC_ROW),
+    "vic2d with units": text('"x [pixel]","y [pixel]","u [pixel]","v [pixel]","sigma [pixel]"', "{x},{y},{u},{v},{sigma}"),
+    "vic2d, point left out": text(VIC, VIC_ROW, skip=True),
+    "dice": text(DICE, DICE_ROW),
+    "dice with its header": text(
+        DICE, DICE_ROW, above="***\n*** Digital Image Correlation Engine (DICe)\n*** Subset size: 27\n***\n", skip=True
+    ),
+    "opencorr": text(CORR, CORR_ROW),
+    "pyvale": text(VALE, VALE_ROW).replace(f"{V[0]}".encode(), f"{V[0]}".encode()),
+}
+
+
+def laid(data: bytes) -> DisparityMap:
+    table = read_disparity_table(data, "disparity_0_2.csv")
+    check_inside(table, 200, 200)
+    return map_on(table, grid_of(table, table.subset_px), 0, 2)
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_every_dialect_tells_the_same_map(name: str) -> None:
+    found = laid(DIALECTS[name])
+    expected = np.arange(X.size).reshape(GRID.shape) != LOST
+    assert (found.grid.x0_px, found.grid.y0_px, found.grid.step_px, found.grid.nx, found.grid.ny) == (20, 30, 10, 5, 4)
+    np.testing.assert_array_equal(found.valid, expected)
+    np.testing.assert_array_equal(found.u_px, np.where(expected, U.reshape(GRID.shape), 0.0))
+    if name != "pyvale":  # its v is written as u here, to be NaN where lost
+        np.testing.assert_array_equal(found.v_px, np.where(expected, V.reshape(GRID.shape), 0.0))
+    assert found.grid.subset_px == (27 if "header" in name else 0)
+
+
+def test_the_order_of_lines_does_not_matter() -> None:
+    head, *lines = DIALECTS["semlive"].decode().splitlines()
+    turned = "\n".join([head, *lines[::-1]]).encode()
+    np.testing.assert_array_equal(laid(turned).u_px, laid(DIALECTS["semlive"]).u_px)
+
+
+def good() -> list[str]:
+    return text("x,y,u,v", "{x:.0f},{y:.0f},{u},{v}").decode().splitlines()
+
+
+def changed(line: int, column: int, value: str) -> str:
+    lines = good()
+    cells = lines[line - 1].split(",")
+    cells[column] = value
+    lines[line - 1] = ",".join(cells)
+    return "\n".join(lines)
+
+
+IN_MM = [",".join(f"{float(cell) / 100:.3f}" for cell in line.split(",")) for line in good()[1:]]
+WRONG = {
+    "empty file": ("", "line 1: holds no header"),
+    "only a header": ("x,y,u,v\n", "line 2: holds no point"),
+    "missing column": ("\n".join(good()).replace("x,y,u,v", "x,y,u,w"), "line 1: column v is missing"),
+    "one sigma": ("\n".join(["x,y,u,v,sigma_u", *(line + ",0.1" for line in good()[1:])]), "line 1: column sigma_v is missing"),
+    "unit": ("\n".join(good()).replace("x,y,u,v", "x,y,u [mm],v"), "line 1, column u: is in 'mm'; export it in pixels"),
+    "nan": (changed(5, 2, "NaN"), "line 5, column u: is nan"),
+    "infinite": (changed(5, 3, "inf"), "line 5, column v: is inf"),
+    "word": (changed(6, 3, "lost"), "line 6, column v: 'lost' is no number"),
+    "empty cell": (changed(6, 3, ""), "line 6, column v: is empty"),
+    "line too short": (changed(6, 3, "1").replace(good()[8], "20,30"), "line 9, column u: the line ends before it"),
+    "half a pixel": (changed(4, 0, "40.5"), "line 4, column x: 40.5 is no whole pixel"),
+    "millimetres": ("\n".join(["x,y,u,v", *IN_MM]), "is no whole pixel"),
+    "off the grid": (changed(4, 0, "43"), "line 4, column x: 43 is not on the grid of the first map (20, 30, ... 60)"),
+    "before the grid": (changed(4, 0, "17"), "line 4, column x: 17 is not on the grid of the first map (20, 30, ... 60)"),
+    "point twice": ("\n".join([*good(), good()[3]]), "line 22, column x: the point (40, 30) stands there twice"),
+    "point missing": ("\n".join(good()[:-2] + good()[-1:]), "1 points of the grid are missing, the first (50, 60)"),
+    "outside the frame": (changed(2, 0, "-20"), "line 2, column x: -20 px lies outside the frame of 200 x 200 px"),
+    "longer than the frame": (changed(2, 2, "4000"), "line 2, column u: 4000 px is longer than the frame"),
+    "one row": ("\n".join(good()[:6]), "the map has 1 different y"),
+    "not text": ("x,y,u,v\n\xff\xfe", "is not plain text"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_wrong_is_said_with_its_place(name: str) -> None:
+    body, said = WRONG[name]
+    with pytest.raises(BadInput, match=re.escape(said)) as wrong:
+        laid(body.encode("latin-1"))
+    assert str(wrong.value).startswith("disparity_0_2.csv: ")
+    assert "\n" not in str(wrong.value)
+
+
+def test_a_map_on_another_grid_is_refused() -> None:
+    table = read_disparity_table(DIALECTS["vic2d"], "disparity_0_4.csv")
+    with pytest.raises(
+        BadInput, match=r"disparity_0_4\.csv: line 2, column x: 20 is not on the grid of the first map \(25, 35, \.\.\. 65\)"
+    ):
+        map_on(table, Grid(25, 30, 10, 5, 4, 0), 0, 4)
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_noise_that_an_engine_does_not_tell_is_read_from_the_map(shared: bool) -> None:
+    y, x = np.mgrid[0:120, 0:150] * 5.0
+    smooth = np.cos(2 * np.pi * x / 1000) + 1e-5 * x * y
+    noise = RNG.normal(0.0, 1.0, (128, 158))
+    if shared:
+        noise = sum(noise[i : i + 120, j : j + 150] for i in range(8) for j in range(8)) / 8
+    found = scatter_px(smooth + 0.025 * noise[:120, :150], np.ones((120, 150), dtype=bool))
+    assert found == pytest.approx(0.025, rel=0.1)

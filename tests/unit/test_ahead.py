@@ -1,0 +1,41 @@
+"""Work ahead: order, errors and an early end are as without."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from semlive.service.ahead import ahead
+
+
+def test_everything_comes_in_its_order() -> None:
+    assert list(ahead(iter(range(100)))) == list(range(100))
+    assert list(ahead(iter(()))) == []
+
+
+def test_what_making_raises_is_raised_where_the_next_would_be() -> None:
+    def made() -> Iterator[int]:
+        yield 1
+        raise ValueError("the second is damaged")
+
+    found = ahead(made())
+    assert next(found) == 1
+    with pytest.raises(ValueError, match="second is damaged"):
+        next(found)
+
+
+def test_whoever_stops_asking_stops_the_making_too() -> None:
+    made: list[int] = []
+
+    def numbers() -> Iterator[int]:
+        while True:
+            made.append(len(made))
+            yield made[-1]
+
+    found = ahead(numbers(), 2)
+    assert [next(found), next(found)] == [0, 1]
+    found.close()  # pyright: ignore[reportAttributeAccessIssue]  (a generator)
+    assert not any(one.name == "ahead" for one in threading.enumerate())
+    assert len(made) <= 6

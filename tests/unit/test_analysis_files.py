@@ -1,0 +1,140 @@
+"""What analysis makes of exported files as the log tells them: text beside images, frozen images, other clocks."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from semlive.data.clock import Clock
+from semlive.data.frame import ExportedFile
+from semlive.data.scan import Provenance
+from semlive.formats.log import LogMessage
+from semlive.formats.messages import SEM_ORIGINAL, SEM_SIDECAR, ClockOffsetMessage, FileMessage, RunMessage, ScanMessage, from_json, to_json
+from semlive.service.analysis import AnalysisState, feed, is_output
+from semlive.service.config import parse_config
+from semlive.service.journal import Journal
+from semlive.service.log_files import messages
+from semlive.service.record import Recorder
+from semlive_simulators.exporters.facts import ImageFacts, Product
+from semlive_simulators.exporters.settings import Export, Style, Vendor
+from semlive_simulators.scenario import load_scenario
+
+S = 10**9
+END_NS = 1_772_439_825 * S
+SCAN = dataclasses.replace(load_scenario("paper_x200").scan, width_px=64, height_px=48, frame_time_s=0.48)
+CONFIG = {
+    "sem": {
+        "folder": "export",
+        "pixel_size_um": 1.25,
+        "vendor": "jeol",
+        "scan_profiles": [{"scan_speed": "9", "dwell_time_s": 1e-4, "row_time_s": 0.01}],
+    },
+    "stage": {"driver": "null"},
+    "protocol": {"calibration_shifts_px": [[0, 0]]},
+}
+
+
+def product(seed: int, vendor: Vendor = Vendor.JEOL, frame: int = 0) -> Product:
+    image = np.random.default_rng(seed).integers(0, 256, (48, 64), dtype=np.uint8)
+    return Export(Style.DIRECT, 0.0, 1.0, 1, 0, "x", vendor).encode(image, ImageFacts(SCAN, END_NS + frame * S, 0, 0, frame, "a.tif"))
+
+
+def exported(number: int, made: Product, settled_ns: int = END_NS + S) -> ExportedFile:
+    sha256 = hashlib.sha256(made.image).hexdigest()
+    return ExportedFile(number, f"x_{number}.tif", made.image, sha256, settled_ns, settled_ns + 2 * S, made.sidecar, settled_ns)
+
+
+class _Now:
+    """A clock that stands."""
+
+    def now_ns(self) -> int:
+        return END_NS
+
+    def mono_ns(self) -> int:
+        return END_NS
+
+    def current(self) -> Clock:
+        return Clock(END_NS, END_NS)
+
+
+def logged(tmp_path: Path, *files: ExportedFile) -> list[LogMessage]:
+    """The log of a run in which these files arrived."""
+    shutil.rmtree(tmp_path / "run", ignore_errors=True)
+    (tmp_path / "run").mkdir()
+    recorder = Recorder(tmp_path / "run" / "run.000.mcap", _Now(), lambda _: None)
+    journal = Journal(recorder)
+    config = parse_config(CONFIG, "here").model_dump(mode="json")
+    journal.note(RunMessage(run="run", started_time_ns=END_NS, host="here", versions={}, config=config))
+    for file in files:
+        journal.file(file)
+    assert recorder.close()
+    return list(messages(tmp_path / "run"))
+
+
+def analysed(log: list[LogMessage]) -> list[object]:
+    state, told = AnalysisState(), []
+    for message in log:
+        state, outputs = feed(state, message)
+        told += [from_json(one.topic, one.payload) for one in outputs]
+    return told
+
+
+def test_bytes_of_image_and_text_are_in_the_log_before_anything_is_decoded(tmp_path: Path) -> None:
+    made = product(1)
+    log = logged(tmp_path, exported(0, made))
+    assert [one.topic for one in log] == ["/run", "/sem/file", SEM_SIDECAR, SEM_ORIGINAL]
+    assert [one.payload for one in log[2:]] == [made.sidecar, made.image]
+    file = from_json("/sem/file", log[1].payload)
+    assert isinstance(file, FileMessage)
+    assert file.sidecar_sha256 == hashlib.sha256(made.sidecar or b"").hexdigest()
+    assert file.settled_time_ns == END_NS + S
+
+
+def test_a_jeol_pair_of_files_becomes_a_scan_with_times_by_its_speed(tmp_path: Path) -> None:
+    [scan] = [one for one in analysed(logged(tmp_path, exported(0, product(1)))) if isinstance(one, ScanMessage)]
+    assert (scan.vendor, scan.width_px, scan.height_px) == ("jeol", 64, 48)
+    assert (scan.row_time_s.value, scan.row_time_s.source) == (0.01, Provenance.CONFIG)
+    assert scan.column.detector is not None
+    assert scan.column.detector.value == "BED-C"
+    assert scan.start_anchor == "end"
+    assert from_json("/sem/scan", to_json(scan)) == scan
+
+
+def test_a_text_belongs_to_its_own_image_alone(tmp_path: Path) -> None:
+    alone = dataclasses.replace(exported(1, product(2)), sidecar=None)
+    told = analysed(logged(tmp_path, exported(0, product(1)), alone))
+    refused = [one for one in told if isinstance(one, FileMessage)]
+    assert [(one.export, one.decision) for one in refused] == [(1, "refused")]
+    assert "does not say its dwell time" in refused[0].reason
+
+
+def test_frozen_pixels_under_a_new_header_are_refused(tmp_path: Path) -> None:
+    told = analysed(logged(tmp_path, exported(0, product(1)), exported(1, product(1, frame=7)), exported(2, product(2))))
+    refused = [one for one in told if isinstance(one, FileMessage)]
+    assert [one.reason for one in refused] == ["x_1.tif: shows the same pixels as x_0.tif; the SEM's image is frozen, so let it scan."]
+    assert [one.export for one in told if isinstance(one, ScanMessage)] == [0, 2]
+
+
+@pytest.mark.parametrize("late_s", [1, 3601])
+def test_the_clocks_of_sem_and_share_are_told_with_the_first_frame(tmp_path: Path, late_s: int) -> None:
+    told = analysed(logged(tmp_path, exported(0, product(1), END_NS + late_s * S)))
+    clocks = {one.clock: one for one in told if isinstance(one, ClockOffsetMessage)}
+    assert clocks["sem"].offset_s == pytest.approx(0.5 - late_s)
+    assert clocks["share"].offset_s == 0.0
+    assert bool(clocks["sem"].advice) == (late_s > 60)
+
+
+def test_what_analysis_says_of_clocks_counts_as_its_own_when_a_run_is_taken_up_again(tmp_path: Path) -> None:
+    state, outputs = AnalysisState(), []
+    for message in logged(tmp_path, exported(0, product(1)), exported(1, product(1)), exported(2, product(2))):
+        state, more = feed(state, message)
+        outputs += more
+    assert {one.topic for one in outputs} == {"/log", "/clock/offset", "/sem/scan", "/sem/file"}
+    assert all(is_output(one) for one in outputs)
+    asked = ClockOffsetMessage(clock="share", offset_s=0.0, sigma_s=0.1, files=0, export=None, reason="a file was written to it")
+    assert not is_output(LogMessage("/clock/offset", 1, 1, 0, to_json(asked)))

@@ -1,0 +1,84 @@
+"""Going to a load in displacement control, and numbers as devices keep them: pure."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from semlive.errors import LinkError
+from semlive_drivers.approach import Approach, ApproachSettings, Go, begin, step
+from semlive_drivers.modbus.codec import decode, encode
+from semlive_drivers.modbus.registers import Bits, DType, Factor, Kind, Point, Words
+
+SETTINGS = ApproachSettings(stiffness_n_mm=10_000.0, speed_max_mm_s=0.05, speed_min_mm_s=1e-4, arrived_n=1.0, travel_max_mm=1.0)
+TURN_S = 0.1
+
+
+def played(target_n: float, start_n: float, true_n_mm: float, rate_n_s: float = 50.0) -> tuple[list[float], Approach]:
+    """Loads of a ramp on a spring, one for each turn, and how it ended."""
+    at_mm = start_n / true_n_mm
+    ramp, forces = begin(target_n, rate_n_s, start_n, at_mm), [start_n]
+    for _ in range(5000):
+        ramp, go = step(ramp, SETTINGS, forces[-1], at_mm, TURN_S)
+        if go is None:
+            return forces, ramp
+        assert go.speed_mm_s <= SETTINGS.speed_max_mm_s
+        assert 0 < go.travel_mm <= SETTINGS.travel_max_mm
+        at_mm += (1 if go.pull else -1) * min(go.travel_mm, go.speed_mm_s * TURN_S)
+        forces.append(at_mm * true_n_mm)
+    raise AssertionError("the ramp never ended")
+
+
+@given(st.floats(-500, 500), st.floats(-500, 500), st.floats(0.3, 1.0))
+def test_a_ramp_ends_at_its_target_never_turns_and_never_goes_faster(target_n: float, start_n: float, softer: float) -> None:
+    true_n_mm = softer * SETTINGS.stiffness_n_mm
+    forces, ramp = played(target_n, start_n, true_n_mm)
+    assert ramp.over
+    assert not ramp.trouble
+    assert abs(forces[-1] - target_n) <= SETTINGS.arrived_n
+    steps = [after - before for before, after in itertools.pairwise(forces)]
+    assert all(change * (target_n - start_n) >= 0 for change in steps)
+    assert max((abs(change) / TURN_S for change in steps), default=0.0) <= 50.0 * 1.001
+
+
+def test_a_specimen_that_is_far_softer_ends_the_ramp_by_its_way() -> None:
+    _, ramp = played(500.0, 0.0, 100.0)
+    assert "mm of travel brought the load to" in ramp.trouble
+
+
+def test_a_load_that_goes_the_wrong_way_ends_the_ramp() -> None:
+    ramp = begin(100.0, 10.0, 0.0, 0.0)
+    ramp, go = step(ramp, SETTINGS, -15.0, 0.001, TURN_S)
+    assert go is not None
+    ramp, go = step(ramp, SETTINGS, -21.0, 0.002, TURN_S)
+    assert go is None
+    assert "went from 0.0 to -21.0 N on its way to 100 N" in ramp.trouble
+    assert step(ramp, SETTINGS, 50.0, 0.0, TURN_S) == (ramp, None)
+
+
+def test_the_way_is_counted_from_time_where_the_drive_does_not_tell_it() -> None:
+    ramp = begin(100.0, 10.0, 0.0, 0.0)
+    for _ in range(3):
+        ramp, go = step(ramp, SETTINGS, 0.0, 0.0, TURN_S)
+        assert isinstance(go, Go)
+    assert ramp.travelled_mm == pytest.approx(3 * TURN_S * 10.0 / 10_000.0)
+
+
+def test_numbers_as_devices_keep_them() -> None:
+    swapped = Point(Kind.HOLDING, 0, DType.F32, Words.LOW_FIRST, byte_order=Words.LOW_FIRST)
+    assert decode(swapped, (0x0080, 0xC642)) == 99.25
+    assert encode(swapped, 99.25) == (0x0080, 0xC642)
+    assert decode(Point(Kind.INPUT, 0, DType.I16, scale=0.1, offset=-40.0), (0xFFFF,)) == pytest.approx(-40.1)
+    assert decode(Point(Kind.INPUT, 0, first_bit=4, bit_count=3), (0b1011_0000,)) == 3
+    weight = Point(Kind.HOLDING, 0, DType.U32, sign=Bits("status", 7, 1), factors=(Factor(Bits("decimals", 0, 4)),))
+    assert decode(weight, (0, 12345), {"status": (0x80,), "decimals": (0xF2,)}) == pytest.approx(-123.45)
+    assert weight.needs == ("status", "decimals")
+    with pytest.raises(LinkError, match="holds 32767, which is no reading"):
+        decode(Point(Kind.INPUT, 9, DType.I16, sentinels=(32767, -32768)), (32767,))
+    with pytest.raises(LinkError, match="holds inf"):
+        decode(Point(Kind.INPUT, 9, DType.F32), (0x7F80, 0))
+    assert math.isclose(decode(Point(Kind.INPUT, 0, DType.F32), encode(Point(Kind.INPUT, 0, DType.F32), 1e-3)), 1e-3, rel_tol=1e-7)

@@ -1,0 +1,97 @@
+"""Clocks of the SEM's computer and of the share, as files tell them."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from semlive.data.frame import ExportedFile, FrameInfo
+from semlive.data.scan import Provenance, ScanTiming, Sourced
+from semlive.data.settings import ScanProfile
+from semlive.formats.messages import ClockOffsetMessage
+from semlive.service.file_clocks import FileClocks, probe_share
+
+S = 10**9
+T0 = 1_772_439_825 * S
+KNOWN = Provenance.FILE
+TIMING = ScanTiming(Sourced(1e-5, KNOWN), Sourced(0.02, KNOWN), Sourced(20.0, KNOWN), Sourced(1, KNOWN))
+
+
+def after(
+    clocks: FileClocks, end_ns: int, export: int, offset_s: float, delay_s: float
+) -> tuple[FileClocks, tuple[ClockOffsetMessage, ...]]:
+    """A scan that ended, whose file settled later, by a SEM whose clock is off and prints whole seconds."""
+    printed = (end_ns + round(offset_s * S)) // S * S + S // 2
+    info = FrameInfo(
+        export, "a.tif", "fei", 8, 8, 0, TIMING, Sourced(0, KNOWN), 0.3, Sourced(1e-6, KNOWN), embedded_time_ns=printed, start_anchor="end"
+    )
+    settled = end_ns + round(delay_s * S)
+    file = ExportedFile(export, "a.tif", b"", "", settled - S // 2, settled + 2 * S, settled_time_ns=settled)
+    return clocks.after(file, info, ScanProfile())
+
+
+def test_a_clock_an_hour_ahead_is_known_within_the_time_that_an_export_takes() -> None:
+    clocks, told = FileClocks.looked_at_every(1.0), []
+    for number in range(20):
+        clocks, more = after(clocks, T0 + round(number * 31.37 * S), number, 3600.0, 0.5 + 0.1 * (number % 5))
+        told += more
+    assert clocks.sem.offset_s == pytest.approx(3600.0, abs=1.0)
+    assert abs(clocks.sem.offset_s - 3600.0) < 2.0 * clocks.sem.sigma_s
+    assert clocks.share.offset_s == pytest.approx(-0.5)
+    sem = [one for one in told if one.clock == "sem"]
+    assert 1 <= len(sem) <= 4
+    assert "set one of the clocks, or sem.profile.clock_offset_s: 3600." in sem[-1].advice or "3599" in sem[-1].advice
+    assert all(not one.advice for one in told if one.clock == "share")
+
+
+def test_a_right_clock_is_told_without_advice() -> None:
+    clocks, told = after(FileClocks.looked_at_every(1.0), T0, 0, 0.0, 1.0)
+    assert [one.advice for one in told] == ["", ""]
+    assert [one.reason for one in told] == ["the first file tells it"] * 2
+    assert clocks.sem.sigma_s == pytest.approx((1 / 12 + 4.0 + 1.0) ** 0.5)
+
+
+def test_late_files_are_no_step_of_a_clock_and_a_clock_that_is_set_is() -> None:
+    clocks = FileClocks.looked_at_every(1.0)
+    for number in range(5):
+        clocks, _ = after(clocks, T0 + number * 40 * S, number, 0.0, 1.0)
+    late = clocks
+    for number in range(5, 9):
+        late, told = after(late, T0 + 40 * number * S, number, 0.0, 500.0)
+        assert [one.clock for one in told if one.clock == "sem"] == []
+    assert late.sem.offset_s == clocks.sem.offset_s
+    winter = clocks
+    for number in range(5, 11):
+        winter, told = after(winter, T0 + 40 * number * S, number, -3600.0, 1.0)
+    assert [one.reason for one in told if one.clock == "sem"] == ["it was set by -3600.0 s"]
+    summer, _ = after(clocks, T0 + 200 * S, 5, 3600.0, 1.0)
+    summer, told = after(summer, T0 + 240 * S, 6, 3600.0, 1.0)
+    [step] = [one for one in told if one.clock == "sem"]
+    assert step.reason == "it was set by +3600.0 s"
+    assert step.offset_s == pytest.approx(3600.0, abs=2.0)
+
+
+def test_files_of_older_logs_tell_nothing() -> None:
+    clocks = FileClocks.looked_at_every(1.0)
+    info = FrameInfo(0, "a.tif", "fei", 8, 8, 0, TIMING, Sourced(0, KNOWN), 0.3, Sourced(1e-6, KNOWN), embedded_time_ns=T0)
+    assert clocks.after(ExportedFile(0, "a.tif", b"", "", T0, T0), info, ScanProfile()) == (clocks, ())
+
+
+def test_a_time_that_marks_the_start_is_held_against_the_end() -> None:
+    info = FrameInfo(
+        0, "a", "fei", 8, 8, 0, TIMING, Sourced(0, KNOWN), 0.3, Sourced(1e-6, KNOWN), embedded_time_ns=T0, start_anchor="start"
+    )
+    file = replace(ExportedFile(0, "a", b"", "", T0 + 20 * S, T0 + 22 * S), settled_time_ns=T0 + 21 * S)
+    clocks, _ = FileClocks.looked_at_every(1.0).after(file, info, ScanProfile())
+    assert clocks.sem.offset_s == pytest.approx(-1.0)
+
+
+def test_a_share_says_its_time_when_asked(tmp_path: Path) -> None:
+    told = probe_share(tmp_path, time.time_ns)
+    assert told is not None
+    assert abs(told.offset_s) < 0.1 + told.sigma_s
+    assert list(tmp_path.iterdir()) == []
+    assert probe_share(tmp_path / "none", time.time_ns) is None

@@ -1,0 +1,225 @@
+"""What the page shows is a pure function of the log; what browsers are told piece by piece is the same as all at once."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from semlive.data.disparity import DisparityMap, PoiStatus
+from semlive.data.experiment import Phase, Step
+from semlive.data.grid import Grid
+from semlive.data.loading import MotionState
+from semlive.data.strain import Measured, Tensor2
+from semlive.formats.log import LogMessage
+from semlive.formats.maps import encode_map
+from semlive.formats.messages import (
+    DIC_MAP,
+    DriftForecastMessage,
+    DriftMessage,
+    ElasticMessage,
+    FaultMessage,
+    FileMessage,
+    LoadSampleMessage,
+    LogLineMessage,
+    OperatorMessage,
+    Payload,
+    RunMessage,
+    StateMessage,
+    StrainMessage,
+    to_json,
+    topic_of,
+)
+from semlive.web.fields import FieldStore, fields_of
+from semlive.web.follow import after, with_fields
+from semlive.web.trace import MAX_ROWS, LoadRow, Trace, added
+from semlive.web.view import View
+from semlive.web.wire import changed, encoded, whole
+
+START_NS = 1_800_000_000_000_000_000
+CONFIG: dict[str, Any] = {
+    "sem": {"folder": ".", "pixel_size_um": 1.0},
+    "load_frame": {"driver": "null"},
+    "limits": dict(force_min_n=-50.0, force_max_n=900.0, extension_min_mm=-1.0, extension_max_mm=1.0, force_rate_max_n_s=50.0)
+    | dict(force_step_max_n=900.0, stage_travel_um=100.0),
+    "specimen": {"area_mm2": 10.0},
+    "protocol": {
+        "loads_n": [100.0, 200.0],
+        "calibration_shifts_px": [[0, 0]],
+        "hold_s": 30.0,
+        "warm_up": {"max_rate_px_s": 0.01, "max_wait_s": 600.0},
+    },
+}
+
+
+def at(seconds: float) -> int:
+    return START_NS + round(1e9 * seconds)
+
+
+def run() -> RunMessage:
+    return RunMessage(run="r", started_time_ns=START_NS, host="lab", boot_id="b", versions={"semlive": "1"}, config=CONFIG)
+
+
+def state(seconds: float, before: str, after_: str, cause: str, step: int = 0, **guards: float) -> StateMessage:
+    return StateMessage(time_ns=at(seconds), before=before, after=after_, cause=cause, step=step, guards=dict(guards))
+
+
+def load(seconds: float, force_n: float) -> LoadSampleMessage:
+    return LoadSampleMessage(
+        sequence=0, time_ns=at(seconds), mono_ns=0, force_n=force_n, extension_mm=0.1, motion=MotionState.STOPPED, target_n=force_n, raw=()
+    )
+
+
+def drift(revision: int, frames: tuple[int, ...]) -> DriftMessage:
+    pairs = [(frame, 10.0 * frame + 5.0 * row) for frame in frames for row in (0, 1)]
+    points = tuple((0.1 * revision, time_s) for _, time_s in pairs)
+    forecast = DriftForecastMessage(time_s=(50.0, 60.0), duration_s=10.0, rate_px_s=((0.03, 0.04),) * 2, sigma_px_s=((0.0, 0.01),) * 2)
+    numbers, times = tuple(frame for frame, _ in pairs), tuple(time_s for _, time_s in pairs)
+    return DriftMessage(
+        revision=revision, time_s=times, frame=numbers, drift_px=points, sigma_px=points, rate_px_s=points, forecast=forecast
+    )
+
+
+def message(payload: Payload, log_time_ns: int) -> LogMessage:
+    return LogMessage(topic_of(payload), log_time_ns, log_time_ns, 0, to_json(payload))
+
+
+STORY: tuple[Payload, ...] = (
+    run(),
+    state(1, "idle", "connecting", "opening"),
+    load(1, 0.0),
+    state(2, "settling", "holding", "settled"),
+    load(2, 1.0),
+    FileMessage(export=1, name="a.tif", size=1, sha256="", mtime_ns=0, arrival_time_ns=0, decision="arrived", reason=""),
+    FileMessage(export=1, name="", size=0, sha256="", mtime_ns=0, arrival_time_ns=0, decision="refused", reason="a.tif came too early"),
+    drift(1, (0, 1)),
+    drift(2, (1, 2)),
+    state(3, "step_done", "warming", "warm_up", 1),
+    state(4, "warming", "ramping", "measure_again", 1, rate_px_s=0.05, sigma_px_s=0.01, waited_s=120.0),
+    StrainMessage(
+        revision=1, frame=2, mean=Tensor2(1e-4, 2e-4, 0.0), mean_sigma=Tensor2(1e-6, 2e-6, 0.0), sd=Tensor2(0.0, 3e-4, 0.0), vsg_px=83.0
+    ),
+    ElasticMessage(revision=2, youngs_modulus_gpa=Measured(70.0, 1.0), poissons_ratio=Measured(0.3, 0.01)),
+    OperatorMessage(time_ns=at(5), what="asked", args={"text": "bring the load", "question": "terminal.1", "wanted": "load_n"}),
+    OperatorMessage(time_ns=at(5), what="told", args={"text": "that is no load"}),
+    FaultMessage(time_ns=at(6), what="it is full", where="log", action="paused the run"),
+    state(7, "ramping", "fault", "limit", 1),
+    LogLineMessage(time_ns=at(7), level="info", text="the load is beyond its limit"),
+    OperatorMessage(time_ns=at(8), what="taken_back", args={"text": "bring the load", "question": "terminal.1", "wanted": "load_n"}),
+    run(),
+)
+
+
+def views() -> list[View]:
+    told = [View()]
+    for number, payload in enumerate(STORY):
+        told.append(after(told[-1], message(payload, START_NS + number)))
+    return told
+
+
+def test_pieces_add_up_to_the_whole() -> None:
+    shown: dict[str, Any] = json.loads(encoded(whole(View())))
+    rows: list[Any] = []
+    everything = views()
+    for before, now in pairwise(everything):
+        parts = json.loads(encoded(changed(before, now)))
+        news = parts.pop("load", None)
+        if news is not None:
+            rows[news["from"] :] = news["rows"]
+        shown.update(parts)
+        all_at_once = json.loads(encoded(whole(now)))
+        assert all_at_once.pop("load") == {"from": 0, "rows": rows}
+        shown.pop("load", None)
+        assert shown == all_at_once
+
+
+def test_what_did_not_change_is_not_told() -> None:
+    now = views()[-1]
+    assert changed(now, now) == {}
+    assert set(changed(now, after(now, message(load(9, 5.0), START_NS + 99)))) == {"reading", "load"}
+
+
+def test_a_fault_comes_with_what_to_do() -> None:
+    told = views()[-2]
+    assert (told.protocol.state, told.protocol.message, told.protocol.asks) == ("fault", "the load is beyond its limit", True)
+    assert "Look at specimen and load frame" in told.protocol.advice
+    assert (told.alarms[-1].text, told.alarms[-1].advice) == (
+        "log: it is full",
+        "Make room on the disk; when the log keeps up again, Resume.",
+    )
+    assert told.frames.refused[0].reason == "a.tif came too early"
+
+
+def test_the_hold_s_end_is_known_only_while_it_lasts() -> None:
+    ends = {told.protocol.state: told.protocol.hold_end_s for told in views()}
+    assert ends["holding"] == 32.0
+    assert {end for where, end in ends.items() if where != "holding"} == {None}
+
+
+def test_a_question_stays_until_it_is_answered_or_taken_back() -> None:
+    told = views()
+    asked = next(one for one in told if one.desk.told)
+    assert [(one.question, one.wanted) for one in asked.desk.questions] == [("terminal.1", "load_n")]
+    assert not told[-1].desk.questions
+    ended = after(asked, message(state(9, "fault", "aborted", "abort"), START_NS + 99))
+    assert not ended.desk.questions
+
+
+def test_the_gate_s_verdict_and_the_pair_that_it_adds() -> None:
+    told = next(one for one in views() if one.schedule.measures)
+    assert told.drift.verdict == "warming up: forecast 3 ± 0.6 px/min, 0.6 px/min wanted, waited 2 min"
+    steps = whole(told)["schedule"]["steps"]
+    assert [(one["warm_up"], one["load_n"]) for one in steps] == [(True, None), (False, None), (False, 100.0), (False, 200.0)]
+    done = Step(0, Phase.CALIBRATION, (0.0, 0.0), (0.0, 0.0), None, warm_up=True)
+    assert told.schedule.planned[0].warm_up is False
+    assert done.warm_up
+
+
+def test_drift_is_that_of_the_newest_revision_and_its_forecast_goes_on_from_there() -> None:
+    known = views()[-1].drift
+    assert [one.frame for one in known.frames] == [0, 1, 2]
+    assert [one.rows[0][1] for one in known.frames] == [pytest.approx(0.1), pytest.approx(0.2), pytest.approx(0.2)]
+    assert known.rate_px_s == (pytest.approx(0.05), pytest.approx(0.01))
+    last = known.frames[-1].rows[-1]
+    assert known.forecast[0] == last
+    assert known.forecast[-1][:3] == (70.0, pytest.approx(last[1] + 0.03 * 45.0), pytest.approx(last[2] + 0.04 * 45.0))
+
+
+def test_a_week_of_readings_is_no_longer_than_a_page_can_draw() -> None:
+    trace, peak_s = Trace(), 3000.0
+    for number in range(60_000):
+        time_s = 0.1 * number
+        force_n = 500.0 if time_s == peak_s else 0.0
+        trace = added(trace, LoadRow(time_s, force_n, force_n, 0.0, 0.0))
+    assert len(trace.rows) <= MAX_ROWS
+    assert max(row.high_n for row in trace.rows) == 500.0
+    times = [row.time_s for row in trace.rows]
+    assert times == sorted(times)
+    assert times[-1] == pytest.approx(6000.0, abs=2 * trace.width_s)
+
+
+def test_maps_are_what_was_correlated_and_points_that_do_not_count_are_no_numbers() -> None:
+    grid = Grid(10, 20, 5, 4, 3, 21)
+    field = np.arange(12, dtype=np.float64).reshape(3, 4)
+    status = np.zeros((3, 4), dtype=np.uint8)
+    status[1, 2] = PoiStatus.LOW_ZNCC
+    disparity = DisparityMap(0, 3, grid, field, -field, 0.01 + 0 * field, 0.01 + 0 * field, 0.9 + 0 * field, status)
+    fields = fields_of(LogMessage(DIC_MAP, 1, 1, 3, encode_map(disparity)))
+    assert fields is not None
+    store = FieldStore()
+    store.keep(fields)
+    store.keep(fields)
+    read = store.read(3, "disparity_u")
+    assert read is not None
+    values = np.frombuffer(read, "<f4").reshape(3, 4)
+    assert np.isnan(values[1, 2])
+    assert np.array_equal(np.delete(values.ravel(), 6), np.delete(field.ravel(), 6))
+    assert store.read(4, "disparity_u") is None
+    assert store.read(3, "../../passwords") is None
+    view = with_fields(views()[-1], fields)
+    assert view.maps.grid == (10, 20, 5, 4, 3, 21)
+    assert [(one.frame, one.fields) for one in view.maps.frames] == [(3, ("disparity_u", "disparity_v", "zncc"))]
+    assert (view.quality[-1].converged, view.quality[-1].zncc) == (11, pytest.approx(0.9))

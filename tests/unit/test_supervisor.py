@@ -1,0 +1,139 @@
+"""The daemon's words for a service manager, and the unit that asks for them."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+from semlive.cli.app import COMMANDS
+from semlive.service.supervisor import Supervisor
+
+ROOT = Path(__file__).resolve().parents[2]
+UNIT = ROOT / "deploy" / "semlive@.service"
+
+
+@pytest.fixture
+def manager(tmp_path: Path) -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as one:
+        one.bind(str(tmp_path / "notify"))
+        one.setblocking(False)
+        yield one
+
+
+@pytest.fixture
+def systemd_peer() -> str:
+    found = shutil.which("systemd-analyze")
+    if found is None:
+        pytest.skip("no systemd-analyze")
+    return found
+
+
+def test_without_a_manager_nothing_is_said() -> None:
+    silent = Supervisor({"WATCHDOG_USEC": "1000"})
+    silent.ready("run a")
+    assert silent.watchdog_s is None
+    asyncio.run(silent.beat())
+
+
+def test_ready_and_stopping_are_said(manager: socket.socket) -> None:
+    one = Supervisor({"NOTIFY_SOCKET": manager.getsockname()})
+    one.ready("run a")
+    one.status("half way")
+    one.stopping()
+    assert [manager.recv(100) for _ in range(3)] == [b"READY=1\nSTATUS=run a", b"STATUS=half way", b"STOPPING=1"]
+
+
+def test_abstract_names_are_understood() -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as one:
+        one.bind("\0semlive-test")
+        Supervisor({"NOTIFY_SOCKET": "@semlive-test"}).stopping()
+        assert one.recv(100) == b"STOPPING=1"
+
+
+def test_the_watchdog_hears_a_living_loop_and_no_blocked_one(manager: socket.socket) -> None:
+    async def live(one: Supervisor) -> None:
+        beating = asyncio.create_task(one.beat())
+        await asyncio.sleep(0.2)
+        beating.cancel()
+
+    one = Supervisor({"NOTIFY_SOCKET": manager.getsockname(), "WATCHDOG_USEC": "90000", "WATCHDOG_PID": "7"}, pid=7)
+    assert one.watchdog_s == pytest.approx(0.09)
+    asyncio.run(live(one))
+    beats = 0
+    while True:
+        try:
+            assert manager.recv(100) == b"WATCHDOG=1"
+        except BlockingIOError:
+            break
+        beats += 1
+    assert 3 <= beats <= 8
+
+
+def test_a_watchdog_of_another_process_is_not_ours(manager: socket.socket) -> None:
+    assert Supervisor({"NOTIFY_SOCKET": manager.getsockname(), "WATCHDOG_USEC": "9", "WATCHDOG_PID": "7"}, pid=8).watchdog_s is None
+
+
+def test_a_manager_that_is_gone_or_deaf_stops_nobody(tmp_path: Path, manager: socket.socket) -> None:
+    Supervisor({"NOTIFY_SOCKET": str(tmp_path / "nobody")}).stopping()
+    deaf = Supervisor({"NOTIFY_SOCKET": manager.getsockname()})
+    for _ in range(2000):
+        deaf.status("x" * 1000)
+
+
+def test_the_daemon_tells_its_manager(tmp_path: Path, manager: socket.socket) -> None:
+    (tmp_path / "export").mkdir()
+    config = {
+        "run": {"name": "waits", "folder": "log"},
+        "sem": {"folder": "export", "pixel_size_um": 1.0},
+        "stage": {"driver": "null"},
+        "protocol": {"calibration_shifts_px": [[0, 0], [8, 0]]},
+    }
+    (tmp_path / "run.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
+    command = [sys.executable, "-m", "semlive", "run", str(tmp_path / "run.yaml"), "--no-page", "--attended"]
+    environ = {**os.environ, "NOTIFY_SOCKET": manager.getsockname(), "WATCHDOG_USEC": "600000"}
+    manager.settimeout(100.0)
+    with subprocess.Popen(command, env=environ, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as daemon:
+        heard = []
+        while not heard or not heard[-1].startswith(b"READY"):
+            heard.append(manager.recv(100))
+        daemon.terminate()
+        while heard[-1] != b"STOPPING=1":
+            heard.append(manager.recv(100))
+        daemon.wait(60)
+    assert set(heard) == {b"WATCHDOG=1", b"READY=1\nSTATUS=run waits", b"STOPPING=1"}
+
+
+@pytest.mark.checkout
+def test_the_unit_gives_away_little(systemd_peer: str, tmp_path: Path) -> None:
+    unit = shutil.copy(UNIT, tmp_path / "semlive@trial.service")
+    command = [systemd_peer, "security", "--offline=true", "--threshold=25", "--no-pager", str(unit)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stdout[-500:] + done.stderr
+    assert (score := re.search(r"level for \S+: (\S+)", done.stdout)) is not None
+    assert float(score[1]) <= 2.5
+
+
+@pytest.mark.checkout
+def test_the_unit_says_what_the_daemon_keeps() -> None:
+    text = UNIT.read_text(encoding="utf-8")
+    wanted = (
+        "Type=notify",
+        "WatchdogSec=",
+        "CacheDirectory=semlive",
+        "NUMBA_CACHE_DIR=%C/semlive/jit",
+        "MemoryDenyWriteExecute=no",
+        "Restart=no",
+    )
+    assert not [one for one in wanted if one not in text]
+    used = set(re.findall(r"/bin/semlive (\w+)", text))
+    assert used <= {one.name for one in COMMANDS}
