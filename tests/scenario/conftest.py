@@ -61,7 +61,7 @@ class Instrument:
         return process.returncode, out + err
 
     def load_frame_status(self) -> int:
-        """What the load frame says of its motion: 0 stopped, 1 moving."""
+        """What the load frame says of its motion: 0 stopped, 1 moving, 2 in fault."""
         client = ModbusTcpClient(self.bench["host"], port=self.bench["port"], timeout=2, retries=0)
         assert client.connect()
         try:
