@@ -13,7 +13,6 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,7 +33,6 @@ from semlive.estimate.method import METHODS, Method
 from semlive.estimate.sequence import chosen_anew
 from semlive.estimate.smooth import LATELY
 from semlive.estimate.stage_path import stage_path_notes
-from semlive.kernels.threads import at_once
 from semlive.mechanics.gage import mean_gage
 from semlive.mechanics.reference import at_rest
 
@@ -45,7 +43,6 @@ AT_ONCE, ON_SCHEDULE = (
 IMPORTED = "imported"  # vendor of frames whose maps another engine made
 MOVED_PX = 5.0  # no specimen that is left alone moves so far
 EXACT = 1e-12  # no strain is known better
-WORTH_A_THREAD = 4096  # points; to correct a frame of 18,000 takes 5 ms, to begin a thread 0.05
 STEPS_AT_ONCE = 32  # with more load steps the constants are fitted anew only where choices are due: their covariance joins each with each
 
 Elastic = tuple[ElasticConstants | None, GageComparison | None]
@@ -293,11 +290,8 @@ def refused(result: RunResult, settings: AnalysisSettings) -> str | None:
 
 def _estimate(begun: Begun, solution: Any, *, checked: bool, lately: bool = False) -> Estimate:
     """What is known, with what the stage's commands and, where due, the halves of the data say of it."""
-
-    def estimate() -> Estimate:
-        return begun.method.estimate(solution, revision=len(begun.pairs), lately=lately)
-
-    found, checks = at_once(estimate, lambda: begun.method.checks(solution)) if checked else (estimate(), ())
+    found = begun.method.estimate(solution, revision=len(begun.pairs), lately=lately)
+    checks = begun.method.checks(solution) if checked else ()
     whole = begun.pairs if len(found.motions) == len(begun.pairs) else ()
     path = stage_path_notes(((one.pair, one.step.shift_um) for one in whole if one.step.phase is not Phase.TENSION), found.motions)
     return replace(found, notes=(*found.notes, *path, *checks))
@@ -333,19 +327,12 @@ def _all_corrected(begun: Begun, solution: Any, looked_at: Callable[[int], None]
     corrections = iter(begun.method.correction_strains(solution, maps()))
     again = (_map_to(begun, frame) for frame in frames if frame)
     sigmas = iter(begun.method.correction_sigmas(solution, again)) if point_sigma else itertools.repeat(None)
-    for frame, found in _by_pairs(begun, solution, ((frame, next(corrections) if frame else None) for frame in frames)):
+    for frame in frames:
+        found = _as_corrected(begun, solution, frame, next(corrections) if frame else None)
         sigma = next(sigmas) if frame else (np.zeros(begun.grid.shape),) * 2 if point_sigma else None
         if sigma is not None:
             found = replace(found, displacement=replace(found.displacement, systematic_u_px=sigma[0], systematic_v_px=sigma[1]))
         yield found
-
-
-def _by_pairs(begun: Begun, solution: Any, frames: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, FrameResult]]:
-    """Frames with their corrections, as they are corrected: the two of a pair at the same time."""
-    worth, todo = begun.grid.nx * begun.grid.ny >= WORTH_A_THREAD, iter(frames)
-    for first, second in zip(todo, todo, strict=True):
-        both = at_once(partial(_as_corrected, begun, solution, *first), partial(_as_corrected, begun, solution, *second), worth=worth)
-        yield from zip((first[0], second[0]), both, strict=True)
 
 
 def _map_to(begun: Begun, frame: int) -> DisparityMap:

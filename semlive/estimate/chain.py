@@ -7,9 +7,8 @@ later pair can touch. Carried on are a front of a few knots, and the border.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from scipy.linalg import get_blas_funcs, solve_triangular
@@ -20,12 +19,10 @@ from semlive.estimate.border import DISTORTION, LINES, MOTION, SHIFT, STARTS, Bo
 from semlive.estimate.piece import Piece, border_sums, first_look, piece
 from semlive.estimate.prior import GRADIENT, REACH, SHIFT_PX, Hyper
 from semlive.estimate.state import EstimatorState, Keep, MapRows, in_memory
-from semlive.kernels.threads import at_once
 from semlive.model import MotionKind
 
 MARGIN = 0.125  # of a frame: so far before its first row and behind its last may a point be seen
 GAP_KNOTS = 32  # that no pair touches are eliminated at a time
-WORTH_A_THREAD = 64  # blocks
 TOGETHER = 256  # rows by which the border is brought up to date at once, which takes a third of the time of one pair after another
 
 
@@ -134,37 +131,24 @@ def extended(chain: Chain, state: EstimatorState, near: Vector, summed: bool = F
         return chained(state, chain.hyper, near)
     maps = _maps_of(state, new)
     weight, total, pull = chain.hyper.noise_scale**-2.0, chain.precision.copy(), chain.pull.copy()
-    front, steps = chain.front, []
+    front, steps, nothing = chain.front, [], _nothing(chain.border)
     later = _begun_later(known, [times[pair] for pair in new])
-
-    def said_of(pair: int) -> Piece:
-        said = piece(state, maps[pair], chain.border, near, None if summed else weight)
-        return replace(said, **{name: weight * getattr(said, name) for name in ("own", "to_border", "pull", "border_pull")})
-
-    following, worth, nothing = iter(new[1:]), state.blocks.size >= WORTH_A_THREAD, _nothing(chain.border)
-    said = said_of(new[0]) if new else nothing
     for pair, begun in zip(new, later, strict=True):
         for gap in _gap(known, front, times[pair]):
             front, step = _eliminated(front, nothing, known, gap, (chain, state, near), total, pull, None)
             steps.append(step)
+        said = piece(state, maps[pair], chain.border, near, None if summed else weight)
+        said = replace(said, **{name: weight * getattr(said, name) for name in ("own", "to_border", "pull", "border_pull")})
         for one in said.shared:
             one.add_to(total, chain.border.counts[DISTORTION])
         pull += said.border_pull
         sizes = tuple(max(one.size_at(_end_s(times[pair])), size) for one, size in zip(known, front.sizes, strict=True))
         over = (one.interval(_over_s(times[pair])) for one in known)
         past = tuple(max(min(one, then), before) for one, then, before in zip(over, begun, front.past, strict=True))
-        eliminated = partial(_eliminated, front, said, known, (sizes, past), (chain, state, near), total, pull, pair)
-        # What the next pair says is made meanwhile; what it gives the border is added in its turn.
-        (front, step), said = _meanwhile(eliminated, said_of, next(following, None), nothing, worth)
+        front, step = _eliminated(front, said, known, (sizes, past), (chain, state, near), total, pull, pair)
         steps.append(step)
     _bring_up(total, steps)
     return Chain(state, near, chain.hyper, chain.border, tuple(order), (*chain.steps, *steps), front, total, pull)
-
-
-def _meanwhile(
-    eliminated: Callable[[], tuple[Front, Step]], said_of: Callable[[int], Piece], pair: int | None, nothing: Piece, worth: bool
-) -> tuple[tuple[Front, Step], Piece]:
-    return (eliminated(), nothing) if pair is None else at_once(eliminated, lambda: said_of(pair), worth=worth)
 
 
 def looked_at(state: EstimatorState, near: Vector, pairs: Iterable[int], border: Border) -> tuple[EstimatorState, Vector]:

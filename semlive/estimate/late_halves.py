@@ -19,7 +19,6 @@ from semlive.estimate.late import Band, banded, believing
 from semlive.estimate.posterior import Solution
 from semlive.estimate.smooth import ended
 from semlive.estimate.state import EstimatorState, MapRows
-from semlive.kernels.threads import at_once
 from semlive.model import PairMotions
 
 Field = NDArray[np.float64]
@@ -30,7 +29,7 @@ BEYOND = 4  # pairs on either side that are solved for with some that are compar
 def looked_at(state: EstimatorState, since: int) -> tuple[int, ...]:
     """Numbers of at most `2 COUPLES` pairs, in couples of neighbours evenly over those that came after the first `since`."""
     every = (0, *state.motions.pairs)
-    late = every[min(since, len(every) - 2 * COUPLES) :]
+    late = every[max(min(since, len(every) - 2 * COUPLES), 0) :]
     first = np.unique(np.linspace(0, len(late) // 2 - 1, COUPLES).astype(int))
     return tuple(late[2 * one + member] for one in first for member in (0, 1))
 
@@ -86,7 +85,7 @@ def distortion_of_halves(solution: Solution, pairs: tuple[int, ...], rows: Field
         asked[:, ending.chain.border.part(DISTORTION)] = rows
         return asked, asked @ ending.step, np.asarray(cho_solve((ending.factor, True), asked.T, check_finite=False))
 
-    (asked, odd, one), (_, even, two) = at_once(lambda: of(1), lambda: of(0))
+    (asked, odd, one), (_, even, two) = of(1), of(0)
     border = solution.ending.chain.border
     cross = one.T @ border_belief(solution.state, solution.hyper, border) @ two
     return odd - even, asked @ (one + two) - cross - cross.T

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -15,33 +14,18 @@ from semlive.data.grid import Grid
 from semlive.errors import IllPosed
 from semlive.estimate.blocks import BlockColumns, Blocks, PackedColumns, block_columns
 from semlive.estimate.state import EstimatorState, MapRows
-from semlive.kernels.threads import at_once
 from semlive.model import Axis, DistortionSpline, DriftSpline, Effect, LineShifts, RasterChange, Sighting, sighting, with_drift
 
 SIGMA_FLOOR_PX = 1e-4  # noise-free synthetic maps come with sigma 0
-WORTH_A_THREAD = 4096  # points; rows of a map of 18,000 take 5 ms, to begin a thread 0.05
 
 
 def all_rows(state: EstimatorState, maps: tuple[DisparityMap, ...]) -> tuple[MapRows, ...]:
     """Rows of a pair's maps; the map within the pair counts in the blocks that were not seen against frame 0 in both frames."""
-    across = [dmap for dmap in maps if dmap.reference == 0 and dmap.current > 1]
-    both = _each(state, across, None) if len(across) == 2 else ()
-    known = np.all([one.weight > 0 for one in both], axis=0) if both else np.zeros((state.blocks.size, 2), dtype=bool)
-    made = {id(dmap): rows for dmap, rows in zip(across, both, strict=False)}
-    rest = [dmap for dmap in maps if id(dmap) not in made]
-    made |= {id(dmap): rows for dmap, rows in zip(rest, _each(state, rest, known), strict=True)}
-    return tuple(made[id(dmap)] for dmap in maps)
-
-
-def _each(state: EstimatorState, maps: Sequence[DisparityMap], known: NDArray[np.bool_] | None) -> tuple[MapRows, ...]:
-    """Rows of maps, two at the same time; of a map from frame 0 all blocks count."""
-
-    def rows(dmap: DisparityMap) -> MapRows:
-        return map_rows(state, dmap, None if dmap.reference == 0 and dmap.current > 1 else known)
-
-    if len(maps) != 2:
-        return tuple(rows(dmap) for dmap in maps)
-    return at_once(lambda: rows(maps[0]), lambda: rows(maps[1]), worth=maps[0].status.size >= WORTH_A_THREAD)
+    across = {id(dmap): map_rows(state, dmap) for dmap in maps if dmap.reference == 0 and dmap.current > 1}
+    known = (
+        np.all([one.weight > 0 for one in across.values()], axis=0) if len(across) == 2 else np.zeros((state.blocks.size, 2), dtype=bool)
+    )
+    return tuple(across[id(dmap)] if id(dmap) in across else map_rows(state, dmap, known) for dmap in maps)
 
 
 def map_rows(state: EstimatorState, dmap: DisparityMap, known: NDArray[np.bool_] | None = None) -> MapRows:

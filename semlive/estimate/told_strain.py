@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,6 @@ from semlive.estimate.border import Codes, codes_of, in_layout, joint_of
 from semlive.estimate.posterior import Solution
 from semlive.estimate.smooth import covariances
 from semlive.kernels.columns import local_sums, tensor_sums
-from semlive.kernels.threads import at_once
 from semlive.model import Axis, Columns, Sighting, TensorColumns, sighting, with_drift
 
 ENOUGH = 40
@@ -56,7 +55,8 @@ def correction_strains(solution: Solution, maps: Iterable[DisparityMap]) -> tupl
     """The same of many maps, in one way back along the chain for all of them."""
     found: list[CorrectionStrain] = []
     of_pair: dict[int, list[int]] = {}
-    for dmap, rows in _all_strain_rows(solution, maps):
+    for dmap in maps:
+        rows = _strain_rows(solution, _thinned(dmap))
         if rows is None:
             found.append(NOWHERE)
             continue
@@ -70,22 +70,6 @@ def correction_strains(solution: Solution, maps: Iterable[DisparityMap]) -> tupl
         for number, sigma in zip(of_pair[pair], np.sqrt(np.diag(covariance)).reshape(-1, 3), strict=True):
             found[number] = replace(found[number], sigma=Tensor2(*(float(one) for one in sigma)))
     return tuple(found)
-
-
-_Rows = tuple[NDArray[np.int64], NDArray[np.float64]] | None
-
-
-def _all_strain_rows(solution: Solution, maps: Iterable[DisparityMap]) -> Iterator[tuple[DisparityMap, _Rows]]:
-    """Maps with what `_strain_rows` gives of them, made two at the same time."""
-    todo = iter(maps)
-    for first in todo:
-        second = next(todo, None)
-        if second is None:
-            yield first, _strain_rows(solution, _thinned(first))
-            return
-        one, other = at_once(partial(_strain_rows, solution, _thinned(first)), partial(_strain_rows, solution, _thinned(second)))
-        yield first, one
-        yield second, other
 
 
 class _Together(Mapping[int, tuple[Codes, NDArray[np.float64]]]):
@@ -116,7 +100,7 @@ def _together(parts: Sequence[CorrectionStrain]) -> tuple[Codes, NDArray[np.floa
     return codes, rows
 
 
-def _strain_rows(solution: Solution, dmap: DisparityMap) -> _Rows:
+def _strain_rows(solution: Solution, dmap: DisparityMap) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
     """(m,) joint parameters and (3, m) exx, eyy, exy of a map's correction as linear functions of them; None with too few valid points."""
     valid = dmap.valid.ravel()
     if valid.sum() < 3:
