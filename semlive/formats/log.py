@@ -14,7 +14,6 @@ from __future__ import annotations
 import contextlib
 import json
 import struct
-import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
@@ -39,6 +38,7 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from semlive.formats.checksum import crc32
 from semlive.formats.messages import RAW_TOPICS, TOPICS, Payload, schema_of, to_json, topic_of
 from semlive.formats.segment import CHUNK_HEAD, MAGIC, channels_and_schemas, pieces
 
@@ -218,11 +218,11 @@ class LogWriter:
             begin = at
             for piece in packed:
                 self._stream.write(piece)
-                checksum, at = zlib.crc32(piece, checksum), at + len(piece)
+                checksum, at = crc32(piece, checksum), at + len(piece)
             if at > begin:
                 offsets += _packed(SummaryOffset(kind, begin, at - begin))
         footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, at)
-        checksum = zlib.crc32(footer, zlib.crc32(offsets, checksum))
+        checksum = crc32(footer, crc32(offsets, checksum))
         self._stream.write(offsets + _packed(Footer(start, at, checksum)) + MAGIC)
 
     def _add(self, one: _OpenChannel, data: bytes, log_time_ns: int, publish_time_ns: int, number: int) -> None:
@@ -248,7 +248,7 @@ class LogWriter:
         self._chunk = _OpenChunk()
         # The last part is what may be large: an image is neither joined nor copied.
         small, last = b"".join(chunk.parts[:-1]), chunk.parts[-1]
-        checksum = zlib.crc32(last, zlib.crc32(small))
+        checksum = crc32(last, crc32(small))
         head = CHUNK_HEAD.pack(Opcode.CHUNK, CHUNK_HEAD.size - 1 + chunk.size, chunk.first_ns, chunk.last_ns, chunk.size, checksum, 0)
         start = self._stream.tell()
         self._stream.write(head + struct.pack("<Q", chunk.size) + small)

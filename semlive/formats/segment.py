@@ -12,7 +12,6 @@ import json
 import os
 import re
 import struct
-import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
@@ -43,6 +42,7 @@ from mcap.records import (
 from mcap.stream_reader import get_chunk_data_stream
 
 from semlive.errors import BadLog
+from semlive.formats.checksum import crc32
 
 MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")
@@ -140,7 +140,7 @@ def summary(stream: IO[bytes]) -> tuple[McapRecord, ...]:
     if not 0 < start <= at:
         return ()
     data = view.read(start, at - start)
-    if checksum and zlib.crc32(tail[:25], zlib.crc32(data)) != checksum:
+    if checksum and crc32(tail[:25], crc32(data)) != checksum:
         return ()
     return tuple(_inside(data)[0])
 
@@ -260,7 +260,7 @@ def _chunk(view: _View, at: int, chunk: _ChunkHead) -> Piece | None:
                 data = opened.read(size)
             except _DAMAGE:
                 continue
-        elif chunk.checksum and zlib.crc32(data) != chunk.checksum:
+        elif chunk.checksum and crc32(data) != chunk.checksum:
             continue
         records, is_whole = _inside(data)
         if is_whole:
