@@ -32,6 +32,8 @@ from semlive.model import (
 
 MAX_DRIFT_KNOTS = 250_000  # 15 kB each: 10,000 pairs of the published rate, 50 days, take 136,000; a clock that jumps by years is refused
 DENSE_PAIRS = 32  # what the data choose is chosen from sums over all pairs in one matrix; with more, from the first so many
+# Knots of the drift go on through pauses: with holds of 20 minutes 24 pairs have 1,200, and a choice from one matrix took 17 s.
+DENSE_KNOTS = 640
 TREND_KNOTS = 6
 RASTER_KNOT_FRAMES = 8.0  # lens and high voltage wander in hours; faster changes are no drift of the magnification
 
@@ -198,6 +200,16 @@ def add_prior(rows: MapRows, noise: ReferenceNoise) -> None:
     noise.weight[earlier] += rows.weight[earlier] - noise.prior[earlier]
     noise.prior[earlier] = rows.weight[earlier]
     noise.seen_in[earlier] = rows.current
+
+
+def dense_pairs(state: EstimatorState) -> int:
+    """How many of the first pairs that came are few enough, and close enough in time, for choices from one matrix; at least one."""
+    if state.drift is None:
+        return len(state.phases)
+    first = replace(state.drift, spline=replace(state.drift.spline, intervals=1))
+    end_s = {when.frame // 2: _end_s(when) for when in state.frames}
+    knots = [first.until(end_s[pair]).spline.size for pair in (0, *state.motions.pairs)[:DENSE_PAIRS]]
+    return next((count for count, size in enumerate(knots) if count and size > DENSE_KNOTS), len(knots))
 
 
 def beginning(state: EstimatorState, pairs: int) -> EstimatorState:
@@ -407,7 +419,7 @@ def _grown(state: EstimatorState, before: Layout) -> EstimatorState:
     layout = state.layout
     index = before.within(layout)
     about = grown(layout, before, state.about)
-    if not state.summed or len(state.phases) > DENSE_PAIRS:
+    if not state.summed or dense_pairs(state) < len(state.phases):
         return replace(unsummed(state), about=about)
     precision, information = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
     moved = [(before.part(name), slice(layout.part(name).start, layout.part(name).start + size)) for name, size in before.of_each()]

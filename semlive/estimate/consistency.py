@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import gammaincc, ndtri
 
-from semlive.estimate.accumulate import DENSE_PAIRS, Sums, add_prior, add_rows, marginal, summed
+from semlive.estimate.accumulate import Sums, add_prior, add_rows, dense_pairs, marginal, summed
 from semlive.estimate.evidence import steady
 from semlive.estimate.late_halves import distortion_of_halves, drift_of_halves, looked_at
 from semlive.estimate.posterior import Solution
@@ -65,13 +65,13 @@ def consistency(solution: Solution) -> tuple[Agreement, ...]:
     """Split field for the drift, odd and even pairs for the distortion; empty where a half says too little.
 
     Costs two half passes over the block means and four factorisations. The map within a pair counts where the others do not, so each half
-    is made from the weights that the whole has. Of more than `DENSE_PAIRS` pairs some of those are taken that came since choices were last
+    is made from the weights that the whole has. Of more than `dense_pairs` some of those are taken that came since choices were last
     due, so that each stretch of a long run is looked at, and at the same cost.
     """
     count = len(solution.state.phases)
     if count < MIN_PAIRS:
         return ()
-    if count > DENSE_PAIRS:
+    if count > dense_pairs(solution.state):
         pairs, shape = looked_at(solution.state, due_before(count)), _shape_of_distortion(solution.state)
         return _told(FIELD, *drift_of_halves(solution, pairs)), _told(PAIRS, *distortion_of_halves(solution, pairs, shape))
     solution = replace(solution, state=summed(solution.state))

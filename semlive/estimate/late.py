@@ -22,6 +22,8 @@ from semlive.estimate.state import EstimatorState, MapRows
 from semlive.estimate.terms import DECISIVE, RASTER_CANDIDATES
 
 STRETCHES, STRETCH_PAIRS = 4, 24  # so many neighbouring pairs each, some 160 knots, tell as much of a smoothness as a choice needs
+# Behind a pause of so many knots nothing is left of what the drift was; in one band with 15 hours of it the pairs before lost all digits.
+PAUSE_KNOTS = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,12 +90,24 @@ def rechosen(
 
 
 def stretches(state: EstimatorState) -> list[tuple[int, ...]]:
-    """Numbers of all pairs in order of time, or of `STRETCHES` times `STRETCH_PAIRS` neighbours evenly over them."""
+    """Numbers of all pairs in order of time, or of `STRETCHES` times `STRETCH_PAIRS` neighbours evenly over them, apart at pauses."""
     every = tuple(dict.fromkeys(when.frame // 2 for when in state.frames))
     if len(every) <= STRETCHES * STRETCH_PAIRS:
-        return [every]
+        return without_pauses(state, every)
     first = np.linspace(0, len(every) - STRETCH_PAIRS, STRETCHES).astype(int)
-    return [every[begin : begin + STRETCH_PAIRS] for begin in first]
+    return [part for begin in first for part in without_pauses(state, every[begin : begin + STRETCH_PAIRS])]
+
+
+def without_pauses(state: EstimatorState, pairs: tuple[int, ...]) -> list[tuple[int, ...]]:
+    """Pairs in order of time, apart where more than `PAUSE_KNOTS` of the drift lie between two of them."""
+    assert state.drift is not None  # there are pairs
+    begin_s, end_s = {}, {}
+    for when in state.frames:
+        begin_s.setdefault(when.frame // 2, when.start_s)
+        end_s[when.frame // 2] = when.start_s + when.timing.duration_s
+    pause_s = PAUSE_KNOTS * state.drift.spline.spacing
+    cuts = [at for at in range(1, len(pairs)) if begin_s[pairs[at]] - end_s[pairs[at - 1]] > pause_s]
+    return [pairs[begin:end] for begin, end in zip((0, *cuts), (*cuts, len(pairs)), strict=True)]
 
 
 def banded(state: EstimatorState, hyper: Hyper, near: Vector, noise_px: Vector, pairs: tuple[int, ...] | None = None) -> Band:

@@ -15,7 +15,7 @@ from scipy.linalg import block_diag, cho_solve, cho_solve_banded, cholesky_bande
 from semlive.estimate.accumulate import unsummed
 from semlive.estimate.border import DISTORTION, DRIFT, NOISE, SHIFT, border_belief
 from semlive.estimate.chain import chained
-from semlive.estimate.late import Band, banded, believing
+from semlive.estimate.late import Band, banded, believing, without_pauses
 from semlive.estimate.posterior import Solution
 from semlive.estimate.smooth import ended
 from semlive.estimate.state import EstimatorState, MapRows
@@ -45,12 +45,17 @@ def drift_of_halves(solution: Solution, pairs: tuple[int, ...]) -> tuple[Field, 
 
 
 def _neighbours(state: EstimatorState, pairs: tuple[int, ...]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
-    """Pairs with less than twice `BEYOND` others between them, together; with each lot, in order of time, all that it is solved with."""
-    every = tuple(dict.fromkeys(when.frame // 2 for when in state.frames))
-    at = [place for place, pair in enumerate(every) if pair in pairs]
-    cuts = [number for number in range(1, len(at)) if at[number] - at[number - 1] > 2 * BEYOND]
-    lots = [at[begin:end] for begin, end in zip((0, *cuts), (*cuts, len(at)), strict=True)]
-    return [(tuple(every[one] for one in lot), every[max(lot[0] - BEYOND, 0) : lot[-1] + BEYOND + 1]) for lot in lots]
+    """Pairs with less than twice `BEYOND` others between them, together; with each lot, in order of time, all that it is solved with.
+
+    Neither goes beyond a pause. Of pair 0 nothing is compared.
+    """
+    found = []
+    for every in without_pauses(state, tuple(dict.fromkeys(when.frame // 2 for when in state.frames))):
+        at = [place for place, pair in enumerate(every) if pair in pairs and pair]
+        cuts = [number for number in range(1, len(at)) if at[number] - at[number - 1] > 2 * BEYOND]
+        lots = [at[begin:end] for begin, end in zip((0, *cuts), (*cuts, len(at)), strict=True) if begin < end]
+        found += [(tuple(every[one] for one in lot), every[max(lot[0] - BEYOND, 0) : lot[-1] + BEYOND + 1]) for lot in lots]
+    return found
 
 
 def _drift_of_halves(solution: Solution, pairs: tuple[int, ...], around: tuple[int, ...]) -> tuple[Field, Field]:

@@ -6,7 +6,7 @@ import itertools
 from dataclasses import replace
 
 from semlive.errors import IllPosed
-from semlive.estimate.accumulate import DENSE_PAIRS, at_rest, beginning, carried_along, grown, unsummed, update, with_rates
+from semlive.estimate.accumulate import at_rest, beginning, carried_along, dense_pairs, grown, unsummed, update, with_rates
 from semlive.estimate.border import DRIFT, NOISE
 from semlive.estimate.chain import Chain, chained, extended, looked_at
 from semlive.estimate.late import rechosen
@@ -32,7 +32,7 @@ def follow(state: EstimatorState, known: Solution | None) -> Solution:
     Raises:
         IllPosed: there are no data, or they are not finite; or `known` is of pairs that the state does not have.
     """
-    if known is None or (chosen_anew(len(state.phases)) and len(state.phases) <= DENSE_PAIRS):
+    if known is None or (chosen_anew(len(state.phases)) and dense_pairs(state) == len(state.phases)):
         return solve(state)
     followed = solved(_gone_on(state, known), known.terms, known.noise_floor_px)
     return _anew(followed, due_before(len(state.phases))) if chosen_anew(len(state.phases)) else followed
@@ -80,15 +80,16 @@ def _gone_on(state: EstimatorState, known: Solution) -> Chain:
 
 
 def solve(state: EstimatorState) -> Solution:
-    """Everything from all pairs; of a run longer than `DENSE_PAIRS`, whether rows are shifted as the first so many that came have it.
+    """Everything from all pairs; of a run longer than its `dense_pairs`, whether rows are shifted as the first so many that came have it.
 
     Raises:
         IllPosed: there are no data, or they are not finite.
     """
-    if len(state.phases) <= DENSE_PAIRS:
+    first = dense_pairs(state)
+    if first == len(state.phases):
         return choose(state)
-    known = choose(beginning(state, DENSE_PAIRS))
-    return _anew(solved(_gone_on(state, known), known.terms, known.noise_floor_px), DENSE_PAIRS)
+    known = choose(beginning(state, first))
+    return _anew(solved(_gone_on(state, known), known.terms, known.noise_floor_px), first)
 
 
 def _anew(solution: Solution, since: int) -> Solution:
