@@ -47,7 +47,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Instrument, list
         instrument = Instrument(root, bench, json.loads(json.dumps(config)))
         code, said = instrument.run()
         assert code == 0, said
-        client = ModbusTcpClient(bench["host"], port=bench["port"], timeout=2, retries=0)
+        client = ModbusTcpClient(bench["host"], port=bench["port"], timeout=20, retries=0)
         assert client.connect()
         stage = client.read_holding_registers(100, count=6, device_id=bench["unit"]).registers
         client.close()

@@ -51,7 +51,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
         path = root / "run.yaml"
         path.write_text(yaml.safe_dump(json.loads(json.dumps(config))), encoding="utf-8")
         done = subprocess.run(
-            [sys.executable, "-m", "semlive", "run", str(path), "--no-page", "--stop-on-fault"], capture_output=True, text=True, timeout=200
+            [sys.executable, "-m", "semlive", "run", str(path), "--no-page", "--stop-on-fault"], capture_output=True, text=True, timeout=280
         )
     assert done.returncode == 0, done.stderr
     return root / "log" / "warm"
