@@ -100,7 +100,7 @@ class Patient:
         return int(one)
 
     def end(self, timeout_s: float = 45.0) -> tuple[int, str]:
-        """Exit code and the last line on standard error; what a daemon may wait for by itself takes a minute or more."""
+        """Exit code and the last line on standard error."""
         _, err = self.daemon.communicate(timeout=timeout_s)
         assert "Traceback" not in err, err
         return self.daemon.returncode, " ".join(err.split())

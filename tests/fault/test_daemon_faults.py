@@ -28,8 +28,9 @@ def test_a_mistake_in_the_loop_stops_the_machine_and_ends_the_run(patient: Any) 
 
 
 def test_a_driver_that_never_comes_back_is_noticed(patient: Any) -> None:
+    # Stopping waits so long for the device's word, unless it is told a second time.
+    patient.config["limits"]["stop_timeout_s"] = 300.0
     patient.start().reach("ramping").falls_ill("load frame hangs in read")
-    # Stopping waits for a minute for the device's word, unless it is told a second time.
     patient.reach("stopping").daemon.send_signal(signal.SIGINT)
     patient.daemon.send_signal(signal.SIGTERM)
     code, said = patient.end()
@@ -68,6 +69,7 @@ def test_a_stop_that_is_refused_at_the_end_is_tried_again(patient: Any, wait_unt
 
 
 def test_an_unconfirmed_stop_is_said(patient: Any) -> None:
+    patient.config["limits"]["stop_timeout_s"] = 300.0
     patient.start().reach("ramping").falls_ill("load frame is refused stop")
     patient.daemon.send_signal(signal.SIGINT)
     patient.reach("stopping")  # two signals of one kind that come at once are one
