@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from semlive.service.blas import one_blas_thread
+
+# How long an example takes by the wall says how busy the computer is; where it matters a test counts its own processor time.
+settings.register_profile("semlive", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("semlive")
 
 
 @pytest.fixture(scope="session", autouse=True)

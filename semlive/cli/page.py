@@ -15,7 +15,8 @@ import typer
 from semlive.service.process import start_apart
 
 PORT = 8765
-_ENDING_S = 5.0
+# As long as the page itself waits for those who still look, and some time to end.
+_ENDING_S = 20.0
 
 Host = Annotated[str, typer.Option("--page-host", help="Address that the live page listens on; 0.0.0.0 shows it to the whole network.")]
 Port = Annotated[int, typer.Option("--page-port", help="Its port; another is taken if it is not free.", min=0, max=65535)]

@@ -111,6 +111,7 @@ class _Daemon:
         self._versions = versions(("numpy", "scipy", "numba", "mcap"))
         self._supervisor = Supervisor(os.environ)
         self._signals = 0
+        self._impatient = False
         self._log_ended = False
         self._control: Control | None = None
         self._began = False
@@ -250,11 +251,10 @@ class _Daemon:
 
     async def _analysed(self, control: Control, analysis: AnalysisLink) -> bool:
         """Wait for the last pairs, but not longer than the operator does."""
-        asked = self._signals
         closing = asyncio.get_running_loop().run_in_executor(None, analysis.drain, _ANALYSIS_QUIET_S)
         while not closing.done():
             control.tick()
-            if self._signals > asked:
+            if self._impatient:
                 analysis.kill()
             await asyncio.sleep(_TICK_S)
         # What it said last is in the loop's queue ahead of this.
@@ -374,12 +374,13 @@ class _Daemon:
 
     @contextlib.contextmanager
     def _signals_heard(self) -> Iterator[None]:
-        """First Ctrl-C or SIGTERM: stop and finish. Second: abort."""
+        """First Ctrl-C or SIGTERM: stop and finish. Second: abort. One after the protocol has ended: do not wait for analysis."""
 
         def asked(*_: object) -> None:
             self._signals += 1
             control, verb = self._control, Verb.STOP if self._signals == 1 else Verb.ABORT
             if control is not None:
+                self._impatient = self._impatient or control.finished.done()
                 control.soon(control.operator, verb)
 
         before = {number: signal.signal(number, asked) for number in _STOP_SIGNALS}

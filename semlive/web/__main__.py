@@ -19,6 +19,8 @@ from semlive.web.hub import Hub
 _ENDING_S = 1
 _LAST_WORDS_S = 2.0
 _SHOWN_S = 0.5
+_FETCHED_S = 1.5
+_LONGEST_S = 10.0
 
 
 def main() -> None:
@@ -48,11 +50,12 @@ def main() -> None:
         timeout_keep_alive=30,
         timeout_graceful_shutdown=_ENDING_S,
     )
+    server = uvicorn.Server(config)
     if arguments.exit_with_stdin:
-        threading.Thread(target=_end_with_stdin, args=(hub,), daemon=True).start()
+        threading.Thread(target=_end_with_stdin, args=(hub, server), daemon=True).start()
     sys.stdout.write(f"{listening.getsockname()[1]}\n")
     sys.stdout.flush()
-    uvicorn.Server(config).run(sockets=[listening])
+    server.run(sockets=[listening])
 
 
 def _listen(host: str, port: int, or_any: bool) -> socket.socket:
@@ -70,14 +73,22 @@ def _listen(host: str, port: int, or_any: bool) -> socket.socket:
         return socket.create_server((host, 0), family=family, backlog=128)
 
 
-def _end_with_stdin(hub: Hub) -> None:
-    """The last results are still shown: whoever started us ends us when the log is finished, or is dead."""
+def _end_with_stdin(hub: Hub, server: uvicorn.Server) -> None:
+    """The last results are still shown: whoever started us ends us when the log is finished, or is dead.
+
+    Who looks fetches maps and frames when told that they are there, on a busy computer not at once: they are waited for until nobody
+    has asked for anything for a while.
+    """
     while sys.stdin.buffer.read(1024):
         pass
     until_s = time.monotonic() + _LAST_WORDS_S
     while time.monotonic() < until_s and not hub.finished:
         time.sleep(0.05)
     time.sleep(_SHOWN_S)
+    until_s, asked = time.monotonic() + _LONGEST_S, -1
+    while hub.finished and server.server_state.tasks and asked < server.server_state.total_requests and time.monotonic() < until_s:
+        asked = server.server_state.total_requests
+        time.sleep(_FETCHED_S)
     signal.raise_signal(signal.SIGTERM)
 
 

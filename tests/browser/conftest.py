@@ -17,12 +17,23 @@ from typing import IO, Any
 import pytest
 import yaml
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from semlive.cli.demo import daemon_config
 from semlive.cli.simulator import running_simulator
 from semlive.service.log_files import messages
 
+# A browser on two busy cores; where a page must be quick, its test says how quick.
+expect.set_options(timeout=30_000)
+# Every word that the page has for the state, in order, however short it is shown: a test that looks now and then misses some.
+STATES = """addEventListener("DOMContentLoaded", () => {
+    const word = document.getElementById("state-word");
+    window.states = [];
+    if (word) {
+        const watched = {childList: true, characterData: true, subtree: true};
+        new MutationObserver(() => window.states.push(word.textContent)).observe(word, watched);
+    }
+});"""
 RATE = 30.0
 SCENARIO = {
     "extends": "paper_x200",
@@ -73,7 +84,7 @@ class Watched:
 
     def end(self) -> int:
         assert self.process is not None
-        return self.process.wait(60)
+        return self.process.wait(150)
 
 
 @pytest.fixture(scope="session")
@@ -120,6 +131,7 @@ def tab(chromium_peer: Browser) -> Iterator[Callable[..., Page]]:
 
     def opened(**how: Any) -> Page:
         context = chromium_peer.new_context(**{"viewport": {"width": 1440, "height": 900}, **how})
+        context.add_init_script(STATES)
         contexts.append(context)
         page = context.new_page()
         page.on("pageerror", lambda error: errors.append(str(error)))

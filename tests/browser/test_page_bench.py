@@ -15,7 +15,7 @@ BENCH = Path(__file__).parents[1] / "benchmarks" / "bench_page.py"
 @pytest.mark.usefixtures("chromium_peer")
 def test_every_event_is_seen_and_a_pressed_week_does_not_grow() -> None:
     briefly = ["--paints", "1", "--events", "10", "--viewers", "3", "--seconds", "1", "--readings", "2000"]
-    told = subprocess.run([sys.executable, str(BENCH), *briefly], capture_output=True, text=True, timeout=120, check=True).stdout
+    told = subprocess.run([sys.executable, str(BENCH), *briefly], capture_output=True, text=True, timeout=280, check=True).stdout
     seen = re.search(r"log to page: (\d+) of 10 events", told)
     # Lines that come faster than a busy computer draws are drawn together.
     assert seen is not None

@@ -41,7 +41,7 @@ class Run:
     heard: list[tuple[Verb, str]] = field(default_factory=list)
 
     def ask(self, method: str, path: str, body: bytes = b"", **headers: str) -> tuple[int, str]:
-        line = http.client.HTTPConnection("127.0.0.1", self.port, timeout=10)
+        line = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
         try:
             line.request(method, path, body or None, {name.replace("_", "-"): value for name, value in headers.items()})
             reply = line.getresponse()
@@ -76,7 +76,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     opened: queue.Queue[tuple[Address, Callable[[], object]]] = queue.Queue()
     listening = threading.Thread(target=lambda: asyncio.run(listen(heard, opened.put)))
     listening.start()
-    control, leave = opened.get(timeout=10)
+    control, leave = opened.get(timeout=60)
     clock = SystemClock()
     recorder = Recorder(segment_path(folder, "run", 0), clock, lambda _: None)
     recorder.write("/run", RunMessage(run="run", started_time_ns=clock.now_ns(), host="lab", versions={}, config={}))
@@ -224,7 +224,7 @@ def test_abort_asks_and_keys_are_enough(run: Run, tab: Callable[..., Page]) -> N
     page.keyboard.press("Tab")
     page.keyboard.press("Enter")
     expect(page.locator("#ask-abort")).to_be_hidden()
-    for _ in range(50):
+    for _ in range(300):
         if run.heard:
             break
         page.wait_for_timeout(100)
@@ -349,4 +349,4 @@ def test_a_page_sees_a_transition_at_once(run: Run, tab: Callable[..., Page]) ->
     page.goto(f"http://127.0.0.1:{run.port}/")
     for state, word in (("imaging", "imaging"), ("fault", "FAULT"), ("complete", "complete")):
         run.enter(state)
-        expect(page.locator("#state-word")).to_have_text(word)
+        expect(page.locator("#state-word")).to_have_text(word, timeout=5_000)

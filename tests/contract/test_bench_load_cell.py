@@ -46,8 +46,8 @@ def served(tmp_path: Path) -> Iterator[tuple[ModbusTcpClient, ModbusSerialClient
     with (
         rtu_line(port, UNIT, registers.troubles) as rtu,
         ascii_line(machine, clock.now_ns, registers.troubles) as (letters, _),
-        contextlib.closing(ModbusTcpClient("127.0.0.1", port=port, timeout=2, retries=0)) as tcp,
-        contextlib.closing(ModbusSerialClient(rtu, baudrate=19_200, timeout=2, retries=0)) as serial,
+        contextlib.closing(ModbusTcpClient("127.0.0.1", port=port, timeout=20, retries=0)) as tcp,
+        contextlib.closing(ModbusSerialClient(rtu, baudrate=19_200, timeout=20, retries=0)) as serial,
     ):
         assert tcp.connect()
         assert serial.connect()
@@ -61,7 +61,7 @@ def force_in_letters(handle: int) -> float:
     os.write(handle, b"n")
     answer = b""
     while not answer.endswith(b" N\r\n"):
-        assert select.select([handle], [], [], 2.0)[0]
+        assert select.select([handle], [], [], 20.0)[0]
         answer += os.read(handle, 4096)
     return float(answer.split()[2])
 
@@ -70,7 +70,7 @@ def force_in_registers(client: Client) -> float:
     return read_f32(list(client.read_input_registers(4, count=2, device_id=UNIT).registers))
 
 
-def until(true: Callable[[], bool], timeout_s: float = 5.0) -> None:
+def until(true: Callable[[], bool], timeout_s: float = 100.0) -> None:
     deadline = time.monotonic() + timeout_s
     while not true():
         assert time.monotonic() < deadline

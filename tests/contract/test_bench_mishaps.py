@@ -42,11 +42,11 @@ class Served:
     def order(self, what: Mishap, count: int = 0, hundredths: int = 0) -> None:
         assert not self.client.write_registers(900, [ORDERS[what], 0, count, hundredths], device_id=UNIT).isError()
 
-    def go(self, force_n: float) -> None:
-        block = [*f32(force_n), *f32(100.0), 1, 1, 0, 0]
+    def go(self, force_n: float, rate_n_s: float = 100.0) -> None:
+        block = [*f32(force_n), *f32(rate_n_s), 1, 1, 0, 0]
         assert not self.client.write_registers(0, block, device_id=UNIT).isError()
 
-    def until(self, true: Callable[[], bool], timeout_s: float = 5.0) -> None:
+    def until(self, true: Callable[[], bool], timeout_s: float = 100.0) -> None:
         deadline = time.monotonic() + timeout_s
         while not true():
             assert time.monotonic() < deadline
@@ -71,7 +71,7 @@ def bench(tmp_path: Path) -> Iterator[Served]:
     server = ModbusThread(BenchRegisters(scenario, clock, machine, sem), 0)
     port = server.start()
     clock.begin()
-    client = ModbusTcpClient("127.0.0.1", port=port, timeout=2, retries=0)
+    client = ModbusTcpClient("127.0.0.1", port=port, timeout=20, retries=0)
     assert client.connect()
     yield Served(client, machine)
     client.close()
@@ -99,9 +99,10 @@ def test_a_pressed_emergency_stop_is_released_by_time_or_by_word(bench: Served) 
 
 def test_a_limit_switch_trips(bench: Served) -> None:
     bench.go(2000.0)
+    bench.until(lambda: bench.value(4) > 100.0)
     bench.order(Mishap.LIMIT_SWITCH)
     bench.until(lambda: bench.inputs(300, 1) == [3])
-    bench.go(0.0)
+    bench.go(0.0, rate_n_s=1.0)  # a second at least, in which it is seen moving
     assert bench.inputs(3, 1) == [1]
 
 
@@ -125,17 +126,17 @@ def test_a_broken_specimen_lets_load_control_run_to_the_switch(bench: Served) ->
 
 
 def test_a_stalled_stage_is_a_fault_until_its_next_order(bench: Served) -> None:
-    bench.client.write_registers(100, [*f32(1500.0), *f32(0.0), 1, 3], device_id=UNIT)
-    bench.until(lambda: bench.value(101) > 50.0)
+    bench.client.write_registers(100, [*f32(1900.0), *f32(0.0), 1, 3], device_id=UNIT)
+    bench.until(lambda: bench.value(101) > 20.0)
     bench.order(Mishap.STAGE_STALL)
     bench.until(lambda: bench.inputs(100, 1) == [2])
     stuck_um = bench.value(101)
-    assert stuck_um < 1400.0
+    assert stuck_um < 1800.0
     time.sleep(0.05)
     assert bench.value(101) == pytest.approx(stuck_um, abs=0.5)
     assert bench.inputs(400, 1) == [0]
-    bench.client.write_registers(100, [*f32(0.0), *f32(0.0), 1, 4], device_id=UNIT)
-    assert bench.inputs(100, 1) == [1]
+    bench.client.write_registers(100, [*f32(-1900.0), *f32(0.0), 1, 4], device_id=UNIT)
+    assert bench.inputs(100, 1) == [1]  # for a second
 
 
 def test_frozen_readings_stand_still_with_their_counter_while_the_machine_goes_on(bench: Served) -> None:

@@ -96,7 +96,7 @@ def test_a_slow_disk_is_told_and_nothing_is_lost(tmp_path: Path, wait_until: Cal
         return cast(RawIOBase, SlowDisk(path, "xb"))
 
     said: list[str] = []
-    recorder = Recorder(tmp_path / "run.000.mcap", Ticking(), said.append, open_raw=open_raw, slow_after_s=0.2)
+    recorder = Recorder(tmp_path / "run.000.mcap", Ticking(), said.append, open_raw=open_raw, slow_after_s=2.0)
     assert recorder.behind is None
     for number in range(50):
         recorder.write("/fault", FaultMessage(time_ns=number, what="x", where="", action=""))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import signal
-import time
+from collections.abc import Callable
 from typing import Any
 
 
-def test_a_machine_that_stands_elsewhere_is_not_moved_without_asking(patient: Any) -> None:
+def test_a_machine_that_stands_elsewhere_is_not_moved_without_asking(patient: Any, wait_until: Callable[..., None]) -> None:
     patient.start().reach("ramping")
-    time.sleep(2.0)
+    wait_until(lambda: any(one["force_n"] > 15.0 for one in patient.logged("/load_frame/sample")))
     patient.daemon.send_signal(signal.SIGINT)
     assert patient.end()[0] == 1
     ramps = patient.calls().count("ramp_to")

@@ -57,12 +57,12 @@ class Instrument:
     def run(self) -> tuple[int, str]:
         """The daemon to its end: exit code and what it said."""
         process = self.start()
-        out, err = process.communicate(timeout=120)
+        out, err = process.communicate(timeout=250)
         return process.returncode, out + err
 
     def load_frame_status(self) -> int:
         """What the load frame says of its motion: 0 stopped, 1 moving, 2 in fault."""
-        client = ModbusTcpClient(self.bench["host"], port=self.bench["port"], timeout=2, retries=0)
+        client = ModbusTcpClient(self.bench["host"], port=self.bench["port"], timeout=20, retries=0)
         assert client.connect()
         try:
             return client.read_input_registers(3, count=1, device_id=self.bench["unit"]).registers[0]
@@ -91,7 +91,7 @@ def instrument(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..
         yield make
 
 
-def wait_until(true: Callable[[], bool], timeout_s: float = 60.0) -> None:
+def wait_until(true: Callable[[], bool], timeout_s: float = 150.0) -> None:
     deadline = time.monotonic() + timeout_s
     while not true():
         assert time.monotonic() < deadline, "it did not come to that in time"

@@ -47,16 +47,21 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Instrument, list
         instrument = Instrument(root, bench, json.loads(json.dumps(config)))
         code, said = instrument.run()
         assert code == 0, said
-        client = ModbusTcpClient(bench["host"], port=bench["port"], timeout=2, retries=0)
+        client = ModbusTcpClient(bench["host"], port=bench["port"], timeout=20, retries=0)
         assert client.connect()
         stage = client.read_holding_registers(100, count=6, device_id=bench["unit"]).registers
         client.close()
     return instrument, list(stage)
 
 
-def logged(log: Path, topic: str) -> list[dict[str, Any]]:
+def timed(log: Path, topic: str) -> list[tuple[int, dict[str, Any]]]:
     (segment,) = log.glob("*.mcap")
-    return [json.loads(message.data) for _, _, message in make_reader(BytesIO(segment.read_bytes())).iter_messages(topics=[topic])]
+    found = make_reader(BytesIO(segment.read_bytes())).iter_messages(topics=[topic])
+    return [(message.log_time, json.loads(message.data)) for _, _, message in found]
+
+
+def logged(log: Path, topic: str) -> list[dict[str, Any]]:
+    return [one for _, one in timed(log, topic)]
 
 
 def test_the_stage_was_left_alone_and_the_log_says_that_the_beam_was_shifted(finished: tuple[Instrument, list[int]]) -> None:
@@ -93,8 +98,10 @@ def test_the_field_is_brought_back_from_where_the_drift_carried_it(finished: tup
         seen.append(drifted[-1] + frame["stage_px"] - pair["step"]["shift_px"])
     assert np.linalg.norm(drifted[-1] - drifted[0]) > 12.0
     assert np.linalg.norm(seen[-1] - seen[0]) < 0.5 * np.linalg.norm(drifted[-1] - drifted[0])
-    # What is left passed since the pair whose analysis was known when the last step began.
-    assert np.linalg.norm(seen[-1] - seen[0]) < np.linalg.norm(drifted[-1] - drifted[-3]) + 3.0
+    # What is left passed since the pair whose analysis was known when the last step began: on a busy computer it may be an earlier one.
+    moved_ns = [at_ns for at_ns, one in timed(instrument.log, "/command") if one["what"] == "move_stage"][-1]
+    known = max(one["current"] for at_ns, one in timed(instrument.log, "/dic/summary") if at_ns < moved_ns) // 2
+    assert np.linalg.norm(seen[-1] - seen[0]) < np.linalg.norm(drifted[-1] - drifted[min(known, len(pairs) - 3)]) + 3.0
 
 
 def test_all_scans_of_a_frame_count_in_its_time(finished: tuple[Instrument, list[int]]) -> None:

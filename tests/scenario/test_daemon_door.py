@@ -58,7 +58,8 @@ class Steered:
 def steered(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> Iterator[Steered]:
     one = instrument("steered")
     one.config["load_frame"] = {"driver": "operator", "settings": {"program": "MICROTEST"}}
-    one.config["protocol"].update(calibration_shifts_px=[], loads_n=[100.0], settle_s=1.0)
+    # A hold of a minute: nobody waits for its end, and it must not end before somebody pauses it.
+    one.config["protocol"].update(calibration_shifts_px=[], loads_n=[100.0], settle_s=1.0, hold_s=1200.0)
     command = [sys.executable, "-c", DAEMON, str(one.write_config())]
     process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
@@ -71,7 +72,7 @@ def steered(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> 
 def send(steered: Steered, line: bytes) -> bytes:
     where = (steered.address["host"], steered.address["port"])
     # A line that is too long may be met with a reset instead of an end.
-    with contextlib.suppress(ConnectionError), socket.create_connection(where, timeout=10) as caller:
+    with contextlib.suppress(ConnectionError), socket.create_connection(where, timeout=60) as caller:
         caller.sendall(line)
         return caller.makefile("rb").readline()
     return b""
@@ -123,7 +124,7 @@ def test_a_run_is_paused_resumed_and_stopped_from_elsewhere(steered: Steered) ->
     assert steered.ask(say=Verb.RESUME, by="page").heard is Heard.TAKEN
     steered.wait_until(lambda: len(steered.words("asked")) == 2)
     assert steered.ask(say=Verb.STOP, by="page").heard is Heard.TAKEN
-    assert steered.process.wait(60) == 0
+    assert steered.process.wait(150) == 0
     last = steered.logged("/state")[-1]
     assert (last["after"], last["before"]) == ("aborted", "stopping")
     assert steered.words("taken_back")[-1]["question"] == "terminal.2"

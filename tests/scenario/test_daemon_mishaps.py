@@ -21,7 +21,7 @@ def logged(log: Path, topic: str) -> list[dict[str, Any]]:
 
 
 def order(bench: dict[str, Any], mishap: int) -> None:
-    client = ModbusTcpClient(bench["host"], port=bench["port"], timeout=2, retries=0)
+    client = ModbusTcpClient(bench["host"], port=bench["port"], timeout=20, retries=0)
     assert client.connect()
     try:
         assert not client.write_registers(900, [mishap, 0, 0, 500], device_id=bench["unit"]).isError()
@@ -31,7 +31,7 @@ def order(bench: dict[str, Any], mishap: int) -> None:
 
 def free(bench: dict[str, Any]) -> bool:
     """What somebody at the machine does afterwards: acknowledge with a "stop"; whether it obeys again."""
-    client = ModbusTcpClient(bench["host"], port=bench["port"], timeout=2, retries=0)
+    client = ModbusTcpClient(bench["host"], port=bench["port"], timeout=20, retries=0)
     assert client.connect()
     try:
         client.write_register(4, 2, device_id=bench["unit"])
@@ -53,12 +53,12 @@ def test_a_machine_that_fails_in_the_hold_is_stopped_and_loads_nothing_more(
     instrument: Callable[..., Any], wait_until: Callable[..., None], mishap: int, state: str, words: str
 ) -> None:
     one = instrument(f"mishap-{mishap}")
-    one.config["protocol"].update(calibration_shifts_px=[], loads_n=[300.0, 350.0], ramp_rate_n_s=50.0, hold_s=120.0)
+    one.config["protocol"].update(calibration_shifts_px=[], loads_n=[300.0, 350.0], ramp_rate_n_s=50.0, hold_s=1200.0)
     one.config["limits"].update(force_step_max_n=1000.0, force_rate_max_n_s=60.0, force_drop_max_n=120.0)
     process = one.start()
     wait_until(lambda: any(step["after"] == "holding" for step in logged(one.log, "/state")))
     order(one.bench, mishap)
-    out, err = process.communicate(timeout=100)
+    out, err = process.communicate(timeout=200)
     assert process.returncode == 1, out + err
     assert words in " ".join((out + err).split())
     states, commands = logged(one.log, "/state"), logged(one.log, "/command")

@@ -26,7 +26,7 @@ class Hand:
     """Moves the bench's stage, as a hand would: over a link of its own, unknown to the daemon."""
 
     def __init__(self, bench: dict[str, Any]) -> None:
-        self._client, self._unit = ModbusTcpClient(bench["host"], port=bench["port"], timeout=2, retries=0), bench["unit"]
+        self._client, self._unit = ModbusTcpClient(bench["host"], port=bench["port"], timeout=20, retries=0), bench["unit"]
         assert self._client.connect()
 
     def move_right(self, by_um: float, wait_until: Callable[..., None]) -> None:
@@ -82,7 +82,7 @@ def attended(instrument: Callable[..., Any], wait_until: Callable[..., None]) ->
         asked_for_s = time.monotonic() - began
         process.stdin.write("\n")
         process.stdin.flush()
-        rest, _ = process.communicate(timeout=120)
+        rest, _ = process.communicate(timeout=250)
         errors.seek(0)
         said = rest + errors.read()
     hand.close()

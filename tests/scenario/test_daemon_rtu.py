@@ -43,7 +43,7 @@ def test_a_run_from_begin_to_end_with_two_units_on_one_line(tmp_path: Path) -> N
         config["protocol"]["load_tolerance_n"] = 20.0
         (tmp_path / "run.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
         command = [sys.executable, "-m", "semlive", "run", str(tmp_path / "run.yaml"), "--stop-on-fault"]
-        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120, check=False)
+        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=250, check=False)
     assert done.returncode == 0, done.stderr
     log = tmp_path / "log" / "demo"
     assert [one["pair"] for one in logged(log, "/pair")] == [0, 1]

@@ -30,15 +30,15 @@ def reached(log: Path, state: str) -> bool:
 
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=200)
     return process.returncode, out + err
 
 
 @pytest.mark.parametrize("state", ["connecting", "ready", "ramping", "settling", "holding", "imaging"])
 def test_ctrl_c_stops_the_frame_and_finishes_the_log(instrument: Callable[..., Any], wait_until: Callable[..., None], state: str) -> None:
     one = instrument(f"ctrl-c-{state}")
-    # The load first, so that the early states are those of a frame that moves.
-    one.config["protocol"].update(calibration_shifts_px=[], loads_n=[600.0], ramp_rate_n_s=20.0)
+    # The load first, so that the early states are those of a frame that moves; more steps, so that the run is not over too soon.
+    one.config["protocol"].update(calibration_shifts_px=[], loads_n=[600.0, 620.0, 640.0, 660.0], ramp_rate_n_s=20.0)
     one.config["limits"]["force_step_max_n"] = 1000.0
     process = one.start()
     wait_until(lambda: reached(one.log, state))
@@ -91,7 +91,8 @@ def test_an_unreadable_image_is_refused_by_name_and_the_run_goes_on(
     instrument: Callable[..., Any], wait_until: Callable[..., None]
 ) -> None:
     one = instrument("unreadable")
-    one.config["protocol"].update(calibration_shifts_px=[[0, 0]], loads_n=[])
+    # A hold of 5 s: what comes when it is seen is looked at before the run ends.
+    one.config["protocol"].update(calibration_shifts_px=[[0, 0]], loads_n=[], hold_s=100.0)
     process = one.start()
     wait_until(lambda: reached(one.log, "holding"))
     # A picture of somebody else's: whole, but without any scan timing.

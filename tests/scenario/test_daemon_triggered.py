@@ -61,7 +61,7 @@ def demos(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ran]:
         mode: subprocess.Popen([*command, str(root / mode), *options[mode]], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         for mode in MODES
     }
-    said = {mode: process.communicate(timeout=150)[0] for mode, process in started.items()}
+    said = {mode: process.communicate(timeout=250)[0] for mode, process in started.items()}
     ran = {}
     for mode, process in started.items():
         assert process.returncode == 0, said[mode]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import subprocess
 import sys
@@ -51,7 +52,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
         path = root / "run.yaml"
         path.write_text(yaml.safe_dump(json.loads(json.dumps(config))), encoding="utf-8")
         done = subprocess.run(
-            [sys.executable, "-m", "semlive", "run", str(path), "--no-page", "--stop-on-fault"], capture_output=True, text=True, timeout=200
+            [sys.executable, "-m", "semlive", "run", str(path), "--no-page", "--stop-on-fault"], capture_output=True, text=True, timeout=280
         )
     assert done.returncode == 0, done.stderr
     return root / "log" / "warm"
@@ -59,6 +60,12 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def logged(log: Path, topic: str) -> list[dict[str, Any]]:
     return [json.loads(one.payload) for one in messages(log) if one.topic == topic]
+
+
+def longest_silence_s(log: Path, from_ns: int, to_ns: int) -> float:
+    """Between two instants, how long nothing at all was written; a few readings a second of experiment time are."""
+    times_ns = [one.log_time_ns for one in messages(log) if from_ns <= one.log_time_ns <= to_ns]
+    return max(after - before for before, after in itertools.pairwise([from_ns, *times_ns, to_ns])) / 1e9
 
 
 def test_it_measures_until_the_drift_is_expected_to_be_slow_and_only_then_loads(log: Path) -> None:
@@ -78,9 +85,12 @@ def test_it_measures_until_the_drift_is_expected_to_be_slow_and_only_then_loads(
 
 
 def test_holds_are_never_shorter_than_they_must_be_nor_longer_than_they_may(log: Path) -> None:
-    held = [one["guards"]["held_s"] for one in logged(log, "/state") if one["cause"] == "hold_over"]
-    # The loop turns twenty times a second, which at this rate is once a second of experiment time.
-    assert all(30.0 <= one <= 65.0 for one in held), held
+    held = [(one["guards"]["held_s"], one["time_ns"]) for one in logged(log, "/state") if one["cause"] == "hold_over"]
+    assert held
+    for held_s, over_ns in held:
+        # The loop turns twenty times a second, which at this rate is once a second of experiment time; on a busy computer it may
+        # have stood still, and then nothing was written either.
+        assert 30.0 <= held_s <= 64.0 + longest_silence_s(log, over_ns - round(held_s * 1e9), over_ns), held
     for pair in logged(log, "/pair"):
         over = next(one["time_ns"] for one in logged(log, "/state") if one["cause"] == "hold_over" and one["step"] == pair["pair"])
         assert pair["first"]["start_time_ns"]["value"] >= over - 2e9

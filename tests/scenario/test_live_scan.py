@@ -52,7 +52,7 @@ def live(scenario: Scenario, folder: Path, frames: int = 1) -> tuple[list[Export
     machine.move_stage(30.0, 20.0, Actuator.BEAM_SHIFT)
     clock.begin()
     sem.start()
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 100
     while len(exported) < frames and time.monotonic() < deadline and not failures:
         time.sleep(0.01)
     sem.stop()

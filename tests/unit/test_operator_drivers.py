@@ -51,7 +51,7 @@ def desk() -> Iterator[Desk]:
 
 def until(true: object) -> None:
     assert callable(true)
-    end_s = time.monotonic() + 5.0
+    end_s = time.monotonic() + 100.0
     while not true():
         assert time.monotonic() < end_s
         time.sleep(0.002)
@@ -84,7 +84,7 @@ def test_a_hand_brings_a_load_and_types_it(desk: Desk) -> None:
 def test_a_file_tells_the_load_and_when_it_is_there(desk: Desk, tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text("Time (s);Force (kN);Extension (mm)\n0,0;0,010;0,00\n", encoding="latin-1")
-    file = {"file": str(path), "decimal_comma": True, "encoding": "latin-1", "frozen_after_s": 5.0}
+    file = {"file": str(path), "decimal_comma": True, "encoding": "latin-1", "frozen_after_s": 100.0}
     file |= {"force": {"column": "Force (kN)", "unit": "kN"}, "extension": {"column": 3, "unit": "mm"}}
     frame = open_load_frame({"load_file": file}, Clock(), console=desk.console)
     assert frame.read().force_n == pytest.approx(10.0)
@@ -104,12 +104,12 @@ def test_a_file_tells_the_load_and_when_it_is_there(desk: Desk, tmp_path: Path) 
 def test_a_file_that_does_not_grow_is_no_reading(tmp_path: Path) -> None:
     path = tmp_path / "gage.txt"
     path.write_text("1.5\t-20.0\n", encoding="utf-8")
-    cell = {"protocol": "csv", "file": str(path), "force": {"column": 1}, "gage": {"column": 2, "unit": "ustrain"}, "frozen_after_s": 0.1}
+    cell = {"protocol": "csv", "file": str(path), "force": {"column": 1}, "gage": {"column": 2, "unit": "ustrain"}, "frozen_after_s": 0.6}
     frame = open_assembled({"cell": cell}, Clock())
     sample = frame.read()
     assert (sample.force_n, sample.gage_strain) == (1.5, pytest.approx(-20e-6))
-    time.sleep(0.15)
-    with pytest.raises(LinkError, match=r"has not grown for 0\.\d s; check that the program"):
+    time.sleep(0.65)
+    with pytest.raises(LinkError, match=r"has not grown for \d+\.\d s; check that the program"):
         frame.read()
     with path.open("a", encoding="utf-8") as grown:
         grown.write("1.6\tOVER\n")

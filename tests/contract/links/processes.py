@@ -45,12 +45,12 @@ class Peer:
 
     def poke(self, address: int, values: list[int]) -> None:
         """Write registers."""
-        with ModbusTcpClient("127.0.0.1", port=self.port) as client:
+        with ModbusTcpClient("127.0.0.1", port=self.port, timeout=20) as client:
             assert not client.write_registers(address, values, device_id=1).isError()
 
     def peek(self, address: int, count: int) -> list[int]:
         """Read holding registers."""
-        with ModbusTcpClient("127.0.0.1", port=self.port) as client:
+        with ModbusTcpClient("127.0.0.1", port=self.port, timeout=20) as client:
             return client.read_holding_registers(address, count=count, device_id=1).registers
 
     def misbehave(self, mode: int) -> None:
@@ -87,7 +87,7 @@ def peer(name: str = "register_server.py", port: int = 0) -> Iterator[Peer]:
         process.stdout.close()
 
 
-def wait_until(condition: object, within_s: float = 5.0) -> None:
+def wait_until(condition: object, within_s: float = 100.0) -> None:
     """Until a callable says so.
 
     Raises:

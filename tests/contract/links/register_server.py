@@ -72,11 +72,11 @@ class Registers:
             self.last_command = values[4]
             if values[4] == 1:
                 self.force_n = self.target_n = as_f32(values[0:2])
-                self.moving_until_s = time.monotonic() + 0.3
+                self.moving_until_s = time.monotonic() + 1.0
             else:
                 self.moving_until_s = 0.0
         if address == 100:
-            self.stage_until_s = time.monotonic() + 0.2 if values[4] == 1 else 0.0
+            self.stage_until_s = time.monotonic() + 1.0 if values[4] == 1 else 0.0
             if values[4] == 1:
                 self.xy_um = [as_f32(values[0:2]), as_f32(values[2:4])]
         return None

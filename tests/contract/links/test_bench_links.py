@@ -11,6 +11,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from pymodbus.client import ModbusTcpClient
 
 from semlive.data.loading import MotionState, StopOnLinkLoss
 from semlive.errors import LinkError
@@ -33,7 +34,7 @@ def ready(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, object
     finally:
         assert process.stdin is not None
         process.stdin.close()
-        assert process.wait(20.0) == 0
+        assert process.wait(100.0) == 0
 
 
 def test_the_strain_gage_is_read_along_with_the_load_where_the_settings_say_that_there_is_one(ready: dict[str, object]) -> None:
@@ -52,7 +53,7 @@ def test_the_strain_gage_is_read_along_with_the_load_where_the_settings_say_that
 
 def test_a_load_frame_that_is_left_alone_in_a_ramp_stops_by_itself(ready: dict[str, object]) -> None:
     clock = FileClock(Path(str(ready["clock_file"])))
-    settings = {"port": ready["port"], "watchdog_s": 0.5}
+    settings = {"port": ready["port"], "watchdog_s": 2.0}
     device = open_load_frame(settings, clock)
     assert device.identity.simulated
     assert device.identity.stop_on_link_loss is StopOnLinkLoss.ASSUMED
@@ -63,7 +64,9 @@ def test_a_load_frame_that_is_left_alone_in_a_ramp_stops_by_itself(ready: dict[s
     assert device.read().force_n > sample.force_n - 5.0
     device.close()
 
-    time.sleep(1.0)
+    with closing(ModbusTcpClient("127.0.0.1", port=int(str(ready["port"])), timeout=20, retries=0)) as looking:
+        assert looking.connect()
+        wait_until(lambda: looking.read_input_registers(3, count=1, device_id=int(str(ready["unit"]))).registers == [2])
     again = open_load_frame(settings, clock)
     left = again.read()
     assert left.motion is MotionState.FAULT
@@ -79,12 +82,12 @@ def test_a_load_frame_that_is_left_alone_in_a_ramp_stops_by_itself(ready: dict[s
 
 
 def test_a_stage_goes_where_it_is_sent(ready: dict[str, object]) -> None:
-    with closing(open_stage({"port": ready["port"]}, FileClock(Path(str(ready["clock_file"]))))) as stage:
-        stage.move_to(10.0, -5.0)
+    with closing(open_stage({"port": ready["port"], "timeout_s": 5.0}, FileClock(Path(str(ready["clock_file"]))))) as stage:
+        stage.move_to(40.0, -5.0)
         assert stage.read().motion is MotionState.MOVING
         wait_until(lambda: stage.read().motion is MotionState.STOPPED)
         sample = stage.read()
-    assert (sample.x_um, sample.y_um) == pytest.approx((10.0, -5.0), abs=2.0)
+    assert (sample.x_um, sample.y_um) == pytest.approx((40.0, -5.0), abs=2.0)
 
 
 def test_a_second_trigger_finds_the_sem_busy(ready: dict[str, object]) -> None:

@@ -65,7 +65,7 @@ class SomeRig:
 
 def bench(stack: ExitStack, line: Line) -> SomeRig:
     """The simulated bench, over one of its lines."""
-    scenario, clock = load_scenario("paper_x200"), BenchClock(1.0 if line is Line.SERIAL else 8.0, lambda _: None)
+    scenario, clock = load_scenario("paper_x200"), BenchClock(1.0 if line is Line.SERIAL else 2.0, lambda _: None)
     machine = Machine(scenario, clock.start_ns)
     machine.read(clock.start_ns)
     sem = Sem(scenario, clock, machine, Path(), True, lambda _: None, lambda _: None)
@@ -83,12 +83,12 @@ def bench(stack: ExitStack, line: Line) -> SomeRig:
         reading = machine.read(clock.now_ns())
         return reading.load_frame_moving
 
-    settings: dict[str, object] = {"timeout_s": 0.5, "frozen_after_s": 5.0}
+    settings: dict[str, object] = {"timeout_s": 1.0, "frozen_after_s": 5.0}
     if line is Line.SERIAL:
         path, _ = stack.enter_context(ascii_line(machine, clock.now_ns, troubles))
         approach = {"stiffness_n_mm": 8000.0, "speed_max_mm_s": 0.05, "speed_min_mm_s": 0.0084, "arrived_n": 12.0, "ahead_s": 0.6}
         text = {"map": "mark10_esm", "serial": {"port": path, "slowest_s": 0.2}, "confirmed": True, "approach": approach}
-        return SomeRig(lambda: open_text({**text, "timeout_s": 0.5}, CLOCK), moves, deaf, 150.0, 60.0)
+        return SomeRig(lambda: open_text({**text, "timeout_s": 1.0}, CLOCK), moves, deaf, 150.0, 60.0)
     if line is Line.RTU:
         settings["serial"] = {"port": stack.enter_context(rtu_line(port, UNIT, troubles)), "slowest_s": 0.2}
     else:
@@ -111,7 +111,10 @@ def from_several(stack: ExitStack, name: str, make: Callable[[Spring], Device], 
     """A cell and a drive of two makes, over TCP or on one serial line."""
     spring = Spring()
     cell, drive = laumas_tlb(spring), make(spring)
-    parts: dict[str, dict[str, object]] = {"cell": {"map": "laumas_tlb"}, "drive": {"map": name, "confirmed": True}}
+    parts: dict[str, dict[str, object]] = {
+        "cell": {"map": "laumas_tlb", "timeout_s": 1.0},
+        "drive": {"map": name, "confirmed": True, "timeout_s": 1.0},
+    }
     if rtu:
         line = {"port": stack.enter_context(over_rtu({1: cell, 2: drive})), "baud": 38_400, "parity": "none", "slowest_s": 0.2}
         parts["cell"] |= {"serial": line, "unit": 1}
@@ -154,7 +157,7 @@ def by_hand(stack: ExitStack) -> SomeRig:
 
     def lines() -> Iterator[str]:
         for line in iter(typed.get, None):
-            time.sleep(0.1)
+            time.sleep(0.5)
             yield line
 
     console = Console(lines, shown)

@@ -32,7 +32,7 @@ def bench() -> Iterator[Peer]:
 
 @pytest.fixture
 def load_frame(bench: Peer) -> Iterator[LoadFrame]:
-    device = open_load_frame({"port": bench.port, "watchdog_s": 2.0, "frozen_after_s": 0.2}, CLOCK)
+    device = open_load_frame({"port": bench.port, "watchdog_s": 2.0, "frozen_after_s": 1.0, "timeout_s": 1.0}, CLOCK)
     yield device
     device.close()
 
@@ -84,8 +84,8 @@ def test_a_frozen_counter_is_no_reading(bench: Peer, load_frame: LoadFrame) -> N
     load_frame.read()
     bench.misbehave(1)
     load_frame.read()
-    time.sleep(0.25)
-    with pytest.raises(LinkError, match="is frozen: no new value for 0"):
+    time.sleep(1.05)
+    with pytest.raises(LinkError, match=r"is frozen: no new value for [1-9]"):
         load_frame.read()
 
 
@@ -143,9 +143,9 @@ def test_a_server_that_accepts_and_never_answers_costs_one_timeout() -> None:
         mute.bind(("127.0.0.1", 0))
         mute.listen()
         began_s = time.monotonic()
-        with pytest.raises(LinkError, match=r"gave no answer within 0.2 s while reading input register 0"):
-            open_load_frame({"port": mute.getsockname()[1], "timeout_s": 0.2}, CLOCK)
-        assert time.monotonic() - began_s < 0.5
+        with pytest.raises(LinkError, match=r"gave no answer within 1 s while reading input register 0"):
+            open_load_frame({"port": mute.getsockname()[1], "timeout_s": 1.0}, CLOCK)
+        assert time.monotonic() - began_s < 2.0  # less than two of them
 
 
 def test_a_server_that_hangs_costs_one_timeout_and_then_nothing(bench: Peer, load_frame: LoadFrame) -> None:
@@ -154,12 +154,12 @@ def test_a_server_that_hangs_costs_one_timeout_and_then_nothing(bench: Peer, loa
     began_s = time.monotonic()
     with pytest.raises(LinkError, match="gave no answer within"):
         load_frame.read()
-    assert time.monotonic() - began_s < 0.6
+    assert time.monotonic() - began_s < 2.0  # less than two of them
     bench.go_on()
     began_s = time.monotonic()
     with pytest.raises(LinkError, match=r"the link to .* is closed; it must be opened again"):
         load_frame.read()
-    assert time.monotonic() - began_s < 0.05
+    assert time.monotonic() - began_s < 0.5  # half of one
 
 
 def test_a_server_that_dies(bench: Peer, load_frame: LoadFrame) -> None:

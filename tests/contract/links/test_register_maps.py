@@ -38,8 +38,8 @@ def pulled(drive_map: str, drive: Device, spring: Spring, **approach: float) -> 
     with tcp(laumas_tlb(spring), drive) as (cell_port, drive_port):
         frame = open_load_frame(
             {
-                "cell": {"map": "laumas_tlb", "port": cell_port},
-                "drive": {"map": drive_map, "port": drive_port, "confirmed": True},
+                "cell": {"map": "laumas_tlb", "port": cell_port, "timeout_s": 2.0},
+                "drive": {"map": drive_map, "port": drive_port, "confirmed": True, "timeout_s": 2.0},
                 "approach": {**APPROACH, **approach},
             },
             CLOCK,

@@ -80,7 +80,7 @@ def test_a_reading_in_trouble_is_right_or_refused_and_the_line_comes_back(bench:
 
 def test_a_line_that_hears_itself_is_a_setting(bench: tuple[str, Troubles]) -> None:
     path, troubles = bench
-    settings = {"timeout_s": 0.5, "frozen_after_s": 10.0}
+    settings = {"timeout_s": 5.0, "frozen_after_s": 100.0}
     troubles.order(Trouble.ECHO, [Line.RTU], 60, 0.0)
     frame = open_load_frame({**settings, "serial": {"port": path, "slowest_s": 0.3, "echo": True}}, CLOCK)
     assert read_until_refused(frame, 5) == 5
@@ -89,7 +89,7 @@ def test_a_line_that_hears_itself_is_a_setting(bench: tuple[str, Troubles]) -> N
 
 
 def test_a_stage_and_a_trigger_over_the_same_kind_of_line(bench: tuple[str, Troubles]) -> None:
-    line = {"serial": {"port": bench[0], "slowest_s": 0.3}, "timeout_s": 0.5}
+    line = {"serial": {"port": bench[0], "slowest_s": 0.3}, "timeout_s": 5.0}
     stage = open_stage({**line, "kind": "beam", "first_register": 400, "frozen_after_s": 10.0}, CLOCK)
     stage.move_to(3.0, -2.0)
     wait_until(lambda: stage.read().motion is MotionState.STOPPED)

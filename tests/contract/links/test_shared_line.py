@@ -39,9 +39,9 @@ def path(devices: dict[int, Device], late: list[float]) -> Iterator[str]:
         yield path
 
 
-def settings(path: str, unit: int, **serial: object) -> ModbusSettings:
+def settings(path: str, unit: int, timeout_s: float = 5.0, **serial: object) -> ModbusSettings:
     line = {"port": path, "baud": 115_200, "slowest_s": 0.2, **serial}
-    return ModbusSettings.model_validate({"serial": line, "unit": unit, "timeout_s": 0.1})
+    return ModbusSettings.model_validate({"serial": line, "unit": unit, "timeout_s": timeout_s})
 
 
 def test_two_threads_read_and_write_at_once_and_each_hears_its_own(path: str, devices: dict[int, Device]) -> None:
@@ -60,7 +60,7 @@ def test_two_threads_read_and_write_at_once_and_each_hears_its_own(path: str, de
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(20.0)
+        thread.join(100.0)
     assert not wrong
     assert [device.words[39] for device in devices.values()] == [59, 59]
     assert not is_shared(path)
@@ -69,8 +69,8 @@ def test_two_threads_read_and_write_at_once_and_each_hears_its_own(path: str, de
 def test_a_device_that_falls_silent_or_is_late_does_not_harm_its_neighbour(
     path: str, devices: dict[int, Device], late: list[float]
 ) -> None:
-    frame, stage = (open_link(settings(path, unit), None, (PROBE,)) for unit in (FRAME, STAGE))
-    late[:] = [0.15]
+    frame, stage = (open_link(settings(path, unit, 0.4, slowest_s=0.8), None, (PROBE,)) for unit in (FRAME, STAGE))
+    late[:] = [0.6]
     with pytest.raises(LinkError, match=f"unit {STAGE} gave no answer"):
         stage.read(Block(Kind.HOLDING, 3, 1))
     # The stage's answer comes while the frame asks: it is nobody's, and the frame's own is asked for again.
@@ -90,7 +90,7 @@ def test_a_device_that_falls_silent_or_is_late_does_not_harm_its_neighbour(
 
 
 def test_a_stop_waits_for_one_answer_of_its_neighbour_at_most(path: str, devices: dict[int, Device]) -> None:
-    frame, stage = (open_link(settings(path, unit), None, (PROBE,)) for unit in (FRAME, STAGE))
+    frame, stage = (open_link(settings(path, unit, 0.5), None, (PROBE,)) for unit in (FRAME, STAGE))
     over = threading.Event()
     worst_s = 0.0
 
@@ -104,14 +104,14 @@ def test_a_stop_waits_for_one_answer_of_its_neighbour_at_most(path: str, devices
     devices[STAGE].silent = True
     thread = threading.Thread(target=look_for_it)
     thread.start()
-    for _ in range(10):
+    for _ in range(5):
         began = time.monotonic()
         frame.write(39, [2])
         worst_s = max(worst_s, time.monotonic() - began)
         time.sleep(0.03)
     over.set()
     thread.join()
-    assert worst_s < 0.1 + 0.15  # one time-out, the silence after it, and a busy computer
+    assert worst_s < 2 * 0.5  # one time-out, the silence after it, and a busy computer; but not two
     for link in (frame, stage):
         link.close()
 
@@ -158,8 +158,9 @@ def test_who_comes_first_is_served_first_and_urgent_ones_before() -> None:
                 served.append(name)
 
         thread = threading.Thread(target=run)
+        waiting = sum(map(len, turns._waiting))
         thread.start()
-        time.sleep(0.02)
+        wait_until(lambda: sum(map(len, turns._waiting)) > waiting)
         return thread
 
     with turns.taken(False):

@@ -88,6 +88,7 @@ def cable_out_in_stop(lab: Lab) -> Seen:
 
 def hung(lab: Lab) -> Seen:
     lab.over_tcp()
+    lab.config["protocol"]["loads_n"] = [800.0]
     began = ramping(lab)
     lab.stand.silent = True
     took_ms = stopped(lab, began, WATCHDOG_MS, "its own watchdog")

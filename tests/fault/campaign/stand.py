@@ -73,14 +73,15 @@ class Stand:
             self._advance()
             self.target_n, self.rate_n_s, self.moving = target_n, rate_n_s, not self.stuck
 
-    def halt(self, why: str) -> None:
+    def halt(self, why: str, at_s: float | None = None) -> None:
+        """Rest, since an instant that may have passed while the computer was busy with something else."""
         with self.lock:
             self._advance()
-            self._rest(why)
+            self._rest(why, at_s)
 
-    def _rest(self, why: str) -> None:
+    def _rest(self, why: str, at_s: float | None = None) -> None:
         if self.moving:
-            self.stops.append((time.monotonic(), why))
+            self.stops.append((time.monotonic() if at_s is None else at_s, why))
         self.moving = False
 
     def reboot(self) -> None:
@@ -96,7 +97,7 @@ class Stand:
                 self._advance()
                 watchdog_s = self.holding[7] * 0.1
                 if self.moving and watchdog_s and time.monotonic() - self._fed_s > watchdog_s:
-                    self.halt("its own watchdog")
+                    self.halt("its own watchdog", self._fed_s + watchdog_s)
                     self.word, self.trouble = FAULT, 2
 
     def _advance(self) -> None:

@@ -1,5 +1,7 @@
 """A load frame, a stage and a trigger that fall ill when a file of that name appears in the folder `ills`.
 
+A refusal whose file holds a number is over after so many calls.
+
 The drivers of a laboratory are written by others: whatever they do, the daemon must come to an end with the machine at rest.
 Every call is noted in the file `calls` beside the ills.
 """
@@ -48,12 +50,23 @@ class Sick:
     def _has(self, ill: str) -> bool:
         return (self._ills / ill).exists()
 
+    def _refuses(self, what: str) -> bool:
+        path = self._ills / f"{self._name} is refused {what}"
+        if not path.exists():
+            return False
+        left = path.read_text(encoding="utf-8")
+        if left == "1":
+            path.unlink()
+        elif left:
+            path.write_text(str(int(left) - 1), encoding="utf-8")
+        return True
+
     def _call(self, what: str) -> None:
         with (self._ills / "calls").open("a", encoding="utf-8") as calls:
             calls.write(f"{self._name} {what}\n")
         while self._has(f"{self._name} hangs in {what}"):
             time.sleep(0.02)
-        if self._has(f"{self._name} is refused {what}"):
+        if self._refuses(what):
             raise LinkError(f"{what} is refused")
         if self._has(f"{self._name} breaks in {what}"):
             raise RuntimeError(f"a mistake in {what}")
