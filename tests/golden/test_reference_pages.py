@@ -148,7 +148,8 @@ def _command(name: str, command: Any) -> Iterator[str]:
     yield "| | | default |\n|---|---|---|"
     for one in (*arguments, *options):
         words = _place(one) if one in arguments else ", ".join(sorted((*one.opts, *one.secondary_opts), key=len))
-        default = "" if one.default in (None, False, (), []) or callable(one.default) else f"`{getattr(one.default, 'value', one.default)}`"
+        unset = one.default is None or one.default is False or callable(one.default)
+        default = "" if unset else f"`{getattr(one.default, 'value', one.default)}`"
         choices = [f"`{choice.value}`" for kind in _kinds(hints.get(one.name)) for choice in kind]
         told = _cell(one.help or "") + (f" One of {', '.join(choices)}." if choices else "")
         yield f"| `{words}` | {told} | {'needed' if one.required else default} |"
