@@ -88,18 +88,23 @@ def test_an_experiment_is_watched_steered_interrupted_and_completed(
         tablet = tab(viewport={"width": 820, "height": 1180})
         looked_at(tablet, shows, shoot)
         readable(tablet)
-    begun = run.folder / "begun.mcap"
-    with begun.open("wb") as stream:
-        writer = LogWriter(stream)
-        for told in takewhile(lambda message: message.topic != "/state", messages(run.log)):
-            writer.write(told.topic, told.payload, told.log_time_ns, told.publish_time_ns)
-        writer.finish()
-    with served(begun) as shows:
+    with served(begun(run)) as shows:
         page = tab()
         page.goto(shows)
         state(page, "idle")
         expect(page.locator("#plan tr")).to_have_count(5)
         shoot(page, "idle")
+
+
+def begun(run: Any) -> Path:
+    """A run's log as it is before the first state."""
+    path = run.folder / "begun.mcap"
+    with path.open("wb") as stream:
+        writer = LogWriter(stream)
+        for told in takewhile(lambda message: message.topic != "/state", messages(run.log)):
+            writer.write(told.topic, told.payload, told.log_time_ns, told.publish_time_ns)
+        writer.finish()
+    return path
 
 
 def completed(run: Any, page: Page) -> None:
