@@ -6,7 +6,7 @@
     Start:     .\semlive-task.ps1 -Start     Stop: .\semlive-task.ps1 -Stop     State: .\semlive-task.ps1
     Remove:    .\semlive-task.ps1 -Remove
     The task has no trigger: a load frame is never moved by a clock or a restart of the computer, and starting it says that
-    somebody stays at the instrument (--attended). A task that is ended by Windows ends hard; -Stop asks the run to stop first.
+    somebody stays at the instrument (--attended). A task that is ended by Windows ends hard; -Stop gives the run time to end by itself first.
 #>
 param(
     [switch]$Install, [switch]$Start, [switch]$Stop, [switch]$Remove,
@@ -35,7 +35,7 @@ if ($Install) {
 }
 elseif ($Start) { Start-ScheduledTask -TaskName $Name; "started" }
 elseif ($Stop) {
-    "press stop on the live page (its token is shown by: semlive run), or wait: in $StopSeconds s the task is ended"
+    "the run has $StopSeconds s to end by itself; then the task is ended, and the load frame stops by its own watchdog"
     $until = (Get-Date).AddSeconds($StopSeconds)
     while ((Get-ScheduledTask -TaskName $Name).State -eq "Running" -and (Get-Date) -lt $until) { Start-Sleep -Seconds 1 }
     if ((Get-ScheduledTask -TaskName $Name).State -eq "Running") {

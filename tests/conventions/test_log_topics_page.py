@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from semlive.data.disparity import PoiStatus
 from semlive.formats.messages import RAW_TOPICS, TOPICS
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "log-topics.md"
@@ -41,6 +42,11 @@ def test_every_row_tells_encoding_units_and_the_meaning_of_the_sequence() -> Non
         assert cells[1] == RAW_TOPICS.get(topic, "json"), topic
         # Only raw topics keep the sequence that they were given.
         assert (cells[4] == "counts") == (topic not in RAW_TOPICS), topic
+
+
+def test_every_status_of_a_point_is_in_the_page() -> None:
+    (row,) = (line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| `/dic/map` | `SLDM`"))
+    assert [int(number) for number in re.findall(r"[ :](\d) [a-zA-Z]", row.split("status:")[1])] == [int(one) for one in PoiStatus]
 
 
 def test_the_text_names_no_topic_that_does_not_exist() -> None:

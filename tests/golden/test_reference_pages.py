@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import enum
 import inspect
 import re
 import sys
+import types
 import typing
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,6 +26,15 @@ from semlive.cli.lazy import load
 from semlive.data.experiment import Limits
 from semlive.data.settings import DicSettings, EstimateSettings, ScanProfile, ScanSpeed, SpecimenSettings, StrainSettings
 from semlive.service import config
+from semlive_drivers.approach import ApproachSettings
+from semlive_drivers.assembled import AssembledSettings
+from semlive_drivers.csv_tail import Column, CsvSettings
+from semlive_drivers.frame import FrameSettings
+from semlive_drivers.modbus.settings import ModbusSettings, PartSettings, SerialLine, StageSettings
+from semlive_drivers.operator import OperatorSettings
+from semlive_drivers.operator_frame import OperatorFrameSettings
+from semlive_drivers.operator_trigger import OperatorTriggerSettings
+from semlive_drivers.text.part import TextSettings
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 SECTIONS: tuple[tuple[str, type], ...] = (
@@ -41,7 +52,42 @@ SECTIONS: tuple[tuple[str, type], ...] = (
     ("estimate", EstimateSettings),
     ("estimate.strain", StrainSettings),
 )
+DRIVERS: tuple[tuple[str, type], ...] = (
+    ("Load frame `modbus`, and each part `modbus` of an assembled one", PartSettings),
+    ("Load frame `ascii`, and each part `ascii`", TextSettings),
+    ("Load frame `assembled`", AssembledSettings),
+    ("Load frame `operator`", OperatorFrameSettings),
+    ("Each of these load frames besides", FrameSettings),
+    ("`approach` of a load frame", ApproachSettings),
+    ("Part `csv`, and `load_file` of the operator's frame", CsvSettings),
+    ("`force`, `extension` and `gage` of such a file", Column),
+    ("`serial` of `modbus` and `ascii`; what is left out is as the device's description says", SerialLine),
+    ("Stage `modbus`", StageSettings),
+    ("Stage `operator`", OperatorSettings),
+    ("Trigger `modbus`", ModbusSettings),
+    ("Trigger `operator`", OperatorTriggerSettings),
+)
 ELSEWHERE = {
+    "host": "Address of the device on the network.",
+    "port": "TCP port.",
+    "SerialLine.port": "Path or name of the port: /dev/ttyUSB0, COM3.",
+    "serial": "The line.",
+    "unit": "Modbus unit (slave) number.",
+    "Column.unit": "What the numbers mean: N, kN, mm, um, ustrain, ...",
+    "speed_max_mm_s": "The drive never goes faster.",
+    "kind": "What it moves.",
+    "baud": "Bits per second.",
+    "parity": "Of the line.",
+    "stop_bits": "Of the line.",
+    "silence_s": "Rest before each request.",
+    "slowest_s": "Longest time after which an answer can still come.",
+    "echo": "The line hears what is sent on it (two wires).",
+    "delimiter": "Between columns; nothing finds out: tab, semicolon, comma, or blanks.",
+    "decimal_comma": "Numbers have a comma in place of the point.",
+    "encoding": "Of the text.",
+    "force": "Column of the load.",
+    "extension": "Column of the crosshead extension.",
+    "gage": "Column of a strain gage.",
     "hold_s": "Rest between settled and the first frame of the pair.",
     "settle_s": "How long load and stage must stay within tolerance to be called settled.",
     "load_tolerance_n": "Allowed distance of the load from its target.",
@@ -74,7 +120,9 @@ def cli_page() -> str:
         "Written from the commands themselves (`tests/golden/test_reference_pages.py`), whose `--help` says the same.\n",
         "Exit codes: 0 all is well, 1 something failed or was found bad, 2 the input is wrong; the last line on standard error says",
         "what, where and what to do.",
-        "`semlive --install-completion` makes the tab key complete commands and options (bash, zsh, fish, PowerShell).\n",
+        "`semlive --install-completion` makes the tab key complete commands and options (bash, zsh, fish, PowerShell).",
+        "`semlive --version` says which version this is.",
+        "Words that these texts take for granted are in [method.md](method.md#words).\n",
     ]
     for entry in COMMANDS:
         command = load(entry)
@@ -89,7 +137,10 @@ def cli_page() -> str:
 def _command(name: str, command: Any) -> Iterator[str]:
     arguments = [one for one in command.params if one.param_type_name == "argument"]
     options = [one for one in command.params if one.param_type_name == "option" and one.name != "help"]
-    used = " ".join(_place(one) for one in arguments)
+    hints = typing.get_type_hints(inspect.unwrap(command.callback))
+    needed = [one for one in options if one.required]
+    places = [_place(one) if one.required else f"[{_place(one)}]" for one in arguments]
+    used = " ".join([*places, *(f"{max(one.opts, key=len)} {max(one.opts, key=len).strip('-').upper()}" for one in needed)])
     yield f"## `{f'{name} {used}'.strip()}`\n"
     yield f"{' '.join((command.help or '').split())}\n"
     if not arguments and not options:
@@ -97,9 +148,17 @@ def _command(name: str, command: Any) -> Iterator[str]:
     yield "| | | default |\n|---|---|---|"
     for one in (*arguments, *options):
         words = _place(one) if one in arguments else ", ".join(sorted((*one.opts, *one.secondary_opts), key=len))
-        default = "" if one.default in (None, False, (), []) or one.required or callable(one.default) else f"`{one.default}`"
-        yield f"| `{words}` | {_cell(one.help or '')} | {default} |"
+        unset = one.default is None or one.default is False or callable(one.default)
+        default = "" if unset else f"`{getattr(one.default, 'value', one.default)}`"
+        choices = [f"`{choice.value}`" for kind in _kinds(hints.get(one.name)) for choice in kind]
+        told = _cell(one.help or "") + (f" One of {', '.join(choices)}." if choices else "")
+        yield f"| `{words}` | {told} | {'needed' if one.required else default} |"
     yield ""
+
+
+def _kinds(hint: Any) -> list[type[enum.Enum]]:
+    """The enumerations that an option takes its value from."""
+    return [one for one in (hint, *typing.get_args(hint)) if inspect.isclass(one) and issubclass(one, enum.Enum)]
 
 
 def _place(argument: Any) -> str:
@@ -112,16 +171,35 @@ def configuration_page() -> str:
         "# Configuration\n",
         "Written from the code that checks it (`tests/golden/test_reference_pages.py`). A key that does not exist is refused, with",
         "the one that was meant. Units are in the names: `_s` seconds, `_px` pixels, `_um`, `_mm`, `_n` newtons, `_n_s` newtons per",
-        "second. Folders are relative to the file.\n",
-        "`semlive init` writes a commented file; [deploy/examples](../deploy/examples) has three.\n",
+        "second. Times of the protocol are experiment time, which only a simulator lets run faster; wall time is this computer's.",
+        "Folders are relative to the file. A key without default may be left out.\n",
+        "`semlive init` writes a commented file; [deploy/examples](../deploy/examples) has three. Words such as POI and ZNCC are in",
+        "[method.md](method.md#words).\n",
+        "Needed are `sem` and `protocol`; `load_frame` where there are `loads_n`, `limits` where there is a `load_frame`, and `stage`",
+        "where a shift is not (0, 0) or the field of view is brought back (`recentre_beyond_px`).\n",
     ]
     for heading, cls in SECTIONS:
-        parts += [f"## `{heading}`\n", f"{_first_line(cls)}\n", "| key | type | default | |\n|---|---|---|---|"]
-        about = _attribute_words(cls)
-        for name, kind, default in _fields(cls):
-            parts.append(f"| `{name}` | {kind} | {default} | {_cell(about.get(name) or ELSEWHERE.get(name, ''))} |")
-        parts.append("")
+        parts += [f"## `{heading}`\n", f"{_cell(_first_line(cls))}\n", *_table(cls)]
+    parts += [
+        "## Settings of drivers\n",
+        "What stands under `settings` of `load_frame`, `stage` and `sem.trigger`; [drivers.md](drivers.md) says which driver is for",
+        "what. `null` takes no settings.\n",
+    ]
+    for title, cls in DRIVERS:
+        parts += [f"### {title}\n", *_table(cls)]
     return "\n".join(parts)
+
+
+def _table(cls: type) -> Iterator[str]:
+    """All keys of a section; then an empty line."""
+    about = _attribute_words(cls)
+    yield "| key | type | default | |\n|---|---|---|---|"
+    for name, kind, default in _fields(cls):
+        words = re.sub(
+            r"\bNone\b(?! of)", "`null`", _cell(about.get(name) or ELSEWHERE.get(f"{cls.__name__}.{name}") or ELSEWHERE.get(name, ""))
+        )
+        yield f"| `{name}` | {kind} | {default} | {words} |"
+    yield ""
 
 
 def _fields(cls: type) -> Iterator[tuple[str, str, str]]:
@@ -136,7 +214,7 @@ def _fields(cls: type) -> Iterator[tuple[str, str, str]]:
 
 
 def _model_default(field: FieldInfo) -> str:
-    return "needed" if field.is_required() else _default(field.default)
+    return "needed" if field.is_required() else _default(field.get_default(call_default_factory=True))
 
 
 def _default(value: object) -> str:
@@ -154,8 +232,10 @@ def _type(hint: Any) -> str:
     arguments = [one for one in typing.get_args(hint) if one is not type(None)]
     if typing.get_origin(hint) is typing.Literal:
         return " or ".join(str(one) for one in typing.get_args(hint))
-    if len(arguments) < len(typing.get_args(hint)):
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
         return " or ".join(_type(one) for one in arguments)
+    if inspect.isclass(hint) and issubclass(hint, enum.Enum):
+        return " or ".join(str(one.value) for one in hint)
     if typing.get_origin(hint) in (list, tuple):
         return (
             f"list of {_type(arguments[0])}"
@@ -174,12 +254,13 @@ def _attribute_words(cls: type) -> dict[str, str]:
         r"^    (\w+): (.*?)(?=^    \w+: |\Z)", inspect.cleandoc(cls.__doc__ or "").partition("Attributes:\n")[2], re.M | re.S
     ):
         found[match[1]] = " ".join(match[2].split())
-    body = ast.parse(inspect.getsource(cls)).body[0]
-    assert isinstance(body, ast.ClassDef)
-    for before, after in zip(body.body, body.body[1:], strict=False):
-        named = isinstance(before, ast.AnnAssign) and isinstance(before.target, ast.Name)
-        if named and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
-            found[before.target.id] = " ".join(str(after.value.value).split())  # type: ignore[union-attr]
+    for one in (base for base in reversed(cls.__mro__) if base.__module__.startswith("semlive")):
+        body = ast.parse(inspect.getsource(one)).body[0]
+        assert isinstance(body, ast.ClassDef)
+        for before, after in zip(body.body, body.body[1:], strict=False):
+            named = isinstance(before, ast.AnnAssign) and isinstance(before.target, ast.Name)
+            if named and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+                found[before.target.id] = " ".join(str(after.value.value).split())  # type: ignore[union-attr]
     return {name: words[0].upper() + words[1:] for name, words in found.items()}
 
 
@@ -188,7 +269,7 @@ def _first_line(cls: type) -> str:
 
 
 def _cell(text: str) -> str:
-    return " ".join(text.split()).replace("``", "`").replace("|", "\\|")
+    return re.sub(r"<(\w+)>", r"\\<\1>", " ".join(text.split()).replace("``", "`").replace("|", "\\|"))
 
 
 PAGES = {"cli.md": cli_page, "configuration.md": configuration_page}
