@@ -108,6 +108,10 @@ class Desk(Protocol):
         """Tell `heard` every word from now on, from whichever thread it is said in; in place of whoever followed before."""
         ...
 
+    def overhear(self, heard: Callable[[str], bool]) -> None:
+        """Give every line that is typed there from now on to `heard` first; what it says True to answers no question."""
+        ...
+
     def answer(self, question: int, line: str) -> bool:
         """Answer a question; False if it is not open any more. A line that does not answer it is told so, and it stays open."""
         ...

@@ -1,7 +1,7 @@
 """The operator's terminal: what is asked is shown at once, and each line that is typed goes to whoever asked last and is still waiting.
 
-Stage, load frame and trigger may all ask on one terminal. One thread reads it, begun with the first question. Whoever follows hears
-every word, and may answer in the terminal's place.
+Stage, load frame and trigger may all ask on one terminal. One thread reads it, begun with the first question or overhearer. Whoever follows
+hears every word, and may answer in the terminal's place; whoever overhears has the first look at each line.
 """
 
 from __future__ import annotations
@@ -41,10 +41,16 @@ class Console:
         self._waiting: list[_Question] = []
         self._listening = False
         self._follower: Callable[[Word], object] | None = None
+        self._overhearer: Heard | None = None
 
     def follow(self, heard: Callable[[Word], object]) -> None:
         """Tell `heard` every word from now on."""
         self._follower = heard
+
+    def overhear(self, heard: Heard) -> None:
+        """Give every line that is typed from now on to `heard` first, in another thread; what it says True to answers no question."""
+        self._overhearer = heard
+        self._begin()
 
     def tell(self, text: str) -> None:
         """Show a line."""
@@ -57,11 +63,9 @@ class Console:
         question = _Question(next(self._numbers), text, heard, wanted)
         with self._lock:
             self._waiting.append(question)
-            start, self._listening = not self._listening, True
         self._show(text)
         self._say(Word(Asking.ASKED, text, question.number, wanted))
-        if start:
-            threading.Thread(target=self._listen, name="console", daemon=True).start()
+        self._begin()
 
     def answer(self, question: int, line: str) -> bool:
         """Answer a question from elsewhere; False if it is not open any more."""
@@ -79,8 +83,16 @@ class Console:
         for one in taken_back:
             self._say(Word(Asking.TAKEN_BACK, one.text, one.number, one.wanted))
 
+    def _begin(self) -> None:
+        with self._lock:
+            start, self._listening = not self._listening, True
+        if start:
+            threading.Thread(target=self._listen, name="console", daemon=True).start()
+
     def _listen(self) -> None:
         for line in self._lines():
+            if self._overhearer is not None and self._overhearer(line):
+                continue
             with self._lock:
                 newest = self._waiting[-1] if self._waiting else None
             if newest is not None:

@@ -20,6 +20,7 @@ from semlive.errors import BadConfig, SemliveError
 from semlive.service.config import load_config
 from semlive.service.daemon import Faces, run_experiment
 from semlive.service.door import Address
+from semlive.service.drivers import desks
 
 
 def run(
@@ -44,8 +45,10 @@ def run(
     by_hand = any(
         section is not None and section.driver == "operator" for section in (checked.load_frame, checked.stage, checked.sem.trigger)
     )
-    interactive = sys.stdin.isatty() and not by_hand  # what is typed answers what the drivers ask
-    if interactive:
+    if sys.stdin.isatty() and by_hand:  # other lines answer what the drivers ask
+        for desk in desks().values():
+            desk.overhear(partial(_taken, verbs))
+    elif sys.stdin.isatty():
         threading.Thread(target=_listen, args=(verbs,), daemon=True).start()
     console = Console(stderr=True)
     place = Place(page_host, page_port, tuple(page_name or ()))
@@ -78,8 +81,14 @@ def _open_page(stack: contextlib.ExitStack, view: ProgressView, log: Path, place
 def _listen(verbs: queue.SimpleQueue[Verb]) -> None:
     """What the operator types, as verbs."""
     for line in sys.stdin:
-        word = line.strip().lower()
-        if word in list(Verb):
-            verbs.put(Verb(word))
-        elif word:
-            sys.stderr.write(f"{word}: say one of {', '.join(Verb)}\n")
+        if not _taken(verbs, line) and line.strip():
+            sys.stderr.write(f"{line.strip()}: say one of {', '.join(Verb)}\n")
+
+
+def _taken(verbs: queue.SimpleQueue[Verb], line: str) -> bool:
+    """Whether a line is a verb; a stage that a hand moves would take "stop" for the word that it is done."""
+    word = line.strip().lower()
+    if word not in list(Verb):
+        return False
+    verbs.put(Verb(word))
+    return True

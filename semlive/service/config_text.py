@@ -167,7 +167,7 @@ def _load_frame(lab: Lab) -> str:
             ("      stiffness_n_mm: 8000", "N/mm, of specimen and stand; rather too high than too low"),
             ("      speed_max_mm_s: 0.05", "mm/s, never faster"),
             ("      speed_min_mm_s: 0.0084", "mm/s, the slowest that the stand can do"),
-            (f"      arrived_n: {max(0.005 * lab.max_load_n, 0.1):g}", "N, this close to the target the motion is over"),
+            (f"      arrived_n: {arrived_n(lab):g}", "N, this close to the target the motion is over"),
             ("    # confirmed: true", "when somebody has held the description beside the machine"),
         ]
     else:
@@ -176,11 +176,17 @@ def _load_frame(lab: Lab) -> str:
             ("  poll_s: 0.5", "s, between readings"),
             "  settings:",
             (f"    program: {lab.address}", "what the operator calls the maker's program"),
-            (f"    arrived_n: {max(0.01 * lab.max_load_n, 0.1):g}", "N, this close to the target the motion is over"),
+            (f"    arrived_n: {arrived_n(lab):g}", "N, this close to the target the motion is over"),
             "    # load_file:                   # the file that the program records into; without it the operator types the load",
             "    #   {file: 'C:/microtest/*.csv', force: {column: Force, unit: N}, extension: {column: 3, unit: mm}}",
         ]
     return _lines(*head)
+
+
+def arrived_n(lab: Lab) -> float:
+    """How close to its target a load is brought; one that is called arrived within the tolerance itself leaves it with the next reading."""
+    fraction = {"modbus": 0.0025, "serial": 0.005}.get(lab.frame, 0.01)
+    return max(fraction * lab.max_load_n, 0.1)
 
 
 def _stage(lab: Lab) -> str:
@@ -226,7 +232,7 @@ def _protocol(lab: Lab) -> str:
         *unloaded,
         (f"  loads_n: [{', '.join(f'{one:g}' for one in lab.loads_n)}]", "N, loads at which pairs are taken, tension positive"),
         (f"  ramp_rate_n_s: {rate:g}", "N/s, between loads"),
-        (f"  load_tolerance_n: {max(0.005 * lab.max_load_n, 0.1):g}", "N, allowed distance of the load from its target"),
+        (f"  load_tolerance_n: {2.0 * arrived_n(lab):g}", "N, allowed distance of the load from its target"),
         *hold,
         "  # warm_up:                      # wait with the first load until the drift is slow",
         ("  #   max_rate_px_s: 0.005", "px/s, forecast drift rate plus its uncertainty"),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import pty
 import struct
 import subprocess
 import sys
@@ -120,6 +122,31 @@ def test_both_pairs_are_there_and_the_second_saw_the_move(attended: Attended) ->
     # The bench's stage goes 1 % too far, within 0.3 um, and loses 0.8 um of backlash.
     assert shifts[2][0] == pytest.approx(SHIFT_PX, abs=1.5)
     assert abs(shifts[2][1]) < 1.5
+
+
+def test_words_that_steer_the_run_answer_no_question(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> None:
+    one = by_hand(instrument, "steered")
+    command = [sys.executable, "-m", "semlive", "run", str(one.write_config()), "--no-page", "--attended"]
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    os.close(theirs)
+    assert process.stdout is not None
+    assert "press enter" in process.stdout.readline()
+
+    def states() -> list[str]:
+        return [json.loads(message.payload)["after"] for message in messages(one.log) if message.topic == "/state"]
+
+    os.write(ours, b"pause\n")
+    wait_until(lambda: states()[-1] == "paused")
+    os.write(ours, b"resume\n")
+    wait_until(lambda: states()[-1] == "ramping")
+    os.write(ours, b"stop\n")
+    process.communicate(timeout=250)
+    os.close(ours)
+    assert process.returncode == 1
+    assert states()[-1] == "aborted"
+    samples = [json.loads(message.payload) for message in messages(one.log) if message.topic == "/stage/sample"]
+    assert {sample["x_um"] for sample in samples} == {0.0}  # nobody said that it had been moved
 
 
 def test_a_run_with_a_hand_needs_somebody_there(instrument: Callable[..., Any]) -> None:

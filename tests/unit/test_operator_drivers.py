@@ -57,6 +57,19 @@ def until(true: object) -> None:
         time.sleep(0.002)
 
 
+def test_who_overhears_takes_lines_before_they_answer(desk: Desk) -> None:
+    taken: list[str] = []
+    desk.console.overhear(lambda line: line == "stop" and not taken.append(line))
+    desk.types("stop")
+    until(lambda: taken == ["stop"])  # nobody has asked anything yet
+    answered: list[str] = []
+    desk.console.ask("done?", lambda line: not answered.append(line))
+    desk.types("stop")
+    desk.types("yes")
+    until(lambda: answered)
+    assert (taken, answered) == (["stop", "stop"], ["yes"])
+
+
 def test_a_hand_brings_a_load_and_types_it(desk: Desk) -> None:
     frame = open_load_frame({"program": "MICROTEST", "arrived_n": 2.0}, Clock(), console=desk.console)
     assert isinstance(frame, LoadFrame)
