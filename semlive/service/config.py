@@ -245,7 +245,20 @@ def load_config(path: Path) -> Config:
     except yaml.YAMLError as error:
         line = getattr(getattr(error, "problem_mark", None), "line", 0) + 1
         raise BadConfig(f"{path}: line {line} is not YAML; check its indentation and colons") from error
-    return resolve(parse_config(given, str(path)), path.parent)
+    config = parse_config(given, str(path))
+    _readings_stay_fresh(config, str(path))
+    return resolve(config, path.parent)
+
+
+def _readings_stay_fresh(config: Config, where: str) -> None:
+    """A device that is asked too seldom would stop the run by itself; asked here, so that logs of earlier runs stay readable."""
+    stale_s = (config.limits or _NO_MOTION).stale_after_s
+    for name, section in (("load_frame", config.load_frame), ("stage", config.stage)):
+        if section is not None and section.poll_s >= stale_s:
+            raise BadConfig(
+                f"{where}: {name}.poll_s: {section.poll_s:g} s between readings, which are stale after limits.stale_after_s, "
+                f"{stale_s:g} s; read more often"
+            )
 
 
 def parse_config(given: object, where: str) -> Config:

@@ -173,7 +173,7 @@ def _load_frame(lab: Lab) -> str:
     else:
         head += [
             ("  driver: operator", "closed software: a hand moves the frame when asked to"),
-            ("  poll_s: 0.5", "s, between readings"),
+            ("  poll_s: 0.2", "s, between readings"),
             "  settings:",
             (f"    program: {lab.address}", "what the operator calls the maker's program"),
             (f"    arrived_n: {arrived_n(lab):g}", "N, this close to the target the motion is over"),
