@@ -69,7 +69,7 @@ def test_the_page_and_the_export_say_the_measure_of_strain(
     )  # fmt: skip
     assert code == 0, err
     with h5py.File(tmp_path / "out.h5") as file:
-        assert "Green-Lagrange strain, tension positive" in file.attrs["conventions"]
+        assert "Green-Lagrange strain, tension positive" in str(file.attrs["conventions"])
     green = changed(done.settings, parse_changes(["estimate.strain.measure=green_lagrange"]))
     assert "Green-Lagrange strain relative to frame 0" in settings_html(green, done.begun.grid)
 
