@@ -79,7 +79,12 @@ COMMANDS = (
         "Find where model and data disagree, name the missing effect, and show how much of the gap it closes.",
         AFTER,
     ),
-    Entry("experiment", "semlive.cli.experiment:experiment", "What to do next.", AFTER),
+    Entry(
+        "experiment",
+        "semlive.cli.experiment:experiment",
+        "Propose the experiment that decides between what a diagnosis leaves open.",
+        AFTER,
+    ),
     Entry(
         "score",
         "semlive.cli.score:score",

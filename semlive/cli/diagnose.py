@@ -66,7 +66,8 @@ def diagnose(
 
 
 def _effect_table(effect: FoundEffect) -> Table:
-    table = Table(title=f"{effect.name}: at most {effect.peak_px:.3f} px, p = {effect.p_value:.3f}, log odds {effect.log_bayes_factor:.1f}")
+    evidence = f"p = {effect.p_value:.3f}, logarithm of the Bayes factor {effect.log_bayes_factor:.1f}"
+    table = Table(title=f"{effect.name}: at most {effect.peak_px:.3f} px, {evidence}")
     for heading in ("parameter", "value", "sigma", "unit"):
         table.add_column(heading)
     for one in effect.parameters:

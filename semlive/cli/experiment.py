@@ -14,12 +14,12 @@ from semlive.service.diagnosis import diagnose_log
 from semlive.service.model_file import read_model
 from semlive.service.next_experiment import next_config
 
-experiment = typer.Typer(help="What to do next.", no_args_is_help=True)
+experiment = typer.Typer(help="Propose the experiment that decides between what a diagnosis leaves open.", no_args_is_help=True)
 
 
 @experiment.callback()
 def about() -> None:
-    """What to do next."""
+    """Propose the experiment that decides between what a diagnosis leaves open."""
 
 
 @experiment.command("propose")

@@ -11,12 +11,15 @@ from semlive.cli.track import tracked, tracked_stages
 from semlive.report.page import report_html
 from semlive.report.sections import write_figures
 from semlive.service.log_facts import log_facts
+from semlive.service.log_files import beside, log_name
 from semlive.service.replay import Watch, last_result, load_series
 
 
 def report(
     log: Annotated[Path, typer.Argument(help="One MCAP file, or a run folder of segments.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="The page; report.html beside the log by default.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="The page; by default beside the log and named after it: my-run-report.html.")
+    ] = None,
     pictures: Annotated[
         Path | None, typer.Option("--figures", help="Folder for every figure as PNG and PDF, as wide as a journal's page.")
     ] = None,
@@ -25,9 +28,9 @@ def report(
     with tracked_stages() as progress:
         result, settings = last_result(log, Watch(progress))
     series = load_series(log)
-    page = out or log.parent / "report.html"
+    page = out or beside(log, "-report.html")
     with tracked("drawing", "figure") as drawing:
-        page.write_text(report_html(log.stem, result, series, settings, log_facts(log), drawing), encoding="utf-8")
+        page.write_text(report_html(log_name(log), result, series, settings, log_facts(log), drawing), encoding="utf-8")
     typer.echo(str(page))
     if pictures is not None:
         with tracked("writing", "figure") as writing:

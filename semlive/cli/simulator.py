@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import shutil
 import subprocess
 import sys
 import time
@@ -51,20 +52,36 @@ def running_simulator(
         rtu: it serves its registers over a serial line too.
 
     Raises:
-        BadInput: no simulator is installed, or it does not know the scenario.
+        BadInput: no simulator is installed, or it does not know the scenario; no folder is left behind.
         SemliveError: it did not come up.
     """
     module = simulator_module("bench")
+    made = [one for one in (folder, *folder.parents) if not one.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", module, "--scenario", scenario, "--out", str(folder), "--exit-with-stdin"]
     command += ["--rtu"] if rtu else []
     command += ["--rate", "auto" if rate is None else str(rate), "--mode", "triggered" if triggered else "continuous"]
-    with (folder / "simulator.log").open("wb") as log:
-        process = start_apart(command, stdout=log, stderr=log)
-        try:
-            yield _wait_until_ready(process, folder)
-        finally:
-            _end(process)
+    try:
+        with (folder / "simulator.log").open("wb") as log:
+            process = start_apart(command, stdout=log, stderr=log)
+            try:
+                ready = _wait_until_ready(process, folder)
+                made = []  # from here on what lies there is a run's
+                yield ready
+            finally:
+                _end(process)
+    except BadInput:
+        _take_back(made)
+        raise
+
+
+def _take_back(made: list[Path]) -> None:
+    """Remove a folder that was made for bad input, so that the corrected command finds it new; and those above it, if nothing else came."""
+    if made:
+        shutil.rmtree(made[0])
+        with contextlib.suppress(OSError):
+            for folder in made[1:]:
+                folder.rmdir()
 
 
 def _wait_until_ready(process: subprocess.Popen[bytes], folder: Path) -> dict[str, Any]:

@@ -50,6 +50,10 @@ class DicSettings:
             raise ValueError(f"search_px must be above 0, not {self.search_px}")
 
 
+MEASURES = {"engineering": "engineering small strain", "green_lagrange": "Green-Lagrange strain"}
+"""What the measures of strain are called in words."""
+
+
 @dataclass(frozen=True, slots=True)
 class StrainSettings:
     """How the virtual strain gauge fits displacement.
@@ -71,7 +75,7 @@ class StrainSettings:
             raise ValueError(f"order must be 1 or 2, not {self.order}")
         if self.weights not in ("uniform", "gaussian"):
             raise ValueError(f"weights must be uniform or gaussian, not {self.weights}")
-        if self.measure not in ("engineering", "green_lagrange"):
+        if self.measure not in MEASURES:
             raise ValueError(f"measure must be engineering or green_lagrange, not {self.measure}")
         if self.butterworth_points is not None and not self.butterworth_points > 2:
             raise ValueError(f"butterworth_points must be above 2, not {self.butterworth_points}")

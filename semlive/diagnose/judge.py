@@ -30,7 +30,8 @@ RARE = 0.01
 ODDS = math.log(20.0)  # rivals that are not so much less likely would do as well
 MOST = 3
 # What explains held-out pairs gains on them, what does not loses as much. At twice the least effect that can be detected a real one gains
-# only 1.5 +- 1 standard errors there: with one standard error asked for, creep and oscillations were rejected at log odds of 33 and 90.
+# only 1.5 +- 1 standard errors there: with one standard error asked for, creep and oscillations were rejected at logarithms of the
+# Bayes factor of 33 and 90.
 HALF = 0.5
 
 

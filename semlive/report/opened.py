@@ -24,7 +24,7 @@ from semlive.errors import BadInput
 from semlive.report.export.fields import UNITS, Story, constants, distortion_fields, drift_series, frame_fields, frame_series, phases
 from semlive.report.export.log import story_of
 from semlive.service.log_pairs import has_images
-from semlive.service.replay import Replay, Replayed, Source, Watch, replay
+from semlive.service.replay import Replay, Replayed, Source, Watch, replay, require_calibration
 from semlive.service.settings_changes import parse_changes
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ class OpenFrame:
         v: corrected displacement along y, px.
         sigma_u: standard uncertainty of u, px.
         sigma_v: standard uncertainty of v, px.
-        exx: engineering small strain, tension positive.
+        exx: strain by the measure of the settings (``estimate.strain.measure``: engineering by default), tension positive.
         eyy: likewise.
         exy: tensor shear.
         valid: where displacement was measured.
@@ -246,8 +246,12 @@ def open_log(path: str | Path, *, method: str | None = None, changes: Sequence[s
 
     Raises:
         BadInput: the log cannot be read, or a setting is wrong.
+        PoorCalibration: the run has load steps, and its translations do not determine the distortion;
+            ``changes=["estimate.accept_poor_calibration=true"]`` opens it all the same.
     """
     log, parsed = Path(path), parse_changes(changes)
     images = from_images or any(change.of_images for change in parsed)
     source = Source.IMAGES if images and has_images(log) else Source.DISPARITY
-    return OpenLog(log, replay(Replay(log, method, parsed, source), Watch(frame=lambda _: None)))
+    done = replay(Replay(log, method, parsed, source), Watch(frame=lambda _: None))
+    require_calibration(log, done)
+    return OpenLog(log, done)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from semlive.data.grid import Grid
 from semlive.data.results import RunResult
 from semlive.data.series import LoadSeries
-from semlive.data.settings import AnalysisSettings
+from semlive.data.settings import MEASURES, AnalysisSettings
 from semlive.report import figures
 from semlive.report.budget import uncertainty_budget
 from semlive.report.sections import sections
@@ -77,7 +77,7 @@ def report_html(
         "<h2>Notes</h2>",
         _notes(result),
         "<h2>Settings</h2>",
-        _settings(settings, result.estimate.distortion.grid),
+        settings_html(settings, result.estimate.distortion.grid),
         _all_settings(settings, facts),
         "<h2>Versions</h2>",
         _versions(facts),
@@ -130,12 +130,13 @@ def _notes(result: RunResult) -> str:
     return "<ul>" + "".join(f"<li>{html.escape(note)}</li>" for note in result.notes) + "</ul>"
 
 
-def _settings(settings: AnalysisSettings, grid: Grid) -> str:
+def settings_html(settings: AnalysisSettings, grid: Grid) -> str:
+    """What strain was measured with, in a sentence."""
     gauge = settings.estimate.window_points
     subset = f"Subset {grid.subset_px} px, step" if grid.subset_px else "Maps of another engine, step"
     return (
         f"<p>{subset} {grid.step_px} px, virtual strain gauge {gauge} x {gauge} points = {grid.vsg_px(gauge)} px, "
-        f"engineering small strain relative to frame 0, tension positive.</p>"
+        f"{MEASURES[settings.estimate.strain.measure]} relative to frame 0, tension positive.</p>"
     )
 
 

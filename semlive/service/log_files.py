@@ -14,6 +14,18 @@ SUFFIX = ".mcap"
 PART = ".part"
 
 
+def log_name(log: Path) -> str:
+    """What a log is called: its folder, or its file without the suffix; a run's name may hold dots."""
+    name = log.name if log.name.strip(".") else log.resolve().name
+    return name if log.is_dir() else name.removesuffix(PART).removesuffix(SUFFIX)
+
+
+def beside(log: Path, ending: str) -> Path:
+    """A file next to a log, with the log's name before its ending."""
+    place = log if log.name.strip(".") else log.resolve()
+    return place.with_name(log_name(log) + ending)
+
+
 def segment_path(folder: Path, run: str, segment: int) -> Path:
     """Where a segment of a run is kept when it is finished; while it grows it has `PART` behind."""
     return folder / f"{run}.{segment:03d}{SUFFIX}"

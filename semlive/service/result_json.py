@@ -18,8 +18,8 @@ from semlive.data.strain import GageComparison, Measured, StrainSummary, Tensor2
 def result_json(result: RunResult, settings: AnalysisSettings) -> dict[str, Any]:
     """The result as one JSON object.
 
-    Frames are numbered 2 * pair + 0 or 1; strain and shift are relative to frame 0, corrected, engineering small strain,
-    tension positive. `window_px` counts the window as points x step, `vsg_px` with the subset: (points - 1) x step + subset.
+    Frames are numbered 2 * pair + 0 or 1; strain and shift are relative to frame 0, corrected, tension positive, strain by the
+    settings' measure. `window_px` counts the window as points x step, `vsg_px` with the subset: (points - 1) x step + subset.
     """
     points, grid = settings.estimate.window_points, result.estimate.distortion.grid
     elastic = result.elastic

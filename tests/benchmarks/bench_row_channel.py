@@ -76,7 +76,7 @@ def said(found: RowChannel) -> str:
     effects = []
     for one in found.effects:
         told = ", ".join(f"{item.name} {item.value:.4f} +- {item.sigma:.4f}" for item in one.parameters)
-        effects.append(f"{one.name} ({told}; log odds {one.log_bayes_factor:.0f})")
+        effects.append(f"{one.name} ({told}; logarithm of the Bayes factor {one.log_bayes_factor:.0f})")
     gap = "" if found.gap is None else f", gap {100 * found.gap.closure:.0f} % closed"
     return f"{found.outcome.value} {'; '.join(effects)}{gap}"
 

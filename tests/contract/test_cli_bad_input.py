@@ -113,3 +113,4 @@ def test_an_unknown_scenario_is_named_with_those_there_are(tmp_path: Path) -> No
     assert code == 2
     assert "moon" in err
     assert "paper_x200" in err
+    assert list(tmp_path.iterdir()) == []

@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 
 from semlive.data.results import FrameResult
+from semlive.data.settings import MEASURES
 from semlive.report.export.fields import (
     FORMAT_VERSION,
     UNITS,
@@ -81,8 +82,9 @@ def write_story(group: h5py.Group, story: Story) -> None:
     group.attrs["format"] = "semlive export"
     group.attrs["format_version"] = FORMAT_VERSION
     group.attrs["semlive"] = version("semlive")
+    measure = MEASURES[story.settings["estimate.strain.measure"]]
     group.attrs["conventions"] = (
-        "x right, y down, px of frame 0; u and v corrected, from frame 0; engineering small strain, tension positive; exy tensor shear"
+        f"x right, y down, px of frame 0; u and v corrected, from frame 0; {measure}, tension positive; exy tensor shear"
     )
     group.attrs["noise_floor_px"] = story.told["noise_floor_px"]
     write_arrays(group.create_group("drift"), drift_series(story.result))

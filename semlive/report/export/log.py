@@ -13,6 +13,7 @@ from semlive.report.export.as_mat import MatWriter
 from semlive.report.export.as_png import PngWriter
 from semlive.report.export.as_vtk import VtkWriter
 from semlive.report.export.fields import Format, Story, Writer
+from semlive.service.log_files import log_name
 from semlive.service.log_pairs import first_run, load_series
 from semlive.service.replay import Replay, Replayed, Source, Watch, replay, require_calibration
 from semlive.service.result_json import result_json
@@ -65,4 +66,4 @@ def export_log(
 def story_of(log: Path, done: Replayed) -> Story:
     """What is told of a replayed log besides its frames."""
     told = result_json(done.result, done.settings)
-    return Story(log.stem, done.result, told, as_keys(done.settings), first_run(log).config, load_series(log))
+    return Story(log_name(log), done.result, told, as_keys(done.settings), first_run(log).config, load_series(log))

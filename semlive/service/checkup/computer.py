@@ -92,7 +92,7 @@ def disk(folder: Path, needed_bytes: int | None) -> tuple[Finding, ...]:
     while not at.exists() and at != at.parent:
         at = at.parent
     free = shutil.disk_usage(at).free
-    said = f"{at}: {free / 1e9:.1f} GB free" + ("" if needed_bytes is None else f", the run needs {needed_bytes / 1e9:.1f} GB")
+    said = f"{at}: {free / 1e9:.1f} GB free" + ("" if needed_bytes is None else f", the run may need {needed_bytes / 1e9:.1f} GB")
     needed = 1_000_000_000 if needed_bytes is None else needed_bytes
     room = Verdict.GOOD if free > 2 * needed else Verdict.OPEN if free > needed else Verdict.BAD
     advice = "" if room is Verdict.GOOD else "make room, or set run.folder to a larger disk; a full disk pauses a run"

@@ -10,7 +10,8 @@ from semlive.data.frame_check import Finding, Verdict
 from semlive.service.checkup import computer, surroundings
 from semlive.service.config import Config
 
-# 8 bit of 1024 x 884 px with its header is 1 MB, and the same again for maps and fields.
+# Before the first frame nobody knows its size, which no configuration says: room for 8 bit of 2048 x 1768 px. A pair of 1024 x 884 px,
+# with its maps, fields and pictures, takes about 10 MB.
 _BYTES_PER_PAIR = 40_000_000
 
 

@@ -45,6 +45,11 @@ def test_a_verdict_is_one_object_and_the_model_a_file(semlive: Callable[..., Sai
     assert found["rows"]["looked_at"] is False
     assert found["evidence"]["magnification_drift"] == max(found["evidence"].values())
 
+    code, out, _ = semlive("diagnose", str(log))
+    words = " ".join(out.split())
+    assert code == 0
+    assert f"p = {effect['p_value']:.3f}, logarithm of the Bayes factor {effect['log_bayes_factor']:.1f}" in words
+
     code, out, _ = semlive("diagnose", str(log), "--json", "--model", str(model))
     assert (code, json.loads(out)["outcome"]) == (0, "NONE")
     code, out, _ = semlive("replay", str(log), "--json", "--model", str(model))

@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from semlive import open_log
+from semlive.errors import PoorCalibration
+
 Semlive = Callable[..., tuple[int, str, str]]
 ALONG_Y = ("2", "4")
 
@@ -49,6 +52,15 @@ def test_so_is_it_by_the_published_procedure(semlive: Semlive, poor: Path, tmp_p
     code, _, err = semlive("replay", log, "--json", "--method", "sutton2007")
     assert code == 2
     assert "at least 4 px along both are needed" in err
+
+
+def test_nor_is_it_given_to_python(semlive: Semlive, poor: Path, tmp_path: Path) -> None:
+    log = str(tmp_path / "poor.mcap")
+    assert semlive("import", str(poor), "-o", log)[0] == 0
+    with pytest.raises(PoorCalibration, match=r"the calibration is refused: .* estimate\.accept_poor_calibration=true"):
+        open_log(log)
+    opened = open_log(log, changes=["estimate.accept_poor_calibration=true"])
+    assert any(one.startswith("WARNING, the load steps are corrected with it all the same") for one in opened.warnings)
 
 
 def test_what_was_measured_before_the_load_is_given(semlive: Semlive, poor: Path, tmp_path: Path) -> None:

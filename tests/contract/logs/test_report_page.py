@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import pytest
 
-from semlive.report.page import refused_html
+from semlive.report.page import refused_html, settings_html
 from semlive.report.sections import sections, write_section
 from semlive.service.log_facts import LogFacts, RefusedFile
 from semlive.service.replay import Replay, Replayed, Source, replay
+from semlive.service.settings_changes import changed, parse_changes
 
 OF_THE_PAPER = {"fig01", "fig05", "fig06", "fig07", "fig10", "fig11", "fig12", "fig13", "fig14", "fig15", "fig16"}
 
@@ -38,6 +41,37 @@ def test_the_page_tells_all_and_needs_nothing(semlive: Callable[..., tuple[int, 
     assert not re.search(r'(?:src|href)="(?!data:)|url\(|<script', page)
     assert "dic.subset_px" in page
     assert "Young&#x27;s modulus</td><td>" in page
+
+
+def test_a_page_is_named_after_its_log_and_two_do_not_meet(
+    semlive: Callable[..., tuple[int, str, str]], short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for run in ("al2024-1.1", "al2024-1.2"):
+        (tmp_path / run).mkdir()
+        shutil.copy(short, tmp_path / run / f"{run}.000.mcap")
+    monkeypatch.chdir(tmp_path / "al2024-1.2")
+    for given in (str(tmp_path / "al2024-1.1"), "."):
+        code, _, err = semlive("report", given)
+        assert code == 0, err
+    pages = sorted(tmp_path.rglob("*.html"))
+    assert pages == [tmp_path / "al2024-1.1-report.html", tmp_path / "al2024-1.2-report.html"]
+    for page, run in zip(pages, ("al2024-1.1", "al2024-1.2"), strict=True):
+        assert re.findall(r"<h1>(.*?)</h1>", page.read_text(encoding="utf-8")) == [run]
+
+
+def test_the_page_and_the_export_say_the_measure_of_strain(
+    semlive: Callable[..., tuple[int, str, str]], done: Replayed, imported: Path, tmp_path: Path
+) -> None:
+    assert "engineering small strain relative to frame 0" in settings_html(done.settings, done.begun.grid)
+    code, _, err = semlive(
+        "export", str(imported), "--format", "hdf5", "-o", str(tmp_path / "out.h5"), "--until", "5",
+        "--set", "estimate.strain.measure=green_lagrange",
+    )  # fmt: skip
+    assert code == 0, err
+    with h5py.File(tmp_path / "out.h5") as file:
+        assert "Green-Lagrange strain, tension positive" in str(file.attrs["conventions"])
+    green = changed(done.settings, parse_changes(["estimate.strain.measure=green_lagrange"]))
+    assert "Green-Lagrange strain relative to frame 0" in settings_html(green, done.begun.grid)
 
 
 def test_refused_frames_are_counted_by_reason_and_listed() -> None:

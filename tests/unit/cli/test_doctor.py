@@ -49,6 +49,7 @@ def test_all_is_well_and_nothing_is_left_behind(tmp_path: Path) -> None:
         findings, done = told(config(tmp_path, load_frame=frame))
     assert findings["load_frame"]["verdict"] == "good"
     assert {"processor", "JIT cache", "clock", "time service", "disk", "log folder", "drivers", "export folder"} <= set(findings)
+    assert "the run may need 0.1 GB" in findings["disk"]["said"]  # two pairs
     assert done.exit_code == 0, done.output
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["export", "run.yaml"]
 
