@@ -197,7 +197,8 @@ def measure(asked: Asked, folder: Path) -> dict[str, Any]:
         for device in ("load_frame", "stage"):
             # A simulator that a busy computer does not let answer is no fault that is looked for here.
             config[device]["settings"]["timeout_s"] = 4.0
-        config["limits"] = {**config.get("limits", {}), "stale_after_s": 5.0, "lost_after_s": 30.0}
+        # In a week the drift goes 0.9 mm, and the stage goes after it.
+        config["limits"] = {**config.get("limits", {}), "stale_after_s": 5.0, "lost_after_s": 30.0, "stage_travel_um": 2000.0}
         (folder / "run.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
         command = [sys.executable, "-m", "semlive", "run", str(folder / "run.yaml"), "--stop-on-fault", "--no-page"]
         began_s = time.monotonic()
