@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 
 from semlive import dic, mechanics
 from semlive.data.disparity import DisparityMap
-from semlive.data.drift import Estimate, FrameTime
+from semlive.data.drift import Estimate, FrameTime, HoldDrift
 from semlive.data.experiment import Phase
 from semlive.data.frame import Frame, FrameInfo
 from semlive.data.grid import Grid
 from semlive.data.pair import Pair, PairDecision
 from semlive.data.results import FrameResult, PairResult, RunResult
-from semlive.data.settings import AnalysisSettings
+from semlive.data.settings import AnalysisSettings, DicSettings
 from semlive.data.strain import ElasticConstants, GageComparison, Measured, StrainSummary, Tensor2
 from semlive.errors import IllPosed
 from semlive.estimate.method import METHODS, Method
@@ -147,6 +147,30 @@ def foresee(begun: Begun, frame: Frame, *, first: bool) -> Foreseen:
     if begun.reference is not None and frame.info.timing.integrations.value < 2:
         from_frame_0 = dic.correlate(begun.reference, frame.image, settings, reference_frame=0, current_frame=frame.info.export)
     return Foreseen(dic.prepare(frame.image, begun.grid, settings) if first else None, from_frame_0)
+
+
+def hold_drift(settings: DicSettings, before: Frame, after: Frame) -> HoldDrift:
+    """How the picture drifted from one frame to a later one of the same rest.
+
+    Raises:
+        BadInput: the frames differ in size, or no point fits them.
+        IllPosed: less than half of the points are found again.
+    """
+    own = dic.prepare(before.image, dic.grid_for(settings, before.info.width_px, before.info.height_px), settings)
+    seen = dic.correlate(own, after.image, settings, reference_frame=before.info.export, current_frame=after.info.export)
+    if 2 * seen.valid.sum() < seen.valid.size:
+        raise IllPosed(f"{after.info.name} shows less than half of the points of {before.info.name}: no drift is seen between them")
+    apart_s = (after.info.start_time_ns.value - before.info.start_time_ns.value) / 1e9
+    alone = max(1.0, seen.valid.sum() * min(1.0, settings.step_px / settings.subset_px) ** 2)  # points that share no pixel
+    late = np.hypot(before.info.start_sigma_s, after.info.start_sigma_s) / apart_s
+
+    def rate(moved_px: NDArray[np.float64], sigma_px: NDArray[np.float64]) -> tuple[float, float]:
+        found = float(np.median(moved_px[seen.valid])) / apart_s
+        return found, float(np.hypot(np.median(sigma_px[seen.valid]) / np.sqrt(alone) / apart_s, found * late))
+
+    (x, sigma_x), (y, sigma_y) = rate(seen.u_px, seen.sigma_u_px), rate(seen.v_px, seen.sigma_v_px)
+    times_ns = before.info.start_time_ns.value, after.info.end_time_ns
+    return HoldDrift(before.info.export, after.info.export, *times_ns, (x, y), (sigma_x, sigma_y))
 
 
 def correlate(begun: Begun, pair: Pair, foreseen: Mapping[int, Foreseen] = NOTHING_FORESEEN) -> tuple[DisparityMap, ...]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from semlive.engine import (
     Device,
     DeviceFault,
     DeviceStopped,
+    DriftSeen,
     EngineState,
     Event,
     Finish,
@@ -60,6 +62,7 @@ from semlive.formats.messages import (
     ElasticMessage,
     FaultMessage,
     FileMessage,
+    HoldDriftMessage,
     LogLineMessage,
     OperatorMessage,
     ScanMessage,
@@ -75,7 +78,20 @@ from semlive.service.trigger import TriggerLink
 
 P = ParamSpec("P")
 
-_DECODED = ("/clock/offset", "/sem/scan", "/sem/file", "/log", "/dic/summary", "/drift/estimate", "/elastic", "/fault", "/result")
+_DECODED = frozenset(
+    {
+        "/clock/offset",
+        "/sem/scan",
+        "/sem/file",
+        "/log",
+        "/dic/summary",
+        "/drift/estimate",
+        "/drift/hold",
+        "/elastic",
+        "/fault",
+        "/result",
+    }
+)
 _TROUBLE = (State.FAULT, State.ESTOPPED)
 _ENDING = (State.STOPPING, *FINAL_STATES)
 _WARNED = (DeviceFault, DeviceStopped, LinkLost)
@@ -280,6 +296,8 @@ class Control:
                 judged = calibration_judged(payload, now_ns)
                 for event in (drift_foreseen(payload, zero.start_time_ns.value, now_ns), *([judged] if judged else [])):
                     self.handle(event)
+        elif isinstance(payload, HoldDriftMessage):
+            self.handle(DriftSeen(self._clock.now_ns(), payload.begin_time_ns, math.hypot(*payload.rate_px_s)))
         elif isinstance(payload, ElasticMessage):
             self._elastic = payload
         elif isinstance(payload, FaultMessage):
