@@ -48,6 +48,11 @@ STEPS_AT_ONCE = 32  # with more load steps the constants are fitted anew only wh
 Elastic = tuple[ElasticConstants | None, GageComparison | None]
 
 
+def as_it_is(disparity: DisparityMap) -> DisparityMap:
+    """The map itself."""
+    return disparity
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Told:
     """What was said of a frame.
@@ -75,6 +80,7 @@ class Begun:
         solution: the method's after the newest pair that was asked for one; None before.
         told: what was said last of every frame, by its number; empty unless the run is followed pair by pair.
         elastic: constants and comparison with the strain gage, as they were said last.
+        keep: gives a new map back as it shall be held: the same numbers.
     """
 
     settings: AnalysisSettings
@@ -86,6 +92,7 @@ class Begun:
     solution: Any = None
     told: Mapping[int, Told] = field(default_factory=dict)
     elastic: Elastic = (None, None)
+    keep: Callable[[DisparityMap], DisparityMap] = as_it_is
 
     @property
     def method(self) -> Method:
@@ -105,7 +112,7 @@ def analyse(settings: AnalysisSettings, begun: Begun | None, pair: Pair) -> tupl
         BadInput: the pair does not fit the ones before it, or no point of interest fits the frame.
     """
     begun = begun or begin(settings, pair.first)
-    maps = correlate(begun, pair)
+    maps = tuple(begun.keep(one) for one in correlate(begun, pair))
     return update(begun, pair.decision, maps)
 
 

@@ -241,12 +241,17 @@ def kept_elsewhere(state: EstimatorState, pair: int, keep: Keep) -> EstimatorSta
         pair: its number.
         keep: gives the same numbers in an array of the same shape and order.
     """
+    if state.keep == keep:
+        return state  # kept since they were made
     count = next((at for at, one in enumerate(reversed(state.rows)) if one.current // 2 != pair), len(state.rows))
     first = len(state.rows) - count
-    return replace(state, rows=(*state.rows[:first], *(_kept(one, keep) for one in state.rows[first:])), keep=keep)
+    return replace(state, rows=(*state.rows[:first], *(kept_rows(one, keep) for one in state.rows[first:])), keep=keep)
 
 
-def _kept(rows: MapRows, keep: Keep) -> MapRows:
+def kept_rows(rows: MapRows, keep: Keep) -> MapRows:
+    """The same with its large arrays kept by somebody else."""
+    if keep is in_memory:
+        return rows
     # Columns at a frame 0 that has all its points are one for all maps; others are packed.
     own = any(isinstance(one, PackedColumns) for one in rows.at_reference)
     return replace(
