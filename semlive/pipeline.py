@@ -216,10 +216,23 @@ def _as_known_now(begun: Begun, pairs: Iterable[int]) -> dict[int, StrainSummary
 
 def absorb(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> Begun:
     """Take a pair's maps in, from images or from a log, without asking what follows."""
+    if begun.pairs:
+        decision = _sharing(decision, begun.pairs[-1])
     pairs = (*begun.pairs, decision)
     estimator = begun.method.update(begun.estimator, decision.pair, decision.step.phase, frame_times(pairs[0], decision), maps)
     from_frame_0 = (*begun.from_frame_0, *seen_from_frame_0(decision.pair, maps))
     return replace(begun, estimator=estimator, pairs=pairs, from_frame_0=from_frame_0)
+
+
+def _sharing(decision: PairDecision, before: PairDecision) -> PairDecision:
+    """The same, with what its frames have in common with those of another pair held once: half of what a pair takes."""
+
+    def alike(one: FrameInfo, other: FrameInfo) -> FrameInfo:
+        shared = {name: getattr(other, name) for name in ("timing", "pixel_size_m", "column") if getattr(one, name) == getattr(other, name)}
+        return replace(one, **shared)
+
+    first = alike(decision.first, before.first)
+    return replace(decision, first=first, second=alike(decision.second, first))
 
 
 def seen_from_frame_0(pair: int, maps: tuple[DisparityMap, ...]) -> tuple[DisparityMap, ...]:

@@ -13,9 +13,9 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.errors import IllPosed
-from semlive.estimate.blocks import BlockColumns, PackedColumns, block_columns, in_a_row
+from semlive.estimate.blocks import BlockColumns, PackedColumns, StoredColumns, block_columns, in_a_row
 from semlive.estimate.rows import all_rows, map_rows
-from semlive.estimate.state import SURE, EstimatorState, Extent, MapRows, ReferenceNoise, kept_rows
+from semlive.estimate.state import SURE, EstimatorState, Extent, ManyColumns, MapRows, ReferenceNoise, kept_rows
 from semlive.model import (
     Axis,
     DriftSpline,
@@ -347,8 +347,9 @@ def with_rates(state: EstimatorState, known: StartErrors = SURE) -> EstimatorSta
     return replace(state, starts=state.starts.about(rates | dict(zip(known.pairs, known.rate_px_s, strict=True))))
 
 
-def _unpacked(columns: tuple[BlockColumns | PackedColumns, ...]) -> list[BlockColumns]:
-    return [one.unpacked() if isinstance(one, PackedColumns) else one for one in columns]
+def _unpacked(columns: ManyColumns) -> list[BlockColumns]:
+    every = columns.columns() if isinstance(columns, StoredColumns) else columns
+    return [one.unpacked() if isinstance(one, PackedColumns) else one for one in every]
 
 
 def _component(layout: Layout, columns: list[BlockColumns], axis: Axis) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
