@@ -40,7 +40,7 @@ class DriftWord(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False, cache_strings="keys")
 
     revision: int
-    newest_pair: int
+    newest_pair: int = 0
     rate_x_px_s: float | None = None
     rate_y_px_s: float | None = None
     forecast: DriftForecastMessage | None = None
@@ -56,7 +56,7 @@ def drift_word(payload: bytes) -> DriftWord:
     begin, end = payload.find(_FRAMES), payload.find(b"]", payload.find(_FRAMES))
     try:
         frames = np.fromstring(payload[begin + len(_FRAMES) : end], dtype=np.int64, sep=",")
-        return DriftWord.model_validate_json(b'{"newest_pair":%d,%s' % (int(frames.max()) // 2, payload[1:]))
+        return DriftWord.model_validate_json(payload).model_copy(update={"newest_pair": int(frames.max()) // 2})
     except ValueError as exc:
         raise BadLog("/drift/estimate: cannot be read; read this log with the version of semlive that wrote it.") from exc
 

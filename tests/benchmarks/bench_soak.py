@@ -231,7 +231,7 @@ def _memory(taken: list[tuple[float, dict[str, float]]], name: str, pairs_per_s:
     return slope(there[:, 0], there[:, 1], pairs_per_s) if len(there) > 4 * STRETCHES else {}
 
 
-def _grows(told: dict[str, Any]) -> bool:
+def grows(told: dict[str, Any]) -> bool:
     """Whether a slope can be told from zero, or is not known well enough to say."""
     error = told.get("standard_error", math.inf)
     return 2.0 * error > KNOWN_WITHIN_MB or told["mb_per_1000_pairs"] > 2.0 * error
@@ -251,7 +251,7 @@ def main() -> int:
         folder.mkdir(parents=True, exist_ok=True)
         told = measure(Asked(options.pairs, options.rate, options.hold, options.frame), folder)
     sys.stdout.write(json.dumps(told) + "\n")
-    grows = any(_grows(one) for one in told["memory"].values())
+    grows = any(grows(one) for one in told["memory"].values())
     return int(told["exit_code"] != 0 or told["missing_readings"] != 0 or told["pruned"] < told["old_runs"] or grows)
 
 
