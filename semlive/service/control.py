@@ -137,7 +137,7 @@ class Control:
         self._clock_revision = clock.current().revision
         self._drift_rate_px_s: tuple[float, float] | None = None
         self._elastic: ElasticMessage | None = None
-        self._pairs_analysed = 0 if earlier is None else earlier.revision
+        self._pairs_analysed = 0 if earlier is None else earlier.pairs_analysed
         self._warnings: tuple[str, ...] = ()
         self._closed = False
         self.pairs_done = 0 if earlier is None else len(earlier.before.done)
@@ -282,7 +282,7 @@ class Control:
 
     def _drift(self, word: DriftWord) -> None:
         """How fast the drift is, and what the calibration is worth."""
-        self._pairs_analysed, zero = word.revision, self._state.reference
+        self._pairs_analysed, zero = word.pairs or word.revision, self._state.reference
         if word.rate_x_px_s is not None and word.rate_y_px_s is not None:
             self._drift_rate_px_s = word.rate_x_px_s, word.rate_y_px_s
         if zero is not None:

@@ -38,7 +38,7 @@ from semlive.service.config import Config, parse_config
 from semlive.service.log_files import PART, SUFFIX, messages, segments
 from semlive.service.seen import DriftWord, calibration_judged, drift_foreseen, drift_word, field_seen
 
-_READ = frozenset({"/run", "/clock", "/state", "/pair", "/sem/file", "/sem/scan", "/dic/summary", "/fault", "/drift/estimate", "/result"})
+_READ = frozenset({"/run", "/clock", "/state", "/pair", "/sem/file", "/sem/scan", "/dic/summary", "/fault", "/result"})
 # Where the log lies is known by its being found there, and into what it is cut concerns no measurement; everything else has to be the same.
 _MAY_DIFFER = frozenset({"run.folder", "run.segment_gb"})
 
@@ -58,6 +58,7 @@ class Earlier:
         inputs: messages that analysis has been given.
         outputs: messages of analysis in the log.
         revision: of the last estimate in the log, 0 if there is none.
+        pairs_analysed: how many pairs it is from.
         damage: what could not be read, one sentence each.
     """
 
@@ -71,6 +72,7 @@ class Earlier:
     inputs: int
     outputs: int
     revision: int
+    pairs_analysed: int
     damage: tuple[str, ...]
 
     def line(self, boot_id: str) -> Clock | None:
@@ -95,6 +97,7 @@ class Earlier:
             inputs=self.inputs,
             outputs=self.outputs,
             revision=self.revision,
+            pairs_analysed=self.pairs_analysed,
             damage=self.damage,
         )
 
@@ -140,6 +143,7 @@ class _Reading:
     first_unusable: str | None = None
     concluded: bool = False
     revision: int = 0
+    pairs_analysed: int = 0
     foreseen: DriftForeseen | None = None
     judged: CalibrationJudged | None = None
     inputs: int = 0
@@ -185,7 +189,7 @@ class _Reading:
                 self.first_unusable = payload.what
 
     def _drift(self, word: DriftWord, time_ns: int) -> None:
-        self.revision = word.revision
+        self.revision, self.pairs_analysed = word.revision, word.pairs or word.revision
         if 0 in self.pairs:
             self.foreseen = drift_foreseen(word, self.pairs[0].first.start_time_ns.value, time_ns)
         self.judged = calibration_judged(word, time_ns)
@@ -234,6 +238,7 @@ class _Reading:
             self.inputs,
             self.outputs,
             self.revision,
+            self.pairs_analysed,
             damage,
         )
 

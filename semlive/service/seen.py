@@ -30,6 +30,7 @@ class DriftWord(BaseModel):
 
     Attributes:
         revision: of the estimate.
+        pairs: how many it knows; None in logs that count them by the revision.
         newest_pair: that it knows.
         rate_x_px_s: at the newest frame.
         rate_y_px_s: likewise.
@@ -40,6 +41,7 @@ class DriftWord(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False, cache_strings="keys")
 
     revision: int
+    pairs: int | None = None
     newest_pair: int = 0
     rate_x_px_s: float | None = None
     rate_y_px_s: float | None = None
