@@ -11,7 +11,7 @@ import struct
 from array import array
 from dataclasses import dataclass
 
-ROOM = 32_768  # files, 4.8 MB, which is 22 days of a scan a minute; with more the room doubles
+ROOM = 32_768  # files, 5.2 MB, which is 22 days of a scan a minute; with more the room doubles
 BEFORE, COPY = -1, -2
 """Instead of the number of an export: there before the run, refused as a copy."""
 

@@ -222,7 +222,7 @@ def measure(asked: Asked, folder: Path) -> dict[str, Any]:
             last = " ".join(said.read().split())[-200:]
         wall_s = time.monotonic() - began_s
     told = {"exit_code": daemon.returncode, "wall_s": round(wall_s), **looked_at(folder / "log" / "soak"), **pruned}
-    told["memory"] = {name: _memory(taken, name, pairs / wall_s) for name in ("control", "analysis")}
+    told["memory"] = {name: _memory(taken, name, told["pairs"] / wall_s) for name in ("control", "analysis")}
     return told if daemon.returncode == 0 else {**told, "said": last}
 
 
@@ -251,8 +251,8 @@ def main() -> int:
         folder.mkdir(parents=True, exist_ok=True)
         told = measure(Asked(options.pairs, options.rate, options.hold, options.frame), folder)
     sys.stdout.write(json.dumps(told) + "\n")
-    grows = any(grows(one) for one in told["memory"].values())
-    return int(told["exit_code"] != 0 or told["missing_readings"] != 0 or told["pruned"] < told["old_runs"] or grows)
+    worse = any(grows(one) for one in told["memory"].values())
+    return int(told["exit_code"] != 0 or told["missing_readings"] != 0 or told["pruned"] < told["old_runs"] or worse)
 
 
 if __name__ == "__main__":

@@ -123,11 +123,17 @@ def test_what_finds_no_room_in_files_stays_in_memory_if_it_may(monkeypatch: pyte
 def test_control_reads_of_a_drift_what_it_decides_on() -> None:
     """All of it took 8 kB for every pair of the run, whenever all frames were told anew."""
     count = 20_000
-    column = np.random.default_rng(1).normal(size=(count, 2)).tolist()
+    column: tuple[tuple[float, float], ...] = tuple((float(x), float(y)) for x, y in np.random.default_rng(1).normal(size=(count, 2)))
     told = DriftMessage(
-        revision=500, time_s=np.arange(count, dtype=float).tolist(), frame=np.repeat(np.arange(count // 20), 20).tolist(),
-        drift_px=column, sigma_px=column, rate_px_s=column, rate_x_px_s=column[-1][0], rate_y_px_s=column[-1][1],
-    )  # fmt: skip
+        revision=500,
+        time_s=tuple(np.arange(count, dtype=float).tolist()),
+        frame=tuple(np.repeat(np.arange(count // 20), 20).tolist()),
+        drift_px=column,
+        sigma_px=column,
+        rate_px_s=column,
+        rate_x_px_s=column[-1][0],
+        rate_y_px_s=column[-1][1],
+    )
     payload = to_json(told)
     word = drift_word(payload)
     assert (word.revision, word.newest_pair, word.rate_x_px_s, word.forecast) == (500, count // 40 - 1, column[-1][0], None)
