@@ -46,6 +46,11 @@ STEPS_AT_ONCE = 32  # with more load steps the constants are fitted anew only wh
 Elastic = tuple[ElasticConstants | None, GageComparison | None]
 
 
+def as_it_is(disparity: DisparityMap) -> DisparityMap:
+    """The map itself."""
+    return disparity
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Told:
     """What was said of a frame.
@@ -90,6 +95,7 @@ class Begun:
         solution: the method's after the newest pair that was asked for one; None before.
         told: what was said last of every frame, by its number; empty unless the run is followed pair by pair.
         elastic: constants and comparison with the strain gage, as they were said last.
+        keep: gives a new map back as it shall be held: the same numbers.
         revision: counts the estimates that were said.
     """
 
@@ -102,6 +108,7 @@ class Begun:
     solution: Any = None
     told: Mapping[int, Told] = field(default_factory=dict)
     elastic: Elastic = (None, None)
+    keep: Callable[[DisparityMap], DisparityMap] = as_it_is
     revision: int = 0
 
     @property
@@ -125,7 +132,7 @@ def analyse(
         BadInput: the pair does not fit the ones before it, or no point of interest fits the frame.
     """
     begun = begun or begin(settings, pair.first)
-    maps = correlate(begun, pair, foreseen)
+    maps = tuple(begun.keep(one) for one in correlate(begun, pair, foreseen))
     return update(begun, pair.decision, maps)
 
 
@@ -280,10 +287,23 @@ def _as_known_now(begun: Begun, pairs: Iterable[int]) -> dict[int, StrainSummary
 
 def absorb(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> Begun:
     """Take a pair's maps in, from images or from a log, without asking what follows."""
+    if begun.pairs:
+        decision = _sharing(decision, begun.pairs[-1])
     pairs = (*begun.pairs, decision)
     estimator = begun.method.update(begun.estimator, decision.pair, decision.step.phase, frame_times(pairs[0], decision), maps)
     from_frame_0 = (*begun.from_frame_0, *seen_from_frame_0(decision.pair, maps))
     return replace(begun, estimator=estimator, pairs=pairs, from_frame_0=from_frame_0)
+
+
+def _sharing(decision: PairDecision, before: PairDecision) -> PairDecision:
+    """The same, with what its frames have in common with those of another pair held once: half of what a pair takes."""
+
+    def alike(one: FrameInfo, other: FrameInfo) -> FrameInfo:
+        shared = {name: getattr(other, name) for name in ("timing", "pixel_size_m", "column") if getattr(one, name) == getattr(other, name)}
+        return replace(one, **shared)
+
+    first = alike(decision.first, before.first)
+    return replace(decision, first=first, second=alike(decision.second, first))
 
 
 def seen_from_frame_0(pair: int, maps: tuple[DisparityMap, ...]) -> tuple[DisparityMap, ...]:

@@ -55,6 +55,7 @@ from semlive.service.config import parse_config
 from semlive.service.display import pictures
 from semlive.service.file_clocks import FileClocks
 from semlive.service.map_store import MapStore, beside_memory
+from semlive.service.memory import give_back
 from semlive.service.pipe import read_counts
 from semlive.service.result_json import result_json
 from semlive.service.tail import Tail
@@ -83,6 +84,8 @@ _ONLY_OURS = frozenset(
 _KEPT_FRAMES = 8
 _KEPT_BYTES = 512 * 2**20
 _KEPT_HASHES = 1000
+# Beside an instrument a run lasts days, and its memory shall stay where it is after the first hour.
+_IN_MEMORY_BYTES = 16 * 2**20
 _TOLD_BEYOND = 0.01
 _ASK = "the run goes on; `semlive diagnose LOG` says what is missing from the model"
 # From the word that something was recorded to its bytes in the log the recorder takes some milliseconds.
@@ -373,7 +376,7 @@ def main() -> None:
     arguments = parser.parse_args()
     stand_back()
     one_blas_thread()
-    state, skip, store = AnalysisState(), arguments.skip, MapStore()
+    state, skip, store = AnalysisState(), arguments.skip, MapStore(_IN_MEMORY_BYTES, stays=True)
     with Voice(sys.stdout.buffer, arguments.beat) as voice:
         for message in _inputs(arguments.log, chain((arguments.inputs,), read_counts(sys.stdin.buffer))):
             with voice.at_work():
@@ -410,14 +413,12 @@ def _inputs(log: Path, counts: Iterable[int]) -> Iterator[LogMessage]:
 
 
 def _lighter(state: AnalysisState, before: pipeline.Begun | None, store: MapStore) -> AnalysisState:
-    """What is kept of a new pair beyond the first 256 MB goes into files without a name, the same to the last bit."""
+    """What is kept of a new pair beyond the first 16 MB goes into files without a name, the same to the last bit."""
     if state.begun is None or state.begun is before:
         return state
-    try:
-        begun = beside_memory(state.begun, state.begun.pairs[-1].pair, (), store)
-    except OSError:
-        return state  # no room there: it stays in memory
+    begun = beside_memory(state.begun, state.begun.pairs[-1].pair, (), store)
     store.settle()
+    give_back()
     return replace(state, begun=begun)
 
 
