@@ -13,6 +13,7 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -37,10 +38,7 @@ from semlive.estimate.stage_path import stage_path_notes
 from semlive.mechanics.gage import mean_gage
 from semlive.mechanics.reference import at_rest
 
-AT_ONCE, ON_SCHEDULE = (
-    2,
-    64,
-)  # earlier frames corrected again with one pair, at most: 0.1 s each; where choices are due, that takes seconds anyway
+AT_ONCE, ON_SCHEDULE = 2, 64  # earlier frames corrected again, at most: with a pair, and where choices were made anew
 IMPORTED = "imported"  # vendor of frames whose maps another engine made
 MOVED_PX = 5.0  # no specimen that is left alone moves so far
 EXACT = 1e-12  # no strain is known better
@@ -67,6 +65,23 @@ class Told:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Foreseen:
+    """What a pair will ask of a frame, made before the pair is whole.
+
+    Attributes:
+        made_ready: the frame as reference of the one after it; None if it is not expected to be one.
+        from_frame_0: the map from frame 0; None where that hangs on the whole pair.
+    """
+
+    made_ready: dic.Reference | None
+    from_frame_0: DisparityMap | None
+
+
+UNFORESEEN = Foreseen(None, None)
+NOTHING_FORESEEN: Mapping[int, Foreseen] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Begun:
     """A run that has its reference frame, and what its pairs gave so far.
 
@@ -80,6 +95,7 @@ class Begun:
         solution: the method's after the newest pair that was asked for one; None before.
         told: what was said last of every frame, by its number; empty unless the run is followed pair by pair.
         elastic: constants and comparison with the strain gage, as they were said last.
+        revision: counts the estimates that were said.
         measured: the pairs' maps as they came, where the settings have a model.
         taken: what its effects moved, which `estimator` and `from_frame_0` then are without.
     """
@@ -93,6 +109,7 @@ class Begun:
     solution: Any = None
     told: Mapping[int, Told] = field(default_factory=dict)
     elastic: Elastic = (None, None)
+    revision: int = 0
     measured: tuple[tuple[DisparityMap, ...], ...] = ()
     taken: TakenOut = _NOTHING_TAKEN
 
@@ -102,19 +119,22 @@ class Begun:
         return METHODS[self.settings.estimate.method]
 
 
-def analyse(settings: AnalysisSettings, begun: Begun | None, pair: Pair) -> tuple[Begun, PairResult]:
+def analyse(
+    settings: AnalysisSettings, begun: Begun | None, pair: Pair, foreseen: Mapping[int, Foreseen] = NOTHING_FORESEEN
+) -> tuple[Begun, PairResult]:
     """Correlate one pair, update the estimate, correct the pair's frames.
 
     Args:
         settings: how.
         begun: what the pairs before gave, None before the first.
         pair: the next pair; the first pair's first frame is frame 0, the reference of the run.
+        foreseen: what was made of its frames before, by number of export: the same result, sooner.
 
     Raises:
         BadInput: the pair does not fit the ones before it, or no point of interest fits the frame.
     """
     begun = begun or begin(settings, pair.first)
-    maps = correlate(begun, pair)
+    maps = correlate(begun, pair, foreseen)
     return update(begun, pair.decision, maps)
 
 
@@ -130,22 +150,33 @@ def begin_from_maps(settings: AnalysisSettings, first: FrameInfo, grid: Grid) ->
     return Begun(settings, grid, None, estimator, (), ())
 
 
-def correlate(begun: Begun, pair: Pair) -> tuple[DisparityMap, ...]:
+def foresee(begun: Begun, frame: Frame, *, first: bool) -> Foreseen:
+    """What the next pair will ask of a frame, which may be its first; how drift smeared integrated scans only the whole pair tells."""
+    settings, from_frame_0 = begun.settings.dic, None
+    if begun.reference is not None and frame.info.timing.integrations.value < 2:
+        from_frame_0 = dic.correlate(begun.reference, frame.image, settings, reference_frame=0, current_frame=frame.info.export)
+    return Foreseen(dic.prepare(frame.image, begun.grid, settings) if first else None, from_frame_0)
+
+
+def correlate(begun: Begun, pair: Pair, foreseen: Mapping[int, Foreseen] = NOTHING_FORESEEN) -> tuple[DisparityMap, ...]:
     """Disparity within the pair, and from frame 0 to each of its frames (frame 0 itself left out)."""
     settings, reference, k = begun.settings.dic, begun.reference, pair.decision.pair
     if reference is None:
         raise IllPosed("this run was begun from disparity maps, without the pixels of frame 0; correlate with the images' own log")
     if not begun.pairs:
         return (dic.correlate(reference, pair.second.image, settings, reference_frame=0, current_frame=1),)
-    own = dic.prepare(pair.first.image, begun.grid, settings)
+    first, second = (foreseen.get(one.info.export, UNFORESEEN) for one in (pair.first, pair.second))
+    own = first.made_ready or dic.prepare(pair.first.image, begun.grid, settings)
     within = dic.correlate(own, pair.second.image, settings, reference_frame=2 * k, current_frame=2 * k + 1)
-    ((first, *_), *_) = begun.measured or (begun.from_frame_0,)
-    smear = dic.lacking(smear_of(begun.pairs[0], first), smear_of(pair.decision, within))
-    return (
-        within,
-        dic.correlate_alike(reference, pair.first.image, settings, smear, reference_frame=0, current_frame=2 * k),
-        dic.correlate_alike(reference, pair.second.image, settings, smear, reference_frame=0, current_frame=2 * k + 1),
-    )
+    ((as_measured, *_), *_) = begun.measured or (begun.from_frame_0,)
+    smear = dic.lacking(smear_of(begun.pairs[0], as_measured), smear_of(pair.decision, within))
+
+    def from_frame_0(frame: Frame, known: Foreseen, number: int) -> DisparityMap:
+        if smear is None and known.from_frame_0 is not None:
+            return replace(known.from_frame_0, current=number)
+        return dic.correlate_alike(reference, frame.image, settings, smear, reference_frame=0, current_frame=number)
+
+    return within, from_frame_0(pair.first, first, 2 * k), from_frame_0(pair.second, second, 2 * k + 1)
 
 
 def smear_of(decision: PairDecision, within: DisparityMap) -> dic.Smear | None:
@@ -160,19 +191,39 @@ def smear_of(decision: PairDecision, within: DisparityMap) -> dic.Smear | None:
 def update(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> tuple[Begun, PairResult]:
     """Everything after correlation: take the maps in, estimate, correct the pair's frames, and earlier ones that moved.
 
-    Between two choices of the estimator this costs the same after a thousand pairs as after fifty.
+    What the data choose stays as it was chosen before, so this costs the same after a thousand pairs as after fifty.
     """
     begun = without_effects(absorb(begun, decision, maps))
-    solution, due = begun.method.live(begun.estimator, begun.solution), chosen_anew(len(begun.pairs))
-    begun = replace(begun, solution=solution)
+    begun = _solved(begun, begun.method.live(begun.estimator, begun.solution))
     begun, frames = _told(begun, (2 * decision.pair, 2 * decision.pair + 1))
-    begun, revised = _told(begun, _moved(begun, due))
-    loaded = [one.pair for one in begun.pairs if one.step.phase is Phase.TENSION]
-    if due or (len(loaded) <= STEPS_AT_ONCE and (revised or decision.pair in loaded)):
-        begun = replace(begun, elastic=_elastic(begun, solution, _as_known_now(begun, loaded)))
-    # The checks cost more than the update, so they keep to the schedule on which smoothness is chosen; the end is always checked.
-    newest = _estimate(begun, solution, checked=due, lately=not due)
-    return begun, PairResult(decision, maps, newest, (frames[0], frames[1]), *begun.elastic, revised)
+    begun, revised = _told(begun, _moved(begun, begun.pairs[-LATELY:])[:AT_ONCE])
+    loaded = _loaded(begun)
+    if len(loaded) <= STEPS_AT_ONCE and (revised or decision.pair in loaded):
+        begun = replace(begun, elastic=_elastic(begun, begun.solution, _as_known_now(begun, loaded)))
+    newest = _estimate(begun, begun.solution, checked=False, lately=True)
+    return begun, PairResult(decision, len(begun.pairs), maps, newest, frames, *begun.elastic, revised)
+
+
+def reconsider(begun: Begun) -> tuple[Begun, PairResult | None]:
+    """What is due when a pair has been told: noise, smoothness and terms chosen anew, the checks, and all frames that this moved.
+
+    Nobody waits for it: the pair's own result was said before. The result has no maps, and None where nothing is due.
+    """
+    if not chosen_anew(len(begun.pairs)):
+        return begun, None
+    begun = _solved(begun, begun.method.follow(begun.estimator, begun.solution))
+    begun, revised = _told(begun, _moved(begun, begun.pairs)[:ON_SCHEDULE])
+    begun = replace(begun, elastic=_elastic(begun, begun.solution, _as_known_now(begun, _loaded(begun))))
+    anew = _estimate(begun, begun.solution, checked=True)
+    return begun, PairResult(begun.pairs[-1], len(begun.pairs), (), anew, (), *begun.elastic, revised)
+
+
+def _solved(begun: Begun, solution: Any) -> Begun:
+    return replace(begun, solution=solution, revision=begun.revision + 1)
+
+
+def _loaded(begun: Begun) -> list[int]:
+    return [one.pair for one in begun.pairs if one.step.phase is Phase.TENSION]
 
 
 def _told(begun: Begun, frames: Iterable[int]) -> tuple[Begun, tuple[FrameResult, ...]]:
@@ -185,12 +236,8 @@ def _told(begun: Begun, frames: Iterable[int]) -> tuple[Begun, tuple[FrameResult
     return replace(begun, told=told), tuple(results)
 
 
-def _moved(begun: Begun, due: bool) -> tuple[int, ...]:
-    """Frames whose mean strain would move by more than its uncertainty, in any component, those that would most at the head.
-
-    Where choices are due every frame is looked at, else those of the newest pairs, which the solution then is of.
-    """
-    looked_at = begun.pairs if due else begun.pairs[-LATELY:]
+def _moved(begun: Begun, looked_at: Iterable[PairDecision]) -> tuple[int, ...]:
+    """Frames of pairs whose mean strain would move by more than its uncertainty, in any component, those that would most at the head."""
     found: list[tuple[float, int]] = []
     for frame in (2 * one.pair + member for one in looked_at for member in (0, 1)):
         told = begun.told.get(frame)
@@ -198,7 +245,7 @@ def _moved(begun: Begun, due: bool) -> tuple[int, ...]:
             moved, sigma = _strain_moved(begun, frame), told.summary.mean_sigma
             found.append((max(abs(getattr(moved, one)) / max(getattr(sigma, one), EXACT) for one in ("exx", "eyy", "exy")), frame))
     by_size = sorted((-ratio, frame) for ratio, frame in found if ratio > 1.0)
-    return tuple(frame for _, frame in by_size[: ON_SCHEDULE if due else AT_ONCE])
+    return tuple(frame for _, frame in by_size)
 
 
 def _strain_moved(begun: Begun, frame: int) -> Tensor2:
@@ -331,7 +378,7 @@ def refused(result: RunResult, settings: AnalysisSettings) -> str | None:
 
 def _estimate(begun: Begun, solution: Any, *, checked: bool, lately: bool = False) -> Estimate:
     """What is known, with what the stage's commands and, where due, the halves of the data say of it."""
-    found = begun.method.estimate(solution, revision=len(begun.pairs), lately=lately)
+    found = begun.method.estimate(solution, revision=max(begun.revision, len(begun.pairs)), lately=lately)
     checks = begun.method.checks(solution) if checked else ()
     whole = begun.pairs if len(found.motions) == len(begun.pairs) else ()
     path = stage_path_notes(((one.pair, one.step.shift_um) for one in whole if one.step.phase is not Phase.TENSION), found.motions)

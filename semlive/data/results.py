@@ -32,18 +32,20 @@ class PairResult:
 
     Attributes:
         decision: the pair.
-        maps: what DIC measured: within the pair, and from frame 0 to each of its frames.
+        pairs: how many pairs the estimate is of.
+        maps: what DIC measured: within the pair, and from frame 0 to each of its frames; empty where the pair was told before.
         estimate: what the estimator knows after this pair; in a long run, between two choices, of the newest pairs.
-        frames: the pair's two frames, corrected.
+        frames: the pair's two frames, corrected; none where the pair was told before.
         elastic: elastic constants so far, or None.
         gage: DIC beside the strain gage so far, or None.
         revised: earlier frames, corrected again because what is known now moved their mean strain by more than its uncertainty.
     """
 
     decision: PairDecision
+    pairs: int
     maps: tuple[DisparityMap, ...]
     estimate: Estimate
-    frames: tuple[FrameResult, FrameResult]
+    frames: tuple[FrameResult, ...]
     elastic: ElasticConstants | None
     gage: GageComparison | None = None
     revised: tuple[FrameResult, ...] = ()

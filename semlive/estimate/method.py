@@ -45,7 +45,7 @@ class Learning(Protocol):
         ...
 
     def live(self, state: Any, known: Any) -> Any:
-        """The same, but of the newest pairs alone where no choices are due, if that costs less."""
+        """What is wanted at once: with the choices that were made before, and of the newest pairs alone, if that costs less."""
         ...
 
 

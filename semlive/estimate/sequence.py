@@ -47,13 +47,11 @@ def newest(state: EstimatorState, known: Solution, pairs: int = 1) -> Solution:
 
 
 def live(state: EstimatorState, known: Solution | None) -> Solution:
-    """What is wanted at once after a further pair: all of it where choices are due, else the `LATELY` newest pairs.
+    """What is wanted at once after a further pair: the `LATELY` newest pairs, with the choices that were made before.
 
-    So the first 32 pairs are smoothed whole every time, and of a longer run what is older than that moves with the choices.
+    So the first 32 pairs are smoothed whole every time, and of a longer run what is older than that moves when `follow` chooses.
     """
-    if known is None or chosen_anew(len(state.phases)):
-        return follow(state, known)
-    return newest(state, known, LATELY)
+    return solve(state) if known is None else newest(state, known, LATELY)
 
 
 def _gone_on(state: EstimatorState, known: Solution) -> Chain:

@@ -145,11 +145,12 @@ def pair_decision(message: PairMessage) -> PairDecision:
     return PairDecision(message.pair, message.step, message.first, message.second, message.loads)
 
 
-def drift_message(drift: DriftEstimate, calibration: CalibrationQuality | None = None) -> DriftMessage:
-    """One revision of drift, and what the calibration is worth."""
+def drift_message(drift: DriftEstimate, calibration: CalibrationQuality | None = None, pairs: int | None = None) -> DriftMessage:
+    """One revision of drift, from so many pairs, and what the calibration is worth."""
     drift_px, sigma_px, rate_px_s = (_newest(column) for column in (drift.drift_px, drift.sigma_px, drift.rate_px_s))
     return DriftMessage(
         revision=drift.revision,
+        pairs=pairs,
         time_s=drift.time_s.tolist(),
         frame=drift.frame.tolist(),
         drift_px=drift.drift_px.tolist(),
@@ -270,10 +271,12 @@ def strain_summary(message: StrainMessage) -> StrainSummary:
     )
 
 
-def elastic_message(elastic: ElasticConstants | None, revision: int, gage: GageComparison | None = None) -> ElasticMessage:
-    """Elastic constants so far."""
+def elastic_message(
+    elastic: ElasticConstants | None, revision: int, gage: GageComparison | None = None, pairs: int | None = None
+) -> ElasticMessage:
+    """Elastic constants so far, from so many pairs."""
     modulus, ratio = (None, None) if elastic is None else (elastic.youngs_modulus_gpa, elastic.poissons_ratio)
-    return ElasticMessage(revision=revision, youngs_modulus_gpa=modulus, poissons_ratio=ratio, gage=gage)
+    return ElasticMessage(revision=revision, pairs=pairs, youngs_modulus_gpa=modulus, poissons_ratio=ratio, gage=gage)
 
 
 def elastic_constants(message: ElasticMessage) -> ElasticConstants | None:

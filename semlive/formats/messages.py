@@ -161,6 +161,7 @@ class SnapshotMessage(Message):
         inputs: messages that analysis has been given.
         outputs: messages of analysis that stand in the log.
         revision: of the last estimate in the log, 0 if there is none.
+        pairs_analysed: how many pairs it is from.
         damage: what could not be read of the earlier segments, one sentence each.
     """
 
@@ -179,6 +180,7 @@ class SnapshotMessage(Message):
     outputs: int
     revision: int
     damage: tuple[str, ...]
+    pairs_analysed: int = 0
 
 
 class FileMessage(Stamped):
@@ -278,9 +280,11 @@ class DriftMessage(Message):
     """`/drift/estimate`: one revision of drift in time, and what the calibration is worth (see `semlive.data.drift`).
 
     The numbers from `x_px` on are the newest row of the columns before them: a plot draws numbers, not the ends of columns.
+    `pairs` is how many pairs it is from; logs that do not have it have one revision for each pair.
     """
 
     revision: int
+    pairs: int | None = None
     time_s: Values
     frame: tuple[int, ...]
     drift_px: tuple[Point, ...]
@@ -332,9 +336,13 @@ class StrainMessage(Message):
 
 
 class ElasticMessage(Message):
-    """`/elastic`: elastic constants so far, None while the loads do not determine them, and their comparison with a strain gage."""
+    """`/elastic`: elastic constants so far, None while the loads do not determine them, and their comparison with a strain gage.
+
+    `pairs` is how many pairs they are from; logs that do not have it have one revision for each pair.
+    """
 
     revision: int
+    pairs: int | None = None
     youngs_modulus_gpa: Measured | None = None
     poissons_ratio: Measured | None = None
     gage: GageComparison | None = None

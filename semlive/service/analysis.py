@@ -20,7 +20,7 @@ from semlive.data.frame import ExportedFile, Frame
 from semlive.data.pair import Pair, PairDecision
 from semlive.data.results import PairResult
 from semlive.data.settings import AnalysisSettings
-from semlive.engine import FINAL_STATES
+from semlive.engine import FINAL_STATES, State
 from semlive.errors import BadImage, BadLog, SemliveError
 from semlive.formats import message_values as values
 from semlive.formats import read_frame
@@ -100,6 +100,10 @@ class AnalysisState:
         shown: name of the frame that first showed these pixels, by their hash.
         clocks: clocks of other computers as files tell them.
         warned: what the estimate has warned of, without its figures.
+        told: the pair that was told last and has not been reconsidered; None otherwise.
+        imaging_since_ns: scans that begin after this are meant for a pair; None while the engine asks for none.
+        fresh: the newest frame, if it is meant for a pair and was not looked at.
+        foreseen: what was made of such frames, by number of export.
     """
 
     settings: AnalysisSettings | None = None
@@ -110,6 +114,10 @@ class AnalysisState:
     frames: tuple[Frame, ...] = ()
     begun: pipeline.Begun | None = None
     warned: frozenset[str] = frozenset()
+    told: Pair | None = None
+    imaging_since_ns: int | None = None
+    fresh: Frame | None = None
+    foreseen: Mapping[int, pipeline.Foreseen] = field(default_factory=dict)
 
 
 def feed(state: AnalysisState, message: LogMessage) -> tuple[AnalysisState, Iterable[LogMessage]]:
@@ -138,10 +146,39 @@ def feed(state: AnalysisState, message: LogMessage) -> tuple[AnalysisState, Iter
         return (replace(state, announced=payload, sidecar=None) if payload.decision == "arrived" else state), ()
     if isinstance(payload, PairMessage):
         return _analyse(state, values.pair_decision(payload), message.log_time_ns)
+    if isinstance(payload, StateMessage):
+        since_ns = payload.time_ns if payload.after == State.IMAGING else None
+        state = replace(state, imaging_since_ns=since_ns, fresh=None, foreseen={})
     if isinstance(payload, StateMessage) and payload.after in FINAL_STATES and state.begun and state.settings:
         result = ResultMessage(result_json(pipeline.conclude(state.begun), state.settings))
         return state, (_message(result, message.log_time_ns),)
     return state, ()
+
+
+def meanwhile(state: AnalysisState) -> tuple[AnalysisState, Iterable[LogMessage]]:
+    """After `feed`, when what it gave has been said and nobody waits: what is due once a pair was told, or what the next will ask."""
+    begun, frame = state.begun, state.fresh
+    if begun is not None and state.told is not None:
+        return _reconsider(replace(state, told=None), begun, state.told)
+    if begun is None or frame is None:
+        return state, ()
+    state = replace(state, fresh=None)
+    try:
+        known = pipeline.foresee(begun, frame, first=not state.foreseen)
+    except SemliveError:
+        return state, ()  # the pair says it, if the frame comes into one
+    return replace(state, foreseen={**state.foreseen, frame.info.export: known}), ()
+
+
+def _reconsider(state: AnalysisState, before: pipeline.Begun, pair: Pair) -> tuple[AnalysisState, Iterable[LogMessage]]:
+    end_ns, started = pair.decision.second.end_time_ns, time.perf_counter()
+    try:
+        begun, result = pipeline.reconsider(before)
+    except SemliveError as error:
+        return state, (_doubt(f"the choices stay as they were: {error}", pair.decision.pair, end_ns),)
+    if result is None:
+        return state, ()
+    return _said(replace(state, begun=begun), pair, result, time.perf_counter() - started)
 
 
 def is_output(message: LogMessage) -> bool:
@@ -189,7 +226,8 @@ def _decode(state: AnalysisState, message: LogMessage) -> tuple[AnalysisState, t
     frames = _newest((*state.frames, frame))
     scan = _message(values.scan_message(frame.info), frame.info.end_time_ns)
     outputs = (*(_message(one, message.publish_time_ns) for one in told_clocks), scan)
-    return replace(done, frames=frames, shown=shown, clocks=clocks), outputs
+    meant = state.imaging_since_ns is not None and frame.info.start_time_ns.value >= state.imaging_since_ns
+    return replace(done, frames=frames, shown=shown, clocks=clocks, fresh=frame if meant else None), outputs
 
 
 def _shown(before: Mapping[str, str], frame: Frame) -> Mapping[str, str]:
@@ -220,18 +258,24 @@ def _analyse(state: AnalysisState, decision: PairDecision, time_ns: int) -> tupl
         raise BadLog(f"pair {decision.pair} names export {error}, whose bytes are not in the log; recover the log first") from error
     started = time.perf_counter()
     try:
-        begun, result = pipeline.analyse(state.settings, state.begun, pair)
+        begun, result = pipeline.analyse(state.settings, state.begun, pair, state.foreseen)
     except SemliveError as error:
         fault = FaultMessage(time_ns=time_ns, what=str(error), where=fault_place(decision.pair), action="the pair is left out")
         return state, _with_pictures(pair, lambda: (_message(fault, time_ns),))
     wall_s = time.perf_counter() - started
     frames = tuple(frame for frame in state.frames if frame.info.export > decision.second.export)
+    return _said(replace(state, frames=frames, begun=begun, told=pair), pair, result, wall_s)
+
+
+def _said(state: AnalysisState, pair: Pair, result: PairResult, wall_s: float) -> tuple[AnalysisState, Iterable[LogMessage]]:
+    """What is told of a result, and what the estimate warns of for the first time."""
     news, warned = newly_warned(result.estimate.notes, state.warned)
-    end_ns = decision.second.end_time_ns
-    doubts = tuple(FaultMessage(time_ns=end_ns, what=one, where=f"{_DOUBT}{decision.pair}", action=_ASK) for one in news)
-    return replace(state, frames=frames, begun=begun, warned=warned), _with_pictures(
-        pair, lambda: (*pair_messages(result, wall_s), *(_message(one, end_ns) for one in doubts))
-    )
+    doubts = tuple(_doubt(one, pair.decision.pair, pair.decision.second.end_time_ns) for one in news)
+    return replace(state, warned=warned), _with_pictures(pair, lambda: (*pair_messages(result, wall_s), *doubts))
+
+
+def _doubt(what: str, pair: int, time_ns: int) -> LogMessage:
+    return _message(FaultMessage(time_ns=time_ns, what=what, where=f"{_DOUBT}{pair}", action=_ASK), time_ns)
 
 
 def _with_pictures(pair: Pair, words: Callable[[], tuple[LogMessage, ...]]) -> Iterator[LogMessage]:
@@ -244,7 +288,7 @@ def _with_pictures(pair: Pair, words: Callable[[], tuple[LogMessage, ...]]) -> I
 def pair_messages(result: PairResult, wall_s: float) -> Iterator[LogMessage]:
     """All that is told of an analysed pair, in the order in which it is logged."""
     estimate, end_ns = result.estimate, result.decision.second.end_time_ns
-    revision = estimate.drift.revision
+    revision, pairs = estimate.drift.revision, result.pairs
     for disparity in result.maps:
         yield LogMessage(DIC_MAP, end_ns, end_ns, disparity.current, encode_map(disparity))
         valid = disparity.valid
@@ -260,7 +304,7 @@ def pair_messages(result: PairResult, wall_s: float) -> Iterator[LogMessage]:
             wall_s=wall_s,
         )
         yield _message(summary, end_ns)
-    yield _message(values.drift_message(estimate.drift, estimate.calibration), end_ns)
+    yield _message(values.drift_message(estimate.drift, estimate.calibration, pairs), end_ns)
     yield _message(values.distortion_message(estimate.distortion, revision), end_ns)
     for motion in estimate.motions:
         yield _message(values.motion_message(motion, revision), end_ns)
@@ -269,7 +313,7 @@ def pair_messages(result: PairResult, wall_s: float) -> Iterator[LogMessage]:
         yield LogMessage(DISPLACEMENT_FIELD, end_ns, end_ns, number, encode_displacement(frame.displacement))
         yield LogMessage(STRAIN_FIELD, end_ns, end_ns, number, encode_strain(frame.strain))
         yield _message(values.strain_message(frame.summary, revision), end_ns)
-    yield _message(values.elastic_message(result.elastic, revision, result.gage), end_ns)
+    yield _message(values.elastic_message(result.elastic, revision, result.gage, pairs), end_ns)
     yield from _left_area(result, end_ns)
 
 
@@ -312,12 +356,20 @@ def main() -> None:
                 before = state.begun
                 state, outputs = feed(state, message)
                 _warm(state, message)
-                for output in outputs:
-                    if skip > 0:
-                        skip -= 1
-                    else:
-                        voice.say(output)
+                skip = _say(voice, outputs, skip)
+                state, outputs = meanwhile(state)
+                skip = _say(voice, outputs, skip)
                 state = _lighter(state, before, store)
+
+
+def _say(voice: Voice, outputs: Iterable[LogMessage], skip: int) -> int:
+    """Say all but the first so many, which stand in the log; how many of those are still to come."""
+    for output in outputs:
+        if skip > 0:
+            skip -= 1
+        else:
+            voice.say(output)
+    return skip
 
 
 def _inputs(log: Path, counts: Iterable[int]) -> Iterator[LogMessage]:

@@ -138,7 +138,7 @@ class Control:
         self._clock_revision = clock.current().revision
         self._drift_rate_px_s: tuple[float, float] | None = None
         self._elastic: ElasticMessage | None = None
-        self._pairs_analysed = 0 if earlier is None else earlier.revision
+        self._pairs_analysed = 0 if earlier is None else earlier.pairs_analysed
         self._warnings: tuple[str, ...] = ()
         self._closed = False
         self.pairs_done = 0 if earlier is None else len(earlier.before.done)
@@ -273,7 +273,7 @@ class Control:
         elif isinstance(payload, DicMessage):
             self._field(payload)
         elif isinstance(payload, DriftMessage):
-            self._drift_rate_px_s, self._pairs_analysed = payload.rate_px_s[-1], payload.revision
+            self._drift_rate_px_s, self._pairs_analysed = payload.rate_px_s[-1], payload.pairs or payload.revision
             zero = self._state.reference
             if zero is not None:
                 now_ns = self._clock.now_ns()

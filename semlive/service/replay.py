@@ -16,7 +16,7 @@ from semlive.data.settings import AnalysisSettings
 from semlive.errors import BadConfig, BadLog, PoorCalibration
 from semlive.formats.messages import ResultMessage, from_json
 from semlive.service.ahead import ahead
-from semlive.service.analysis import INPUT_TOPICS, AnalysisState, feed
+from semlive.service.analysis import INPUT_TOPICS, AnalysisState, feed, meanwhile
 from semlive.service.blas import one_blas_thread
 from semlive.service.log_files import messages
 from semlive.service.log_pairs import Maps, Words, has_images, load_series, log_settings, mapped_pairs, recorded_result, topic_counts
@@ -252,12 +252,17 @@ def _absorbed(
     for done, (decision, kept) in enumerate(pairs, start=1):
         begun = begun or pipeline.begin_from_maps(settings, decision.first, kept[0].grid)
         pace.wait(decision.second.end_time_ns)
-        begun = pipeline.absorb(begun, decision, kept) if watch.pair is None else pipeline.update(begun, decision, kept)[0]
+        begun = pipeline.absorb(begun, decision, kept) if watch.pair is None else _followed(begun, decision, kept)
         begun = beside_memory(begun, decision.pair, kept, store)
         if watch.pair is not None:
             watch.pair(decision, begun)
         watch.tell("pair", done, count)
     return begun
+
+
+def _followed(begun: pipeline.Begun, decision: PairDecision, maps: Maps) -> pipeline.Begun:
+    """As a live run goes on."""
+    return pipeline.reconsider(pipeline.update(begun, decision, maps)[0])[0]
 
 
 def _from_images(asked: Replay, settings: AnalysisSettings, words: Words, watch: Watch, store: MapStore) -> pipeline.Begun | None:
@@ -275,7 +280,8 @@ def _from_images(asked: Replay, settings: AnalysisSettings, words: Words, watch:
                 state = replace(state, begun=begun)
                 pace.wait(decision.second.end_time_ns)
                 if watch.pair is not None:
-                    watch.pair(decision, begun)
+                    state, _ = meanwhile(state)
+                    watch.pair(decision, state.begun or begun)
                 watch.tell("pair", len(begun.pairs), count)
                 if asked.until is not None and decision.pair >= asked.until:
                     break

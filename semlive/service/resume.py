@@ -59,6 +59,7 @@ class Earlier:
         inputs: messages that analysis has been given.
         outputs: messages of analysis in the log.
         revision: of the last estimate in the log, 0 if there is none.
+        pairs_analysed: how many pairs it is from.
         damage: what could not be read, one sentence each.
     """
 
@@ -72,6 +73,7 @@ class Earlier:
     inputs: int
     outputs: int
     revision: int
+    pairs_analysed: int
     damage: tuple[str, ...]
 
     def line(self, boot_id: str) -> Clock | None:
@@ -96,6 +98,7 @@ class Earlier:
             inputs=self.inputs,
             outputs=self.outputs,
             revision=self.revision,
+            pairs_analysed=self.pairs_analysed,
             damage=self.damage,
         )
 
@@ -141,6 +144,7 @@ class _Reading:
     first_unusable: str | None = None
     concluded: bool = False
     revision: int = 0
+    pairs_analysed: int = 0
     foreseen: DriftForeseen | None = None
     judged: CalibrationJudged | None = None
     inputs: int = 0
@@ -183,7 +187,7 @@ class _Reading:
             case FaultMessage(where=where) if where == fault_place(0):
                 self.first_unusable = payload.what
             case DriftMessage():
-                self.revision = payload.revision
+                self.revision, self.pairs_analysed = payload.revision, payload.pairs or payload.revision
                 if 0 in self.pairs:
                     self.foreseen = drift_foreseen(payload, self.pairs[0].first.start_time_ns.value, time_ns)
                 self.judged = calibration_judged(payload, time_ns)
@@ -232,6 +236,7 @@ class _Reading:
             self.inputs,
             self.outputs,
             self.revision,
+            self.pairs_analysed,
             damage,
         )
 

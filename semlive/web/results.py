@@ -82,14 +82,15 @@ def _strain(view: View, told: StrainMessage) -> View:
 def _elastic(view: View, told: ElasticMessage) -> View:
     modulus, ratio = told.youngs_modulus_gpa, told.poissons_ratio
     row = ElasticRow(
-        told.revision,
+        told.pairs or told.revision,
         None if modulus is None else modulus.value,
         None if modulus is None else modulus.sigma,
         None if ratio is None else ratio.value,
         None if ratio is None else ratio.sigma,
     )
     gage = None if told.gage is None else (told.gage.dic_over_gage.value, told.gage.dic_over_gage.sigma)
-    elastic = (*view.strength.elastic, row)[-_KEPT_FRAMES:]
+    earlier = (one for one in view.strength.elastic if one.pairs != row.pairs)
+    elastic = (*earlier, row)[-_KEPT_FRAMES:]
     return replace(view, strength=replace(view.strength, elastic=elastic, dic_over_gage=gage))
 
 

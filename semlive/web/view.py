@@ -157,7 +157,7 @@ class StrainPoint:
 class ElasticRow:
     """Elastic constants after a pair."""
 
-    revision: int
+    pairs: int
     modulus_gpa: float | None
     modulus_sigma_gpa: float | None
     ratio: float | None

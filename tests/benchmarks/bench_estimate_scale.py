@@ -5,7 +5,8 @@ processor time for each update and each estimate of the newest frame after 10, 1
 elimination, memory, and the batch of 15 pairs; ``--write`` puts the table into docs/estimation.md. A thousand pairs take four minutes.
 
 ``--live`` measures instead all that follows a correlation, `pipeline.update`: estimate, correction of the pair's frames and of earlier ones
-that moved, elastic constants, and everything that is published. After 15 pairs of calibration all others are load steps: ten minutes.
+that moved, elastic constants, and everything that is published; and, by itself, what is due afterwards, `pipeline.reconsider`. After 15
+pairs of calibration all others are load steps: ten minutes.
 """
 
 from __future__ import annotations
@@ -141,6 +142,7 @@ def live_table(count: int) -> list[str]:
     taken = experiment.pairs
     steps = [one for one in taken if one.phase is Phase.TENSION]
     begun, spent, revised = pipeline.begin_from_maps(settings, decision_of(taken[0], 0, settings).first, experiment.grid), [], []
+    due: dict[int, float] = {}
     for pair in range(count):
         like = taken[pair] if pair < len(taken) else steps[(pair - len(taken)) % len(steps)]
         first, decision = 2 * pair, decision_of(like, pair, settings)
@@ -149,16 +151,18 @@ def live_table(count: int) -> list[str]:
         )
         (begun, result), spent_s = timed(lambda b=begun, d=decision, m=maps: pipeline.update(b, d, m))
         spent.append(spent_s)
-        revised.append(len(result.revised))
+        (begun, anew), spent_s = timed(lambda b=begun: pipeline.reconsider(b))
+        if anew:
+            due[pair + 1] = spent_s
+        revised.append(len(result.revised) + (len(anew.revised) if anew else 0))
         if (pair + 1) % 50 == 0:
             sys.stderr.write(f"{pair + 1}/{count}\n")
     lines = ["| pairs | from disparity to all that is published, s | the slowest of ten | frames revised so far |", "|---|---|---|---|"]
-    due = {pair for pair in range(1, count + 1) if chosen_anew(pair)}
     for shown in [one for one in LIVE_SHOWN if one <= count]:
-        around = [spent[pair - 1] for pair in range(max(shown - 9, 1), shown + 1) if pair not in due]
+        around = spent[max(shown - 10, 0) : shown]
         lines.append(f"| {shown} | {float(np.median(around)):.2f} | {max(around):.2f} | {sum(revised[:shown])} |")
-    at = ", ".join(f"{spent[pair - 1]:.1f} s after {pair}" for pair in sorted(due) if pair >= 16)
-    return [*lines, "", f"Where choices are due: {at}. Processor time, 18,000 points, one core."]
+    at = ", ".join(f"{spent_s:.1f} s after {pair}" for pair, spent_s in due.items() if pair >= 16)
+    return [*lines, "", f"What is due after the pair has been told: {at}. Processor time, 18,000 points, one core."]
 
 
 def _batch(experiment: Experiment) -> list[float]:

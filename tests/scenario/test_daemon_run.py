@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import subprocess
 import sys
@@ -13,6 +14,8 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
+from semlive.estimate.sequence import chosen_anew
+from semlive.formats.foxglove import SEM_IMAGE
 from semlive.formats.log import LogMessage
 from semlive.formats.maps import decode_displacement, decode_strain
 from semlive.formats.messages import DISPLACEMENT_FIELD, STRAIN_FIELD
@@ -168,6 +171,23 @@ def test_a_pair_named_long_after_its_frames_were_read_still_has_them(finished: A
     assert len(state.frames) > 8
     _, outputs = feed(state, late)
     assert any(message.topic == STRAIN_FIELD for message in outputs)
+
+
+def test_a_pair_is_told_before_what_it_makes_due(finished: Any) -> None:
+    """Every estimate has its own revision; after 1, 2, 3, 4, 6, ... pairs a second one follows, and no map or picture waits for it."""
+    outputs = [one for one in messages(finished.log) if one.topic in ("/dic/summary", "/drift/estimate", SEM_IMAGE)]
+    drifts = [json.loads(one.payload) for one in outputs if one.topic == "/drift/estimate"]
+    pairs = len(logged(finished.log, "/pair"))
+    assert [one["revision"] for one in drifts] == list(range(1, len(drifts) + 1))
+    told = [one["pairs"] for one in drifts]
+    assert sorted(set(told)) == list(range(1, pairs + 1))
+    assert [told.count(number) for number in range(1, pairs + 1)] == [1 + chosen_anew(number) for number in range(1, pairs + 1)]
+    topics = [one.topic for one in outputs]
+    seconds = [at for at, one in enumerate(outputs) if one.topic == "/drift/estimate"]
+    for before, anew in itertools.pairwise(seconds):
+        if json.loads(outputs[before].payload)["pairs"] == json.loads(outputs[anew].payload)["pairs"]:
+            assert "/dic/summary" not in topics[before:anew]
+            assert SEM_IMAGE in topics[before:anew]
 
 
 def test_the_hold_is_kept_and_nothing_moves_while_a_pair_is_taken(finished: Any) -> None:

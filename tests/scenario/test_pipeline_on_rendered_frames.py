@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from semlive.data.pair import Pair, PairDecision
 from semlive.data.results import RunResult
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import AnalysisSettings, SpecimenSettings
+from semlive.formats.maps import encode_map
 from semlive_simulators.render import render_frame
 from semlive_simulators.scenario import Scenario, load_scenario
 from semlive_simulators.specimen import at_rest
@@ -82,3 +84,25 @@ def test_the_elastic_constants_come_out(analysed: tuple[RunResult, Scenario]) ->
     assert elastic is not None
     assert elastic.youngs_modulus_gpa.value == pytest.approx(E_GPA, rel=0.01)
     assert elastic.poissons_ratio.value == pytest.approx(NU, abs=0.01)
+
+
+def test_what_was_foreseen_of_its_frames_gives_a_pair_the_same_maps_sooner() -> None:
+    first, second = pairs(load_scenario("paper_x200"))[:2]
+    begun, _ = pipeline.analyse(AnalysisSettings(), None, first)
+    foreseen = {
+        one.info.export: pipeline.foresee(begun, one, first=expected) for one, expected in ((second.first, True), (second.second, False))
+    }
+    assert [one.made_ready is None for one in foreseen.values()] == [False, True]
+    plain, sooner = pipeline.correlate(begun, second), pipeline.correlate(begun, second, foreseen)
+    assert [encode_map(one) for one in sooner] == [encode_map(one) for one in plain]
+    astray = {second.first.info.export: foreseen[second.second.info.export]}
+    assert encode_map(pipeline.correlate(begun, second, astray)[1]) != encode_map(plain[1])
+
+
+def test_integrated_scans_are_compared_when_the_pair_is_whole() -> None:
+    first, second = pairs(load_scenario("paper_x200"))[:2]
+    begun, _ = pipeline.analyse(AnalysisSettings(), None, first)
+    timing = replace(second.first.info.timing, integrations=Sourced(16, Provenance.FILE))
+    known = pipeline.foresee(begun, replace(second.first, info=replace(second.first.info, timing=timing)), first=True)
+    assert known.made_ready is not None
+    assert known.from_frame_0 is None

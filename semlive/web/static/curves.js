@@ -94,8 +94,8 @@ function converge() {
   panel(["strength"], ({ strength }) => {
     const known = strength.elastic.filter((one) => one.modulus_gpa !== null);
     const spread = (value, sigma) => [column(known, (r) => r[value] - 2 * r[sigma]), column(known, (r) => r[value] + 2 * r[sigma]), column(known, (r) => r[value])];
-    plot.show([column(known, (r) => r.revision), ...spread("modulus_gpa", "modulus_sigma_gpa"), ...spread("ratio", "ratio_sigma")],
-      known.length ? `E after ${known.at(-1).revision} pairs: ${measured(known.at(-1).modulus_gpa, known.at(-1).modulus_sigma_gpa)} GPa` : "E and Poisson's ratio need two loads");
+    plot.show([column(known, (r) => r.pairs), ...spread("modulus_gpa", "modulus_sigma_gpa"), ...spread("ratio", "ratio_sigma")],
+      known.length ? `E after ${known.at(-1).pairs} pairs: ${measured(known.at(-1).modulus_gpa, known.at(-1).modulus_sigma_gpa)} GPa` : "E and Poisson's ratio need two loads");
   });
 }
 
