@@ -29,6 +29,7 @@ from semlive.data.pair import Pair, PairDecision
 from semlive.data.results import FrameResult, PairResult, RunResult
 from semlive.data.settings import AnalysisSettings, DicSettings
 from semlive.data.strain import ElasticConstants, GageComparison, Measured, StrainSummary, Tensor2
+from semlive.diagnose.taken_out import MOST_PAIRS, SeenPair, TakenOut, taken_out, too_many
 from semlive.errors import IllPosed
 from semlive.estimate.method import METHODS, Method
 from semlive.estimate.sequence import chosen_anew
@@ -42,6 +43,8 @@ IMPORTED = "imported"  # vendor of frames whose maps another engine made
 MOVED_PX = 5.0  # no specimen that is left alone moves so far
 EXACT = 1e-12  # no strain is known better
 STEPS_AT_ONCE = 32  # with more load steps the constants are fitted anew only where choices are due: their covariance joins each with each
+
+_NOTHING_TAKEN = TakenOut(0)
 
 Elastic = tuple[ElasticConstants | None, GageComparison | None]
 
@@ -58,10 +61,12 @@ class Told:
     Attributes:
         summary: its mean strain.
         correction: what its correction gave to that, in the method's own words; None for frame 0.
+        effects: mean strain of what a model's effects moved, which was taken out of its map.
     """
 
     summary: StrainSummary
     correction: Any
+    effects: Tensor2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,6 +102,8 @@ class Begun:
         elastic: constants and comparison with the strain gage, as they were said last.
         keep: gives a new map back as it shall be held: the same numbers.
         revision: counts the estimates that were said.
+        measured: the pairs' maps as they came, where the settings have a model.
+        taken: what its effects moved, which `estimator` and `from_frame_0` then are without.
     """
 
     settings: AnalysisSettings
@@ -110,6 +117,8 @@ class Begun:
     elastic: Elastic = (None, None)
     keep: Callable[[DisparityMap], DisparityMap] = as_it_is
     revision: int = 0
+    measured: tuple[tuple[DisparityMap, ...], ...] = ()
+    taken: TakenOut = _NOTHING_TAKEN
 
     @property
     def method(self) -> Method:
@@ -190,7 +199,8 @@ def correlate(begun: Begun, pair: Pair, foreseen: Mapping[int, Foreseen] = NOTHI
     first, second = (foreseen.get(one.info.export, UNFORESEEN) for one in (pair.first, pair.second))
     own = first.made_ready or dic.prepare(pair.first.image, begun.grid, settings)
     within = dic.correlate(own, pair.second.image, settings, reference_frame=2 * k, current_frame=2 * k + 1)
-    smear = dic.lacking(smear_of(begun.pairs[0], begun.from_frame_0[0]), smear_of(pair.decision, within))
+    ((as_measured, *_), *_) = begun.measured or (begun.from_frame_0,)
+    smear = dic.lacking(smear_of(begun.pairs[0], as_measured), smear_of(pair.decision, within))
 
     def from_frame_0(frame: Frame, known: Foreseen, number: int) -> DisparityMap:
         if smear is None and known.from_frame_0 is not None:
@@ -214,7 +224,7 @@ def update(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...])
 
     What the data choose stays as it was chosen before, so this costs the same after a thousand pairs as after fifty.
     """
-    begun = absorb(begun, decision, maps)
+    begun = without_effects(absorb(begun, decision, maps))
     begun = _solved(begun, begun.method.live(begun.estimator, begun.solution))
     begun, frames = _told(begun, (2 * decision.pair, 2 * decision.pair + 1))
     begun, revised = _told(begun, _moved(begun, begun.pairs[-LATELY:])[:AT_ONCE])
@@ -253,7 +263,7 @@ def _told(begun: Begun, frames: Iterable[int]) -> tuple[Begun, tuple[FrameResult
     for frame in frames:
         result, correction = _corrected(begun, begun.solution, frame)
         results.append(result)
-        told[frame] = Told(result.summary, correction)
+        told[frame] = Told(result.summary, correction, begun.taken.strain_of(frame))
     return replace(begun, told=told), tuple(results)
 
 
@@ -263,10 +273,17 @@ def _moved(begun: Begun, looked_at: Iterable[PairDecision]) -> tuple[int, ...]:
     for frame in (2 * one.pair + member for one in looked_at for member in (0, 1)):
         told = begun.told.get(frame)
         if told and told.correction is not None:
-            moved, sigma = begun.method.strain_moved(begun.solution, told.correction), told.summary.mean_sigma
+            moved, sigma = _strain_moved(begun, frame), told.summary.mean_sigma
             found.append((max(abs(getattr(moved, one)) / max(getattr(sigma, one), EXACT) for one in ("exx", "eyy", "exy")), frame))
     by_size = sorted((-ratio, frame) for ratio, frame in found if ratio > 1.0)
     return tuple(frame for _, frame in by_size)
+
+
+def _strain_moved(begun: Begun, frame: int) -> Tensor2:
+    """How far a frame's mean strain moves if it is corrected as solution and effects are known now."""
+    told, now = begun.told[frame], begun.taken.strain_of(frame)
+    moved = begun.method.strain_moved(begun.solution, told.correction)
+    return Tensor2(*(getattr(moved, one) - getattr(now, one) + getattr(told.effects, one) for one in ("exx", "eyy", "exy")))
 
 
 def _as_known_now(begun: Begun, pairs: Iterable[int]) -> dict[int, StrainSummary]:
@@ -276,9 +293,9 @@ def _as_known_now(begun: Begun, pairs: Iterable[int]) -> dict[int, StrainSummary
     """
     found: dict[int, StrainSummary] = {}
     for frame in (2 * pair + member for pair in pairs for member in (0, 1)):
-        summary, correction = begun.told[frame].summary, begun.told[frame].correction
-        if correction is not None:
-            moved = begun.method.strain_moved(begun.solution, correction)
+        summary = begun.told[frame].summary
+        if begun.told[frame].correction is not None:
+            moved = _strain_moved(begun, frame)
             mean = Tensor2(*(getattr(summary.mean, one) + getattr(moved, one) for one in ("exx", "eyy", "exy")))
             summary = replace(summary, mean=mean)
         found[frame] = summary
@@ -292,7 +309,31 @@ def absorb(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...])
     pairs = (*begun.pairs, decision)
     estimator = begun.method.update(begun.estimator, decision.pair, decision.step.phase, frame_times(pairs[0], decision), maps)
     from_frame_0 = (*begun.from_frame_0, *seen_from_frame_0(decision.pair, maps))
-    return replace(begun, estimator=estimator, pairs=pairs, from_frame_0=from_frame_0)
+    measured = (*begun.measured, maps) if begun.settings.model.effects and len(begun.pairs) <= MOST_PAIRS else ()
+    return replace(begun, estimator=estimator, pairs=pairs, from_frame_0=from_frame_0, measured=measured)
+
+
+def without_effects(begun: Begun) -> Begun:
+    """The run with what its model's effects moved, fitted to all of its pairs, taken out of all maps; itself where it has no model.
+
+    Ask for it before `solve`, `corrected` and `conclude` where pairs were only absorbed.
+    """
+    settings, pairs = begun.settings, begun.pairs
+    if not settings.model.effects or begun.taken.pairs == len(pairs):
+        return begun
+    if len(pairs) > MOST_PAIRS and not begun.taken.by_frame:
+        return replace(begun, taken=too_many(len(pairs)))
+    seen = []
+    for decision, maps in zip(pairs, begun.measured, strict=True):
+        within = (one for one in maps if one.reference != 0)
+        seen.append(SeenPair(decision, frame_times(pairs[0], decision), (*within, *seen_from_frame_0(decision.pair, maps))))
+    taken = taken_out(settings.model, settings.estimate, seen)
+    if not taken.by_frame and not begun.taken.by_frame:
+        return replace(begun, taken=taken)
+    fresh = begin_from_maps(settings, pairs[0].first, begun.grid)
+    for decision, maps in zip(pairs, begun.measured, strict=True):
+        fresh = absorb(fresh, decision, tuple(taken.without(one) for one in maps))
+    return replace(begun, estimator=fresh.estimator, from_frame_0=fresh.from_frame_0, solution=None, taken=taken)
 
 
 def _sharing(decision: PairDecision, before: PairDecision) -> PairDecision:
@@ -385,7 +426,7 @@ def _estimate(begun: Begun, solution: Any, *, checked: bool, lately: bool = Fals
     checks = begun.method.checks(solution) if checked else ()
     whole = begun.pairs if len(found.motions) == len(begun.pairs) else ()
     path = stage_path_notes(((one.pair, one.step.shift_um) for one in whole if one.step.phase is not Phase.TENSION), found.motions)
-    return replace(found, notes=(*found.notes, *path, *checks))
+    return replace(found, notes=(*found.notes, *path, *checks, *begun.taken.notes))
 
 
 def frame_times(reference: PairDecision, decision: PairDecision) -> tuple[FrameTime, FrameTime]:

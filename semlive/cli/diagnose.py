@@ -15,7 +15,7 @@ from semlive.cli.track import tracked_stages
 from semlive.data.diagnosis import Diagnosis, FoundEffect, Outcome
 from semlive.report.diagnosis_page import diagnosis_html
 from semlive.service.diagnosis import diagnose_log, diagnosis_json
-from semlive.service.model_file import Model, read_model, write_model
+from semlive.service.model_file import fitting_model, model_of, write_model
 
 _SAID = {
     Outcome.NONE: "nothing is missing that these data could show",
@@ -35,15 +35,15 @@ def diagnose(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Find where model and data disagree, name the missing effect, and show how much of the gap it closes."""
-    parent = Model() if model is None else read_model(model)
+    parent = model_of(log) if model is None else fitting_model(log, model)
     with tracked_stages(quiet=False) as progress:
-        found = diagnose_log(log, seed, progress, parent.effects)
+        found = diagnose_log(log, seed, progress, parent.known.effects)
     if out is not None:
         write_model(out, found, log, parent)
     if page is not None:
         made_from = [
             ("log", log.name),
-            ("model", "none" if model is None else model.name),
+            ("model", parent.name),
             ("seed", str(seed)),
             ("semlive", version("semlive")),
         ]

@@ -11,7 +11,7 @@ import typer
 from semlive.cli.track import tracked_stages
 from semlive.diagnose.propose import proposed
 from semlive.service.diagnosis import diagnose_log
-from semlive.service.model_file import read_model
+from semlive.service.model_file import fitting_model, model_of
 from semlive.service.next_experiment import next_config
 
 experiment = typer.Typer(help="Propose the experiment that decides between what a diagnosis leaves open.", no_args_is_help=True)
@@ -32,7 +32,7 @@ def propose(
 ) -> None:
     """Diagnose a run, and write the experiment that decides between what it leaves open, as a configuration for `semlive run`."""
     with tracked_stages(quiet=False) as progress:
-        found = diagnose_log(log, seed, progress, () if model is None else read_model(model).effects)
+        found = diagnose_log(log, seed, progress, (model_of(log) if model is None else fitting_model(log, model)).known.effects)
     proposal = proposed(found)
     config = None if proposal is None else next_config(log, proposal)
     if config is not None and out is not None:

@@ -15,6 +15,7 @@ from rich.table import Table
 from semlive.cli.track import tracked_stages
 from semlive.engine.schedule import dose_c_m2
 from semlive.service.config import load_config
+from semlive.service.model_file import run_with_model
 from semlive.service.planning import Planned, plan_experiment
 from semlive.service.replay import Watch
 
@@ -25,11 +26,12 @@ def plan(
     config: Annotated[Path, typer.Argument(help="YAML configuration of the run.")],
     test_frame: Annotated[Path | None, typer.Option("--test-frame", help="One frame of the specimen as the SEM exports it.")] = None,
     log: Annotated[Path | None, typer.Option("--log", help="An earlier run at this microscope, whose distortion is taken.")] = None,
+    model: Annotated[Path | None, typer.Option(help="Effects to take out of the maps, as `diagnose -o` writes them.")] = None,
     current_na: Annotated[float, typer.Option("--current-na", help="Beam current in nA, for the dose.", min=0.0)] = 1.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Show an experiment before it is run: time, frames, dose, expected noise, false strain, and advice."""
-    checked = load_config(config)
+    checked = run_with_model(load_config(config), model, resume=False)
     with tracked_stages() as progress:
         planned = plan_experiment(checked, test_frame, log, Watch(progress))
     dose = _dose(planned, current_na)
@@ -57,6 +59,7 @@ def _dose(planned: Planned, current_na: float) -> float | None:
 def _json(planned: Planned, dose: float | None) -> dict[str, Any]:
     times, quality = planned.schedule, planned.quality
     return {
+        "model": list(planned.effects),
         "duration_s": times.duration_s,
         "waiting_at_most_s": times.most_s,
         "pairs": len(times.steps),
@@ -83,6 +86,8 @@ def _facts(planned: Planned, dose: float | None, current_na: float) -> Table:
         ("a scan", f"{scan.frame_s:.2f} s, {scan.width_px} x {scan.height_px} px of {1e9 * scan.pixel_size_m:.4g} nm (from {scan.source})"),
         ("points", f"{grid.nx} x {grid.ny} = {grid.nx * grid.ny}, subset {grid.subset_px} px, step {grid.step_px} px"),
     ]
+    if planned.effects:
+        rows.append(("model", f"{', '.join(planned.effects)}, fitted anew with each pair from the fifth on"))
     if dose is not None:
         electrons = dose * _ELECTRONS_PER_C * 1e-18
         rows.append(("dose", f"{dose:.3g} C/m² = {electrons:.3g} electrons per nm², at {current_na:g} nA (--current-na)"))

@@ -21,6 +21,7 @@ from semlive.service.config import load_config
 from semlive.service.daemon import Faces, run_experiment
 from semlive.service.door import Address
 from semlive.service.drivers import desks
+from semlive.service.model_file import run_with_model
 
 
 def run(
@@ -28,6 +29,9 @@ def run(
     attended: Annotated[bool, typer.Option("--attended", help="You stay at the instrument; real load frames ask for it.")] = False,
     stop_on_fault: Annotated[bool, typer.Option("--stop-on-fault", help="End the run at a fault instead of waiting for you.")] = False,
     resume: Annotated[bool, typer.Option("--resume", help="Take up a run that was interrupted, and ask before anything moves.")] = False,
+    model: Annotated[
+        Path | None, typer.Option(help="Effects to take out of the maps, as `diagnose -o` writes them; with --resume the log's own stay.")
+    ] = None,
     yes: Annotated[
         bool, typer.Option("--yes", help="With --resume: go on without being asked, if the devices are as the log left them.")
     ] = False,
@@ -38,7 +42,7 @@ def run(
     page_name: Name = None,
 ) -> None:
     """Run an experiment; type pause, resume, stop or abort and press Enter, or Ctrl-C to stop."""
-    checked = load_config(config)
+    checked = run_with_model(load_config(config), model, resume)
     if yes and not resume:
         raise BadConfig("--yes answers what --resume asks; give both, or leave --yes out")
     verbs: queue.SimpleQueue[Verb] = queue.SimpleQueue()

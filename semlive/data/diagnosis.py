@@ -58,6 +58,26 @@ class KnownEffect:
 
 
 @dataclass(frozen=True, slots=True)
+class KnownModel:
+    """Effects that are known before a run, and what they were found in.
+
+    Attributes:
+        effects: beside raster time, drift, distortion and motion; none is the model that every run begins with.
+        size_px: width and height of the frames that they were found in, None if the file does not tell.
+        pixel_size_um: of those frames, None if the file does not tell.
+        sha256: of the file.
+    """
+
+    effects: tuple[KnownEffect, ...] = ()
+    size_px: tuple[int, int] | None = None
+    pixel_size_um: float | None = None
+    sha256: str | None = None
+
+
+NO_MODEL = KnownModel()
+
+
+@dataclass(frozen=True, slots=True)
 class FoundEffect:
     """An effect that the data ask for.
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from semlive.data.diagnosis import NO_MODEL, KnownModel
+
 
 @dataclass(frozen=True, slots=True)
 class DicSettings:
@@ -210,3 +212,4 @@ class AnalysisSettings:
     estimate: EstimateSettings = EstimateSettings()
     specimen: SpecimenSettings = SpecimenSettings()
     scan: ScanProfile = ScanProfile()
+    model: KnownModel = NO_MODEL

@@ -33,6 +33,11 @@ def family_of(name: str) -> Family:
     return found
 
 
+def showing(observation: Observation, known: Sequence[KnownEffect]) -> list[KnownEffect]:
+    """Those that a run can show: some go with loads or moves."""
+    return [one for one in known if family_of(one.name).law(observation.scene, dict(one.values)) is not None]
+
+
 def joined(bare: Ladder, known: Sequence[KnownEffect]) -> tuple[Ladder, tuple[Array, ...]]:
     """The baseline with effects in it, whose amplitudes the data refit, and (f, b, 2, q) what unit amplitudes of each move in px.
 

@@ -13,8 +13,8 @@ from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.pair import PairDecision
 from semlive.errors import IllPosed
-from semlive.estimate.accumulate import predicted
-from semlive.estimate.posterior import Solution
+from semlive.estimate.accumulate import dense_pairs, predicted
+from semlive.estimate.posterior import Solution, choose
 from semlive.estimate.state import EstimatorState, MapRows
 from semlive.model.effects import Scene
 
@@ -82,6 +82,21 @@ class Observation:
         """(f - 1, b, 2) what the first solution leaves of each map."""
         left = [one.disparity_px - predicted(self.state, one, self.solution.mean) for one in self.rows]
         return np.stack(left)[:, self.used]
+
+
+def first_solution(state: EstimatorState) -> Solution:
+    """What all pairs together say without further effects.
+
+    Raises:
+        IllPosed: they are too many, or too far apart in time, for one matrix.
+    """
+    held = dense_pairs(state)
+    if held < len(state.phases):
+        raise IllPosed(
+            f"{len(state.phases)} pairs, of which the first {held} are few enough and close enough in time for one matrix: "
+            "nothing can be named beyond that; look at a part of the run"
+        )
+    return choose(state)
 
 
 def observe(solution: Solution, steps: Sequence[StepFacts]) -> Observation:

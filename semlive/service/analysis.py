@@ -63,6 +63,7 @@ from semlive.service.warned import newly_warned
 
 INPUT_TOPICS = frozenset({"/run", "/sem/file", SEM_SIDECAR, SEM_ORIGINAL, "/pair", "/state"})
 READY = "analysis is ready"
+_MODEL = "a model is fitted to the maps and taken out of them: "
 _FAULT_OF_PAIR = "analysis of pair "
 _DOUBT = "estimate with pair "
 _ONLY_OURS = frozenset(
@@ -150,7 +151,10 @@ def feed(state: AnalysisState, message: LogMessage) -> tuple[AnalysisState, Iter
         config = parse_config(payload.config, "the run's configuration")
         settings, clocks = config.analysis_settings(), FileClocks.looked_at_every(config.sem.poll_s)
         ready = LogLineMessage(time_ns=message.log_time_ns, level="info", text=READY)
-        return replace(state, settings=settings, clocks=clocks), (_message(ready, message.log_time_ns),)
+        effects = ", ".join(one.name for one in settings.model.effects)
+        told = LogLineMessage(time_ns=message.log_time_ns, level="info", text=_MODEL + effects)
+        said = (told, ready) if effects else (ready,)
+        return replace(state, settings=settings, clocks=clocks), tuple(_message(one, message.log_time_ns) for one in said)
     if isinstance(payload, FileMessage):
         # Bytes beside an announced file whose own bytes were lost with the end of a segment belong to no other.
         return (replace(state, announced=payload, sidecar=None) if payload.decision == "arrived" else state), ()
@@ -218,7 +222,7 @@ def is_output(message: LogMessage) -> bool:
     if isinstance(payload, ClockOffsetMessage):
         return payload.export is not None  # else the share was asked, when the run began
     if isinstance(payload, LogLineMessage):
-        return payload.text == READY
+        return payload.text == READY or payload.text.startswith(_MODEL)
     if isinstance(payload, FileMessage):
         # Control refuses frames by their number alone; only who has read the bytes repeats what the file is.
         return payload.decision == "refused" and bool(payload.sha256)

@@ -11,10 +11,12 @@ import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+from semlive.data.diagnosis import NO_MODEL
 from semlive.data.experiment import AdaptiveHold, HoldRule, Limits, Phase, Plan, Recentre, Step, WarmUp
 from semlive.data.settings import AnalysisSettings, DicSettings, EstimateSettings, ScanProfile, ScanSpeed, SpecimenSettings
 from semlive.errors import BadConfig
 from semlive.service.folder import WatchSettings
+from semlive.service.model_section import ModelSection
 
 
 def known_keys(cls: type, given: object) -> object:
@@ -163,6 +165,8 @@ class Config(_Section):
     limits: Annotated[Limits, BeforeValidator(lambda v: known_keys(Limits, v))] | None = None
     dic: Annotated[DicSettings, BeforeValidator(lambda v: known_keys(DicSettings, v))] = DicSettings()
     estimate: Annotated[EstimateSettings, BeforeValidator(lambda v: known_keys(EstimateSettings, v))] = EstimateSettings()
+    model: ModelSection | None = None
+    """Effects that are taken out of the maps; `--model` puts them here."""
 
     @model_validator(mode="after")
     def _devices_fit_protocol(self) -> Config:
@@ -195,7 +199,8 @@ class Config(_Section):
 
     def analysis_settings(self) -> AnalysisSettings:
         """What the pipeline needs to know."""
-        return AnalysisSettings(self.dic, self.estimate, self.specimen, self.sem.whole_profile)
+        model = NO_MODEL if self.model is None else self.model.known()
+        return AnalysisSettings(self.dic, self.estimate, self.specimen, self.sem.whole_profile, model)
 
     def plan(self) -> Plan:
         """The experiment as steps: calibration shifts, translations, then loads at shift zero."""

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from semlive import pipeline
-from semlive.data.diagnosis import Diagnosis, FoundEffect, Gap, KnownEffect
+from semlive.data.diagnosis import NO_MODEL, Diagnosis, FoundEffect, Gap, KnownEffect
 from semlive.diagnose.judge import diagnose
+from semlive.diagnose.known import showing
 from semlive.diagnose.moves import moves_of, with_moves
-from semlive.diagnose.observation import Observation, StepFacts, observe, steps_of
+from semlive.diagnose.observation import Observation, StepFacts, first_solution, observe, steps_of
 from semlive.diagnose.row_channel import diagnose_rows
 from semlive.diagnose.verdict import with_rows
 from semlive.errors import BadLog, IllPosed
-from semlive.estimate.posterior import choose
 from semlive.model.move_effects import beside_maps
 from semlive.model.row_effects import of_rows
 from semlive.service.blas import one_blas_thread
@@ -38,7 +38,7 @@ def diagnose_log(
         BadInput: the log cannot be read, or its data are too few to name anything.
     """
     seen, steps = _observed(log, watch)
-    found = diagnose(seen, seed, known=[one for one in known if beside_maps(one.name) is None])
+    found = diagnose(seen, seed, known=showing(seen, [one for one in known if beside_maps(one.name) is None]))
     found = with_moves(replace(found, known=tuple(known)), moves_of(seen, steps))
     series, why_not = rows_of_log(log, watch)
     if not series:
@@ -62,7 +62,7 @@ def observed(log: Path, watch: Callable[[str, int, int], None] | None = None) ->
 def _observed(log: Path, watch: Callable[[str, int, int], None] | None) -> tuple[Observation, tuple[StepFacts, ...]]:
     one_blas_thread()
     settings = log_settings(log)
-    settings = replace(settings, estimate=replace(settings.estimate, method="joint"))
+    settings = replace(settings, estimate=replace(settings.estimate, method="joint"), model=NO_MODEL)
     begun = None
     for done, (decision, maps) in enumerate(mapped_pairs(log, Words()), start=1):
         begun = begun or pipeline.begin_from_maps(settings, decision.first, maps[0].grid)
@@ -73,7 +73,7 @@ def _observed(log: Path, watch: Callable[[str, int, int], None] | None) -> tuple
     if begun is None:
         raise BadLog(f"{log}: holds no disparity maps; replay it from its images first.")
     steps = steps_of(begun.pairs)
-    return observe(choose(begun.estimator), steps), steps
+    return observe(first_solution(begun.estimator), steps), steps
 
 
 def diagnosis_json(found: Diagnosis) -> dict[str, Any]:

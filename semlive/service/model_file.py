@@ -1,52 +1,37 @@
-"""Models with further effects: files that diagnosis writes, and that diagnosis and replay read."""
+"""Models with further effects: files that diagnosis writes, and that diagnosis, replay, plan and run read."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
-from semlive.data.diagnosis import Diagnosis, FoundEffect, KnownEffect
-from semlive.data.disparity import DisparityMap
-from semlive.data.pair import PairDecision
-from semlive.diagnose.known import at_points, family_of, moved_by
+from semlive.data.diagnosis import NO_MODEL, Diagnosis, FoundEffect, KnownModel
+from semlive.diagnose.taken_out import MOST_PAIRS, unfit
 from semlive.errors import BadConfig
-from semlive.model.move_effects import beside_maps
-from semlive.model.row_effects import RowFamily
-from semlive.service.diagnosis import effect_json, observed
-from semlive.service.log_files import segments
-from semlive.service.log_pairs import Maps, Words, first_run, mapped_pairs
+from semlive.formats.message_values import pair_decision
+from semlive.formats.messages import PairMessage, from_json
+from semlive.service.config import Config, parse_config
+from semlive.service.diagnosis import effect_json
+from semlive.service.log_files import messages, segments
+from semlive.service.log_pairs import first_run
+from semlive.service.model_section import ModelEffect, ModelRun, ModelSection
 
 MODEL_VERSION = 1
 _BLOCK = 2**20
-_Finite = Annotated[float, Field(allow_inf_nan=False)]
-
-
-class _Law(BaseModel):
-    model_config = ConfigDict(extra="ignore")
-    family: str
-    values: dict[str, _Finite]
-    size_px: Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-
-
-class _Effect(BaseModel):
-    model_config = ConfigDict(extra="ignore")
-    name: str
-    law: _Law
+SAME_SIZE = 0.02  # pixels whose sizes differ by more are of another magnification
 
 
 class _File(BaseModel):
     model_config = ConfigDict(extra="ignore")
     version: int
-    effects: list[_Effect]
+    effects: tuple[ModelEffect, ...]
+    run: ModelRun = ModelRun()
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,14 +39,19 @@ class Model:
     """A model as it was read.
 
     Attributes:
-        effects: beside raster time, drift, distortion and motion.
-        sha256: of the file.
+        section: as a configuration holds it; None is no model.
         text: of each effect, as the file has it.
+        name: what to call it.
     """
 
-    effects: tuple[KnownEffect, ...] = ()
-    sha256: str | None = None
+    section: ModelSection | None = None
     text: tuple[dict[str, Any], ...] = ()
+    name: str = "none"
+
+    @property
+    def known(self) -> KnownModel:
+        """What the pipeline needs to know of it."""
+        return NO_MODEL if self.section is None else self.section.known()
 
 
 def read_model(path: Path) -> Model:
@@ -73,34 +63,100 @@ def read_model(path: Path) -> Model:
     try:
         raw = path.read_bytes()
         plain = json.loads(raw)
+        version = plain.get("version") if isinstance(plain, dict) else None
+        if isinstance(version, int) and version != MODEL_VERSION:
+            raise BadConfig(f"--model {path}: is of version {version}, this program reads version {MODEL_VERSION}; diagnose again.")
         found = _File.model_validate(plain)
     except (OSError, ValueError) as error:
         said = error.errors()[0] if isinstance(error, ValidationError) else None
         what = f"{'.'.join(str(part) for part in said['loc'])}: {said['msg']}" if said else str(error)
         raise BadConfig(f"--model {path}: {what}; give a file that `semlive diagnose LOG -o FILE` wrote.") from error
-    if found.version != MODEL_VERSION:
-        raise BadConfig(f"--model {path}: is of version {found.version}, this program reads version {MODEL_VERSION}; diagnose again.")
-    effects = []
-    for one in found.effects:
-        wanted = _not_linear(one.law.family)
-        if wanted - set(one.law.values):
-            raise BadConfig(f"--model {path}: {one.name} lacks {', '.join(sorted(wanted - set(one.law.values)))}; diagnose again.")
-        effects.append(KnownEffect(one.law.family, tuple(one.law.values.items()), one.law.size_px))
-    return Model(tuple(effects), hashlib.sha256(raw).hexdigest(), tuple(plain["effects"]))
+    section = ModelSection(sha256=hashlib.sha256(raw).hexdigest(), effects=found.effects, run=found.run)
+    return Model(section, tuple(plain["effects"]), path.name)
 
 
-def _not_linear(name: str) -> set[str]:
-    beside = beside_maps(name)
-    if beside is None:
-        return {theta.name for theta in family_of(name).thetas}
-    return {"frequency_hz"} if isinstance(beside, RowFamily) and beside.owns else set()
+def model_of(log: Path) -> Model:
+    """The model that a run was made with; none where it had none."""
+    given = first_run(log).config.get("model")
+    if given is None:
+        return Model()
+    section = parse_config(first_run(log).config, "the run's configuration").model
+    return Model() if section is None else Model(section, tuple(one.model_dump(mode="json") for one in section.effects), "the log's own")
+
+
+def run_with_model(config: Config, path: Path | None, resume: bool) -> Config:
+    """A run's configuration with the model that it is asked to use; a run that is taken up again keeps the one of its log.
+
+    Raises:
+        BadConfig: it is no model, is of another magnification, or the plan has more pairs than it can be fitted to.
+    """
+    folder = config.run.folder / config.run.name
+    if path is not None:
+        model = read_model(path)
+    elif resume and config.model is None and segments(folder):
+        model = model_of(folder)
+    else:
+        model = Model(config.model, name=f"of {config.run.name}")
+    require_fit(model, None, config.sem.pixel_size_um)
+    pairs = len(config.plan().steps)
+    if model.known.effects and pairs > MOST_PAIRS:
+        raise BadConfig(
+            f"--model {model.name}: the plan has {pairs} pairs, and effects can be fitted to {MOST_PAIRS} together; "
+            "plan fewer, or run without a model."
+        )
+    return config.model_copy(update={"model": model.section})
+
+
+def require_fit(model: Model, size_px: tuple[int, int] | None, pixel_size_um: float | None, what: str = "this run") -> None:
+    """Refuse a model of another magnification or scan.
+
+    Args:
+        model: to be used.
+        size_px: width and height of the frames; None where nothing tells.
+        pixel_size_um: of the frames; None where nothing tells.
+        what: it shall be used for.
+
+    Raises:
+        BadConfig: it was found at another magnification or in frames of another size.
+    """
+    known = model.known
+    why = unfit(known, size_px) if size_px else ""
+    if why:
+        raise BadConfig(f"--model {model.name}: {why} in {what}; diagnose a run with such frames.")
+    own = known.pixel_size_um
+    if own is not None and pixel_size_um is not None and abs(own / pixel_size_um - 1.0) > SAME_SIZE:
+        raise BadConfig(
+            f"--model {model.name}: it was found with pixels of {own:g} um, and those of {what} are {pixel_size_um:g} um: "
+            "another magnification; diagnose a run at this one."
+        )
+
+
+def fitting_model(log: Path, path: Path) -> Model:
+    """A model's file, to be used with a log.
+
+    Raises:
+        BadConfig: it is no model, or is of another magnification or scan than the log.
+    """
+    model = read_model(path)
+    require_fit(model, _frame_size(log), pixel_size_um(log), log.name)
+    return model
+
+
+def _frame_size(log: Path) -> tuple[int, int] | None:
+    for message in messages(log):
+        if message.topic == "/pair":
+            pair = from_json(message.topic, message.payload)
+            assert isinstance(pair, PairMessage)  # by its topic
+            decision = pair_decision(pair)
+            return decision.first.width_px, decision.first.height_px
+    return None
 
 
 def model_json(found: Diagnosis, log: Path, parent: Model) -> dict[str, Any]:
     """The parent's effects with those that were found, as a file of its own."""
     return {
         "version": MODEL_VERSION,
-        "parent_sha256": parent.sha256,
+        "parent_sha256": None if parent.section is None else parent.section.sha256,
         "outcome": found.outcome.value,
         "effects": [*parent.text, *(_whole(one) for one in found.effects)],
         "gap_closure": None if found.gap is None else found.gap.closure,
@@ -117,49 +173,6 @@ def write_model(path: Path, found: Diagnosis, log: Path, parent: Model) -> None:
     part.replace(path)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Corrected:
-    """A log whose maps a model corrects.
-
-    Attributes:
-        notes: sentences for the operator.
-        log: which.
-        by_frame: by the number of each frame (ny, nx, 2) what is taken out, px.
-    """
-
-    notes: tuple[str, ...]
-    log: Path
-    by_frame: dict[int, NDArray[np.float64]]
-
-    def pairs(self) -> Iterator[tuple[PairDecision, Maps]]:
-        """The pairs, with what the effects move taken out of their maps."""
-        for decision, maps in mapped_pairs(self.log, Words()):
-            yield decision, tuple(_without(one, self.by_frame) for one in maps)
-
-
-def corrected(log: Path, model: Model) -> Corrected:
-    """What a model's effects move in a run, fitted to all of its maps.
-
-    Raises:
-        BadInput: the log holds no maps, too few of them, or no such effect can be in them.
-    """
-    seen = observed(log)
-    moved = moved_by(seen, [one for one in model.effects if beside_maps(one.name) is None])
-    taken = [one for one in moved.effects if one not in moved.left_in]
-    notes = [f"model: {', '.join(taken)} taken out of the maps; what is stated of strain does not hold their uncertainty"] if taken else []
-    notes += [f"model: {one} is strain or cannot be told from it, and is left in" for one in moved.left_in]
-    notes += [f"model: {one.name} is not a matter of maps, and is left in" for one in model.effects if beside_maps(one.name)]
-    return Corrected(tuple(notes), log, at_points(seen, moved.field_px, seen.grid))
-
-
-def _without(disparity: DisparityMap, moved: dict[int, Any]) -> DisparityMap:
-    by = moved[disparity.current] - moved[disparity.reference]
-    u, v = (one.copy() for one in (disparity.u_px, disparity.v_px))
-    u[disparity.valid] -= by[..., 0][disparity.valid]
-    v[disparity.valid] -= by[..., 1][disparity.valid]
-    return replace(disparity, u_px=u, v_px=v)
-
-
 def _whole(one: FoundEffect) -> dict[str, Any]:
     law = {"family": one.law.name, "values": dict(one.law.values), "size_px": one.law.size_px}
     return {
@@ -170,9 +183,15 @@ def _whole(one: FoundEffect) -> dict[str, Any]:
 
 def _pixel_size(log: Path) -> dict[str, float]:
     """Where the run's configuration says it; an imported log need not."""
+    size = pixel_size_um(log)
+    return {} if size is None else {"pixel_size_um": size}
+
+
+def pixel_size_um(log: Path) -> float | None:
+    """Of a run's frames, where its configuration says it."""
     sem = first_run(log).config.get("sem")
     size = sem.get("pixel_size_um") if isinstance(sem, dict) else None
-    return {"pixel_size_um": float(size)} if isinstance(size, int | float) else {}
+    return float(size) if isinstance(size, int | float) else None
 
 
 def _hash(log: Path) -> str:

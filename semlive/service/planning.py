@@ -20,6 +20,7 @@ from semlive.errors import BadImage, BadInput
 from semlive.formats import read_frame
 from semlive.service.advice import advice
 from semlive.service.config import Config
+from semlive.service.model_file import Model, require_fit
 from semlive.service.replay import Watch, last_result
 from semlive.service.sidecars import sidecar_of
 
@@ -99,6 +100,7 @@ class Planned:
         false_strain: of each distinct translation.
         distortion: what the false strain was worked out with.
         advice: sentences, most urgent first.
+        effects: names of those that a model takes out of the maps.
     """
 
     scan: Scan
@@ -110,6 +112,7 @@ class Planned:
     false_strain: tuple[FalseStrain, ...]
     distortion: str
     advice: tuple[str, ...]
+    effects: tuple[str, ...] = ()
 
 
 def plan_experiment(config: Config, test_frame: Path | None = None, log: Path | None = None, watch: Watch | None = None) -> Planned:
@@ -128,6 +131,8 @@ def plan_experiment(config: Config, test_frame: Path | None = None, log: Path | 
     start(plan, 0)  # refuses a plan that breaks its limits, as the run would
     frame = None if test_frame is None else _test_frame(test_frame, config)
     scan = _scan(config, frame)
+    if config.model is not None and frame is not None:
+        require_fit(Model(config.model, name="of this run"), (scan.width_px, scan.height_px), 1e6 * scan.pixel_size_m, frame.info.name)
     grid = dic.grid_for(config.dic, scan.width_px, scan.height_px)
     times = schedule(plan, Pace(scan.frame_s, config.sem.stable_for_s + config.sem.poll_s))
     quality = None if frame is None else dic.quality(frame.image, grid, config.dic)
@@ -146,7 +151,8 @@ def plan_experiment(config: Config, test_frame: Path | None = None, log: Path | 
     distortion, said = _distortion(log, grid, scan, watch)
     shifts = dict.fromkeys(step.shift_px for step in plan.steps if step.phase is not Phase.TENSION and step.shift_px != (0.0, 0.0))
     feigned = tuple(_feigned(distortion, shift, config.estimate.window_points) for shift in shifts)
-    known = Planned(scan, times, grid, quality, gauges, mean_sigma, tuple(one for one in feigned if one is not None), said, ())
+    effects = tuple(one.name for one in config.analysis_settings().model.effects)
+    known = Planned(scan, times, grid, quality, gauges, mean_sigma, tuple(one for one in feigned if one is not None), said, (), effects)
     return Planned(**{name: getattr(known, name) for name in known.__slots__ if name != "advice"}, advice=advice(config, known))
 
 

@@ -21,7 +21,7 @@ from semlive.service.blas import one_blas_thread
 from semlive.service.log_files import messages
 from semlive.service.log_pairs import Maps, Words, has_images, load_series, log_settings, mapped_pairs, recorded_result, topic_counts
 from semlive.service.map_store import MapStore, beside_memory
-from semlive.service.model_file import corrected, read_model
+from semlive.service.model_file import fitting_model
 from semlive.service.settings_changes import Change, changed
 
 __all__ = ["Replay", "Replayed", "Source", "Watch", "last_result", "load_series", "replay", "replay_images", "require_calibration"]
@@ -45,7 +45,8 @@ class Replay:
         source: images or disparity maps; None takes the images if the log has any.
         until: number of the last pair; None takes all.
         speed: times the speed of life; None is as fast as it goes.
-        model: file with further effects, which are fitted to the disparity maps of the whole log and taken out of them.
+        model: file with further effects, which are fitted to the disparity maps of the whole log and taken out of them, in place of
+            those that the run was made with.
     """
 
     log: Path
@@ -113,7 +114,7 @@ def replay(asked: Replay, watch: Watch | None = None) -> Replayed:
     watch = watch or Watch()
     own = log_settings(asked.log)
     settings = asked_settings(own, asked)
-    by_images = asked.model is None and has_images(asked.log)
+    by_images = not settings.model.effects and has_images(asked.log)
     source = asked.source or (Source.IMAGES if by_images else Source.DISPARITY)
     refused = [change.key for change in asked.changes if change.of_images]
     if source is Source.DISPARITY and refused:
@@ -123,8 +124,6 @@ def replay(asked: Replay, watch: Watch | None = None) -> Replayed:
         )
     if source is Source.IMAGES and not has_images(asked.log):
         raise BadLog(f"{asked.log}: holds no images; replay it from its disparity maps.")
-    if asked.model is not None:
-        return _with_model(asked, asked.model, own, settings, watch)
     words, store = Words(), MapStore()
     with store.settling():
         begun = (_from_images if source is Source.IMAGES else _from_maps)(asked, settings, words, watch, store)
@@ -152,15 +151,6 @@ def conclude_replay(
         return _finished(asked, own, settings, Source.IMAGES, begun, Words(recorded=recorded_result(asked.log)), watch)
 
 
-def _with_model(asked: Replay, path: Path, own: AnalysisSettings, settings: AnalysisSettings, watch: Watch) -> Replayed:
-    known = corrected(asked.log, read_model(path))
-    store = MapStore()
-    with store.settling():
-        begun = _absorbed(asked, settings, _kept_pairs(asked, known.pairs(), store), _count(asked), watch, store)
-        done = _finished(asked, own, settings, Source.DISPARITY, begun, Words(recorded=recorded_result(asked.log)), watch)
-    return replace(done, result=replace(done.result, notes=(*done.result.notes, *known.notes)))
-
-
 def _finished(
     asked: Replay,
     own: AnalysisSettings,
@@ -173,9 +163,10 @@ def _finished(
     if begun is None:
         what = "no pair; nothing to replay" if source is Source.IMAGES else "no analysed pair; replay it from its images"
         raise BadLog(f"{asked.log}: holds {what}.")
+    begun = pipeline.without_effects(begun)
     solution = pipeline.solve(begun)
     result = _concluded(begun, solution, watch)
-    unchanged = settings == own and asked.until is None and asked.model is None
+    unchanged = settings == own and asked.until is None
     return Replayed(result, settings, words.recorded, begun, solution, unchanged)
 
 
@@ -222,10 +213,12 @@ def asked_settings(own: AnalysisSettings, asked: Replay) -> AnalysisSettings:
     """The log's own settings with what is asked for instead.
 
     Raises:
-        BadConfig: a value is out of its range.
+        BadConfig: a value is out of its range, or the model is of another magnification or scan.
     """
     if asked.method is not None and own.estimate.method != asked.method:
         own = replace(own, estimate=replace(own.estimate, method=asked.method))
+    if asked.model is not None:
+        own = replace(own, model=fitting_model(asked.log, asked.model).known)
     return changed(own, asked.changes)
 
 

@@ -17,6 +17,7 @@ from semlive.errors import BadConfig
 
 _UNITS = ("_px", "_points", "_s", "_m", "_mm2")
 _OF_IMAGES = ("dic.", "scan.")
+_MODEL = "model"  # `--model` changes it, whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +64,8 @@ def changed(settings: AnalysisSettings, changes: Iterable[Change]) -> AnalysisSe
 
 def as_keys(settings: AnalysisSettings) -> dict[str, Any]:
     """Every setting's value by its whole name, as in ``dic.subset_px``."""
-    return {key: _value(settings, key.split(".")) for key in _keys(AnalysisSettings)}
+    model = ", ".join(one.name for one in settings.model.effects)
+    return {key: _value(settings, key.split(".")) for key in _keys(AnalysisSettings)} | ({_MODEL: model} if model else {})
 
 
 def _value(settings: Any, path: list[str]) -> Any:
@@ -77,6 +79,8 @@ def _keys(cls: type, before: str = "") -> dict[str, Any]:
     found: dict[str, Any] = {}
     hints = typing.get_type_hints(cls)
     for one in dataclasses.fields(cls):
+        if before + one.name == _MODEL:
+            continue
         kind = hints[one.name]
         if dataclasses.is_dataclass(kind):
             found |= _keys(typing.cast(type, kind), f"{before}{one.name}.")

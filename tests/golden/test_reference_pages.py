@@ -26,6 +26,7 @@ from semlive.cli.lazy import load
 from semlive.data.experiment import Limits
 from semlive.data.settings import DicSettings, EstimateSettings, ScanProfile, ScanSpeed, SpecimenSettings, StrainSettings
 from semlive.service import config
+from semlive.service.model_section import ModelSection
 from semlive_drivers.approach import ApproachSettings
 from semlive_drivers.assembled import AssembledSettings
 from semlive_drivers.csv_tail import Column, CsvSettings
@@ -51,6 +52,7 @@ SECTIONS: tuple[tuple[str, type], ...] = (
     ("dic", DicSettings),
     ("estimate", EstimateSettings),
     ("estimate.strain", StrainSettings),
+    ("model", ModelSection),
 )
 DRIVERS: tuple[tuple[str, type], ...] = (
     ("Load frame `modbus`, and each part `modbus` of an assembled one", PartSettings),
@@ -100,6 +102,8 @@ ELSEWHERE = {
     "translation_shifts_px": "Places (x, y) of the unloaded pairs that check it.",
     "loads_n": "Loads at which pairs are taken, tension positive.",
     "name": "Of the run, and of its log.",
+    "effects": "Name and `law` (`family`, `values`, `size_px`) of each.",
+    "ModelSection.run": "`width_px`, `height_px` and `pixel_size_um` of the run that they were found in.",
     "max_hold_s": "No hold lasts longer, whatever is expected.",
     "driver": "Name of an installed driver: [drivers.md](drivers.md).",
     "settings": "What the driver needs: [drivers.md](drivers.md).",

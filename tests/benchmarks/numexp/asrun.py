@@ -34,13 +34,14 @@ def concluded(experiment: Experiment, settings: AnalysisSettings) -> RunResult:
 
 def decision_of(taken: Taken, pair: int, settings: AnalysisSettings) -> PairDecision:
     """The decision for a pair that shows what one of the experiment's does."""
-    first, second = (_info(2 * pair + member) for member in (0, 1))
+    first, second = (frame_info(2 * pair + member) for member in (0, 1))
     load_n = float(taken.seen[-1].gradient[1, 1]) * 71.1e3 * (settings.specimen.area_mm2 or 0.0)
     held = FrameLoad(load_n, load_n, load_n, 0.0)
     return PairDecision(pair, Step(pair, taken.phase, (0.0, 0.0), (0.0, 0.0), load_n), first, second, (held, held))
 
 
-def _info(frame: int) -> FrameInfo:
+def frame_info(frame: int) -> FrameInfo:
+    """What a file of a frame says."""
     known = Provenance.CONFIG
     start = Sourced(START_NS + round(start_s(frame) * 1e9), known)
     return FrameInfo(frame, _name(frame), "plain", WIDTH_PX, HEIGHT_PX, 0, timing(), start, 0.01, Sourced(1.25e-6, known))

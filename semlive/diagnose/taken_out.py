@@ -1,0 +1,135 @@
+"""What a model's effects moved is taken out of the maps of a run, before anything is estimated from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive import estimate
+from semlive.data.diagnosis import KnownEffect, KnownModel
+from semlive.data.disparity import DisparityMap
+from semlive.data.drift import FrameTime
+from semlive.data.grid import Grid
+from semlive.data.pair import PairDecision
+from semlive.data.settings import EstimateSettings
+from semlive.data.strain import Tensor2
+from semlive.diagnose.known import at_points, moved_by, showing
+from semlive.diagnose.observation import Observation, first_solution, observe, steps_of
+from semlive.errors import IllPosed
+from semlive.estimate.accumulate import DENSE_PAIRS
+from semlive.model.move_effects import beside_maps
+
+Array = NDArray[np.float64]
+MOST_PAIRS = DENSE_PAIRS
+"""That effects are fitted to: baseline and effects are one matrix over all pairs."""
+NOTHING = Tensor2(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenPair:
+    """A pair as it was measured.
+
+    Attributes:
+        decision: what it is.
+        times: when its frames were scanned.
+        maps: within it and from frame 0 to each of its frames.
+    """
+
+    decision: PairDecision
+    times: tuple[FrameTime, FrameTime]
+    maps: tuple[DisparityMap, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TakenOut:
+    """What effects moved in a run so far.
+
+    Attributes:
+        pairs: that they were fitted to.
+        by_frame: by the number of each frame (ny, nx, 2) what is taken out of its map, px; empty where nothing is.
+        strain: by the number of each frame the mean strain of that.
+        notes: sentences for the operator.
+    """
+
+    pairs: int
+    by_frame: Mapping[int, Array] = field(default_factory=dict)
+    strain: Mapping[int, Tensor2] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def without(self, disparity: DisparityMap) -> DisparityMap:
+        """A map without it."""
+        if not self.by_frame:
+            return disparity
+        by = self.by_frame[disparity.current] - self.by_frame[disparity.reference]
+        u, v = (one.copy() for one in (disparity.u_px, disparity.v_px))
+        u[disparity.valid] -= by[..., 0][disparity.valid]
+        v[disparity.valid] -= by[..., 1][disparity.valid]
+        return replace(disparity, u_px=u, v_px=v)
+
+    def strain_of(self, frame: int) -> Tensor2:
+        """Mean strain of what is taken out of a frame."""
+        return self.strain.get(frame, NOTHING)
+
+
+def taken_out(model: KnownModel, settings: EstimateSettings, seen: Sequence[SeenPair]) -> TakenOut:
+    """What a model's effects moved, their amplitudes fitted to all pairs so far, together with drift, distortion and motion.
+
+    Where they cannot be fitted nothing is taken out, and a note says why: a run goes on.
+
+    Args:
+        model: the effects.
+        settings: of the estimate; it is the joint one that effects are fitted beside.
+        seen: the pairs so far, in the order in which they came.
+    """
+    if len(seen) > MOST_PAIRS:
+        return too_many(len(seen))
+    first = seen[0].decision.first
+    of_maps = [one for one in model.effects if beside_maps(one.name) is None]
+    notes = [f"model: {one.name} is not a matter of maps, and is left in" for one in model.effects if beside_maps(one.name)]
+    why = unfit(model, (first.width_px, first.height_px))
+    if why or not of_maps:
+        return TakenOut(len(seen), notes=(*((f"WARNING: model: nothing is taken out of the maps: {why}",) if why else ()), *notes))
+    state = estimate.init(settings, seen[0].maps[0].grid, first.width_px, first.height_px)
+    for one in seen:
+        state = estimate.update(state, one.decision.pair, one.decision.step.phase, one.times, one.maps)
+    try:
+        observation = observe(first_solution(state), steps_of([one.decision for one in seen]))
+    except IllPosed as error:
+        return TakenOut(len(seen), notes=(f"model: nothing is taken out of the maps yet: {error}", *notes))
+    return _taken(observation, of_maps, notes)
+
+
+def too_many(pairs: int) -> TakenOut:
+    """Of a run of more pairs than effects can be fitted to; live, those before were corrected, and no longer are."""
+    why = f"{pairs} pairs are more than the {MOST_PAIRS} that its effects can be fitted to together"
+    return TakenOut(pairs, notes=(f"WARNING: model: nothing is taken out of the maps: {why}",))
+
+
+def unfit(model: KnownModel, size_px: tuple[int, int]) -> str:
+    """Why a model is none for frames of a size; empty if it is."""
+    if model.size_px is None or model.size_px == size_px:
+        return ""
+    return f"it was found in frames of {model.size_px[0]} x {model.size_px[1]} px, and these are {size_px[0]} x {size_px[1]} px"
+
+
+def _taken(observation: Observation, effects: Sequence[KnownEffect], notes: Sequence[str]) -> TakenOut:
+    seen = showing(observation, effects)
+    moved = moved_by(observation, seen)
+    out = [one for one in moved.effects if one not in moved.left_in]
+    said = [f"model: {', '.join(out)} taken out of the maps; what is stated of strain does not hold their uncertainty"] if out else []
+    said += [f"model: {one} is strain or cannot be told from it, and is left in" for one in moved.left_in]
+    said += [f"model: {one.name} cannot be seen: there are no loads or moves for it to go with" for one in effects if one not in seen]
+    fields = at_points(observation, moved.field_px, observation.grid) if out else {}
+    strain = {frame: _strain(observation.grid, moved_px) for frame, moved_px in fields.items()}
+    return TakenOut(len(observation.scene.frame) // 2, fields, strain, (*said, *notes))
+
+
+def _strain(grid: Grid, moved_px: Array) -> Tensor2:
+    """Of the plane that is nearest to a field (ny, nx, 2)."""
+    x, y = grid.mesh()
+    rows = np.stack((np.ones_like(x), x, y), axis=-1).reshape(-1, 3)
+    _, along_x, along_y = np.linalg.lstsq(rows, moved_px.reshape(-1, 2), rcond=None)[0]
+    return Tensor2(float(along_x[0]), float(along_y[1]), 0.5 * float(along_x[1] + along_y[0]))

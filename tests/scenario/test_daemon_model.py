@@ -1,0 +1,132 @@
+"""A run with a model of further effects: killed, taken up again without being told of the model, replayed, diagnosed."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from semlive.service.log_files import messages
+
+PAIRS = 6
+EFFECTS = ["magnification_drift", "tilt_with_load", "mains_hum"]
+SAID = "magnification_drift, tilt_with_load taken out of the maps"
+
+
+def write_model(path: Path, **run: float) -> Path:
+    values = {"mains_hum": {"frequency_hz": 50.0}}
+    laws = [{"family": name, "values": values.get(name, {}), "size_px": 0.1} for name in EFFECTS]
+    effects = [{"name": law["family"], "law": law, "parameters": {}} for law in laws]
+    found_in = {"end_s": 900.0, "width_px": 320, "height_px": 276, "pixel_size_um": 1.25, **run}
+    path.write_text(json.dumps({"version": 1, "effects": effects, "run": found_in}), encoding="utf-8")
+    return path
+
+
+def semlive(*words: object) -> tuple[int, str, str]:
+    done = subprocess.run(
+        [sys.executable, "-m", "semlive", *map(str, words)],
+        capture_output=True,
+        text=True,
+        timeout=250,
+        check=False,
+        stdin=subprocess.DEVNULL,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+def logged(log: Path, topic: str) -> list[dict[str, Any]]:
+    return [json.loads(one.payload) for one in messages(log) if one.topic == topic] if list(log.glob("*.mcap*")) else []
+
+
+@pytest.fixture(scope="module")
+def done(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> Any:
+    """A run with a model, killed after its third pair and taken up again by a command that does not name the model."""
+    one = instrument("modelled")
+    one.config["protocol"].update(calibration_shifts_px=[[0, 0], [6, 0], [0, 6], [-6, 0], [0, -6]], loads_n=[600])
+    one.model = write_model(one.folder / "model.json")
+    process = one.start("--model", str(one.model))
+    wait_until(lambda: len(logged(one.log, "/motion")) > 2 or process.poll() is not None)
+    process.send_signal(signal.SIGKILL)
+    _, err = process.communicate(timeout=30)
+    assert logged(one.log, "/pair"), err
+    wait_until(lambda: one.load_frame_status() == 2)  # its watchdog: fault
+    process = one.start("--resume", "--yes")
+    out, err = process.communicate(timeout=250)
+    assert process.returncode == 0, out + err
+    return one
+
+
+@pytest.mark.timeout(500)
+def test_the_log_says_which_model_both_times(done: Any) -> None:
+    runs = logged(done.log, "/run")
+    assert len(runs) == 2
+    assert runs[0]["config"]["model"] == runs[1]["config"]["model"]
+    assert [one["name"] for one in runs[0]["config"]["model"]["effects"]] == EFFECTS
+    lines = [one["text"] for one in logged(done.log, "/log")]
+    assert sum(one.endswith(f"taken out of them: {', '.join(EFFECTS)}") for one in lines) == 2
+
+
+@pytest.mark.timeout(500)
+@pytest.mark.parametrize("source", ["--from-disparity", "--from-images"])
+def test_a_replay_gives_what_was_said_live_without_naming_the_model(done: Any, source: str) -> None:
+    (live,) = logged(done.log, "/result")
+    assert live["pairs"] == PAIRS
+    assert any(SAID in one for one in live["warnings"])
+    assert "model: mains_hum is not a matter of maps, and is left in" in live["warnings"]
+    code, out, err = semlive("replay", done.log, source, "--json")
+    assert (code, json.loads(out)) == (0, live), err
+
+
+@pytest.mark.timeout(500)
+def test_maps_in_the_log_are_as_measured_so_that_another_model_can_be_asked(done: Any) -> None:
+    none = done.folder / "none.json"
+    none.write_text(json.dumps({"version": 1, "effects": []}), encoding="utf-8")
+    told = []
+    for model in (done.model, none):
+        code, out, err = semlive("replay", done.log, "--model", model, "--from-disparity", "--json")
+        assert code == 0, err
+        told.append(json.loads(out))
+    assert told[0] == logged(done.log, "/result")[0]
+    assert not any("model:" in one for one in told[1]["warnings"])
+    assert told[1]["frames"][-1]["strain_mean"] != told[0]["frames"][-1]["strain_mean"]
+
+
+@pytest.mark.timeout(500)
+def test_diagnosis_begins_with_the_model_of_the_run(done: Any) -> None:
+    code, out, err = semlive("diagnose", done.log, "--json", "-o", done.folder / "child.json")
+    assert code == 0, err
+    child = json.loads((done.folder / "child.json").read_text(encoding="utf-8"))
+    assert [one["name"] for one in child["effects"]][: len(EFFECTS)] == EFFECTS
+    assert child["parent_sha256"] == logged(done.log, "/run")[0]["config"]["model"]["sha256"]
+    assert not set(EFFECTS) & {one["name"] for one in json.loads(out)["effects"]}
+
+
+@pytest.mark.timeout(500)
+def test_plan_names_the_model_and_refuses_one_that_does_not_fit(done: Any) -> None:
+    config = done.write_config()
+    timed = done.folder / "timed.yaml"
+    timed.write_text(yaml.safe_dump({**done.config, "sem": {**done.config["sem"], "profile": {"frame_time_s": 9.4}}}), encoding="utf-8")
+    code, out, err = semlive("plan", timed, "--model", done.model, "--json")
+    assert (code, json.loads(out)["model"]) == (0, EFFECTS), err
+    small = write_model(done.folder / "x10000.json", pixel_size_um=0.025)
+    other = done.folder / "version.json"
+    other.write_text(json.dumps({"version": 2, "effects": []}), encoding="utf-8")
+    wide = write_model(done.folder / "wide.json", width_px=640)
+    for command, model, words in (
+        (("plan", config), small, "another magnification"),
+        (("run", config, "--resume"), other, "is of version 2, this program reads version 1"),
+        (("run", config, "--no-page"), small, "another magnification"),
+        (("replay", done.log), small, "another magnification"),
+        (("replay", done.log), wide, "frames of 640 x 276 px"),
+        (("diagnose", done.log), wide, "frames of 640 x 276 px"),
+        (("run", config, "--resume", "--no-page"), wide, "model."),  # not the one that the run began with
+    ):
+        code, _, err = semlive(*command, "--model", model)
+        assert (code, words in err.splitlines()[-1]) == (2, True), (command, err)

@@ -1,0 +1,121 @@
+"""A run with a model: what can be fitted is taken out; else the run goes on, takes nothing out, and says why."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_limits
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+from blind.experiment import Conditions, HiddenPair, hidden
+from blind.live import decided, followed
+
+from semlive import pipeline
+from semlive.data.diagnosis import KnownEffect, KnownModel
+from semlive.data.grid import Grid
+from semlive.data.results import FrameResult
+from semlive.data.settings import AnalysisSettings
+from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
+
+GRID = Grid(101, 101, 25, 30, 24, 43)
+NAME = "charging_local_lens"
+PEAK_PX = 0.2
+EFFECT = (ChargingLocalLens(PEAK_PX, 80.0, 0.0, 900.0, ((560.0, 330.0),)),)
+MODEL = KnownModel((KnownEffect(NAME, (("x_px", 560.0 - 511.5), ("y_px", 330.0 - 441.5), ("width_px", 80.0)), 0.2),))
+Said = list[tuple[pipeline.Begun, pipeline.PairResult]]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread() -> Iterator[None]:
+    """As in the daemon's analysis; two threads for such small matrices wait for one another."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield
+
+
+@pytest.fixture(scope="module")
+def charging() -> list[HiddenPair]:
+    """Six pairs with a spot that charges by far more than the noise."""
+    return hidden(Conditions(911, calibration=6, tension=0, noise_px=0.005), EFFECT, GRID)
+
+
+@pytest.fixture(scope="module")
+def bare(charging: list[HiddenPair]) -> Said:
+    """Without a model."""
+    return list(followed(charging, AnalysisSettings()))
+
+
+@pytest.fixture(scope="module")
+def modelled(charging: list[HiddenPair]) -> Said:
+    """With one."""
+    return list(followed(charging, AnalysisSettings(model=MODEL)))
+
+
+def field_of(frame: FrameResult) -> np.ndarray:
+    """(n, 2) displacement where it is valid."""
+    shown = frame.displacement
+    return np.stack((shown.u_px[shown.valid], shown.v_px[shown.valid]), axis=-1)
+
+
+def last_field(begun: pipeline.Begun) -> np.ndarray:
+    """The same of the last frame, at the end."""
+    return field_of(pipeline.conclude(begun).frames[-1])
+
+
+def roughness(frame: FrameResult) -> float:
+    """Nothing was strained: scatter of a displacement over the points, px."""
+    return float(np.sqrt(np.var(field_of(frame), axis=0).sum()))
+
+
+def test_what_is_told_after_each_pair_is_without_the_effect(modelled: Said, bare: Said) -> None:
+    assert [any(f"{NAME} taken out" in note for note in result.estimate.notes) for _, result in modelled] == [False] * 4 + [True] * 2
+    assert "yet: 4 pairs with" in modelled[3][1].estimate.notes[-1]
+    with_it, without = (roughness(said[-1][1].frames[1]) for said in (bare, modelled))
+    assert without < 0.5 * with_it
+
+
+def test_the_end_is_that_of_all_pairs_at_once(charging: list[HiddenPair], modelled: Said) -> None:
+    settings, begun = AnalysisSettings(model=MODEL), None
+    for one in charging:
+        decision = decided(one)
+        begun = pipeline.absorb(begun or pipeline.begin_from_maps(settings, decision.first, GRID), decision, one.maps)
+    assert begun is not None
+    assert np.array_equal(last_field(modelled[-1][0]), last_field(pipeline.without_effects(begun)))
+
+
+def test_no_frame_is_told_anew_for_strain_that_only_changed_its_name(modelled: Said) -> None:
+    before, (begun, result) = modelled[3][0].told, modelled[4]
+    sigma = max(one.summary.mean_sigma.eyy for one in begun.told.values())
+    # What magnification and distortion had of the spot before, the effect has now.
+    assert begun.taken.strain_of(7).eyy > 20.0 * sigma
+    for one in result.revised:
+        old = before[one.summary.frame].summary
+        moved = [abs(getattr(one.summary.mean, of) - getattr(old.mean, of)) / getattr(old.mean_sigma, of) for of in ("exx", "eyy", "exy")]
+        assert max(moved) > 0.9
+
+
+def test_a_run_of_frames_of_another_size_goes_on_without_the_model(charging: list[HiddenPair], bare: Said) -> None:
+    settings = AnalysisSettings(model=KnownModel(MODEL.effects, size_px=(512, 442)))
+    begun = None
+    for one in charging:
+        decision = decided(one)
+        begun = pipeline.absorb(begun or pipeline.begin_from_maps(settings, decision.first, GRID), decision, one.maps)
+    assert begun is not None
+    begun = pipeline.without_effects(begun)
+    (note,) = begun.taken.notes
+    assert note.startswith("WARNING: model: nothing is taken out of the maps: it was found in frames of 512 x 442 px")
+    assert np.array_equal(last_field(begun), last_field(bare[-1][0]))
+
+
+def test_more_pairs_than_can_be_fitted_go_on_without_the_model(
+    monkeypatch: pytest.MonkeyPatch, charging: list[HiddenPair], bare: Said, modelled: Said
+) -> None:
+    for module in (pipeline, sys.modules["semlive.diagnose.taken_out"]):
+        monkeypatch.setattr(module, "MOST_PAIRS", 5)
+    begun, result = pipeline.update(modelled[4][0], decided(charging[5]), charging[5].maps)
+    assert result.estimate.notes[-1].startswith("WARNING: model: nothing is taken out of the maps: 6 pairs are more than the 5")
+    assert np.array_equal(last_field(begun), last_field(bare[-1][0]))
