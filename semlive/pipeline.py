@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 
 from semlive import dic, mechanics
 from semlive.data.disparity import DisparityMap
-from semlive.data.drift import Estimate, FrameTime, HoldDrift
+from semlive.data.drift import Estimate, FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.frame import Frame, FrameInfo
 from semlive.data.grid import Grid
 from semlive.data.pair import Pair, PairDecision
 from semlive.data.results import FrameResult, PairResult, RunResult
-from semlive.data.settings import AnalysisSettings, DicSettings
+from semlive.data.settings import AnalysisSettings
 from semlive.data.strain import ElasticConstants, GageComparison, Measured, StrainSummary, Tensor2
 from semlive.diagnose.taken_out import MOST_PAIRS, SeenPair, TakenOut, taken_out, too_many
 from semlive.errors import IllPosed
@@ -165,30 +165,6 @@ def foresee(begun: Begun, frame: Frame, *, first: bool) -> Foreseen:
     return Foreseen(dic.prepare(frame.image, begun.grid, settings) if first else None, from_frame_0)
 
 
-def hold_drift(settings: DicSettings, before: Frame, after: Frame) -> HoldDrift:
-    """How the picture drifted from one frame to a later one of the same rest.
-
-    Raises:
-        BadInput: the frames differ in size, or no point fits them.
-        IllPosed: less than half of the points are found again.
-    """
-    own = dic.prepare(before.image, dic.grid_for(settings, before.info.width_px, before.info.height_px), settings)
-    seen = dic.correlate(own, after.image, settings, reference_frame=before.info.export, current_frame=after.info.export)
-    if 2 * seen.valid.sum() < seen.valid.size:
-        raise IllPosed(f"{after.info.name} shows less than half of the points of {before.info.name}: no drift is seen between them")
-    apart_s = (after.info.start_time_ns.value - before.info.start_time_ns.value) / 1e9
-    alone = max(1.0, seen.valid.sum() * min(1.0, settings.step_px / settings.subset_px) ** 2)  # points that share no pixel
-    late = np.hypot(before.info.start_sigma_s, after.info.start_sigma_s) / apart_s
-
-    def rate(moved_px: NDArray[np.float64], sigma_px: NDArray[np.float64]) -> tuple[float, float]:
-        found = float(np.median(moved_px[seen.valid])) / apart_s
-        return found, float(np.hypot(np.median(sigma_px[seen.valid]) / np.sqrt(alone) / apart_s, found * late))
-
-    (x, sigma_x), (y, sigma_y) = rate(seen.u_px, seen.sigma_u_px), rate(seen.v_px, seen.sigma_v_px)
-    times_ns = before.info.start_time_ns.value, after.info.end_time_ns
-    return HoldDrift(before.info.export, after.info.export, *times_ns, (x, y), (sigma_x, sigma_y))
-
-
 def correlate(begun: Begun, pair: Pair, foreseen: Mapping[int, Foreseen] = NOTHING_FORESEEN) -> tuple[DisparityMap, ...]:
     """Disparity within the pair, and from frame 0 to each of its frames (frame 0 itself left out)."""
     settings, reference, k = begun.settings.dic, begun.reference, pair.decision.pair
@@ -200,7 +176,7 @@ def correlate(begun: Begun, pair: Pair, foreseen: Mapping[int, Foreseen] = NOTHI
     own = first.made_ready or dic.prepare(pair.first.image, begun.grid, settings)
     within = dic.correlate(own, pair.second.image, settings, reference_frame=2 * k, current_frame=2 * k + 1)
     ((as_measured, *_), *_) = begun.measured or (begun.from_frame_0,)
-    smear = dic.lacking(smear_of(begun.pairs[0], as_measured), smear_of(pair.decision, within))
+    smear = dic.lacking(dic.smear_of(begun.pairs[0], as_measured), dic.smear_of(pair.decision, within))
 
     def from_frame_0(frame: Frame, known: Foreseen, number: int) -> DisparityMap:
         if smear is None and known.from_frame_0 is not None:
@@ -208,15 +184,6 @@ def correlate(begun: Begun, pair: Pair, foreseen: Mapping[int, Foreseen] = NOTHI
         return dic.correlate_alike(reference, frame.image, settings, smear, reference_frame=0, current_frame=number)
 
     return within, from_frame_0(pair.first, first, 2 * k), from_frame_0(pair.second, second, 2 * k + 1)
-
-
-def smear_of(decision: PairDecision, within: DisparityMap) -> dic.Smear | None:
-    """How drift smeared a pair's frames, from the map within it; None where a frame is one scan."""
-    timing = decision.first.timing
-    if timing.integrations.value < 2:
-        return None
-    apart_s = (decision.second.start_time_ns.value - decision.first.start_time_ns.value) / 1e9
-    return dic.smear_within(within, apart_s, timing.frame_time_s.value, timing.integrations.value)
 
 
 def update(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> tuple[Begun, PairResult]:

@@ -197,7 +197,7 @@ def _drifted(state: AnalysisState, before: Frame, after: Frame) -> Iterator[LogM
     """The drift between two frames of one rest, unless they are to be the pair, which will tell it."""
     assert state.settings is not None  # frames are read by them
     with suppress(SemliveError):
-        seen = pipeline.hold_drift(state.settings.dic, before, after)
+        seen = dic.hold_drift(before, after, state.settings.dic)
         yield _message(HoldDriftMessage(**asdict(seen)), seen.end_time_ns)
 
 

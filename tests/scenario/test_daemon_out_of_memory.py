@@ -39,7 +39,7 @@ class Group:
 
 
 @pytest.fixture
-def group() -> Iterator[Group]:
+def kernel_peer() -> Iterator[Group]:
     name = f"semlive-{os.getpid()}"
     first = (GROUPS / "memory").is_dir()
     made = (
@@ -66,18 +66,18 @@ def logged(log: Path, topic: str) -> list[dict[str, Any]]:
 
 
 def test_linux_ends_the_analysis_first_and_the_run_loses_nothing(
-    instrument: Callable[..., Any], wait_until: Callable[..., None], group: Group
+    instrument: Callable[..., Any], wait_until: Callable[..., None], kernel_peer: Group
 ) -> None:
     one = instrument("out-of-memory")
     process = one.start()
     wait_until(lambda: len(logged(one.log, "/pair")) == 2)
     (analysis,) = (int(pid) for pid in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split())
-    group.allow(ROOM_BYTES)
+    kernel_peer.allow(ROOM_BYTES)
     for pid in (process.pid, analysis):
-        group.take_in(pid)
-    wait_until(lambda: group.kills() > 0)
-    group.allow(None)
-    assert group.kills() == 1
+        kernel_peer.take_in(pid)
+    wait_until(lambda: kernel_peer.kills() > 0)
+    kernel_peer.allow(None)
+    assert kernel_peer.kills() == 1
     out, err = process.communicate(timeout=200)
     assert process.returncode == 0, out + err
     assert f"died (exit code -{int(signal.SIGKILL)})" in " ".join((out + err).split()), out + err
