@@ -32,6 +32,7 @@ from semlive.service.journal import Journal
 from semlive.service.link import LinkThread
 from semlive.service.lock import only_one
 from semlive.service.log_files import segment_path
+from semlive.service.paced import Paced
 from semlive.service.process import boot_id
 from semlive.service.record import Recorder
 from semlive.service.recover import recover_leftovers
@@ -155,7 +156,7 @@ class _Daemon:
         analysis = AnalysisLink(
             self._folder,
             lambda: recorder.refused,
-            lambda message: control.soon(control.output, message),
+            Paced(control.soon, control.output),
             lambda what, lost: control.soon(_analysis_trouble, control, clock, what, lost),
             (0, 0) if earlier is None else (earlier.inputs, earlier.outputs),
         )

@@ -206,7 +206,7 @@ def measure(asked: Asked, folder: Path) -> dict[str, Any]:
         config["load_frame"]["poll_s"], config["stage"]["poll_s"] = 0.05, 0.1
         for device in ("load_frame", "stage"):
             # A simulator that a busy computer does not let answer is no fault that is looked for here.
-            config[device]["settings"]["timeout_s"] = 4.0
+            config[device]["settings"] |= {"timeout_s": 4.0, "frozen_after_s": 20.0}
         # In a week the drift goes 0.9 mm, and the stage goes after it.
         config["limits"] = {**config.get("limits", {}), "stale_after_s": 5.0, "lost_after_s": 30.0, "stage_travel_um": 2000.0}
         (folder / "run.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")

@@ -1,0 +1,37 @@
+"""Things that another thread says wait a few at a time, in their order, and are not lost when nobody takes them."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable
+
+from semlive.service.paced import Paced
+
+
+def test_no_more_than_a_few_wait_and_all_come_in_order() -> None:
+    waiting, taken, most = queue.SimpleQueue[Callable[[], None]](), list[int](), 0
+    say = Paced(waiting.put, taken.append, at_a_time=8, patience_s=60.0)
+    speaker = threading.Thread(target=lambda: [say(number) for number in range(500)])
+    speaker.start()
+    for _ in range(500):
+        call = waiting.get(timeout=60.0)
+        most = max(most, waiting.qsize() + 1)
+        call()
+    speaker.join(60.0)
+    assert taken == list(range(500))
+    assert most <= 9  # the one that is being taken, and those that wait
+
+
+def test_a_loop_that_takes_nothing_is_not_waited_for() -> None:
+    waiting, taken = queue.SimpleQueue[Callable[[], None]](), list[int]()
+    say = Paced(waiting.put, taken.append, at_a_time=2, patience_s=0.01)
+    for number in range(5):
+        say(number)
+    assert waiting.qsize() == 5
+    for _ in range(5):
+        waiting.get()()
+    for number in range(2):
+        say(number)
+    assert waiting.qsize() == 2
+    assert taken == list(range(5))
