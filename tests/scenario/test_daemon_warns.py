@@ -12,7 +12,7 @@ import pytest
 
 from semlive.service.log_files import messages
 
-EFFECTS = """
+BENCH_EFFECTS = """
 effects:
   magnification_frame_instability: {sd: 1.0e-3, seed: 1}
 """
