@@ -50,6 +50,11 @@ _NOTHING_TAKEN = TakenOut(0)
 Elastic = tuple[ElasticConstants | None, GageComparison | None]
 
 
+def as_it_is(disparity: DisparityMap) -> DisparityMap:
+    """The map itself."""
+    return disparity
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Told:
     """What was said of a frame.
@@ -96,6 +101,7 @@ class Begun:
         solution: the method's after the newest pair that was asked for one; None before.
         told: what was said last of every frame, by its number; empty unless the run is followed pair by pair.
         elastic: constants and comparison with the strain gage, as they were said last.
+        keep: gives a new map back as it shall be held: the same numbers.
         revision: counts the estimates that were said.
         measured: the pairs' maps as they came, where the settings have a model.
         taken: what its effects moved, which `estimator` and `from_frame_0` then are without.
@@ -110,6 +116,7 @@ class Begun:
     solution: Any = None
     told: Mapping[int, Told] = field(default_factory=dict)
     elastic: Elastic = (None, None)
+    keep: Callable[[DisparityMap], DisparityMap] = as_it_is
     revision: int = 0
     measured: tuple[tuple[DisparityMap, ...], ...] = ()
     taken: TakenOut = _NOTHING_TAKEN
@@ -135,7 +142,7 @@ def analyse(
         BadInput: the pair does not fit the ones before it, or no point of interest fits the frame.
     """
     begun = begun or begin(settings, pair.first)
-    maps = correlate(begun, pair, foreseen)
+    maps = tuple(begun.keep(one) for one in correlate(begun, pair, foreseen))
     return update(begun, pair.decision, maps)
 
 
@@ -170,7 +177,7 @@ def correlate(begun: Begun, pair: Pair, foreseen: Mapping[int, Foreseen] = NOTHI
     own = first.made_ready or dic.prepare(pair.first.image, begun.grid, settings)
     within = dic.correlate(own, pair.second.image, settings, reference_frame=2 * k, current_frame=2 * k + 1)
     ((as_measured, *_), *_) = begun.measured or (begun.from_frame_0,)
-    smear = dic.lacking(smear_of(begun.pairs[0], as_measured), smear_of(pair.decision, within))
+    smear = dic.lacking(dic.smear_of(begun.pairs[0], as_measured), dic.smear_of(pair.decision, within))
 
     def from_frame_0(frame: Frame, known: Foreseen, number: int) -> DisparityMap:
         if smear is None and known.from_frame_0 is not None:
@@ -178,15 +185,6 @@ def correlate(begun: Begun, pair: Pair, foreseen: Mapping[int, Foreseen] = NOTHI
         return dic.correlate_alike(reference, frame.image, settings, smear, reference_frame=0, current_frame=number)
 
     return within, from_frame_0(pair.first, first, 2 * k), from_frame_0(pair.second, second, 2 * k + 1)
-
-
-def smear_of(decision: PairDecision, within: DisparityMap) -> dic.Smear | None:
-    """How drift smeared a pair's frames, from the map within it; None where a frame is one scan."""
-    timing = decision.first.timing
-    if timing.integrations.value < 2:
-        return None
-    apart_s = (decision.second.start_time_ns.value - decision.first.start_time_ns.value) / 1e9
-    return dic.smear_within(within, apart_s, timing.frame_time_s.value, timing.integrations.value)
 
 
 def update(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> tuple[Begun, PairResult]:
@@ -280,6 +278,8 @@ def _as_known_now(begun: Begun, pairs: Iterable[int]) -> dict[int, StrainSummary
 
 def absorb(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> Begun:
     """Take a pair's maps in, from images or from a log, without asking what follows."""
+    if begun.pairs:
+        decision = _sharing(decision, begun.pairs[-1])
     pairs = (*begun.pairs, decision)
     estimator = begun.method.update(begun.estimator, decision.pair, decision.step.phase, frame_times(pairs[0], decision), maps)
     from_frame_0 = (*begun.from_frame_0, *seen_from_frame_0(decision.pair, maps))
@@ -308,6 +308,17 @@ def without_effects(begun: Begun) -> Begun:
     for decision, maps in zip(pairs, begun.measured, strict=True):
         fresh = absorb(fresh, decision, tuple(taken.without(one) for one in maps))
     return replace(begun, estimator=fresh.estimator, from_frame_0=fresh.from_frame_0, solution=None, taken=taken)
+
+
+def _sharing(decision: PairDecision, before: PairDecision) -> PairDecision:
+    """The same, with what its frames have in common with those of another pair held once: half of what a pair takes."""
+
+    def alike(one: FrameInfo, other: FrameInfo) -> FrameInfo:
+        shared = {name: getattr(other, name) for name in ("timing", "pixel_size_m", "column") if getattr(one, name) == getattr(other, name)}
+        return replace(one, **shared)
+
+    first = alike(decision.first, before.first)
+    return replace(decision, first=first, second=alike(decision.second, first))
 
 
 def seen_from_frame_0(pair: int, maps: tuple[DisparityMap, ...]) -> tuple[DisparityMap, ...]:

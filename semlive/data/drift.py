@@ -45,6 +45,27 @@ class DriftForecast:
     sigma_px_s: NDArray[np.float64]
 
 
+@dataclass(frozen=True, slots=True)
+class HoldDrift:
+    """Drift seen directly between two frames while nothing was moved, whether or not they came to be of a pair.
+
+    Attributes:
+        before: number of export of the first.
+        after: of the second.
+        begin_time_ns: start of the first's scan.
+        end_time_ns: end of the second's.
+        rate_px_s: mean drift rate (x, y) between them, the field's median.
+        sigma_px_s: its standard uncertainty, from the correlation's noise and the starts'.
+    """
+
+    before: int
+    after: int
+    begin_time_ns: int
+    end_time_ns: int
+    rate_px_s: tuple[float, float]
+    sigma_px_s: tuple[float, float]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class DriftEstimate:
     """Drift as a function of scan time, relative to the start of frame 0 (gauge F3: d = 0 there).

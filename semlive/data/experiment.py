@@ -138,7 +138,7 @@ class AdaptiveHold:
 
     Attributes:
         max_hold_s: it ends after this long, whatever is expected.
-        max_rate_px_s: it lasts until the forecast drift rate is below this; None does not ask.
+        max_rate_px_s: it lasts until the drift rate between frames of the hold, or else its forecast, is below this; None does not ask.
         max_relaxation_n_s: it lasts until the load changes more slowly than this; None does not ask.
     """
 

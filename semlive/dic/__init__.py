@@ -11,8 +11,9 @@ from semlive.dic.grid import grid_for
 from semlive.dic.incremental import begin, composed, follow
 from semlive.dic.quality import quality
 from semlive.dic.reference import Reference, prepare
+from semlive.dic.rest import hold_drift
 from semlive.dic.rows import register_rows, row_jitter
-from semlive.dic.smear import Smear, correlate_alike, lacking, smear_within
+from semlive.dic.smear import Smear, correlate_alike, lacking, smear_of
 from semlive.dic.tiles import correlate_tiled, is_large
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "correlate_tiled",
     "follow",
     "grid_for",
+    "hold_drift",
     "is_large",
     "lacking",
     "match",
@@ -38,6 +40,6 @@ __all__ = [
     "quality",
     "register_rows",
     "row_jitter",
-    "smear_within",
+    "smear_of",
     "warm_up",
 ]

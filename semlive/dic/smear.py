@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from semlive.data.disparity import DisparityMap
+from semlive.data.pair import PairDecision
 from semlive.data.settings import DicSettings
 from semlive.dic.correlate import correlate
 from semlive.dic.reference import Reference
@@ -84,6 +85,15 @@ def lacking(first: Smear | None, second: Smear | None) -> Smear | None:
         return None
     x, y = vectors[:, -1] * np.sqrt(12.0 * values[-1] / (first.scans**2 - 1))
     return Smear(float(x), float(y), first.scans)
+
+
+def smear_of(decision: PairDecision, within: DisparityMap) -> Smear | None:
+    """How drift smeared a pair's frames, from the map within it; None where a frame is one scan."""
+    timing = decision.first.timing
+    if timing.integrations.value < 2:
+        return None
+    apart_s = (decision.second.start_time_ns.value - decision.first.start_time_ns.value) / 1e9
+    return smear_within(within, apart_s, timing.frame_time_s.value, timing.integrations.value)
 
 
 def correlate_alike(

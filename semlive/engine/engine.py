@@ -104,6 +104,8 @@ def _hear(turn: Turn, event: Event) -> None:
             turn.update(seen=event)
         case ev.DriftForeseen():
             turn.update(foreseen=event)
+        case ev.DriftSeen():
+            turn.update(drifted=event)
         case ev.CalibrationJudged():
             turn.update(judged=event)
         case ev.FrameUnreadable(export=export, reason=reason):

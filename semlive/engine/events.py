@@ -176,6 +176,21 @@ class DriftForeseen:
 
 
 @dataclass(frozen=True, slots=True)
+class DriftSeen:
+    """How fast the drift was between two frames of one rest.
+
+    Attributes:
+        time_ns: experiment time.
+        begin_ns: when the first of them began.
+        rate_px_s: its size.
+    """
+
+    time_ns: int
+    begin_ns: int
+    rate_px_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class CalibrationJudged:
     """What the calibration is worth, from the pairs so far.
 
@@ -230,6 +245,7 @@ Event = (
     | FrameUnreadable
     | FieldSeen
     | DriftForeseen
+    | DriftSeen
     | CalibrationJudged
     | Operator
 )

@@ -1,4 +1,7 @@
-"""How fast things will go on: the drift by its forecast, the load by its last readings. Decides how long to wait, never whether to move."""
+"""How fast things will go on: the drift by frames of this hold or by its forecast, the load by its last readings.
+
+Decides how long to wait, never whether to move.
+"""
 
 from __future__ import annotations
 
@@ -45,11 +48,18 @@ def not_yet(state: EngineState) -> str | None:
         rate_n_s = relaxation_n_s(state, max(state.plan.hold.hold_s / 2, _SHORTEST_WINDOW_S))
         if not abs(rate_n_s) <= rule.max_relaxation_n_s:
             return f"the load changes by {rate_n_s:+.2g} N/s"
-    if rule.max_rate_px_s is not None and state.foreseen is not None:
-        rate_px_s, _ = drift_rate(state.foreseen, state.time_ns)
-        if not rate_px_s <= rule.max_rate_px_s:
-            return f"the drift is expected to go on at {60 * rate_px_s:.2g} px/min"
-    return None
+    return None if rule.max_rate_px_s is None else _drifts_on(state, rule.max_rate_px_s)
+
+
+def _drifts_on(state: EngineState, max_rate_px_s: float) -> str | None:
+    """That the drift is still too fast: as frames of this hold show it, else as it was forecast."""
+    if state.drifted is not None and state.drifted.begin_ns >= state.since_ns:
+        rate_px_s, words = state.drifted.rate_px_s, "the drift went on at {:.2g} px/min between frames of this hold"
+    elif state.foreseen is not None:
+        rate_px_s, words = drift_rate(state.foreseen, state.time_ns)[0], "the drift is expected to go on at {:.2g} px/min"
+    else:
+        return None
+    return None if rate_px_s <= max_rate_px_s else words.format(60 * rate_px_s)
 
 
 _SHORTEST_WINDOW_S = 5.0

@@ -9,7 +9,7 @@ from semlive.data.experiment import Limits, Plan, Step
 from semlive.data.frame import FrameInfo
 from semlive.data.loading import DeviceIdentity, LoadSample, StageSample
 from semlive.engine.commands import Announce, Command, Finish, Guard, RefuseFrame, StopMotion, Transition
-from semlive.engine.events import CalibrationJudged, Device, DriftForeseen, FieldSeen
+from semlive.engine.events import CalibrationJudged, Device, DriftForeseen, DriftSeen, FieldSeen
 from semlive.engine.history import LoadHistory
 from semlive.engine.recover import Interrupted
 from semlive.engine.states import FINAL_STATES, TRANSITIONS, Cause, State, next_state
@@ -74,6 +74,7 @@ class EngineState:
         start_sigma_s: how well the start of the last frame was known; before the first, what scan profiles assume.
         seen: where the field of the newest correlated pair was; None before.
         foreseen: how fast the newest estimate expects the drift to be; None before.
+        drifted: how fast the drift was between the newest two frames of a rest; None before.
         judged: what the newest estimate says of the calibration; None before.
         calibrated: the calibration's gate was passed.
         calibration_asked: the operator was told that it is refused.
@@ -111,6 +112,7 @@ class EngineState:
     start_sigma_s: float = 0.3
     seen: FieldSeen | None = None
     foreseen: DriftForeseen | None = None
+    drifted: DriftSeen | None = None
     judged: CalibrationJudged | None = None
     calibrated: bool = False
     calibration_asked: bool = False

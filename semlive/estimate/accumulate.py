@@ -13,9 +13,9 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.errors import IllPosed
-from semlive.estimate.blocks import BlockColumns, PackedColumns, block_columns, in_a_row
+from semlive.estimate.blocks import BlockColumns, PackedColumns, StoredColumns, block_columns, in_a_row
 from semlive.estimate.rows import all_rows, map_rows
-from semlive.estimate.state import SURE, EstimatorState, Extent, MapRows, ReferenceNoise
+from semlive.estimate.state import SURE, EstimatorState, Extent, ManyColumns, MapRows, ReferenceNoise, kept_rows
 from semlive.model import (
     Axis,
     DriftSpline,
@@ -100,7 +100,8 @@ def update(
     starts = state.starts.having(pair, math.hypot(*(when.start_sigma_s for when in times)))
     larger = replace(state, drift=drift, raster=raster, motions=motions, frames=frames, phases=phases, lines=lines, starts=starts)
     grown = with_rates(_grown(larger, state.layout), state.starts)
-    rows = all_rows(grown, maps)
+    # Kept as soon as they are made: a solution holds them too, and would hold what they were before.
+    rows = [kept_rows(one, state.keep) for one in all_rows(grown, maps)]
     sums = Sums(grown.precision, grown.information, grown.reference.copy())  # made by `_grown` for this state alone
     for one in rows:
         if grown.summed:
@@ -346,8 +347,9 @@ def with_rates(state: EstimatorState, known: StartErrors = SURE) -> EstimatorSta
     return replace(state, starts=state.starts.about(rates | dict(zip(known.pairs, known.rate_px_s, strict=True))))
 
 
-def _unpacked(columns: tuple[BlockColumns | PackedColumns, ...]) -> list[BlockColumns]:
-    return [one.unpacked() if isinstance(one, PackedColumns) else one for one in columns]
+def _unpacked(columns: ManyColumns) -> list[BlockColumns]:
+    every = columns.columns() if isinstance(columns, StoredColumns) else columns
+    return [one.unpacked() if isinstance(one, PackedColumns) else one for one in every]
 
 
 def _component(layout: Layout, columns: list[BlockColumns], axis: Axis) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -395,8 +397,8 @@ def with_line_shifts(state: EstimatorState, over_y: UniformSpline, about: NDArra
 
 
 def _remade(state: EstimatorState) -> EstimatorState:
-    kept = tuple(replace(map_rows(state, one.dmap), weight=one.weight) if one.weight.any() else one for one in state.rows)
-    again = replace(state, rows=kept)
+    made = (replace(map_rows(state, one.dmap), weight=one.weight) if one.weight.any() else one for one in state.rows)
+    again = replace(state, rows=tuple(kept_rows(one, state.keep) for one in made))
     return summed(unsummed(again)) if state.summed else again
 
 

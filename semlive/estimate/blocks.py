@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +18,7 @@ from semlive.model import Axis, Columns, TensorColumns
 OUTLIER_MADS = 6.0  # a displacement gradient alone reaches 2 median absolute deviations within a block
 OUTLIER_FLOOR_PX = 0.05
 ENOUGH_BLOCKS = 272
+_ALIGNED = 8  # numbers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,6 +161,60 @@ class PackedColumns:
         rows, columns_at = self.low[:, :1] + np.arange(height), self.low[:, 1:] + np.arange(width)
         total[np.arange(blocks)[:, None, None], rows[:, :, None], columns_at[:, None, :]] = self.window
         return BlockColumns(self.effect, Axis.EACH, np.arange(self.shape[0] * self.shape[1]), total.reshape(blocks, -1))
+
+
+Keep = Callable[[NDArray[Any]], NDArray[Any]]
+"""Gives the same numbers in an array of the same shape and order."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredColumns:
+    """A map's columns in two arrays that somebody else keeps: some ten objects of 0.4 kB each less for every map of a run.
+
+    Attributes:
+        kinds: effect, and component or shape of the coefficients, one by one.
+        places: (p,) of each: sizes, then where its columns act.
+        value: (v,) of each: block means, each on a boundary of 64 bytes, because sums may follow alignment.
+    """
+
+    kinds: tuple[tuple[str, Axis | tuple[int, int]], ...]
+    places: NDArray[np.int64]
+    value: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, columns: Sequence[BlockColumns | PackedColumns], keep: Keep) -> StoredColumns:
+        """Of columns as they were made."""
+        kinds, places, values = [], list[NDArray[np.int64]](), list[NDArray[np.float64]]()
+        for one in columns:
+            if isinstance(one, PackedColumns):
+                kinds.append((one.effect, one.shape))
+                sizes, at, value = one.window.shape, one.low.ravel(), one.window
+            else:
+                kinds.append((one.effect, one.axis))
+                sizes, at, value = (*one.value.shape, 0), one.index, one.value
+            places += [np.array(sizes, dtype=np.int64), at]
+            values += [value.ravel(), np.zeros(-value.size % _ALIGNED)]
+        return cls(_shared(tuple(kinds)), keep(np.concatenate(places)), keep(np.concatenate(values)))
+
+    def columns(self) -> Iterator[BlockColumns | PackedColumns]:
+        """The same numbers as they were made."""
+        at = begin = 0
+        for effect, how in self.kinds:
+            blocks, first, second = (int(one) for one in self.places[at : at + 3])
+            shape = (blocks, first) if isinstance(how, Axis) else (blocks, first, second)
+            count, size = first if isinstance(how, Axis) else 2 * blocks, math.prod(shape)
+            where = self.places[at + 3 : at + 3 + count]
+            value = self.value[begin : begin + size].reshape(shape)
+            at, begin = at + 3 + count, begin + size + -size % _ALIGNED
+            if isinstance(how, Axis):
+                yield BlockColumns(effect, how, where, value)
+            else:
+                yield PackedColumns(effect, how, where.reshape(-1, 2), value)
+
+
+@lru_cache(maxsize=64)
+def _shared(kinds: tuple[tuple[str, Axis | tuple[int, int]], ...]) -> tuple[tuple[str, Axis | tuple[int, int]], ...]:
+    return kinds
 
 
 def block_columns(effect: str, columns: Columns | TensorColumns, block: NDArray[np.int64], blocks: int, sign: float = 1.0) -> BlockColumns:

@@ -15,10 +15,11 @@ from scipy.linalg import get_blas_funcs, solve_triangular
 
 from semlive.data.drift import FrameTime
 from semlive.estimate.arrow import cholesky, steady
+from semlive.estimate.blocks import Keep
 from semlive.estimate.border import DISTORTION, LINES, MOTION, SHIFT, STARTS, Border, Codes, Matrix, Strand, Vector, joint_of, strands
 from semlive.estimate.piece import Piece, border_sums, first_look, piece
 from semlive.estimate.prior import GRADIENT, REACH, SHIFT_PX, Hyper
-from semlive.estimate.state import EstimatorState, Keep, MapRows, in_memory
+from semlive.estimate.state import EstimatorState, MapRows, in_memory
 from semlive.model import MotionKind
 
 MARGIN = 0.125  # of a frame: so far before its first row and behind its last may a point be seen

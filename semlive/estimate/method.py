@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,6 +16,7 @@ from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
 from semlive.data.strain import Tensor2
 from semlive.estimate import sutton
+from semlive.estimate.blocks import Keep
 
 PointSigma = tuple[NDArray[np.float64], NDArray[np.float64]]
 """(ny, nx) along x and along y."""
@@ -32,7 +33,7 @@ class Learning(Protocol):
         """The state with one pair more."""
         ...
 
-    def kept_elsewhere(self, state: Any, pair: int, keep: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Any:
+    def kept_elsewhere(self, state: Any, pair: int, keep: Keep) -> Any:
         """The state with the large arrays of a pair, and those that are made of it later, kept by somebody else: the same numbers."""
         ...
 

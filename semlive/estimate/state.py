@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,15 +14,14 @@ from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
 from semlive.errors import IllPosed
-from semlive.estimate.blocks import BlockColumns, Blocks, PackedColumns
+from semlive.estimate.blocks import BlockColumns, Blocks, Keep, PackedColumns, StoredColumns
 from semlive.model import DistortionSpline, DriftSpline, Effect, Layout, LineShifts, PairMotions, RasterChange, ScanAxes, StartErrors
 
+ManyColumns = tuple[BlockColumns | PackedColumns, ...] | StoredColumns
 NO_LINES, SURE = LineShifts(), StartErrors()
-Keep = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Gives the same numbers in an array of the same shape and order."""
 
 
-def in_memory(array: NDArray[np.float64]) -> NDArray[np.float64]:
+def in_memory(array: NDArray[Any]) -> NDArray[Any]:
     """The array itself."""
     return array
 
@@ -48,9 +47,9 @@ class MapRows:
     disparity_px: NDArray[np.float64]
     weight: NDArray[np.float64]
     noisy_frames: int
-    difference: tuple[BlockColumns | PackedColumns, ...]
+    difference: ManyColumns
     position_px: NDArray[np.float64]
-    at_reference: tuple[BlockColumns | PackedColumns, ...]
+    at_reference: ManyColumns
     dmap: DisparityMap
 
     @property
@@ -241,25 +240,28 @@ def kept_elsewhere(state: EstimatorState, pair: int, keep: Keep) -> EstimatorSta
         pair: its number.
         keep: gives the same numbers in an array of the same shape and order.
     """
+    if state.keep == keep:
+        return state  # kept since they were made
     count = next((at for at, one in enumerate(reversed(state.rows)) if one.current // 2 != pair), len(state.rows))
     first = len(state.rows) - count
-    return replace(state, rows=(*state.rows[:first], *(_kept(one, keep) for one in state.rows[first:])), keep=keep)
+    return replace(state, rows=(*state.rows[:first], *(kept_rows(one, keep) for one in state.rows[first:])), keep=keep)
 
 
-def _kept(rows: MapRows, keep: Keep) -> MapRows:
+def kept_rows(rows: MapRows, keep: Keep) -> MapRows:
+    """The same with its large arrays kept by somebody else."""
+    if keep is in_memory:
+        return rows
     # Columns at a frame 0 that has all its points are one for all maps; others are packed.
-    own = any(isinstance(one, PackedColumns) for one in rows.at_reference)
+    own = not isinstance(rows.at_reference, StoredColumns) and any(isinstance(one, PackedColumns) for one in rows.at_reference)
     return replace(
         rows,
         disparity_px=keep(rows.disparity_px),
         weight=keep(rows.weight),
         position_px=keep(rows.position_px),
-        difference=tuple(_kept_columns(one, keep) for one in rows.difference),
-        at_reference=tuple(_kept_columns(one, keep) for one in rows.at_reference) if own else rows.at_reference,
+        difference=_stored(rows.difference, keep),
+        at_reference=_stored(rows.at_reference, keep) if own else rows.at_reference,
     )
 
 
-def _kept_columns(columns: BlockColumns | PackedColumns, keep: Keep) -> BlockColumns | PackedColumns:
-    if isinstance(columns, PackedColumns):
-        return replace(columns, window=keep(columns.window))
-    return replace(columns, value=keep(columns.value))
+def _stored(columns: ManyColumns, keep: Keep) -> StoredColumns:
+    return columns if isinstance(columns, StoredColumns) else StoredColumns.of(columns, keep)

@@ -8,7 +8,8 @@ from pydantic import BaseModel, ConfigDict
 class Message(BaseModel):
     """Base of all messages: frozen, no unknown fields, no NaN."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=False)
+    # pydantic would keep every short string that it reads, up to 16,384 of them; names of files never come again.
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=False, cache_strings="keys")
 
 
 class Booted(Message):

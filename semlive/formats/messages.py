@@ -300,6 +300,17 @@ class DriftMessage(Message):
     calibration: CalibrationQuality | None = None
 
 
+class HoldDriftMessage(Message):
+    """`/drift/hold`: drift seen directly between two frames of one rest (see `semlive.data.drift.HoldDrift`)."""
+
+    before: int
+    after: int
+    begin_time_ns: int
+    end_time_ns: int
+    rate_px_s: Point
+    sigma_px_s: Point
+
+
 class DistortionMessage(Message):
     """`/distortion/estimate`: one revision of distortion in space (see `semlive.data.drift.DistortionField`)."""
 
@@ -388,6 +399,7 @@ TOPICS: Mapping[str, type[Payload]] = {
     "/pair": PairMessage,
     "/dic/summary": DicMessage,
     "/drift/estimate": DriftMessage,
+    "/drift/hold": HoldDriftMessage,
     "/distortion/estimate": DistortionMessage,
     "/motion": MotionMessage,
     "/strain/summary": StrainMessage,

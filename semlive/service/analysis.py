@@ -11,7 +11,8 @@ import hashlib
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 
@@ -37,6 +38,7 @@ from semlive.formats.messages import (
     DicMessage,
     FaultMessage,
     FileMessage,
+    HoldDriftMessage,
     LogLineMessage,
     PairMessage,
     Payload,
@@ -53,6 +55,7 @@ from semlive.service.config import parse_config
 from semlive.service.display import pictures
 from semlive.service.file_clocks import FileClocks
 from semlive.service.map_store import MapStore, beside_memory
+from semlive.service.memory import give_back
 from semlive.service.pipe import read_counts
 from semlive.service.result_json import result_json
 from semlive.service.tail import Tail
@@ -68,6 +71,7 @@ _ONLY_OURS = frozenset(
         "/sem/scan",
         "/dic/summary",
         "/drift/estimate",
+        "/drift/hold",
         "/distortion/estimate",
         "/motion",
         "/strain/summary",
@@ -81,6 +85,8 @@ _ONLY_OURS = frozenset(
 _KEPT_FRAMES = 8
 _KEPT_BYTES = 512 * 2**20
 _KEPT_HASHES = 1000
+# Beside an instrument a run lasts days, and its memory shall stay where it is after the first hour.
+_IN_MEMORY_BYTES = 16 * 2**20
 _TOLD_BEYOND = 0.01
 _ASK = "the run goes on; `semlive diagnose LOG` says what is missing from the model"
 # From the word that something was recorded to its bytes in the log the recorder takes some milliseconds.
@@ -101,9 +107,11 @@ class AnalysisState:
         clocks: clocks of other computers as files tell them.
         warned: what the estimate has warned of, without its figures.
         told: the pair that was told last and has not been reconsidered; None otherwise.
+        rest_since_ns: since when nothing is moved; None while something may be.
         imaging_since_ns: scans that begin after this are meant for a pair; None while the engine asks for none.
-        fresh: the newest frame, if it is meant for a pair and was not looked at.
-        foreseen: what was made of such frames, by number of export.
+        fresh: the newest frame, if it was scanned at rest and not looked at.
+        rested: the one before it in the same rest.
+        foreseen: what was made of frames that are meant for a pair, by number of export.
     """
 
     settings: AnalysisSettings | None = None
@@ -115,9 +123,15 @@ class AnalysisState:
     begun: pipeline.Begun | None = None
     warned: frozenset[str] = frozenset()
     told: Pair | None = None
+    rest_since_ns: int | None = None
     imaging_since_ns: int | None = None
     fresh: Frame | None = None
+    rested: Frame | None = None
     foreseen: Mapping[int, pipeline.Foreseen] = field(default_factory=dict)
+
+    def means(self, frame: Frame) -> bool:
+        """Whether a frame is meant for the pair that is being taken."""
+        return self.imaging_since_ns is not None and frame.info.start_time_ns.value >= self.imaging_since_ns
 
 
 def feed(state: AnalysisState, message: LogMessage) -> tuple[AnalysisState, Iterable[LogMessage]]:
@@ -147,27 +161,44 @@ def feed(state: AnalysisState, message: LogMessage) -> tuple[AnalysisState, Iter
     if isinstance(payload, PairMessage):
         return _analyse(state, values.pair_decision(payload), message.log_time_ns)
     if isinstance(payload, StateMessage):
-        since_ns = payload.time_ns if payload.after == State.IMAGING else None
-        state = replace(state, imaging_since_ns=since_ns, fresh=None, foreseen={})
+        state = _moved_on(state, payload)
     if isinstance(payload, StateMessage) and payload.after in FINAL_STATES and state.begun and state.settings:
         result = ResultMessage(result_json(pipeline.conclude(state.begun), state.settings))
         return state, (_message(result, message.log_time_ns),)
     return state, ()
 
 
+def _moved_on(state: AnalysisState, told: StateMessage) -> AnalysisState:
+    """What a transition of the engine says of the frames that come."""
+    imaging, holding = told.after == State.IMAGING, told.after == State.HOLDING
+    since_ns = state.rest_since_ns if imaging else told.time_ns if holding else None
+    rested = state.rested if imaging else None
+    imaging_since_ns = told.time_ns if imaging else None
+    return replace(state, rest_since_ns=since_ns, imaging_since_ns=imaging_since_ns, rested=rested, fresh=None, foreseen={})
+
+
 def meanwhile(state: AnalysisState) -> tuple[AnalysisState, Iterable[LogMessage]]:
     """After `feed`, when what it gave has been said and nobody waits: what is due once a pair was told, or what the next will ask."""
-    begun, frame = state.begun, state.fresh
+    begun, frame, before = state.begun, state.fresh, state.rested
     if begun is not None and state.told is not None:
         return _reconsider(replace(state, told=None), begun, state.told)
-    if begun is None or frame is None:
+    if frame is None:
         return state, ()
-    state = replace(state, fresh=None)
-    try:
-        known = pipeline.foresee(begun, frame, first=not state.foreseen)
-    except SemliveError:
-        return state, ()  # the pair says it, if the frame comes into one
-    return replace(state, foreseen={**state.foreseen, frame.info.export: known}), ()
+    state = replace(state, fresh=None, rested=frame)
+    if begun is not None and state.means(frame):
+        # If it fails the pair says so, should the frame come into one.
+        with suppress(SemliveError):
+            known = pipeline.foresee(begun, frame, first=not state.foreseen)
+            state = replace(state, foreseen={**state.foreseen, frame.info.export: known})
+    return state, () if before is None or state.means(before) else _drifted(state, before, frame)
+
+
+def _drifted(state: AnalysisState, before: Frame, after: Frame) -> Iterator[LogMessage]:
+    """The drift between two frames of one rest, unless they are to be the pair, which will tell it."""
+    assert state.settings is not None  # frames are read by them
+    with suppress(SemliveError):
+        seen = dic.hold_drift(before, after, state.settings.dic)
+        yield _message(HoldDriftMessage(**asdict(seen)), seen.end_time_ns)
 
 
 def _reconsider(state: AnalysisState, before: pipeline.Begun, pair: Pair) -> tuple[AnalysisState, Iterable[LogMessage]]:
@@ -227,8 +258,8 @@ def _decode(state: AnalysisState, message: LogMessage) -> tuple[AnalysisState, t
     frames = _newest((*state.frames, frame))
     scan = _message(values.scan_message(frame.info), frame.info.end_time_ns)
     outputs = (*(_message(one, message.publish_time_ns) for one in told_clocks), scan)
-    meant = state.imaging_since_ns is not None and frame.info.start_time_ns.value >= state.imaging_since_ns
-    return replace(done, frames=frames, shown=shown, clocks=clocks, fresh=frame if meant else None), outputs
+    resting = state.rest_since_ns is not None and frame.info.start_time_ns.value >= state.rest_since_ns
+    return replace(done, frames=frames, shown=shown, clocks=clocks, fresh=frame if resting else None), outputs
 
 
 def _shown(before: Mapping[str, str], frame: Frame) -> Mapping[str, str]:
@@ -354,7 +385,7 @@ def main() -> None:
     arguments = parser.parse_args()
     stand_back()
     one_blas_thread()
-    state, skip, store = AnalysisState(), arguments.skip, MapStore()
+    state, skip, store = AnalysisState(), arguments.skip, MapStore(_IN_MEMORY_BYTES, stays=True)
     with Voice(sys.stdout.buffer, arguments.beat) as voice:
         for message in _inputs(arguments.log, chain((arguments.inputs,), read_counts(sys.stdin.buffer))):
             with voice.at_work():
@@ -391,14 +422,12 @@ def _inputs(log: Path, counts: Iterable[int]) -> Iterator[LogMessage]:
 
 
 def _lighter(state: AnalysisState, before: pipeline.Begun | None, store: MapStore) -> AnalysisState:
-    """What is kept of a new pair beyond the first 256 MB goes into files without a name, the same to the last bit."""
+    """What is kept of a new pair beyond the first 16 MB goes into files without a name, the same to the last bit."""
     if state.begun is None or state.begun is before:
         return state
-    try:
-        begun = beside_memory(state.begun, state.begun.pairs[-1].pair, (), store)
-    except OSError:
-        return state  # no room there: it stays in memory
+    begun = beside_memory(state.begun, state.begun.pairs[-1].pair, (), store)
     store.settle()
+    give_back()
     return replace(state, begun=begun)
 
 

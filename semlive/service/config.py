@@ -111,7 +111,7 @@ class AdaptiveHoldSection(_Section):
 
     max_hold_s: float = Field(gt=0)
     max_rate_px_s: float | None = Field(default=None, gt=0)
-    """Forecast drift rate."""
+    """Drift rate: between frames of the hold where there are any, else its forecast."""
     max_relaxation_n_s: float | None = Field(default=None, gt=0)
     """Change of the load."""
 

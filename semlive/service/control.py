@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from semlive.engine import (
     Device,
     DeviceFault,
     DeviceStopped,
+    DriftSeen,
     EngineState,
     Event,
     Finish,
@@ -56,10 +58,10 @@ from semlive.formats.log import LogMessage
 from semlive.formats.messages import (
     ClockOffsetMessage,
     DicMessage,
-    DriftMessage,
     ElasticMessage,
     FaultMessage,
     FileMessage,
+    HoldDriftMessage,
     LogLineMessage,
     OperatorMessage,
     ScanMessage,
@@ -70,12 +72,12 @@ from semlive.service.clock import FileClock, SystemClock
 from semlive.service.journal import Journal
 from semlive.service.link import LinkThread
 from semlive.service.resume import Earlier
-from semlive.service.seen import calibration_judged, drift_foreseen, field_seen
+from semlive.service.seen import DriftWord, calibration_judged, drift_foreseen, drift_word, field_seen
 from semlive.service.trigger import TriggerLink
 
 P = ParamSpec("P")
 
-_DECODED = ("/clock/offset", "/sem/scan", "/sem/file", "/log", "/dic/summary", "/drift/estimate", "/elastic", "/fault", "/result")
+_DECODED = ("/clock/offset", "/sem/scan", "/sem/file", "/log", "/dic/summary", "/drift/hold", "/elastic", "/fault", "/result")
 _TROUBLE = (State.FAULT, State.ESTOPPED)
 _ENDING = (State.STOPPING, *FINAL_STATES)
 _WARNED = (DeviceFault, DeviceStopped, LinkLost)
@@ -272,20 +274,27 @@ class Control:
             self.analysis_ready.set()
         elif isinstance(payload, DicMessage):
             self._field(payload)
-        elif isinstance(payload, DriftMessage):
-            self._drift_rate_px_s, self._pairs_analysed = payload.rate_px_s[-1], payload.pairs or payload.revision
-            zero = self._state.reference
-            if zero is not None:
-                now_ns = self._clock.now_ns()
-                judged = calibration_judged(payload, now_ns)
-                for event in (drift_foreseen(payload, zero.start_time_ns.value, now_ns), *([judged] if judged else [])):
-                    self.handle(event)
+        elif message.topic == "/drift/estimate":
+            self._drift(drift_word(message.payload))
+        elif isinstance(payload, HoldDriftMessage):
+            self.handle(DriftSeen(self._clock.now_ns(), payload.begin_time_ns, math.hypot(*payload.rate_px_s)))
         elif isinstance(payload, ElasticMessage):
             self._elastic = payload
         elif isinstance(payload, FaultMessage):
             self._warn(payload.what)
             if not is_doubt(payload):
                 self._pair_unusable(payload.what)
+
+    def _drift(self, word: DriftWord) -> None:
+        """How fast the drift is, and what the calibration is worth."""
+        self._pairs_analysed, zero = word.pairs or word.revision, self._state.reference
+        if word.rate_x_px_s is not None and word.rate_y_px_s is not None:
+            self._drift_rate_px_s = word.rate_x_px_s, word.rate_y_px_s
+        if zero is not None:
+            now_ns = self._clock.now_ns()
+            judged = calibration_judged(word, now_ns)
+            for event in (drift_foreseen(word, zero.start_time_ns.value, now_ns), *([judged] if judged else [])):
+                self.handle(event)
 
     def _pair_unusable(self, why: str) -> None:
         """Every later frame is measured from the first pair; what spoilt a later one may spoil the next, and spend the specimen on it."""

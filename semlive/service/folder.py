@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -20,9 +20,10 @@ from semlive.data.settings import ScanProfile
 from semlive.errors import BadConfig
 from semlive.formats import SIDECAR_VENDORS, check_complete, check_finished, may_be_unfinished
 from semlive.ports import ClockSource
+from semlive.service.known_files import BEFORE, COPY, KnownFile, KnownFiles
 from semlive.service.names import NameCount
 from semlive.service.open_elsewhere import held_back, open_elsewhere
-from semlive.service.sidecars import IMAGE_SUFFIXES, SIDECAR_SUFFIXES, sidecar_names
+from semlive.service.sidecars import IMAGE_SUFFIXES, sidecar_names
 
 _LATELY = 3.0  # looks
 Key = tuple[int, int, int, int]
@@ -100,29 +101,17 @@ class _Candidate:
     held_told: bool = False
 
 
-@dataclass(slots=True)
-class _Taken:
-    """A file that is done with, as it was then, and when it last changed after that."""
-
-    key: Key
-    what: str
-    sha256: str = ""
-    alone: bool = False
-    changed_ns: int | None = None
-
-
 @dataclass(frozen=True, slots=True)
 class _Listing:
-    """The folder at one scan: image files, and text files that may stand beside them."""
+    """The folder at one scan, without the files that are done with and stand as they were.
 
-    images: dict[str, Key]
-    texts: dict[str, Key]
+    Attributes:
+        new: image files that are not known.
+        other: known files that are not as they were.
+    """
 
-    def beside(self, name: str) -> tuple[str, Key] | None:
-        """The text file of an image, if it is there."""
-        if not self.texts:
-            return None
-        return next(((other, self.texts[other]) for other in sidecar_names(name) if other in self.texts), None)
+    new: dict[str, Key]
+    other: dict[str, Key]
 
 
 def silent(_text: str) -> None:
@@ -151,9 +140,10 @@ class Folder:
     on_notice: Callable[[str], None] = silent
     in_use: Callable[[Path], bool] = open_elsewhere
     _candidates: dict[str, _Candidate] = field(default_factory=dict)
-    _taken: dict[str, _Taken] = field(default_factory=dict)
+    _known: KnownFiles = field(default_factory=KnownFiles)
+    _alone: dict[str, int] = field(default_factory=dict)
+    _changing: dict[str, int] = field(default_factory=dict)
     _given_up: dict[str, tuple[Key, tuple[str, Key] | None]] = field(default_factory=dict)
-    _hashes: dict[str, str] = field(default_factory=dict)
     _names: NameCount = field(default_factory=NameCount)
     _export: int = 0
     _gone: bool = False
@@ -168,13 +158,13 @@ class Folder:
         """
         self._export = self.settings.first_export
         try:
-            there = self._list()
+            for name, key in self._images():
+                if not self.settings.adopt:
+                    self._known.put(name, KnownFile(key[:3], BEFORE))
         except OSError as exc:
             raise BadConfig(
                 f"{self.settings.folder}: the SEM's export folder cannot be read ({exc.strerror}); create it, or correct sem.folder."
             ) from exc
-        if not self.settings.adopt:
-            self._taken = {name: _Taken(key, "was there before the run") for name, key in there.images.items()}
 
     def poll(self) -> None:
         """Look once; files that became complete are delivered before it returns."""
@@ -195,34 +185,45 @@ class Folder:
             self.on_trouble(f"{self.settings.folder}: the export folder is back.")
             for candidate in self._candidates.values():  # nobody saw whether it stood still
                 candidate.since_ns, candidate.polls = now_ns, 0
-        self._forget_vanished(there, now_ns)
-        for name, key in there.images.items():
-            self._look(name, key, there, now_ns)
+        self._forget_vanished(there.new, now_ns)
+        self._look_at_alone(now_ns)
+        for name, key in there.other.items():
+            self._look_at_known(name, key, now_ns)
+        self._changing = {name: at_ns for name, at_ns in self._changing.items() if self._is_changing(at_ns, now_ns)}
+        for name, key in there.new.items():
+            self._look(name, key, now_ns)
         ready = [name for name, candidate in self._candidates.items() if self._is_quiet(candidate, now_ns)]
         for name in sorted(ready, key=lambda one: (self._candidates[one].key[1], one)):
             self._try(name, now_ns)
 
-    def _list(self) -> _Listing:
-        found = _Listing({}, {})
+    def _images(self) -> Iterator[tuple[str, Key]]:
+        """Image files that are there, one by one: a list of a month's would take more memory than what is known of them."""
         with os.scandir(self.settings.folder) as entries:
             for entry in entries:
                 name = entry.name.lower()
-                if name.endswith(self.settings.ignore_suffixes) or name.startswith("."):
-                    continue
-                into = found.images if name.endswith(self.settings.suffixes) else found.texts if name.endswith(SIDECAR_SUFFIXES) else None
-                if into is None:
-                    continue
-                try:
-                    state = os.stat(entry.path)  # scandir's own may be stale on shares and has no file id on Windows
-                except OSError:
-                    continue  # gone since, or not yet ours to see; the next scan tells
-                if stat.S_ISREG(state.st_mode):
-                    into[entry.name] = _key(state)
+                ours = name.endswith(self.settings.suffixes) and not name.endswith(self.settings.ignore_suffixes) and name[0] != "."
+                # scandir's own state may be stale on shares and has no file id on Windows
+                if ours and (key := _key_of(entry.path)) is not None:
+                    yield entry.name, key
+
+    def _list(self) -> _Listing:
+        found = _Listing({}, {})
+        for name, key in self._images():
+            stands = self._known.stands(name, key[:3])
+            if not stands:
+                (found.new if stands is None else found.other)[name] = key
         return found
 
-    def _forget_vanished(self, there: _Listing, now_ns: int) -> None:
-        gone = [name for name in self._candidates if name not in there.images]
-        news = {key for name, key in there.images.items() if name not in self._candidates and name not in self._taken} if gone else set()
+    def _beside(self, name: str) -> tuple[str, Key] | None:
+        """The text file of an image, if it is there."""
+        for other in sidecar_names(name):
+            if (key := _key_of(os.path.join(self.settings.folder, other))) is not None:
+                return other, key
+        return None
+
+    def _forget_vanished(self, there: dict[str, Key], now_ns: int) -> None:
+        gone = [name for name in self._candidates if name not in there]
+        news = {key for name, key in there.items() if name not in self._candidates} if gone else set()
         for name in gone:
             candidate = self._candidates[name]
             if any(_same(candidate.key, key) for key in news):
@@ -233,12 +234,8 @@ class Folder:
                 del self._candidates[name]
                 self._refuse(name, candidate.key, "disappeared before it was complete; export into a folder that nobody clears")
 
-    def _look(self, name: str, key: Key, there: _Listing, now_ns: int) -> None:
-        taken = self._taken.get(name)
-        if taken is not None:
-            self._look_at_taken(name, taken, key, there, now_ns)
-            return
-        beside = there.beside(name)
+    def _look(self, name: str, key: Key, now_ns: int) -> None:
+        beside = self._beside(name)
         given_up = self._given_up.get(name)
         if given_up is not None and _same(given_up[0], key) and _same_text(given_up[1], beside):
             return
@@ -252,30 +249,39 @@ class Folder:
         else:
             candidate.polls += 1
 
-    def _look_at_taken(self, name: str, taken: _Taken, key: Key, there: _Listing, now_ns: int) -> None:
-        if taken.alone and (beside := there.beside(name)) is not None:
-            taken.alone = False
-            text, own = _as_text(beside[0]), _as_text(name)
-            self.on_notice(f"{text} came after {own} {taken.what} without it; name the SEM in sem.vendor, so that the text is waited for.")
-        if _same(taken.key, key) and (taken.key[2] == key[2] or self._holds_still(name, taken, key)):
+    def _look_at_alone(self, now_ns: int) -> None:
+        """Files that were taken a short while ago without a text beside them."""
+        for name, taken_ns in list(self._alone.items()):
+            beside, known = self._beside(name), self._known.get(name)
+            if beside is not None and known is not None:
+                text, own = _as_text(beside[0]), _as_text(name)
+                why = f"{text} came after {own} {known.what} without it"
+                self.on_notice(f"{why}; name the SEM in sem.vendor, so that the text is waited for.")
+            if beside is not None or now_ns - taken_ns >= self.settings.sidecar_timeout_s * 1e9:
+                del self._alone[name]
+
+    def _look_at_known(self, name: str, key: Key, now_ns: int) -> None:
+        """A file that is done with, and is not as it was: somebody touched it, or it holds something else."""
+        known = self._known.get(name)
+        if known is None:
+            return
+        same = known.state[:2] == key[:2]
+        if same and known.sha256 and not known.overwritten:
+            try:
+                same = hashlib.sha256((self.settings.folder / name).read_bytes()).hexdigest() == known.sha256
+            except OSError:
+                return  # the next scan asks again
+        self._known.put(name, replace(known, state=key[:3], overwritten=known.overwritten or not same))
+        if same:
             return
         # What is written slowly, or over a share that was away meanwhile, is one overwriting.
-        still_changing = taken.changed_ns is not None and now_ns - taken.changed_ns < self.settings.give_up_after_s * 1e9
-        taken.key, taken.changed_ns, taken.sha256 = key, now_ns, ""
+        still_changing = self._is_changing(self._changing.get(name), now_ns)
+        self._changing[name] = now_ns
         if not still_changing:
-            self._refuse(name, key, f"was overwritten: a file of that name {taken.what}; let the SEM count its file names up")
+            self._refuse(name, key, f"was overwritten: a file of that name {known.what}; let the SEM count its file names up")
 
-    def _holds_still(self, name: str, taken: _Taken, key: Key) -> bool:
-        """Whether a file that somebody touched, with its size and modification time as before, holds the bytes that it held."""
-        if not taken.sha256:
-            return True
-        try:
-            sha256 = hashlib.sha256((self.settings.folder / name).read_bytes()).hexdigest()
-        except OSError:
-            return True  # the next scan asks again
-        if sha256 == taken.sha256:
-            taken.key = key
-        return sha256 == taken.sha256
+    def _is_changing(self, changed_ns: int | None, now_ns: int) -> bool:
+        return changed_ns is not None and now_ns - changed_ns < self.settings.give_up_after_s * 1e9
 
     def _is_quiet(self, candidate: _Candidate, now_ns: int) -> bool:
         long_enough = now_ns - candidate.since_ns >= self.settings.stable_for_s * 1e9
@@ -350,13 +356,14 @@ class Folder:
 
     def _deliver(self, name: str, key: Key, file: ExportedFile) -> None:
         sha256 = hashlib.sha256(file.data).hexdigest()
-        twin = self._hashes.get(sha256)
+        twin = self._known.twin(sha256)
         if twin is not None:
-            self._taken[name] = _Taken(key, "was refused as a copy")
+            self._known.put(name, KnownFile(key[:3], COPY))
             self._refuse(name, key, f"holds the same bytes as {twin}; check that the SEM still scans", sha256)
             return
-        self._hashes[sha256] = name
-        self._taken[name] = _Taken(key, f"was taken as export {self._export}", sha256, alone=file.sidecar is None)
+        self._known.put(name, KnownFile(key[:3], self._export, sha256))
+        if file.sidecar is None:
+            self._alone[name] = self.clock.mono_ns()
         self._export += 1
         self.on_file(replace(file, sha256=sha256))
         notice = self._names.notice(file.name)
@@ -382,6 +389,15 @@ def _same_text(one: tuple[str, Key] | None, other: tuple[str, Key] | None, chang
     if one is None or other is None:
         return one is other
     return one[0] == other[0] and one[1][:changed] == other[1][:changed]
+
+
+def _key_of(path: str) -> Key | None:
+    """Of a file; None for what is none, is gone since, or is not yet ours to see: the next scan tells."""
+    try:
+        state = os.stat(path)
+    except OSError:
+        return None
+    return _key(state) if stat.S_ISREG(state.st_mode) else None
 
 
 def _key(state: os.stat_result) -> Key:

@@ -31,10 +31,14 @@ class MapStore:
 
     What is read from a file is the same numbers, aligned as in memory, so sums come out the same to the last bit. `settle` gives the
     pages back to the system, which fetches them again when they are asked for. A file is gone when nothing that it holds is in use.
+
+    Args:
+        in_memory_bytes: so much stays in memory.
+        stays: what there is no room for in files stays there too, instead of raising OSError.
     """
 
-    def __init__(self, in_memory_bytes: int = _IN_MEMORY_BYTES) -> None:
-        self._left = in_memory_bytes
+    def __init__(self, in_memory_bytes: int = _IN_MEMORY_BYTES, *, stays: bool = False) -> None:
+        self._left, self._stays = in_memory_bytes, stays
         self._file: int | None = None
         self._slabs: list[weakref.ref[mmap.mmap]] = []
         self._newest = np.zeros(0, dtype=np.uint8)
@@ -88,6 +92,14 @@ class MapStore:
             return room
 
     def _kept(self, array: NDArray[T]) -> NDArray[T]:
+        try:
+            return self._filed(array)
+        except OSError:
+            if not self._stays:
+                raise
+            return array
+
+    def _filed(self, array: NDArray[T]) -> NDArray[T]:
         size = -(-max(array.nbytes, 1) // _ALIGNED) * _ALIGNED
         order = "C" if array.flags.c_contiguous else "F"  # sums follow the order
         with self._lock:
@@ -124,14 +136,21 @@ class MapStore:
 
 
 def beside_memory(begun: Begun, pair: int, kept: tuple[DisparityMap, ...], store: MapStore) -> Begun:
-    """The run with what it holds of its newest pair in the store: columns, and maps from frame 0 that are not there already.
+    """The run with what it holds of its newest pair in the store: columns, and maps from frame 0; later pairs go there as they come.
+
+    Args:
+        begun: the run.
+        pair: the newest one.
+        kept: maps of it that are there already; those that `pipeline.analyse` made need not be told.
+        store: where.
 
     Raises:
         OSError: there is no room for it.
     """
+    kept = kept or (begun.from_frame_0[-2:] if begun.keep == store.keep else ())
     newest = [one if one in kept or one.current // 2 != pair else store.keep(one) for one in begun.from_frame_0[-2:]]
     estimator = begun.method.kept_elsewhere(begun.estimator, pair, store.keep_array)
-    return replace(begun, from_frame_0=(*begun.from_frame_0[:-2], *newest), estimator=estimator)
+    return replace(begun, from_frame_0=(*begun.from_frame_0[:-2], *newest), estimator=estimator, keep=store.keep)
 
 
 def _write(file: int, data: memoryview, at: int) -> None:

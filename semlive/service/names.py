@@ -7,10 +7,12 @@ from dataclasses import dataclass, field
 
 _NUMBERED = re.compile(r"(.*?)(\d{1,9})(\D{0,12})")
 
+_KINDS = 100  # names that tell the time are of a new kind every minute
+
 
 @dataclass(slots=True)
 class NameCount:
-    """The newest number of each kind of name."""
+    """The newest number of each kind of name, of the kinds that came last."""
 
     _newest: dict[tuple[str, str], tuple[int, str]] = field(default_factory=dict)
 
@@ -25,7 +27,10 @@ class NameCount:
             return None
         kind, number = (found[1], found[3]), int(found[2])
         before = self._newest.get(kind)
-        self._newest[kind] = (number, name)
+        self._newest.pop(kind, None)
+        self._newest[kind] = (number, name)  # the kind that came last stands last
+        if len(self._newest) > _KINDS:
+            del self._newest[next(iter(self._newest))]
         if before is None or number == before[0] + 1:
             return None
         if number > before[0]:

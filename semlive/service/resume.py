@@ -21,7 +21,6 @@ from semlive.formats.messages import (
     SEM_ORIGINAL,
     ClockMessage,
     DicMessage,
-    DriftMessage,
     FaultMessage,
     FileMessage,
     LoadSampleMessage,
@@ -37,9 +36,9 @@ from semlive.formats.messages import (
 from semlive.service.analysis import INPUT_TOPICS, fault_place, is_output
 from semlive.service.config import Config, parse_config
 from semlive.service.log_files import PART, SUFFIX, messages, segments
-from semlive.service.seen import calibration_judged, drift_foreseen, field_seen
+from semlive.service.seen import DriftWord, calibration_judged, drift_foreseen, drift_word, field_seen
 
-_READ = frozenset({"/run", "/clock", "/state", "/pair", "/sem/file", "/sem/scan", "/dic/summary", "/fault", "/drift/estimate", "/result"})
+_READ = frozenset({"/run", "/clock", "/state", "/pair", "/sem/file", "/sem/scan", "/dic/summary", "/fault", "/result"})
 # Where the log lies is known by its being found there, and into what it is cut concerns no measurement; everything else has to be the same.
 _MAY_DIFFER = frozenset({"run.folder", "run.segment_gb"})
 
@@ -163,6 +162,8 @@ class _Reading:
         elif message.topic == SEM_ORIGINAL:
             self.originals.add(message.sequence)
             self.exports = max(self.exports, message.sequence + 1)
+        elif message.topic == "/drift/estimate":
+            self._drift(drift_word(message.payload), message.log_time_ns)
         elif message.topic in _READ:
             self._take(from_json(message.topic, message.payload), message.log_time_ns)
 
@@ -186,11 +187,12 @@ class _Reading:
                 self.seen = field_seen(payload, time_ns) or self.seen
             case FaultMessage(where=where) if where == fault_place(0):
                 self.first_unusable = payload.what
-            case DriftMessage():
-                self.revision, self.pairs_analysed = payload.revision, payload.pairs or payload.revision
-                if 0 in self.pairs:
-                    self.foreseen = drift_foreseen(payload, self.pairs[0].first.start_time_ns.value, time_ns)
-                self.judged = calibration_judged(payload, time_ns)
+
+    def _drift(self, word: DriftWord, time_ns: int) -> None:
+        self.revision, self.pairs_analysed = word.revision, word.pairs or word.revision
+        if 0 in self.pairs:
+            self.foreseen = drift_foreseen(word, self.pairs[0].first.start_time_ns.value, time_ns)
+        self.judged = calibration_judged(word, time_ns)
 
     def _stage(self, payload: bytes) -> None:
         self.stage = payload

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 
 from semlive.data.frame import ExportedFile
 from semlive.ports import ClockSource
 from semlive.service.folder import FileRefused, Folder, WatchSettings, silent
+from semlive.service.memory import give_back
 
 __all__ = ["FileRefused", "FolderWatcher", "WatchSettings"]
+
+_GIVE_BACK_EVERY_S = 5.0  # it takes 0.2 to 1 ms
 
 
 class FolderWatcher:
@@ -67,9 +71,13 @@ class FolderWatcher:
             self._thread.join(timeout_s)
 
     def _run(self) -> None:
+        given_back_s = time.monotonic()
         try:
             while not self._stop.is_set():
                 self._folder.poll()
+                if time.monotonic() - given_back_s > _GIVE_BACK_EVERY_S:  # this thread is the one that nobody waits for
+                    give_back()
+                    given_back_s = time.monotonic()
                 self._wake.wait(self._poll_s)
                 self._wake.clear()
         except Exception as exc:

@@ -95,7 +95,7 @@ def full_scenario(pairs: int) -> str:
     """The paper's frames: a calibration, then loads in equal steps."""
     shifts = [list(CROSS_PX[n % len(CROSS_PX)]) for n in range(min(len(CROSS_PX), pairs - 3))]
     loads_n = [round(100.0 + step, 1) for step in np.linspace(0.0, TOP_N - 100.0, pairs - len(shifts)).tolist()]
-    protocol = {"calibration_shifts_px": shifts, "translation_shifts_px": [], "loads_n": loads_n}
+    protocol = {"calibration_shifts_px": shifts, "translation_shifts_px": [], "loads_n": loads_n, "recentre_beyond_px": 10.0}
     return yaml.safe_dump({"extends": "paper_x200", "experiment": {"protocol": protocol}})
 
 

@@ -9,12 +9,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
 from semlive.cli.demo import daemon_config
 from semlive.cli.simulator import running_simulator
 from semlive.service.log_files import messages
+from semlive.service.replay import Replay, replay
 
 RATE = 20.0
 LIMIT_PX_S = 0.015
@@ -82,6 +84,27 @@ def test_it_measures_until_the_drift_is_expected_to_be_slow_and_only_then_loads(
     (ramp,) = [one["time_ns"] for one in logged(log, "/command") if one["what"] == "ramp_to"]
     assert ramp >= asked[-1]["time_ns"]
     assert asked[-1]["guards"]["rate_px_s"] < 0.7 * asked[0]["guards"]["rate_px_s"]
+
+
+def test_frames_scanned_in_a_hold_tell_its_drift(log: Path) -> None:
+    seen = [one for one in logged(log, "/drift/hold")]
+    scans = {one["export"]: one for one in logged(log, "/sem/scan")}
+    paired = {one[member]["export"] for one in logged(log, "/pair") for member in ("first", "second")}
+    assert len(seen) > len(logged(log, "/pair"))
+    at_rest = [(one["time_ns"], one["after"] in ("holding", "imaging")) for one in logged(log, "/state")]
+    for one in seen:
+        assert not {one["before"], one["after"]} <= paired
+        before, after = scans[one["before"]], scans[one["after"]]
+        assert one["begin_time_ns"] == before["start_time_ns"]["value"] < after["start_time_ns"]["value"] < one["end_time_ns"]
+        rest = [rests for time_ns, rests in at_rest if time_ns <= one["begin_time_ns"]][-1:]
+        assert all(rest + [rests for time_ns, rests in at_rest if one["begin_time_ns"] < time_ns < one["end_time_ns"]])
+    # What the pairs say of the same drift when all is known: within a tenth, the drift bends within an hour by as much.
+    drift = replay(Replay(log)).result.estimate.drift
+    zero_ns = logged(log, "/pair")[0]["first"]["start_time_ns"]["value"]
+    for one in seen[2:]:
+        middle_s = (0.5 * (one["begin_time_ns"] + one["end_time_ns"]) - zero_ns) / 1e9
+        expected = [np.interp(middle_s, drift.time_s, drift.rate_px_s[:, axis]) for axis in (0, 1)]
+        assert one["rate_px_s"] == pytest.approx(expected, rel=0.15, abs=0.004)
 
 
 def test_holds_are_never_shorter_than_they_must_be_nor_longer_than_they_may(log: Path) -> None:

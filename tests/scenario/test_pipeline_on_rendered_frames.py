@@ -8,14 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from semlive import pipeline
+from semlive import dic, pipeline
 from semlive.data.experiment import Phase, Step
 from semlive.data.frame import Frame, FrameInfo
 from semlive.data.loading import FrameLoad
 from semlive.data.pair import Pair, PairDecision
 from semlive.data.results import RunResult
 from semlive.data.scan import Provenance, ScanTiming, Sourced
-from semlive.data.settings import AnalysisSettings, SpecimenSettings
+from semlive.data.settings import AnalysisSettings, DicSettings, SpecimenSettings
+from semlive.errors import IllPosed
 from semlive.formats.maps import encode_map
 from semlive_simulators.render import render_frame
 from semlive_simulators.scenario import Scenario, load_scenario
@@ -106,3 +107,18 @@ def test_integrated_scans_are_compared_when_the_pair_is_whole() -> None:
     known = pipeline.foresee(begun, replace(second.first, info=replace(second.first.info, timing=timing)), first=True)
     assert known.made_ready is not None
     assert known.from_frame_0 is None
+
+
+def test_two_frames_of_a_rest_tell_the_drift_between_them() -> None:
+    scenario = load_scenario("paper_x200")
+    one = pairs(scenario)[1]
+    seen = dic.hold_drift(one.first, one.second, DicSettings())
+    start_s = np.array([info.start_time_ns.value / 1e9 for info in (one.first.info, one.second.info)])
+    rows_s = np.linspace(0.0, 94.67, 200)
+    before, after = (scenario.drift.at(begin_s + rows_s).mean(axis=0) for begin_s in start_s)
+    true = (after - before) / (start_s[1] - start_s[0])
+    assert max(seen.sigma_px_s) < 1e-4
+    assert np.abs(np.array(seen.rate_px_s) - true).max() < 3 * max(seen.sigma_px_s) + 0.02 * np.abs(true).max()
+    blank = replace(one.second, image=np.full_like(one.second.image, 90))
+    with pytest.raises(IllPosed, match="less than half of the points"):
+        dic.hold_drift(one.first, blank, DicSettings())

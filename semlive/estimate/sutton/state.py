@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-
-import numpy as np
-from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.drift import FrameTime
@@ -14,6 +11,7 @@ from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
 from semlive.errors import IllPosed
+from semlive.estimate.blocks import Keep
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +111,7 @@ def update(
     return replace(state, pairs=(*state.pairs, PairMaps(pair, phase, times, maps)))
 
 
-def kept_elsewhere(state: SuttonState, pair: int, keep: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> SuttonState:
+def kept_elsewhere(state: SuttonState, pair: int, keep: Keep) -> SuttonState:
     """The state itself: it holds the maps, which whoever gave them keeps."""
     del pair, keep
     return state

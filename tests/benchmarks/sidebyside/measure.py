@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sidebyside.neighbours import exported_frame, noise_correlation
 
-from semlive import dic, mechanics, pipeline
+from semlive import dic, mechanics
 from semlive.data.disparity import DisparityMap
 from semlive.data.displacement import Displacement
 from semlive.data.experiment import Phase
@@ -119,7 +119,7 @@ def _alike(log: Path, result: RunResult, settings: AnalysisSettings, phase: Phas
     pairs = [one for one in result.decisions if one.step.phase is phase]
     chosen = (result.decisions[0], pairs[len(pairs) // 2])
     images = (exported_frame(log, one.first.export, settings).image for one in chosen)
-    first, second = (pipeline.smear_of(one, _within(log, one.pair)) for one in chosen)
+    first, second = (dic.smear_of(one, _within(log, one.pair)) for one in chosen)
     return noise_correlation(*images, result.frames[0].displacement.grid, settings, dic.lacking(first, second))
 
 

@@ -80,7 +80,8 @@ def test_maps_from_frame_0_to_second_frames_are_taken_too(experiment: Experiment
 
 def test_an_imported_log_goes_through_report_and_score(semlive: Semlive, imported: Path, tmp_path: Path) -> None:
     code, _, err = semlive("report", str(imported), "-o", str(tmp_path / "page.html"))
-    assert (code, err) == (0, "")
+    assert code == 0
+    assert all(line.startswith("drawing: ") for line in err.splitlines()), err  # told on a busy computer alone
     assert "Maps of another engine, step 25 px" in (tmp_path / "page.html").read_text()
 
 

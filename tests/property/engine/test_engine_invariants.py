@@ -15,6 +15,7 @@ from semlive.engine import (
     DeviceFault,
     DeviceStopped,
     DriftForeseen,
+    DriftSeen,
     Event,
     FieldSeen,
     FrameUnreadable,
@@ -142,6 +143,10 @@ class WaitingProtocol(Protocol):
         run = self.run
         scans = tuple((run.now_ns + n * 20 * S, rate * 0.8**n, sigma * (1 + n)) for n in (0, 1, 2, 4, 8))
         self._tell(DriftForeseen(run.now_ns, len(run.pairs) - 1 - behind, scans))
+
+    @rule(ago_s=st.sampled_from([1, 10, 40, 200]), rate=st.sampled_from([0.0, 0.015, 1.0]))
+    def see_the_drift(self, ago_s: int, rate: float) -> None:
+        self._tell(DriftSeen(self.run.now_ns, self.run.now_ns - ago_s * S, rate))
 
 
 TestProtocol = Protocol.TestCase

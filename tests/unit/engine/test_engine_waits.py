@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from semlive.data.experiment import AdaptiveHold, Phase, Plan, WarmUp
-from semlive.engine import Cause, DriftForeseen, Interrupted, Opening, Operator, RampTo, Ready, State, Transition, Verb, start
+from semlive.engine import Cause, DriftForeseen, DriftSeen, Interrupted, Opening, Operator, RampTo, Ready, State, Transition, Verb, start
 from semlive.engine.foresight import drift_rate
 from semlive.errors import BadInput
 
@@ -202,6 +202,36 @@ def test_frames_of_a_longer_hold_are_not_of_the_pair() -> None:
     run.scan()
     assert run.state.at is State.COMPLETE
     assert held_s(run) > 120.0
+
+
+def test_frames_of_the_hold_say_more_of_its_drift_than_a_forecast() -> None:
+    run = Run(replace(plan_of((HERE, 100.0)), adaptive_hold=AdaptiveHold(300.0, max_rate_px_s=0.02)))
+    run.begin()
+    run.reach(State.HOLDING)
+    foresee(run, 0.001)
+    begin_ns = run.now_ns
+    run.tell(DriftSeen(run.now_ns, begin_ns - S, 0.05))  # between frames of an earlier hold
+    run.wait(10.0)
+    run.tell(DriftSeen(run.now_ns, begin_ns, 0.05))
+    run.wait(60.0)
+    assert run.state.at is State.HOLDING
+    assert "made longer, because the drift went on at 3 px/min between frames of this hold" in run.state.message
+    foresee(run, 0.001)
+    run.wait(10.0)
+    assert run.state.at is State.HOLDING
+    run.tell(DriftSeen(run.now_ns, begin_ns + 40 * S, 0.015))
+    run.wait(2.0)
+    assert run.state.at is State.IMAGING
+
+
+def test_drift_seen_in_an_earlier_hold_does_not_count() -> None:
+    run = Run(replace(plan_of((HERE, 100.0)), adaptive_hold=AdaptiveHold(300.0, max_rate_px_s=0.02)))
+    run.begin()
+    run.reach(State.HOLDING)
+    foresee(run, 0.001)
+    run.tell(DriftSeen(run.now_ns, run.now_ns - 60 * S, 0.05))
+    run.reach(State.IMAGING)
+    assert held_s(run) == HOLD.hold_s
 
 
 def test_a_forecast_is_read_between_its_scans() -> None:
