@@ -29,6 +29,7 @@ from semlive.data.pair import Pair, PairDecision
 from semlive.data.results import FrameResult, PairResult, RunResult
 from semlive.data.settings import AnalysisSettings
 from semlive.data.strain import ElasticConstants, GageComparison, Measured, StrainSummary, Tensor2
+from semlive.diagnose.light import whiteness
 from semlive.diagnose.taken_out import MOST_PAIRS, SeenPair, TakenOut, taken_out, too_many
 from semlive.errors import IllPosed
 from semlive.estimate.method import METHODS, Method
@@ -216,6 +217,12 @@ def reconsider(begun: Begun) -> tuple[Begun, PairResult | None]:
     return begun, PairResult(begun.pairs[-1], len(begun.pairs), (), anew, (), *begun.elastic, revised)
 
 
+def still_white(begun: Begun) -> tuple[str, ...]:
+    """Whether what the newest solution leaves of the maps is noise; a sentence that warns where it is not. Nobody waits for it either."""
+    found = whiteness(begun.solution, begun.pairs) if begun.settings.estimate.method == "joint" else None
+    return () if found is None else found.told()
+
+
 def _solved(begun: Begun, solution: Any) -> Begun:
     return replace(begun, solution=solution, revision=begun.revision + 1)
 
@@ -364,7 +371,7 @@ def conclude(
         (each or kept.append)(result)
     newest = _estimate(begun, solution, checked=True)
     elastic, gage = _elastic(begun, solution, {one.frame: one for one in summaries})
-    notes = (*newest.notes, *mechanics.gage_notes(gage))
+    notes = (*newest.notes, *still_white(replace(begun, solution=solution)), *mechanics.gage_notes(gage))
     return RunResult(begun.pairs, newest, tuple(kept), elastic, notes, gage, tuple(summaries))
 
 

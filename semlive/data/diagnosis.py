@@ -275,6 +275,7 @@ class Diagnosis:
         rows: what rows show; their effects and domains are among those above.
         no_rows: why there is no row channel, one sentence; empty if there is one.
         pictures: what it looks like; None where nothing was named in the maps.
+        overlap: each other name with the share of the first effect in the maps that it could take over; none where nothing was named.
     """
 
     outcome: Outcome
@@ -292,3 +293,4 @@ class Diagnosis:
     rows: RowChannel | None = None
     no_rows: str = ""
     pictures: Pictures | None = field(default=None, compare=False)
+    overlap: tuple[tuple[str, float], ...] = ()

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 DRIFT_RUNGS = (0.01, 0.1, 1.0, 10.0, 100.0)
 DISTORTION_RUNGS = (0.3, 1.0, 3.0)
 SMOOTHEST_PX, WIDEST_PX = 3e-4, 100.0  # farther apart, the belief's precision has no Cholesky factor in double precision
+ANY_DISTORTION = 10.0
 STILL_RAD = 1e-9  # a specimen that turns with each move is an effect with a name of its own
 BELIEF = 4.0  # standard deviation of the logarithm about the first choice
 
@@ -204,6 +205,15 @@ def likeliest(columns: Design) -> Ladder:
     best = max(found, key=lambda by: found[by].evidence)
     also = [found[best], *(tries.rung(best, one) for one in DISTORTION_RUNGS if one != 1.0)]
     return Ladder(columns, tries.left, (max(also, key=lambda one: one.evidence),))
+
+
+def with_any_distortion(columns: Design) -> Ladder:
+    """A ladder of one rung: the likeliest smoothness of the drift, with a distortion far rougher than what was chosen.
+
+    A distortion is no draw of what is believed of it: of five pairs one in five was found loud by a few of its terms.
+    """
+    tries = _Tries.of(columns)
+    return Ladder(columns, tries.left, (max((tries.rung(by, ANY_DISTORTION) for by in DRIFT_RUNGS), key=lambda one: one.evidence),))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,6 +14,7 @@ from semlive.model.effects import Family, Law
 Array = NDArray[np.float64]
 SIZES = 6  # that are tried between the least and the largest that is expected
 COLUMNS_AT_ONCE = 256
+SAID = 1e-6  # of the largest eigenvalue: sums of a law's columns that the baseline takes whole say nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,6 +177,16 @@ def _against(flat: _Flat, own: slice) -> Projected:
     left = [alone - one[:, own].T @ one[:, own] for one in flat.halves]
     value, vectors = np.linalg.eigh(np.stack(left))
     return Projected(np.clip(value, 0.0, None), vectors, np.einsum("rji,rj->ri", vectors, flat.pull[:, own]))
+
+
+def overlap(ladder: Ladder, field: Array, law: Array) -> float:
+    """Share of a field (f, b, 2) that a law's columns (f, b, 2, q) have too, of what the likeliest baseline leaves of both."""
+    flat = _Flat.of(Ladder(ladder.design, ladder.left, (ladder.best,)), np.concatenate((field[..., None], law), axis=-1))
+    both = flat.among(slice(0, 1 + law.shape[-1])) - flat.halves[0].T @ flat.halves[0]
+    values, vectors = np.linalg.eigh(both[1:, 1:])
+    told = values > SAID * values[-1]
+    along = vectors[:, told].T @ both[1:, 0]
+    return float(np.clip(np.sum(along**2 / values[told]) / both[0, 0], 0.0, 1.0)) if both[0, 0] > 0.0 and told.any() else 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

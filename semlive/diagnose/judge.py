@@ -10,7 +10,7 @@ import numpy as np
 
 from semlive.data.diagnosis import Diagnosis, Disagreement, Experiment, FoundEffect, Gap, KnownEffect, Outcome
 from semlive.diagnose.baseline import Ladder, ladder
-from semlive.diagnose.evidence import NullDraws, Weighed, weigh
+from semlive.diagnose.evidence import NullDraws, Weighed, overlap, weigh
 from semlive.diagnose.gap import gap_of
 from semlive.diagnose.known import joined
 from semlive.diagnose.noise import quiet
@@ -76,11 +76,11 @@ def diagnose(
     null = NullDraws.of(bare, draws, seed)
     places = where(bare, null)
     named: list[_Named] = []
-    evidence: tuple[tuple[str, float], ...] = ()
+    first: tuple[Weighed, ...] = ()
     while True:
         families = (*_left(dictionary, named), *UNNAMED)
         heard = weigh(having, families, None if named else null)
-        evidence = evidence or tuple((one.family.name, one.log_factor) for one in heard)
+        first = first or heard
         loudest = max(heard, key=lambda one: one.log_factor)
         if named and loudest.log_factor >= LOUD:  # what is left is quiet nearly always, and draws take time
             null = NullDraws.of(having, draws, seed + len(named))
@@ -100,9 +100,24 @@ def diagnose(
     verdict = _verdict(named, loud, gap, places, bare, shares)
     names, fields = [one.names[0] for one in named], [one.refined.field_px for one in named]
     pictures = pictures_of(bare, having, names, fields) if named else None
-    return replace(
-        verdict, pictures=pictures, evidence=evidence, known=tuple(known), end_s=observation.scene.end_s, size_px=(width, height)
-    )
+    shared = _overlaps(bare, named[0].refined, first) if named else ()
+    verdict = replace(verdict, pictures=pictures, evidence=_told(first), overlap=shared)
+    return replace(verdict, known=tuple(known), end_s=observation.scene.end_s, size_px=(width, height))
+
+
+def _told(heard: Sequence[Weighed]) -> tuple[tuple[str, float], ...]:
+    return tuple((one.family.name, one.log_factor) for one in heard)
+
+
+def _overlaps(bare: Ladder, named: Refined, heard: Sequence[Weighed]) -> tuple[tuple[str, float], ...]:
+    """What other names, each as it is likeliest here, could take over of an effect; the most first."""
+    scene, field = bare.design.observation.scene, named.field_px @ named.amplitudes
+    found = []
+    for one in heard:
+        law = None if one.family is named.family or one.family in UNNAMED else one.family.law(scene, one.values[one.best[0]])
+        if law is not None:
+            found.append((one.family.name, overlap(bare, field, law.field_px)))
+    return tuple(sorted(found, key=lambda item: -item[1]))
 
 
 def _left(dictionary: Sequence[Family], named: Sequence[_Named]) -> list[Family]:

@@ -31,22 +31,22 @@ def quiet(observation: Observation) -> Ladder:
     The noise is that of the rough part of the residual: smooth effects, which are to be found, do not count in it. Its correlation over
     subsets is the likeliest.
     """
-    residual, rough = observation.residual_px(), _rough(observation)
+    residual, rough = observation.residual_px(), rough_of(observation)
     sigma_px = float(residual.std()) or 1e-6
     length_px = likeliest_length_px(observation.grid, observation.used, residual - residual.mean(axis=0), rough)
     columns = design(observation, whitener(observation.grid, observation.used, length_px, sigma_px))
     for _ in range(PASSES):
-        columns = columns.rescaled(_scale(likeliest(columns), rough))
+        columns = columns.rescaled(scale(likeliest(columns), rough))
     return ladder(columns)
 
 
-def _rough(observation: Observation) -> Array:
+def rough_of(observation: Observation) -> Array:
     """(b, k) orthonormal columns that no smooth field has a part in; frames lie close enough to each other for one set."""
     shapes = modes(observation.scene).mean(axis=0)
     return np.linalg.qr(shapes, mode="complete")[0][:, shapes.shape[1] :]
 
 
-def _scale(found: Ladder, rough: Array) -> float:
+def scale(found: Ladder, rough: Array) -> float:
     """Root mean square of the rough part of the residual against what a unit noise would leave."""
     columns, residual = found.design, found.residual()
     f, b, _ = residual.shape

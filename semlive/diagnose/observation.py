@@ -94,7 +94,7 @@ def first_solution(state: EstimatorState) -> Solution:
     if held < len(state.phases):
         raise IllPosed(
             f"{len(state.phases)} pairs, of which the first {held} are few enough and close enough in time for one matrix: "
-            "nothing can be named beyond that; look at a part of the run"
+            "nothing can be named in a longer run; diagnose a shorter one"
         )
     return choose(state)
 

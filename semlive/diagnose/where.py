@@ -21,7 +21,7 @@ def where(ladder: Ladder, draws: NullDraws) -> tuple[Disagreement, ...]:
     """A test for each domain, family-wise over all of them (Westfall and Young: the least p among the draws)."""
     scene = ladder.design.observation.scene
     told = []
-    for domain, field in _contrasts(scene):
+    for domain, field in contrasts(scene):
         values, pull, drawn = projected_with_draws(ladder, field, draws)
         seen = values > SEEN * values[-1]
         statistic = float(np.sum(pull[seen] ** 2 / values[seen]))
@@ -45,7 +45,7 @@ def _upper(null: Array, value: Array) -> Array:
     return np.asarray((1.0 + len(null) - below) / (1.0 + len(null)), dtype=np.float64)
 
 
-def _contrasts(scene: Scene) -> list[tuple[str, Array]]:
+def contrasts(scene: Scene) -> list[tuple[str, Array]]:
     """(domain, (f, b, 2, q) fields)."""
     late = np.broadcast_to((scene.time_s / scene.end_s), scene.time_s.shape)
     frames = np.eye(len(scene.frame))[:, None, :] * np.ones((1, scene.time_s.shape[1], 1))

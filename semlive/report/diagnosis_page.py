@@ -18,6 +18,7 @@ _BARS = """
 """
 SHOWN = 12
 LOUD = 7.0
+ALIKE = 0.9
 
 
 def diagnosis_html(name: str, found: Diagnosis, provenance: Sequence[tuple[str, str]] = ()) -> str:
@@ -37,6 +38,8 @@ def diagnosis_html(name: str, found: Diagnosis, provenance: Sequence[tuple[str, 
         body += ["<h2>Before and after</h2>", _maps(found.pictures), "<h2>Effect on strain</h2>", _on_strain(found.pictures)]
     body += ["<h2>Where model and data disagree, before</h2>", _where(found)]
     body += ["<h2>Evidence</h2>", _evidence(found.evidence)]
+    if found.overlap:
+        body += ["<h2>Overlap</h2>", _overlap(found)]
     if found.pictures is not None:
         body += ["<h2>What is left</h2>", _left(found.pictures)]
     body += ["<h2>Rows</h2>", _rows(found)]
@@ -145,6 +148,17 @@ def _evidence(evidence: Sequence[tuple[str, float]]) -> str:
     return _bars([(name, max(size, 0.0), f"{size:.1f}", size >= LOUD) for name, size in loudest]) + (
         '<p class="soft">Logarithm of the Bayes factor against nothing missing, before any effect was added.</p>'
     )
+
+
+def _overlap(found: Diagnosis) -> str:
+    """What could be taken for the first effect."""
+    bars = _bars([(name, share, f"{100 * share:.0f} %", share >= ALIKE) for name, share in found.overlap[:SHOWN]])
+    group = f" Confounded group {found.group}." if found.group else ""
+    about = (
+        f"Share of {found.effects[0].name}, of what drift, distortion and motion leave of it, that each other name could take over if it "
+        f"had any size: from {100 * ALIKE:.0f} % on the two are hard to tell apart.{group}"
+    )
+    return bars + f'<p class="soft">{html.escape(about)}</p>'
 
 
 def _bars(rows: Sequence[tuple[str, float, str, bool]]) -> str:

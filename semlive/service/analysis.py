@@ -10,7 +10,7 @@ import argparse
 import hashlib
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from itertools import chain
@@ -207,9 +207,10 @@ def _reconsider(state: AnalysisState, before: pipeline.Begun, pair: Pair) -> tup
         begun, result = pipeline.reconsider(before)
     except SemliveError as error:
         return state, (_doubt(f"the choices stay as they were: {error}", pair.decision.pair, end_ns),)
-    if result is None:
-        return state, ()
-    return _said(replace(state, begun=begun), pair, result, time.perf_counter() - started)
+    wall_s = time.perf_counter() - started
+    state, said = (state, ()) if result is None else _said(replace(state, begun=begun), pair, result, wall_s)
+    state, doubts = _newly_doubted(state, pair, pipeline.still_white(begun))
+    return state, chain(said, doubts)
 
 
 def is_output(message: LogMessage) -> bool:
@@ -300,9 +301,13 @@ def _analyse(state: AnalysisState, decision: PairDecision, time_ns: int) -> tupl
 
 def _said(state: AnalysisState, pair: Pair, result: PairResult, wall_s: float) -> tuple[AnalysisState, Iterable[LogMessage]]:
     """What is told of a result, and what the estimate warns of for the first time."""
-    news, warned = newly_warned(result.estimate.notes, state.warned)
-    doubts = tuple(_doubt(one, pair.decision.pair, pair.decision.second.end_time_ns) for one in news)
-    return replace(state, warned=warned), _with_pictures(pair, lambda: (*pair_messages(result, wall_s), *doubts))
+    state, doubts = _newly_doubted(state, pair, result.estimate.notes)
+    return state, _with_pictures(pair, lambda: (*pair_messages(result, wall_s), *doubts))
+
+
+def _newly_doubted(state: AnalysisState, pair: Pair, notes: Sequence[str]) -> tuple[AnalysisState, tuple[LogMessage, ...]]:
+    news, warned = newly_warned(notes, state.warned)
+    return replace(state, warned=warned), tuple(_doubt(one, pair.decision.pair, pair.decision.second.end_time_ns) for one in news)
 
 
 def _doubt(what: str, pair: int, time_ns: int) -> LogMessage:

@@ -88,6 +88,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "where": [asdict(one) for one in found.where],
         "noise_px": found.noise_px,
         "evidence": dict(found.evidence),
+        "overlap": dict(found.overlap),
         "rows": _rows_json(found),
     }
 

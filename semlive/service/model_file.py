@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,10 +13,13 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from semlive.data.diagnosis import NO_MODEL, Diagnosis, FoundEffect, KnownModel
+from semlive.diagnose.known import family_of
 from semlive.diagnose.taken_out import MOST_PAIRS, unfit
-from semlive.errors import BadConfig
+from semlive.errors import BadConfig, BadInput
 from semlive.formats.message_values import pair_decision
 from semlive.formats.messages import PairMessage, from_json
+from semlive.model.move_effects import beside_maps
+from semlive.model.row_effects import RowFamily
 from semlive.service.config import Config, parse_config
 from semlive.service.diagnosis import effect_json
 from semlive.service.log_files import messages, segments
@@ -71,8 +75,27 @@ def read_model(path: Path) -> Model:
         said = error.errors()[0] if isinstance(error, ValidationError) else None
         what = f"{'.'.join(str(part) for part in said['loc'])}: {said['msg']}" if said else str(error)
         raise BadConfig(f"--model {path}: {what}; give a file that `semlive diagnose LOG -o FILE` wrote.") from error
+    _require_known(found.effects, path.name)
     section = ModelSection(sha256=hashlib.sha256(raw).hexdigest(), effects=found.effects, run=found.run)
     return Model(section, tuple(plain["effects"]), path.name)
+
+
+def _require_known(effects: Iterable[ModelEffect], name: str) -> None:
+    """Refuse effects that cannot be predicted; a configuration does not, as its commands shall start quickly."""
+    for one in effects:
+        try:
+            lacking = _not_linear(one.law.family) - set(one.law.values)
+        except BadInput as error:
+            raise BadConfig(f"--model {name}: {str(error).removeprefix('model: ')}") from error
+        if lacking:
+            raise BadConfig(f"--model {name}: {one.name} lacks {', '.join(sorted(lacking))}; diagnose again.")
+
+
+def _not_linear(name: str) -> set[str]:
+    beside = beside_maps(name)
+    if beside is None:
+        return {theta.name for theta in family_of(name).thetas}
+    return {"frequency_hz"} if isinstance(beside, RowFamily) and beside.owns else set()
 
 
 def model_of(log: Path) -> Model:
@@ -97,6 +120,7 @@ def run_with_model(config: Config, path: Path | None, resume: bool) -> Config:
         model = model_of(folder)
     else:
         model = Model(config.model, name=f"of {config.run.name}")
+        _require_known(() if config.model is None else config.model.effects, model.name)
     require_fit(model, None, config.sem.pixel_size_um)
     pairs = len(config.plan().steps)
     if model.known.effects and pairs > MOST_PAIRS:

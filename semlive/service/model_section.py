@@ -4,14 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import BaseModel, ConfigDict, Field
 
 from semlive.data.diagnosis import KnownEffect, KnownModel
-from semlive.diagnose.known import family_of
-from semlive.errors import BadInput
-from semlive.model.move_effects import beside_maps
-from semlive.model.row_effects import RowFamily
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -34,16 +29,6 @@ class ModelEffect(BaseModel):
 
     name: str
     law: ModelLaw
-
-    @model_validator(mode="after")
-    def _can_be_predicted(self) -> ModelEffect:
-        try:
-            lacking = _not_linear(self.law.family) - set(self.law.values)
-        except BadInput as error:
-            raise PydanticCustomError("unknown_effect", "{why}", {"why": str(error).removeprefix("model: ").rstrip(".")}) from error
-        if lacking:
-            raise PydanticCustomError("no_value", "{name} lacks {what}", {"name": self.name, "what": ", ".join(sorted(lacking))})
-        return self
 
 
 class ModelRun(BaseModel):
@@ -72,10 +57,3 @@ class ModelSection(BaseModel):
         width, height = self.run.width_px, self.run.height_px
         size_px = None if width is None or height is None else (width, height)
         return KnownModel(effects, size_px, self.run.pixel_size_um, self.sha256)
-
-
-def _not_linear(name: str) -> set[str]:
-    beside = beside_maps(name)
-    if beside is None:
-        return {theta.name for theta in family_of(name).thetas}
-    return {"frequency_hz"} if isinstance(beside, RowFamily) and beside.owns else set()

@@ -71,11 +71,11 @@ class Instrument:
 
 
 @pytest.fixture(scope="module")
-def instrument(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Instrument]]:
-    """Makes an instrument for a test: one bench for the module, a run folder for each test."""
+def instrument(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Instrument]]:
+    """Makes an instrument for a test: one bench for the module, with its `BENCH_EFFECTS` if it has any; a run folder for each test."""
     root = tmp_path_factory.mktemp("instrument")
     scenario = root / "small.yaml"
-    scenario.write_text(SCENARIO, encoding="utf-8")
+    scenario.write_text(SCENARIO + getattr(request.module, "BENCH_EFFECTS", ""), encoding="utf-8")
     with running_simulator(str(scenario), root / "bench", RATE) as bench:
 
         def make(name: str) -> Instrument:

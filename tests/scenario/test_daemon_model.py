@@ -118,10 +118,16 @@ def test_plan_names_the_model_and_refuses_one_that_does_not_fit(done: Any) -> No
     small = write_model(done.folder / "x10000.json", pixel_size_um=0.025)
     other = done.folder / "version.json"
     other.write_text(json.dumps({"version": 2, "effects": []}), encoding="utf-8")
+    unknown = done.folder / "unknown.json"
+    unknown.write_text(done.model.read_text(encoding="utf-8").replace("tilt_with_load", "warp"), encoding="utf-8")
+    lacking = done.folder / "lacking.json"
+    lacking.write_text(done.model.read_text(encoding="utf-8").replace('"frequency_hz": 50.0', ""), encoding="utf-8")
     wide = write_model(done.folder / "wide.json", width_px=640)
     for command, model, words in (
         (("plan", config), small, "another magnification"),
         (("run", config, "--resume"), other, "is of version 2, this program reads version 1"),
+        (("plan", config), unknown, "no effect is called warp"),
+        (("plan", config), lacking, "mains_hum lacks frequency_hz"),
         (("run", config, "--no-page"), small, "another magnification"),
         (("replay", done.log), small, "another magnification"),
         (("replay", done.log), wide, "frames of 640 x 276 px"),

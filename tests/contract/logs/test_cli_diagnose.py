@@ -43,6 +43,11 @@ def test_a_verdict_is_one_object_and_the_model_a_file(semlive: Callable[..., Sai
     assert page.count("src=") == page.count('src="data:image/png;base64,') == 3  # course, maps before and after, what is left
     assert "holds no images" in page
     assert found["rows"]["looked_at"] is False
+    # One shape in space with another clock is nearly the same, another shape is not.
+    assert "magnification_drift" not in found["overlap"]
+    assert found["overlap"]["magnification_frame_instability"] > 0.9
+    assert found["overlap"]["dic_subpixel_bias"] < 0.3
+    assert "<h2>Overlap</h2>" in page
     assert found["evidence"]["magnification_drift"] == max(found["evidence"].values())
 
     code, out, _ = semlive("diagnose", str(log))

@@ -1,0 +1,53 @@
+"""A run at whose microscope something is wrong that the model does not have: the operator is told while it goes on, once."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from semlive.service.log_files import messages
+
+BENCH_EFFECTS = """
+effects:
+  magnification_frame_instability: {sd: 1.0e-3, seed: 1}
+"""
+PAIRS = 6
+SAID = "what the estimate leaves of the maps after "
+
+
+@pytest.fixture(scope="module")
+def done(instrument: Callable[..., Any]) -> Any:
+    one = instrument("unsteady")
+    one.config["protocol"].update(calibration_shifts_px=[[0, 0], [6, 0], [0, 6], [-6, 0], [0, -6]], loads_n=[600])
+    code, said = one.run()
+    assert code == 0, said
+    return one
+
+
+@pytest.mark.timeout(500)
+def test_what_is_missing_is_said_once_and_what_to_ask(done: Any) -> None:
+    told = [(one.topic, json.loads(one.payload)) for one in messages(done.log) if one.topic in ("/fault", "/pair", "/result")]
+    (fault,) = [payload for topic, payload in told if topic == "/fault" and payload["what"].startswith(SAID)]
+    assert fault["where"] == "estimate with pair 4"  # the fifth: with fewer nothing can be said
+    assert "semlive diagnose LOG" in fault["action"]
+    assert "seen by frame" in fault["what"]
+    # The run went on, and its end says what is left of all pairs.
+    assert sum(topic == "/pair" for topic, _ in told) == PAIRS
+    (result,) = [payload for topic, payload in told if topic == "/result"]
+    assert sum(one.startswith(f"WARNING: {SAID}{PAIRS} pairs") for one in result["warnings"]) == 1
+
+
+@pytest.mark.timeout(500)
+def test_a_replay_says_the_same_and_so_does_the_report(done: Any) -> None:
+    page = done.folder / "report.html"
+    for words in (("replay", done.log, "--from-disparity"), ("report", done.log, "-o", page)):
+        command = [sys.executable, "-m", "semlive", *map(str, words)]
+        again = subprocess.run(command, capture_output=True, text=True, timeout=250, check=False)
+        assert again.returncode == 0, again.stderr
+        assert words[0] == "report" or "live and replayed results are identical" in again.stdout
+    assert f"<li>WARNING: {SAID}{PAIRS} pairs" in page.read_text(encoding="utf-8")

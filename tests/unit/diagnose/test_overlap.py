@@ -1,0 +1,70 @@
+"""What one effect could take over of another, against the same in one dense matrix."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+from blind.experiment import Conditions
+from blind.observing import observed
+
+from semlive.data.grid import Grid
+from semlive.diagnose.baseline import Ladder
+from semlive.diagnose.evidence import overlap
+from semlive.diagnose.known import family_of
+from semlive.diagnose.noise import quiet
+from semlive.diagnose.observation import Observation
+
+GRID = Grid(101, 101, 60, 12, 10, 43)
+
+
+@pytest.fixture(scope="module")
+def seen() -> Observation:
+    return observed(Conditions(77, calibration=5, tension=2), (), GRID)
+
+
+@pytest.fixture(scope="module")
+def ladder(seen: Observation) -> Ladder:
+    return quiet(seen)
+
+
+def columns(seen: Observation, name: str) -> np.ndarray:
+    law = family_of(name).law(seen.scene, {})
+    assert law is not None
+    return law.field_px
+
+
+def dense(ladder: Ladder, field: np.ndarray, law: np.ndarray) -> float:
+    """By generalised least squares: I - A S A^T is the metric in which the baseline has been taken out."""
+    both = [np.concatenate((field[..., None], law), axis=-1)]
+    white = np.moveaxis(ladder.design.whiten(both[0]), 2, 0).reshape(-1, 1 + law.shape[-1])
+    count = len(white) // 2
+    taken = np.zeros((len(white), ladder.design.size))
+    for axis in (0, 1):
+        taken[axis * count : (axis + 1) * count, ladder.design.index[axis]] = ladder.design.columns[axis]
+    metric = np.eye(len(white)) - taken @ ladder.best.solve(taken.T)
+    value, vector = np.linalg.eigh(0.5 * (metric + metric.T))
+    left = (np.sqrt(np.clip(value, 0.0, None))[:, None] * vector.T) @ white
+    fitted = left[:, 1:] @ np.linalg.lstsq(left[:, 1:], left[:, 0], rcond=1e-5)[0]
+    return float(fitted @ fitted / (left[:, 0] @ left[:, 0]))
+
+
+@pytest.mark.parametrize("other", ["magnification_frame_instability", "aspect_drift", "tilt_with_load"])
+def test_it_is_the_share_that_least_squares_gives(seen: Observation, ladder: Ladder, other: str) -> None:
+    field = columns(seen, "magnification_drift")[..., 0]
+    law = columns(seen, other)
+    assert overlap(ladder, field, law) == pytest.approx(dense(ladder, field, law), abs=1e-3)
+
+
+def test_an_effect_takes_over_all_of_itself_and_nothing_of_what_is_in_another_direction(seen: Observation, ladder: Ladder) -> None:
+    law = columns(seen, "tilt_with_load")
+    assert overlap(ladder, law[..., 0], law) == pytest.approx(1.0)
+    aside = np.zeros_like(law)
+    aside[:, :, 0] = law[:, :, 0]
+    only_x, only_y = aside[..., 0], law - aside
+    assert overlap(ladder, only_x, only_y) < 0.05
