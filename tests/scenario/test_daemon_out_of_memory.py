@@ -77,7 +77,6 @@ def test_linux_ends_the_analysis_first_and_the_run_loses_nothing(
         kernel_peer.take_in(pid)
     wait_until(lambda: kernel_peer.kills() > 0)
     kernel_peer.allow(None)
-    assert kernel_peer.kills() == 1
     out, err = process.communicate(timeout=200)
     assert process.returncode == 0, out + err
     assert f"died (exit code -{int(signal.SIGKILL)})" in " ".join((out + err).split()), out + err
