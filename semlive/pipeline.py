@@ -10,7 +10,7 @@ what is already said is never edited: a later pair gives a later revision.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -25,6 +25,7 @@ from semlive.data.drift import Estimate, FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.frame import Frame, FrameInfo
 from semlive.data.grid import Grid
+from semlive.data.keep import IN_MEMORY, Keep
 from semlive.data.pair import Pair, PairDecision
 from semlive.data.results import FrameResult, PairResult, RunResult
 from semlive.data.settings import AnalysisSettings
@@ -48,11 +49,6 @@ STEPS_AT_ONCE = 32  # with more load steps the constants are fitted anew only wh
 _NOTHING_TAKEN = TakenOut(0)
 
 Elastic = tuple[ElasticConstants | None, GageComparison | None]
-
-
-def as_it_is(disparity: DisparityMap) -> DisparityMap:
-    """The map itself."""
-    return disparity
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +97,8 @@ class Begun:
         solution: the method's after the newest pair that was asked for one; None before.
         told: what was said last of every frame, by its number; empty unless the run is followed pair by pair.
         elastic: constants and comparison with the strain gage, as they were said last.
-        keep: gives a new map back as it shall be held: the same numbers.
+        keep: where all that grows with the pairs is kept.
+        loaded: places in `pairs` of those under load.
         revision: counts the estimates that were said.
         measured: the pairs' maps as they came, where the settings have a model.
         taken: what its effects moved, which `estimator` and `from_frame_0` then are without.
@@ -111,12 +108,13 @@ class Begun:
     grid: Grid
     reference: dic.Reference | None
     estimator: Any
-    pairs: tuple[PairDecision, ...]
-    from_frame_0: tuple[DisparityMap, ...]
+    pairs: Sequence[PairDecision]
+    from_frame_0: Sequence[DisparityMap]
     solution: Any = None
     told: Mapping[int, Told] = field(default_factory=dict)
     elastic: Elastic = (None, None)
-    keep: Callable[[DisparityMap], DisparityMap] = as_it_is
+    keep: Keep = IN_MEMORY
+    loaded: tuple[int, ...] = ()
     revision: int = 0
     measured: tuple[tuple[DisparityMap, ...], ...] = ()
     taken: TakenOut = _NOTHING_TAKEN
@@ -142,7 +140,7 @@ def analyse(
         BadInput: the pair does not fit the ones before it, or no point of interest fits the frame.
     """
     begun = begun or begin(settings, pair.first)
-    maps = tuple(begun.keep(one) for one in correlate(begun, pair, foreseen))
+    maps = tuple(begun.keep.map(one) for one in correlate(begun, pair, foreseen))
     return update(begun, pair.decision, maps)
 
 
@@ -176,7 +174,7 @@ def correlate(begun: Begun, pair: Pair, foreseen: Mapping[int, Foreseen] = NOTHI
     first, second = (foreseen.get(one.info.export, UNFORESEEN) for one in (pair.first, pair.second))
     own = first.made_ready or dic.prepare(pair.first.image, begun.grid, settings)
     within = dic.correlate(own, pair.second.image, settings, reference_frame=2 * k, current_frame=2 * k + 1)
-    ((as_measured, *_), *_) = begun.measured or (begun.from_frame_0,)
+    as_measured = begun.measured[0][0] if begun.measured else begun.from_frame_0[0]
     smear = dic.lacking(dic.smear_of(begun.pairs[0], as_measured), dic.smear_of(pair.decision, within))
 
     def from_frame_0(frame: Frame, known: Foreseen, number: int) -> DisparityMap:
@@ -196,9 +194,8 @@ def update(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...])
     begun = _solved(begun, begun.method.live(begun.estimator, begun.solution))
     begun, frames = _told(begun, (2 * decision.pair, 2 * decision.pair + 1))
     begun, revised = _told(begun, _moved(begun, begun.pairs[-LATELY:])[:AT_ONCE])
-    loaded = _loaded(begun)
-    if len(loaded) <= STEPS_AT_ONCE and (revised or decision.pair in loaded):
-        begun = replace(begun, elastic=_elastic(begun, begun.solution, _as_known_now(begun, loaded)))
+    if len(begun.loaded) <= STEPS_AT_ONCE and (revised or decision.step.phase is Phase.TENSION):
+        begun = replace(begun, elastic=_elastic(begun, begun.solution, _as_known_now(begun, _loaded(begun))))
     newest = _estimate(begun, begun.solution, checked=False, lately=True)
     return begun, PairResult(decision, len(begun.pairs), maps, newest, frames, *begun.elastic, revised)
 
@@ -227,18 +224,18 @@ def _solved(begun: Begun, solution: Any) -> Begun:
     return replace(begun, solution=solution, revision=begun.revision + 1)
 
 
-def _loaded(begun: Begun) -> list[int]:
-    return [one.pair for one in begun.pairs if one.step.phase is Phase.TENSION]
+def _loaded(begun: Begun) -> list[PairDecision]:
+    return [begun.pairs[at] for at in begun.loaded]
 
 
 def _told(begun: Begun, frames: Iterable[int]) -> tuple[Begun, tuple[FrameResult, ...]]:
     """Frames corrected with the newest solution, and what is said of them kept."""
-    results, told = [], dict(begun.told)
+    results, told = [], {}
     for frame in frames:
         result, correction = _corrected(begun, begun.solution, frame)
         results.append(result)
         told[frame] = Told(result.summary, correction, begun.taken.strain_of(frame))
-    return replace(begun, told=told), tuple(results)
+    return replace(begun, told=begun.keep.updated(begun.told, told)), tuple(results)
 
 
 def _moved(begun: Begun, looked_at: Iterable[PairDecision]) -> tuple[int, ...]:
@@ -260,15 +257,16 @@ def _strain_moved(begun: Begun, frame: int) -> Tensor2:
     return Tensor2(*(getattr(moved, one) - getattr(now, one) + getattr(told.effects, one) for one in ("exx", "eyy", "exy")))
 
 
-def _as_known_now(begun: Begun, pairs: Iterable[int]) -> dict[int, StrainSummary]:
+def _as_known_now(begun: Begun, pairs: Iterable[PairDecision]) -> dict[int, StrainSummary]:
     """Summaries of pairs' frames, their means as if they had all been corrected with the newest solution, by number.
 
     An error of the distortion that all load steps share does no harm to a slope; steps corrected with different ones would.
     """
     found: dict[int, StrainSummary] = {}
-    for frame in (2 * pair + member for pair in pairs for member in (0, 1)):
-        summary = begun.told[frame].summary
-        if begun.told[frame].correction is not None:
+    for frame in (2 * one.pair + member for one in pairs for member in (0, 1)):
+        told = begun.told[frame]
+        summary = told.summary
+        if told.correction is not None:
             moved = _strain_moved(begun, frame)
             mean = Tensor2(*(getattr(summary.mean, one) + getattr(moved, one) for one in ("exx", "eyy", "exy")))
             summary = replace(summary, mean=mean)
@@ -280,11 +278,13 @@ def absorb(begun: Begun, decision: PairDecision, maps: tuple[DisparityMap, ...])
     """Take a pair's maps in, from images or from a log, without asking what follows."""
     if begun.pairs:
         decision = _sharing(decision, begun.pairs[-1])
-    pairs = (*begun.pairs, decision)
+    pairs = begun.keep.longer(begun.pairs, (decision,))
+    loaded = (*begun.loaded, len(begun.pairs)) if decision.step.phase is Phase.TENSION else begun.loaded
     estimator = begun.method.update(begun.estimator, decision.pair, decision.step.phase, frame_times(pairs[0], decision), maps)
-    from_frame_0 = (*begun.from_frame_0, *seen_from_frame_0(decision.pair, maps))
+    new = (one if one in maps else begun.keep.map(one) for one in seen_from_frame_0(decision.pair, maps))
+    from_frame_0 = begun.keep.longer(begun.from_frame_0, new)
     measured = (*begun.measured, maps) if begun.settings.model.effects and len(begun.pairs) <= MOST_PAIRS else ()
-    return replace(begun, estimator=estimator, pairs=pairs, from_frame_0=from_frame_0, measured=measured)
+    return replace(begun, estimator=estimator, pairs=pairs, loaded=loaded, from_frame_0=from_frame_0, measured=measured)
 
 
 def without_effects(begun: Begun) -> Begun:
@@ -372,7 +372,7 @@ def conclude(
     newest = _estimate(begun, solution, checked=True)
     elastic, gage = _elastic(begun, solution, {one.frame: one for one in summaries})
     notes = (*newest.notes, *still_white(replace(begun, solution=solution)), *mechanics.gage_notes(gage))
-    return RunResult(begun.pairs, newest, tuple(kept), elastic, notes, gage, tuple(summaries))
+    return RunResult(tuple(begun.pairs), newest, tuple(kept), elastic, notes, gage, tuple(summaries))
 
 
 def refused(result: RunResult, settings: AnalysisSettings) -> str | None:
@@ -443,7 +443,7 @@ def _all_corrected(begun: Begun, solution: Any, looked_at: Callable[[int], None]
 
 def _map_to(begun: Begun, frame: int) -> DisparityMap:
     usual = begun.from_frame_0[frame - 1 : frame]  # where every pair came in its turn
-    return next(one for one in (*usual, *begun.from_frame_0) if one.current == frame)
+    return next(one for one in itertools.chain(usual, begun.from_frame_0) if one.current == frame)
 
 
 def _as_corrected(begun: Begun, solution: Any, frame: int, correction: Any) -> FrameResult:
@@ -495,6 +495,6 @@ def _load_steps(begun: Begun, summaries: Mapping[int, StrainSummary]) -> list[tu
             mean_gage(*one.loads),
             mechanics.pooled(summaries[2 * one.pair], summaries[2 * one.pair + 1]),
         )
-        for one in begun.pairs
-        if one.step.phase is Phase.TENSION and one.loads is not None
+        for one in _loaded(begun)
+        if one.loads is not None
     ]

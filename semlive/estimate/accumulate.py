@@ -15,7 +15,7 @@ from semlive.data.experiment import Phase
 from semlive.errors import IllPosed
 from semlive.estimate.blocks import BlockColumns, PackedColumns, StoredColumns, block_columns, in_a_row
 from semlive.estimate.rows import all_rows, map_rows
-from semlive.estimate.state import SURE, EstimatorState, Extent, ManyColumns, MapRows, ReferenceNoise, kept_rows
+from semlive.estimate.state import SURE, EstimatorState, Extent, ManyColumns, MapRows, ReferenceNoise, kept_rows, rows_of
 from semlive.model import (
     Axis,
     DriftSpline,
@@ -87,6 +87,10 @@ def update(
         raise IllPosed(f"pair {pair} was scanned before pair 0, the reference of all others: begin with the earliest pair")
     if not any(dmap.valid.any() for dmap in maps):
         raise IllPosed(f"no point of pair {pair} was correlated, so it says nothing: check focus and contrast of its frames")
+    if state.frames:  # held once for all frames that were scanned alike
+        shared = state.frames[-1].timing
+        first, second = (replace(when, timing=shared) if when.timing == shared else when for when in times)
+        times = first, second
     duration_s = max(when.timing.duration_s for when in times)
     drift = state.drift or DriftSpline(UniformSpline(0.0, duration_s / state.settings.drift_knots_per_frame, 1))
     raster = state.raster or _raster(state, duration_s)
@@ -108,7 +112,7 @@ def update(
             add_rows(grown, one, grown.about, sums)
         add_prior(one, sums.reference)
     calibrated = state.calibrated if phase is Phase.TENSION else _widened(state, state.calibrated, rows)
-    taken = replace(grown, rows=(*grown.rows, *rows), calibrated=calibrated)
+    taken = replace(grown, rows=state.keep.longer(grown.rows, rows), calibrated=calibrated)
     return replace(taken, precision=sums.precision, information=sums.information, reference=sums.reference)
 
 
@@ -130,7 +134,7 @@ def unsummed(state: EstimatorState) -> EstimatorState:
     return replace(state, precision=np.zeros((0, 0)), information=np.zeros(0), reference=replace(state.reference, coupling=nothing))
 
 
-def reweighted(state: EstimatorState, rows: tuple[MapRows, ...]) -> EstimatorState:
+def reweighted(state: EstimatorState, rows: Sequence[MapRows]) -> EstimatorState:
     """The same data with other weights: all sums anew, about the same point."""
     return summed(unsummed(replace(state, rows=rows)))
 
@@ -230,9 +234,9 @@ def beginning(state: EstimatorState, pairs: int) -> EstimatorState:
             starts=state.starts.only(kept),
             frames=frames,
             phases=state.phases[:pairs],
-            rows=tuple(rows for rows in state.rows if rows.current // 2 in kept),
+            rows=tuple(rows_of(state, kept)),
             about=np.zeros(0),
-            calibrated=_widened(state, None, [rows for rows in state.rows if rows.current // 2 in kept - loaded]),
+            calibrated=_widened(state, None, rows_of(state, kept - loaded)),
         )
     )
 
@@ -398,7 +402,7 @@ def with_line_shifts(state: EstimatorState, over_y: UniformSpline, about: NDArra
 
 def _remade(state: EstimatorState) -> EstimatorState:
     made = (replace(map_rows(state, one.dmap), weight=one.weight) if one.weight.any() else one for one in state.rows)
-    again = replace(state, rows=tuple(kept_rows(one, state.keep) for one in made))
+    again = replace(state, rows=state.keep.longer((), (kept_rows(one, state.keep) for one in made)))
     return summed(unsummed(again)) if state.summed else again
 
 

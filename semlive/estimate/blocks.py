@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.grid import Grid
+from semlive.data.keep import Keep
 from semlive.kernels.columns import local_sums, tensor_sums
 from semlive.model import Axis, Columns, TensorColumns
 
@@ -163,10 +163,6 @@ class PackedColumns:
         return BlockColumns(self.effect, Axis.EACH, np.arange(self.shape[0] * self.shape[1]), total.reshape(blocks, -1))
 
 
-Keep = Callable[[NDArray[Any]], NDArray[Any]]
-"""Gives the same numbers in an array of the same shape and order."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredColumns:
     """A map's columns in two arrays that somebody else keeps: some ten objects of 0.4 kB each less for every map of a run.
@@ -194,7 +190,7 @@ class StoredColumns:
                 sizes, at, value = (*one.value.shape, 0), one.index, one.value
             places += [np.array(sizes, dtype=np.int64), at]
             values += [value.ravel(), np.zeros(-value.size % _ALIGNED)]
-        return cls(_shared(tuple(kinds)), keep(np.concatenate(places)), keep(np.concatenate(values)))
+        return cls(_shared(tuple(kinds)), keep.array(np.concatenate(places)), keep.array(np.concatenate(values)))
 
     def columns(self) -> Iterator[BlockColumns | PackedColumns]:
         """The same numbers as they were made."""

@@ -14,12 +14,12 @@ import numpy as np
 from scipy.linalg import get_blas_funcs, solve_triangular
 
 from semlive.data.drift import FrameTime
+from semlive.data.keep import IN_MEMORY, Keep
 from semlive.estimate.arrow import cholesky, steady
-from semlive.estimate.blocks import Keep
 from semlive.estimate.border import DISTORTION, LINES, MOTION, SHIFT, STARTS, Border, Codes, Matrix, Strand, Vector, joint_of, strands
 from semlive.estimate.piece import Piece, border_sums, first_look, piece
 from semlive.estimate.prior import GRADIENT, REACH, SHIFT_PX, Hyper
-from semlive.estimate.state import EstimatorState, MapRows, in_memory
+from semlive.estimate.state import EstimatorState, MapRows, rows_of
 from semlive.model import MotionKind
 
 MARGIN = 0.125  # of a frame: so far before its first row and behind its last may a point be seen
@@ -92,7 +92,7 @@ class Chain:
     hyper: Hyper
     border: Border
     pairs: tuple[int, ...]
-    steps: tuple[Step, ...]
+    steps: Sequence[Step]
     front: Front
     precision: Matrix
     pull: Vector
@@ -149,7 +149,7 @@ def extended(chain: Chain, state: EstimatorState, near: Vector, summed: bool = F
         front, step = _eliminated(front, said, known, (sizes, past), (chain, state, near), total, pull, pair)
         steps.append(step)
     _bring_up(total, steps)
-    return Chain(state, near, chain.hyper, chain.border, tuple(order), (*chain.steps, *steps), front, total, pull)
+    return Chain(state, near, chain.hyper, chain.border, tuple(order), state.keep.longer(chain.steps, steps), front, total, pull)
 
 
 def looked_at(state: EstimatorState, near: Vector, pairs: Iterable[int], border: Border) -> tuple[EstimatorState, Vector]:
@@ -158,7 +158,7 @@ def looked_at(state: EstimatorState, near: Vector, pairs: Iterable[int], border:
     for maps in _maps_of(state, pairs).values():
         index, motion = first_look(state, maps, border, near)
         about[index] = near[index] = motion
-    return replace(state, about=about), near
+    return replace(state, about=state.keep.passing(about)), state.keep.passing(near)
 
 
 def concluded(chain: Chain) -> tuple[Step, Matrix, Vector]:
@@ -219,12 +219,12 @@ def _eliminated(
     left = own[np.ix_(~out, ~out)] - step.to_kept.T @ step.to_kept
     joined = to_border[~out] - step.to_kept.T @ step.to_border
     front = Front(codes[~out], left, joined, pull[~out] - step.to_kept.T @ step.pull, sizes, past)
-    return front, step if state.keep is in_memory else _kept(step, state.keep)
+    return front, step if state.keep is IN_MEMORY else _kept(step, state.keep)
 
 
 def _kept(step: Step, keep: Keep) -> Step:
     """The step with what it holds kept elsewhere: most of what a pair leaves behind."""
-    own, kept, border = (keep(one) for one in (step.factor, step.to_kept, step.to_border))
+    own, kept, border = (keep.array(one) for one in (step.factor, step.to_kept, step.to_border))
     return replace(step, factor=own, to_kept=kept, to_border=border, pull=step.pull.copy())
 
 
@@ -296,9 +296,8 @@ def _gap(known: Sequence[Strand], front: Front, times: tuple[FrameTime, FrameTim
 
 def _maps_of(state: EstimatorState, pairs: Iterable[int]) -> dict[int, list[MapRows]]:
     maps: dict[int, list[MapRows]] = {pair: [] for pair in pairs}
-    for rows in state.rows:
-        if rows.current // 2 in maps:
-            maps[rows.current // 2].append(rows)
+    for rows in rows_of(state, maps):
+        maps[rows.current // 2].append(rows)
     return maps
 
 

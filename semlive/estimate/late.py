@@ -18,7 +18,7 @@ from semlive.estimate.chain import MARGIN, own_belief
 from semlive.estimate.evidence import CANDIDATES, DRIFT_ORDERS, log_belief, of_kind
 from semlive.estimate.piece import piece
 from semlive.estimate.prior import REACH, Filter, Hyper, Kind
-from semlive.estimate.state import EstimatorState, MapRows
+from semlive.estimate.state import EstimatorState, MapRows, rows_of
 from semlive.estimate.terms import DECISIVE, RASTER_CANDIDATES
 
 STRETCHES, STRETCH_PAIRS = 4, 24  # so many neighbouring pairs each, some 160 knots, tell as much of a smoothness as a choice needs
@@ -117,9 +117,8 @@ def banded(state: EstimatorState, hyper: Hyper, near: Vector, noise_px: Vector, 
     codes = _in_order(state, pairs, hyper, border)
     empty = Band(state, pairs, border, near, codes, np.zeros((1, len(codes))), np.zeros(len(codes)))
     maps: dict[int, list[MapRows]] = {}
-    for rows in state.rows:
-        if rows.current // 2 in pairs:
-            maps.setdefault(rows.current // 2, []).append(rows)
+    for rows in rows_of(state, pairs):
+        maps.setdefault(rows.current // 2, []).append(rows)
     said = []
     for _, one in sorted(maps.items()):
         told = piece(state, one, border, near)

@@ -12,7 +12,7 @@ from semlive.estimate.border import DISTORTION, Vector, border_belief, joint_of
 from semlive.estimate.chain import Chain, concluded
 from semlive.estimate.evidence import DISTORTION_CANDIDATES, DISTORTION_ORDERS, Known, Misfit, smoothest
 from semlive.estimate.prior import GAUGE_PX, Hyper
-from semlive.estimate.state import EstimatorState
+from semlive.estimate.state import EstimatorState, rows_of
 
 ENOUGH_PAIRS = 32
 CLIP = 4.0
@@ -65,8 +65,8 @@ def _spread(state: EstimatorState, mean: Vector, noise_px: Vector, pairs: tuple[
     at = np.unique(np.linspace(0, len(pairs) - 1, ENOUGH_PAIRS).astype(int))
     taken, noise = {pairs[one] for one in at}, noise_px.reshape(2, -1).T
     found = []
-    for rows in state.rows:
-        if rows.current // 2 in taken and rows.weight.any():
+    for rows in rows_of(state, taken):
+        if rows.weight.any():
             residual = rows.disparity_px - predicted(state, rows, mean) + (noise if rows.from_reference else 0.0)
             found.append((residual * np.sqrt(rows.weight))[rows.weight > 0])
     joined = np.concatenate(found)

@@ -18,7 +18,7 @@ from semlive.estimate.chain import chained
 from semlive.estimate.late import Band, banded, believing, without_pauses
 from semlive.estimate.posterior import Solution
 from semlive.estimate.smooth import ended
-from semlive.estimate.state import EstimatorState, MapRows
+from semlive.estimate.state import EstimatorState, rows_of
 from semlive.model import PairMotions
 
 Field = NDArray[np.float64]
@@ -61,7 +61,7 @@ def _neighbours(state: EstimatorState, pairs: tuple[int, ...]) -> list[tuple[tup
 def _drift_of_halves(solution: Solution, pairs: tuple[int, ...], around: tuple[int, ...]) -> tuple[Field, Field]:
     state, columns = solution.state, solution.state.blocks.layout[1]
     left = ((np.arange(state.blocks.size) % columns) < columns // 2)[:, None]
-    rows = [one for one in state.rows if one.current // 2 in pairs]
+    rows = rows_of(state, pairs)
     halves = [tuple(replace(one, weight=np.where(side, one.weight, 0.0)) for one in rows) for side in (left, ~left)]
     noise_px = solution.ending.step[solution.ending.chain.border.part(NOISE)]
     bands = [banded(replace(state, rows=half), solution.hyper, solution.mean, noise_px, around) for half in (*halves, ())]
@@ -133,13 +133,12 @@ def alone(solution: Solution, pairs: tuple[int, ...]) -> tuple[EstimatorState, F
     motion, held = state.layout.part("motion"), [(pair, *state.motions.part(pair)) for pair in state.motions.pairs if pair in pairs]
     index = np.concatenate([np.arange(motion.start), *(motion.start + np.arange(one.start, one.stop) for _, one, _ in held)])
     phase = dict(zip((0, *state.motions.pairs), state.phases, strict=True))
-    kept: tuple[MapRows, ...] = tuple(one for one in state.rows if one.current // 2 in pairs)
     alone = replace(
         unsummed(state),
         motions=PairMotions(tuple(pair for pair, _, _ in held), tuple(kind for _, _, kind in held)),
         frames=tuple(when for when in state.frames if when.frame // 2 in (0, *pairs)),
         phases=(phase[0], *(phase[pair] for pair, _, _ in held)),
-        rows=kept,
+        rows=tuple(rows_of(state, pairs)),
         about=state.about[index],
     )
     return alone, solution.mean[index]

@@ -13,10 +13,10 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.drift import Correction, Estimate, FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
+from semlive.data.keep import Keep
 from semlive.data.settings import EstimateSettings
 from semlive.data.strain import Tensor2
 from semlive.estimate import sutton
-from semlive.estimate.blocks import Keep
 
 PointSigma = tuple[NDArray[np.float64], NDArray[np.float64]]
 """(ny, nx) along x and along y."""

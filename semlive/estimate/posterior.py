@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 
 from semlive.data.drift import TermTest
+from semlive.data.keep import IN_MEMORY
 from semlive.errors import IllPosed
 from semlive.estimate.accumulate import carried_along, marginal, predicted, pull, relinearised, reweighted, with_line_shifts
 from semlive.estimate.arrow import Factor, cholesky, factored, sides, steady
@@ -18,7 +19,7 @@ from semlive.estimate.evidence import Misfit, likeliest_hyper, with_line_size
 from semlive.estimate.line_term import line_shifts, row_groups
 from semlive.estimate.prior import Hyper, belief_precision, gauge_precision
 from semlive.estimate.smooth import Ending, ended, mean_of
-from semlive.estimate.state import EstimatorState
+from semlive.estimate.state import EstimatorState, MapRows, kept_rows
 from semlive.estimate.terms import COUPLING_SIGMAS, coupling, raster_terms
 
 CLIP = 4.0
@@ -80,6 +81,7 @@ def choose(state: EstimatorState) -> Solution:
     """
     if state.drift is None:
         raise IllPosed("no pair has been accumulated yet, so there is nothing to estimate: add pair 0 first")
+    keep, state = state.keep, replace(state, rows=tuple(state.rows), keep=IN_MEMORY)  # they are looked at dozens of times
     gauge = gauge_precision(state)
     mean = _first_mean(state, Hyper(), gauge)
     fitted, tests = _with_raster_terms(_fitted(relinearised(state, mean), Hyper(), gauge, mean), gauge)
@@ -93,13 +95,15 @@ def choose(state: EstimatorState) -> Solution:
     fitted, lines = _with_line_shifts(fitted)
     gauge = gauge_precision(fitted.state)
     fitted = _robust(fitted, gauge)
-    return _concluded(fitted.state, fitted.data, fitted.hyper, gauge, (*tests, test, lines))
+    kept = replace(fitted.state, rows=keep.longer((), (kept_rows(one, keep) for one in fitted.state.rows)), keep=keep)
+    return _concluded(kept, fitted.data, fitted.hyper, gauge, (*tests, test, lines))
 
 
 def solved(chain: Chain, terms: tuple[TermTest, ...], noise_floor_px: float, newest: int | None = None) -> Solution:
     """The posterior that an elimination gives; of so many `newest` pairs and of what all pairs share alone if so asked."""
     ending = ended(chain)
-    return Solution(chain.state, chain.hyper, mean_of(ending, newest), ending, noise_floor_px, terms)
+    mean = chain.state.keep.passing(mean_of(ending, newest))
+    return Solution(chain.state, chain.hyper, mean, ending, noise_floor_px, terms)
 
 
 def _concluded(state: EstimatorState, data: Misfit, hyper: Hyper, gauge: NDArray[np.float64], terms: tuple[TermTest, ...]) -> Solution:
@@ -193,11 +197,12 @@ def _robust(fitted: _Fitted, gauge: NDArray[np.float64]) -> _Fitted:
     for _ in range(HUBER_PASSES):
         limit = HUBER * fitted.hyper.noise_scale
         left = iter(residuals(fitted.state, fitted.mean))
-        kept = []
+        kept, any_far = list[MapRows](), False
         for rows in whole.rows:
             far = np.abs(next(left)) * np.sqrt(rows.weight) if rows.weight.any() else np.zeros_like(rows.weight)
             kept.append(replace(rows, weight=rows.weight * (limit / np.maximum(far, limit))) if (far > limit).any() else rows)
-        if all(one is two for one, two in zip(kept, whole.rows, strict=True)):
+            any_far = any_far or bool((far > limit).any())
+        if not any_far:
             return fitted
         fitted = _fitted(reweighted(fitted.state, tuple(kept)), fitted.hyper, gauge, fitted.mean)
     return fitted

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Container, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -225,7 +225,7 @@ def _motion(solution: Solution, spread: Spread) -> Motion:
     return Motion(pair, shift, shift_sigma, gradient, gradient_sigma)
 
 
-def _notes(solution: Solution, known: Calibration, pairs: Container[int]) -> tuple[str, ...]:
+def _notes(solution: Solution, known: Calibration, pairs: Collection[int]) -> tuple[str, ...]:
     notes = []
     if not known.enough:
         warned = "WARNING, the load steps are corrected with it all the same: " if Phase.TENSION in solution.state.phases else ""

@@ -14,7 +14,7 @@ from semlive.estimate.late_choices import distortion_rechosen, noise_ratio
 from semlive.estimate.late_coupling import coupling_anew, rotation_of
 from semlive.estimate.posterior import Solution, choose, solved
 from semlive.estimate.smooth import LATELY
-from semlive.estimate.state import EstimatorState
+from semlive.estimate.state import EstimatorState, rows_of
 
 
 def follow(state: EstimatorState, known: Solution | None) -> Solution:
@@ -66,8 +66,7 @@ def _gone_on(state: EstimatorState, known: Solution) -> Chain:
     if before.distortion.carried or before.lines.size:  # columns that a fresh state does not have, so the earlier pairs' are taken over
         state = unsummed(_caught_up(before, state))
     else:
-        weighed = {(one.reference, one.current): one for one in before.rows}
-        rows = tuple(weighed.get((one.reference, one.current), one) for one in state.rows)
+        rows = state.keep.longer(before.rows, state.rows[len(before.rows) :])  # those seen before with the weights that were chosen
         state = replace(state, rows=rows, about=grown(state.layout, before.layout, before.about))
         state = with_rates(unsummed(state), before.starts)
     near = grown(state.layout, before.layout, chain.near)
@@ -126,6 +125,6 @@ def _caught_up(known: EstimatorState, state: EstimatorState) -> EstimatorState:
     seen = set(known.motions.pairs)
     for pair, phase in itertools.islice(zip((0, *state.motions.pairs), state.phases, strict=True), 1, None):
         if pair not in seen:
-            maps = tuple(rows.dmap for rows in state.rows if rows.current // 2 == pair)
+            maps = tuple(rows.dmap for rows in rows_of(state, (pair,)))
             known = update(known, pair, phase, (state.frame_time(2 * pair), state.frame_time(2 * pair + 1)), maps)
     return known

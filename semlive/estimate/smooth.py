@@ -35,10 +35,10 @@ class Ending:
     factor: Matrix
     step: Vector
 
-    @property
-    def steps(self) -> tuple[Step, ...]:
-        """Of the chain, and the last one."""
-        return (*self.chain.steps, self.last)
+    def steps_back(self) -> Iterator[Step]:
+        """From the last one to the first of the chain."""
+        yield self.last
+        yield from reversed(self.chain.steps)
 
     def covariance_of(self, rows: Matrix) -> Matrix:
         """(k, k) covariance of k linear functions (k, n) of the joint parameters; steps before the first that they touch are left out."""
@@ -56,16 +56,18 @@ class Ending:
         ahead = solve_triangular(self.factor, held.T, lower=True, check_finite=False)
         return total + ahead.T @ ahead
 
-    def _since(self, rows: Matrix) -> tuple[Step, ...]:
+    def _since(self, rows: Matrix) -> Iterator[Step]:
         """The steps from the first that touches linear functions on: what came before does not cost a look each."""
-        layout, border, steps = self.chain.state.layout, self.chain.border, self.steps
+        layout, border, found = self.chain.state.layout, self.chain.border, list[Step]()
         touched = np.asarray(np.any(rows, axis=0), dtype=np.bool_)
         touched[joint_of(layout, border.codes()[: border.known])] = False
-        left, first = int(touched.sum()), len(steps)
-        while left and first:
-            first -= 1
-            left -= int(touched[joint_of(layout, steps[first].gone)].sum())
-        return steps[first:]
+        left = int(touched.sum())
+        for step in self.steps_back() if left else ():
+            found.append(step)
+            left -= int(touched[joint_of(layout, step.gone)].sum())
+            if not left:
+                break
+        return reversed(found)
 
 
 def ended(chain: Chain, belief: Hyper | None = None) -> Ending:
@@ -97,7 +99,7 @@ def mean_of(ending: Ending, newest: int | None = None) -> Vector:
     known = border.codes()[: border.known]
     move[joint_of(layout, known)] = ending.step[: border.known]
     left = newest or 0
-    for step in reversed(ending.steps):
+    for step in ending.steps_back():
         asked = step.pull - step.to_kept @ move[joint_of(layout, step.kept)] - step.to_border @ ending.step
         move[joint_of(layout, step.gone)] = solve_triangular(step.factor, asked, lower=True, trans=1, check_finite=False)
         left -= step.pair is not None
@@ -225,7 +227,7 @@ def _way_back(ending: Ending) -> Iterator[_Back]:
     """
     codes, given = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
     response = np.zeros((0, ending.chain.border.size))
-    for step in reversed(ending.steps):
+    for step in ending.steps_back():
         at = np.searchsorted(codes, step.kept)
         given, response = _narrowed(given[at]), response[at]
         alone = np.asarray(solve_triangular(step.factor, np.eye(len(step.gone)), lower=True, check_finite=False), dtype=np.float64).T

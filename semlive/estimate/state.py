@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,18 +12,14 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
+from semlive.data.keep import IN_MEMORY, Keep
 from semlive.data.settings import EstimateSettings
 from semlive.errors import IllPosed
-from semlive.estimate.blocks import BlockColumns, Blocks, Keep, PackedColumns, StoredColumns
+from semlive.estimate.blocks import BlockColumns, Blocks, PackedColumns, StoredColumns
 from semlive.model import DistortionSpline, DriftSpline, Effect, Layout, LineShifts, PairMotions, RasterChange, ScanAxes, StartErrors
 
 ManyColumns = tuple[BlockColumns | PackedColumns, ...] | StoredColumns
 NO_LINES, SURE = LineShifts(), StartErrors()
-
-
-def in_memory(array: NDArray[Any]) -> NDArray[Any]:
-    """The array itself."""
-    return array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,7 +135,7 @@ class EstimatorState:
         calibrated: where frames of calibration and translation pairs showed the middles of blocks; None where none did.
         lines: shifts of rows, in no frame unless the data ask for them.
         starts: errors of start times, of the pairs whose frames' starts are not known exactly.
-        keep: where large arrays of single pairs are kept that are made of it.
+        keep: where what belongs to single pairs is kept, here and in what is made of it.
     """
 
     settings: EstimateSettings
@@ -154,7 +150,7 @@ class EstimatorState:
     motions: PairMotions
     frames: tuple[FrameTime, ...]
     phases: tuple[Phase, ...]
-    rows: tuple[MapRows, ...]
+    rows: Sequence[MapRows]
     about: NDArray[np.float64]
     precision: NDArray[np.float64]
     information: NDArray[np.float64]
@@ -162,7 +158,7 @@ class EstimatorState:
     calibrated: Extent | None = None
     lines: LineShifts = NO_LINES
     starts: StartErrors = SURE
-    keep: Keep = in_memory
+    keep: Keep = IN_MEMORY
 
     @property
     def model(self) -> tuple[Effect, ...]:
@@ -192,6 +188,18 @@ class EstimatorState:
             if when.frame == frame:
                 return when
         raise IllPosed(f"frame {frame} is not in the estimate, so its drift is unknown: add its pair first")
+
+
+def rows_of(state: EstimatorState, pairs: Collection[int]) -> list[MapRows]:
+    """Rows of some pairs' maps in order of arrival; where every pair came with all its maps no others are looked at."""
+    found = []
+    for place, pair in enumerate((0, *state.motions.pairs)):
+        if pair in pairs:
+            usual = state.rows[max(3 * place - 2, 0) : 3 * place + 1]
+            if len(usual) != (3 if place else 1) or any(one.current // 2 != pair for one in usual):
+                return [one for one in state.rows if one.current // 2 in pairs]
+            found += usual
+    return found
 
 
 def init(settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) -> EstimatorState:
@@ -238,26 +246,26 @@ def kept_elsewhere(state: EstimatorState, pair: int, keep: Keep) -> EstimatorSta
     Args:
         state: that has the pair, which came last.
         pair: its number.
-        keep: gives the same numbers in an array of the same shape and order.
+        keep: where.
     """
-    if state.keep == keep:
+    if state.keep is keep:
         return state  # kept since they were made
     count = next((at for at, one in enumerate(reversed(state.rows)) if one.current // 2 != pair), len(state.rows))
     first = len(state.rows) - count
-    return replace(state, rows=(*state.rows[:first], *(kept_rows(one, keep) for one in state.rows[first:])), keep=keep)
+    return replace(state, rows=keep.longer(state.rows[:first], (kept_rows(one, keep) for one in state.rows[first:])), keep=keep)
 
 
 def kept_rows(rows: MapRows, keep: Keep) -> MapRows:
     """The same with its large arrays kept by somebody else."""
-    if keep is in_memory:
+    if keep is IN_MEMORY:
         return rows
     # Columns at a frame 0 that has all its points are one for all maps; others are packed.
     own = not isinstance(rows.at_reference, StoredColumns) and any(isinstance(one, PackedColumns) for one in rows.at_reference)
     return replace(
         rows,
-        disparity_px=keep(rows.disparity_px),
-        weight=keep(rows.weight),
-        position_px=keep(rows.position_px),
+        disparity_px=keep.array(rows.disparity_px),
+        weight=keep.array(rows.weight),
+        position_px=keep.array(rows.position_px),
         difference=_stored(rows.difference, keep),
         at_reference=_stored(rows.at_reference, keep) if own else rows.at_reference,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Container
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from semlive.estimate.border import border_belief
 from semlive.estimate.posterior import Solution
 from semlive.estimate.prior import Hyper
 from semlive.estimate.smooth import border_covariance, ended
-from semlive.estimate.state import EstimatorState
+from semlive.estimate.state import EstimatorState, rows_of
 from semlive.model import MotionKind
 
 Field = NDArray[np.float64]
@@ -137,14 +137,14 @@ def support(state: EstimatorState) -> Support | None:
     return Support((float(low[0]), float(high[0])), (float(low[1]), float(high[1])))
 
 
-def outside_notes(state: EstimatorState, pairs: Container[int]) -> list[str]:
+def outside_notes(state: EstimatorState, pairs: Collection[int]) -> list[str]:
     """A sentence about frames of some pairs with points beyond the calibrated addresses."""
     area = support(state)
     if area is None:
         return []
     worst, worst_frame, frames = 0.0, -1, 0
-    for rows in state.rows:
-        if rows.current // 2 not in pairs or not rows.from_reference or not rows.dmap.valid.any():
+    for rows in rows_of(state, pairs):
+        if not rows.from_reference or not rows.dmap.valid.any():
             continue
         there = rows.position_px + state.centre_px + rows.disparity_px
         seen = rows.weight.any(axis=1)

@@ -65,7 +65,7 @@ def correction_strains(solution: Solution, maps: Iterable[DisparityMap]) -> tupl
         counts = rows.any(axis=0)
         touched, own = index[counts], np.ascontiguousarray(rows[:, counts])
         value = own @ solution.mean[touched]
-        found.append(CorrectionStrain(keep(codes_of(solution.state.layout, touched)), keep(own), value, NOWHERE.sigma))
+        found.append(CorrectionStrain(keep.array(codes_of(solution.state.layout, touched)), keep.array(own), value, NOWHERE.sigma))
     for pair, covariance in covariances(solution.ending, _Together(found, of_pair)).items():
         for number, sigma in zip(of_pair[pair], np.sqrt(np.diag(covariance)).reshape(-1, 3), strict=True):
             found[number] = replace(found[number], sigma=Tensor2(*(float(one) for one in sigma)))

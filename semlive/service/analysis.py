@@ -50,11 +50,12 @@ from semlive.formats.messages import (
     topic_of,
 )
 from semlive.service.analysis_voice import Voice, stand_back
+from semlive.service.archive import Archive
 from semlive.service.blas import one_blas_thread
 from semlive.service.config import parse_config
 from semlive.service.display import pictures
 from semlive.service.file_clocks import FileClocks
-from semlive.service.map_store import MapStore, beside_memory
+from semlive.service.map_store import beside_memory
 from semlive.service.memory import give_back
 from semlive.service.pipe import read_counts
 from semlive.service.result_json import result_json
@@ -86,7 +87,6 @@ _KEPT_FRAMES = 8
 _KEPT_BYTES = 512 * 2**20
 _KEPT_HASHES = 1000
 # Beside an instrument a run lasts days, and its memory shall stay where it is after the first hour.
-_IN_MEMORY_BYTES = 16 * 2**20
 _TOLD_BEYOND = 0.01
 _ASK = "the run goes on; `semlive diagnose LOG` says what is missing from the model"
 # From the word that something was recorded to its bytes in the log the recorder takes some milliseconds.
@@ -385,7 +385,7 @@ def main() -> None:
     arguments = parser.parse_args()
     stand_back()
     one_blas_thread()
-    state, skip, store = AnalysisState(), arguments.skip, MapStore(_IN_MEMORY_BYTES, stays=True)
+    state, skip, archive = AnalysisState(), arguments.skip, Archive()
     with Voice(sys.stdout.buffer, arguments.beat) as voice:
         for message in _inputs(arguments.log, chain((arguments.inputs,), read_counts(sys.stdin.buffer))):
             with voice.at_work():
@@ -395,7 +395,7 @@ def main() -> None:
                 skip = _say(voice, outputs, skip)
                 state, outputs = meanwhile(state)
                 skip = _say(voice, outputs, skip)
-                state = _lighter(state, before, store)
+                state = _lighter(state, before, archive)
 
 
 def _say(voice: Voice, outputs: Iterable[LogMessage], skip: int) -> int:
@@ -421,12 +421,12 @@ def _inputs(log: Path, counts: Iterable[int]) -> Iterator[LogMessage]:
                 time.sleep(_POLL_S)
 
 
-def _lighter(state: AnalysisState, before: pipeline.Begun | None, store: MapStore) -> AnalysisState:
-    """What is kept of a new pair beyond the first 16 MB goes into files without a name, the same to the last bit."""
+def _lighter(state: AnalysisState, before: pipeline.Begun | None, archive: Archive) -> AnalysisState:
+    """What is kept of a new pair goes into files without a name, the same to the last bit."""
     if state.begun is None or state.begun is before:
         return state
-    begun = beside_memory(state.begun, state.begun.pairs[-1].pair, (), store)
-    store.settle()
+    begun = beside_memory(state.begun, state.begun.pairs[-1].pair, (), archive)
+    archive.settle()
     give_back()
     return replace(state, begun=begun)
 

@@ -10,12 +10,13 @@ import threading
 import weakref
 from collections.abc import Iterator
 from dataclasses import fields, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap
+from semlive.data.keep import InMemory, Keep
 from semlive.pipeline import Begun
 
 T = TypeVar("T", bound=np.generic)
@@ -26,7 +27,7 @@ _IN_MEMORY_BYTES = 256 * 2**20
 _SETTLE_S = 0.05  # in which some 100 MB of pages are asked for at most
 
 
-class MapStore:
+class MapStore(InMemory):
     """Keeps maps and arrays; the first 256 MB in memory, the rest in temporary files.
 
     What is read from a file is the same numbers, aligned as in memory, so sums come out the same to the last bit. `settle` gives the
@@ -40,31 +41,41 @@ class MapStore:
     def __init__(self, in_memory_bytes: int = _IN_MEMORY_BYTES, *, stays: bool = False) -> None:
         self._left, self._stays = in_memory_bytes, stays
         self._file: int | None = None
-        self._slabs: list[weakref.ref[mmap.mmap]] = []
+        self._slabs: dict[int, weakref.ref[NDArray[np.uint8]]] = {}
+        self._number = 0
         self._newest = np.zeros(0, dtype=np.uint8)
         self._used = self._taken = 0
         self._lock = threading.Lock()  # pairs are read and kept while others are worked on
 
-    def keep(self, disparity: DisparityMap) -> DisparityMap:
+    def map(self, disparity: DisparityMap) -> DisparityMap:
         """The same map, kept here."""
         arrays = {one.name: array for one in fields(disparity) if isinstance(array := getattr(disparity, one.name), np.ndarray)}
         if self._has_room(sum(array.nbytes for array in arrays.values())):
             return disparity
         return replace(disparity, **{name: self._kept(array) for name, array in arrays.items()})
 
-    def keep_array(self, array: NDArray[T]) -> NDArray[T]:
+    def array(self, array: NDArray[T]) -> NDArray[T]:
         """The same array, kept here, and nothing that it was a part of; one that does not lie in one piece stays where it is."""
-        if not array.flags.forc:
+        if not array.flags.forc or self.place_of(array) is not None:
             return array
         if self._has_room(array.nbytes):
             return array if array.base is None else array.copy(order="K")
         return self._kept(array)
 
+    def place_of(self, array: NDArray[Any]) -> tuple[int, NDArray[np.uint8], int] | None:
+        """Number and bytes of the file that an array lies in, and the byte that it begins at; None if it lies in none."""
+        for number, slab in reversed(self._slabs.items()):
+            base = slab()
+            if base is not None and array.base is base:
+                return number, base, array.ctypes.data - base.ctypes.data
+        return None
+
     def settle(self) -> None:
         """Give pages back; what they hold stays in the files."""
-        for slab in (one() for one in self._slabs):
+        for slab in (one() for one in list(self._slabs.values())):
             if slab is not None and hasattr(mmap, "MADV_DONTNEED"):
-                slab.madvise(mmap.MADV_DONTNEED)
+                file: Any = slab.base  # a memoryview of the mapped file
+                file.obj.madvise(mmap.MADV_DONTNEED)
 
     @contextlib.contextmanager
     def settling(self) -> Iterator[None]:
@@ -127,15 +138,16 @@ class MapStore:
                 if self._file is not None:
                     os.close(self._file)
                 self._file = os.dup(file.fileno())
-        self._slabs = [*(one for one in self._slabs if one() is not None), weakref.ref(slab)]
-        self._newest, self._used = np.frombuffer(slab, dtype=np.uint8), 0
+        self._newest, self._used, self._number = np.frombuffer(slab, dtype=np.uint8), 0, self._number + 1
+        held = {number: one for number, one in self._slabs.items() if one() is not None}
+        self._slabs = {**held, self._number: weakref.ref(self._newest)}
 
     def __del__(self) -> None:
         if self._file is not None:
             os.close(self._file)
 
 
-def beside_memory(begun: Begun, pair: int, kept: tuple[DisparityMap, ...], store: MapStore) -> Begun:
+def beside_memory(begun: Begun, pair: int, kept: tuple[DisparityMap, ...], store: Keep) -> Begun:
     """The run with what it holds of its newest pair in the store: columns, and maps from frame 0; later pairs go there as they come.
 
     Args:
@@ -147,10 +159,11 @@ def beside_memory(begun: Begun, pair: int, kept: tuple[DisparityMap, ...], store
     Raises:
         OSError: there is no room for it.
     """
-    kept = kept or (begun.from_frame_0[-2:] if begun.keep == store.keep else ())
-    newest = [one if one in kept or one.current // 2 != pair else store.keep(one) for one in begun.from_frame_0[-2:]]
-    estimator = begun.method.kept_elsewhere(begun.estimator, pair, store.keep_array)
-    return replace(begun, from_frame_0=(*begun.from_frame_0[:-2], *newest), estimator=estimator, keep=store.keep)
+    estimator = begun.method.kept_elsewhere(begun.estimator, pair, store)
+    if begun.keep is store:
+        return replace(begun, estimator=estimator)
+    newest = [one if one in kept or one.current // 2 != pair else store.map(one) for one in begun.from_frame_0[-2:]]
+    return replace(begun, from_frame_0=store.longer(begun.from_frame_0[:-2], newest), estimator=estimator, keep=store)
 
 
 def _write(file: int, data: memoryview, at: int) -> None:

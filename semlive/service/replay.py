@@ -231,7 +231,7 @@ def _kept_pairs(asked: Replay, pairs: Iterable[tuple[PairDecision, Maps]], store
     for decision, maps in pairs:
         if asked.until is not None and decision.pair > asked.until:
             return
-        yield decision, tuple(store.keep(one) for one in maps)
+        yield decision, tuple(store.map(one) for one in maps)
 
 
 def _count(asked: Replay) -> int:

@@ -25,7 +25,7 @@ def random_map(number: int) -> DisparityMap:
 def test_maps_come_back_as_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(map_store, "_SLAB_BYTES", 256 * 1024)  # five maps of 50 kB
     store, given = MapStore(in_memory_bytes=100_000), [random_map(number) for number in range(40)]
-    kept = [store.keep(one) for one in given]
+    kept = [store.map(one) for one in given]
     store.settle()
     assert kept[0] is given[0]  # as long as there is room
     assert kept[-1] is not given[-1]
@@ -42,7 +42,7 @@ def test_maps_come_back_as_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_is_kept_outlives_the_store() -> None:
     store = MapStore(in_memory_bytes=0)
     given = random_map(2)
-    kept = store.keep(given)
+    kept = store.map(given)
     store.settle()
     del store
     np.testing.assert_array_equal(kept.u_px, given.u_px)
@@ -59,7 +59,7 @@ def test_pages_given_back_do_not_count_as_memory(tmp_path: Path) -> None:
 
     store, one = MapStore(in_memory_bytes=0), random_map(2)
     before = mapped_kb()
-    kept = [store.keep(one) for _ in range(1000)]  # 50 MB
+    kept = [store.map(one) for _ in range(1000)]  # 50 MB
     assert all(one.status.any() and one.u_px.any() and one.v_px.any() for one in kept)
     full = mapped_kb()
     with store.settling():

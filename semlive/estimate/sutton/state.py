@@ -9,9 +9,9 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
+from semlive.data.keep import Keep
 from semlive.data.settings import EstimateSettings
 from semlive.errors import IllPosed
-from semlive.estimate.blocks import Keep
 
 
 @dataclass(frozen=True, slots=True, eq=False)
