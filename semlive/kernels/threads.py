@@ -9,6 +9,7 @@ a thread that another chain of work has done with goes on with this one.
 
 from __future__ import annotations
 
+import _thread
 import threading
 from collections.abc import Callable
 from typing import Generic, TypeVar, cast
@@ -26,27 +27,42 @@ def thread_count() -> int:
     return int(config.NUMBA_NUM_THREADS)  # pyright: ignore[reportAttributeAccessIssue]  (set at import, from the environment)
 
 
-class _Helper(threading.Thread, Generic[A]):
-    """Work done beside the caller's. A thread of its own each: a pool's queue and locks cost as much again as beginning one."""
+class _Helper(Generic[A]):
+    """Work done beside the caller's, unless the caller has done with its own before it began: then whoever waits does it.
+
+    Nobody waits for a thread to begin. Where memory is refused it may end before it runs a line, and `threading.Thread.start` then waits
+    for good: the analysis of a run hung in it. A thread of its own each: a pool's queue and locks cost as much again as beginning one.
+    """
 
     def __init__(self, work: Callable[[], A]) -> None:
-        super().__init__(daemon=True)
         self._work = work
+        self._begun, self._over = threading.Lock(), threading.Lock()
+        self._over.acquire()
         self._result: A | None = None
         self._error: BaseException | None = None
-        self.start()
+        _thread.start_new_thread(self._run, ())
 
-    def run(self) -> None:
+    def _run(self) -> None:
+        if not self._begun.acquire(blocking=False):
+            return
         try:
             self._result = self._work()
         except BaseException as error:
             self._error = error
         finally:
             _helping.pop()
+            self._over.release()
+
+    def wait(self) -> bool:
+        """Until the work is done; False where it has not begun, and then never does."""
+        if self._begun.acquire(blocking=False):
+            _helping.pop()
+            return False
+        with self._over:
+            return True
 
     def result(self) -> A:
-        """What the work returned or raised, when it is done."""
-        self.join()
+        """What the work returned or raised; after `wait`."""
         if self._error is not None:
             raise self._error
         return cast(A, self._result)
@@ -84,9 +100,8 @@ def spread(work: Callable[[int, int], object], count: int, chunk: int) -> None:
                 helpers.append(helper)
             work(first, last)
     finally:
-        for helper in helpers:
-            helper.join()
-    for helper in helpers:
+        began = [helper for helper in helpers if helper.wait()]
+    for helper in began:
         helper.result()
 
 
@@ -96,6 +111,5 @@ def at_once(one: Callable[[], A], other: Callable[[], B], *, worth: bool = True)
     try:
         first = one()
     finally:
-        if helper:
-            helper.join()
-    return first, helper.result() if helper else other()
+        began = helper is not None and helper.wait()
+    return first, helper.result() if helper and began else other()

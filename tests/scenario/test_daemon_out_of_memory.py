@@ -1,9 +1,10 @@
-"""The system has no memory left: Linux itself ends the analysis, not control, and the run loses nothing."""
+"""There is no memory left: Linux ends the analysis, not control, or refuses it what it asks for, and the run loses nothing."""
 
 from __future__ import annotations
 
 import json
 import os
+import resource
 import signal
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -80,6 +81,26 @@ def test_linux_ends_the_analysis_first_and_the_run_loses_nothing(
     out, err = process.communicate(timeout=200)
     assert process.returncode == 0, out + err
     assert f"died (exit code -{int(signal.SIGKILL)})" in " ".join((out + err).split()), out + err
+    (result,) = logged(one.log, "/result")
+    assert result["pairs"] == 5
+    maps = [(told["reference"], told["current"]) for told in logged(one.log, "/dic/summary")]
+    assert len(maps) == len(set(maps)) == 13
+
+
+def test_an_analysis_that_is_refused_memory_does_not_hang(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> None:
+    """The thread that was to help it ended before it ran, and was waited for, while the process went on saying that it lives.
+
+    Without that thread it goes on with the memory that it has, or dies and is replaced.
+    """
+    one = instrument("refused-memory")
+    process = one.start()
+    wait_until(lambda: len(logged(one.log, "/pair")) == 2)
+    (analysis,) = (int(pid) for pid in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split())
+    lines = Path(f"/proc/{analysis}/status").read_text().splitlines()
+    size = next(1024 * int(line.split()[1]) for line in lines if line.startswith("VmSize:"))
+    resource.prlimit(analysis, resource.RLIMIT_AS, (size // 2, size // 2))  # nothing more, also of what it gave back
+    out, err = process.communicate(timeout=200)
+    assert process.returncode == 0, out + err
     (result,) = logged(one.log, "/result")
     assert result["pairs"] == 5
     maps = [(told["reference"], told["current"]) for told in logged(one.log, "/dic/summary")]

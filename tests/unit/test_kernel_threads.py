@@ -79,3 +79,17 @@ def test_an_error_in_a_thread_is_not_lost(allowed):
     fine = Watched(allowed)
     threads.spread(fine, 20, 1)
     assert fine.most == allowed  # those that failed have given their place back
+
+
+def test_a_thread_that_ends_before_it_runs_a_line_is_not_waited_for(allowed, monkeypatch):
+    """As where memory is refused; whoever called does its work."""
+    before = len(threads._helping)
+    monkeypatch.setattr(threads._thread, "start_new_thread", lambda _run, _arguments: 1)
+    work = Watched()
+    threads.spread(work, 20, 1)
+    assert sorted(work.done) == [(k, k + 1) for k in range(20)]
+    assert work.most == 1
+    assert threads.at_once(lambda: "one", lambda: "other") == ("one", "other")
+    with pytest.raises(ArithmeticError, match="mine"):
+        threads.at_once(lambda: 1, lambda: (_ for _ in ()).throw(ArithmeticError("mine")))
+    assert len(threads._helping) == before
