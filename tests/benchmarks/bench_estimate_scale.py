@@ -2,8 +2,7 @@
 
 The maps of the numerical experiment's pairs are used again and again, at later times: what is estimated is of no interest here. Prints
 processor time for each update and each estimate of the newest frame after 10, 100, 300, 1000 ... pairs, time of smoothing and of a new
-elimination, memory with pairs held as a live run holds them, and the batch of 15 pairs; ``--write`` puts the table into
-docs/estimation.md. A thousand pairs take four minutes.
+elimination, memory, and the batch of 15 pairs; ``--write`` puts the table into docs/estimation.md. A thousand pairs take four minutes.
 
 ``--live`` measures instead all that follows a correlation, `pipeline.update`: estimate, correction of the pair's frames and of earlier ones
 that moved, elastic constants, and everything that is published; and, by itself, what is due afterwards, `pipeline.reconsider`. After 15
@@ -37,7 +36,6 @@ from semlive.data.grid import Grid
 from semlive.data.settings import AnalysisSettings, EstimateSettings
 from semlive.estimate.sequence import chosen_anew
 from semlive.estimate.smooth import spreads
-from semlive.service.archive import Archive
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "estimation.md"
 BEGIN, END = "<!-- bench_estimate_scale: begin -->", "<!-- bench_estimate_scale: end -->"
@@ -82,14 +80,11 @@ def pairs_of(experiment: Experiment, count: int) -> Iterator[tuple[int, tuple[Fr
 def run(experiment: Experiment, count: int) -> tuple[estimate.EstimatorState, estimate.Solution, Spent]:
     """All pairs as they come in a live run: update, the newest frame, and what the schedule asks for."""
     state, known, spent = estimate.init(EstimateSettings(), experiment.grid, WIDTH_PX, HEIGHT_PX), None, Spent([], [], {})
-    archive = Archive()
     phase = experiment.pairs[0].phase
     for pair, times, maps in pairs_of(experiment, count):
-        before, maps = state, tuple(archive.map(one) for one in maps)
+        before = state
         state, update_s = timed(lambda b=before, p=pair, t=times, m=maps: estimate.update(b, p, phase, t, m))
         spent.update_s.append(update_s)
-        state = estimate.kept_elsewhere(state, pair, archive)
-        archive.settle()
         if known is None or chosen_anew(pair + 1):
             known, spent.chosen_s[pair + 1] = timed(lambda s=state, k=known: estimate.follow(s, k))
             spent.newest_s.append(float("nan"))
