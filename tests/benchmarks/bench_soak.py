@@ -128,16 +128,14 @@ def _stretches(times_s: np.ndarray, values: np.ndarray) -> list[tuple[np.ndarray
 
 
 def looked_at(log: Path) -> dict[str, Any]:
-    """What the log tells: pairs, readings that are missing, faults, the experiment's time, and how much of it came after the last step."""
-    pairs, results, numbers, faults, ends, complete_ns = 0, 0, list[int](), list[str](), list[int](), 0
+    """What the log tells: pairs, readings that are missing, faults, the experiment's time."""
+    pairs, results, numbers, faults, ends = 0, 0, list[int](), list[str](), list[int]()
     for one in messages(log):
         ends = [*ends[:1], one.log_time_ns]
         pairs += one.topic == "/pair"
         results += one.topic == "/drift/estimate"
         if one.topic == "/load_frame/sample":
             numbers.append(json.loads(one.payload)["sequence"])
-        elif one.topic == "/state" and json.loads(one.payload)["after"] == "complete":
-            complete_ns = one.log_time_ns
         elif one.topic == "/fault":
             faults.append(json.loads(one.payload)["what"])
     # A link that was opened again counts from 0.
@@ -147,7 +145,6 @@ def looked_at(log: Path) -> dict[str, Any]:
     told = {"pairs": pairs, "estimates": results, "readings": len(numbers), "missing_readings": missing, "links_opened_again": opened}
     return told | {
         "experiment_h": round(hours, 2),
-        "concluding_s": (ends[-1] - complete_ns) / 1e9 if complete_ns else 0.0,
         "faults": faults[:5],
         "segments": len(list(log.iterdir())),
         "log_mb": round(sum(p.stat().st_size for p in log.iterdir()) / 1e6),
@@ -220,16 +217,15 @@ def measure(asked: Asked, folder: Path) -> dict[str, Any]:
             daemon = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said, env=as_unit)
             taken: list[tuple[float, dict[str, float]]] = []
             while daemon.poll() is None:
-                taken.append((time.monotonic() - began_s, processes(daemon.pid)))
+                # The conclusion corrects every frame anew, once, and takes what it takes.
+                if " complete " not in (folder / "said").read_bytes()[-1000:].decode(errors="replace"):
+                    taken.append((time.monotonic() - began_s, processes(daemon.pid)))
                 time.sleep(1.0)
             said.seek(0)
             last = " ".join(said.read().split())[-200:]
         wall_s = time.monotonic() - began_s
     told = {"exit_code": daemon.returncode, "wall_s": round(wall_s), **looked_at(folder / "log" / "soak"), **pruned}
-    # The conclusion corrects every frame anew, once, and takes what it takes.
-    running_s = wall_s - told["concluding_s"] / rate
-    taken = [one for one in taken if one[0] < running_s]
-    told["memory"] = {name: _memory(taken, name, told["pairs"] / running_s) for name in ("control", "analysis")}
+    told["memory"] = {name: _memory(taken, name, told["pairs"] / taken[-1][0]) for name in ("control", "analysis")}
     return told if daemon.returncode == 0 else {**told, "said": last}
 
 
