@@ -134,6 +134,8 @@ class _Daemon:
             journal, recorder = self._open_log(stack, clock, earlier)
             self._control = control = Control(self._config.plan(), clock, journal, self._faces.observe, earlier, self._faces.go_on)
             stack.callback(control.close)
+            if self._signals:  # heard while there was nobody yet to carry it out
+                control.soon(control.operator, Verb.STOP)
             try:
                 return await self._experiment(stack, clock, watch, journal, recorder, earlier)
             except SemliveError:

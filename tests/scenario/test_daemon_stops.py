@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -65,6 +66,39 @@ def test_ctrl_c_while_starting_leaves_no_traceback(instrument: Callable[..., Any
     # On a busy computer Python may not have come to a line of ours yet; then it answers itself, with files of its own.
     of_ours = [line for line in said.splitlines() if 'File "' in line and '"<frozen ' not in line]
     assert "Traceback" not in said or not of_ours, said
+    assert one.load_frame_status() == 0
+    assert not list(one.log.glob("*.part"))
+
+
+INTERRUPTED = """
+import signal, sys
+
+where, config = sys.argv[1:]
+
+def look(frame, event, _):
+    if event == "call" and frame.f_code.co_name == where and frame.f_code.co_filename.endswith("daemon.py"):
+        sys.setprofile(None)
+        signal.raise_signal(signal.SIGINT)
+
+from semlive.cli.main import main
+
+sys.argv = ["semlive", "run", config, "--no-page"]
+sys.setprofile(look)
+main()
+"""
+
+
+@pytest.mark.parametrize("where", ["run", "_open_clock", "_open_log", "_experiment", "_open_door", "_open_links", "_loop"])
+def test_ctrl_c_is_heard_at_every_stage_of_starting(instrument: Callable[..., Any], where: str) -> None:
+    """Between the handler and the run's control there was nobody to tell, and the run went on to its end."""
+    one = instrument(f"starting-{where}")
+    command = [sys.executable, "-c", INTERRUPTED, where, str(one.write_config())]
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    code, said = finish(process)
+    assert code == 1, said
+    assert "Traceback" not in said
+    assert not logged(one.log, "/pair")
+    assert {told["after"] for told in logged(one.log, "/state")} <= {"connecting", "stopping", "aborted"}
     assert one.load_frame_status() == 0
     assert not list(one.log.glob("*.part"))
 
