@@ -117,6 +117,7 @@ class Gap:
         closure: share of the gap (in squares) that the effects close.
         closure_interval: 95 % interval of the share.
         clear: what they gain, in its own standard errors.
+        log_odds: logarithm of the odds that the gain gives for the effects, against effects that have nothing to do with these pairs.
     """
 
     before_px: float
@@ -125,6 +126,7 @@ class Gap:
     closure: float
     closure_interval: tuple[float, float]
     clear: float
+    log_odds: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

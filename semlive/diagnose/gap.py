@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from semlive.data.diagnosis import Gap
-from semlive.diagnose.baseline import Design, Ladder
+from semlive.diagnose.baseline import Design, Ladder, ladder
 from semlive.diagnose.noise import modes
 
 Array = NDArray[np.float64]
@@ -43,9 +43,25 @@ def gap_of(without: Ladder, having: Ladder, seed: int) -> Gap:
     low, high = (float(one) for one in np.quantile(closures, (0.025, 0.975)))
     sigma_px = without.design.whiten.sigma_px
     sizes = [sigma_px * float(np.sqrt(np.average(one, weights=weight))) for one in (was, now, noise)]
-    # With a prediction g and noise n the gain is g^2 + 2 g n, so it scatters by 2 |g|.
-    clear = float(np.sum(weight * (was - now))) / (2.0 * np.sqrt(max(_predicted(before, after), 1e-12)))
-    return Gap(sizes[0], sizes[1], sizes[2], _closure(was, now, noise, weight), (low, high), clear)
+    gain = float(np.sum(weight * (was - now)))
+    # With a prediction g and noise n the gain is g^2 + 2 g n, so it scatters by 2 |g|; of g that is not in the data it is 2 g n - g^2.
+    clear = gain / (2.0 * np.sqrt(max(_predicted(before, after), 1e-12)))
+    return Gap(sizes[0], sizes[1], sizes[2], _closure(was, now, noise, weight), (low, high), clear, 0.5 * gain)
+
+
+def closure_known(without: Ladder, having: Ladder, unhidden_px: Array, seed: int) -> float:
+    """The closure for somebody who has the same data, noise and all, without what is hidden, (f, b, 2) px: for benchmarks.
+
+    What those data leave without the effects is the gap's floor, so that noise has no part in it.
+    """
+    alone = ladder(replace(without.design, observation=replace(without.design.observation, disparity_px=unhidden_px)))
+    before, after = _elsewhere(without, having, seed)
+    floor = _elsewhere(alone, having, seed)[0]
+    if _predicted(before, after) < VISIBLE:
+        before, after = _in_the_fit(without, having, seed)
+        floor = _in_the_fit(alone, having, seed)[0]
+    was, now, least = (sum(float(np.sum(one[:, 0] ** 2)) for one in scored) for scored in (before, after, floor))
+    return (was - now) / (was - least)
 
 
 def left_of(ladder: Ladder, held: NDArray[np.bool_]) -> Array:
@@ -97,8 +113,9 @@ def _in_the_fit(without: Ladder, having: Ladder, seed: int) -> tuple[list[Array]
 
 
 def _closure(was: Array, now: Array, noise: Array, weight: Array) -> float:
-    gap = float(np.sum(weight * (was - noise)))
-    return float(np.sum(weight * (was - now))) / max(gap, 1e-3 * float(np.sum(weight * noise)))
+    """A gap is at least as large as what is gained on it: at twice the least effect that can be detected noise scatters by more than it."""
+    gap, gain = (float(np.sum(weight * (was - one))) for one in (noise, now))
+    return gain / max(gap, gain, 1e-3 * float(np.sum(weight * noise)))
 
 
 def _scored(ladder: Ladder, shapes: Design, held: NDArray[np.bool_], seed: int) -> list[Array]:

@@ -125,7 +125,10 @@ def observe(solution: Solution, steps: Sequence[StepFacts]) -> Observation:
     disparity = np.concatenate((np.zeros((1, len(used), 2)), np.stack([one.disparity_px[used] for one in rows])))
     # Effects are predicted on what the estimate says of the maps: sin(2 pi U) of a measured U goes along with U's own noise.
     told = np.concatenate((np.zeros((1, len(used), 2)), np.stack([predicted(state, one, solution.mean)[used] for one in rows])))
-    return Observation(state, solution, rows, used, disparity, _scene(solution, steps, frames, rows[0].position_px[used], told))
+    # A block lies where its points of that map lie on average. With those of the first map, points that others lack moved it by 6 px, and a
+    # bending specimen was told 22 % too large.
+    position = np.stack([one.position_px[used] for one in (rows[0], *rows)])
+    return Observation(state, solution, rows, used, disparity, _scene(solution, steps, frames, position, told))
 
 
 def steps_of(decisions: Sequence[PairDecision]) -> tuple[StepFacts, ...]:

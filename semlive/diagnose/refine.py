@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from semlive.data.diagnosis import FoundParameter
 from semlive.diagnose.baseline import Found, Ladder
@@ -14,8 +15,9 @@ from semlive.diagnose.evidence import Projected, Weighed, projected, sizes_of
 from semlive.model.effects import Family, Law, Theta
 
 Array = NDArray[np.float64]
-PASSES, ACROSS = 2, 8
-GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+PASSES, ACROSS = 2, 12
+CLOSE = 1e-3  # of the distance between values on the grid
+UNSEEN = 1e12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,10 +53,7 @@ def refined(ladder: Ladder, weighed: Weighed) -> Refined:
     """The likeliest law of a family, refined a parameter at a time."""
     family, (law_at, rung, size_at) = weighed.family, weighed.best
     size_px = float(sizes_of(family)[size_at])
-    values, spread = dict(weighed.values[law_at]), dict[str, float]()
-    for _ in range(PASSES if family.thetas else 0):
-        for theta in family.thetas:
-            values[theta.name], spread[theta.name] = _searched(ladder, family, values, theta, rung, size_px)
+    values, spread = _between(ladder, family, weighed.values[law_at], rung, size_px)
     law = family.law(ladder.design.observation.scene, values)
     assert law is not None  # it was seen on the grid
     against = projected(ladder, law.field_px)
@@ -66,8 +65,19 @@ def refined(ladder: Ladder, weighed: Weighed) -> Refined:
     return Refined(family, Found(ladder.design.whiten(law.field_px), size_px), law.field_px, mean, covariance, tuple(values.items()), told)
 
 
+def _between(
+    ladder: Ladder, family: Family, start: dict[str, float], rung: int, size_px: float
+) -> tuple[dict[str, float], dict[str, float]]:
+    """The likeliest values between the neighbours on the grid, and their standard uncertainties."""
+    values, spread = {one.name: 0.0 for one in family.thetas} | dict(start), dict[str, float]()
+    for _ in range(PASSES if family.thetas else 0):
+        for theta in family.thetas:
+            values[theta.name], spread[theta.name] = _searched(ladder, family, values, theta, rung, size_px)
+    return values, spread
+
+
 def _searched(ladder: Ladder, family: Family, values: dict[str, float], theta: Theta, rung: int, size_px: float) -> tuple[float, float]:
-    """Golden section between the neighbours on the grid, and the standard uncertainty from the likelihood's curvature."""
+    """The best between the neighbours on the grid, and the standard uncertainty from the likelihood's curvature."""
     start = values[theta.name]
 
     def at(way: float) -> float:
@@ -75,22 +85,12 @@ def _searched(ladder: Ladder, family: Family, values: dict[str, float], theta: T
 
     def score(way: float) -> float:
         law = family.law(ladder.design.observation.scene, {**values, theta.name: at(way)})
-        return -np.inf if law is None else _score(projected(ladder, law.field_px), rung, size_px)
+        return -UNSEEN if law is None else _score(projected(ladder, law.field_px), rung, size_px)
 
-    low, high = -1.0, 1.0
-    inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
-    found = [score(one) for one in inner]
-    for _ in range(ACROSS):
-        if found[0] >= found[1]:
-            high, inner, found = inner[1], [0.0, inner[0]], [0.0, found[0]]
-            inner[0] = high - GOLDEN * (high - low)
-            found[0] = score(inner[0])
-        else:
-            low, inner, found = inner[0], [inner[1], 0.0], [found[1], 0.0]
-            inner[1] = low + GOLDEN * (high - low)
-            found[1] = score(inner[1])
-    way = inner[int(found[1] > found[0])]
-    top, width = max(found), 0.1
+    found = minimize_scalar(
+        lambda way: -score(float(way)), bounds=(-1.0, 1.0), method="bounded", options={"xatol": CLOSE, "maxiter": ACROSS}
+    )
+    way, top, width = float(found.x), -float(found.fun), 0.1
     bend = 2.0 * top - score(way - width) - score(way + width)
     sigma_way = width / math.sqrt(bend) if bend > 0.0 else 1.0
     return at(way), abs(at(way + min(sigma_way, 1.0)) - at(way))

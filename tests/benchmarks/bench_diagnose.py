@@ -19,14 +19,21 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from blind.cases import Case, cases
+import numpy as np
+from blind.cases import GRID, ONE, Case, cases
 from blind.hiding import DETECTABLE_PX
+from blind.observing import observed
 from blind.scoring import Verdict, table
 
+from semlive.data.diagnosis import Diagnosis
+from semlive.diagnose.gap import closure_known
 from semlive.diagnose.judge import diagnose
+from semlive.diagnose.known import joined
+from semlive.diagnose.noise import quiet
 from semlive.diagnose.observation import Observation
 
 PAGE = Path(__file__).parents[2] / "docs" / "diagnose.md"
+CLOSURE_AT = (4.0, 16.0)
 BEGIN, END = "<!-- measured: begin -->\n", "<!-- measured: end -->\n"
 
 
@@ -69,24 +76,39 @@ def _run(chosen: list[Case], asked: argparse.Namespace) -> None:
         if time.monotonic() - begin > asked.seconds:
             return
         if case.key not in done:
-            verdict = judge(case.observed())
+            seen = case.observed()
+            found, verdict = judge(seen)
+            verdict["closure"] = closure(case, seen, found)
             with (asked.folder / f"verdicts-{own}-of-{shards}.jsonl").open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps({"key": case.key, **verdict}) + "\n")
 
 
-def judge(seen: Observation) -> Verdict:
+def judge(seen: Observation) -> tuple[Diagnosis, Verdict]:
     """A verdict, knowing nothing but data."""
     begin = time.process_time()
     found = diagnose(seen)
-    return {
+    return found, {
         "outcome": found.outcome.value,
         "names": [one.name for one in found.effects],
         "ambiguous": list(found.ambiguous),
         "odds": [one.log_bayes_factor for one in found.effects],
         "parameters": {one.name: {item.name: [item.value, item.sigma] for item in one.parameters} for one in found.effects},
-        "closure": None if found.gap is None else found.gap.closure,
+        "loudest": max((odds for _, odds in found.evidence), default=None),
+        "closure_told": None if found.gap is None else found.gap.closure,
         "cpu_s": time.process_time() - begin,
     }
+
+
+def closure(case: Case, seen: Observation, found: Diagnosis) -> float | None:
+    """On held-out pairs, the floor being what the same data leave that have the same noise and nothing hidden in them."""
+    if case.kind != ONE or case.size not in CLOSURE_AT or not found.effects:
+        return None
+    alone = observed(case.conditions(), (), GRID)
+    if not np.array_equal(alone.used, seen.used):
+        return None
+    bare = joined(quiet(seen), ())[0]
+    having = joined(bare, [one.law for one in found.effects])[0]
+    return closure_known(bare, having, alone.disparity_px, 0)
 
 
 def verdicts(folder: Path) -> dict[str, Verdict]:

@@ -7,7 +7,7 @@ import numpy as np
 from semlive.model.effects.family import Family, Law, Theta, Values, along_each
 from semlive.model.effects.scene import Scene, both_ways
 
-PLACES = np.arange(0.05, 1.0, 0.1)  # of the frame's own time
+PLACES = np.arange(0.05, 1.0, 0.1)  # of the time in which a frame sees the points
 
 
 def law(scene: Scene, values: Values) -> Law:
@@ -26,9 +26,9 @@ def _block_s(scene: Scene) -> float:
 
 
 def grid(scene: Scene) -> Iterable[Values]:
-    """Ten instants in every frame."""
-    lasts_s = float(scene.in_frame_s.max())
-    return ({"at_s": float(start_s + place * lasts_s)} for start_s in scene.start_s for place in PLACES)
+    """Ten instants in every frame, none of them in rows without points: a jump there is one between two frames."""
+    first_s, last_s = float(scene.in_frame_s.min()), float(scene.in_frame_s.max())
+    return ({"at_s": float(start_s + first_s + place * (last_s - first_s))} for start_s in scene.start_s for place in PLACES)
 
 
 FAMILY = Family(

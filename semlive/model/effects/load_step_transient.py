@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from semlive.model.effects.family import Family, Law, Theta, Values, along_each
-from semlive.model.effects.scene import Scene, both_ways
+from semlive.model.effects.scene import Scene, both_ways, dying_away
 
 BETWEEN_S, COUNT = (8.0, 400.0), 9
 
@@ -15,8 +15,8 @@ def law(scene: Scene, values: Values) -> Law | None:
     largest_n = float(np.abs(scene.load_change_n).max())
     if largest_n == 0.0:
         return None
-    fall = scene.load_change_n[:, None] / largest_n * np.exp(-scene.since_step_at_s / values["time_constant_s"])
-    return Law(both_ways(fall), along_each("px/N", 1.0 / largest_n))
+    fall = dying_away(scene, scene.load_change_n[:, None] / largest_n, values["time_constant_s"])
+    return Law(both_ways(fall[..., 0]), along_each("px/N", 1.0 / largest_n))
 
 
 def grid(scene: Scene) -> Iterable[Values]:

@@ -98,6 +98,14 @@ def in_time(shape: Array, columns: Array) -> Array:
     return shape * columns[:, :, None, :]
 
 
+def dying_away(scene: Scene, steps: Array, time_constant_s: float) -> Array:
+    """(f, b, c) what is left of the steps (f, c) before all pairs so far, exp(-(T - T_k) / tau) of each."""
+    first = np.flatnonzero(np.diff(scene.pair, prepend=scene.pair[0] - 1))
+    since_s = scene.time_s - (scene.start_s - scene.since_step_s)[first, None, None]
+    left = np.where(since_s >= 0.0, np.exp(-np.maximum(since_s, 0.0) / time_constant_s), 0.0)
+    return np.einsum("kfb,kc->fbc", left, steps[first])
+
+
 def slowly(time_s: Array, share: float = 0.5) -> Array:
     """(f, b, q) columns whose random sums wander slowly from 0 at the start of frame 0: a Gaussian process of unit variance.
 

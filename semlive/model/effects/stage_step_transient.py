@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from semlive.model.effects.family import Family, Law, Reported, Theta, Values
-from semlive.model.effects.scene import Scene
+from semlive.model.effects.scene import Scene, dying_away
 
 BETWEEN_S, COUNT = (8.0, 400.0), 9
 
@@ -15,7 +15,7 @@ def law(scene: Scene, values: Values) -> Law | None:
     largest_px = float(np.abs(scene.move_px).max())
     if largest_px == 0.0:
         return None
-    fall = scene.move_px[:, None, :] / largest_px * np.exp(-scene.since_step_at_s / values["time_constant_s"])[..., None]
+    fall = dying_away(scene, scene.move_px / largest_px, values["time_constant_s"])
     return Law(fall[..., None], (Reported("fraction", "1", np.array([1.0 / largest_px])),))
 
 

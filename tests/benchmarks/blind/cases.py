@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from blind.experiment import Conditions
-from blind.hiding import DETECTABLE_PX, hidden_effect, hidden_values
+from blind.experiment import Conditions, largest_px
+from blind.hiding import DETECTABLE_PX, PHYSICAL_PX, hidden_effect, hidden_values
 from blind.observing import observed
 from blind.strange import STRANGE
 
@@ -51,13 +51,18 @@ class Case:
     @property
     def key(self) -> str:
         """By which its data and verdict are known: tells nothing of what is hidden."""
-        return hashlib.sha256(b"semlive blind " + json.dumps(asdict(self)).encode()).hexdigest()[:16]
+        return hashlib.sha256(b"semlive blind, peaks in the maps " + json.dumps(asdict(self)).encode()).hexdigest()[:16]
 
     def effects(self) -> tuple[Effect, ...]:
         """What is hidden."""
         if self.kind == STRANGER:
             return (STRANGE[self.names[0]](self.size, self.seed),)
-        return tuple(one for name in self.names for one in hidden_effect(name, self.size * DETECTABLE_PX[name], self.seed))
+        return tuple(self._effect(name, peak_px(name, self.size)) for name in self.names)
+
+    def _effect(self, name: str, peak_px: float) -> Effect:
+        """As large in the maps as asked for: displacements grow with an effect's size."""
+        near = hidden_effect(name, peak_px, self.seed)
+        return hidden_effect(name, peak_px * peak_px / largest_px(self.conditions(), near), self.seed)[0]
 
     def truth(self) -> dict[str, dict[str, float]]:
         """What diagnosis should report of each effect."""
@@ -82,6 +87,12 @@ class Case:
     def observed(self) -> Observation:
         """The data."""
         return observed(self.conditions(), self.effects(), GRID)
+
+
+def peak_px(name: str, size: float) -> float:
+    """The largest displacement of an effect of such a size: never larger than is met at x200, but twice what can be detected at least."""
+    least_px = DETECTABLE_PX[name]
+    return min(size * least_px, max(PHYSICAL_PX[name][1], 2.0 * least_px))
 
 
 def cases(which: str, seeds: int, sizes: Sequence[float], names: Sequence[str], nulls: int, doubles: int, strange: int) -> Iterator[Case]:

@@ -5,7 +5,7 @@ Every frame's scan addresses solve the simulators' forward equation, effects at 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -24,6 +24,7 @@ from semlive_simulators.specimen import Motion, at_rest
 
 Field: TypeAlias = NDArray[np.float64]
 GRID = Grid(101, 101, 5, 150, 120, 43)
+COARSE = Grid(101, 101, 60, 13, 10, 43)
 HOLD_S = 30.0
 AREA_MM2, YOUNGS_GPA = 10.0, 71.1
 STANDS_STILL_PX, MAX_ITERATIONS = 1e-9, 40
@@ -124,6 +125,18 @@ def hidden(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRI
         times = tuple(FrameTime(frame, start_s(frame), timing()) for frame in (first, second))
         found.append(HiddenPair(pose, (times[0], times[1]), tuple(maps)))
     return found
+
+
+def largest_px(conditions: Conditions, effects: tuple[Effect, ...]) -> float:
+    """The largest displacement that effects add to a point of any map."""
+    quiet = replace(conditions, kind=NoiseKind.NONE, missing=0.0, outliers=0.0)
+    with_them, without = (np.stack(_displacements(quiet, one)) for one in (effects, ()))
+    return float(np.max(np.hypot(*(with_them - without))))
+
+
+def _displacements(conditions: Conditions, effects: tuple[Effect, ...]) -> tuple[Field, Field]:
+    maps = [one for pair in hidden(conditions, effects, COARSE) for one in pair.maps]
+    return np.stack([one.u_px for one in maps]), np.stack([one.v_px for one in maps])
 
 
 def address(world: World, material: Field, frame: int, motion: Motion, near: Field) -> Field:

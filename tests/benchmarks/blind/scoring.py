@@ -123,20 +123,14 @@ def _sizes(scored: Scored) -> list[str]:
     lines.append("|---|---|---|---|---|---|")
     for size in sorted({case.size for case, _ in scored if case.kind == ONE}):
         right = [(case, one) for case, one in scored if case.kind == ONE and case.size == size and judged(case, one) == "right"]
+        if not right:
+            continue
         closures = [float(str(one["closure"])) for _, one in right if one["closure"] is not None]
         errors = [pair for case, one in right for pair in _errors(case, one)]
-        if not closures or not errors:
-            continue
-        error, inside = (float(np.median([pair[0] for pair in errors])), float(np.mean([pair[1] for pair in errors])))
         cpu_s = float(np.median([float(str(one["cpu_s"])) for _, one in right]))
-        low = float(np.quantile(closures, 0.05))
-        parts = (
-            f"{np.median(closures):.3f}",
-            f"{low:.3f}",
-            f"{100 * error:.1f} %",
-            f"{100 * inside:.0f} % of {len(errors)}",
-            f"{cpu_s:.1f} s",
-        )
+        middle, low = (f"{np.quantile(closures, share):.3f}" if closures else "" for share in (0.5, 0.05))
+        error, inside = (float(np.median([pair[0] for pair in errors])), float(np.mean([pair[1] for pair in errors]))) if errors else (0, 0)
+        parts = (middle, low, f"{100 * error:.1f} %", f"{100 * inside:.0f} % of {len(errors)}", f"{cpu_s:.1f} s")
         lines.append(f"| {size:g} times | " + " | ".join(parts) + " |")
     return [*lines, ""]
 

@@ -9,7 +9,8 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from blind.cases import NOTHING, ONE, STRANGER, TWO, Case, cases
+from blind.cases import NOTHING, ONE, STRANGER, TWO, Case, cases, peak_px
+from blind.experiment import largest_px
 from blind.hiding import DETECTABLE_PX, PHYSICAL_PX
 from blind.scoring import at_least, at_most, judged, table
 
@@ -38,6 +39,18 @@ def test_the_upper_bound_is_that_of_clopper_and_pearson(count: int, total: int, 
 )
 def test_a_verdict_is_worth_what_it_says(case: Case, told: dict[str, object], worth: str) -> None:
     assert judged(case, told) == worth
+
+
+@pytest.mark.parametrize("name", ["bending_misalignment", "load_step_transient", "magnification_frame_instability", "wrong_row_time"])
+def test_an_effect_is_as_large_in_the_maps_as_is_said(name: str) -> None:
+    case = Case(ONE, (name,), 4.0, 3)
+    assert largest_px(case.conditions(), case.effects()) == pytest.approx(4.0 * DETECTABLE_PX[name], rel=2e-3)
+
+
+def test_no_effect_is_larger_than_is_met() -> None:
+    assert peak_px("bending_misalignment", 4.0) == 4.0 * DETECTABLE_PX["bending_misalignment"]
+    assert peak_px("bending_misalignment", 16.0) == PHYSICAL_PX["bending_misalignment"][1]
+    assert peak_px("scan_shear_drift", 8.0) == 2.0 * DETECTABLE_PX["scan_shear_drift"]
 
 
 def test_seeds_of_the_final_set_are_never_those_of_development() -> None:

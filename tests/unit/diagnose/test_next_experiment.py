@@ -83,7 +83,7 @@ def test_every_experiment_is_a_protocol_that_the_daemon_takes(kind: Kind) -> Non
 def model(path: Path, name: str) -> Path:
     if beside_maps(name) is None:
         family = family_of("wrong_row_time" if name in NAMED_BY_VALUE else name).name
-        values = {theta.name: PARAMETERS[theta.name] for theta in family_of(family).thetas}
+        values = {theta.name: PARAMETERS.get(theta.name, 0.5) for theta in family_of(family).thetas}
     else:
         family, values = name, {"frequency_hz": 50.0}
     effect = {
