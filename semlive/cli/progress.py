@@ -68,7 +68,7 @@ class ProgressView:
                 elif said:
                     lines.append(said)
                 while begun and lines:
-                    self._console.print(lines.pop(0), highlight=False, soft_wrap=True)
+                    self._line(lines.pop(0))
 
     def _next(self, waiting: bool) -> Snapshot | str | None:
         """What is to be shown next; nothing ("") where lines have waited long enough for the run to begin.
@@ -82,7 +82,7 @@ class ProgressView:
 
     def _write(self, snapshot: Snapshot) -> None:
         for warning in _new(self._warnings, snapshot.warnings):
-            self._console.print(f"! {warning}", style="yellow", highlight=False)
+            self._line(f"! {warning}", "yellow")
         self._warnings = snapshot.warnings
         left_s = self._pace.left_s(snapshot.progress.step, snapshot.progress.steps, time.monotonic())
         if self._live is not None:
@@ -91,7 +91,15 @@ class ProgressView:
         if key != self._shown:
             self._shown = key
             if self._live is None or snapshot.progress.state is State.STEP_DONE:
-                self._console.print(progress_line(snapshot, left_s), highlight=False)
+                self._line(progress_line(snapshot, left_s))
+
+    def _line(self, text: str, style: str = "") -> None:
+        """One line, as it is: a journal breaks lines itself, and rich remembers the width of the last 4,096 that it broke."""
+        if self._live is not None:
+            self._console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
+        else:
+            self._console.file.write(f"{text}\n")
+            self._console.file.flush()
 
 
 def _new(before: tuple[str, ...], now: tuple[str, ...]) -> tuple[str, ...]:
