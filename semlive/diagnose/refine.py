@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +88,7 @@ def _searched(ladder: Ladder, family: Family, values: dict[str, float], theta: T
         law = family.law(ladder.design.observation.scene, {**values, theta.name: at(way)})
         return -UNSEEN if law is None else _score(projected(ladder, law.field_px), rung, size_px)
 
-    found = minimize_scalar(
+    found: Any = minimize_scalar(
         lambda way: -score(float(way)), bounds=(-1.0, 1.0), method="bounded", options={"xatol": CLOSE, "maxiter": ACROSS}
     )
     way, top, width = float(found.x), -float(found.fun), 0.1

@@ -344,6 +344,22 @@ def test_readers_of_screens_find_their_way(run: Run, tab: Callable[..., Page], r
             page.keyboard.press("Escape")
 
 
+def test_readers_of_screens_are_told_of_a_map_on_its_way(run: Run, tab: Callable[..., Page], readable: Callable[[Page], None]) -> None:
+    half, ones = np.full((3, 4), 0.5), np.ones((3, 4))
+    ready = np.full((3, 4), PoiStatus.CONVERGED, dtype=np.uint8)
+    run.recorder.write(DIC_MAP, encode_map(DisparityMap(0, 1, Grid(10, 10, 5, 4, 3, 21), half, half, half, half, ones, ready)))
+    run.recorder.flush_wait()
+    page, held = tab(), []
+    page.route("**/field/**", lambda route: held.append(route))
+    with page.expect_request("**/field/**"):
+        page.goto(f"http://127.0.0.1:{run.port}/")
+    expect(page.locator("#map")).to_be_visible()
+    readable(page)
+    held[0].continue_()
+    expect(page.locator("#map-now")).to_contain_text("mean 0.500 px")
+    readable(page)
+
+
 def test_a_page_sees_a_transition_at_once(run: Run, tab: Callable[..., Page]) -> None:
     page = tab()
     page.goto(f"http://127.0.0.1:{run.port}/")
