@@ -7,16 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as fisher
 
 from semlive.data.diagnosis import Diagnosis, Disagreement, FoundEffect, FoundParameter, KnownEffect, Outcome
 from semlive.data.experiment import Phase
 from semlive.diagnose.judge import LOUD, RARE
 from semlive.diagnose.observation import Observation, StepFacts
+from semlive.diagnose.regress import Term, basis, judged, term
 from semlive.model.move_effects import BACKLASH, MOVES, QUADRATIC, MoveFamily
 
 Array = NDArray[np.float64]
-SPARE = 4  # moves beyond the unknowns of an axis, at least
 LEAST_PX = 1.0
 
 
@@ -102,37 +101,18 @@ def _test(moves: Moves, family: MoveFamily) -> _Test | None:
     terms = {BACKLASH.name: moves.direction, QUADRATIC.name: moves.commanded_px**2}
     own, others = terms[family.name], [one for name, one in terms.items() if name != family.name]
     value, sigma, value_px = (np.zeros(2) for _ in range(3))
-    lost, left, freedom, count, n = 0.0, 0.0, 0, 0, len(own)
+    seen: list[Term] = []
     for axis in (0, 1):
-        base = _base(moves, [one[:, axis] for one in others])
-        column = _apart(own[:, axis], base)
-        if n < base.shape[1] + 1 + SPARE or float(np.sum(column**2)) < 1e-6 * max(float(np.sum(own[:, axis] ** 2)), 1e-9):
-            continue
-        fitted = _apart(moves.fitted_px[:, axis], base)
-        amount = float(column @ fitted) / float(column @ column)
-        rest = fitted - amount * column
-        dof = n - base.shape[1] - 1
-        value[axis] = amount
-        sigma[axis] = float(np.sqrt(rest @ rest / dof / (column @ column)))
-        value_px[axis] = amount * float(np.abs(own[:, axis]).max())
-        lost, left, freedom, count = lost + amount**2 * float(column @ column), left + float(rest @ rest), freedom + dof, count + 1
-    if not count or not left > 0.0:
-        return None
-    p_value = float(fisher.sf(lost / count / (left / freedom), count, freedom))
-    # Schwarz's approximation; so few moves bear no finer one.
-    odds = 0.5 * (freedom + count) * float(np.log1p(lost / left)) - 0.5 * count * float(np.log(freedom + count))
-    return _Test(family, value, sigma, value_px, p_value, odds)
+        found = term(own[:, axis], moves.fitted_px[:, axis], _base(moves, [one[:, axis] for one in others]))
+        if found is not None:
+            value[axis], sigma[axis] = found.value, found.sigma
+            value_px[axis] = found.value * float(np.abs(own[:, axis]).max())
+            seen.append(found)
+    told = judged(seen)
+    return None if told is None else _Test(family, value, sigma, value_px, *told)
 
 
 def _base(moves: Moves, more: Sequence[Array]) -> Array:
     """(n, k) orthonormal: an offset, both commands, drift as a parabola in time, and other terms, as far as they say anything."""
     late = np.linspace(-1.0, 1.0, len(moves.commanded_px))
-    columns = np.stack([np.ones_like(late), *moves.commanded_px.T, late, late**2, *more], axis=-1)
-    size = np.sqrt(np.sum(columns**2, axis=0))
-    told = columns[:, size > LEAST_PX * 1e-3] / size[size > LEAST_PX * 1e-3]
-    vectors, values, _ = np.linalg.svd(told, full_matrices=False)
-    return np.asarray(vectors[:, values > 1e-6 * values[0]])
-
-
-def _apart(values: Array, base: Array) -> Array:
-    return np.asarray(values - base @ (base.T @ values))
+    return basis(np.stack([np.ones_like(late), *moves.commanded_px.T, late, late**2, *more], axis=-1), LEAST_PX * 1e-3)

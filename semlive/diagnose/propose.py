@@ -7,7 +7,7 @@ from enum import StrEnum
 
 from semlive.data.diagnosis import Diagnosis, Outcome
 from semlive.diagnose.known import family_of
-from semlive.model.move_effects import MOVES, beside_maps
+from semlive.model.move_effects import beside_maps
 
 
 class Kind(StrEnum):
@@ -42,6 +42,12 @@ _DECIDES = {
     "drift_jump": Kind.PARKED,
     "charging_local_lens": Kind.REVERSED,
     "dic_subpixel_bias": Kind.PARKED,
+    "stage_backlash": Kind.REVERSED,
+    "stage_quadratic": Kind.REVERSED,
+    "friction_hysteresis": Kind.UNLOAD,
+    "load_cell_zero": Kind.PARKED,
+    "load_cell_drift": Kind.PARKED,
+    "timestamp_offset": Kind.PARKED,
 }
 _BY_GROUP = {"G1": Kind.PARKED, "G2": Kind.PARKED, "G3": Kind.OTHER_SCAN, "G4": Kind.OTHER_SCAN, "G8": Kind.PARKED, "G11": Kind.UNLOAD}
 
@@ -75,7 +81,7 @@ def proposed(found: Diagnosis) -> Proposal | None:
         )
     beside = beside_maps(found.effects[0].law.name)
     if beside is not None:
-        return Proposal(Kind.REVERSED if beside in MOVES else Kind.OTHER_SCAN, between, beside.decides)
+        return Proposal(_DECIDES.get(beside.name, Kind.OTHER_SCAN), between, beside.decides)
     family = family_of(found.effects[0].law.name)
     kind = _DECIDES.get(family.name) or _BY_GROUP.get(family.group or "", Kind.PARKED)
     return Proposal(kind, between, family.decides)

@@ -11,6 +11,7 @@ from semlive import pipeline
 from semlive.data.diagnosis import NO_MODEL, Diagnosis, FoundEffect, Gap, KnownEffect
 from semlive.diagnose.judge import diagnose
 from semlive.diagnose.known import showing
+from semlive.diagnose.load_channel import readings_of, with_clock, with_loads
 from semlive.diagnose.moves import moves_of, with_moves
 from semlive.diagnose.observation import Observation, StepFacts, first_solution, observe, steps_of
 from semlive.diagnose.row_channel import diagnose_rows
@@ -37,9 +38,14 @@ def diagnose_log(
     Raises:
         BadInput: the log cannot be read, or its data are too few to name anything.
     """
-    seen, steps = _observed(log, watch)
+    words = Words()
+    seen, steps = _observed(log, words, watch)
     found = diagnose(seen, seed, known=showing(seen, [one for one in known if beside_maps(one.name) is None]))
     found = with_moves(replace(found, known=tuple(known)), moves_of(seen, steps))
+    settings = log_settings(log)
+    found = with_loads(found, readings_of(seen, steps, settings.specimen.loading_axis))
+    if words.sem_clock is not None:
+        found = with_clock(found, words.sem_clock.offset_s - settings.scan.clock_offset_s, words.sem_clock.sigma_s)
     series, why_not = rows_of_log(log, watch)
     if not series:
         return replace(found, no_rows=why_not)
@@ -56,15 +62,15 @@ def observed(log: Path, watch: Callable[[str, int, int], None] | None = None) ->
     Raises:
         BadInput: the log cannot be read, or its data are too few to name anything.
     """
-    return _observed(log, watch)[0]
+    return _observed(log, Words(), watch)[0]
 
 
-def _observed(log: Path, watch: Callable[[str, int, int], None] | None) -> tuple[Observation, tuple[StepFacts, ...]]:
+def _observed(log: Path, words: Words, watch: Callable[[str, int, int], None] | None) -> tuple[Observation, tuple[StepFacts, ...]]:
     one_blas_thread()
     settings = log_settings(log)
     settings = replace(settings, estimate=replace(settings.estimate, method="joint"), model=NO_MODEL)
     begun = None
-    for done, (decision, maps) in enumerate(mapped_pairs(log, Words()), start=1):
+    for done, (decision, maps) in enumerate(mapped_pairs(log, words), start=1):
         begun = begun or pipeline.begin_from_maps(settings, decision.first, maps[0].grid)
         within = tuple(one for one in maps if one.reference != 0)
         begun = pipeline.absorb(begun, decision, (*within, *pipeline.seen_from_frame_0(decision.pair, maps)))

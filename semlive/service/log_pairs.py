@@ -18,7 +18,16 @@ from semlive.data.settings import AnalysisSettings
 from semlive.errors import BadLog
 from semlive.formats import message_values as values
 from semlive.formats.maps import decode_map
-from semlive.formats.messages import DIC_MAP, SEM_ORIGINAL, LoadSampleMessage, PairMessage, ResultMessage, RunMessage, from_json
+from semlive.formats.messages import (
+    DIC_MAP,
+    SEM_ORIGINAL,
+    ClockOffsetMessage,
+    LoadSampleMessage,
+    PairMessage,
+    ResultMessage,
+    RunMessage,
+    from_json,
+)
 from semlive.service.log_files import messages, segments
 from semlive.service.log_settings import settings_of
 
@@ -32,10 +41,12 @@ class Words:
     Attributes:
         run: the first `/run` message.
         recorded: the newest recorded result.
+        sem_clock: what was told last of the microscope's clock.
     """
 
     run: RunMessage | None = None
     recorded: dict[str, Any] | None = None
+    sem_clock: ClockOffsetMessage | None = None
 
 
 def first_run(log: Path) -> RunMessage:
@@ -100,6 +111,10 @@ def _note(topic: str, payload: bytes, decisions: dict[int, PairDecision], words:
     elif topic == "/result":
         result = from_json(topic, payload)
         words.recorded = dict(result.root) if isinstance(result, ResultMessage) else None
+    elif topic == "/clock/offset":
+        offset = from_json(topic, payload)
+        if isinstance(offset, ClockOffsetMessage) and offset.clock == "sem":
+            words.sem_clock = offset
 
 
 def _taken(log: Path, decisions: dict[int, PairDecision], pair: int) -> PairDecision:

@@ -1,0 +1,239 @@
+"""The load's channel: what the load cell said, beside the strain that maps show and beside the time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.diagnosis import Diagnosis, Disagreement, Experiment, FoundEffect, FoundParameter, Gap, KnownEffect, Outcome
+from semlive.data.experiment import Phase
+from semlive.diagnose.judge import LOUD, RARE
+from semlive.diagnose.observation import Observation, StepFacts
+from semlive.diagnose.regress import Term, basis, foretold, judged, term
+from semlive.model.load_effects import CLOCK, DRIFT, FRICTION, LOADS, ZERO, LoadFamily
+
+Array = NDArray[np.float64]
+MATTERS = 1e-3
+"""Of the largest load. Cells are classed by half a thousandth of their range and more: less is no effect but a load cell."""
+BENT = 6  # loaded pairs from which on stress may bend over strain
+_CLOCK_SIZE_S = 60.0
+_RESAMPLED = 999
+_TELLS = {ZERO.name: ("zero_n", "N"), DRIFT.name: ("rate_n_per_s", "N/s"), FRICTION.name: ("friction_n", "N")}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """The load of each pair, and what else was known of it.
+
+    Attributes:
+        time_s: (n,) middle of the pair, since the start of frame 0.
+        load_n: (n,) mean reading while it was scanned.
+        strain: (n,) mean axial strain since frame 0; 0 of pairs that nothing was loaded for.
+        strain_sigma: (n,) standard uncertainty of it.
+        loaded: (n,) whether the specimen was under load.
+        way: (n,) sign of the last change of the load, 0 before the first.
+        half_px: half of the frame's extent along the load.
+    """
+
+    time_s: Array
+    load_n: Array
+    strain: Array
+    strain_sigma: Array
+    loaded: NDArray[np.bool_]
+    way: Array
+    half_px: float
+
+    @property
+    def largest_n(self) -> float:
+        """The largest load that was read."""
+        return float(np.abs(self.load_n).max(initial=0.0))
+
+
+def readings_of(observation: Observation, steps: Sequence[StepFacts], loading_axis: str) -> Readings:
+    """Of all pairs of a run whose image axis `loading_axis` is pulled."""
+    solution = observation.solution
+    state, part, axis = solution.state, solution.part("motion"), "xy".index(loading_axis)
+    time_s = np.array([0.5 * sum(state.frame_time(2 * one.pair + member).start_s for member in (0, 1)) for one in steps])
+    load_n = np.array([0.5 * sum(one.load_n) for one in steps])
+    loaded = np.array([one.phase is Phase.TENSION for one in steps])
+    strain, sigma = np.zeros(len(steps)), np.zeros(len(steps))
+    first = state.layout.part("motion").start
+    for at, one in enumerate(steps):
+        if one.phase is Phase.TENSION and one.pair in state.motions.pairs:
+            strain[at] = state.motions.shift_and_gradient(one.pair, part)[1][axis, axis]
+            row = np.zeros((1, len(solution.mean)))
+            row[0, first + state.motions.part(one.pair)[0].start + (1, 5)[axis]] = 1.0
+            sigma[at] = math.sqrt(float(solution.covariance_of(row)[0, 0]))
+    half_px = float(state.centre_px[axis])
+    return Readings(time_s, load_n, strain, sigma, loaded, _ways(load_n, loaded), half_px)
+
+
+def _ways(load_n: Array, loaded: NDArray[np.bool_]) -> Array:
+    """(n,) sign of the last change, by load steps: what a load does between two pairs of one step is no change."""
+    way, last = np.zeros(len(load_n)), 0.0
+    for at in range(1, len(load_n)):
+        change = load_n[at] - load_n[at - 1]
+        if (loaded[at] or loaded[at - 1]) and abs(change) > 0.01 * np.abs(load_n).max():
+            last = float(np.sign(change))
+        way[at] = last
+    return way
+
+
+def with_loads(found: Diagnosis, readings: Readings) -> Diagnosis:
+    """The verdict with what the load cell does beside it.
+
+    Unloaded, a cell reads its zero and how that wanders; loaded, what it reads follows strain in a line, or a parabola where there are
+    enough loads, from the same zero. Drift, friction and zero are each asked beside the others.
+    """
+    already = {one.name for one in (*found.known, *found.effects)}
+    tests = {one.name: _test(readings, one) for one in LOADS}
+    heard = {name: one for name, one in tests.items() if one is not None}
+    if not heard:
+        return found
+    p_value = min(1.0, len(heard) * min(one.p_value for one in heard.values()))
+    loud = [
+        one for one in heard.values()
+        if one.family.name not in already and one.log_factor >= LOUD and len(heard) * one.p_value <= RARE and one.matters
+    ]  # fmt: skip
+    where = (*found.where, Disagreement("load_readings", p_value, max(one.size_px for one in heard.values())))
+    evidence = tuple((name, one.log_factor) for name, one in heard.items())
+    beside = replace(found, where=where, evidence=(*found.evidence, *evidence))
+    beside = replace(beside, gap=beside.gap or _gap(readings, [one.family.name for one in loud]))
+    return _told(beside, [one.effect(len(heard)) for one in loud], [one.rivals for one in loud], [one.family for one in loud])
+
+
+def with_clock(found: Diagnosis, offset_s: float, sigma_s: float) -> Diagnosis:
+    """The verdict with the microscope's clock beside it: what it is ahead of what was stated, s, and the standard uncertainty."""
+    if CLOCK.name in {one.name for one in found.known}:
+        return found
+    visible = (_CLOCK_SIZE_S / sigma_s) ** 2
+    odds = 0.5 * (offset_s / sigma_s) ** 2 * visible / (1.0 + visible) - 0.5 * math.log1p(visible)
+    p_value = math.erfc(abs(offset_s) / sigma_s / math.sqrt(2.0))
+    beside = replace(found, evidence=(*found.evidence, (CLOCK.name, odds)))
+    if odds < LOUD or p_value > RARE:
+        return beside
+    parameters = (FoundParameter("offset_s", offset_s, sigma_s, "s"),)
+    effect = FoundEffect(CLOCK.name, parameters, 0.0, odds, p_value, False, KnownEffect(CLOCK.name, (), abs(offset_s)))
+    return _told(beside, [effect], [()], [CLOCK])
+
+
+def _told(found: Diagnosis, effects: list[FoundEffect], rivals: list[tuple[str, ...]], families: list[LoadFamily]) -> Diagnosis:
+    """With effects that other channels do not speak of: what they left open stays open."""
+    found = replace(found, effects=(*found.effects, *effects))
+    unsure = next((at for at, one in enumerate(rivals) if one), None)
+    if not effects or found.outcome not in (Outcome.NONE, Outcome.IDENTIFIED):
+        return found
+    if unsure is None:
+        return replace(found, outcome=Outcome.IDENTIFIED, group=found.group or families[0].group)
+    names = (effects[unsure].name, *rivals[unsure])
+    decides = Experiment(names, families[unsure].decides)
+    return replace(found, outcome=Outcome.AMBIGUOUS, ambiguous=names, group=families[unsure].group, experiment=decides)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Test:
+    """A term of the readings: its value, how much it explains, and what it amounts to."""
+
+    family: LoadFamily
+    term: Term
+    p_value: float
+    log_factor: float
+    size_n: float
+    size_px: float
+    matters: bool
+    rivals: tuple[str, ...]
+
+    def effect(self, tests: int) -> FoundEffect:
+        name, unit = _TELLS[self.family.name]
+        parameters = (FoundParameter(name, self.term.value, self.term.sigma, unit),)
+        law = KnownEffect(self.family.name, (), self.size_n)
+        return FoundEffect(self.family.name, parameters, 0.0, self.log_factor, min(1.0, tests * self.p_value), False, law)
+
+
+def _test(readings: Readings, family: LoadFamily) -> _Test | None:
+    """F-test of a term beside the others; None where these readings cannot show it."""
+    own, base = _columns(readings)
+    if family.name not in own:
+        return None
+    stiff_n, sigma_n = _scales(readings)
+    others = [column for name, column in own.items() if name != family.name]
+    columns = np.stack([*base, *others, np.zeros(len(sigma_n))], axis=-1) / sigma_n[:, None]
+    found = term(own[family.name] / sigma_n, readings.load_n / sigma_n, basis(columns, 1e-12))
+    told = None if found is None else judged([found])
+    if found is None or told is None:
+        return None
+    size_n = abs(found.value) * float(np.ptp(own[family.name])) if family is DRIFT else abs(found.value)
+    size_px = size_n / stiff_n * readings.half_px if stiff_n > 0.0 else 0.0
+    matters = size_n > MATTERS * readings.largest_n
+    return _Test(family, found, *told, size_n, size_px, matters, _rivals(readings, family, found))
+
+
+def _columns(readings: Readings) -> tuple[dict[str, Array], list[Array]]:
+    """What each effect adds to the readings, and what they follow without any."""
+    loaded = readings.loaded.astype(np.float64)
+    own = {ZERO.name: np.ones(len(loaded)), DRIFT.name: readings.time_s - readings.time_s[0]}
+    if not loaded.any():
+        return own, []
+    base = [loaded * readings.strain]
+    if int(loaded.sum()) >= BENT:
+        base.append(loaded * readings.strain**2)
+    if bool(np.any(~readings.loaded)) or np.ptp(readings.way[readings.loaded]) > 0.0:
+        own[FRICTION.name] = readings.way
+    return own, base
+
+
+def _scales(readings: Readings) -> tuple[float, Array]:
+    """The specimen's stiffness, N for a strain of 1, and (n,) standard uncertainties of the readings beside it.
+
+    A reading scatters as unloaded ones do about their line; beside strain it scatters by the strain's own uncertainty too.
+    """
+    bare, loaded = ~readings.loaded, readings.loaded
+    at_rest = 1e-3 * max(readings.largest_n, 1e-6)
+    if int(bare.sum()) > 3:
+        line = np.polynomial.Polynomial.fit(readings.time_s[bare], readings.load_n[bare], 1)
+        left = readings.load_n[bare] - line(readings.time_s[bare])
+        at_rest = max(float(np.sqrt(left @ left / (int(bare.sum()) - 2))), 1e-6 * max(readings.largest_n, 1e-6))
+    stiff_n = 0.0
+    if loaded.any() and np.ptp(readings.strain[loaded]) > 0.0:
+        stiff_n = float(np.polyfit(readings.strain[loaded], readings.load_n[loaded], 1)[0]) if int(loaded.sum()) > 1 else 0.0
+    sigma_n = np.hypot(at_rest, stiff_n * readings.strain_sigma)
+    return stiff_n, np.asarray(sigma_n)
+
+
+def _gap(readings: Readings, names: list[str]) -> Gap | None:
+    """How well each reading is foretold by all others, without and with the effects, as the displacement that it stands for."""
+    own, base = _columns(readings)
+    stiff_n, sigma_n = _scales(readings)
+    if not names or not base or stiff_n <= 0.0:
+        return None
+    wanted = (base, [*base, *(own[name] for name in names)])
+    (before, _), (after, wider) = (
+        foretold(readings.load_n / sigma_n, basis(np.stack(one, axis=-1) / sigma_n[:, None], 1e-12)) for one in wanted
+    )
+    px = sigma_n / stiff_n * readings.half_px
+    squares = np.stack([(before * px) ** 2, (after * px) ** 2, wider * px**2])
+    n = squares.shape[1]
+    drawn = squares[:, np.random.default_rng(0).integers(n, size=(_RESAMPLED, n))].mean(axis=2)
+    low, high = np.quantile((drawn[0] - drawn[1]) / np.maximum(drawn[0] - drawn[2], 1e-30), (0.025, 0.975)).tolist()
+    was, left, floor = squares.mean(axis=1).tolist()
+    gained = squares[0] - squares[1]
+    clear = float(gained.mean() / max(gained.std() / math.sqrt(n), 1e-30))
+    closure = (was - left) / max(was - floor, 1e-30)
+    return Gap(math.sqrt(was), math.sqrt(left), math.sqrt(floor), closure, (low, high), clear)
+
+
+def _rivals(readings: Readings, family: LoadFamily, found: Term) -> tuple[str, ...]:
+    """Names that the same readings would have as well."""
+    if family is FRICTION and np.ptp(readings.way[readings.loaded]) > 0.0:
+        return ()  # it was seen with both signs
+    if family is DRIFT:
+        bare = ~readings.loaded
+        rest_n = float(np.mean(readings.load_n[bare])) if bare.any() else 0.0
+        gone_n = -found.value * float(np.ptp(readings.time_s)) * math.copysign(1.0, rest_n)
+        # A load that is there can relax, by a part of itself; one that is not cannot.
+        return ("creep_in_hold",) if 0.0 < gone_n < 0.5 * abs(rest_n) else ()
+    return family.rivals

@@ -1,0 +1,53 @@
+"""Effects of the load cell and of clocks, as readings beside strain and files beside their arrival tell them; no picture moves by them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class LoadFamily:
+    """An effect on what is read, not on what is seen.
+
+    Attributes:
+        name: canonical.
+        about: what happens, one sentence.
+        decides: the experiment that tells it from its like, one sentence.
+        group: of effects that it is confounded with, or None.
+        rivals: names that the same readings would have as well.
+    """
+
+    name: str
+    about: str
+    decides: str
+    group: str | None = None
+    rivals: tuple[str, ...] = ()
+
+
+ZERO = LoadFamily(
+    "load_cell_zero",
+    "the load cell shows a load that is not there: F_m = F + z",
+    "read the load with the specimen hanging free from one grip",
+    "G7",
+    ("preload",),
+)
+DRIFT = LoadFamily("load_cell_drift", "the load cell's zero wanders: F_m = F + r T", "read the load unloaded, before and after", "G7")
+FRICTION = LoadFamily(
+    "friction_hysteresis",
+    "guides rub, and the load cell feels it: F_m = F + f sign(dF)",
+    "unload in steps: friction changes its sign",
+    "G7",
+    ("refocus_magnification_step",),
+)
+CLOCK = LoadFamily(
+    "timestamp_offset",
+    "the microscope's clock differs from this computer's: the files say T + dt",
+    "set one of the clocks, or state the difference in sem.profile.clock_offset_s",
+    "G7",
+)
+LOADS = (ZERO, DRIFT, FRICTION)
+
+
+def of_loads(name: str) -> LoadFamily | None:
+    """The effect of readings or clocks of a name; None if it is none."""
+    return next((one for one in (*LOADS, CLOCK) if one.name == name), None)

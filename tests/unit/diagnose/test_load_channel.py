@@ -1,0 +1,90 @@
+"""What a load cell does by itself is told from its readings, strain and time; simulated cells are the simulators' own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from semlive.data.diagnosis import Diagnosis, KnownEffect, Outcome
+from semlive.diagnose.load_channel import Readings, with_clock, with_loads
+from semlive_simulators.effects.friction_hysteresis import FrictionHysteresis
+from semlive_simulators.effects.load_cell_drift import LoadCellDrift
+from semlive_simulators.effects.load_cell_zero import LoadCellZero
+from semlive_simulators.effects.protocol import Effect
+from semlive_simulators.history import History, LoadStep
+from semlive_simulators.specimen import at_rest
+
+NOTHING = Diagnosis(Outcome.NONE, (), (), None, None, None, (), 0.01)
+UP = [100.0, 450.0, 800.0, 1150.0, 1500.0, 1850.0, 2200.0]
+AND_DOWN = [*UP, 1850.0, 1500.0, 1150.0, 800.0, 450.0, 100.0]
+STIFF_N, STRAIN_SIGMA, REST, EVERY_S = 0.711e6, 5e-6, 15, 250.0
+
+
+def readings(seed: int, effect: Effect | None = None, loads: list[float] = UP, bent_n: float = 0.0) -> Readings:
+    """Fifteen pairs at rest, then the loads; what is read of each is the simulator's, and 0.05 N of noise."""
+    rng = np.random.default_rng(seed)
+    true_n = np.array([0.0] * REST + loads)
+    time_s = EVERY_S * np.arange(len(true_n))
+    changes = np.diff(true_n, prepend=0.0)
+    history = History(tuple(LoadStep(float(at), float(by)) for at, by in zip(time_s, changes, strict=True) if by), ())
+    read = [
+        one if effect is None else effect.load_reading_n(one, float(at), at_rest((0.0, 0.0), np.zeros((2, 2)), one, history))
+        for one, at in zip(true_n.tolist(), time_s, strict=True)
+    ]
+    load_n = np.array(read) + 0.05 * rng.standard_normal(len(true_n))
+    loaded = np.arange(len(true_n)) >= REST
+    strain = true_n / STIFF_N + bent_n * (true_n / 2200.0) ** 2 / STIFF_N + STRAIN_SIGMA * rng.standard_normal(len(true_n))
+    way = np.where(loaded, np.sign(changes), 0.0)
+    return Readings(time_s, load_n, np.where(loaded, strain, 0.0), np.where(loaded, STRAIN_SIGMA, 0.0), loaded, way, 441.5)
+
+
+@pytest.mark.parametrize("bent_n", [0.0, 40.0])
+def test_a_cell_that_reads_what_there_is_has_no_effect(bent_n: float) -> None:
+    found = [with_loads(NOTHING, readings(seed, loads=loads, bent_n=bent_n)) for seed in range(100) for loads in (UP, AND_DOWN)]
+    assert sum(bool(one.effects) for one in found) == 0
+    assert np.mean([one.where[-1].p_value < 0.05 for one in found]) < 0.09
+
+
+@pytest.mark.parametrize(
+    ("effect", "loads", "true", "outcome"),
+    [
+        (LoadCellDrift(0.002), UP, 0.002, Outcome.IDENTIFIED),
+        (LoadCellZero(20.0), UP, 20.0, Outcome.AMBIGUOUS),
+        (FrictionHysteresis(15.0), AND_DOWN, 15.0, Outcome.IDENTIFIED),
+        (FrictionHysteresis(60.0), UP, 60.0, Outcome.AMBIGUOUS),
+    ],
+)
+def test_what_a_cell_does_has_a_name(effect: Effect, loads: list[float], true: float, outcome: Outcome) -> None:
+    found = [with_loads(NOTHING, readings(seed, effect, loads)) for seed in range(40)]
+    assert all(one.outcome is outcome and [item.name for item in one.effects] == [effect.name] for one in found)
+    gaps = [one.gap for one in found if one.gap is not None]
+    assert len(gaps) == len(found)
+    assert np.median([one.closure for one in gaps]) == pytest.approx(1.0, abs=0.05)
+    away = [(item.value - true) / item.sigma for one in found for item in one.effects[0].parameters]
+    assert abs(np.mean(away)) < 0.5
+    assert np.std(away) == pytest.approx(1.0, abs=0.4)
+
+
+def test_a_load_that_relaxes_is_no_drift_of_its_zero_alone() -> None:
+    at_rest_n = readings(1)
+    relaxing = Readings(
+        at_rest_n.time_s, at_rest_n.load_n + np.where(at_rest_n.loaded, 0.0, 100.0 - 0.002 * at_rest_n.time_s),
+        at_rest_n.strain, at_rest_n.strain_sigma, at_rest_n.loaded, at_rest_n.way, at_rest_n.half_px,
+    )  # fmt: skip
+    found = with_loads(NOTHING, relaxing)
+    assert found.outcome is not Outcome.IDENTIFIED
+    assert all(one.name in ("load_cell_zero", "load_cell_drift", "friction_hysteresis") for one in found.effects)
+
+
+def test_what_the_model_has_is_not_named_again() -> None:
+    known = Diagnosis(Outcome.NONE, (), (), None, None, None, (), 0.01, known=(KnownEffect("load_cell_drift", (), 7.0),))
+    assert with_loads(known, readings(1, LoadCellDrift(0.002))).effects == ()
+
+
+def test_a_clock_that_is_wrong_beyond_what_exporting_takes_has_a_name() -> None:
+    right = with_clock(NOTHING, 5.0, 2.1)
+    assert right.outcome is Outcome.NONE
+    assert right.effects == ()
+    wrong = with_clock(NOTHING, -25.0, 2.1)
+    assert wrong.outcome is Outcome.IDENTIFIED
+    assert [(one.name, one.parameters[0].value) for one in wrong.effects] == [("timestamp_offset", -25.0)]
