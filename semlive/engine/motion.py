@@ -215,7 +215,8 @@ def hold(turn: Turn) -> None:
             return
         # A frame that was scanned while the hold was made longer is not of this step's pair.
         turn.update(asked=False, hold_end_ns=min(state.hold_end_ns, state.time_ns))
-        turn.go(Cause.HOLD_OVER, ("held_s", state.seconds_since(state.since_ns)), ("load_error_n", load_error_n(state)))
+        held_s, late_s = state.seconds_since(state.since_ns), turn.state.seconds_since(turn.state.hold_end_ns)
+        turn.go(Cause.HOLD_OVER, ("held_s", held_s), ("late_s", late_s), ("load_error_n", load_error_n(state)))
 
 
 def _hold_longer(turn: Turn, reason: str) -> None:

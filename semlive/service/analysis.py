@@ -173,7 +173,9 @@ def _moved_on(state: AnalysisState, told: StateMessage) -> AnalysisState:
     imaging, holding = told.after == State.IMAGING, told.after == State.HOLDING
     since_ns = state.rest_since_ns if imaging else told.time_ns if holding else None
     rested = state.rested if imaging else None
-    imaging_since_ns = told.time_ns if imaging else None
+    # A frame that began before a busy computer noticed that the hold was over counts for the pair too.
+    late_s = told.guards.get("late_s", 0.0)
+    imaging_since_ns = told.time_ns - round(1e9 * late_s if isinstance(late_s, int | float) else 0.0) if imaging else None
     return replace(state, rest_since_ns=since_ns, imaging_since_ns=imaging_since_ns, rested=rested, fresh=None, foreseen={})
 
 

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import ctypes
 import sys
+from collections.abc import Callable
+
+_ARENA_MAX, _MMAP_THRESHOLD = -8, -3  # M_ARENA_MAX and M_MMAP_THRESHOLD of malloc.h
+_LARGE_BYTES = 128 << 10
 
 
-def _trim() -> ctypes._NamedFuncPointer | None:
-    return getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+def _of_glibc(name: str) -> Callable[..., int] | None:
+    return getattr(ctypes.CDLL(None), name, None) if sys.platform == "linux" else None
 
 
-_TRIM = _trim()
+_TRIM, _OPTION = _of_glibc("malloc_trim"), _of_glibc("mallopt")
 
 
 def give_back() -> None:
@@ -20,3 +24,15 @@ def give_back() -> None:
     """
     if _TRIM is not None:
         _TRIM(0)
+
+
+def one_heap() -> None:
+    """One heap for all threads, and blocks beyond 128 kB outside of it; to be called before there are threads.
+
+    Each of control's twelve threads had a heap of its own, and what free blocks leave of pages was given back in none of them. Once a
+    block of some MB is freed, glibc takes the next ones from the heap, where small ones that stay settle in what they leave: what was in
+    use stood still at 111.9 MB, and 4 MB in 1000 pairs were resident beside it.
+    """
+    if _OPTION is not None:
+        _OPTION(_ARENA_MAX, 1)
+        _OPTION(_MMAP_THRESHOLD, _LARGE_BYTES)

@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,17 @@ from semlive.data.clock import Clock
 from semlive.data.frame import ExportedFile
 from semlive.data.scan import Provenance
 from semlive.formats.log import LogMessage
-from semlive.formats.messages import SEM_ORIGINAL, SEM_SIDECAR, ClockOffsetMessage, FileMessage, RunMessage, ScanMessage, from_json, to_json
+from semlive.formats.messages import (
+    SEM_ORIGINAL,
+    SEM_SIDECAR,
+    ClockOffsetMessage,
+    FileMessage,
+    RunMessage,
+    ScanMessage,
+    StateMessage,
+    from_json,
+    to_json,
+)
 from semlive.service.analysis import AnalysisState, feed, is_output
 from semlive.service.config import parse_config
 from semlive.service.journal import Journal
@@ -82,6 +93,13 @@ def analysed(log: list[LogMessage]) -> list[object]:
         state, outputs = feed(state, message)
         told += [from_json(one.topic, one.payload) for one in outputs]
     return told
+
+
+@pytest.mark.parametrize(("guards", "early_s"), [({"held_s": 30.2, "late_s": 0.2}, 0.2), ({"held_s": 30.2}, 0.0)])
+def test_a_frame_that_began_before_the_end_of_the_hold_was_noticed_is_meant_for_the_pair(guards: dict[str, Any], early_s: float) -> None:
+    over = StateMessage(time_ns=END_NS, before="holding", after="imaging", cause="hold_over", step=0, guards=guards)
+    state, _ = feed(AnalysisState(), LogMessage("/state", END_NS, END_NS, 0, to_json(over)))
+    assert state.imaging_since_ns == END_NS - round(early_s * S)
 
 
 def test_bytes_of_image_and_text_are_in_the_log_before_anything_is_decoded(tmp_path: Path) -> None:
