@@ -1,6 +1,7 @@
 """Hidden effects, named blindly: outcomes by effect and size, false names where nothing is hidden, and what has no name.
 
-    python tests/benchmarks/bench_diagnose.py --seeds 16 --sizes 2 4 8 --nulls 773 --doubles 50 --strange 25 --folder blind --shard 1/2
+    python tests/benchmarks/bench_diagnose.py --seeds 16 --sizes 2 4 8 --nulls 773 --doubles 50 --strange 25 --deformed 5 \
+        --left-out 3 --confounded 30 --folder blind --shard 1/2
     python tests/benchmarks/bench_diagnose.py ... --folder blind --score [--write]
 
 A case is known to diagnosis by its data alone; verdicts are written by the case's key, and only scoring joins them with what was
@@ -15,12 +16,13 @@ import argparse
 import json
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 import numpy as np
-from blind.cases import GRID, ONE, Case, cases
+from blind.cases import GRID, ONE, Case, Counts, cases
 from blind.hiding import DETECTABLE_PX
 from blind.observing import observed
 from blind.scoring import Verdict, table
@@ -31,6 +33,7 @@ from semlive.diagnose.judge import diagnose
 from semlive.diagnose.known import joined
 from semlive.diagnose.noise import quiet
 from semlive.diagnose.observation import Observation
+from semlive.model.effects import DICTIONARY, Family
 
 PAGE = Path(__file__).parents[2] / "docs" / "diagnose.md"
 CLOSURE_AT = (4.0, 16.0)
@@ -40,7 +43,8 @@ BEGIN, END = "<!-- measured: begin -->\n", "<!-- measured: end -->\n"
 def main() -> None:
     """Run what is missing, or score what is there."""
     asked = _arguments()
-    chosen = list(cases(asked.set, asked.seeds, asked.sizes, asked.effects, asked.nulls, asked.doubles, asked.strange))
+    counts = Counts(asked.seeds, asked.nulls, asked.doubles, asked.strange, asked.deformed, asked.left_out, asked.confounded)
+    chosen = list(cases(asked.set, counts, asked.sizes, asked.effects))
     asked.folder.mkdir(parents=True, exist_ok=True)
     if not asked.score:
         _run(chosen, asked)
@@ -60,7 +64,10 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--effects", nargs="*", default=list(DETECTABLE_PX))
     parser.add_argument("--nulls", type=int, default=10)
     parser.add_argument("--doubles", type=int, default=0)
-    parser.add_argument("--strange", type=int, default=0)
+    parser.add_argument("--strange", type=int, default=0, help="of each effect that has no name, and each size")
+    parser.add_argument("--deformed", type=int, default=0, help="of each effect whose law can be another")
+    parser.add_argument("--left-out", type=int, default=0, help="of each effect, the dictionary being without it")
+    parser.add_argument("--confounded", type=int, default=0, help="of each effect that one experiment cannot tell from the baseline")
     parser.add_argument("--shard", default="1/1", help="k/n: every n-th case from the k-th on")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long")
     parser.add_argument("--folder", type=Path, default=Path("blind"))
@@ -77,16 +84,16 @@ def _run(chosen: list[Case], asked: argparse.Namespace) -> None:
             return
         if case.key not in done:
             seen = case.observed()
-            found, verdict = judge(seen)
+            found, verdict = judge(seen, case.dictionary())
             verdict["closure"] = closure(case, seen, found)
             with (asked.folder / f"verdicts-{own}-of-{shards}.jsonl").open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps({"key": case.key, **verdict}) + "\n")
 
 
-def judge(seen: Observation) -> tuple[Diagnosis, Verdict]:
+def judge(seen: Observation, dictionary: Sequence[Family] = DICTIONARY) -> tuple[Diagnosis, Verdict]:
     """A verdict, knowing nothing but data."""
     begin = time.process_time()
-    found = diagnose(seen)
+    found = diagnose(seen, dictionary=dictionary)
     return found, {
         "outcome": found.outcome.value,
         "names": [one.name for one in found.effects],

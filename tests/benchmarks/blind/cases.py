@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 
 import numpy as np
+from blind.deformed import DEFORMED, deformed
 from blind.experiment import Conditions, largest_px
 from blind.hiding import DETECTABLE_PX, PHYSICAL_PX, hidden_effect, hidden_values
 from blind.observing import observed
@@ -15,6 +16,8 @@ from blind.strange import STRANGE
 
 from semlive.data.grid import Grid
 from semlive.diagnose.observation import Observation
+from semlive.model.effects import DICTIONARY, Family
+from semlive_simulators.effects.library import LIBRARY
 from semlive_simulators.effects.protocol import Effect
 
 GRID = Grid(101, 101, 15, 50, 40, 43)
@@ -22,6 +25,11 @@ GRID = Grid(101, 101, 15, 50, 40, 43)
 FIRST_SEED = {"development": 1, "final": 20_001}
 """Nothing may be chosen by what the final set says."""
 NOTHING, ONE, TWO, STRANGER = "nothing", "one", "two", "stranger"
+DEFORMED_LAW, LEFT_OUT, CONFOUNDED = "deformed", "left out", "confounded"
+SWALLOWED = (  # by the distortion, the gauge, the free strain or the drift: one experiment cannot tell them from these
+    "flyback_settling", "frame_start_settling", "line_sync_hum", "scan_nonlinearity", "anisotropic_pixel", "scan_nonorthogonality",
+    "out_of_plane_translation", "inplane_misalignment", "warmup_transient", "random_walk_drift",
+)  # fmt: skip
 APART = (  # their fields have nothing in common that the baseline leaves
     ("magnification_drift", "tilt_with_load"),
     ("raster_rotation_drift", "bending_misalignment"),
@@ -37,9 +45,9 @@ class Case:
     """What is hidden.
 
     Attributes:
-        kind: nothing, one, two or stranger.
+        kind: nothing; one, or two; a stranger; one with a deformed law, one that is left out of the dictionary, one that is confounded.
         names: of what is hidden.
-        size: times what can be detected; px of a stranger.
+        size: times what can be detected; px of a stranger; what is confounded is as large as the library has it at x200.
         seed: of everything.
     """
 
@@ -57,16 +65,22 @@ class Case:
         """What is hidden."""
         if self.kind == STRANGER:
             return (STRANGE[self.names[0]](self.size, self.seed),)
+        if self.kind == CONFOUNDED:
+            return (LIBRARY[self.names[0]].defaults("x200"),)
         return tuple(self._effect(name, peak_px(name, self.size)) for name in self.names)
 
     def _effect(self, name: str, peak_px: float) -> Effect:
         """As large in the maps as asked for: displacements grow with an effect's size."""
-        near = hidden_effect(name, peak_px, self.seed)
-        return hidden_effect(name, peak_px * peak_px / largest_px(self.conditions(), near), self.seed)[0]
+        near = self._lawful(name, peak_px)
+        return self._lawful(name, peak_px * peak_px / largest_px(self.conditions(), (near,)))
+
+    def _lawful(self, name: str, peak_px: float) -> Effect:
+        (effect,) = hidden_effect(name, peak_px, self.seed)
+        return deformed(effect) if self.kind == DEFORMED_LAW else effect
 
     def truth(self) -> dict[str, dict[str, float]]:
         """What diagnosis should report of each effect."""
-        if self.kind == STRANGER:
+        if self.kind in (STRANGER, CONFOUNDED, DEFORMED_LAW):
             return {name: {} for name in self.names}
         return {name: hidden_values(name, one) for name, one in zip(self.names, self.effects(), strict=True)}
 
@@ -84,6 +98,10 @@ class Case:
             outliers=float(rng.uniform(0.0, 0.003)),
         )
 
+    def dictionary(self) -> tuple[Family, ...]:
+        """The effects that diagnosis knows."""
+        return tuple(one for one in DICTIONARY if self.kind != LEFT_OUT or one.name not in self.names)
+
     def observed(self) -> Observation:
         """The data."""
         return observed(self.conditions(), self.effects(), GRID)
@@ -95,30 +113,47 @@ def peak_px(name: str, size: float) -> float:
     return min(size * least_px, max(PHYSICAL_PX[name][1], 2.0 * least_px))
 
 
-def cases(which: str, seeds: int, sizes: Sequence[float], names: Sequence[str], nulls: int, doubles: int, strange: int) -> Iterator[Case]:
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """How many cases of each kind: of nothing and of two effects in all, else of each name."""
+
+    seeds: int
+    nulls: int = 0
+    doubles: int = 0
+    strange: int = 0
+    deformed: int = 0
+    left_out: int = 0
+    confounded: int = 0
+
+
+def cases(which: str, counts: Counts, sizes: Sequence[float], names: Sequence[str]) -> Iterator[Case]:
     """Cases in an order in which each part of the list says something of all.
 
     Args:
         which: development or final.
-        seeds: of each effect and size.
+        counts: how many; two effects, deformed laws and what is left out come at eight times.
         sizes: of single effects, times what can be detected.
         names: of single effects.
-        nulls: with nothing hidden.
-        doubles: of two effects at eight times.
-        strange: of each stranger and size.
     """
-    first = FIRST_SEED[which]
-    for number in range(max(seeds, nulls, doubles, strange)):
-        if number < seeds:
+    first, nulls = FIRST_SEED[which], counts.nulls
+    for number in range(max(astuple(counts))):
+        if number < counts.seeds:
             for size in sizes:
                 for name in names:
                     yield Case(ONE, (name,), size, first + number)
-        each = max(1, -(-nulls // max(seeds, 1)))
+        each = max(1, -(-nulls // max(counts.seeds, 1)))
         for null in range(number * each, min((number + 1) * each, nulls)):
             yield Case(NOTHING, (), 0.0, first + 5000 + null)
-        if number < doubles:
+        if number < counts.doubles:
             yield Case(TWO, APART[number % len(APART)], 8.0, first + 3000 + number)
-        if number < strange:
+        if number < counts.strange:
             for name in STRANGE:
                 for size_px in (0.03, 0.1):
                     yield Case(STRANGER, (name,), size_px, first + 4000 + number)
+        for kind, count, among in (
+            (DEFORMED_LAW, counts.deformed, DEFORMED),
+            (LEFT_OUT, counts.left_out, tuple(DETECTABLE_PX)),
+            (CONFOUNDED, counts.confounded, SWALLOWED),
+        ):
+            for name in among if number < count else ():
+                yield Case(kind, (name,), 1.0 if kind == CONFOUNDED else 8.0, first + 2000 + number)

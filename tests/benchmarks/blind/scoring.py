@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from blind.cases import NOTHING, ONE, STRANGER, TWO, Case
+from blind.cases import CONFOUNDED, DEFORMED_LAW, LEFT_OUT, NOTHING, ONE, STRANGER, TWO, Case
 from blind.hiding import DETECTABLE_PX, PHYSICAL_PX
 from scipy.stats import beta
 
@@ -97,6 +97,13 @@ def bars(scored: Scored) -> Iterable[Bar]:
     for size, limit in ((0.1, 0.95), (0.03, 0.85)):
         said = by[STRANGER, size]
         yield Bar(f"UNKNOWN of what has no name, {size:g} px", said.count("UNKNOWN"), len(said), limit, below=False)
+    yield Bar(
+        "right name at 8 times of a deformed law", by[DEFORMED_LAW, 8.0].count("right"), len(by[DEFORMED_LAW, 8.0]), 0.90, below=False
+    )
+    left = [verdict["outcome"] for case, verdict in scored if case.kind == LEFT_OUT]
+    yield Bar("UNKNOWN at 8 times of what the dictionary was left without", left.count("UNKNOWN"), len(left), 0.95, below=False)
+    swallowed = [verdict["outcome"] for case, verdict in scored if case.kind == CONFOUNDED]
+    yield Bar("IDENTIFIED of what is confounded by structure", swallowed.count("IDENTIFIED"), len(swallowed), 0.01, below=True)
 
 
 def table(scored: Scored) -> str:
@@ -149,8 +156,15 @@ def _errors(case: Case, verdict: Verdict) -> Iterable[tuple[float, bool]]:
 def _missed(scored: Scored) -> list[str]:
     found = [(case, one) for case, one in scored if judged(case, one) not in ("right", "set") and (case.kind, one["outcome"]) not in _FINE]
     return [
-        f"- {' + '.join(case.names) or NOTHING}, {case.size:g}, seed {case.seed}: {one['outcome']} {one['names']}" for case, one in found
+        f"- {case.kind} {' + '.join(case.names)}, {case.size:g}, seed {case.seed}: {one['outcome']} {one['names']}" for case, one in found
     ]
 
 
-_FINE = {(NOTHING, "NONE"), (STRANGER, "UNKNOWN")}
+_FINE = {
+    (NOTHING, "NONE"),
+    (STRANGER, "UNKNOWN"),
+    (LEFT_OUT, "UNKNOWN"),
+    (CONFOUNDED, "NONE"),
+    (CONFOUNDED, "UNKNOWN"),
+    (CONFOUNDED, "AMBIGUOUS"),
+}

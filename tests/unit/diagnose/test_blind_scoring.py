@@ -9,7 +9,8 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from blind.cases import NOTHING, ONE, STRANGER, TWO, Case, cases, peak_px
+from blind.cases import CONFOUNDED, DEFORMED_LAW, LEFT_OUT, NOTHING, ONE, STRANGER, TWO, Case, Counts, cases, peak_px
+from blind.deformed import DEFORMED
 from blind.experiment import largest_px
 from blind.hiding import DETECTABLE_PX, PHYSICAL_PX
 from blind.scoring import at_least, at_most, judged, table
@@ -35,6 +36,7 @@ def test_the_upper_bound_is_that_of_clopper_and_pearson(count: int, total: int, 
         (Case(TWO, ("a", "b"), 8.0, 1), verdict("IDENTIFIED", ["b", "a"]), "right"),
         (Case(NOTHING, (), 0.0, 1), verdict("IDENTIFIED", ["stage_yaw"]), "wrong"),
         (Case(STRANGER, ("spiral_drift",), 0.1, 1), verdict("UNKNOWN", ["stage_yaw"]), "UNKNOWN"),
+        (Case(CONFOUNDED, ("flyback_settling",), 1.0, 1), verdict("NONE", []), "NONE"),
     ],
 )
 def test_a_verdict_is_worth_what_it_says(case: Case, told: dict[str, object], worth: str) -> None:
@@ -54,11 +56,23 @@ def test_no_effect_is_larger_than_is_met() -> None:
 
 
 def test_seeds_of_the_final_set_are_never_those_of_development() -> None:
-    asked = {"seeds": 16, "sizes": (2.0, 4.0), "names": tuple(DETECTABLE_PX), "nulls": 773, "doubles": 50, "strange": 25}
+    counts = Counts(seeds=16, nulls=773, doubles=50, strange=25, deformed=5, left_out=3, confounded=30)
+    asked = {"counts": counts, "sizes": (2.0, 4.0), "names": tuple(DETECTABLE_PX)}
     development, final = ({(one.seed) for one in cases(which, **asked)} for which in ("development", "final"))
     assert not development & final
     listed = list(cases("final", **asked))
-    assert len({one.key for one in listed}) == len(listed) == 16 * 2 * len(DETECTABLE_PX) + 773 + 50 + 25 * 6 * 2
+    assert (
+        len({one.key for one in listed}) == len(listed) == 16 * 2 * len(DETECTABLE_PX) + 773 + 50 + 25 * 6 * 2 + 5 * 10 + 3 * 19 + 30 * 10
+    )
+
+
+def test_what_is_left_out_is_not_in_the_dictionary_and_a_deformed_law_is_another() -> None:
+    left_out, usual = Case(LEFT_OUT, ("stage_yaw",), 8.0, 1), Case(ONE, ("stage_yaw",), 8.0, 1)
+    assert {one.name for one in usual.dictionary()} - {one.name for one in left_out.dictionary()} == {"stage_yaw"}
+    for name in DEFORMED:
+        bent = Case(DEFORMED_LAW, (name,), 8.0, 3)
+        assert largest_px(bent.conditions(), bent.effects()) == pytest.approx(peak_px(name, 8.0), rel=2e-2)
+        assert type(bent.effects()[0]) is not type(Case(ONE, (name,), 8.0, 3).effects()[0])
 
 
 def test_a_table_says_what_is_met_and_what_is_open() -> None:
