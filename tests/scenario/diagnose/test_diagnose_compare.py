@@ -1,0 +1,70 @@
+"""A measurement against simulations of it: the gap shrinks with the right effect, and not with a wrong one."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+from blind.experiment import Conditions
+from blind.hiding import hidden_effect
+from blind.observing import observed
+
+from semlive.data.grid import Grid
+from semlive.diagnose.compare import compared
+from semlive.diagnose.observation import Observation
+from semlive.errors import BadInput
+
+GRID = Grid(101, 101, 15, 50, 40, 43)
+MEASURED, SIMULATED = Conditions(511, calibration=6, tension=5), Conditions(512, calibration=6, tension=5, noise_px=0.015)
+"""Other drift, distortion, noise and places of the stage."""
+TILT = hidden_effect("tilt_with_load", 0.3, 1)
+
+
+@pytest.fixture(scope="module")
+def without() -> Observation:
+    return observed(SIMULATED, (), GRID)
+
+
+@pytest.fixture(scope="module")
+def tilted() -> Observation:
+    return observed(SIMULATED, TILT, GRID)
+
+
+def test_with_the_effect_that_was_found_the_maps_are_alike(without: Observation, tilted: Observation) -> None:
+    measured = observed(MEASURED, TILT, GRID)
+    found = compared(measured, without, tilted)
+    assert found.maps.closure == pytest.approx(1.0, abs=0.15)
+    assert found.maps.interval[0] > 0.6
+    assert found.maps.after_px == pytest.approx(found.maps.floor_px, rel=0.1)
+    assert found.sizes.ratio == pytest.approx(1.0, abs=0.35)
+    assert found.confirmed
+    other = compared(measured, without, observed(SIMULATED, hidden_effect("bending_misalignment", 0.3, 1), GRID))
+    assert not other.maps.shrinks
+
+
+def test_what_is_anew_in_every_frame_is_compared_by_its_size(without: Observation) -> None:
+    measured, having = (
+        observed(conditions, hidden_effect("magnification_frame_instability", 0.1, seed), GRID)
+        for seed, conditions in ((1, MEASURED), (2, SIMULATED))
+    )
+    found = compared(measured, without, having)
+    assert not found.maps.shrinks
+    assert found.sizes.interval[0] < 1.0 < found.sizes.interval[1]
+    assert found.confirmed
+
+
+def test_where_nothing_is_missing_nothing_shrinks(without: Observation, tilted: Observation) -> None:
+    found = compared(observed(MEASURED, (), GRID), without, tilted)
+    assert found.maps.before_px == pytest.approx(found.maps.floor_px, rel=0.1)
+    assert not found.confirmed
+
+
+def test_runs_of_other_frames_are_refused(without: Observation) -> None:
+    fewer = observed(replace(SIMULATED, tension=3), (), GRID)
+    with pytest.raises(BadInput, match=r"frame by frame: 22 frames .* 18 frames"):
+        compared(without, fewer, without)
