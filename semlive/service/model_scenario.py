@@ -128,4 +128,8 @@ SIMULATED: dict[str, Callable[[Found, Found], dict[str, Any]]] = {
         "quadratic_per_um": _mean(found, "quadratic_x_per_px", "quadratic_y_per_px") / run["pixel_size_um"]
     },
     "row_jitter": lambda found, run: {"sd_px": found["sd_x_px"], "seed": SEED},
+    "load_cell_zero": _alike("zero_n"),
+    "load_cell_drift": _alike("rate_n_per_s"),
+    "friction_hysteresis": _alike("friction_n"),
+    "timestamp_offset": _alike("offset_s"),
 }

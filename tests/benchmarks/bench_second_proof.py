@@ -2,10 +2,10 @@
 
     python tests/benchmarks/bench_second_proof.py [--scenario short] [--effect magnification_drift] [--out FOLDER]
 
-Three runs through the daemon: one of a scenario with the effect hidden in it, which is diagnosed; one of the scenario alone and one of the
-scenario that `semlive simulate --from` makes of the model, both with another seed. `semlive experiment compare` says whether the gap between
-measured and simulated maps shrinks. Prints one JSON object; the exit code is 1 if the effect was not named or the proof fails. A run
-of the short scenario takes about a minute and a half.
+Three runs through the daemon: one of a scenario with the effect hidden in it, which is diagnosed; one of the scenario alone and one of
+the scenario that `semlive simulate --from` makes of the model, both with another seed. `semlive experiment compare` says whether the gap
+between measured and simulated maps shrinks. Prints one JSON object; the exit code is 1 if the effect was not named or the proof fails.
+A run of the short scenario takes about a minute and a half.
 """
 
 from __future__ import annotations
