@@ -7,6 +7,7 @@ from enum import StrEnum
 
 from semlive.data.diagnosis import Diagnosis, Outcome
 from semlive.diagnose.known import family_of
+from semlive.model.grey_effects import GREYS
 from semlive.model.move_effects import MOVES, beside_maps
 
 
@@ -75,7 +76,8 @@ def proposed(found: Diagnosis) -> Proposal | None:
         )
     beside = beside_maps(found.effects[0].law.name)
     if beside is not None:
-        return Proposal(Kind.REVERSED if beside in MOVES else Kind.OTHER_SCAN, between, beside.decides)
+        kind = Kind.REVERSED if beside in MOVES else Kind.AGAIN if beside in GREYS else Kind.OTHER_SCAN
+        return Proposal(kind, between, beside.decides)
     family = family_of(found.effects[0].law.name)
     kind = _DECIDES.get(family.name) or _BY_GROUP.get(family.group or "", Kind.PARKED)
     return Proposal(kind, between, family.decides)

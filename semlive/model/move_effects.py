@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from semlive.model.grey_effects import GreyFamily, of_grey
 from semlive.model.row_effects import RowFamily, of_rows
 
 
@@ -31,6 +32,6 @@ QUADRATIC = MoveFamily("stage_quadratic", "the stage's scale changes along its w
 MOVES = (BACKLASH, QUADRATIC)
 
 
-def beside_maps(name: str) -> RowFamily | MoveFamily | None:
+def beside_maps(name: str) -> RowFamily | MoveFamily | GreyFamily | None:
     """An effect that another channel than the disparity maps shows; None if it is none."""
-    return of_rows(name) or next((one for one in MOVES if one.name == name), None)
+    return of_rows(name) or of_grey(name) or next((one for one in MOVES if one.name == name), None)

@@ -1,0 +1,175 @@
+"""Laws of grey over time: each a few columns, linear in its amplitudes, and what makes them believable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import f as fisher
+
+from semlive.diagnose.grey_courses import Courses
+from semlive.model.grey_effects import CONTAMINATION, DEFOCUS, GAMMA_CHANGE, GreyFamily
+
+Array = NDArray[np.float64]
+DRIFT = "grey drift without a name"
+INSTANTS = 5  # in each band that a step may lie in
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Law:
+    """A law.
+
+    Attributes:
+        family: None where it has no name.
+        kind: which of the family's laws.
+        columns: (k, f, r, TERMS).
+        at_s: of a step.
+        sigma_s: half of the interval in which steps do as well.
+        tried: how many steps were.
+    """
+
+    family: GreyFamily | None
+    kind: str
+    columns: Array
+    at_s: float = 0.0
+    sigma_s: float = 0.0
+    tried: int = 1
+
+    @property
+    def name(self) -> str:
+        """Canonical, or what a law without a name is called."""
+        return self.family.name if self.family else DRIFT
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """A law beside those that the baseline has.
+
+    Attributes:
+        law: that was fitted.
+        amplitudes: (k,) its own.
+        covariance: (k, k) of them.
+        lost: squares of noise that it explains.
+        odds: logarithm of its Bayes factor, as Schwarz approximates it.
+        p_value: of so many squares by noise, over all instants that were tried.
+    """
+
+    law: Law
+    amplitudes: Array
+    covariance: Array
+    lost: float
+    odds: float
+    p_value: float
+
+
+def smooth_laws(courses: Courses) -> tuple[Law, ...]:
+    """Of what goes on all the time. Contamination may have a black level, or slow down; focus may have gone through its best before."""
+    time_s = courses.time_s[..., None]
+    mean, gain, curve, blur = (time_s * one for one in np.eye(4))
+    scale = float(courses.time_s.max())
+    loss = -(courses.mean * mean + gain)
+    later = courses.time_s[..., None] / scale
+    return (
+        Law(CONTAMINATION, "linear", np.stack([loss])),
+        Law(CONTAMINATION, "black level", np.stack([loss, mean])),
+        Law(CONTAMINATION, "slowing", np.stack([loss, loss * later])),
+        Law(DEFOCUS, "from the start", np.stack([blur * time_s])),
+        Law(DEFOCUS, "through the best", np.stack([blur * time_s, blur])),
+        Law(None, "drift", np.stack([mean, mean * later, gain, gain * later])),
+        Law(None, "sharpness", np.stack([blur, blur * later, curve])),
+    )
+
+
+def step_at(courses: Courses, at_s: float) -> Law:
+    """Another grey curve from an instant on."""
+    first, last = courses.span_s[..., 0], courses.span_s[..., 1]
+    share = np.clip((last - at_s) / np.maximum(last - first, 1e-9), 0.0, 1.0)[..., None]
+    return Law(GAMMA_CHANGE, "step", np.stack([share * one for one in np.eye(4)[:3]]), at_s)
+
+
+def instants_s(courses: Courses) -> Array:
+    """Between all frames, as early, as late and in the middle, and within each band."""
+    early, late = courses.span_s[:-1, -1, 1], courses.span_s[1:, 0, 0]
+    parts = (np.arange(INSTANTS) + 0.5) / INSTANTS
+    within = courses.span_s[..., :1] + parts * (courses.span_s[..., 1:] - courses.span_s[..., :1])
+    return np.sort(np.concatenate([early, 0.5 * (early + late), late, within[1:].ravel()]))
+
+
+class Bench:
+    """Fits laws to courses, beside laws that are there already."""
+
+    __slots__ = ("_base", "_data", "_freedom", "courses")
+
+    def __init__(self, courses: Courses, there: tuple[Law, ...] = ()) -> None:
+        """Laws that are there are free, all together."""
+        self.courses = courses
+        columns = [column.ravel() for law in there for column in courses.white(law.columns)]
+        self._base = _orthonormal(np.stack(columns, axis=-1)) if columns else np.zeros((courses.value.size, 0))
+        self._data = self._apart(courses.white(courses.value).ravel())
+        self._freedom = courses.freedom
+
+    def fit(self, law: Law) -> Fit:
+        """A law beside the baseline."""
+        columns = np.stack([self._apart(one.ravel()) for one in self.courses.white(law.columns)], axis=-1)
+        size = np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-12)
+        normal = (columns / size).T @ (columns / size) + 1e-9 * np.eye(len(size))
+        inverse = np.linalg.inv(normal)
+        amplitudes = inverse @ ((columns / size).T @ self._data)
+        lost = max(float(amplitudes @ normal @ amplitudes), 0.0)
+        k, nu = len(size), self._freedom
+        odds = self._log_likelihood(lost) - self._log_likelihood(0.0) - 0.5 * k * np.log(self.courses.frames) - np.log(law.tried)
+        p_value = min(1.0, law.tried * float(fisher.sf(lost / k, k, nu)))
+        return Fit(law, amplitudes / size, inverse / np.outer(size, size), lost, float(odds), p_value)
+
+    def step(self) -> Fit:
+        """The likeliest step."""
+        tried = [self.fit(step_at(self.courses, float(at_s))) for at_s in instants_s(self.courses)]
+        best = max(tried, key=lambda one: one.lost)
+        like = [one.law.at_s for one in tried if one.lost > best.lost - 4.0]
+        between = 0.5 * (min(like) + max(like))
+        return self.fit(replace(best.law, at_s=between, sigma_s=0.5 * (max(like) - min(like)), tried=len(tried)))
+
+    def left(self) -> Array:
+        """(f, r, TERMS) whitened, what the baseline leaves."""
+        return self._data.reshape(self.courses.value.shape)
+
+    def all_fits(self) -> tuple[Fit, ...]:
+        """Every law, those that are not believable left out."""
+        fits = (*(self.fit(law) for law in smooth_laws(self.courses)), self.step())
+        return tuple(one for one in fits if believable(self.courses, one))
+
+    def _log_likelihood(self, lost: float) -> float:
+        """Of Student's distribution, as the noise is known from pairs alone."""
+        known, count = self._freedom * self.courses.value.shape[1], self._data.size
+        return -0.5 * (known + count) * float(np.log(known + max(float(self._data @ self._data) - lost, 0.0)))
+
+    def _apart(self, values: Array) -> Array:
+        return values - self._base @ (self._base.T @ values)
+
+
+def believable(courses: Courses, fit: Fit) -> bool:
+    """Carbon darkens and has a black level that no grey is below; blur is no sharper than the sharpest."""
+    first = float(fit.amplitudes[0])
+    if fit.law.family is CONTAMINATION:
+        if fit.law.kind == "slowing":
+            return first > 0.0 and first + fit.amplitudes[1] > 0.0
+        level, sigma = black_level(fit)
+        return first > 0.0 and -2.0 * sigma <= level <= courses.darkest + 2.0 * sigma and sigma < 0.5 * courses.mean
+    return first > 0.0 if fit.law.family is DEFOCUS else True
+
+
+def black_level(fit: Fit) -> tuple[float, float]:
+    """Of contamination, grey levels, and its standard uncertainty; 0 where the law has none."""
+    if fit.law.kind != "black level":
+        return 0.0, 0.0
+    loss, brighter = fit.amplitudes
+    level = float(brighter / loss)
+    lever = np.array([-level, 1.0]) / loss
+    return level, float(np.sqrt(lever @ fit.covariance @ lever))
+
+
+def _orthonormal(columns: Array) -> Array:
+    size = np.sqrt(np.sum(columns**2, axis=0))
+    vectors, values, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+    return vectors[:, values > 1e-9 * values[0]]
