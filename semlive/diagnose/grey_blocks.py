@@ -135,13 +135,10 @@ def aligned(values: Grey, blocks: Blocks, places: Places) -> Spectra:
     Displacements that differ within a block blur what it shows on average, as a Gaussian of their covariance would; that is taken back.
     """
     spectrum = np.fft.rfft2(values * window(blocks, places)).astype(np.complex64)
-    down, along = blocks.waves
-    over = places.shift_px - np.round(places.shift_px)
-    turn = np.exp(1j * (down[:, None] * over[:, 1, None, None] + along * over[:, 0, None, None])).astype(np.complex64)
+    down, along = (one.astype(np.float32) for one in blocks.waves)
+    over = (places.shift_px - np.round(places.shift_px)).astype(np.float32)
+    turn_y, turn_x = np.exp(1j * over[:, 1, None] * down), np.exp(1j * over[:, 0, None] * along)
     spread = _SPREAD * blocks.edge_px**2 * np.einsum("bij,bkj->bik", places.gradient, places.gradient)
-    lost = 0.5 * (
-        spread[:, 0, 0, None, None] * along**2
-        + 2.0 * spread[:, 0, 1, None, None] * down[:, None] * along
-        + spread[:, 1, 1, None, None] * down[:, None] ** 2
-    )
-    return np.asarray(spectrum * turn * np.exp(np.minimum(lost, STEEPEST)), dtype=np.complex64)
+    xx, xy, yy = (0.5 * spread[:, i, j, None].astype(np.float32) for i, j in ((0, 0), (0, 1), (1, 1)))
+    lost = (xx * along**2)[:, None, :] + (yy * down**2)[:, :, None] + (2.0 * xy * down)[:, :, None] * along
+    return np.asarray(spectrum * turn_y[:, :, None] * turn_x[:, None, :] * np.exp(np.minimum(lost, STEEPEST)), dtype=np.complex64)

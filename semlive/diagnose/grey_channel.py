@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 from semlive.data.diagnosis import Disagreement, FoundEffect, FoundParameter, GreyChannel, GreyCourse, KnownEffect, Outcome
 from semlive.diagnose.grey_courses import Courses, courses_of
@@ -92,7 +93,7 @@ def _verdict(
     effects = [_effect(courses, series, laws, one.fit) for one in named]
     seen = flashes(series.frames)
     if seen and not flashing:
-        effects.append(_flashing(seen))
+        effects.append(_flashing(seen, sum(len(one.row_levels) for one in series.frames)))
     remains = [one for one in left_of(courses, laws) if 3.0 * one.p_value <= RARE and one.levels >= LEAST_LEVELS]
     unsure = next((one for one in named if one.rivals), None)
     if remains:
@@ -149,7 +150,8 @@ def _loss(courses: Courses, fit: Fit) -> list[FoundParameter]:
     return [*found, FoundParameter("black_level", level, unsure, "levels")] if fit.law.kind == "black level" else found
 
 
-def _flashing(seen: Sequence[Flash]) -> FoundEffect:
+def _flashing(seen: Sequence[Flash], rows: int) -> FoundEffect:
+    """Of so many rows that were looked at."""
     levels = np.array([one.levels for one in seen])
     weight = np.array([one.sigma_levels for one in seen]) ** -2.0
     height = float(np.sum(weight * levels) / np.sum(weight))
@@ -158,8 +160,10 @@ def _flashing(seen: Sequence[Flash]) -> FoundEffect:
         more = "" if number == 1 else f"_{number}"
         parameters.append(FoundParameter(f"flash{more}_at_s", one.at_s, 0.5 * one.length_s, "s"))
     parameters.append(FoundParameter("flash_s", float(np.median([one.length_s for one in seen])), 0.0, "s"))
-    odds = float(0.5 * np.sum((levels**2) * weight))
-    return FoundEffect(CHARGING_JUMP.name, tuple(parameters), 0.0, odds, RARE, False, KnownEffect(CHARGING_JUMP.name, (), 0.0))
+    squares = levels**2 * weight
+    odds = float(np.sum(0.5 * squares - np.log(rows)))
+    p_value = min(1.0, rows * float(norm.sf(np.sqrt(squares.max()))))
+    return FoundEffect(CHARGING_JUMP.name, tuple(parameters), 0.0, odds, p_value, False, KnownEffect(CHARGING_JUMP.name, (), 0.0))
 
 
 def _noise(pairs: Array) -> tuple[FoundParameter, FoundParameter]:

@@ -11,7 +11,7 @@ from semlive.diagnose.grey_series import BLURS_PX2, TERMS, GreyFrame, GreySeries
 from semlive.errors import IllPosed
 
 Array = NDArray[np.float64]
-BANDS = 7
+BANDS = 12
 LEAST_PAIRS = 4
 LEAST_BLOCKS = 12
 ODD = 4.0  # times the median: a pair whose frames differ so much shows something that happened, not noise
@@ -27,7 +27,7 @@ class Courses:
         time_s: (f, r) middle of the scan of a band, after the start of frame 0.
         span_s: (f, r, 2) its first and last row.
         pair: (f,) number of the frame's pair.
-        covariance: (TERMS, TERMS) of the noise of a band.
+        covariance: (TERMS, TERMS) of the noise of a band, from that of pixels and as large as pairs show it.
         inflation: (TERMS,) of the variance of a frame's mean beyond what bands tell, in whitened terms.
         freedom: of the noise.
         local: (f, b) what blocks show beyond their frame's tone, grey levels.
@@ -91,7 +91,7 @@ def courses_of(series: GreySeries) -> Courses:
     half = 0.5 * reference.blocks.edge_px
     ends = np.array([[(one.row_px[which].min() - half, one.row_px[which].max() + half) for which in bands] for one in frames])
     start_s, row_time_s = (np.array([getattr(one, name) for one in frames]) for name in ("start_s", "row_time_s"))
-    covariance, inflation, count = _noise(value, pair)
+    covariance, inflation, count = _noise(value, pair, _of_pixels(series, bands))
     return Courses(
         value, start_s[:, None] + middle * row_time_s[:, None], start_s[:, None, None] + ends * row_time_s[:, None, None], pair,
         covariance, inflation, TERMS * count, _local(series, frames, known), reference.mean, reference.contrast, reference.darkest,
@@ -99,9 +99,12 @@ def courses_of(series: GreySeries) -> Courses:
 
 
 def _bands(y_px: NDArray[np.int64], known: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
-    """Rows of blocks, so many together that there are few bands."""
+    """Rows of blocks, as many in each band, so that all are known as well; rows that are left over lie in the last one."""
     rows = np.unique(y_px[known])
-    return [np.flatnonzero(known & np.isin(y_px, one)) for one in np.array_split(rows, min(BANDS, len(rows)))]
+    together = -(-len(rows) // BANDS)
+    count = len(rows) // together
+    band = np.minimum(np.searchsorted(rows, y_px) // together, count - 1)
+    return [np.flatnonzero(known & (band == at)) for at in range(count)]
 
 
 def _terms(series: GreySeries, frame: GreyFrame, which: NDArray[np.int64]) -> Array:
@@ -121,17 +124,29 @@ def _terms(series: GreySeries, frame: GreyFrame, which: NDArray[np.int64]) -> Ar
     return np.array([reference.contrast * rest[0], rest[1] - 1.0, reference.contrast * rest[2], blur_px2])
 
 
-def _noise(value: Array, pair: NDArray[np.int64]) -> tuple[Array, Array, int]:
+def _of_pixels(series: GreySeries, bands: list[NDArray[np.int64]]) -> Array:
+    """(TERMS, TERMS) covariance that the noise of pixels gives a band: a few pairs whitened by their own would look too quiet."""
+    reference, total = series.reference, np.zeros((TERMS, TERMS))
+    slope = 0.0
+    for which in bands:
+        basis = reference.basis[which].sum(axis=0)
+        inverse = np.linalg.inv(basis)
+        total += inverse @ reference.noise[which].sum(axis=0) @ inverse.T / len(bands)
+        slope += float((inverse @ reference.blurred[2, which].sum(axis=0))[3] / BLURS_PX2[2]) / len(bands)
+    unit = np.array([reference.contrast, 1.0, reference.contrast, 1.0 / slope])
+    return np.asarray(total * np.outer(unit, unit), dtype=np.float64)
+
+
+def _noise(value: Array, pair: NDArray[np.int64], of_pixels: Array) -> tuple[Array, Array, int]:
     """Covariance of a band and inflation of a frame's mean, from the two frames of each pair but those that something befell."""
     first = np.flatnonzero(pair[1:] == pair[:-1])
-    change = (value[first + 1] - value[first]) / np.sqrt(2.0)
-    scale = np.sqrt(np.median(change**2, axis=(0, 1))) + 1e-12
-    energy = np.mean((change / scale) ** 2, axis=(1, 2))
+    lower = np.linalg.cholesky(of_pixels)
+    change = (value[first + 1] - value[first]) @ np.linalg.inv(lower).T / np.sqrt(2.0)
+    energy = np.mean(change**2, axis=(1, 2))
     change = change[energy <= ODD * np.median(energy)]
-    covariance = np.einsum("nrp,nrq->pq", change, change) / (change.shape[0] * change.shape[1])
-    covariance += np.diag(1e-6 * np.diag(covariance) + 1e-18)
-    white = change @ np.linalg.inv(np.linalg.cholesky(covariance)).T
-    inflation = np.maximum(1.0, np.mean(white.mean(axis=1) ** 2, axis=0) * change.shape[1])
+    square = np.mean(change**2, axis=(0, 1)) + 1e-12
+    covariance = (lower * square) @ lower.T
+    inflation = np.maximum(1.0, np.mean(change.mean(axis=1) ** 2, axis=0) * change.shape[1] / square)
     return covariance, inflation, len(change)
 
 

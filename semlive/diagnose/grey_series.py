@@ -22,8 +22,12 @@ BLUR_PX = 0.7
 """Of the fourth term."""
 BLURS_PX2 = np.array([0.0, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.5, 2.2, 3.2, 4.5, 6.5])
 SMOOTH_PX = 1.0
+FLAT = 0.5
+"""Share of the pixels that noise is measured on."""
 LEAST_BLOCKS = 12
 CLIPPED_LEAST, CLIPPED_MOST = 1.0, 254.0
+MOSTLY_CLIPPED = 0.2
+"""Of the pixels about one: less is noise that was cut off, and is so in all frames."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,6 +41,7 @@ class GreyReference:
         darkest: grey level that one pixel in a hundred is below, its noise smoothed away.
         fields: (b, TERMS, edge, edge // 2 + 1) conjugate spectra of the fields of frame 0, so weighted that sums are real products.
         basis: (b, TERMS, TERMS) their products with the terms of frame 1.
+        noise: (b, TERMS, TERMS) covariance that noise of the measured variance gives products.
         blurred: (len(BLURS_PX2), b, TERMS) their products with frame 1, blurred.
         smooth: (b, edge, edge) grey of frame 0, smoothed.
         known: (b,) blocks of both frames.
@@ -48,6 +53,7 @@ class GreyReference:
     darkest: float
     fields: Spectra
     basis: Array
+    noise: Array
     blurred: Array
     smooth: Grey
     known: NDArray[np.bool_]
@@ -63,9 +69,9 @@ class GreyFrame:
         row_time_s: from row to row.
         products: (b, TERMS) Z'(I - m) / c.
         known: (b,) blocks that are wholly in the frame and measured.
+        block_row: (b,) rows at which the blocks begin in frame 0.
         row_px: (b,) middle rows of the blocks in the frame.
         row_levels: (height,) mean grey of its rows, over the columns that the blocks cover.
-        shift_px: (2,) mean displacement of the blocks from frame 0.
         clipped: share of pixels that are black or white.
     """
 
@@ -74,9 +80,9 @@ class GreyFrame:
     row_time_s: float
     products: Array
     known: NDArray[np.bool_]
+    block_row: NDArray[np.int64]
     row_px: Array
     row_levels: Array
-    shift_px: Array
     clipped: float
 
 
@@ -118,7 +124,8 @@ def reference_of(first: Grey, second: Grey, second_map: DisparityMap) -> GreyRef
     smooth = gathered(gaussian_filter(first, SMOOTH_PX), blocks, rest)
     mean = float(smooth[known].mean())
     contrast = max(float(smooth[known].std()), 1.0)
-    fields = _fields(first, smooth, blocks, rest, mean, contrast)
+    each = _fields(first, smooth, blocks, rest, mean, contrast)
+    fields = _conjugate(each, blocks)
     one = aligned(np.ones_like(smooth), blocks, at)
     seen = gathered(second, blocks, at)
     straight = aligned((seen - mean) / contrast, blocks, at)
@@ -128,19 +135,25 @@ def reference_of(first: Grey, second: Grey, second_map: DisparityMap) -> GreyRef
     terms = [one, straight, aligned(squares, blocks, at), straight * np.expm1(-0.5 * BLUR_PX**2 * wave2)]
     basis = np.stack([products(fields, term) for term in terms], axis=-1)
     blurred = np.stack([products(fields, straight * np.exp(-0.5 * blur * wave2)) for blur in BLURS_PX2])
+    variance = np.maximum(intercept + slope * smooth, 0.1) * (window(blocks, rest) / contrast) ** 2
+    noise = np.einsum("bixy,bjxy->bij", each * variance[:, None], each).astype(np.float64)
     darkest = float(np.quantile(smooth[known], 0.01))
-    return GreyReference(blocks, mean, contrast, darkest, fields, basis, blurred, smooth, known)
+    return GreyReference(blocks, mean, contrast, darkest, fields, basis, noise, blurred, smooth, known)
 
 
-def _fields(first: Grey, smooth: Grey, blocks: Blocks, rest: Places, mean: float, contrast: float) -> Spectra:
-    """Ones, grey, its square and its bend, all of frame 0 and zero where it is clipped."""
+def _fields(first: Grey, smooth: Grey, blocks: Blocks, rest: Places, mean: float, contrast: float) -> Grey:
+    """(b, TERMS, edge, edge) ones, grey, its square and its bend, all of frame 0 and zero where it is clipped."""
     bad = gaussian_filter(((first < CLIPPED_LEAST) | (first > CLIPPED_MOST)).astype(np.float32), 2.0 * SMOOTH_PX)
-    weight = (gathered(bad, blocks, rest) < 0.2).astype(np.float32)
+    weight = (gathered(bad, blocks, rest) < MOSTLY_CLIPPED).astype(np.float32)
     grey = (smooth - mean) / contrast
     bend = (gathered(gaussian_filter(first, 2.0 * SMOOTH_PX), blocks, rest) - smooth) / contrast
-    each = np.stack([weight, weight * grey, weight * (grey**2 - 1.0), weight * bend], axis=1)
-    spectra = np.conj(np.fft.rfft2(each).astype(np.complex64))
+    return np.stack([weight, weight * grey, weight * (grey**2 - 1.0), weight * bend], axis=1)
+
+
+def _conjugate(each: Grey, blocks: Blocks) -> Spectra:
+    """(b, TERMS, edge, edge // 2 + 1) spectra of fields, conjugate and so weighted that real parts of products add up to sums."""
     edge = blocks.edge_px
+    spectra = np.conj(np.fft.rfft2(each).astype(np.complex64))
     twice = np.full(edge // 2 + 1, 2.0, dtype=np.float32)
     twice[0] = 1.0
     if edge % 2 == 0:
@@ -168,12 +181,11 @@ def frame_of(reference: GreyReference, image: Grey, disparity: DisparityMap, sta
     blocks = reference.blocks
     at = places_of(blocks, disparity, image.shape)
     spectra = aligned((gathered(image, blocks, at) - reference.mean) / reference.contrast, blocks, at)
-    shift_px = at.shift_px[at.known].mean(axis=0) if at.known.any() else np.zeros(2)
-    begin = max(0, int(blocks.x_px.min() + round(shift_px[0])))
-    end = min(image.shape[1], int(blocks.x_px.max() + blocks.edge_px + round(shift_px[0])))
+    right = round(float(at.shift_px[at.known, 0].mean())) if at.known.any() else 0
+    begin, end = max(0, int(blocks.x_px.min()) + right), min(image.shape[1], int(blocks.x_px.max()) + blocks.edge_px + right)
     return GreyFrame(
-        disparity.current, start_s, row_time_s, products(reference.fields, spectra), at.known,
-        blocks.y_px + 0.5 * (blocks.edge_px - 1) + at.shift_px[:, 1], image[:, begin:end].mean(axis=1, dtype=np.float64), shift_px,
+        disparity.current, start_s, row_time_s, products(reference.fields, spectra), at.known, blocks.y_px,
+        blocks.y_px + 0.5 * (blocks.edge_px - 1) + at.shift_px[:, 1], image[:, begin:end].mean(axis=1, dtype=np.float64),
         float(np.mean((image < CLIPPED_LEAST) | (image > CLIPPED_MOST))),
     )  # fmt: skip
 
@@ -193,12 +205,27 @@ def pair_noise(blocks: Blocks, first: Grey, second: Grey, within: DisparityMap) 
     at, rest = places_of(blocks, within, second.shape), resting(blocks)
     known, edge = at.known, blocks.edge_px
     both = [aligned(gathered(image, blocks, place), blocks, place)[known] for image, place in ((first, rest), (second, at))]
-    # A shift in frequencies leaves noise as large as it is.
-    own, other = (np.fft.irfft2(one, s=(edge, edge)) for one in both)
-    weight = window(blocks, rest)[known]
-    grey = gathered(gaussian_filter(first, SMOOTH_PX), blocks, rest)[known]
+    own, other, seen = (np.fft.irfft2(one, s=(edge, edge)) for one in (*both, both[1] * _of_noise(blocks, at)[known]))
+    smooth = gaussian_filter(first, SMOOTH_PX)
+    down, along = np.gradient(smooth)
+    grey, steep = (gathered(one, blocks, rest)[known] for one in (smooth, np.hypot(down, along)))
+    # On edges a displacement that is off by a hundredth of a pixel is a difference too.
+    weight = window(blocks, rest)[known] * (steep <= np.quantile(steep, FLAT))
     total = float(np.sum(weight**2))
-    square, seen = 0.5 * (other - own) ** 2, weight * other
+    square, seen = 0.5 * (other - own) ** 2 * (weight > 0.0), weight * seen
     lever = grey - float(np.sum(weight**2 * grey)) / total
     slope = float(np.sum(lever * square)) / max(float(np.sum(lever * seen)), 1e-9)
     return float(np.sum(square)) / total - slope * float(np.sum(seen)) / total, slope
+
+
+def _of_noise(blocks: Blocks, at: Places) -> Grey:
+    """(b, edge, edge // 2 + 1) what the grey has to be smoothed with, as the variance of the second frame's noise is by its shift.
+
+    A shift by a part t of a pixel is a sum over neighbours with sinc(x - t), variance one with its square, whose spectrum is
+    1 - |k| (1 - cos 2 pi t) / 2 pi beside the shift. The first frame is not shifted.
+    """
+    down, along = blocks.waves
+    lost = (1.0 - np.cos(2.0 * np.pi * at.shift_px)) / (2.0 * np.pi)
+    passed_x = 1.0 - lost[:, 0, None] * np.abs(along)
+    passed_y = 1.0 - lost[:, 1, None] * np.abs(down)
+    return 0.5 + 0.5 * passed_y[:, :, None] * passed_x[:, None, :]

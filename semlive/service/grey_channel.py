@@ -14,6 +14,8 @@ NO_GREY_IMAGES = (
     "the log holds no images, so grey levels cannot be compared: contamination, defocus and changes of contrast are not looked for"
 )
 NO_REFERENCE = "grey levels cannot be compared: the images and the map of the first pair are missing, or it has too few blocks"
+NOISE_PAIRS = 12
+"""Of a pixel's noise, which stays as it is: known to half a percent then."""
 
 
 @dataclass(slots=True)
@@ -24,7 +26,7 @@ class GreyReader:
         reference: frames 0 and 1; None before they were there.
         begin_ns: start of frame 0.
         frames: that were taken.
-        noise: of each pair.
+        noise: of the first pairs.
     """
 
     reference: GreyReference | None = None
@@ -43,7 +45,7 @@ class GreyReader:
             return
         for frame, image, at in ((pair.first, first, 2 * number), (pair.second, second, 2 * number + 1)):
             self._frame(pair, frame, image, at)
-        if within is not None:
+        if within is not None and len(self.noise) < NOISE_PAIRS:
             self.noise.append(pair_noise(self.reference.blocks, first, second, within))
 
     def series(self) -> GreySeries | None:
