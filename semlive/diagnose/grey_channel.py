@@ -130,7 +130,10 @@ def _effect(courses: Courses, series: GreySeries, laws: Sequence[Law], fit: Fit)
             parameters.append(FoundParameter("sharpest_s", best_s, float(np.sqrt(lever @ last.covariance @ lever)), "s"))
     else:
         grey = series.reference.smooth[series.reference.known].ravel()[::7].astype(np.float64)
-        parameters = [*curve_parameters(size, last.covariance, grey), FoundParameter("at_s", fit.law.at_s, fit.law.sigma_s, "s")]
+        parameters = [
+            *curve_parameters(size[:3], last.covariance[:3, :3], grey),
+            FoundParameter("at_s", fit.law.at_s, fit.law.sigma_s, "s"),
+        ]
         values = (("at_s", fit.law.at_s),)
     law = KnownEffect(fit.law.name, values, 0.0)
     return FoundEffect(fit.law.name, tuple(parameters), 0.0, fit.odds, min(1.0, TESTS * fit.p_value), False, law)

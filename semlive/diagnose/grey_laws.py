@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from scipy.stats import f as fisher
 
 from semlive.diagnose.grey_courses import Courses
+from semlive.diagnose.grey_series import TERMS
 from semlive.model.grey_effects import CONTAMINATION, DEFOCUS, GAMMA_CHANGE, GreyFamily
 
 Array = NDArray[np.float64]
 DRIFT = "grey drift without a name"
-INSTANTS = 5  # in each band that a step may lie in
+SURE = 0.25  # of the mean grey: what a black level has to be known to
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +67,7 @@ class Fit:
 def smooth_laws(courses: Courses) -> tuple[Law, ...]:
     """Of what goes on all the time. Contamination may have a black level, or slow down; focus may have gone through its best before."""
     time_s = courses.time_s[..., None]
-    mean, gain, curve, blur = (time_s * one for one in np.eye(4))
+    mean, gain, curve, blur = (time_s * one for one in np.eye(TERMS))
     scale = float(courses.time_s.max())
     loss = -(courses.mean * mean + gain)
     later = courses.time_s[..., None] / scale
@@ -81,19 +82,24 @@ def smooth_laws(courses: Courses) -> tuple[Law, ...]:
     )
 
 
-def step_at(courses: Courses, at_s: float) -> Law:
-    """Another grey curve from an instant on."""
-    first, last = courses.span_s[..., 0], courses.span_s[..., 1]
-    share = np.clip((last - at_s) / np.maximum(last - first, 1e-9), 0.0, 1.0)[..., None]
-    return Law(GAMMA_CHANGE, "step", np.stack([share * one for one in np.eye(4)[:3]]), at_s)
+def steps(courses: Courses) -> tuple[Law, ...]:
+    """Another grey curve from an instant on: between all frames, and in each band, which is then neither before nor after it."""
+    found = []
+    for frame in range(1, courses.frames):
+        early, late = courses.span_s[frame - 1, -1, 1], courses.span_s[frame, 0, 0]
+        found.append(step_at(courses, 0.5 * float(early + late), 0.5 * float(late - early)))
+        found += [step_at(courses, float(span.mean()), 0.5 * float(np.ptp(span))) for span in courses.span_s[frame]]
+    return tuple(replace(one, tried=len(found)) for one in found)
 
 
-def instants_s(courses: Courses) -> Array:
-    """Between all frames, as early, as late and in the middle, and within each band."""
-    early, late = courses.span_s[:-1, -1, 1], courses.span_s[1:, 0, 0]
-    parts = (np.arange(INSTANTS) + 0.5) / INSTANTS
-    within = courses.span_s[..., :1] + parts * (courses.span_s[..., 1:] - courses.span_s[..., :1])
-    return np.sort(np.concatenate([early, 0.5 * (early + late), late, within[1:].ravel()]))
+def step_at(courses: Courses, at_s: float, sigma_s: float = 0.0) -> Law:
+    """Another grey curve from an instant on; a band in which it lies has amplitudes of its own."""
+    after = courses.span_s[..., 0] >= at_s
+    within = ~after & (courses.span_s[..., 1] > at_s)
+    columns = [after[..., None] * one for one in np.eye(TERMS)[:3]]
+    if within.any():
+        columns += [within[..., None] * one for one in np.eye(TERMS)[:3]]
+    return Law(GAMMA_CHANGE, "step", np.stack(columns).astype(np.float64), at_s, sigma_s)
 
 
 class Bench:
@@ -123,12 +129,12 @@ class Bench:
         return Fit(law, amplitudes / size, inverse / np.outer(size, size), lost, float(odds), p_value)
 
     def step(self) -> Fit:
-        """The likeliest step."""
-        tried = [self.fit(step_at(self.courses, float(at_s))) for at_s in instants_s(self.courses)]
-        best = max(tried, key=lambda one: one.lost)
-        like = [one.law.at_s for one in tried if one.lost > best.lost - 4.0]
-        between = 0.5 * (min(like) + max(like))
-        return self.fit(replace(best.law, at_s=between, sigma_s=0.5 * (max(like) - min(like)), tried=len(tried)))
+        """The likeliest step, and the interval in which steps do as well within two standard deviations."""
+        tried = [self.fit(law) for law in steps(self.courses)]
+        best = max(tried, key=lambda one: one.odds)
+        like = [one.law for one in tried if one.odds > best.odds - 2.0]
+        first, last = min(one.at_s - one.sigma_s for one in like), max(one.at_s + one.sigma_s for one in like)
+        return replace(best, law=replace(best.law, at_s=0.5 * (first + last), sigma_s=0.5 * (last - first)))
 
     def left(self) -> Array:
         """(f, r, TERMS) whitened, what the baseline leaves."""
@@ -155,7 +161,7 @@ def believable(courses: Courses, fit: Fit) -> bool:
         if fit.law.kind == "slowing":
             return first > 0.0 and first + fit.amplitudes[1] > 0.0
         level, sigma = black_level(fit)
-        return first > 0.0 and -2.0 * sigma <= level <= courses.darkest + 2.0 * sigma and sigma < 0.5 * courses.mean
+        return first > 0.0 and -2.0 * sigma <= level <= courses.darkest + 2.0 * sigma and sigma < SURE * courses.mean
     return first > 0.0 if fit.law.family is DEFOCUS else True
 
 

@@ -53,7 +53,7 @@ def _tone(courses: Courses, white: Array, part: slice, freedom: int) -> Left:
     dof -= means[0].size
     if dof < 1:
         return Left("frames" if whole else "bands", 1.0, 0.0)
-    p_value = float(fisher.sf(square / dof, dof, courses.freedom * (1 if whole else bands)))
+    p_value = float(fisher.sf(square / dof, dof, courses.freedom * (1 if whole else 0.5 * bands)))
     back = np.stack(means) * np.sqrt(courses.inflation if whole else np.ones(4))
     told = back @ np.linalg.inv(courses.whitener).T / np.sqrt(bands)
     noise = np.diag(courses.covariance) / bands * 0.5

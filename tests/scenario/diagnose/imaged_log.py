@@ -76,9 +76,7 @@ def log_of(
 
     def note(reference: int, current: int, end_ns: int) -> None:
         prepared = ready if reference == 0 else dic.prepare(frames[reference].image, grid, settings)
-        found: DisparityMap = dic.correlate(
-            prepared, frames[current].image, settings, reference_frame=reference, current_frame=current
-        )
+        found: DisparityMap = dic.correlate(prepared, frames[current].image, settings, reference_frame=reference, current_frame=current)
         journal.output(LogMessage(DIC_MAP, end_ns, end_ns, current, encode_map(found)))
 
     for number, image in enumerate(images):
