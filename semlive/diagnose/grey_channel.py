@@ -12,7 +12,7 @@ from scipy.stats import norm
 from semlive.data.diagnosis import Disagreement, FoundEffect, FoundParameter, GreyChannel, GreyCourse, KnownEffect, Outcome
 from semlive.diagnose.grey_courses import Courses, courses_of
 from semlive.diagnose.grey_flashes import Flash, flashes
-from semlive.diagnose.grey_laws import Bench, Fit, Law, black_level, smooth_laws, step_at
+from semlive.diagnose.grey_laws import Bench, Fit, Law, black_level, flash_at, smooth_laws, step_at
 from semlive.diagnose.grey_left import Left, left_of
 from semlive.diagnose.grey_series import GreySeries
 from semlive.diagnose.grey_step import curve_parameters
@@ -46,7 +46,8 @@ def diagnose_grey(series: GreySeries, known: Sequence[KnownEffect] = ()) -> Grey
         IllPosed: there are too few pairs or blocks.
     """
     courses = courses_of(series)
-    there = _already(courses, known)
+    seen = flashes(series.frames)
+    there = (*_already(courses, known), *(flash_at(courses, one.at_s, one.length_s) for one in seen))
     before = left_of(courses, there)
     laws, named = list(there), list[_Named]()
     evidence: dict[str, float] = {}
@@ -62,7 +63,8 @@ def diagnose_grey(series: GreySeries, known: Sequence[KnownEffect] = ()) -> Grey
         rivals = tuple(one.law.name for one in nameable if one is not loudest and one.odds > loudest.odds - ODDS)
         named.append(_Named(loudest, rivals))
         laws.append(loudest.law)
-    return _verdict(series, courses, laws, named, before, evidence, CHARGING_JUMP.name in {one.name for one in known})
+    new = () if CHARGING_JUMP.name in {one.name for one in known} else seen
+    return _verdict(series, courses, laws, named, before, evidence, new)
 
 
 def _already(courses: Courses, known: Sequence[KnownEffect]) -> tuple[Law, ...]:
@@ -88,11 +90,10 @@ def _likeliest(fits: Sequence[Fit]) -> dict[str, Fit]:
 
 def _verdict(
     series: GreySeries, courses: Courses, laws: Sequence[Law], named: Sequence[_Named], before: Sequence[Left],
-    evidence: dict[str, float], flashing: bool,
+    evidence: dict[str, float], seen: Sequence[Flash],
 ) -> GreyChannel:  # fmt: skip
     effects = [_effect(courses, series, laws, one.fit) for one in named]
-    seen = flashes(series.frames)
-    if seen and not flashing:
+    if seen:
         effects.append(_flashing(seen, sum(len(one.row_levels) for one in series.frames)))
     remains = [one for one in left_of(courses, laws) if 3.0 * one.p_value <= RARE and one.levels >= LEAST_LEVELS]
     unsure = next((one for one in named if one.rivals), None)
@@ -131,7 +132,7 @@ def _effect(courses: Courses, series: GreySeries, laws: Sequence[Law], fit: Fit)
     else:
         grey = series.reference.smooth[series.reference.known].ravel()[::7].astype(np.float64)
         parameters = [
-            *curve_parameters(size[:3], last.covariance[:3, :3], grey),
+            *curve_parameters(size, last.covariance, grey),
             FoundParameter("at_s", fit.law.at_s, fit.law.sigma_s, "s"),
         ]
         values = (("at_s", fit.law.at_s),)

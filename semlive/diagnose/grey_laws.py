@@ -10,7 +10,7 @@ from scipy.stats import f as fisher
 
 from semlive.diagnose.grey_courses import Courses
 from semlive.diagnose.grey_series import TERMS
-from semlive.model.grey_effects import CONTAMINATION, DEFOCUS, GAMMA_CHANGE, GreyFamily
+from semlive.model.grey_effects import CHARGING_JUMP, CONTAMINATION, DEFOCUS, GAMMA_CHANGE, GreyFamily
 
 Array = NDArray[np.float64]
 DRIFT = "grey drift without a name"
@@ -24,10 +24,11 @@ class Law:
     Attributes:
         family: None where it has no name.
         kind: which of the family's laws.
-        columns: (k, f, r, TERMS).
+        columns: (k, f, r, TERMS); the last of them may be no part of the law.
         at_s: of a step.
         sigma_s: half of the interval in which steps do as well.
         tried: how many steps were.
+        beside: how many of the last columns are those of a band that is neither before nor after the step; they speak for no law.
     """
 
     family: GreyFamily | None
@@ -36,6 +37,7 @@ class Law:
     at_s: float = 0.0
     sigma_s: float = 0.0
     tried: int = 1
+    beside: int = 0
 
     @property
     def name(self) -> str:
@@ -49,9 +51,9 @@ class Fit:
 
     Attributes:
         law: that was fitted.
-        amplitudes: (k,) its own.
+        amplitudes: (k,) its own, those beside it left out.
         covariance: (k, k) of them.
-        lost: squares of noise that it explains.
+        lost: squares of noise that it explains, beyond what the columns beside it do.
         odds: logarithm of its Bayes factor, as Schwarz approximates it.
         p_value: of so many squares by noise, over all instants that were tried.
     """
@@ -97,9 +99,17 @@ def step_at(courses: Courses, at_s: float, sigma_s: float = 0.0) -> Law:
     after = courses.span_s[..., 0] >= at_s
     within = ~after & (courses.span_s[..., 1] > at_s)
     columns = [after[..., None] * one for one in np.eye(TERMS)[:3]]
-    if within.any():
-        columns += [within[..., None] * one for one in np.eye(TERMS)[:3]]
-    return Law(GAMMA_CHANGE, "step", np.stack(columns).astype(np.float64), at_s, sigma_s)
+    beside = [within[..., None] * one for one in np.eye(TERMS)[:3]] if within.any() else []
+    return Law(GAMMA_CHANGE, "step", np.stack([*columns, *beside]).astype(np.float64), at_s, sigma_s, beside=len(beside))
+
+
+def flash_at(courses: Courses, at_s: float, length_s: float) -> Law:
+    """Bands with a flash in them, which are of no use for any other law."""
+    within = (courses.span_s[..., 0] <= at_s + length_s) & (courses.span_s[..., 1] >= at_s - length_s)
+    columns = [
+        (np.arange(within.size).reshape(within.shape) == band)[..., None] * one for band in np.flatnonzero(within) for one in np.eye(TERMS)
+    ]
+    return Law(CHARGING_JUMP, "flash", np.array(columns, dtype=np.float64).reshape(-1, *courses.value.shape), at_s)
 
 
 class Bench:
@@ -118,15 +128,21 @@ class Bench:
     def fit(self, law: Law) -> Fit:
         """A law beside the baseline."""
         columns = np.stack([self._apart(one.ravel()) for one in self.courses.white(law.columns)], axis=-1)
+        own = len(law.columns) - law.beside
+        data = self._data
+        if law.beside:
+            others = _orthonormal(columns[:, own:])
+            columns, data = (one - others @ (others.T @ one) for one in (columns, data))
+        columns = columns[:, :own]
         size = np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-12)
-        normal = (columns / size).T @ (columns / size) + 1e-9 * np.eye(len(size))
+        normal = (columns / size).T @ (columns / size) + 1e-9 * np.eye(own)
         inverse = np.linalg.inv(normal)
-        amplitudes = inverse @ ((columns / size).T @ self._data)
+        amplitudes = inverse @ ((columns / size).T @ data)
         lost = max(float(amplitudes @ normal @ amplitudes), 0.0)
-        k, nu = len(size), self._freedom
-        odds = self._log_likelihood(lost) - self._log_likelihood(0.0) - 0.5 * k * np.log(self.courses.frames) - np.log(law.tried)
-        p_value = min(1.0, law.tried * float(fisher.sf(lost / k, k, nu)))
-        return Fit(law, amplitudes / size, inverse / np.outer(size, size), lost, float(odds), p_value)
+        square = float(data @ data)
+        odds = self._log_likelihood(square - lost) - self._log_likelihood(square) - 0.5 * own * np.log(self.courses.frames)
+        p_value = min(1.0, law.tried * float(fisher.sf(lost / own, own, self._freedom)))
+        return Fit(law, amplitudes / size, inverse / np.outer(size, size), lost, float(odds - np.log(law.tried)), p_value)
 
     def step(self) -> Fit:
         """The likeliest step, and the interval in which steps do as well within two standard deviations."""
@@ -145,10 +161,10 @@ class Bench:
         fits = (*(self.fit(law) for law in smooth_laws(self.courses)), self.step())
         return tuple(one for one in fits if believable(self.courses, one))
 
-    def _log_likelihood(self, lost: float) -> float:
-        """Of Student's distribution, as the noise is known from pairs alone."""
+    def _log_likelihood(self, square: float) -> float:
+        """Of so many squares of noise that are left, by Student's distribution, as the noise is known from pairs alone."""
         known, count = self._freedom * self.courses.value.shape[1], self._data.size
-        return -0.5 * (known + count) * float(np.log(known + max(float(self._data @ self._data) - lost, 0.0)))
+        return -0.5 * (known + count) * float(np.log(known + max(square, 0.0)))
 
     def _apart(self, values: Array) -> Array:
         return values - self._base @ (self._base.T @ values)
