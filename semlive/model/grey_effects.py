@@ -4,22 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from semlive.model.named import Named
+
 
 @dataclass(frozen=True, slots=True)
-class GreyFamily:
-    """An effect that changes grey levels or their sharpness.
-
-    Attributes:
-        name: canonical.
-        about: what happens, one sentence.
-        decides: the experiment that tells it from its like, one sentence.
-        group: of effects that it is confounded with, or None.
-    """
-
-    name: str
-    about: str
-    decides: str
-    group: str | None = None
+class GreyFamily(Named):
+    """An effect that changes grey levels or their sharpness."""
 
 
 CONTAMINATION = GreyFamily(

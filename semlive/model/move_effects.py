@@ -5,24 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from semlive.model.grey_effects import GreyFamily, of_grey
+from semlive.model.named import Named
 from semlive.model.row_effects import RowFamily, of_rows
 
 
 @dataclass(frozen=True, slots=True)
-class MoveFamily:
-    """An effect of the stage.
-
-    Attributes:
-        name: canonical.
-        about: what happens, one sentence.
-        decides: the experiment that tells it from its like, one sentence.
-        group: of effects that it is confounded with, or None.
-    """
-
-    name: str
-    about: str
-    decides: str
-    group: str | None = None
+class MoveFamily(Named):
+    """An effect of the stage."""
 
 
 BACKLASH = MoveFamily(
