@@ -61,8 +61,21 @@ def diagnose(
         console.print(found.no_rows)
     else:
         console.print(f"rows: {found.rows.pairs} pairs of {found.rows.rows}, each known to {found.rows.noise_px:.4f} px")
+    console.print(_grey_line(found))
     if found.experiment is not None:
         console.print(f"to decide between {', '.join(found.experiment.between)}: {found.experiment.about}")
+
+
+def _grey_line(found: Diagnosis) -> str:
+    grey = found.grey
+    if grey is None:
+        return found.no_grey
+    dark, slope = grey.noise
+    left = f"; {grey.left}" if grey.left else ""
+    return (
+        f"grey levels: {grey.frames} frames in {grey.blocks} blocks, {grey.outcome.value}{left}; variance of a pixel "
+        f"({dark.value:.3g} +- {dark.sigma:.2g}) + ({slope.value:.3g} +- {slope.sigma:.2g}) I"
+    )
 
 
 def _effect_table(effect: FoundEffect) -> Table:

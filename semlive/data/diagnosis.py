@@ -134,7 +134,8 @@ class Disagreement:
     """One domain in which model and data may disagree.
 
     Attributes:
-        domain: space, row, row_start, scan_time, frame, load or fraction; of the row channel row_waves and row_common, of the stage moves.
+        domain: space, row, row_start, scan_time, frame, load or fraction; of the row channel row_waves and row_common, of the stage moves,
+            of grey levels intensity, which moves nothing.
         p_value: family-wise, over all domains.
         rms_px: size of what disagrees there.
     """
@@ -188,6 +189,62 @@ class RowChannel:
     frequency_hz: tuple[float, ...]
     power: tuple[float, ...]
     loud: float
+
+
+@dataclass(frozen=True, slots=True)
+class GreyCourse:
+    """How a quantity of the grey levels went over a run.
+
+    Attributes:
+        name: mean, gain, curvature or blur, against frame 1.
+        unit: of it.
+        value: of each frame.
+        sigma: standard uncertainty of each.
+        law: what the laws that were found make of it.
+    """
+
+    name: str
+    unit: str
+    value: tuple[float, ...]
+    sigma: float
+    law: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class GreyChannel:
+    """What grey levels show: the tone and the sharpness of every frame against the first pair, on the same material.
+
+    Attributes:
+        outcome: of this channel.
+        effects: that were named, or nothing.
+        ambiguous: names that would do as well.
+        where: the domain of intensity, before any effect.
+        evidence: before any effect was added, each name with the logarithm of its Bayes factor.
+        frames: that were looked at.
+        blocks: of the specimen in each.
+        noise: a and b of the variance a + b I of a pixel, grey levels squared and grey levels, each with its standard uncertainty.
+        mean_levels: of the picture.
+        contrast_levels: of the pattern.
+        clipped: largest share of black or white pixels in a frame.
+        at_s: middle of each frame's scan, seconds after the start of frame 0.
+        courses: over those frames.
+        left: what no law explains, one sentence; empty if nothing is left.
+    """
+
+    outcome: Outcome
+    effects: tuple[FoundEffect, ...]
+    ambiguous: tuple[str, ...]
+    where: tuple[Disagreement, ...]
+    evidence: tuple[tuple[str, float], ...]
+    frames: int
+    blocks: int
+    noise: tuple[FoundParameter, FoundParameter]
+    mean_levels: float
+    contrast_levels: float
+    clipped: float
+    at_s: tuple[float, ...]
+    courses: tuple[GreyCourse, ...]
+    left: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -277,6 +334,8 @@ class Diagnosis:
         rows: what rows show; their effects and domains are among those above.
         no_rows: why there is no row channel, one sentence; empty if there is one.
         pictures: what it looks like; None where nothing was named in the maps.
+        grey: what grey levels show; their effects and domain are among those above.
+        no_grey: why there is no channel of grey levels, one sentence; empty if there is one.
         overlap: each other name with the share of the first effect in the maps that it could take over; none where nothing was named.
     """
 
@@ -296,3 +355,5 @@ class Diagnosis:
     no_rows: str = ""
     pictures: Pictures | None = field(default=None, compare=False)
     overlap: tuple[tuple[str, float], ...] = ()
+    grey: GreyChannel | None = None
+    no_grey: str = ""

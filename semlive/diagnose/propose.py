@@ -48,6 +48,10 @@ _DECIDES = {
     "load_cell_zero": Kind.PARKED,
     "load_cell_drift": Kind.PARKED,
     "timestamp_offset": Kind.PARKED,
+    "contamination": Kind.AGAIN,
+    "defocus": Kind.AGAIN,
+    "gamma_change": Kind.AGAIN,
+    "charging_jump": Kind.AGAIN,
 }
 _BY_GROUP = {"G1": Kind.PARKED, "G2": Kind.PARKED, "G3": Kind.OTHER_SCAN, "G4": Kind.OTHER_SCAN, "G8": Kind.PARKED, "G11": Kind.UNLOAD}
 

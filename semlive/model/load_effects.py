@@ -4,23 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from semlive.model.named import Named
+
 
 @dataclass(frozen=True, slots=True)
-class LoadFamily:
+class LoadFamily(Named):
     """An effect on what is read, not on what is seen.
 
     Attributes:
-        name: canonical.
-        about: what happens, one sentence.
-        decides: the experiment that tells it from its like, one sentence.
-        group: of effects that it is confounded with, or None.
         rivals: names that the same readings would have as well.
     """
 
-    name: str
-    about: str
-    decides: str
-    group: str | None = None
     rivals: tuple[str, ...] = ()
 
 

@@ -4,25 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from semlive.model.grey_effects import GreyFamily, of_grey
 from semlive.model.load_effects import LoadFamily, of_loads
+from semlive.model.named import Named
 from semlive.model.row_effects import RowFamily, of_rows
 
 
 @dataclass(frozen=True, slots=True)
-class MoveFamily:
-    """An effect of the stage.
-
-    Attributes:
-        name: canonical.
-        about: what happens, one sentence.
-        decides: the experiment that tells it from its like, one sentence.
-        group: of effects that it is confounded with, or None.
-    """
-
-    name: str
-    about: str
-    decides: str
-    group: str | None = None
+class MoveFamily(Named):
+    """An effect of the stage."""
 
 
 BACKLASH = MoveFamily(
@@ -32,6 +22,6 @@ QUADRATIC = MoveFamily("stage_quadratic", "the stage's scale changes along its w
 MOVES = (BACKLASH, QUADRATIC)
 
 
-def beside_maps(name: str) -> RowFamily | MoveFamily | LoadFamily | None:
+def beside_maps(name: str) -> RowFamily | MoveFamily | LoadFamily | GreyFamily | None:
     """An effect that another channel than the disparity maps shows; None if it is none."""
-    return of_rows(name) or of_loads(name) or next((one for one in MOVES if one.name == name), None)
+    return of_rows(name) or of_loads(name) or of_grey(name) or next((one for one in MOVES if one.name == name), None)

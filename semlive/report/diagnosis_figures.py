@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 
-from semlive.data.diagnosis import Pictures, Profile, RowChannel
+from semlive.data.diagnosis import GreyChannel, Pictures, Profile, RowChannel
 from semlive.report.figures import GRID, INK, X_COLOUR, Y_COLOUR, framed
 
 
@@ -65,6 +65,22 @@ def row_spectrum(rows: RowChannel) -> Figure:
     axes.axhline(rows.loud, color=Y_COLOUR, linewidth=0.9, linestyle="--", label="one spectrum of noise in a hundred reaches this")
     axes.set(xlabel="frequency (Hz)", ylabel="power, in units of noise")
     axes.legend(frameon=False)
+    return figure
+
+
+def grey_courses(grey: GreyChannel) -> Figure:
+    """Mean, gain, curvature and blur of every frame against the first pair, beside what the laws that were found make of them."""
+    figure = Figure(figsize=(9.0, 6.4), layout="constrained")
+    minutes = np.array(grey.at_s) / 60.0
+    for at, course in enumerate(grey.courses):
+        axes = figure.add_subplot(2, 2, at + 1)
+        axes.errorbar(minutes, course.value, 2.0 * course.sigma, fmt=".", color=X_COLOUR, elinewidth=0.8, label="frames, two sigma")
+        axes.plot(minutes, course.law, "-", color=Y_COLOUR, linewidth=1.0, label="laws")
+        unit = "" if course.unit == "1" else f" ({course.unit.replace('^2', '²')})"
+        axes.set(xlabel="time since frame 0 (min)", ylabel=f"{course.name}{unit}")
+        axes.grid(**GRID)
+        if at == 0:
+            axes.legend(frameon=False)
     return figure
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from semlive.data.diagnosis import Diagnosis, FoundEffect, Gap, Pictures
 from semlive.diagnose.propose import proposed
 from semlive.model.move_effects import beside_maps
-from semlive.report.diagnosis_figures import before_and_after, course, row_spectrum, what_is_left
+from semlive.report.diagnosis_figures import before_and_after, course, grey_courses, row_spectrum, what_is_left
 from semlive.report.page import STYLE, image
 
 _BARS = """
@@ -31,7 +31,7 @@ def diagnosis_html(name: str, found: Diagnosis, provenance: Sequence[tuple[str, 
     """
     body = [f"<h1>{html.escape(name)}</h1>", f'<p class="soft">{html.escape(_verdict(found))}</p>']
     for effect in found.effects:
-        body += [f"<h2>{html.escape(effect.name)}</h2>", _effect(effect), _course(found, effect.name)]
+        body += [f"<h2>{html.escape(effect.name)}</h2>", _effect(effect), _course(found, effect.law.name)]
     if found.gap is not None:
         body += ["<h2>Gap on held-out pairs</h2>", _gap(found.gap)]
     if found.pictures is not None:
@@ -42,7 +42,7 @@ def diagnosis_html(name: str, found: Diagnosis, provenance: Sequence[tuple[str, 
         body += ["<h2>Overlap</h2>", _overlap(found)]
     if found.pictures is not None:
         body += ["<h2>What is left</h2>", _left(found.pictures)]
-    body += ["<h2>Rows</h2>", _rows(found)]
+    body += ["<h2>Rows</h2>", _rows(found), "<h2>Grey levels</h2>", _grey(found)]
     proposal = proposed(found)
     if proposal is not None:
         between = ", ".join(proposal.between) or "nothing that has a name"
@@ -81,7 +81,7 @@ def _effect(effect: FoundEffect) -> str:
     ]
     eaten = f"A correction would take {100 * effect.strain_eaten:.2g} % of a strain away"
     said = f"{eaten}: strain is not corrected for it." if effect.strain else f"{eaten}."
-    taken = "off" if effect.strain or beside_maps(effect.name) else "on"
+    taken = "off" if effect.strain or beside_maps(effect.law.name) else "on"
     rows = [(*row, taken) for row in rows]
     return _table(("parameter", "value", "sigma", "value over sigma", "unit", "correction"), rows) + f"<p>{html.escape(said)}</p>"
 
@@ -128,6 +128,20 @@ def _rows(found: Diagnosis) -> str:
         "would alias; what is slower than a subset is the maps' business."
     )
     return image(row_spectrum(rows), "spectrum of the rows") + f'<p class="soft">{html.escape(about)}</p>' + gap
+
+
+def _grey(found: Diagnosis) -> str:
+    grey = found.grey
+    if grey is None:
+        return f"<p>{html.escape(found.no_grey or 'Grey levels were not looked at.')}</p>"
+    left = f" Left without a law: {grey.left}." if grey.left else ""
+    about = (
+        f"{grey.frames} frames in {grey.blocks} blocks that follow the specimen, against the first pair: mean {grey.mean_levels:.0f}, "
+        f"contrast {grey.contrast_levels:.0f} grey levels, at most {100 * grey.clipped:.2g} % black or white.{left}"
+    )
+    rows = [(one.name, f"{one.value:.4g}", f"{one.sigma:.2g}", one.unit) for one in grey.noise]
+    noise = _table(("variance a + b I of a pixel", "value", "sigma", "unit"), rows)
+    return image(grey_courses(grey), "courses of grey levels") + f'<p class="soft">{html.escape(about)}</p>' + noise
 
 
 def _gap(gap: Gap) -> str:

@@ -8,26 +8,28 @@ from pathlib import Path
 from typing import Any
 
 from semlive import pipeline
-from semlive.data.diagnosis import NO_MODEL, Diagnosis, FoundEffect, Gap, KnownEffect
+from semlive.data.diagnosis import NO_MODEL, Diagnosis, FoundEffect, FoundParameter, Gap, KnownEffect
+from semlive.diagnose.grey_channel import diagnose_grey
 from semlive.diagnose.judge import diagnose
 from semlive.diagnose.known import showing
 from semlive.diagnose.load_channel import readings_of, with_clock, with_loads
 from semlive.diagnose.moves import moves_of, with_moves
 from semlive.diagnose.observation import Observation, StepFacts, first_solution, observe, steps_of
 from semlive.diagnose.row_channel import diagnose_rows
-from semlive.diagnose.verdict import with_rows
+from semlive.diagnose.verdict import with_grey, with_rows
 from semlive.errors import BadLog, IllPosed
+from semlive.model.grey_effects import of_grey
 from semlive.model.move_effects import beside_maps
 from semlive.model.row_effects import of_rows
 from semlive.service.blas import one_blas_thread
+from semlive.service.image_channels import ImageChannels, channels_of_log
 from semlive.service.log_pairs import Words, log_settings, mapped_pairs
-from semlive.service.row_channel import rows_of_log
 
 
 def diagnose_log(
     log: Path, seed: int = 0, watch: Callable[[str, int, int], None] | None = None, known: Sequence[KnownEffect] = ()
 ) -> Diagnosis:
-    """What is missing from the model of a run, from the disparity maps in its log and, where it holds images, from their rows.
+    """What is missing from the model of a run, by the disparity maps in its log and, where it holds images, their rows and grey levels.
 
     Args:
         log: one file, or a run folder.
@@ -46,14 +48,28 @@ def diagnose_log(
     found = with_loads(found, readings_of(seen, steps, settings.specimen.loading_axis))
     if words.sem_clock is not None:
         found = with_clock(found, words.sem_clock.offset_s - settings.scan.clock_offset_s, words.sem_clock.sigma_s)
-    series, why_not = rows_of_log(log, watch)
-    if not series:
-        return replace(found, no_rows=why_not)
+    seen_beside = channels_of_log(log, watch)
+    return _beside_grey(_beside_rows(found, seen_beside, seed), seen_beside)
+
+
+def _beside_rows(found: Diagnosis, seen: ImageChannels, seed: int) -> Diagnosis:
+    if not seen.rows:
+        return replace(found, no_rows=seen.no_rows)
     try:
-        rows = diagnose_rows(series, seed, [one for one in known if of_rows(one.name) is not None])
+        rows = diagnose_rows(seen.rows, seed, [one for one in found.known if of_rows(one.name) is not None])
     except IllPosed as error:
         return replace(found, no_rows=str(error))
     return with_rows(found, rows)
+
+
+def _beside_grey(found: Diagnosis, seen: ImageChannels) -> Diagnosis:
+    if seen.grey is None:
+        return replace(found, no_grey=seen.no_grey)
+    try:
+        grey = diagnose_grey(seen.grey, [one for one in found.known if of_grey(one.name) is not None])
+    except IllPosed as error:
+        return replace(found, no_grey=str(error))
+    return with_grey(found, grey)
 
 
 def observed(log: Path, watch: Callable[[str, int, int], None] | None = None) -> Observation:
@@ -96,6 +112,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "evidence": dict(found.evidence),
         "overlap": dict(found.overlap),
         "rows": _rows_json(found),
+        "grey": _grey_json(found),
     }
 
 
@@ -110,6 +127,23 @@ def _rows_json(found: Diagnosis) -> dict[str, Any]:
         "rows": rows.rows,
         "noise_px": rows.noise_px,
         "gap": None if rows.gap is None else gap_json(rows.gap),
+    }
+
+
+def _grey_json(found: Diagnosis) -> dict[str, Any]:
+    grey = found.grey
+    if grey is None:
+        return {"looked_at": False, "why_not": found.no_grey}
+    return {
+        "looked_at": True,
+        "outcome": grey.outcome.value,
+        "frames": grey.frames,
+        "blocks": grey.blocks,
+        "noise": _parameters_json(grey.noise),
+        "mean_levels": grey.mean_levels,
+        "contrast_levels": grey.contrast_levels,
+        "clipped": grey.clipped,
+        "left": grey.left,
     }
 
 
@@ -128,10 +162,14 @@ def effect_json(one: FoundEffect) -> dict[str, Any]:
     """An effect as other programs read it."""
     return {
         "name": one.name,
-        "parameters": {item.name: {"value": item.value, "sigma": item.sigma, "unit": item.unit} for item in one.parameters},
+        "parameters": _parameters_json(one.parameters),
         "peak_px": one.peak_px,
         "log_bayes_factor": one.log_bayes_factor,
         "p_value": one.p_value,
         "looks_like_strain": one.strain,
         "strain_eaten": one.strain_eaten,
     }
+
+
+def _parameters_json(parameters: Sequence[FoundParameter]) -> dict[str, Any]:
+    return {one.name: {"value": one.value, "sigma": one.sigma, "unit": one.unit} for one in parameters}

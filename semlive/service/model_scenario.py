@@ -18,6 +18,7 @@ WANDERS_S = 3600.0
 WORKING_DISTANCE_MM = 14.1
 POISSON = 0.33
 SEED = 1
+_WIDE_PX = 1e6  # of a box that was scanned: all that the frames saw
 
 Found = Mapping[str, float]
 
@@ -88,6 +89,14 @@ def _hum(found: Found, run: Found) -> dict[str, Any]:
     return {**wave, "phase_rad": 0.0}
 
 
+def _charging_jump(found: Found, run: Found) -> dict[str, Any]:
+    """As many as flashed, at instants of the simulator's own; their size is known only where one of them is in the maps."""
+    flashes = sum(name.endswith("at_s") and name.startswith("flash") for name in found)
+    sd_px = math.hypot(found.get("x_px", 0.0), found.get("y_px", 0.0)) / math.sqrt(2.0)
+    interval_s = run["end_s"] / max(flashes, 1)
+    return {"sd_px": sd_px, "mean_interval_s": interval_s, "flash_levels": found["flash_levels"], "flash_s": found["flash_s"], "seed": SEED}
+
+
 def _mean(found: Found, *names: str) -> float:
     """Of both axes: the simulator's stage has one value."""
     return sum(found[name] for name in names) / len(names)
@@ -127,6 +136,10 @@ SIMULATED: dict[str, Callable[[Found, Found], dict[str, Any]]] = {
     "stage_quadratic": lambda found, run: {
         "quadratic_per_um": _mean(found, "quadratic_x_per_px", "quadratic_y_per_px") / run["pixel_size_um"]
     },
+    "contamination": lambda found, run: {"loss_per_s": found["loss_per_s"], "box_width_px": _WIDE_PX, "box_height_px": _WIDE_PX},
+    "defocus": _alike("blur_px_per_s", magnification_per_px=0.0),
+    "gamma_change": _alike("gain", "gamma", "offset_levels", "at_s"),
+    "charging_jump": _charging_jump,
     "row_jitter": lambda found, run: {"sd_px": found["sd_x_px"], "seed": SEED},
     "load_cell_zero": _alike("zero_n"),
     "load_cell_drift": _alike("rate_n_per_s"),

@@ -13,6 +13,7 @@ from semlive.diagnose.known import family_of
 from semlive.diagnose.propose import Kind, proposed
 from semlive.errors import BadConfig
 from semlive.model.effects import DICTIONARY
+from semlive.model.grey_effects import GREYS
 from semlive.model.load_effects import CLOCK, LOADS
 from semlive.model.move_effects import MOVES, beside_maps
 from semlive.model.row_effects import ROW_DICTIONARY
@@ -45,6 +46,8 @@ PARAMETERS = {
     "frequency_hz": 50.0, "amplitude_x_px": 0.02, "amplitude_y_px": 0.01, "sd_x_px": 0.03,
     "backlash_x_px": 0.6, "backlash_y_px": 0.6, "quadratic_x_per_px": 1e-4, "quadratic_y_per_px": 1e-4,
     "zero_n": 20.0, "rate_n_per_s": 0.002, "friction_n": 15.0, "offset_s": 20.0,
+    "loss_per_s": 2e-5, "blur_px_per_s": 1e-4, "gain": 1.05, "gamma": 0.9, "offset_levels": -8.0,
+    "flash_levels": 25.0, "flash_at_s": 900.0, "flash_s": 0.3,
 }  # fmt: skip
 
 
@@ -62,6 +65,7 @@ def verdict(outcome: Outcome, names: tuple[str, ...] = (), ambiguous: tuple[str,
         (verdict(Outcome.IDENTIFIED, ("load_cell_drift",)), Kind.PARKED),
         (verdict(Outcome.IDENTIFIED, ("creep_in_hold",)), Kind.LONGER_HOLD),
         (verdict(Outcome.IDENTIFIED, ("tilt_with_load",)), Kind.UNLOAD),
+        (verdict(Outcome.IDENTIFIED, ("contamination",)), Kind.AGAIN),
         (verdict(Outcome.UNKNOWN), Kind.PARKED),
     ],
 )
@@ -109,7 +113,7 @@ def test_a_found_effect_is_played_by_the_simulators_own(name: str, tmp_path: Pat
 
 
 def test_what_cannot_be_played_is_said(tmp_path: Path) -> None:
-    known = {one.name for one in (*DICTIONARY, *ROW_DICTIONARY, *MOVES, *LOADS, CLOCK)}
+    known = {one.name for one in (*DICTIONARY, *ROW_DICTIONARY, *MOVES, *LOADS, CLOCK, *GREYS)}
     assert set(SIMULATED) - NAMED_BY_VALUE == known - {"inhomogeneous_strain", "dic_subpixel_bias"}
     with pytest.raises(BadConfig, match="no counterpart"):
         scenario_yaml(model(tmp_path / "model.json", "inhomogeneous_strain"), "paper_x200")

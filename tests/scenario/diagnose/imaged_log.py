@@ -1,0 +1,100 @@
+"""Logs with rendered images, their pairs and their maps, without a daemon and without waiting."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from semlive import dic
+from semlive.data.clock import Clock
+from semlive.data.disparity import DisparityMap
+from semlive.data.experiment import Phase, Step
+from semlive.data.frame import ExportedFile, Frame
+from semlive.data.pair import PairDecision
+from semlive.data.settings import DicSettings
+from semlive.formats import read_frame
+from semlive.formats.log import LogMessage
+from semlive.formats.maps import encode_map
+from semlive.formats.messages import DIC_MAP, RunMessage
+from semlive.service.config import parse_config
+from semlive.service.journal import Journal
+from semlive.service.record import Recorder
+from semlive_simulators.column import Scan
+from semlive_simulators.exporters.facts import ImageFacts
+from semlive_simulators.exporters.settings import Export, Style, Vendor
+
+S = 10**9
+BEGIN_NS = 1_772_439_825 * S
+CONFIG = {
+    "sem": {"folder": "export", "pixel_size_um": 1.25},
+    "stage": {"driver": "null"},
+    "protocol": {"calibration_shifts_px": [[0, 0]]},
+}
+
+
+class _Now:
+    """A clock that stands."""
+
+    def now_ns(self) -> int:
+        return BEGIN_NS
+
+    def mono_ns(self) -> int:
+        return BEGIN_NS
+
+    def current(self) -> Clock:
+        return Clock(BEGIN_NS, BEGIN_NS)
+
+
+def log_of(
+    folder: Path,
+    images: Sequence[np.ndarray],
+    scan: Scan,
+    start_s: Sequence[float],
+    settings: DicSettings,
+    shifts_px: Sequence[tuple[float, float]] = (),
+) -> Path:
+    """A log with the images, their pairs and all maps of these.
+
+    Args:
+        folder: made.
+        images: frames, two for each pair.
+        scan: that they were made with.
+        start_s: of each frame.
+        settings: of the maps.
+        shifts_px: commanded for each pair; none is at rest.
+    """
+    folder.mkdir()
+    recorder = Recorder(folder / "run.000.mcap", _Now(), lambda _: None)
+    journal = Journal(recorder)
+    config = parse_config(CONFIG, "here")
+    journal.note(RunMessage(run="run", started_time_ns=BEGIN_NS, host="here", versions={}, config=config.model_dump(mode="json")))
+    export, frames = Export(Style.DIRECT, 0.0, 1.0, 1, 0, "x", Vendor.FEI), list[Frame]()
+    grid = dic.grid_for(settings, scan.width_px, scan.height_px)
+
+    def note(reference: int, current: int, end_ns: int) -> None:
+        prepared = ready if reference == 0 else dic.prepare(frames[reference].image, grid, settings)
+        found: DisparityMap = dic.correlate(prepared, frames[current].image, settings, reference_frame=reference, current_frame=current)
+        journal.output(LogMessage(DIC_MAP, end_ns, end_ns, current, encode_map(found)))
+
+    for number, image in enumerate(images):
+        end_ns = BEGIN_NS + round((start_s[number] + scan.frame_time_s) * S)
+        data = export.encode(image, ImageFacts(scan, end_ns, 0, 0, number, "a.tif")).image
+        file = ExportedFile(number, f"x_{number}.tif", data, hashlib.sha256(data).hexdigest(), end_ns, end_ns + S)
+        journal.file(file)
+        frames.append(read_frame(file, config.analysis_settings().scan))
+        if number == 0:
+            ready = dic.prepare(frames[0].image, grid, settings)
+        if number % 2:
+            pair = number // 2
+            shift = shifts_px[pair] if shifts_px else (0.0, 0.0)
+            step = Step(pair, Phase.CALIBRATION, (shift[0] * 1.25, shift[1] * 1.25), shift, None)
+            journal.pair(PairDecision(pair, step, frames[-2].info, frames[-1].info, None))
+            note(number - 1, number, end_ns)
+            if pair:
+                note(0, number - 1, end_ns)
+                note(0, number, end_ns)
+    assert recorder.close()
+    return folder
