@@ -47,7 +47,7 @@ def diagnose_grey(series: GreySeries, known: Sequence[KnownEffect] = ()) -> Grey
     """
     courses = courses_of(series)
     seen = flashes(series.frames)
-    there = (*_already(courses, known), *(flash_at(courses, one.at_s, one.length_s) for one in seen))
+    there = (*_already(courses, known), *(law for one in seen if (law := flash_at(courses, one.at_s, one.length_s)) is not None))
     before = left_of(courses, there)
     laws, named = list(there), list[_Named]()
     evidence: dict[str, float] = {}

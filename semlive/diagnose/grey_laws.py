@@ -103,9 +103,11 @@ def step_at(courses: Courses, at_s: float, sigma_s: float = 0.0) -> Law:
     return Law(GAMMA_CHANGE, "step", np.stack([*columns, *beside]).astype(np.float64), at_s, sigma_s, beside=len(beside))
 
 
-def flash_at(courses: Courses, at_s: float, length_s: float) -> Law:
-    """Bands with a flash in them, which are of no use for any other law."""
+def flash_at(courses: Courses, at_s: float, length_s: float) -> Law | None:
+    """Bands with a flash in them, which are of no use for any other law; None where it lies in no band."""
     within = (courses.span_s[..., 0] <= at_s + length_s) & (courses.span_s[..., 1] >= at_s - length_s)
+    if not within.any():
+        return None
     columns = [
         (np.arange(within.size).reshape(within.shape) == band)[..., None] * one for band in np.flatnonzero(within) for one in np.eye(TERMS)
     ]

@@ -189,6 +189,12 @@ def test_a_flash_is_told_with_its_time_and_height() -> None:
     assert parameters["flash_levels"][0] == pytest.approx(20.0, abs=4.0 * parameters["flash_levels"][1])
 
 
+def test_a_flash_above_all_blocks_is_told_too() -> None:
+    found = diagnose_grey(series(9, lambda grey, time_s: grey + 20.0 * ((time_s >= 450.6) & (time_s < 450.95))))
+    assert (found.outcome, names(found)) == (Outcome.IDENTIFIED, ["charging_jump"])
+    assert told(found, "charging_jump")["flash_at_s"][0] == pytest.approx(450.8, abs=0.2)
+
+
 def test_rows_that_jump_are_no_flash() -> None:
     def slip(grey: Image, time_s: Image) -> Image:
         return np.where(time_s >= 470.0, shifted(grey, 2.0, 3.0), grey)
