@@ -16,7 +16,7 @@ from semlive.diagnose.known import joined
 from semlive.diagnose.noise import quiet
 from semlive.diagnose.observation import Observation
 from semlive.diagnose.pictures import pictures_of
-from semlive.diagnose.refine import Refined, refined
+from semlive.diagnose.refine import Refined, refined, together
 from semlive.diagnose.strain_safety import HARMLESS, eaten
 from semlive.diagnose.unknown import UNNAMED
 from semlive.diagnose.where import where
@@ -92,6 +92,8 @@ def diagnose(
         rivals = tuple(one for one in candidates if one is not best and one.log_factor > best.log_factor - ODDS)
         named.append(_Named(refined(having, best), best, p_value, rivals))
         having = ladder(having.design.having(named[-1].refined.found))
+    beside = together(having, [one.refined for one in named])
+    named = [replace(one, refined=refit) for one, refit in zip(named, beside, strict=True)]
     gap = gap_of(bare, having, seed) if named else None
     shares = eaten(having, (*already, *(one.refined.field_px for one in named)))[len(already) :]
     width, height = (2.0 * observation.state.centre_px + 1.0).round().astype(int).tolist()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,11 +15,14 @@ from semlive.data.diagnosis import FoundParameter
 from semlive.diagnose.baseline import Found, Ladder
 from semlive.diagnose.evidence import Projected, Weighed, projected, sizes_of
 from semlive.model.effects import Family, Law, Theta
+from semlive.model.effects.family import Values
 
 Array = NDArray[np.float64]
-PASSES, ACROSS = 2, 12
+PASSES, ACROSS, CHOICES = 2, 12, 3
 CLOSE = 1e-3  # of the distance between values on the grid
 UNSEEN = 1e12
+NEAR, WIDEST = 0.1, 0.5  # steps of the grid: where the curvature is taken, and the posterior at least
+REACH, DEEP = 13, 4.5  # the posterior is followed for so many steps, and to three standard deviations
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,21 +31,28 @@ class Refined:
 
     Attributes:
         family: which.
-        found: its columns, ready to be added to the baseline.
-        field_px: (f, b, 2, q) the same in px for unit amplitudes.
-        amplitudes: (q,) most likely.
-        covariance: (q, q) of them.
+        law: its columns in px, and what people call its amplitudes.
+        found: the same columns, ready to be added to the baseline.
         values: of what is not linear.
-        parameters: what people call them.
+        sigmas: their standard uncertainties.
+        amplitudes: (q,) most likely.
+        covariance: (q, q) of them, `follows` included.
+        follows: (q, q) the part of it that comes from what the values leave open.
     """
 
     family: Family
+    law: Law
     found: Found
-    field_px: Array
+    values: tuple[tuple[str, float], ...]
+    sigmas: tuple[float, ...]
     amplitudes: Array
     covariance: Array
-    values: tuple[tuple[str, float], ...]
-    parameters: tuple[FoundParameter, ...]
+    follows: Array
+
+    @property
+    def field_px(self) -> Array:
+        """(f, b, 2, q) in px for unit amplitudes."""
+        return self.law.field_px
 
     @property
     def peak_px(self) -> float:
@@ -49,56 +60,148 @@ class Refined:
         moved = self.field_px @ self.amplitudes
         return float(np.max(np.hypot(*np.moveaxis(moved - moved[0], -1, 0))))
 
+    @property
+    def parameters(self) -> tuple[FoundParameter, ...]:
+        """What people call amplitudes and values."""
+        values = dict(self.values)
+        own = [
+            FoundParameter(one.name, values[one.name], sigma, one.unit) for one, sigma in zip(self.family.thetas, self.sigmas, strict=True)
+        ]
+        return (*_linear(self.law, self.amplitudes, self.covariance), *own)
+
 
 def refined(ladder: Ladder, weighed: Weighed) -> Refined:
-    """The likeliest law of a family, refined a parameter at a time."""
-    family, (law_at, rung, size_at) = weighed.family, weighed.best
-    size_px = float(sizes_of(family)[size_at])
-    values, spread = _between(ladder, family, weighed.values[law_at], rung, size_px)
-    law = family.law(ladder.design.observation.scene, values)
+    """The likeliest law of a family, refined a parameter at a time; what the parameters leave open counts in the amplitudes' covariance."""
+    asked, values = _chosen(ladder, weighed)
+    family, law = weighed.family, asked.law(values)
     assert law is not None  # it was seen on the grid
-    against = projected(ladder, law.field_px)
-    mean, covariance = against.amplitudes(rung, size_px)
-    told = (
-        *_linear(law, mean, covariance),
-        *(FoundParameter(one.name, values[one.name], spread[one.name], one.unit) for one in family.thetas),
+    mean, covariance = asked.against(law).amplitudes(0, asked.size_px)
+    left_open = [_left_open(_Line.of(asked, values, theta), mean) for theta in family.thetas]
+    follows = np.sum([also for _, also in left_open], axis=0) if left_open else np.zeros_like(covariance)
+    found = Found(ladder.design.whiten(law.field_px), asked.size_px)
+    sigmas = tuple(sigma for sigma, _ in left_open)
+    return Refined(family, law, found, tuple(values.items()), sigmas, mean, covariance + follows, follows)
+
+
+def together(having: Ladder, found: Sequence[Refined]) -> tuple[Refined, ...]:
+    """Effects with their amplitudes refitted beside each other; their columns are the last of the baseline that has them."""
+    best, count = having.best, sum(len(one.amplitudes) for one in found)
+    if not count:
+        return ()
+    own = slice(having.design.size - count, None)
+    mean, covariance = best.solve(best.pull[:, None])[own, 0], best.solve(np.eye(having.design.size)[:, own])[own]
+    ends = np.cumsum([len(one.amplitudes) for one in found])
+    places = [slice(end - len(one.amplitudes), end) for one, end in zip(found, ends, strict=True)]
+    return tuple(
+        replace(one, amplitudes=mean[at], covariance=covariance[at, at] + one.follows) for one, at in zip(found, places, strict=True)
     )
-    return Refined(family, Found(ladder.design.whiten(law.field_px), size_px), law.field_px, mean, covariance, tuple(values.items()), told)
 
 
-def _between(
-    ladder: Ladder, family: Family, start: dict[str, float], rung: int, size_px: float
-) -> tuple[dict[str, float], dict[str, float]]:
-    """The likeliest values between the neighbours on the grid, and their standard uncertainties."""
-    values, spread = {one.name: 0.0 for one in family.thetas} | dict(start), dict[str, float]()
-    for _ in range(PASSES if family.thetas else 0):
-        for theta in family.thetas:
-            values[theta.name], spread[theta.name] = _searched(ladder, family, values, theta, rung, size_px)
-    return values, spread
+@dataclass(frozen=True, slots=True, eq=False)
+class _Asked:
+    """A family's laws against one rung, with amplitudes of one size."""
+
+    ladder: Ladder
+    family: Family
+    size_px: float
+
+    def law(self, values: Values) -> Law | None:
+        return self.family.law(self.ladder.design.observation.scene, values)
+
+    def against(self, law: Law) -> Projected:
+        return projected(self.ladder, law.field_px)
+
+    def score(self, one: Projected) -> float:
+        return float(one.log_factor(np.array([self.size_px]))[0, 0])
 
 
-def _searched(ladder: Ladder, family: Family, values: dict[str, float], theta: Theta, rung: int, size_px: float) -> tuple[float, float]:
-    """The best between the neighbours on the grid, and the standard uncertainty from the likelihood's curvature."""
-    start = values[theta.name]
+def _chosen(ladder: Ladder, weighed: Weighed) -> tuple[_Asked, dict[str, float]]:
+    """Values between those of the grid, and smoothness and size that are likeliest with them.
 
-    def at(way: float) -> float:
-        return start * theta.step**way if theta.ratio else start + theta.step * way
+    On the grid a large jump lies beside its instant, which only the roughest drift bears: with that one kept, a hidden jump of
+    (0.30, 0.40) px was told as (0.31, 0.26).
+    """
+    family, sizes, (law_at, rung, size_at) = weighed.family, sizes_of(weighed.family), weighed.best
+    values = {one.name: 0.0 for one in family.thetas} | weighed.values[law_at]
+    for _ in range(CHOICES):
+        asked = _Asked(replace(ladder, rungs=(ladder.rungs[rung],)), family, float(sizes[size_at]))
+        values, before = _between(asked, values), (rung, size_at)
+        law = family.law(ladder.design.observation.scene, values)
+        assert law is not None  # it was seen on the grid
+        factors = projected(ladder, law.field_px).log_factor(sizes) + np.array([[one.evidence] for one in ladder.rungs])
+        rung, size_at = (int(one) for one in np.unravel_index(int(np.argmax(factors)), factors.shape))
+        if (rung, size_at) == before:
+            break
+    return _Asked(replace(ladder, rungs=(ladder.rungs[rung],)), family, float(sizes[size_at])), values
 
-    def score(way: float) -> float:
-        law = family.law(ladder.design.observation.scene, {**values, theta.name: at(way)})
-        return -UNSEEN if law is None else _score(projected(ladder, law.field_px), rung, size_px)
 
-    found: Any = minimize_scalar(
-        lambda way: -score(float(way)), bounds=(-1.0, 1.0), method="bounded", options={"xatol": CLOSE, "maxiter": ACROSS}
-    )
-    way, top, width = float(found.x), -float(found.fun), 0.1
-    bend = 2.0 * top - score(way - width) - score(way + width)
-    sigma_way = width / math.sqrt(bend) if bend > 0.0 else 1.0
-    return at(way), abs(at(way + min(sigma_way, 1.0)) - at(way))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Line:
+    """Laws with one parameter on either side of a value, by the distance in steps of the grid; it ends half a step beyond the grid."""
+
+    asked: _Asked
+    values: dict[str, float]
+    theta: Theta
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, asked: _Asked, values: dict[str, float], theta: Theta) -> _Line:
+        on_grid = [one[theta.name] for one in asked.family.grid(asked.ladder.design.observation.scene) if theta.name in one]
+        if not on_grid:
+            return cls(asked, values, theta, -np.inf, np.inf)
+        about = values[theta.name]
+        ways = [math.log(one / about, theta.step) if theta.ratio else (one - about) / theta.step for one in (min(on_grid), max(on_grid))]
+        return cls(asked, values, theta, min(ways[0] - 0.5, 0.0), max(ways[1] + 0.5, 0.0))
+
+    def at(self, way: float) -> float:
+        start = self.values[self.theta.name]
+        return start * self.theta.step**way if self.theta.ratio else start + self.theta.step * way
+
+    def against(self, way: float) -> Projected | None:
+        law = self.asked.law({**self.values, self.theta.name: self.at(way)})
+        return None if law is None else self.asked.against(law)
+
+    def score(self, way: float) -> float:
+        one = self.against(way)
+        return -UNSEEN if one is None else self.asked.score(one)
 
 
-def _score(one: Projected, rung: int, size_px: float) -> float:
-    return float(one.log_factor(np.array([size_px]))[rung, 0])
+def _between(asked: _Asked, start: Values) -> dict[str, float]:
+    """The likeliest values between the neighbours on the grid."""
+    values = dict(start)
+    for _ in range(PASSES):
+        for theta in asked.family.thetas:
+            line = _Line.of(asked, values, theta)
+            found: Any = minimize_scalar(
+                lambda way, line=line: -line.score(float(way)),
+                bounds=(max(line.low, -1.0), min(line.high, 1.0)),
+                method="bounded",
+                options={"xatol": CLOSE, "maxiter": ACROSS},
+            )
+            values[theta.name] = line.at(float(found.x))
+    return values
+
+
+def _left_open(line: _Line, mean: Array) -> tuple[float, Array]:
+    """Standard uncertainty of a parameter, and the (q, q) covariance that the amplitudes get as they follow it: over its posterior.
+
+    A tenth of an onset's logarithm is a tenth of creep: with the onset taken as known, hidden amplitudes of creep lay 2.2 to 5.5 standard
+    uncertainties off in 12 of 12 runs; and its posterior is wider than the curvature at its peak says.
+    """
+    top = line.score(0.0)
+    bend = 2.0 * top - line.score(-NEAR) - line.score(NEAR)
+    apart = min(0.5 * NEAR / math.sqrt(bend), WIDEST) if bend > 0.0 else WIDEST
+    total, square, outer = 1.0, 0.0, np.zeros((len(mean),) * 2)
+    for way in (apart, -apart):
+        for place in range(1, REACH):
+            one = line.against(way * place) if line.low <= way * place <= line.high else None
+            if one is None or (score := line.asked.score(one) - top) < -DEEP:
+                break
+            weight, leaning = math.exp(score), one.amplitudes(0, line.asked.size_px)[0] - mean
+            total, square = total + weight, square + weight * (line.at(way * place) - line.at(0.0)) ** 2
+            outer += weight * np.outer(leaning, leaning)
+    return math.sqrt(square / total), outer / total
 
 
 def _linear(law: Law, mean: Array, covariance: Array) -> tuple[FoundParameter, ...]:

@@ -1,0 +1,88 @@
+"""How large an effect is and how well that is known, against what was hidden."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+from blind.experiment import GRID as PAPERS
+from blind.experiment import Conditions
+from blind.hiding import hidden_effect, hidden_values
+from blind.observing import observed
+
+from semlive.data.grid import Grid
+from semlive.diagnose.baseline import Ladder, ladder
+from semlive.diagnose.evidence import weigh
+from semlive.diagnose.known import family_of
+from semlive.diagnose.noise import quiet
+from semlive.diagnose.refine import Refined, refined, together
+
+GRID = Grid(101, 101, 60, 12, 10, 43)
+
+
+def hiding(name: str, peak_px: float, seed: int, grid: Grid = GRID) -> tuple[Ladder, dict[str, float]]:
+    effects = hidden_effect(name, peak_px, seed)
+    return quiet(observed(Conditions(seed, calibration=5, tension=3), effects, grid)), hidden_values(name, effects[0])
+
+
+def likeliest(bare: Ladder, name: str) -> Refined:
+    (heard,) = weigh(bare, [family_of(name)], None)
+    return refined(bare, heard)
+
+
+def told(found: Refined) -> dict[str, tuple[float, float]]:
+    return {one.name: (one.value, one.sigma) for one in found.parameters}
+
+
+def test_an_amplitude_is_as_uncertain_as_the_onset_that_it_goes_with() -> None:
+    off = []
+    for seed in (1, 2, 3):
+        bare, truth = hiding("creep_in_hold", 0.3, seed)
+        found = likeliest(bare, "creep_in_hold")
+        value, sigma = told(found)["strain_per_n"]
+        off.append((value - truth["strain_per_n"]) / sigma)
+        assert sigma < 0.5 * value
+        assert 0.5 <= told(found)["onset_s"][0] <= 520.0
+        assert found.follows[0, 0] > 2.0 * (found.covariance - found.follows)[0, 0]
+    assert np.max(np.abs(off)) < 2.6
+    assert np.sqrt(np.mean(np.square(off))) < 1.5
+
+
+def test_a_large_jump_between_the_instants_of_the_grid_is_told_as_large_as_it_is() -> None:
+    bare, truth = hiding("drift_jump", 0.5, 2, PAPERS)
+    found = told(likeliest(bare, "drift_jump"))
+    for name, true in truth.items():
+        value, sigma = found[name]
+        assert value == pytest.approx(true, abs=0.02)
+        assert abs(value - true) < 3.0 * sigma
+
+
+def test_refitted_beside_no_other_an_effect_is_as_large_as_it_was() -> None:
+    bare, _ = hiding("load_step_transient", 0.15, 5)
+    alone = likeliest(bare, "load_step_transient")
+    having = ladder(bare.design.having(alone.found))
+    (beside,) = together(having, [alone])
+    assert beside.amplitudes == pytest.approx(alone.amplitudes, rel=1e-3)
+    assert beside.covariance == pytest.approx(alone.covariance, rel=1e-2, abs=1e-3 * float(alone.covariance.max()))
+    assert beside.parameters[-1] == alone.parameters[-1]
+
+
+def test_effects_are_refitted_beside_each_other() -> None:
+    """Creep alone takes what the steps' fading leaves; beside it, it does not."""
+    names = ("load_step_transient", "creep_in_hold")
+    effects = tuple(one for name in names for one in hidden_effect(name, 0.2, 6))
+    bare = quiet(observed(Conditions(6, calibration=5, tension=3), effects, GRID))
+    found = [likeliest(bare, name) for name in names]
+    having = bare.design
+    for one in found:
+        having = having.having(one.found)
+    beside = together(ladder(having), found)
+    for name, effect, one in zip(names, effects, beside, strict=True):
+        for parameter, true in hidden_values(name, effect).items():
+            value, sigma = told(one)[parameter]
+            assert abs(value - true) < 3.0 * sigma, f"{name} {parameter}: {value} +- {sigma}, hidden {true}"
