@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from semlive.data.clock import Clock
 from semlive.data.disparity import DisparityMap
 from semlive.data.experiment import Phase, Step
 from semlive.data.frame import ExportedFile, Frame
+from semlive.data.loading import FrameLoad
 from semlive.data.pair import PairDecision
 from semlive.data.settings import DicSettings
 from semlive.formats import read_frame
@@ -26,10 +27,10 @@ from semlive_simulators.column import Scan
 from semlive_simulators.exporters.facts import ImageFacts
 from semlive_simulators.exporters.settings import Export, Style, Vendor
 
-S = 10**9
+S, PIXEL_UM = 10**9, 1.25
 BEGIN_NS = 1_772_439_825 * S
 CONFIG = {
-    "sem": {"folder": "export", "pixel_size_um": 1.25},
+    "sem": {"folder": "export", "pixel_size_um": PIXEL_UM},
     "stage": {"driver": "null"},
     "protocol": {"calibration_shifts_px": [[0, 0]]},
 }
@@ -48,13 +49,18 @@ class _Now:
         return Clock(BEGIN_NS, BEGIN_NS)
 
 
+def moved(pair: int, shift_px: tuple[float, float]) -> Step:
+    """A step of calibration."""
+    return Step(pair, Phase.CALIBRATION, (shift_px[0] * PIXEL_UM, shift_px[1] * PIXEL_UM), shift_px, None)
+
+
 def log_of(
     folder: Path,
-    images: Sequence[np.ndarray],
+    images: Iterable[np.ndarray],
     scan: Scan,
     start_s: Sequence[float],
     settings: DicSettings,
-    shifts_px: Sequence[tuple[float, float]] = (),
+    steps: Sequence[Step] = (),
 ) -> Path:
     """A log with the images, their pairs and all maps of these.
 
@@ -64,7 +70,7 @@ def log_of(
         scan: that they were made with.
         start_s: of each frame.
         settings: of the maps.
-        shifts_px: commanded for each pair; none is at rest.
+        steps: what was commanded for each pair, and its load; none is at rest.
     """
     folder.mkdir()
     recorder = Recorder(folder / "run.000.mcap", _Now(), lambda _: None)
@@ -89,9 +95,9 @@ def log_of(
             ready = dic.prepare(frames[0].image, grid, settings)
         if number % 2:
             pair = number // 2
-            shift = shifts_px[pair] if shifts_px else (0.0, 0.0)
-            step = Step(pair, Phase.CALIBRATION, (shift[0] * 1.25, shift[1] * 1.25), shift, None)
-            journal.pair(PairDecision(pair, step, frames[-2].info, frames[-1].info, None))
+            step = steps[pair] if steps else moved(pair, (0.0, 0.0))
+            held = None if step.load_n is None else FrameLoad(step.load_n, step.load_n, step.load_n, 0.0)
+            journal.pair(PairDecision(pair, step, frames[-2].info, frames[-1].info, held and (held, held)))
             note(number - 1, number, end_ns)
             if pair:
                 note(0, number - 1, end_ns)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
-from imaged_log import log_of
+from imaged_log import log_of, moved
 
 from semlive.data.diagnosis import GreyChannel, Outcome
 from semlive.data.settings import DicSettings
@@ -49,7 +49,7 @@ def logged(folder: Path, *effects: Effect) -> Path:
             starts_s.append(at_s)
             at_s += SCAN.frame_time_s + SCAN.gap_s
         at_s += 60.0
-    return log_of(folder / "run", images, SCAN, starts_s, SETTINGS, SHIFTS_PX)
+    return log_of(folder / "run", images, SCAN, starts_s, SETTINGS, [moved(*one) for one in enumerate(SHIFTS_PX)])
 
 
 def grey_of(folder: Path, *effects: Effect) -> GreyChannel:

@@ -1,0 +1,115 @@
+"""Hidden effects from images on: rendered, correlated, recorded in a log, and named by `semlive diagnose LOG`.
+
+    python tests/benchmarks/bench_diagnose_rendered.py --seeds 1 --sizes 8 --nulls 6 --folder rendered [--shard 1/2]
+    python tests/benchmarks/bench_diagnose_rendered.py ... --folder rendered --score [--write]
+
+Cases are those of `bench_diagnose.py`, 15 pairs of 1024 x 884 px with the paper's dots and 0.025 px of noise. The program is started on
+each log as a user would; nothing of what is hidden is in the log. It is stopped and goes on as the other does. The correlation's own bias
+(`dic_subpixel_bias`), which is in all of these images, is right beside whatever was hidden, and alone where nothing was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from bench_diagnose import PAGE, verdicts
+from blind.cases import Case, Counts, cases
+from blind.hiding import DETECTABLE_PX
+from blind.rendering import rendered_log
+from blind.scoring import Verdict, table
+
+BEGIN, END = "<!-- rendered: begin -->\n", "<!-- rendered: end -->\n"
+OWN = "dic_subpixel_bias"
+
+
+def main() -> None:
+    """Run what is missing, or score what is there."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--set", choices=("development", "final"), default="development")
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--sizes", type=float, nargs="*", default=[8.0], help="times what can be detected")
+    parser.add_argument("--effects", nargs="*", default=list(DETECTABLE_PX))
+    parser.add_argument("--nulls", type=int, default=6)
+    parser.add_argument("--shard", default="1/1", help="k/n: every n-th case from the k-th on")
+    parser.add_argument("--folder", type=Path, default=Path("rendered"))
+    parser.add_argument("--score", action="store_true", help="run nothing")
+    parser.add_argument("--write", action="store_true", help="put the table into docs/diagnose.md")
+    asked = parser.parse_args()
+    chosen = list(cases(asked.set, Counts(asked.seeds, asked.nulls), asked.sizes, asked.effects))
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    if not asked.score:
+        own, shards = (int(one) for one in asked.shard.split("/"))
+        _run(chosen[own - 1 :: shards], asked.folder / f"verdicts-{own}-of-{shards}.jsonl")
+    said = verdicts(asked.folder)
+    scored = [(case, _beside_its_own(said[case.key])) for case in chosen if case.key in said]
+    lines = [one for one in table(scored).splitlines() if "not measured" not in one and "| 0 of 0 |" not in one]
+    found = "\n".join([*lines, *_costs([one for _, one in scored])]) + "\n"
+    sys.stdout.write(found)
+    if asked.write:
+        page = PAGE.read_text(encoding="utf-8")
+        before, rest = page.split(BEGIN)
+        about = f"{len(scored)} cases of the {asked.set} set."
+        PAGE.write_text(f"{before}{BEGIN}\n{about}\n\n{found}\n{END}{rest.split(END)[1]}", encoding="utf-8")
+
+
+def _run(chosen: list[Case], told: Path) -> None:
+    done = verdicts(told.parent)
+    for case in chosen:
+        if case.key in done:
+            continue
+        with tempfile.TemporaryDirectory() as name:
+            log = rendered_log(Path(name) / "run", replace(case.conditions(), noise_px=0.0), case.effects())
+            verdict = judge(log)
+            shutil.rmtree(log)
+        with told.open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps({"key": case.key, **verdict}) + "\n")
+
+
+def judge(log: Path) -> Verdict:
+    """What the program says of a log, knowing nothing else."""
+    begin, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    done = subprocess.run([sys.executable, "-m", "semlive", "diagnose", str(log), "--json"], capture_output=True, text=True, check=True)
+    found = json.loads(done.stdout)
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return {
+        "outcome": found["outcome"],
+        "names": [one["name"] for one in found["effects"]],
+        "ambiguous": found["ambiguous"],
+        "parameters": {
+            one["name"]: {name: [item["value"], item["sigma"]] for name, item in one["parameters"].items()} for one in found["effects"]
+        },
+        "closure": None,
+        "cpu_s": used.ru_utime - before,
+        "wall_s": time.monotonic() - begin,
+        "most_mb": used.ru_maxrss / 1024,
+    }
+
+
+def _beside_its_own(verdict: Verdict) -> Verdict:
+    """Without what correlation itself does to every image."""
+    names = verdict["names"]
+    left = [one for one in names if one != OWN] if isinstance(names, list) else []
+    nothing = verdict["outcome"] == "IDENTIFIED" and not left
+    return {**verdict, "names": left, "outcome": "NONE" if nothing else verdict["outcome"]}
+
+
+def _costs(said: list[Verdict]) -> Iterator[str]:
+    if said:
+        wall_s, most_mb = (max(float(str(one[what])) for one in said) for what in ("wall_s", "most_mb"))
+        yield f"The longest verdict took {wall_s:.0f} s, the largest {most_mb:.0f} MB."
+
+
+if __name__ == "__main__":
+    main()
