@@ -82,7 +82,7 @@ COMMANDS = (
     Entry(
         "experiment",
         "semlive.cli.experiment:experiment",
-        "Propose the experiment that decides between what a diagnosis leaves open; compare a run with simulations of it.",
+        "Propose the experiment that decides what a diagnosis leaves open; decide by it; compare a run with simulations of it.",
         AFTER,
     ),
     Entry(

@@ -1,4 +1,4 @@
-"""`semlive experiment`: what to do next, and whether a simulation bears out what was found."""
+"""`semlive experiment`: what to do next, what it decides, and whether a simulation bears out what was found."""
 
 from __future__ import annotations
 
@@ -10,21 +10,30 @@ from typing import Annotated
 import typer
 
 from semlive.cli.track import tracked_stages
+from semlive.data.diagnosis import Outcome
 from semlive.diagnose.compare import compared
-from semlive.diagnose.propose import proposed
+from semlive.diagnose.propose import Kind, asked_for, proposed
+from semlive.service.decision import decide_logs, decision_json
 from semlive.service.diagnosis import diagnose_log, observed
 from semlive.service.model_file import fitting_model, model_of
 from semlive.service.next_experiment import next_config
 
+_DECIDED = {
+    Outcome.NONE: "both scans have the same distortion; nothing in them goes with the dwell or the row time",
+    Outcome.IDENTIFIED: "this goes with the dwell or the row time, or is in both runs, and nothing else would do",
+    Outcome.AMBIGUOUS: "several effects would do",
+    Outcome.UNKNOWN: "the scans have different distortions, and no known effect says why",
+}
+
 experiment = typer.Typer(
-    help="Propose the experiment that decides between what a diagnosis leaves open; compare a run with simulations of it.",
+    help="Propose the experiment that decides what a diagnosis leaves open; decide by it; compare a run with simulations of it.",
     no_args_is_help=True,
 )
 
 
 @experiment.callback()
 def about() -> None:
-    """Propose the experiment that decides between what a diagnosis leaves open; compare a run with simulations of it."""
+    """Propose the experiment that decides what a diagnosis leaves open; decide by it; compare a run with simulations of it."""
 
 
 @experiment.command("propose")
@@ -32,24 +41,53 @@ def propose(
     log: Annotated[Path, typer.Argument(help="One MCAP file, or a run folder of segments.")],
     out: Annotated[Path | None, typer.Option("-o", "--out", help="Write the configuration to this file.")] = None,
     model: Annotated[Path | None, typer.Option(help="The model to begin with, as `diagnose -o` writes it.")] = None,
+    kind: Annotated[Kind | None, typer.Option(help="This experiment, whatever a diagnosis leaves open.")] = None,
     seed: Annotated[int, typer.Option(help="Of the draws that the verdict is calibrated with.", min=0)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Diagnose a run, and write the experiment that decides between what it leaves open, as a configuration for `semlive run`."""
-    with tracked_stages(quiet=False) as progress:
-        found = diagnose_log(log, seed, progress, (model_of(log) if model is None else fitting_model(log, model)).known.effects)
-    proposal = proposed(found)
+    outcome, proposal = None, None
+    if kind is not None:
+        proposal = asked_for(kind)
+    else:
+        with tracked_stages(quiet=False) as progress:
+            found = diagnose_log(log, seed, progress, (model_of(log) if model is None else fitting_model(log, model)).known.effects)
+        outcome, proposal = found.outcome.value, proposed(found)
     config = None if proposal is None else next_config(log, proposal)
     if config is not None and out is not None:
         out.write_text(config, encoding="utf-8")
     if as_json:
         between = [] if proposal is None else list(proposal.between)
         told = None if proposal is None else {"kind": proposal.kind.value, "between": between, "about": proposal.about}
-        typer.echo(json.dumps({"outcome": found.outcome.value, "experiment": told, "config": config}))
+        typer.echo(json.dumps({"outcome": outcome, "experiment": told, "config": config}))
     elif config is None:
-        typer.echo(f"{found.outcome.value}: there is nothing to decide")
+        typer.echo(f"{outcome}: there is nothing to decide")
     else:
-        typer.echo(config if out is None else f"{found.outcome.value}: {proposal.about if proposal else ''}; written to {out}")
+        said = f"{outcome}: " if outcome else ""
+        typer.echo(config if out is None else f"{said}{proposal.about if proposal else ''}; written to {out}")
+
+
+@experiment.command("decide")
+def decide(
+    log: Annotated[Path, typer.Argument(help="The run: one MCAP file, or a run folder of segments.")],
+    other: Annotated[Path, typer.Argument(help="The calibration again with another dwell or row time, on the same grid.")],
+    model: Annotated[Path | None, typer.Option(help="Effects that are known already, as `diagnose -o` writes them.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Decide by two runs with different scans what one cannot tell from the distortion."""
+    with tracked_stages(quiet=False) as progress:
+        found = decide_logs((log, other), progress, (model_of(log) if model is None else fitting_model(log, model)).known.effects)
+    if as_json:
+        typer.echo(json.dumps(decision_json(found)))
+        return
+    typer.echo(f"{found.outcome.value}: {_DECIDED[found.outcome]}")
+    if found.effect is not None:
+        typer.echo(f"{found.effect.name}, at most {found.effect.peak_px:.3f} px" if found.effect.parameters else found.effect.name)
+        for one in found.effect.parameters:
+            typer.echo(f"  {one.name} {one.value:.4g} +- {one.sigma:.2g} {one.unit}")
+    if found.ambiguous:
+        typer.echo(f"between {', '.join(found.ambiguous)}")
+    typer.echo(f"loudest: {', '.join(f'{name} {factor:.1f}' for name, factor in found.evidence[:4])} (logarithms of Bayes factors)")
 
 
 @experiment.command("compare")

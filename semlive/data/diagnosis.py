@@ -357,3 +357,39 @@ class Diagnosis:
     overlap: tuple[tuple[str, float], ...] = ()
     grey: GreyChannel | None = None
     no_grey: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Decided:
+    """An effect that runs with different scans show.
+
+    Attributes:
+        name: canonical.
+        names: that it has by its parameters, the likeliest first.
+        peak_px: the largest displacement that it causes at any point of any run; 0 where each run has its own.
+        parameters: what is known of it; none where each run has its own.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    peak_px: float
+    parameters: tuple[FoundParameter, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What runs with different scans say together.
+
+    Attributes:
+        outcome: NONE, IDENTIFIED, AMBIGUOUS or UNKNOWN.
+        effect: the likeliest, or None.
+        ambiguous: the names that would do, if more than one would.
+        evidence: by name, the logarithm of the Bayes factor; the loudest first.
+        apart: logarithm of the odds for a distortion of its own in each run against one for all.
+    """
+
+    outcome: Outcome
+    effect: Decided | None
+    ambiguous: tuple[str, ...]
+    evidence: tuple[tuple[str, float], ...]
+    apart: float

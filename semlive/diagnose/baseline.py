@@ -235,7 +235,7 @@ class _Tries:
     def rung(self, by: float, also: float) -> Rung:
         hyper, prior = _believed(self.columns, by, also)
         believed = log_belief(np.array([by]), (1.0, BELIEF)) + log_belief(np.array([also]), (1.0, BELIEF))
-        return _rung(self.columns.normal, prior, self.pull, self.power, self.near, hyper, float(believed[0]))
+        return rung(self.columns.normal, prior, self.pull, self.power, self.near, hyper, float(believed[0]))
 
 
 def _believed(columns: Design, by: float, also: float) -> tuple[Hyper, Array]:
@@ -256,7 +256,18 @@ def _believed(columns: Design, by: float, also: float) -> tuple[Hyper, Array]:
     return hyper, prior
 
 
-def _rung(normal: Array, prior: Array, pull: Array, power: float, near: Array, hyper: Hyper, believed: float) -> Rung:
+def rung(normal: Array, prior: Array, pull: Array, power: float, near: Array, hyper: Hyper, believed: float) -> Rung:
+    """A baseline of p parameters, by what it left at a first solution.
+
+    Args:
+        normal: (p, p) A^T A.
+        prior: (p, p) precision before the data.
+        pull: (p,) A^T times what the first solution left, whitened.
+        power: sum of the squares of what it left.
+        near: (p,) that solution.
+        hyper: its smoothness.
+        believed: logarithm of how much that smoothness is believed in.
+    """
     factor = cho_factor(normal + prior, lower=True, check_finite=False)
     held = prior @ near
     whole = pull - held

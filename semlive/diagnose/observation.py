@@ -153,6 +153,7 @@ def _scene(
     whens = [state.frame_time(int(frame)) for frame in frames]
     start_s = np.array([when.start_s for when in whens])
     in_frame = np.stack([when.timing.time_in_frame_s(one[:, 0], one[:, 1]) for when, one in zip(whens, pixel, strict=True)])
+    in_row = np.stack([when.timing.dwell_time_s.value * one[:, 0] for when, one in zip(whens, pixel, strict=True)])
     time_s = in_frame + start_s[:, None]
     between = np.array([0.5 * sum(one.load_n) for one in steps])
     shift = np.array([one.shift_px for one in steps])
@@ -161,6 +162,7 @@ def _scene(
         disparity_px=disparity,
         time_s=time_s,
         in_frame_s=in_frame,
+        in_row_s=in_row,
         drift_rate_px_s=_drift_rate(solution, time_s),
         distortion_px=_distortion(solution, pixel),
         half_px=float(state.centre_px[0]),

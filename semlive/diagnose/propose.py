@@ -71,6 +71,23 @@ class Proposal:
     about: str
 
 
+_ABOUT = {
+    Kind.PARKED: "what goes on while nothing is loaded or moved",
+    Kind.AGAIN: "what has changed since the first calibration",
+    Kind.LONGER_HOLD: "what comes to rest only after longer holds",
+    Kind.DUMMY_STEPS: "what a load step does that changes no load",
+    Kind.UNLOAD: "what goes back with the load",
+    Kind.REVERSED: "what a move does that is taken back",
+    Kind.OTHER_SCAN: "what goes with the dwell or the row time and not with the place in the picture; `semlive experiment decide` tells",
+    Kind.TURNED_SCAN: "what turns with the scan",
+}
+
+
+def asked_for(kind: Kind) -> Proposal:
+    """An experiment, whatever a diagnosis leaves open."""
+    return Proposal(kind, (), _ABOUT[kind])
+
+
 def proposed(found: Diagnosis) -> Proposal | None:
     """What would decide; None where there is nothing to decide.
 

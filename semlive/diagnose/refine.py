@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,19 +67,16 @@ class Refined:
         own = [
             FoundParameter(one.name, values[one.name], sigma, one.unit) for one, sigma in zip(self.family.thetas, self.sigmas, strict=True)
         ]
-        return (*_linear(self.law, self.amplitudes, self.covariance), *own)
+        return (*linear(self.law, self.amplitudes, self.covariance), *own)
 
 
 def refined(ladder: Ladder, weighed: Weighed) -> Refined:
     """The likeliest law of a family, refined a parameter at a time; what the parameters leave open counts in the amplitudes' covariance."""
     asked, values = _chosen(ladder, weighed)
     family, law = weighed.family, asked.law(values)
-    assert law is not None  # it was seen on the grid
-    mean, covariance = asked.against(law).amplitudes(0, asked.size_px)
-    left_open = [_left_open(_Line.of(asked, values, theta), mean) for theta in family.thetas]
-    follows = np.sum([also for _, also in left_open], axis=0) if left_open else np.zeros_like(covariance)
+    mean, covariance = projected(asked.ladder, law.field_px).amplitudes(0, asked.size_px)
+    sigmas, follows = left_open(asked, values, mean)
     found = Found(ladder.design.whiten(law.field_px), asked.size_px)
-    sigmas = tuple(sigma for sigma, _ in left_open)
     return Refined(family, law, found, tuple(values.items()), sigmas, mean, covariance + follows, follows)
 
 
@@ -97,22 +94,51 @@ def together(having: Ladder, found: Sequence[Refined]) -> tuple[Refined, ...]:
     )
 
 
+class Asked(Protocol):
+    """A family's laws against data, with amplitudes of one size."""
+
+    @property
+    def family(self) -> Family:
+        """Which."""
+        ...
+
+    @property
+    def size_px(self) -> float:
+        """Of the amplitudes."""
+        ...
+
+    def grid(self) -> Iterable[Values]:
+        """The values that were tried."""
+        ...
+
+    def at(self, values: Values) -> Projected | None:
+        """The law with such values against the data; None where it cannot be seen."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Asked:
-    """A family's laws against one rung, with amplitudes of one size."""
+    """Against one rung of a run's baseline."""
 
     ladder: Ladder
     family: Family
     size_px: float
 
-    def law(self, values: Values) -> Law | None:
-        return self.family.law(self.ladder.design.observation.scene, values)
+    def grid(self) -> Iterable[Values]:
+        return self.family.grid(self.ladder.design.observation.scene)
 
-    def against(self, law: Law) -> Projected:
-        return projected(self.ladder, law.field_px)
+    def law(self, values: Values) -> Law:
+        law = self.family.law(self.ladder.design.observation.scene, values)
+        assert law is not None  # it was seen on the grid
+        return law
 
-    def score(self, one: Projected) -> float:
-        return float(one.log_factor(np.array([self.size_px]))[0, 0])
+    def at(self, values: Values) -> Projected | None:
+        law = self.family.law(self.ladder.design.observation.scene, values)
+        return None if law is None else projected(self.ladder, law.field_px)
+
+
+def _score(asked: Asked, one: Projected) -> float:
+    return float(one.log_factor(np.array([asked.size_px]))[0, 0])
 
 
 def _chosen(ladder: Ladder, weighed: Weighed) -> tuple[_Asked, dict[str, float]]:
@@ -125,10 +151,8 @@ def _chosen(ladder: Ladder, weighed: Weighed) -> tuple[_Asked, dict[str, float]]
     values = {one.name: 0.0 for one in family.thetas} | weighed.values[law_at]
     for _ in range(CHOICES):
         asked = _Asked(replace(ladder, rungs=(ladder.rungs[rung],)), family, float(sizes[size_at]))
-        values, before = _between(asked, values), (rung, size_at)
-        law = family.law(ladder.design.observation.scene, values)
-        assert law is not None  # it was seen on the grid
-        factors = projected(ladder, law.field_px).log_factor(sizes) + np.array([[one.evidence] for one in ladder.rungs])
+        values, before = between(asked, values), (rung, size_at)
+        factors = projected(ladder, asked.law(values).field_px).log_factor(sizes) + np.array([[one.evidence] for one in ladder.rungs])
         rung, size_at = (int(one) for one in np.unravel_index(int(np.argmax(factors)), factors.shape))
         if (rung, size_at) == before:
             break
@@ -139,15 +163,15 @@ def _chosen(ladder: Ladder, weighed: Weighed) -> tuple[_Asked, dict[str, float]]
 class _Line:
     """Laws with one parameter on either side of a value, by the distance in steps of the grid; it ends half a step beyond the grid."""
 
-    asked: _Asked
+    asked: Asked
     values: dict[str, float]
     theta: Theta
     low: float
     high: float
 
     @classmethod
-    def of(cls, asked: _Asked, values: dict[str, float], theta: Theta) -> _Line:
-        on_grid = [one[theta.name] for one in asked.family.grid(asked.ladder.design.observation.scene) if theta.name in one]
+    def of(cls, asked: Asked, values: dict[str, float], theta: Theta) -> _Line:
+        on_grid = [one[theta.name] for one in asked.grid() if theta.name in one]
         if not on_grid:
             return cls(asked, values, theta, -np.inf, np.inf)
         about = values[theta.name]
@@ -159,15 +183,14 @@ class _Line:
         return start * self.theta.step**way if self.theta.ratio else start + self.theta.step * way
 
     def against(self, way: float) -> Projected | None:
-        law = self.asked.law({**self.values, self.theta.name: self.at(way)})
-        return None if law is None else self.asked.against(law)
+        return self.asked.at({**self.values, self.theta.name: self.at(way)})
 
     def score(self, way: float) -> float:
         one = self.against(way)
-        return -UNSEEN if one is None else self.asked.score(one)
+        return -UNSEEN if one is None else _score(self.asked, one)
 
 
-def _between(asked: _Asked, start: Values) -> dict[str, float]:
+def between(asked: Asked, start: Values) -> dict[str, float]:
     """The likeliest values between the neighbours on the grid."""
     values = dict(start)
     for _ in range(PASSES):
@@ -183,6 +206,12 @@ def _between(asked: _Asked, start: Values) -> dict[str, float]:
     return values
 
 
+def left_open(asked: Asked, values: dict[str, float], mean: Array) -> tuple[tuple[float, ...], Array]:
+    """Standard uncertainties of what is not linear, and the (q, q) covariance that amplitudes get as they follow it."""
+    found = [_left_open(_Line.of(asked, values, theta), mean) for theta in asked.family.thetas]
+    return tuple(sigma for sigma, _ in found), np.sum([also for _, also in found] or [np.zeros((len(mean),) * 2)], axis=0)
+
+
 def _left_open(line: _Line, mean: Array) -> tuple[float, Array]:
     """Standard uncertainty of a parameter, and the (q, q) covariance that the amplitudes get as they follow it: over its posterior.
 
@@ -196,7 +225,7 @@ def _left_open(line: _Line, mean: Array) -> tuple[float, Array]:
     for way in (apart, -apart):
         for place in range(1, REACH):
             one = line.against(way * place) if line.low <= way * place <= line.high else None
-            if one is None or (score := line.asked.score(one) - top) < -DEEP:
+            if one is None or (score := _score(line.asked, one) - top) < -DEEP:
                 break
             weight, leaning = math.exp(score), one.amplitudes(0, line.asked.size_px)[0] - mean
             total, square = total + weight, square + weight * (line.at(way * place) - line.at(0.0)) ** 2
@@ -204,7 +233,8 @@ def _left_open(line: _Line, mean: Array) -> tuple[float, Array]:
     return math.sqrt(square / total), outer / total
 
 
-def _linear(law: Law, mean: Array, covariance: Array) -> tuple[FoundParameter, ...]:
+def linear(law: Law, mean: Array, covariance: Array) -> tuple[FoundParameter, ...]:
+    """What people call a law's amplitudes (q,) with a covariance (q, q)."""
     told = [
         FoundParameter(one.name, float(one.row @ mean), float(np.sqrt(one.row @ covariance @ one.row)), one.unit) for one in law.reported
     ]

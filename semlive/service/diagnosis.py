@@ -139,7 +139,7 @@ def _grey_json(found: Diagnosis) -> dict[str, Any]:
         "outcome": grey.outcome.value,
         "frames": grey.frames,
         "blocks": grey.blocks,
-        "noise": _parameters_json(grey.noise),
+        "noise": parameters_json(grey.noise),
         "mean_levels": grey.mean_levels,
         "contrast_levels": grey.contrast_levels,
         "clipped": grey.clipped,
@@ -162,7 +162,7 @@ def effect_json(one: FoundEffect) -> dict[str, Any]:
     """An effect as other programs read it."""
     return {
         "name": one.name,
-        "parameters": _parameters_json(one.parameters),
+        "parameters": parameters_json(one.parameters),
         "peak_px": one.peak_px,
         "log_bayes_factor": one.log_bayes_factor,
         "p_value": one.p_value,
@@ -171,5 +171,6 @@ def effect_json(one: FoundEffect) -> dict[str, Any]:
     }
 
 
-def _parameters_json(parameters: Sequence[FoundParameter]) -> dict[str, Any]:
+def parameters_json(parameters: Sequence[FoundParameter]) -> dict[str, Any]:
+    """Parameters by name."""
     return {one.name: {"value": one.value, "sigma": one.sigma, "unit": one.unit} for one in parameters}

@@ -17,7 +17,8 @@ PARKED_PAIRS = 10
 Protocol = dict[str, Any]
 
 _BY_HAND = {
-    Kind.OTHER_SCAN: "Set the scan to half or twice its dwell or row time before starting; state it where the files do not.",
+    Kind.OTHER_SCAN: "Set the scan to half or twice its dwell and row time before starting; state it where the files do not. "
+    "`semlive experiment decide` reads both logs.",
     Kind.TURNED_SCAN: "Turn the scan by 90 degrees before starting.",
 }
 

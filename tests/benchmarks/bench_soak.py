@@ -200,7 +200,7 @@ def measure(asked: Asked, folder: Path) -> dict[str, Any]:
         config = daemon_config(bench, rate)
         config["run"] |= {"name": "soak", "segment_gb": 0.05}
         # Ten thousand files are looked at in a tenth of a second.
-        config["sem"] |= {"poll_s": 0.1, "stable_for_s": 0.2}
+        config["sem"] |= {"poll_s": 0.1, "stable_for_s": 0.1}
         config["dic"] = {"subset_px": 31, "step_px": 14, "roi_px": None}
         config["estimate"] = {"accept_poor_calibration": True}
         config["protocol"] |= {"load_tolerance_n": 20.0, "recentre_beyond_px": 10.0, "hold_s": asked.hold_s}
@@ -213,7 +213,7 @@ def measure(asked: Asked, folder: Path) -> dict[str, Any]:
         (folder / "run.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
         command = [sys.executable, "-m", "semlive", "run", str(folder / "run.yaml"), "--stop-on-fault", "--no-page"]
         began_s = time.monotonic()
-        with (folder / "said").open("w+", encoding="utf-8") as said:
+        with (folder / "said").open("w+", encoding="utf-8") as said, (folder / "memory.jsonl").open("w", buffering=1) as series:
             as_unit = {**os.environ, "PYTHONMALLOC": "malloc"}  # as deploy/semlive@.service has it
             daemon = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said, env=as_unit)
             taken: list[tuple[float, dict[str, float]]] = []
@@ -221,6 +221,7 @@ def measure(asked: Asked, folder: Path) -> dict[str, Any]:
                 # The conclusion corrects every frame anew, once, and takes what it takes.
                 if " complete " not in (folder / "said").read_bytes()[-1000:].decode(errors="replace"):
                     taken.append((time.monotonic() - began_s, processes(daemon.pid)))
+                    series.write(json.dumps(taken[-1]) + "\n")
                 time.sleep(1.0)
             said.seek(0)
             last = " ".join(said.read().split())[-200:]

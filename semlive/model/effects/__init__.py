@@ -9,8 +9,11 @@ from semlive.model.effects import (
     dic_subpixel_bias,
     distortion_scale_drift,
     drift_jump,
+    flyback_settling,
+    frame_start_settling,
     inhomogeneous_strain,
     jump_within_pair,
+    line_sync_hum,
     load_step_transient,
     magnification_drift,
     magnification_frame_instability,
@@ -52,4 +55,7 @@ _FILES = (
 DICTIONARY: tuple[Family, ...] = tuple(one.FAMILY for one in _FILES)
 """Every effect that is looked for, in the order of the groups: scan, field, specimen, drift, charge and correlation."""
 
-__all__ = ["DICTIONARY", "Family", "Law", "Reported", "Scene", "Theta"]
+BETWEEN_SCANS: tuple[Family, ...] = tuple(one.FAMILY for one in (flyback_settling, frame_start_settling, line_sync_hum, wrong_row_time))
+"""What two runs with different scans tell from the distortion; one run shows none of them but the last, and that hardly."""
+
+__all__ = ["BETWEEN_SCANS", "DICTIONARY", "Family", "Law", "Reported", "Scene", "Theta"]

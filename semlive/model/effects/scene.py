@@ -19,6 +19,7 @@ class Scene:
         disparity_px: (f, b, 2) since frame 0, as first estimated: free of noise.
         time_s: (f, b) when the beam was there, seconds after the start of frame 0.
         in_frame_s: (f, b) the same after the start of the frame.
+        in_row_s: (f, b) the same after the start of the row, in one pass.
         drift_rate_px_s: (f, b, 2) of the drift as first estimated, from frame to frame of a pair; over time interpolated.
         distortion_px: (f, b, 2) as first estimated.
         half_px: half the image's width.
@@ -37,6 +38,7 @@ class Scene:
     disparity_px: Array
     time_s: Array
     in_frame_s: Array
+    in_row_s: Array
     drift_rate_px_s: Array
     distortion_px: Array
     half_px: float
@@ -75,6 +77,11 @@ class Scene:
     def end_s(self) -> float:
         """When the last block was seen."""
         return float(self.time_s.max())
+
+    @property
+    def row_start_s(self) -> Array:
+        """(f, b) when the row began, after the start of the frame."""
+        return self.in_frame_s - self.in_row_s
 
     @property
     def since_step_at_s(self) -> Array:

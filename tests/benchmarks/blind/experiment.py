@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 from numexp.experiment import CROSS_PX, POISSON, STAGE_ERROR_PX, TOP_STRAIN, timing
 from numexp.noise import FrameNoise, NoiseKind
-from numexp.world import HEIGHT_PX, PAUSE_S, WIDTH_PX, World, make_world, start_s
+from numexp.world import HEIGHT_PX, PAUSE_S, SCAN, WIDTH_PX, World, make_world, start_s
 from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap, PoiStatus
@@ -20,6 +20,7 @@ from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive_simulators.effects.protocol import Effect, Visits
 from semlive_simulators.history import History, LoadStep, Move
+from semlive_simulators.scan import Scan
 from semlive_simulators.specimen import Motion, at_rest
 
 Field: TypeAlias = NDArray[np.float64]
@@ -65,6 +66,8 @@ class Conditions:
         outliers: share of the points that are wrong.
         bias_px: amplitude of the correlation's own bias over fractions of a pixel.
         sway: effects that are nobody's fault: wandering drift.
+        scan: the raster.
+        bent_like: the seed of an experiment with the same distortion; None for one of its own.
     """
 
     seed: int
@@ -76,6 +79,8 @@ class Conditions:
     outliers: float = 0.001
     bias_px: float = 0.0
     sway: tuple[Effect, ...] = ()
+    scan: Scan = SCAN
+    bent_like: int | None = None
 
 
 def poses(conditions: Conditions) -> list[Pose]:
@@ -108,8 +113,7 @@ def poses(conditions: Conditions) -> list[Pose]:
 def hidden(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRID) -> list[HiddenPair]:
     """All pairs of an experiment, with noise."""
     told = poses(conditions)
-    rng = np.random.default_rng((conditions.seed, 2007))
-    world = make_world(rng, start_s(2 * len(told)) - PAUSE_S, (*conditions.sway, *effects), carried=False)
+    world = _world(conditions, start_s(2 * len(told)) - PAUSE_S, effects)
     noise = FrameNoise(conditions.kind, conditions.noise_px, conditions.seed, WIDTH_PX, HEIGHT_PX)
     here = np.stack(grid.mesh(), axis=-1).reshape(-1, 2)
     material = seen_at(world, here, 0, told[0].motion)
@@ -122,9 +126,19 @@ def hidden(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRI
         maps = []
         for frame, at in there.items():
             maps.append(_map(noise, conditions, grid, frame, here, at))
-        times = tuple(FrameTime(frame, start_s(frame), timing()) for frame in (first, second))
+        times = tuple(FrameTime(frame, start_s(frame), timing(conditions.scan)) for frame in (first, second))
         found.append(HiddenPair(pose, (times[0], times[1]), tuple(maps)))
     return found
+
+
+def _world(conditions: Conditions, run_s: float, effects: tuple[Effect, ...]) -> World:
+    seeds = [conditions.seed] if conditions.bent_like is None else [conditions.bent_like, conditions.seed]
+    distortion = None
+    for seed in seeds:
+        rng = np.random.default_rng((seed, 2007))
+        world = make_world(rng, run_s, (*conditions.sway, *effects), False, conditions.scan, distortion)
+        distortion = world.distortion
+    return world
 
 
 def largest_px(conditions: Conditions, effects: tuple[Effect, ...]) -> float:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from numexp.experiment import Experiment, Taken
-from numexp.world import DWELL_S, HEIGHT_PX, ROW_S, WIDTH_PX
+from numexp.world import HEIGHT_PX, WIDTH_PX
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.experiment import Phase
@@ -40,7 +40,8 @@ def frame_lines(taken: Taken, pair: int, later_s: float, area_mm2: float) -> lis
     load = ""
     if taken.phase is Phase.TENSION:
         load = repr(float(taken.seen[-1].gradient[1, 1]) * MODULUS_MPA * area_mm2)
-    scan = f"{DWELL_S!r},{ROW_S!r},{WIDTH_PX},{HEIGHT_PX},1"
+    timing = taken.times[0].timing
+    scan = f"{timing.dwell_time_s.value!r},{timing.row_time_s.value!r},{WIDTH_PX},{HEIGHT_PX},1"
     return [
         f"{2 * pair + member},{pair},{taken.phase.value},{taken.times[member].start_s + later_s!r},{scan},{load},," for member in (0, 1)
     ]

@@ -9,13 +9,14 @@ from functools import lru_cache
 import numpy as np
 from numexp.cases import Case, Setting
 from numexp.noise import FrameNoise
-from numexp.world import DWELL_S, HEIGHT_PX, PAUSE_S, ROW_S, SCAN, WIDTH_PX, Field, World, lying, make_world, start_s
+from numexp.world import HEIGHT_PX, PAUSE_S, SCAN, WIDTH_PX, Field, World, lying, make_world, start_s
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.scan import Provenance, ScanTiming, Sourced
+from semlive_simulators.scan import Scan
 from semlive_simulators.specimen import Motion
 
 GRID = Grid(101, 101, 5, 150, 120, 43)
@@ -173,10 +174,10 @@ def _poses(rng: np.random.Generator, calibration_pairs: int, load_steps: int) ->
         yield Phase.TENSION, lying((shift[0], shift[1]), np.diag([-POISSON * strain, strain]))
 
 
-def timing() -> ScanTiming:
+def timing(scan: Scan = SCAN) -> ScanTiming:
     """The scan timing that the estimator is told."""
 
     def known(value: float) -> Sourced[float]:
         return Sourced(value, Provenance.CONFIG)
 
-    return ScanTiming(known(DWELL_S), known(ROW_S), known(SCAN.frame_time_s), Sourced(1, Provenance.CONFIG))
+    return ScanTiming(known(scan.dwell_time_s), known(scan.row_time_s), known(scan.frame_time_s), Sourced(1, Provenance.CONFIG))

@@ -77,7 +77,14 @@ def start_s(frame: int) -> float:
     return frame * (SCAN.frame_time_s + PAUSE_S)
 
 
-def make_world(rng: np.random.Generator, run_s: float, effects: tuple[Effect, ...], carried: bool) -> World:
+def make_world(
+    rng: np.random.Generator,
+    run_s: float,
+    effects: tuple[Effect, ...],
+    carried: bool,
+    scan: Scan = SCAN,
+    distortion: Distortion | None = None,
+) -> World:
     """A world with 10 to 20 px of drift along each axis during `run_s` and a distortion of -0.5 ... 1.5 px.
 
     Args:
@@ -85,10 +92,12 @@ def make_world(rng: np.random.Generator, run_s: float, effects: tuple[Effect, ..
         run_s: length of the run.
         effects: what else is wrong.
         carried: see `World`.
+        scan: the raster.
+        distortion: in place of one of its own.
     """
     drift = Drift(*(_axis_drift(rng, run_s) for _ in range(2)))
-    distortion = Distortion(*(_axis_distortion(rng) for _ in range(2)))
-    scenario = replace(load_scenario("paper_x200"), scan=SCAN, drift=drift, distortion=distortion, effects=Effects(effects))
+    distortion = distortion or Distortion(*(_axis_distortion(rng) for _ in range(2)))
+    scenario = replace(load_scenario("paper_x200"), scan=scan, drift=drift, distortion=distortion, effects=Effects(effects))
     return World(scenario.column(), distortion, carried)
 
 

@@ -1,0 +1,213 @@
+"""Two runs with different scans: what one takes for distortion moves in the other, and the distortion itself does not.
+
+The baselines of both runs are joined with one distortion for both; everything else is each run's own. What a law says is shared: the
+same time constant and the same amplitudes in both.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.diagnosis import Decided, Decision, FoundParameter, Outcome
+from semlive.diagnose.baseline import Ladder, Rung, rung
+from semlive.diagnose.evidence import Projected, sizes_of, weigh
+from semlive.diagnose.judge import LOUD, ODDS
+from semlive.diagnose.refine import between, left_open, linear
+from semlive.errors import IllPosed
+from semlive.model.effects import BETWEEN_SCANS, DICTIONARY, Family, Law
+from semlive.model.effects.family import Values
+
+Array = NDArray[np.float64]
+APART = 0.01  # of a dwell or a row time: less is no other scan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joined:
+    """Runs with one distortion between them.
+
+    Attributes:
+        runs: their baselines, of one rung each.
+        left: of each run (f, b, 2) whitened, what the first run's distortion and the run's own first solution leave.
+        place: of each run (p_i,), which of the p parameters of all runs its own are.
+        rung: all of it against all data.
+    """
+
+    runs: tuple[Ladder, ...]
+    left: tuple[Array, ...]
+    place: tuple[NDArray[np.int64], ...]
+    rung: Rung
+
+    def projected(self, laws: Sequence[Law]) -> Projected:
+        """A law, as it is in each run, against the data."""
+        q = laws[0].field_px.shape[-1]
+        alone, asked, shared = np.zeros((q, q)), np.zeros(q), np.zeros((len(self.rung.prior), q))
+        for run, left, place, law in zip(self.runs, self.left, self.place, laws, strict=True):
+            white = run.design.whiten(law.field_px)
+            flat = white.reshape(-1, q)
+            alone, asked = alone + flat.T @ flat, asked + flat.T @ left.ravel()
+            shared[place] += run.design.transposed(white)
+        half = self.rung.half(shared)
+        values, vectors = np.linalg.eigh(alone - half.T @ half)
+        pull = vectors.T @ (asked - half.T @ self.rung.asked)
+        return Projected(np.clip(values, 0.0, None)[None], vectors[None], pull[None])
+
+
+def joined_runs(runs: Sequence[Ladder]) -> Joined:
+    """Runs with one distortion, as smooth as that run has it which makes all data likeliest."""
+    alone = [Ladder(one.design, one.left, (one.best,)) for one in runs]
+    return max((_joined(alone, believed_by) for believed_by in range(len(alone))), key=lambda one: one.rung.evidence)
+
+
+def _joined(runs: Sequence[Ladder], believed_by: int) -> Joined:
+    bent = [_distortion(one) for one in runs]
+    place, size = [], len(bent[0])
+    for one, own in zip(runs, bent, strict=True):
+        at = np.full(one.design.size, -1)
+        at[own] = np.arange(len(own))
+        others = np.flatnonzero(at < 0)
+        at[others] = size + np.arange(len(others))
+        place.append(at)
+        size += len(others)
+    normal, prior, near, pull, power, left = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size), np.zeros(size), 0.0, []
+    starts = [_first(one) for one in runs]
+    for number, (one, at, own, start) in enumerate(zip(runs, place, bent, starts, strict=True)):
+        step = np.zeros(one.design.size)
+        step[own] = starts[0][bent[0]] - start[own]
+        left.append(one.left - one.design.times(step[:, None])[..., 0])
+        normal[np.ix_(at, at)] += one.design.normal
+        believed = one.best.prior.copy()
+        if number != believed_by:
+            believed[np.ix_(own, own)] = 0.0
+        prior[np.ix_(at, at)] += believed
+        near[at] = start + step
+        pull[at] += one.design.transposed(left[-1][..., None])[:, 0]
+        power += float(np.sum(left[-1] ** 2))
+    both = rung(normal, prior, pull, power, near, runs[believed_by].best.hyper, 0.0)
+    return Joined(tuple(runs), tuple(left), tuple(place), both)
+
+
+def _distortion(run: Ladder) -> NDArray[np.int64]:
+    part = run.design.observation.state.layout.part("distortion")
+    return np.flatnonzero((run.design.kept >= part.start) & (run.design.kept < part.stop))
+
+
+def _first(run: Ladder) -> Array:
+    mean = run.design.observation.solution.mean[run.design.kept]
+    return np.concatenate((mean, np.zeros(run.design.size - len(mean))))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shared:
+    """A family's laws against all runs."""
+
+    joined: Joined
+    family: Family
+    size_px: float
+
+    def grid(self) -> Iterable[Values]:
+        return self.family.grid(self.joined.runs[0].design.observation.scene)
+
+    def laws(self, values: Values) -> list[Law] | None:
+        found = [self.family.law(one.design.observation.scene, values) for one in self.joined.runs]
+        seen = [one for one in found if one is not None]
+        return seen if len(seen) == len(found) else None
+
+    def at(self, values: Values) -> Projected | None:
+        laws = self.laws(values)
+        return None if laws is None else self.joined.projected(laws)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Heard:
+    """A family, and its likeliest law."""
+
+    family: Family
+    log_factor: float
+    values: dict[str, float]
+    size_px: float
+
+
+def decide(runs: Sequence[Ladder]) -> Decision:
+    """Which effect runs with different scans show, if any.
+
+    Args:
+        runs: their baselines, with the effects that are known in them.
+
+    Raises:
+        IllPosed: the runs cannot be joined, or were scanned alike.
+    """
+    _fit_each_other(runs)
+    both = joined_runs(runs)
+    apart = sum(joined_runs([one]).rung.evidence for one in runs) - both.rung.evidence
+    heard = [one for family in BETWEEN_SCANS if (one := _heard(both, family)) is not None]
+    evidence = _run_by_run(runs) | {one.family.name: one.log_factor for one in heard}
+    told = tuple(sorted(evidence.items(), key=lambda item: -item[1]))
+    loudest = told[0][1]
+    if loudest < LOUD:
+        return Decision(Outcome.UNKNOWN if apart > LOUD else Outcome.NONE, None, (), told, apart)
+    effects = [_decided(both, one) for one in heard if one.family.name == told[0][0]] or [Decided(told[0][0], (told[0][0],), 0.0, ())]
+    names = (*effects[0].names, *(name for name, factor in told[1:] if factor > loudest - ODDS))
+    if apart > loudest + LOUD:
+        return Decision(Outcome.UNKNOWN, effects[0], (), told, apart)
+    if len(names) > 1:
+        return Decision(Outcome.AMBIGUOUS, effects[0], names, told, apart)
+    return Decision(Outcome.IDENTIFIED, effects[0], (), told, apart)
+
+
+def _fit_each_other(runs: Sequence[Ladder]) -> None:
+    states = [one.design.observation.state for one in runs]
+    if any(one.distortion != states[0].distortion or one.grid != states[0].grid for one in states[1:]):
+        raise IllPosed(
+            "the runs have points or frames of different sizes: their distortions cannot be compared; replay one with the other's grid"
+        )
+    scans = [one.frame_time(0).timing for one in states]
+    times = np.array([[one.dwell_time_s.value, one.row_time_s.value] for one in scans])
+    if np.ptp(np.log(times), axis=0).max() < APART:
+        raise IllPosed(
+            f"the runs were scanned alike, dwell {times[0, 0]:g} s and rows of {times[0, 1]:g} s: they decide nothing; "
+            "take the second with half or twice the dwell"
+        )
+
+
+def _heard(both: Joined, family: Family) -> _Heard | None:
+    """A family against all runs: the mean over its laws and sizes, and the likeliest of them."""
+    sizes, tried = sizes_of(family), []
+    for values in _Shared(both, family, 0.0).grid():
+        one = _Shared(both, family, 0.0).at(values)
+        if one is not None:
+            tried.append((dict(values), one.log_factor(sizes)[0]))
+    if not tried:
+        return None
+    each = np.stack([factors for _, factors in tried])
+    law, size = np.unravel_index(int(np.argmax(each)), each.shape)
+    factor = float(np.logaddexp.reduce(each, axis=None)) - math.log(each.size)
+    return _Heard(family, factor, tried[int(law)][0], float(sizes[int(size)]))
+
+
+def _run_by_run(runs: Sequence[Ladder]) -> dict[str, float]:
+    """All other names: what they gain in each run, where nothing is shared."""
+    shared = {one.name for one in BETWEEN_SCANS}
+    families, total = [one for one in DICTIONARY if one.name not in shared], dict[str, float]()
+    for run in runs:
+        for one in weigh(run, families, None):
+            total[one.family.name] = total.get(one.family.name, 0.0) + one.log_factor
+    return total
+
+
+def _decided(both: Joined, heard: _Heard) -> Decided:
+    asked = _Shared(both, heard.family, heard.size_px)
+    values = between(asked, {one.name: 0.0 for one in heard.family.thetas} | heard.values)
+    laws, against = asked.laws(values), asked.at(values)
+    assert laws is not None  # it was seen on the grid
+    assert against is not None
+    mean, covariance = against.amplitudes(0, heard.size_px)
+    sigmas, follows = left_open(asked, values, mean)
+    own = [FoundParameter(one.name, values[one.name], sigma, one.unit) for one, sigma in zip(heard.family.thetas, sigmas, strict=True)]
+    parameters = (*linear(laws[0], mean, covariance + follows), *own)
+    peak_px = max(float(np.max(np.hypot(*np.moveaxis(one.field_px @ mean, -1, 0)))) for one in laws)
+    return Decided(heard.family.name, heard.family.told(parameters) or (heard.family.name,), peak_px, parameters)

@@ -1,0 +1,47 @@
+"""Decision between what one run leaves open: its log beside that of the experiment that was proposed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from semlive.data.diagnosis import Decision, KnownEffect
+from semlive.diagnose.decide import decide
+from semlive.diagnose.known import joined, showing
+from semlive.diagnose.noise import quiet
+from semlive.model.move_effects import beside_maps
+from semlive.service.diagnosis import observed, parameters_json
+
+
+def decide_logs(logs: Sequence[Path], watch: Callable[[str, int, int], None] | None = None, known: Sequence[KnownEffect] = ()) -> Decision:
+    """What runs of one specimen with different scans show together.
+
+    Args:
+        logs: files, or run folders.
+        watch: told what is done, how much of it, of how much.
+        known: effects that the model has already.
+
+    Raises:
+        BadInput: a log cannot be read, its data are too few, or the runs do not fit each other.
+    """
+    in_maps = [one for one in known if beside_maps(one.name) is None]
+    runs = []
+    for log in logs:
+        seen = observed(log, watch)
+        runs.append(joined(quiet(seen), showing(seen, in_maps))[0])
+    return decide(runs)
+
+
+def decision_json(found: Decision) -> dict[str, Any]:
+    """As other programs read it (`semlive experiment decide LOG OTHER --json`); only ever extended."""
+    effect = found.effect
+    return {
+        "outcome": found.outcome.value,
+        "effect": None
+        if effect is None
+        else {"name": effect.name, "peak_px": effect.peak_px, "parameters": parameters_json(effect.parameters)},
+        "ambiguous": list(found.ambiguous),
+        "evidence": dict(found.evidence),
+        "apart": found.apart,
+    }

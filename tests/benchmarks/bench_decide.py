@@ -1,0 +1,195 @@
+"""What one run cannot tell from the distortion, and two runs with different scans can.
+
+    python tests/benchmarks/bench_decide.py --seeds 20 --nulls 300 --folder decided [--shard 1/2] [--seconds 3000]
+    python tests/benchmarks/bench_decide.py ... --folder decided --score [--write]
+
+An experiment of 15 pairs, and the calibration again with half the dwell and half the row time: another drift, other stage errors, other
+noise, the same distortion and the same effect, the simulators' own, at displacement level (0.02 px of noise shared over subsets, 1 % of
+the points missing, 0.1 % wrong). The first run alone is diagnosed too: of what is the same in all of its frames it must name nothing.
+A run that was broken off goes on where it stopped; shards write into one folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from blind.experiment import Conditions
+from blind.observing import observed
+from blind.scoring import at_least, at_most
+from numexp.world import SCAN
+
+from semlive.data.grid import Grid
+from semlive.diagnose.decide import decide
+from semlive.diagnose.judge import diagnose
+from semlive.diagnose.noise import quiet
+from semlive_simulators.effects.library import LIBRARY
+from semlive_simulators.effects.protocol import Effect
+
+PAGE = Path(__file__).parents[2] / "docs" / "diagnose.md"
+BEGIN, END = "<!-- decided: begin -->\n", "<!-- decided: end -->\n"
+EDGE = Grid(56, 56, 15, 60, 50, 43)
+"""As close to the edges as subsets and moves allow."""
+HALF = replace(SCAN, dwell_time_s=0.5 * SCAN.dwell_time_s, frame_time_s=0.5 * SCAN.frame_time_s)
+FIRST_SEED, AGAIN, NOTHING = 40_001, 500_000, "nothing"
+SIZES = {
+    "flyback_settling": (0.1, 0.2, 0.5),
+    "frame_start_settling": (0.1, 0.2, 0.5),
+    "line_sync_hum": (0.005, 0.01, 0.02),
+    "wrong_row_time": (0.1, 0.2, 0.4),
+}
+"""px, of the row time a share."""
+TRUTH = {"flyback_settling": "amplitude_px", "frame_start_settling": "y_px", "wrong_row_time": "row_time_error"}
+
+
+@dataclass(frozen=True, slots=True)
+class Hidden:
+    """A case.
+
+    Attributes:
+        name: of what is hidden.
+        size: px, or a share of the row time.
+        seed: of everything.
+    """
+
+    name: str
+    size: float
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """By which its verdict is known."""
+        return f"{self.name} {self.size:g} {self.seed}"
+
+    def effects(self) -> tuple[Effect, ...]:
+        """What is hidden: beams that settle within 25 to 60 columns, or within 3 to 8 s."""
+        share = (self.seed * 0.6180339887) % 1.0
+        if self.name == NOTHING:
+            return ()
+        built: dict[str, tuple[float, ...]] = {
+            "flyback_settling": (self.size, 2.5e-3 + 3.5e-3 * share),
+            "frame_start_settling": (0.6 * self.size, 0.8 * self.size, 3.0 + 5.0 * share),
+            "line_sync_hum": (self.size, 50.0),
+            "wrong_row_time": (self.size,),
+        }
+        kind: Any = LIBRARY[self.name]
+        return (kind(*built[self.name]),)
+
+    def verdict(self) -> dict[str, Any]:
+        """Of the first run alone, and of both."""
+        begin = time.process_time()
+        one = observed(Conditions(self.seed), self.effects(), EDGE)
+        other = observed(Conditions(self.seed + AGAIN, tension=0, scan=HALF, bent_like=self.seed), self.effects(), EDGE)
+        made_s = time.process_time()
+        found = decide((quiet(one), quiet(other)))
+        took_s = time.process_time() - made_s
+        alone = diagnose(one)
+        told = {} if found.effect is None else {item.name: [item.value, item.sigma] for item in found.effect.parameters}
+        return {
+            "key": self.key,
+            **asdict(self),
+            "alone": alone.outcome.value,
+            "alone_names": [item.name for item in alone.effects],
+            "outcome": found.outcome.value,
+            "named": None if found.effect is None else found.effect.name,
+            "ambiguous": list(found.ambiguous),
+            "evidence": dict(found.evidence[:4]),
+            "apart": found.apart,
+            "parameters": told,
+            "cpu_s": took_s,
+            "all_s": time.process_time() - begin,
+        }
+
+
+def cases(seeds: int, nulls: int) -> Iterator[Hidden]:
+    """In an order in which each part of the list says something of all."""
+    for seed in range(max(seeds, 1)):
+        for name, sizes in SIZES.items() if seed < seeds else ():
+            yield from (Hidden(name, size, FIRST_SEED + seed) for size in sizes)
+        each = -(-nulls // max(seeds, 1))
+        yield from (Hidden(NOTHING, 0.0, FIRST_SEED + 1000 + null) for null in range(seed * each, min((seed + 1) * each, nulls)))
+
+
+def table(found: list[dict[str, Any]]) -> str:
+    """As Markdown."""
+    lines = ["| hidden | both runs: right | another name | by the first run alone | error, median | inside stated 90 % |", "|---" * 6 + "|"]
+    for name, sizes in SIZES.items():
+        for size in sizes:
+            own = [one for one in found if one["name"] == name and one["size"] == size]
+            if not own:
+                continue
+            right = [one for one in own if one["outcome"] == "IDENTIFIED" and one["named"] == name]
+            wrong = sum(one["outcome"] == "IDENTIFIED" and one["named"] != name for one in own)
+            alone = sum(one["alone"] == "IDENTIFIED" and one["alone_names"] == [name] for one in own)
+            falsely = sum(one["alone"] == "IDENTIFIED" and one["alone_names"] != [name] for one in own)
+            unit = "" if name == "wrong_row_time" else " px"
+            lines.append(
+                f"| `{name}`, {size:g}{unit} | {len(right)} of {len(own)} (at least {100 * at_least(len(right), len(own)):.0f} %) | {wrong}"
+                f" | right {alone}, another name {falsely} | {_errors(name, size, right)} |"
+            )
+    nulls = [one for one in found if one["name"] == NOTHING]
+    if nulls:
+        named = sum(one["outcome"] in ("IDENTIFIED", "AMBIGUOUS") for one in nulls)
+        unknown = sum(one["outcome"] == "UNKNOWN" for one in nulls)
+        loudest = max(max(one["evidence"].values()) for one in nulls)
+        lines.append(
+            f"\nWhere nothing was hidden {named} of {len(nulls)} were named (bound {100 * at_most(named, len(nulls)):.1f} %),"
+            f" {unknown} UNKNOWN; the loudest logarithm of a Bayes factor was {loudest:.1f}, that of a name is 7 at least."
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _errors(name: str, size: float, right: list[dict[str, Any]]) -> str:
+    own = TRUTH.get(name)
+    if own is None or not right:
+        return " | "
+    true = 0.8 * size if own == "y_px" else size
+    told = [one["parameters"][own] for one in right]
+    off = sorted(abs(value - true) / true for value, _ in told)
+    inside = sum(abs(value - true) < 1.645 * sigma for value, sigma in told)
+    return f"{100 * off[len(off) // 2]:.0f} % | {inside} of {len(told)}"
+
+
+def main() -> None:
+    """Run what is missing, or score what is there."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--nulls", type=int, default=4)
+    parser.add_argument("--folder", type=Path, default=Path("decided"))
+    parser.add_argument("--shard", default="1/1", help="k/n: every n-th case from the k-th on")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long")
+    parser.add_argument("--score", action="store_true", help="run nothing")
+    parser.add_argument("--write", action="store_true", help="put the table into docs/diagnose.md")
+    asked = parser.parse_args()
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    own, shards = (int(one) for one in asked.shard.split("/"))
+    chosen, begin = list(cases(asked.seeds, asked.nulls)), time.monotonic()
+    done = _verdicts(asked.folder)
+    for case in [] if asked.score else chosen[own - 1 :: shards]:
+        if case.key not in done and time.monotonic() - begin < asked.seconds:
+            with (asked.folder / f"decided-{own}-of-{shards}.jsonl").open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(case.verdict()) + "\n")
+    done = _verdicts(asked.folder)
+    found = [done[one.key] for one in chosen if one.key in done]
+    sys.stdout.write(table(found))
+    if asked.write:
+        page = PAGE.read_text(encoding="utf-8")
+        before, rest = page.split(BEGIN)
+        PAGE.write_text(f"{before}{BEGIN}\n{table(found)}\n{END}{rest.split(END)[1]}", encoding="utf-8")
+
+
+def _verdicts(folder: Path) -> dict[str, dict[str, Any]]:
+    lines = [line for path in sorted(folder.glob("decided-*.jsonl")) for line in path.read_text(encoding="utf-8").splitlines()]
+    return {str(one["key"]): one for one in map(json.loads, lines)}
+
+
+if __name__ == "__main__":
+    main()

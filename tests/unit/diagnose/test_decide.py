@@ -1,0 +1,107 @@
+"""What two runs with different scans decide that one cannot."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+from blind.experiment import Conditions
+from blind.observing import observed
+from numexp.world import SCAN
+
+from semlive.data.diagnosis import Decision, Outcome
+from semlive.data.grid import Grid
+from semlive.diagnose.baseline import Ladder
+from semlive.diagnose.decide import decide, joined_runs
+from semlive.diagnose.evidence import projected
+from semlive.diagnose.noise import quiet
+from semlive.errors import IllPosed
+from semlive.model.effects import BETWEEN_SCANS, DICTIONARY
+from semlive_simulators.effects.flyback_settling import FlybackSettling
+from semlive_simulators.effects.frame_start_settling import FrameStartSettling
+from semlive_simulators.effects.line_sync_hum import LineSyncHum
+from semlive_simulators.effects.protocol import Effect
+from semlive_simulators.scan import Scan
+
+GRID = Grid(56, 56, 15, 60, 50, 43)
+HALF = replace(SCAN, dwell_time_s=0.5 * SCAN.dwell_time_s, frame_time_s=0.5 * SCAN.frame_time_s)
+
+
+def run(seed: int, effects: tuple[Effect, ...] = (), scan: Scan = SCAN, bent_like: int | None = None, grid: Grid = GRID) -> Ladder:
+    return quiet(observed(Conditions(seed, tension=0, scan=scan, bent_like=bent_like), effects, grid))
+
+
+def decided(seed: int, *effects: Effect) -> Decision:
+    return decide((run(seed, effects), run(seed + 1000, effects, HALF, seed)))
+
+
+def told(found: Decision) -> dict[str, tuple[float, float]]:
+    assert found.effect is not None
+    return {one.name: (one.value, one.sigma) for one in found.effect.parameters}
+
+
+def test_a_distortion_that_both_scans_have_is_nothing() -> None:
+    found = decided(41)
+    assert (found.outcome, found.effect, found.ambiguous) == (Outcome.NONE, None, ())
+    assert found.apart < 0.0
+    assert max(factor for _, factor in found.evidence) < 7.0
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        (FlybackSettling(0.5, 4e-3), {"amplitude_px": 0.5, "settling_s": 4e-3}),
+        (FrameStartSettling(0.3, -0.4, 5.0), {"x_px": 0.3, "y_px": -0.4, "settling_s": 5.0}),
+        (LineSyncHum(0.03, 50.0), {"frequency_hz": 50.0}),
+    ],
+)
+def test_what_one_run_takes_for_distortion_moves_with_the_scan(effect: Effect, values: dict[str, float]) -> None:
+    found = decided(42, effect)
+    assert found.outcome is Outcome.IDENTIFIED
+    assert found.effect is not None
+    assert found.effect.name == effect.name
+    assert found.evidence[0][0] == effect.name
+    for name, true in values.items():
+        value, sigma = told(found)[name]
+        assert abs(value - true) < 3.0 * sigma, f"{name}: {value} +- {sigma}, hidden {true}"
+        assert sigma < 0.3 * abs(true)
+
+
+def test_a_distortion_that_goes_with_the_scan_by_no_known_law_is_unknown() -> None:
+    found = decide((run(43), run(1043, scan=HALF)))
+    assert found.outcome is Outcome.UNKNOWN
+    assert found.apart > 100.0
+
+
+def test_runs_that_were_scanned_alike_decide_nothing() -> None:
+    with pytest.raises(IllPosed, match="scanned alike"):
+        decide((run(44), run(1044, bent_like=44)))
+
+
+def test_runs_on_other_points_are_refused() -> None:
+    with pytest.raises(IllPosed, match="different sizes"):
+        decide((run(45), run(1045, (), HALF, 45, Grid(101, 101, 15, 50, 40, 43))))
+
+
+def test_one_run_joined_with_nothing_is_that_run() -> None:
+    alone = run(46)
+    best = Ladder(alone.design, alone.left, (alone.best,))
+    joined = joined_runs([alone])
+    scene = alone.design.observation.scene
+    for family in (BETWEEN_SCANS[1], DICTIONARY[1]):
+        law = family.law(scene, next(iter(family.grid(scene))))
+        assert law is not None
+        one, other = joined.projected([law]), projected(best, law.field_px)
+        assert one.values == pytest.approx(other.values, rel=1e-6, abs=1e-9)
+        assert np.abs(one.pull) == pytest.approx(np.abs(other.pull), rel=1e-6, abs=1e-6)
+
+
+def test_a_dictionary_holds_no_name_twice() -> None:
+    assert len({one.name for one in (*DICTIONARY, *BETWEEN_SCANS)}) == len(DICTIONARY) + len(BETWEEN_SCANS) - 1
+    assert {one.group for one in BETWEEN_SCANS} == {"G3", "G4"}
