@@ -301,7 +301,7 @@ def without_effects(begun: Begun) -> Begun:
     for decision, maps in zip(pairs, begun.measured, strict=True):
         within = (one for one in maps if one.reference != 0)
         seen.append(SeenPair(decision, frame_times(pairs[0], decision), (*within, *seen_from_frame_0(decision.pair, maps))))
-    taken = taken_out(settings.model, settings.estimate, seen)
+    taken = taken_out(settings.model, settings.estimate, settings.specimen.loading_axis, seen)
     if not taken.by_frame and not begun.taken.by_frame:
         return replace(begun, taken=taken)
     fresh = begin_from_maps(settings, pairs[0].first, begun.grid)
@@ -491,7 +491,7 @@ def _load_steps(begun: Begun, summaries: Mapping[int, StrainSummary]) -> list[tu
     return [
         (
             one.pair,
-            0.5 * (one.loads[0].mean_n + one.loads[1].mean_n),
+            0.5 * (one.loads[0].mean_n + one.loads[1].mean_n) - begun.taken.load_of(one.pair),
             mean_gage(*one.loads),
             mechanics.pooled(summaries[2 * one.pair], summaries[2 * one.pair + 1]),
         )

@@ -106,6 +106,13 @@ def with_loads(found: Diagnosis, readings: Readings) -> Diagnosis:
     return _told(beside, [one.effect(len(heard)) for one in loud], [one.rivals for one in loud], [one.family for one in loud])
 
 
+def added_by(readings: Readings, names: Sequence[str]) -> dict[str, Array]:
+    """By name (n,) N that effects of the load cell add to the readings, each fitted to them; those that they cannot show are left out."""
+    own, _ = _columns(readings)
+    heard = {one.name: _test(readings, one) for one in LOADS if one.name in names}
+    return {name: one.term.value * own[name] for name, one in heard.items() if one is not None}
+
+
 def with_clock(found: Diagnosis, offset_s: float, sigma_s: float) -> Diagnosis:
     """The verdict with the microscope's clock beside it: what it is ahead of what was stated, s, and the standard uncertainty."""
     if CLOCK.name in {one.name for one in found.known}:

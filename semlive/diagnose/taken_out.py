@@ -17,9 +17,11 @@ from semlive.data.pair import PairDecision
 from semlive.data.settings import EstimateSettings
 from semlive.data.strain import Tensor2
 from semlive.diagnose.known import at_points, moved_by, showing
-from semlive.diagnose.observation import Observation, first_solution, observe, steps_of
+from semlive.diagnose.load_channel import Readings, added_by, readings_of
+from semlive.diagnose.observation import Observation, StepFacts, first_solution, observe, steps_of
 from semlive.errors import IllPosed
 from semlive.estimate.accumulate import DENSE_PAIRS
+from semlive.model.load_effects import OF_CELL
 from semlive.model.move_effects import beside_maps
 
 Array = NDArray[np.float64]
@@ -51,12 +53,14 @@ class TakenOut:
         pairs: that they were fitted to.
         by_frame: by the number of each frame (ny, nx, 2) what is taken out of its map, px; empty where nothing is.
         strain: by the number of each frame the mean strain of that.
+        loads_n: by the number of each pair what the load cell itself added to its reading.
         notes: sentences for the operator.
     """
 
     pairs: int
     by_frame: Mapping[int, Array] = field(default_factory=dict)
     strain: Mapping[int, Tensor2] = field(default_factory=dict)
+    loads_n: Mapping[int, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def without(self, disparity: DisparityMap) -> DisparityMap:
@@ -73,33 +77,58 @@ class TakenOut:
         """Mean strain of what is taken out of a frame."""
         return self.strain.get(frame, NOTHING)
 
+    def load_of(self, pair: int) -> float:
+        """What the load cell itself added to a pair's reading, N."""
+        return self.loads_n.get(pair, 0.0)
 
-def taken_out(model: KnownModel, settings: EstimateSettings, seen: Sequence[SeenPair]) -> TakenOut:
+
+def taken_out(model: KnownModel, settings: EstimateSettings, loading_axis: str, seen: Sequence[SeenPair]) -> TakenOut:
     """What a model's effects moved, their amplitudes fitted to all pairs so far, together with drift, distortion and motion.
+
+    What the load cell did by itself is fitted to its readings beside the strain that maps without the other effects would show.
 
     Where they cannot be fitted nothing is taken out, and a note says why: a run goes on.
 
     Args:
         model: the effects.
         settings: of the estimate; it is the joint one that effects are fitted beside.
+        loading_axis: of the image, along which the specimen is pulled.
         seen: the pairs so far, in the order in which they came.
     """
     if len(seen) > MOST_PAIRS:
         return too_many(len(seen))
     first = seen[0].decision.first
     of_maps = [one for one in model.effects if beside_maps(one.name) is None]
-    notes = [f"model: {one.name} is not a matter of maps, and is left in" for one in model.effects if beside_maps(one.name)]
+    of_cell = [one.name for one in model.effects if one.name in OF_CELL]
+    notes = [f"model: {one.name} is not a matter of maps, and is left in" for one in model.effects if _left_alone(one)]
     why = unfit(model, (first.width_px, first.height_px))
-    if why or not of_maps:
+    if why or not (of_maps or of_cell):
         return TakenOut(len(seen), notes=(*((f"WARNING: model: nothing is taken out of the maps: {why}",) if why else ()), *notes))
     state = estimate.init(settings, seen[0].maps[0].grid, first.width_px, first.height_px)
     for one in seen:
         state = estimate.update(state, one.decision.pair, one.decision.step.phase, one.times, one.maps)
     try:
-        observation = observe(first_solution(state), steps_of([one.decision for one in seen]))
+        steps = steps_of([one.decision for one in seen])
+        observation = observe(first_solution(state), steps)
     except IllPosed as error:
         return TakenOut(len(seen), notes=(f"model: nothing is taken out of the maps yet: {error}", *notes))
-    return _taken(observation, of_maps, notes)
+    loads_n, said = _cell(readings_of(observation, steps, loading_axis), of_cell, steps)
+    if not of_maps:
+        return TakenOut(len(seen), loads_n=loads_n, notes=(*said, *notes))
+    return replace(_taken(observation, of_maps, [*said, *notes]), loads_n=loads_n)
+
+
+def _left_alone(effect: KnownEffect) -> bool:
+    return beside_maps(effect.name) is not None and effect.name not in OF_CELL
+
+
+def _cell(readings: Readings, names: Sequence[str], steps: Sequence[StepFacts]) -> tuple[dict[int, float], list[str]]:
+    """What the load cell added to each pair's reading, and what is said of it."""
+    added = added_by(readings, names)
+    total = np.sum([np.zeros(len(steps)), *added.values()], axis=0)
+    said = [f"model: {name}, {one[np.argmax(np.abs(one))]:+.2f} N at most, taken off the loads" for name, one in added.items()]
+    said += [f"model: {name} cannot be seen in these readings, and is left in" for name in names if name not in added]
+    return ({one.pair: float(load_n) for one, load_n in zip(steps, total, strict=True)} if added else {}), said
 
 
 def too_many(pairs: int) -> TakenOut:
@@ -124,7 +153,7 @@ def _taken(observation: Observation, effects: Sequence[KnownEffect], notes: Sequ
     said += [f"model: {one.name} cannot be seen: there are no loads or moves for it to go with" for one in effects if one not in seen]
     fields = at_points(observation, moved.field_px, observation.grid) if out else {}
     strain = {frame: _strain(observation.grid, moved_px) for frame, moved_px in fields.items()}
-    return TakenOut(len(observation.scene.frame) // 2, fields, strain, (*said, *notes))
+    return TakenOut(len(observation.scene.frame) // 2, fields, strain, notes=(*said, *notes))
 
 
 def _strain(grid: Grid, moved_px: Array) -> Tensor2:

@@ -40,6 +40,7 @@ CLOCK = LoadFamily(
     "G7",
 )
 LOADS = (ZERO, DRIFT, FRICTION)
+OF_CELL = frozenset(one.name for one in LOADS)
 
 
 def of_loads(name: str) -> LoadFamily | None:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from semlive.data.diagnosis import Diagnosis, FoundEffect, Gap, Pictures
 from semlive.diagnose.propose import proposed
+from semlive.model.load_effects import OF_CELL
 from semlive.model.move_effects import beside_maps
 from semlive.report.diagnosis_figures import before_and_after, course, grey_courses, row_spectrum, what_is_left
 from semlive.report.page import STYLE, image
@@ -81,7 +82,8 @@ def _effect(effect: FoundEffect) -> str:
     ]
     eaten = f"A correction would take {100 * effect.strain_eaten:.2g} % of a strain away"
     said = f"{eaten}: strain is not corrected for it." if effect.strain else f"{eaten}."
-    taken = "off" if effect.strain or beside_maps(effect.law.name) else "on"
+    in_maps = beside_maps(effect.law.name) is None
+    taken = "on" if (in_maps and not effect.strain) or effect.law.name in OF_CELL else "off"
     rows = [(*row, taken) for row in rows]
     return _table(("parameter", "value", "sigma", "value over sigma", "unit", "correction"), rows) + f"<p>{html.escape(said)}</p>"
 

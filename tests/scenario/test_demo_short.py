@@ -27,7 +27,7 @@ from sidebyside.table import Row, rows
 
 SHORTER = {"replay": ["--from-disparity"], "simulate": ["--frames", "0"]}
 """So that the whole takes half a minute; with images and all frames the tutorial and test_cli_simulate do it."""
-SLOW = re.compile(r"diagnose|replay.* --model|report|simulate.* --from|.* (?:my-|runs/|test\.tif)")
+SLOW = re.compile(r"diagnose|experiment decide|replay.* --model|report|simulate.* --from|.* (?:my-|runs/|test\.tif)")
 """Run from top to bottom of the tutorial and of the first experiment, of short logs in test_cli_diagnose, or by test_pages."""
 PAGES = Path(__file__).parents[2] / "docs"
 GOLDEN = Path(__file__).parents[1] / "golden" / "score_names.json"

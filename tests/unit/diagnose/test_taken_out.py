@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +13,16 @@ from threadpoolctl import threadpool_limits
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from blind.experiment import Conditions, HiddenPair, hidden
+from blind.experiment import AREA_MM2, YOUNGS_GPA, Conditions, HiddenPair, hidden
 from blind.live import decided, followed
+from numexp.asrun import START_NS
 
 from semlive import pipeline
 from semlive.data.diagnosis import KnownEffect, KnownModel
 from semlive.data.grid import Grid
+from semlive.data.pair import PairDecision
 from semlive.data.results import FrameResult
-from semlive.data.settings import AnalysisSettings
+from semlive.data.settings import AnalysisSettings, SpecimenSettings
 from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
 
 GRID = Grid(101, 101, 25, 30, 24, 43)
@@ -109,6 +112,33 @@ def test_a_run_of_frames_of_another_size_goes_on_without_the_model(charging: lis
     (note,) = begun.taken.notes
     assert note.startswith("WARNING: model: nothing is taken out of the maps: it was found in frames of 512 x 442 px")
     assert np.array_equal(last_field(begun), last_field(bare[-1][0]))
+
+
+def test_what_the_load_cell_does_by_itself_is_taken_off_the_loads() -> None:
+    pairs = hidden(Conditions(912, calibration=6, tension=6, noise_px=0.005), (), GRID)
+    specimen = SpecimenSettings(area_mm2=AREA_MM2)
+    moduli = {}
+    for name, effects in (("as read", ()), ("without drift", (KnownEffect("load_cell_drift", (), 10.0),))):
+        settings, begun = AnalysisSettings(specimen=specimen, model=KnownModel(effects)), None
+        for one in pairs:
+            decision = drifting(decided(one), 0.02)
+            begun = pipeline.absorb(begun or pipeline.begin_from_maps(settings, decision.first, GRID), decision, one.maps)
+        assert begun is not None
+        result = pipeline.conclude(pipeline.without_effects(begun))
+        assert result.elastic is not None
+        moduli[name] = result.elastic.youngs_modulus_gpa
+        said = [note for note in result.notes if "load_cell_drift" in note] if effects else []
+        assert not effects or "taken off the loads" in said[0]
+    assert abs(moduli["as read"].value - YOUNGS_GPA) > 5.0 * moduli["as read"].sigma
+    assert abs(moduli["without drift"].value - YOUNGS_GPA) < 3.0 * moduli["without drift"].sigma
+
+
+def drifting(decision: PairDecision, rate_n_s: float) -> PairDecision:
+    """Read with a load cell whose zero wanders."""
+    assert decision.loads is not None
+    more_n = [rate_n_s * one.start_time_ns.value / 1e9 - rate_n_s * START_NS / 1e9 for one in (decision.first, decision.second)]
+    loads = [replace(one, mean_n=one.mean_n + more) for one, more in zip(decision.loads, more_n, strict=True)]
+    return replace(decision, loads=(loads[0], loads[1]))
 
 
 def test_more_pairs_than_can_be_fitted_go_on_without_the_model(
