@@ -68,6 +68,7 @@ class Conditions:
         sway: effects that are nobody's fault: wandering drift.
         scan: the raster.
         bent_like: the seed of an experiment with the same distortion; None for one of its own.
+        noise_seed: of noise, lost and wrong points alone; None takes the seed of everything.
     """
 
     seed: int
@@ -81,6 +82,12 @@ class Conditions:
     sway: tuple[Effect, ...] = ()
     scan: Scan = SCAN
     bent_like: int | None = None
+    noise_seed: int | None = None
+
+    @property
+    def noisy(self) -> int:
+        """The seed of what differs where everything is measured again."""
+        return self.seed if self.noise_seed is None else self.noise_seed
 
 
 def poses(conditions: Conditions) -> list[Pose]:
@@ -114,7 +121,7 @@ def hidden(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRI
     """All pairs of an experiment, with noise."""
     told = poses(conditions)
     world = _world(conditions, start_s(2 * len(told)) - PAUSE_S, effects)
-    noise = FrameNoise(conditions.kind, conditions.noise_px, conditions.seed, WIDTH_PX, HEIGHT_PX)
+    noise = FrameNoise(conditions.kind, conditions.noise_px, conditions.noisy, WIDTH_PX, HEIGHT_PX)
     here = np.stack(grid.mesh(), axis=-1).reshape(-1, 2)
     material = seen_at(world, here, 0, told[0].motion)
     found = []
@@ -197,7 +204,7 @@ def _undeformed(world: World, point: Field, visit: Visits, inverse: Field) -> Fi
 
 
 def _map(noise: FrameNoise, conditions: Conditions, grid: Grid, frame: int, here: Field, there: Field) -> DisparityMap:
-    rng = np.random.default_rng((conditions.seed, 11, frame))
+    rng = np.random.default_rng((conditions.noisy, 11, frame))
     exact = there - here
     moved = exact + noise.at(frame, there) - noise.at(0, here) + conditions.bias_px * np.sin(2 * np.pi * exact)
     status = np.full(grid.shape, PoiStatus.CONVERGED, np.uint8)
