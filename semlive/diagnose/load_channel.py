@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from semlive.data.diagnosis import Diagnosis, Disagreement, Experiment, FoundEffect, FoundParameter, Gap, KnownEffect, Outcome
 from semlive.data.experiment import Phase
@@ -33,7 +34,7 @@ class Readings:
         time_s: (n,) middle of the pair, since the start of frame 0.
         load_n: (n,) mean reading while it was scanned.
         strain: (n,) mean axial strain since frame 0; 0 of pairs that nothing was loaded for.
-        strain_sigma: (n,) standard uncertainty of it.
+        strain_covariance: (n, n) of it; what frame 0 and the distortion leave open, all loads share.
         loaded: (n,) whether the specimen was under load.
         way: (n,) sign of the last change of the load, 0 before the first.
         half_px: half of the frame's extent along the load.
@@ -42,7 +43,7 @@ class Readings:
     time_s: Array
     load_n: Array
     strain: Array
-    strain_sigma: Array
+    strain_covariance: Array
     loaded: NDArray[np.bool_]
     way: Array
     half_px: float
@@ -60,16 +61,14 @@ def readings_of(observation: Observation, steps: Sequence[StepFacts], loading_ax
     time_s = np.array([0.5 * sum(state.frame_time(2 * one.pair + member).start_s for member in (0, 1)) for one in steps])
     load_n = np.array([0.5 * sum(one.load_n) for one in steps])
     loaded = np.array([one.phase is Phase.TENSION for one in steps])
-    strain, sigma = np.zeros(len(steps)), np.zeros(len(steps))
+    strain, rows = np.zeros(len(steps)), np.zeros((len(steps), len(solution.mean)))
     first = state.layout.part("motion").start
     for at, one in enumerate(steps):
         if one.phase is Phase.TENSION and one.pair in state.motions.pairs:
             strain[at] = state.motions.shift_and_gradient(one.pair, part)[1][axis, axis]
-            row = np.zeros((1, len(solution.mean)))
-            row[0, first + state.motions.part(one.pair)[0].start + (1, 5)[axis]] = 1.0
-            sigma[at] = math.sqrt(float(solution.covariance_of(row)[0, 0]))
+            rows[at, first + state.motions.part(one.pair)[0].start + (1, 5)[axis]] = 1.0
     half_px = float(state.centre_px[axis])
-    return Readings(time_s, load_n, strain, sigma, loaded, _ways(load_n, loaded), half_px)
+    return Readings(time_s, load_n, strain, solution.covariance_of(rows), loaded, _ways(load_n, loaded), half_px)
 
 
 def _ways(load_n: Array, loaded: NDArray[np.bool_]) -> Array:
@@ -166,10 +165,12 @@ def _test(readings: Readings, family: LoadFamily) -> _Test | None:
     own, base = _columns(readings)
     if family.name not in own:
         return None
-    stiff_n, sigma_n = _scales(readings)
+    stiff_n, covariance = _scales(readings)
+    factor = np.linalg.cholesky(covariance)
     others = [column for name, column in own.items() if name != family.name]
-    columns = np.stack([*base, *others, np.zeros(len(sigma_n))], axis=-1) / sigma_n[:, None]
-    found = term(own[family.name] / sigma_n, readings.load_n / sigma_n, basis(columns, 1e-12))
+    columns = np.stack([*base, *others, np.zeros(len(factor)), own[family.name], readings.load_n], axis=-1)
+    white = solve_triangular(factor, columns, lower=True)
+    found = _no_surer(term(white[:, -2], white[:, -1], basis(white[:, :-2], 1e-12)))
     told = None if found is None else judged([found])
     if found is None or told is None:
         return None
@@ -177,6 +178,14 @@ def _test(readings: Readings, family: LoadFamily) -> _Test | None:
     size_px = size_n / stiff_n * readings.half_px if stiff_n > 0.0 else 0.0
     matters = size_n > MATTERS * readings.largest_n
     return _Test(family, found, *told, size_n, size_px, matters, _rivals(readings, family, found))
+
+
+def _no_surer(found: Term | None) -> Term | None:
+    """A term no surer than the readings' own uncertainties have it: unloaded ones that are all exactly 0 say no more for that."""
+    if found is None or found.left >= found.freedom:
+        return found
+    wider = math.sqrt(found.freedom / max(found.left, 1e-30))
+    return replace(found, sigma=found.sigma * wider, left=float(found.freedom))
 
 
 def _columns(readings: Readings) -> tuple[dict[str, Array], list[Array]]:
@@ -194,9 +203,10 @@ def _columns(readings: Readings) -> tuple[dict[str, Array], list[Array]]:
 
 
 def _scales(readings: Readings) -> tuple[float, Array]:
-    """The specimen's stiffness, N for a strain of 1, and (n,) standard uncertainties of the readings beside it.
+    """The specimen's stiffness, N for a strain of 1, and the (n, n) covariance of the readings beside it.
 
-    A reading scatters as unloaded ones do about their line; beside strain it scatters by the strain's own uncertainty too.
+    A reading scatters as unloaded ones do about their line; beside strain it scatters by the strain's own uncertainty too. That is partly
+    shared: a run of images whose strains were all off alike was named friction.
     """
     bare, loaded = ~readings.loaded, readings.loaded
     at_rest = 1e-3 * max(readings.largest_n, 1e-6)
@@ -207,14 +217,14 @@ def _scales(readings: Readings) -> tuple[float, Array]:
     stiff_n = 0.0
     if loaded.any() and np.ptp(readings.strain[loaded]) > 0.0:
         stiff_n = float(np.polyfit(readings.strain[loaded], readings.load_n[loaded], 1)[0]) if int(loaded.sum()) > 1 else 0.0
-    sigma_n = np.hypot(at_rest, stiff_n * readings.strain_sigma)
-    return stiff_n, np.asarray(sigma_n)
+    return stiff_n, at_rest**2 * np.eye(len(readings.load_n)) + stiff_n**2 * readings.strain_covariance
 
 
 def _gap(readings: Readings, names: list[str]) -> Gap | None:
     """How well each reading is foretold by all others, without and with the effects, as the displacement that it stands for."""
     own, base = _columns(readings)
-    stiff_n, sigma_n = _scales(readings)
+    stiff_n, covariance = _scales(readings)
+    sigma_n = np.sqrt(np.diag(covariance))
     if not names or not base or stiff_n <= 0.0:
         return None
     wanted = (base, [*base, *(own[name] for name in names)])
@@ -235,8 +245,8 @@ def _gap(readings: Readings, names: list[str]) -> Gap | None:
 
 def _rivals(readings: Readings, family: LoadFamily, found: Term) -> tuple[str, ...]:
     """Names that the same readings would have as well."""
-    if family is FRICTION and np.ptp(readings.way[readings.loaded]) > 0.0:
-        return ()  # it was seen with both signs
+    if family is FRICTION and {-1.0, 1.0} <= set(readings.way[readings.loaded].tolist()):
+        return ()
     if family is DRIFT:
         bare = ~readings.loaded
         rest_n = float(np.mean(readings.load_n[bare])) if bare.any() else 0.0

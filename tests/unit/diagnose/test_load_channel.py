@@ -20,7 +20,7 @@ AND_DOWN = [*UP, 1850.0, 1500.0, 1150.0, 800.0, 450.0, 100.0]
 STIFF_N, STRAIN_SIGMA, REST, EVERY_S = 0.711e6, 5e-6, 15, 250.0
 
 
-def readings(seed: int, effect: Effect | None = None, loads: list[float] = UP, bent_n: float = 0.0) -> Readings:
+def readings(seed: int, effect: Effect | None = None, loads: list[float] = UP, bent_n: float = 0.0, shared: float = 0.0) -> Readings:
     """Fifteen pairs at rest, then the loads; what is read of each is the simulator's, and 0.05 N of noise."""
     rng = np.random.default_rng(seed)
     true_n = np.array([0.0] * REST + loads)
@@ -34,8 +34,10 @@ def readings(seed: int, effect: Effect | None = None, loads: list[float] = UP, b
     load_n = np.array(read) + 0.05 * rng.standard_normal(len(true_n))
     loaded = np.arange(len(true_n)) >= REST
     strain = true_n / STIFF_N + bent_n * (true_n / 2200.0) ** 2 / STIFF_N + STRAIN_SIGMA * rng.standard_normal(len(true_n))
+    strain += shared * rng.standard_normal()
     way = np.where(loaded, np.sign(changes), 0.0)
-    return Readings(time_s, load_n, np.where(loaded, strain, 0.0), np.where(loaded, STRAIN_SIGMA, 0.0), loaded, way, 441.5)
+    covariance = np.outer(loaded, loaded) * shared**2 + np.diag(np.where(loaded, STRAIN_SIGMA**2, 0.0))
+    return Readings(time_s, load_n, np.where(loaded, strain, 0.0), covariance, loaded, way, 441.5)
 
 
 @pytest.mark.parametrize("bent_n", [0.0, 40.0])
@@ -43,6 +45,17 @@ def test_a_cell_that_reads_what_there_is_has_no_effect(bent_n: float) -> None:
     found = [with_loads(NOTHING, readings(seed, loads=loads, bent_n=bent_n)) for seed in range(100) for loads in (UP, AND_DOWN)]
     assert sum(bool(one.effects) for one in found) == 0
     assert np.mean([one.where[-1].p_value < 0.05 for one in found]) < 0.09
+
+
+def test_strains_that_are_all_off_alike_are_no_friction() -> None:
+    found = [with_loads(NOTHING, readings(seed, shared=2e-5)) for seed in range(100)]
+    assert sum(bool(one.effects) for one in found) == 0
+
+
+def test_friction_that_was_felt_in_one_direction_is_not_told_from_a_step() -> None:
+    """The first load step is zero as well: no way, and not the other one."""
+    found = with_loads(NOTHING, readings(1, FrictionHysteresis(60.0), [0.0, *UP]))
+    assert (found.outcome, found.ambiguous) == (Outcome.AMBIGUOUS, ("friction_hysteresis", "refocus_magnification_step"))
 
 
 @pytest.mark.parametrize(
@@ -69,7 +82,7 @@ def test_a_load_that_relaxes_is_no_drift_of_its_zero_alone() -> None:
     at_rest_n = readings(1)
     relaxing = Readings(
         at_rest_n.time_s, at_rest_n.load_n + np.where(at_rest_n.loaded, 0.0, 100.0 - 0.002 * at_rest_n.time_s),
-        at_rest_n.strain, at_rest_n.strain_sigma, at_rest_n.loaded, at_rest_n.way, at_rest_n.half_px,
+        at_rest_n.strain, at_rest_n.strain_covariance, at_rest_n.loaded, at_rest_n.way, at_rest_n.half_px,
     )  # fmt: skip
     found = with_loads(NOTHING, relaxing)
     assert found.outcome is not Outcome.IDENTIFIED
