@@ -161,9 +161,9 @@ class _Test:
 
 
 def _test(readings: Readings, family: LoadFamily) -> _Test | None:
-    """F-test of a term beside the others; None where these readings cannot show it."""
+    """F-test of a term beside the others; None where these readings cannot show it, or nothing was read."""
     own, base = _columns(readings)
-    if family.name not in own:
+    if family.name not in own or not readings.largest_n > 0.0:
         return None
     stiff_n, covariance = _scales(readings)
     factor = np.linalg.cholesky(covariance)
