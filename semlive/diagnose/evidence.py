@@ -52,6 +52,7 @@ class Weighed:
         laws: the same laws against the data.
         each: (laws, rungs, sizes) logarithms of the Bayes factors, those of the rungs relative to the whole ladder.
         null: (draws,) logarithm of the family's Bayes factor where there is nothing but the likeliest baseline.
+        between: what values between those of the grid add to the logarithm of the Bayes factor, where that was asked.
     """
 
     family: Family
@@ -59,11 +60,12 @@ class Weighed:
     laws: tuple[Projected, ...]
     each: Array
     null: Array
+    between: float = 0.0
 
     @property
     def log_factor(self) -> float:
         """Logarithm of the family's Bayes factor: the mean over laws and sizes, every smoothness at its own likelihood."""
-        return float(np.logaddexp.reduce(self.each, axis=None) - np.log(self.each.shape[0] * self.each.shape[2]))
+        return float(np.logaddexp.reduce(self.each, axis=None) - np.log(self.each.shape[0] * self.each.shape[2])) + self.between
 
     @property
     def best(self) -> tuple[int, int, int]:

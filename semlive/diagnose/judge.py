@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from semlive.data.diagnosis import Diagnosis, Disagreement, Experiment, FoundEffect, Gap, KnownEffect, Outcome
-from semlive.diagnose.baseline import Ladder, ladder
+from semlive.diagnose.baseline import Ladder
+from semlive.diagnose.course import likelier_course
 from semlive.diagnose.evidence import NullDraws, Weighed, overlap, weigh
 from semlive.diagnose.gap import gap_of
 from semlive.diagnose.known import joined
+from semlive.diagnose.named import LOUD, Named, needed, with_one_more
 from semlive.diagnose.noise import quiet
 from semlive.diagnose.observation import Observation
 from semlive.diagnose.pictures import pictures_of
@@ -23,29 +25,12 @@ from semlive.diagnose.where import where
 from semlive.model.effects import DICTIONARY, Family
 
 DRAWS = 299
-# Logarithm of the Bayes factor from which on an effect counts. Among 199 draws of the null the largest of all families was 5.2, the 99th
-# percentile 2.7.
-LOUD = 7.0
 RARE = 0.01
+HEARD = 2.0  # logarithm of a Bayes factor that one null in fifty reaches
 ODDS = math.log(20.0)  # rivals that are not so much less likely would do as well
 MOST = 3
 # Most of a gap; see `_useful`.
 HALF = 0.5
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Named:
-    """An effect that was added, and what was said of it when it was."""
-
-    refined: Refined
-    weighed: Weighed
-    p_value: float
-    rivals: tuple[Weighed, ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """That the effect has by its parameters, the likeliest first."""
-        return self.refined.family.told(self.refined.parameters) or (self.refined.family.name,)
 
 
 def diagnose(
@@ -73,16 +58,17 @@ def diagnose(
     dictionary = [one for one in dictionary if one.name not in {item.name for item in known}]
     null = NullDraws.of(bare, draws, seed)
     places = where(bare, null)
-    named: list[_Named] = []
+    named: tuple[Named, ...] = ()
     first: tuple[Weighed, ...] = ()
+    tried: tuple[Family, ...] = ()
     while True:
-        families = (*_left(dictionary, named), *UNNAMED)
-        heard = weigh(having, families, None if named else null)
+        families = (*[one for one in dictionary if one not in tried], *UNNAMED)
+        heard = _between(having, weigh(having, families, None if named else null))
         first = first or heard
         loudest = max(heard, key=lambda one: one.log_factor)
         if named and loudest.log_factor >= LOUD:  # what is left is quiet nearly always, and draws take time
             null = NullDraws.of(having, draws, seed + len(named))
-            heard = weigh(having, families, null)
+            heard = _between(having, weigh(having, families, null))
         p_value = _p_value(heard, loudest.log_factor) if loudest.log_factor >= LOUD else 1.0
         loud = p_value <= RARE
         candidates = [one for one in heard if one.family not in UNNAMED]
@@ -90,10 +76,11 @@ def diagnose(
         if not loud or best is None or best.log_factor < LOUD or len(named) == MOST:
             break
         rivals = tuple(one for one in candidates if one is not best and one.log_factor > best.log_factor - ODDS)
-        named.append(_Named(refined(having, best), best, p_value, rivals))
-        having = ladder(having.design.having(named[-1].refined.found))
-    beside = together(having, [one.refined for one in named])
-    named = [replace(one, refined=refit) for one, refit in zip(named, beside, strict=True)]
+        unnamed = max(one.log_factor for one in heard if one.family in UNNAMED)
+        tried = (*tried, best.family)
+        having, named = needed(bare, *with_one_more(having, named, best, p_value, rivals, unnamed))
+    loud = loud or _unlike(bare, named)
+    named = _beside(having, named)
     gap = gap_of(bare, having, seed) if named else None
     shares = eaten(having, (*already, *(one.refined.field_px for one in named)))[len(already) :]
     width, height = (2.0 * observation.state.centre_px + 1.0).round().astype(int).tolist()
@@ -103,6 +90,34 @@ def diagnose(
     shared = _overlaps(bare, named[0].refined, first) if named else ()
     verdict = replace(verdict, pictures=pictures, evidence=_told(first), overlap=shared)
     return replace(verdict, known=tuple(known), end_s=observation.scene.end_s, size_px=(width, height))
+
+
+def _between(having: Ladder, heard: Sequence[Weighed]) -> tuple[Weighed, ...]:
+    """With families that are tried at one value alone, and have others, asked about those too, where there is anything to be heard.
+
+    The distortion's affine part is not known, and a drift of the distortion that had another was called a drift of the magnification first.
+    """
+    found = []
+    for one in heard:
+        alone = one.family.thetas and len(one.laws) == 1 and one.log_factor > HEARD
+        gain = refined(having, one).log_factor - one.log_factor if alone else 0.0
+        found.append(replace(one, between=max(gain, 0.0)))
+    return tuple(found)
+
+
+def _beside(having: Ladder, named: Sequence[Named]) -> tuple[Named, ...]:
+    """With amplitudes refitted beside each other; what was named itself is nobody's rival."""
+    taken = {one.refined.family for one in named}
+    both = zip(named, together(having, [one.refined for one in named]), strict=True)
+    return tuple(replace(one, refined=refit, rivals=tuple(o for o in one.rivals if o.family not in taken)) for one, refit in both)
+
+
+def _unlike(bare: Ladder, named: Sequence[Named]) -> bool:
+    """Whether something without a name is likelier than all names from some round on, or another course than that of their laws."""
+    gained = np.cumsum([one.gain for one in reversed(named)])[::-1]
+    if any(one.unnamed > total + ODDS for one, total in zip(named, gained, strict=True)):
+        return True
+    return likelier_course(bare, [one.refined for one in named]) > LOUD
 
 
 def _told(heard: Sequence[Weighed]) -> tuple[tuple[str, float], ...]:
@@ -120,18 +135,13 @@ def _overlaps(bare: Ladder, named: Refined, heard: Sequence[Weighed]) -> tuple[t
     return tuple(sorted(found, key=lambda item: -item[1]))
 
 
-def _left(dictionary: Sequence[Family], named: Sequence[_Named]) -> list[Family]:
-    taken = {one.refined.family.name for one in named}
-    return [one for one in dictionary if one.name not in taken]
-
-
 def _p_value(heard: Sequence[Weighed], loudest: float) -> float:
     null = np.max([one.null for one in heard], axis=0)
     return (1.0 + float(np.sum(null >= loudest))) / (1.0 + len(null))
 
 
 def _verdict(
-    named: Sequence[_Named], loud: bool, gap: Gap | None, places: tuple[Disagreement, ...], bare: Ladder, shares: Sequence[float]
+    named: Sequence[Named], loud: bool, gap: Gap | None, places: tuple[Disagreement, ...], bare: Ladder, shares: Sequence[float]
 ) -> Diagnosis:
     effects = tuple(_found(one, share) for one, share in zip(named, shares, strict=True))
     noise_px = bare.design.whiten.sigma_px
@@ -140,7 +150,7 @@ def _verdict(
         outcome = Outcome.UNKNOWN if loud else Outcome.NONE
     elif loud:  # what was named explains a part at best
         outcome = Outcome.UNKNOWN
-    elif gap is not None and not _useful(gap, sum(one.weighed.log_factor for one in named)):
+    elif gap is not None and not _useful(gap, sum(one.gain for one in named)):
         outcome = Outcome.REJECTED
     else:
         outcome = Outcome.AMBIGUOUS if unsure else Outcome.IDENTIFIED
@@ -152,13 +162,13 @@ def _verdict(
     return Diagnosis(outcome, effects, (), _group([one.refined.family for one in named]), None, gap, places, noise_px)
 
 
-def _found(one: _Named, share: float) -> FoundEffect:
+def _found(one: Named, share: float) -> FoundEffect:
     family, refined = one.refined.family, one.refined
     return FoundEffect(
         one.names[0],
         refined.parameters,
         refined.peak_px,
-        one.weighed.log_factor,
+        one.gain,
         one.p_value,
         family.strain or share > HARMLESS,
         KnownEffect(family.name, refined.values, refined.found.size_px),

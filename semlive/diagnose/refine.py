@@ -38,6 +38,8 @@ class Refined:
         amplitudes: (q,) most likely.
         covariance: (q, q) of them, `follows` included.
         follows: (q, q) the part of it that comes from what the values leave open.
+        log_factor: logarithm of the Bayes factor at these values, every smoothness and size at its own likelihood, less what it costs that
+            the values had room.
     """
 
     family: Family
@@ -48,6 +50,7 @@ class Refined:
     amplitudes: Array
     covariance: Array
     follows: Array
+    log_factor: float
 
     @property
     def field_px(self) -> Array:
@@ -77,7 +80,21 @@ def refined(ladder: Ladder, weighed: Weighed) -> Refined:
     mean, covariance = projected(asked.ladder, law.field_px).amplitudes(0, asked.size_px)
     sigmas, follows = left_open(asked, values, mean)
     found = Found(ladder.design.whiten(law.field_px), asked.size_px)
-    return Refined(family, law, found, tuple(values.items()), sigmas, mean, covariance + follows, follows)
+    factor = _integrated(ladder, weighed, law, values, sigmas)
+    return Refined(family, law, found, tuple(values.items()), sigmas, mean, covariance + follows, follows, factor)
+
+
+def _integrated(ladder: Ladder, weighed: Weighed, law: Law, values: Values, sigmas: Sequence[float]) -> float:
+    """Logarithm of the Bayes factor over the grid's room, by the peak between its values: that may be narrower than the grid is fine."""
+    sizes = sizes_of(weighed.family)
+    each = projected(ladder, law.field_px).log_factor(sizes) + np.array([[one.evidence] for one in ladder.rungs]) - ladder.evidence
+    factor = float(np.logaddexp.reduce(each, axis=None)) - math.log(len(sizes) * len(weighed.laws))
+    for one, sigma in zip(weighed.family.thetas, sigmas, strict=True):
+        steps = sigma / abs(values[one.name] * math.log(one.step)) if one.ratio else sigma / one.step
+        factor += min(math.log(max(math.sqrt(2.0 * math.pi) * steps, CLOSE)), 0.0)
+        if one.name not in weighed.values[0]:  # no grid, so it is believed to lie within about a step of nothing
+            factor -= 0.5 * (values[one.name] / one.step) ** 2
+    return factor
 
 
 def together(having: Ladder, found: Sequence[Refined]) -> tuple[Refined, ...]:

@@ -1,6 +1,12 @@
-"""Effects without a name: fields that are smooth in every frame, of any course in time. They explain anything and name nothing."""
+"""Effects without a name: smooth fields, and courses in time, that are nobody's. They explain much and name nothing.
+
+Each is as plain as it can be, for what is not in the dictionary must be likelier as one of these than as whatever name bends to it. Fields
+that grow with the load are no part of them: they are strain, and have a name.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,9 +14,27 @@ from numpy.typing import NDArray
 from semlive.diagnose.noise import modes
 from semlive.model.effects import Family, Law, Scene
 from semlive.model.effects.family import Values
+from semlive.model.effects.scene import in_time, plane, slowly
+
+Array = NDArray[np.float64]
 
 SIZES_PX = (3e-4, 1.0)  # hundreds of amplitudes at once; none of them need be large
-FINE = 7  # order of the polynomials of a field that all frames of a kind share
+LOW = 3  # order of the polynomials of a plain field
+WAVES, COARSE = 9, 8.0  # half waves of a finer one, and the square of those from which on they are believed smaller
+POWERS = (1.0, 2.0)
+# (x, y) -> (u, v), each alone: magnification, rotation, aspect, skew; then each entry; what goes with y; with x.
+LINEAR = (
+    (((1, 0), (0, 1)),),
+    (((0, -1), (1, 0)),),
+    (((1, 0), (0, -1)),),
+    (((0, 1), (1, 0)),),
+    (((1, 0), (0, 0)),),
+    (((0, 1), (0, 0)),),
+    (((0, 0), (1, 0)),),
+    (((0, 0), (0, 1)),),
+    (((0, 1), (0, 0)), ((0, 0), (0, 1))),
+    (((1, 0), (0, 0)), ((0, 0), (1, 0))),
+)
 
 
 def _each_frame(scene: Scene, values: Values) -> Law:
@@ -26,20 +50,68 @@ def _each_frame(scene: Scene, values: Values) -> Law:
     return Law(columns, scatter=("rms_px", "px", 1.0))
 
 
-def _growing(scene: Scene, values: Values) -> Law:
-    """A finer field that grows with time, one that comes and goes with every other frame, and one that grows with the load."""
-    del values
-    shapes = modes(scene, FINE)
-    course: list[NDArray[np.float64]] = [scene.time_s / scene.end_s, np.where(scene.frame % 2 == 0, 1.0, -1.0)[:, None]]
-    if scene.load.any():
-        course.append(scene.load)
-    nothing = np.zeros_like(shapes)
-    fields = [shapes * np.broadcast_to(one, scene.time_s.shape)[..., None] for one in course]
-    columns = [np.stack(pair, axis=2) for one in fields for pair in ((one, nothing), (nothing, one))]
+def _plain(scene: Scene) -> Array:
+    """(f, b, k) polynomials."""
+    return modes(scene, LOW)
+
+
+def _fine(scene: Scene) -> Array:
+    """(f, b, k) cosines, finer ones smaller: a bump, the edge of a band."""
+    low, high = scene.address_px.min(axis=(0, 1)), scene.address_px.max(axis=(0, 1))
+    x, y = np.moveaxis((scene.address_px - low) / (high - low), -1, 0)
+    waves = [(i, j) for i in range(WAVES) for j in range(WAVES - i) if i + j]
+    return np.stack([np.cos(np.pi * i * x) * np.cos(np.pi * j * y) / (1.0 + (i * i + j * j) / COARSE) ** 2 for i, j in waves], axis=-1)
+
+
+def _going(shapes: Array, course: Array) -> Law:
+    """Shapes (f, b, k) along x and along y, each with columns in time (f, b or 1, c)."""
+    f, b, _ = shapes.shape
+    along = (shapes[..., None] * course[:, :, None, :]).reshape(f, b, -1)
+    nothing = np.zeros_like(along)
+    columns = [np.stack(pair, axis=2) for pair in ((along, nothing), (nothing, along))]
     return Law(np.concatenate(columns, axis=-1), scatter=("rms_px", "px", 1.0))
+
+
+def _growing(scene: Scene, values: Values) -> Law:
+    """A field that grows with a power of time."""
+    shapes = _fine(scene) if values["fine"] else _plain(scene)
+    return _going(shapes, ((scene.time_s / scene.end_s) ** values["power"])[..., None])
+
+
+def _powers(scene: Scene) -> Iterable[Values]:
+    del scene
+    return ({"power": power, "fine": fine} for power in POWERS for fine in (0.0, 1.0))
+
+
+def _wandering(scene: Scene, values: Values) -> Law:
+    """A field that wanders slowly, each of its parts by itself."""
+    del values
+    return _going(_plain(scene), slowly(scene.time_s))
+
+
+def _alternating(scene: Scene, values: Values) -> Law:
+    """A field that comes and goes with every other frame."""
+    del values
+    return _going(_fine(scene), np.where(scene.frame % 2 == 0, 1.0, -1.0)[:, None, None])
+
+
+def _linear(scene: Scene, values: Values) -> Law:
+    """A linear map that wanders slowly."""
+    course, columns = slowly(scene.time_s), []
+    for (ux, uy), (vx, vy) in LINEAR[int(values["map"])]:
+        columns.append(in_time(plane(ux * scene.x + uy * scene.y, vx * scene.x + vy * scene.y), course))
+    return Law(np.concatenate(columns, axis=-1), scatter=("rms_px", "px", 1.0))
+
+
+def _maps(scene: Scene) -> Iterable[Values]:
+    del scene
+    return ({"map": float(place)} for place in range(len(LINEAR)))
 
 
 UNNAMED: tuple[Family, ...] = (
     Family("smooth_field_of_each_frame", "a smooth field of its own in every frame", _each_frame, sizes_px=SIZES_PX),
-    Family("field_with_a_course", "a finer field that grows with time or load, or alternates", _growing, sizes_px=SIZES_PX),
+    Family("field_that_grows", "a smooth field that grows with time, or with its square", _growing, _powers, sizes_px=SIZES_PX),
+    Family("field_that_wanders", "a smooth field that wanders slowly", _wandering, sizes_px=SIZES_PX),
+    Family("field_of_every_other_frame", "a smooth field that comes and goes", _alternating, sizes_px=SIZES_PX),
+    Family("linear_map_that_wanders", "stretch, shear or rotation of any kind that wanders slowly", _linear, _maps, sizes_px=SIZES_PX),
 )

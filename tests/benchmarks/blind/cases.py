@@ -64,10 +64,14 @@ class Case:
     def effects(self) -> tuple[Effect, ...]:
         """What is hidden."""
         if self.kind == STRANGER:
-            return (STRANGE[self.names[0]](self.size, self.seed),)
+            return (self._stranger(),)
         if self.kind == CONFOUNDED:
             return (LIBRARY[self.names[0]].defaults("x200"),)
         return tuple(self._effect(name, peak_px(name, self.size)) for name in self.names)
+
+    def _stranger(self) -> Effect:
+        kind = STRANGE[self.names[0]]
+        return kind(self.size**2 / largest_px(self.conditions(), (kind(self.size, self.seed),)), self.seed)
 
     def _effect(self, name: str, peak_px: float) -> Effect:
         """As large in the maps as asked for: displacements grow with an effect's size."""

@@ -1,0 +1,95 @@
+"""What is not in the dictionary is UNKNOWN, though some name of it bends to what is hidden, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+from blind.cases import STRANGER, TWO, Case
+from blind.experiment import Conditions
+from blind.hiding import DETECTABLE_PX, hidden_effect
+from blind.observing import observed
+
+from semlive.data.diagnosis import Outcome
+from semlive.data.grid import Grid
+from semlive.diagnose.course import likelier_course
+from semlive.diagnose.evidence import weigh
+from semlive.diagnose.judge import diagnose
+from semlive.diagnose.known import family_of
+from semlive.diagnose.noise import quiet
+from semlive.diagnose.observation import Observation
+from semlive.diagnose.refine import refined
+
+GRID = Grid(101, 101, 30, 25, 20, 43)  # fewer blocks than the usual grid has: verdicts take half the time
+DRAWS = 99
+
+
+def hiding(name: str, times: float = 8.0) -> Observation:
+    return observed(Conditions(505), hidden_effect(name, times * DETECTABLE_PX[name], 1), GRID)
+
+
+@pytest.fixture(scope="module")
+def drifting() -> Observation:
+    return hiding("magnification_drift", 16.0)
+
+
+def course_of(seen: Observation, name: str) -> float:
+    """Of what is named whatever else would do."""
+    bare = quiet(seen)
+    (heard,) = weigh(bare, (family_of(name),), None)
+    return likelier_course(bare, [refined(bare, heard)])
+
+
+def test_the_law_that_was_hidden_has_no_likelier_course(drifting: Observation) -> None:
+    assert course_of(drifting, "magnification_drift") < 3.0
+
+
+def test_a_slow_drift_is_no_jump_at_every_step(drifting: Observation) -> None:
+    assert course_of(drifting, "refocus_magnification_step") > 7.0
+
+
+def test_a_jump_within_a_pair_moves_whole_frames_and_that_is_no_course() -> None:
+    assert course_of(hiding("jump_within_pair"), "jump_within_pair") < 3.0
+
+
+def test_without_its_name_an_effect_is_unknown(drifting: Observation) -> None:
+    names = ("refocus_magnification_step", "tilt_with_load", "charging_frame_ramp")
+    found = diagnose(drifting, dictionary=[family_of(name) for name in names], draws=DRAWS)
+
+    assert found.outcome is Outcome.UNKNOWN
+    assert [one.name for one in found.effects] == ["refocus_magnification_step"]  # the closest is told
+
+
+def test_a_bump_that_grows_with_the_square_of_time_is_no_uneven_strain() -> None:
+    case = Case(STRANGER, ("quadratic_bump",), 0.1, 4003)
+    few = [family_of(name) for name in ("inhomogeneous_strain", "magnification_drift", "tilt_with_load")]
+    found = diagnose(observed(case.conditions(), case.effects(), GRID), dictionary=few, draws=DRAWS)
+
+    assert found.outcome is Outcome.UNKNOWN
+
+
+def test_a_distortion_that_drifts_is_told_with_the_affine_part_that_nobody_knows() -> None:
+    seen = hiding("distortion_scale_drift", 12.0)
+    family = family_of("distortion_scale_drift")
+    found = diagnose(seen, dictionary=[family, family_of("magnification_drift")], draws=DRAWS)
+    (as_estimated,) = weigh(quiet(seen), (replace(family, thetas=()),), None)
+
+    assert found.outcome is Outcome.IDENTIFIED
+    assert [one.name for one in found.effects] == ["distortion_scale_drift"]
+    assert found.effects[0].log_bayes_factor > as_estimated.log_factor + 3.0
+
+
+def test_an_effect_that_did_for_two_goes_when_both_are_named() -> None:
+    two = ("raster_rotation_drift", "bending_misalignment")
+    few = [family_of(name) for name in (*two, "distortion_scale_drift")]
+    case = Case(TWO, two, 8.0, 3002)
+    found = diagnose(observed(case.conditions(), case.effects(), GRID), dictionary=few, draws=DRAWS)
+
+    assert found.outcome is Outcome.IDENTIFIED
+    assert sorted(one.name for one in found.effects) == sorted(two)
+    assert min(one.log_bayes_factor for one in found.effects) > 100.0  # beside the other, not beside what did for both
