@@ -17,6 +17,8 @@ from semlive.model import Axis, Columns, TensorColumns
 
 OUTLIER_MADS = 6.0  # a displacement gradient alone reaches 2 median absolute deviations within a block
 OUTLIER_FLOOR_PX = 0.05
+BEND, BEND_PASSES = 6, 8  # total order of the polynomials that a map is smooth by; a wrong corner bends them by half of itself at first
+ALONE = 8.0  # times what neighbours usually differ by: 5.4 standard deviations of a difference
 ENOUGH_BLOCKS = 272
 _ALIGNED = 8  # numbers
 
@@ -85,7 +87,9 @@ class Blocks:
         return np.minimum(1.0, self.shared / np.maximum(count, 1))
 
     def inliers(self, value: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(points,) valid POI that lie near the median of their block, for one component (points,)."""
+        """(points,) valid POI that lie near the median of their block, for one component (points,); of blocks of one, near a neighbour."""
+        if self.members.shape[1] == 1:
+            return valid & ~alone(value.reshape(self.shape), valid.reshape(self.shape)).ravel()
         padded = np.where((self.members >= 0) & valid[self.members], value[self.members], np.inf)
         padded.sort(axis=1)
         count = np.isfinite(padded).sum(axis=1)
@@ -104,6 +108,38 @@ class Blocks:
         if value.ndim == 1:
             return np.bincount(at, value[used], self.size) / count
         return np.stack([np.bincount(at, column, self.size) / count for column in value[used].T], axis=1)
+
+
+def alone(value: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(ny, nx) valid POI that lie far off each of their eight neighbours, by what is left of a component (ny, nx) without smooth bending.
+
+    Whatever moves a picture, a jump between two rows or a slip line, moves some neighbour alike. One that has no neighbour is not alone.
+    """
+    height, width = value.shape
+    left = np.full((height + 2, width + 2), np.nan)
+    inside = np.full(value.shape, np.nan)
+    inside[valid] = _unbent(value, valid)
+    left[1:-1, 1:-1] = inside
+    ways = [(dy, dx) for dy in (0, 1, 2) for dx in (0, 1, 2) if (dy, dx) != (1, 1)]
+    apart = np.stack([np.abs(inside - left[dy : dy + height, dx : dx + width]) for dy, dx in ways])
+    told = np.isfinite(apart)
+    if not told.any():
+        return np.zeros_like(valid)
+    nearest = np.where(told, apart, np.inf).min(axis=0)
+    return np.isfinite(nearest) & (nearest > ALONE * np.median(apart[told]) + OUTLIER_FLOOR_PX)
+
+
+def _unbent(value: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(n,) what polynomials leave of the valid POI, the sum of the absolute values being least: a single one does not bend them."""
+    x, y = (np.linspace(-1.0, 1.0, count) for count in (value.shape[1], value.shape[0]))
+    order = np.arange(BEND + 1)
+    shapes = np.polynomial.legendre.legvander2d(*np.meshgrid(x, y), (BEND, BEND))[valid][:, np.add.outer(order, order).ravel() <= BEND]
+    told, weight = value[valid], np.ones(int(valid.sum()))
+    left = told
+    for _ in range(BEND_PASSES):
+        left = told - shapes @ np.linalg.lstsq(shapes * weight[:, None], told * weight, rcond=None)[0]
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(left), OUTLIER_FLOOR_PX))
+    return left
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,10 +21,13 @@ from semlive.diagnose.course import likelier_course
 from semlive.diagnose.evidence import weigh
 from semlive.diagnose.judge import diagnose
 from semlive.diagnose.known import family_of
+from semlive.diagnose.named import LOUD
 from semlive.diagnose.noise import quiet
 from semlive.diagnose.observation import Observation
 from semlive.diagnose.refine import refined
+from semlive.diagnose.unknown import UNNAMED
 
+SPARSE = Grid(101, 101, 60, 13, 10, 43)  # a block is a point
 GRID = Grid(101, 101, 30, 25, 20, 43)  # fewer blocks than the usual grid has: verdicts take half the time
 DRAWS = 99
 
@@ -36,6 +39,22 @@ def hiding(name: str, times: float = 8.0) -> Observation:
 @pytest.fixture(scope="module")
 def drifting() -> Observation:
     return hiding("magnification_drift", 16.0)
+
+
+def test_a_wrong_point_by_itself_is_nothing_without_a_name() -> None:
+    right, wrong = (observed(replace(Conditions(505), outliers=share), (), SPARSE) for share in (0.0, 0.001))
+    loudest = max(one.log_factor for one in weigh(quiet(wrong), UNNAMED, None))
+
+    assert len(right.used) - 8 <= len(wrong.used) < len(right.used)  # it is left out, and its neighbours are not
+    assert loudest < LOUD
+
+
+def test_whatever_moves_neighbours_alike_keeps_its_blocks() -> None:
+    bump = Case(STRANGER, ("quadratic_bump",), 0.5, 4003)
+    clean = replace(bump.conditions(), outliers=0.0)
+    bare, bumped = (observed(clean, effects, SPARSE) for effects in ((), bump.effects()))
+
+    assert len(bumped.used) == len(bare.used)
 
 
 def course_of(seen: Observation, name: str) -> float:
