@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from semlive.cli.foretold import foretold_table
 from semlive.cli.track import tracked_stages
 from semlive.data.diagnosis import Diagnosis, FoundEffect, Outcome
 from semlive.report.diagnosis_page import diagnosis_html
@@ -64,6 +65,8 @@ def diagnose(
     console.print(_grey_line(found))
     if found.experiment is not None:
         console.print(f"to decide between {', '.join(found.experiment.between)}: {found.experiment.about}")
+        if found.experiment.foretold:
+            console.print(foretold_table(found.experiment.foretold))
 
 
 def _grey_line(found: Diagnosis) -> str:

@@ -8,13 +8,15 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
+from semlive.cli.foretold import foretold_table
 from semlive.cli.track import tracked_stages
-from semlive.data.diagnosis import Outcome
+from semlive.data.diagnosis import Foretold, Outcome
 from semlive.diagnose.compare import compared
 from semlive.diagnose.propose import Kind, asked_for, proposed
 from semlive.service.decision import decide_logs, decision_json
-from semlive.service.diagnosis import diagnose_log, observed
+from semlive.service.diagnosis import diagnose_log, experiments_after, foretold_json, observed
 from semlive.service.model_file import fitting_model, model_of
 from semlive.service.next_experiment import next_config
 
@@ -46,25 +48,30 @@ def propose(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Diagnose a run, and write the experiment that decides between what it leaves open, as a configuration for `semlive run`."""
-    outcome, proposal = None, None
+    outcome, proposal, menu = None, None, tuple[Foretold, ...]()
     if kind is not None:
         proposal = asked_for(kind)
     else:
+        known = (model_of(log) if model is None else fitting_model(log, model)).known.effects
         with tracked_stages(quiet=False) as progress:
-            found = diagnose_log(log, seed, progress, (model_of(log) if model is None else fitting_model(log, model)).known.effects)
-        outcome, proposal = found.outcome.value, proposed(found)
+            found = diagnose_log(log, seed, progress, known)
+            menu = experiments_after(log, found, progress, known)
+        outcome, proposal = found.outcome.value, proposed(found, menu)
     config = None if proposal is None else next_config(log, proposal)
     if config is not None and out is not None:
         out.write_text(config, encoding="utf-8")
     if as_json:
         between = [] if proposal is None else list(proposal.between)
         told = None if proposal is None else {"kind": proposal.kind.value, "between": between, "about": proposal.about}
-        typer.echo(json.dumps({"outcome": outcome, "experiment": told, "config": config}))
+        expected = [foretold_json(one) for one in menu]
+        typer.echo(json.dumps({"outcome": outcome, "experiment": told, "foretold": expected, "config": config}))
     elif config is None:
         typer.echo(f"{outcome}: there is nothing to decide")
     else:
         said = f"{outcome}: " if outcome else ""
         typer.echo(config if out is None else f"{said}{proposal.about if proposal else ''}; written to {out}")
+        if menu:
+            Console(stderr=out is None).print(foretold_table(menu))
 
 
 @experiment.command("decide")

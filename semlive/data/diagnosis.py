@@ -146,16 +146,49 @@ class Disagreement:
 
 
 @dataclass(frozen=True, slots=True)
+class Foretold:
+    """What an experiment is expected to decide.
+
+    Attributes:
+        kind: of it: parked, again, longer_hold, dummy_steps, unload, reversed or other_scan.
+        dwell: its dwell and row times, of those of the run before it.
+        minutes: of beam time.
+        log_odds: expected logarithm of the odds that it gives for the effect that is true, of those two that are hardest to tell apart.
+        true: the one of these two that is taken for true.
+        other: the other, or ``nothing``.
+    """
+
+    kind: str
+    dwell: float
+    minutes: float
+    log_odds: float
+    true: str
+    other: str
+
+    @property
+    def said(self) -> str:
+        """The experiment in words."""
+        return self.kind.replace("_", " ") + ("" if self.dwell == 1.0 else f", {self.dwell:g} times the dwell")
+
+    @property
+    def per_minute(self) -> float:
+        """Logarithm of the odds for a minute of beam time."""
+        return self.log_odds / self.minutes
+
+
+@dataclass(frozen=True, slots=True)
 class Experiment:
     """What would decide between effects.
 
     Attributes:
         between: their names.
         about: what to do, one sentence.
+        foretold: what experiments that the run's own configuration allows are expected to decide, the most for a minute first.
     """
 
     between: tuple[str, ...]
     about: str
+    foretold: tuple[Foretold, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -207,6 +207,12 @@ def likeliest(columns: Design) -> Ladder:
     return Ladder(columns, tries.left, (max(also, key=lambda one: one.evidence),))
 
 
+def as_believed(columns: Design) -> Ladder:
+    """A ladder of one rung: as smooth as the first solution has it."""
+    tries = _Tries.of(columns)
+    return Ladder(columns, tries.left, (tries.rung(1.0, 1.0),))
+
+
 def with_any_distortion(columns: Design) -> Ladder:
     """A ladder of one rung: the likeliest smoothness of the drift, with a distortion far rougher than what was chosen.
 

@@ -181,10 +181,20 @@ def _against(flat: _Flat, own: slice) -> Projected:
     return Projected(np.clip(value, 0.0, None), vectors, np.einsum("rji,rj->ri", vectors, flat.pull[:, own]))
 
 
+def left_in_common(ladder: Ladder, field: Array) -> Array:
+    """(q, q) products of columns (f, b, 2, q), in px, with each other: of what the likeliest baseline leaves of them."""
+    flat = _Flat.of(Ladder(ladder.design, ladder.left, (ladder.best,)), field)
+    return flat.among(slice(0, field.shape[-1])) - flat.halves[0].T @ flat.halves[0]
+
+
+def pulled(ladder: Ladder, field: Array) -> Array:
+    """(q,) what the data ask of columns (f, b, 2, q), in px, at the likeliest baseline."""
+    return np.asarray(_Flat.of(Ladder(ladder.design, ladder.left, (ladder.best,)), field).pull[0])
+
+
 def overlap(ladder: Ladder, field: Array, law: Array) -> float:
     """Share of a field (f, b, 2) that a law's columns (f, b, 2, q) have too, of what the likeliest baseline leaves of both."""
-    flat = _Flat.of(Ladder(ladder.design, ladder.left, (ladder.best,)), np.concatenate((field[..., None], law), axis=-1))
-    both = flat.among(slice(0, 1 + law.shape[-1])) - flat.halves[0].T @ flat.halves[0]
+    both = left_in_common(ladder, np.concatenate((field[..., None], law), axis=-1))
     values, vectors = np.linalg.eigh(both[1:, 1:])
     told = values > SAID * values[-1]
     along = vectors[:, told].T @ both[1:, 0]

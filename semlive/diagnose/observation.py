@@ -131,12 +131,12 @@ def observe(solution: Solution, steps: Sequence[StepFacts]) -> Observation:
     return Observation(state, solution, rows, used, disparity, _scene(solution, steps, frames, position, told))
 
 
-def steps_of(decisions: Sequence[PairDecision]) -> tuple[StepFacts, ...]:
-    """What a run's decisions say."""
+def steps_of(decisions: Sequence[PairDecision], hold_s: float = HOLD_S) -> tuple[StepFacts, ...]:
+    """What a run's decisions say, its pairs having been taken so long after their steps."""
     found = []
     for one in decisions:
         load = (0.0, 0.0) if one.loads is None else (one.loads[0].mean_n, one.loads[1].mean_n)
-        found.append(StepFacts(one.pair, one.step.phase, load, one.step.shift_px))
+        found.append(StepFacts(one.pair, one.step.phase, load, one.step.shift_px, hold_s))
     return tuple(found)
 
 
@@ -184,13 +184,18 @@ def _drift_rate(solution: Solution, time_s: NDArray[np.float64]) -> NDArray[np.f
     Not the estimate's own course within frames, which is wrong where their row time is: with four scans integrated it is a quarter
     of the true one, and an oscillation with the period of the frames was named.
     """
-    drift = solution.state.drift
-    assert drift is not None  # there are pairs
-    index, value = drift.spline.local(time_s.ravel())
-    place_px = np.einsum("nk,nkc->nc", value, solution.part("drift").reshape(-1, 2)[index]).reshape(*time_s.shape, 2).mean(axis=1)
+    place_px = drift_px(solution, time_s)
     when_s = time_s.mean(axis=1)
     rate = (place_px[1::2] - place_px[::2]) / (when_s[1::2] - when_s[::2])[:, None]
     return make_interp_spline(0.5 * (when_s[::2] + when_s[1::2]), rate, k=1)(time_s)
+
+
+def drift_px(solution: Solution, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(f, 2) how far frames had drifted, of which blocks were seen at times (f, b): a mean over the blocks."""
+    drift = solution.state.drift
+    assert drift is not None  # there are pairs
+    index, value = drift.spline.local(time_s.ravel())
+    return np.einsum("nk,nkc->nc", value, solution.part("drift").reshape(-1, 2)[index]).reshape(*time_s.shape, 2).mean(axis=1)
 
 
 def _distortion(solution: Solution, pixel: NDArray[np.float64]) -> NDArray[np.float64]:

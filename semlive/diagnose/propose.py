@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from semlive.data.diagnosis import Diagnosis, Outcome
+from semlive.data.diagnosis import Diagnosis, Foretold, Outcome
 from semlive.diagnose.known import family_of
 from semlive.model.move_effects import beside_maps
 
@@ -56,6 +58,9 @@ _DECIDES = {
 _BY_GROUP = {"G1": Kind.PARKED, "G2": Kind.PARKED, "G3": Kind.OTHER_SCAN, "G4": Kind.OTHER_SCAN, "G8": Kind.PARKED, "G11": Kind.UNLOAD}
 
 
+DECIDED = math.log(20.0)
+
+
 @dataclass(frozen=True, slots=True)
 class Proposal:
     """What to do next.
@@ -64,11 +69,13 @@ class Proposal:
         kind: of the experiment.
         between: the effects that it is about.
         about: what it shows, one sentence.
+        foretold: what it is expected to decide; None where that cannot be foretold.
     """
 
     kind: Kind
     between: tuple[str, ...]
     about: str
+    foretold: Foretold | None = None
 
 
 _ABOUT = {
@@ -88,10 +95,15 @@ def asked_for(kind: Kind) -> Proposal:
     return Proposal(kind, (), _ABOUT[kind])
 
 
-def proposed(found: Diagnosis) -> Proposal | None:
+def proposed(found: Diagnosis, menu: Sequence[Foretold] = ()) -> Proposal | None:
     """What would decide; None where there is nothing to decide.
 
-    Of an identified effect it is the experiment that confirms the name; of what has no name, a series in which nothing is done.
+    Of an identified effect it is the experiment that confirms the name; of what has no name, a series in which nothing is done. Where
+    odds are foretold, it is the experiment that decides in the least beam time; where none decides, what is known of the effect counts.
+
+    Args:
+        found: the verdict.
+        menu: what experiments are expected to decide, the most for a minute first; none takes the verdict's own.
     """
     between = found.ambiguous or tuple(one.name for one in found.effects)
     if found.outcome is Outcome.NONE:
@@ -100,9 +112,17 @@ def proposed(found: Diagnosis) -> Proposal | None:
         return Proposal(
             Kind.PARKED, (), "what goes on while nothing is loaded or moved belongs to the microscope, the rest to what was done"
         )
+    best = quickest(menu or (() if found.experiment is None else found.experiment.foretold))
+    if best is not None:
+        return Proposal(Kind(best.kind), between, _ABOUT[Kind(best.kind)], best)
     beside = beside_maps(found.effects[0].law.name)
     if beside is not None:
         return Proposal(_DECIDES.get(beside.name, Kind.OTHER_SCAN), between, beside.decides)
     family = family_of(found.effects[0].law.name)
     kind = _DECIDES.get(family.name) or _BY_GROUP.get(family.group or "", Kind.PARKED)
     return Proposal(kind, between, family.decides)
+
+
+def quickest(menu: Sequence[Foretold]) -> Foretold | None:
+    """The experiment that decides and gives the most for a minute; None where none decides."""
+    return next((one for one in menu if one.log_odds > DECIDED), None)

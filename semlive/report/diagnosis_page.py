@@ -51,6 +51,7 @@ def diagnosis_html(name: str, found: Diagnosis, provenance: Sequence[tuple[str, 
         body += [
             "<h2>Next experiment</h2>",
             f"<p>{html.escape(about)}. <code>semlive experiment propose</code> writes its configuration.</p>",
+            _foretold(found),
         ]
     body += ["<h2>Made from</h2>", _table(("", ""), provenance)]
     head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{html.escape(name)}</title>'
@@ -59,6 +60,15 @@ def diagnosis_html(name: str, found: Diagnosis, provenance: Sequence[tuple[str, 
         + "\n".join(body)
         + "\n</body></html>\n"
     )
+
+
+def _foretold(found: Diagnosis) -> str:
+    menu = () if found.experiment is None else found.experiment.foretold
+    if not menu:
+        return ""
+    heads = ("experiment", "minutes of beam time", "ln odds", "ln odds a minute", "hardest to tell apart, the first being true")
+    told = [(one.said, f"{one.minutes:.0f}", f"{one.log_odds:.1f}", f"{one.per_minute:.2f}", f"{one.true}, {one.other}") for one in menu]
+    return "<p>What experiments are expected to decide:</p>" + _table(heads, told)
 
 
 def _verdict(found: Diagnosis) -> str:

@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from semlive import pipeline
-from semlive.data.diagnosis import NO_MODEL, Diagnosis, FoundEffect, FoundParameter, Gap, KnownEffect
+from semlive.data.diagnosis import NO_MODEL, Diagnosis, Experiment, Foretold, FoundEffect, FoundParameter, Gap, KnownEffect
+from semlive.diagnose.foretelling import foretold
 from semlive.diagnose.grey_channel import diagnose_grey
 from semlive.diagnose.judge import diagnose
 from semlive.diagnose.known import showing
 from semlive.diagnose.load_channel import readings_of, with_clock, with_loads
 from semlive.diagnose.moves import moves_of, with_moves
-from semlive.diagnose.observation import Observation, StepFacts, first_solution, observe, steps_of
+from semlive.diagnose.observation import HOLD_S, Observation, StepFacts, first_solution, observe, steps_of
 from semlive.diagnose.row_channel import diagnose_rows
 from semlive.diagnose.verdict import with_grey, with_rows
 from semlive.errors import BadLog, IllPosed
@@ -23,7 +24,7 @@ from semlive.model.move_effects import beside_maps
 from semlive.model.row_effects import of_rows
 from semlive.service.blas import one_blas_thread
 from semlive.service.image_channels import ImageChannels, channels_of_log
-from semlive.service.log_pairs import Words, log_settings, mapped_pairs
+from semlive.service.log_pairs import Words, first_run, log_settings, mapped_pairs
 
 
 def diagnose_log(
@@ -44,6 +45,8 @@ def diagnose_log(
     seen, steps = _observed(log, words, watch)
     found = diagnose(seen, seed, known=showing(seen, [one for one in known if beside_maps(one.name) is None]))
     found = with_moves(replace(found, known=tuple(known)), moves_of(seen, steps))
+    if found.experiment is not None:
+        found = replace(found, experiment=replace(found.experiment, foretold=foretold(seen, found, known)))
     settings = log_settings(log)
     found = with_loads(found, readings_of(seen, steps, settings.specimen.loading_axis))
     if words.sem_clock is not None:
@@ -72,6 +75,22 @@ def _beside_grey(found: Diagnosis, seen: ImageChannels) -> Diagnosis:
     return with_grey(found, grey)
 
 
+def experiments_after(
+    log: Path, found: Diagnosis, watch: Callable[[str, int, int], None] | None = None, known: Sequence[KnownEffect] = ()
+) -> tuple[Foretold, ...]:
+    """What further experiments are expected to decide of a verdict, the most for a minute first; of one effect against nothing.
+
+    Args:
+        log: that was diagnosed.
+        found: the verdict.
+        watch: told what is done, how much of it, of how much.
+        known: effects that the model had before.
+    """
+    if found.experiment is not None:
+        return found.experiment.foretold
+    return foretold(observed(log, watch), found, known) if found.effects else ()
+
+
 def observed(log: Path, watch: Callable[[str, int, int], None] | None = None) -> Observation:
     """What a run's disparity maps show, estimated jointly without further effects.
 
@@ -94,8 +113,15 @@ def _observed(log: Path, words: Words, watch: Callable[[str, int, int], None] | 
             watch("pair", done, done)
     if begun is None:
         raise BadLog(f"{log}: holds no disparity maps; replay it from its images first.")
-    steps = steps_of(begun.pairs)
+    steps = steps_of(begun.pairs, _hold_s(log))
     return observe(first_solution(begun.estimator), steps), steps
+
+
+def _hold_s(log: Path) -> float:
+    """The hold before the pairs of a log's run: as configured, or the paper's where nothing tells."""
+    protocol = first_run(log).config.get("protocol")
+    hold = protocol.get("hold_s") if isinstance(protocol, dict) else None
+    return float(hold) if isinstance(hold, int | float) else HOLD_S
 
 
 def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
@@ -105,7 +131,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "effects": [effect_json(one) for one in found.effects],
         "ambiguous": list(found.ambiguous),
         "group": found.group,
-        "experiment": None if found.experiment is None else {"between": list(found.experiment.between), "about": found.experiment.about},
+        "experiment": None if found.experiment is None else _experiment_json(found.experiment),
         "gap": None if found.gap is None else gap_json(found.gap),
         "where": [asdict(one) for one in found.where],
         "noise_px": found.noise_px,
@@ -114,6 +140,15 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "rows": _rows_json(found),
         "grey": _grey_json(found),
     }
+
+
+def _experiment_json(found: Experiment) -> dict[str, Any]:
+    return {"between": list(found.between), "about": found.about, "foretold": [foretold_json(one) for one in found.foretold]}
+
+
+def foretold_json(one: Foretold) -> dict[str, Any]:
+    """What an experiment is expected to decide, as other programs read it."""
+    return {**asdict(one), "log_odds_per_minute": one.per_minute}
 
 
 def _rows_json(found: Diagnosis) -> dict[str, Any]:

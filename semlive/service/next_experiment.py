@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import yaml
 
+from semlive.data.diagnosis import Foretold
 from semlive.diagnose.propose import Kind, Proposal
+from semlive.diagnose.protocols import changed_protocol
 from semlive.errors import BadConfig
 from semlive.service.config import parse_config
 from semlive.service.log_pairs import first_run
 
-PARKED_PAIRS = 10
-Protocol = dict[str, Any]
-
 _BY_HAND = {
-    Kind.OTHER_SCAN: "Set the scan to half or twice its dwell and row time before starting; state it where the files do not. "
+    Kind.OTHER_SCAN: "Set the scan to {dwell} its dwell and row time before starting; state it where the files do not. "
     "`semlive experiment decide` reads both logs.",
     Kind.TURNED_SCAN: "Turn the scan by 90 degrees before starting.",
 }
@@ -42,31 +39,15 @@ def next_config(log: Path, proposal: Proposal) -> str:
     parse_config(given, str(log))
     between = ", ".join(proposal.between) or "nothing that has a name"
     said = [f"# {proposal.kind.value.replace('_', ' ')}, about {between}: {proposal.about}"]
-    said += [f"# By hand: {_BY_HAND[proposal.kind]}"] if proposal.kind in _BY_HAND else []
+    said += [f"# By hand: {_BY_HAND[proposal.kind].format(dwell=_dwell(proposal.foretold))}"] if proposal.kind in _BY_HAND else []
+    said += [_expected(proposal.foretold)] if proposal.foretold else []
     return "\n".join(said) + "\n" + yaml.safe_dump(given, sort_keys=False, allow_unicode=True)
 
 
-def changed_protocol(protocol: Protocol, kind: Kind) -> Protocol:
-    """A protocol with an experiment in place of its own."""
-    return {**protocol, **_CHANGES[kind](protocol)}
+def _dwell(foretold: Foretold | None) -> str:
+    return "half or twice" if foretold is None else {0.5: "half", 2.0: "twice"}.get(foretold.dwell, f"{foretold.dwell:g} times")
 
 
-def _unloaded(shifts: list[Any]) -> Protocol:
-    return {"calibration_shifts_px": shifts, "translation_shifts_px": [], "loads_n": [], "warm_up": None}
-
-
-def _there_and_back(protocol: Protocol) -> Protocol:
-    shifts = protocol.get("calibration_shifts_px") or []
-    return _unloaded([one for shift in shifts for one in (shift, [0.0, 0.0])])
-
-
-_CHANGES: dict[Kind, Callable[[Protocol], Protocol]] = {
-    Kind.PARKED: lambda protocol: _unloaded([[0.0, 0.0]] * PARKED_PAIRS),
-    Kind.AGAIN: lambda protocol: _unloaded(protocol.get("calibration_shifts_px") or []),
-    Kind.LONGER_HOLD: lambda protocol: {"hold_s": 4.0 * float(protocol.get("hold_s", 30.0)), "adaptive_hold": None},
-    Kind.DUMMY_STEPS: lambda protocol: {"loads_n": [load for load in protocol.get("loads_n") or [] for _ in range(2)]},
-    Kind.UNLOAD: lambda protocol: {"loads_n": [*(protocol.get("loads_n") or []), *reversed((protocol.get("loads_n") or [])[:-1])]},
-    Kind.REVERSED: _there_and_back,
-    Kind.OTHER_SCAN: lambda protocol: _unloaded(protocol.get("calibration_shifts_px") or []),
-    Kind.TURNED_SCAN: lambda protocol: _unloaded(protocol.get("calibration_shifts_px") or []),
-}
+def _expected(one: Foretold) -> str:
+    said = f"the odds for {one.true} against {one.other}, if it is true, by exp({one.log_odds:.1f}) in {one.minutes:.0f} min of beam time"
+    return f"# Expected to change {said}."

@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from semlive.model.effects.family import Family, Law, Slow, Theta, Values
+from semlive.model.effects.family import Again, Family, Law, Slow, Theta, Values
 from semlive.model.effects.scene import Array, Scene
 
 # The distortion's affine part, which pairs do not tell (gauges F1, F2): displacements half a width right of the centre, and as far below.
@@ -30,4 +30,5 @@ FAMILY = Family(
     law,
     thetas=tuple(Theta(name, "px", 1.0) for name in AFFINE),
     decides="the calibration once more at the end of the run",
+    again=Again.GOING_ON,
 )

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from semlive.model.effects.family import Family, Law, Theta, Values, along_each
+from semlive.model.effects.family import Again, Family, Law, Theta, Values, along_each
 from semlive.model.effects.scene import Scene, both_ways
 
 PLACES = np.arange(0.05, 1.0, 0.1)  # of the time in which a frame sees the points
@@ -39,4 +39,5 @@ FAMILY = Family(
     thetas=(Theta("at_s", "s", 9.5),),
     decides="load and grey level at that instant: a slip lets the load drop, a discharge flashes",
     sizes_px=(0.003, 10.0),
+    again=Again.ONCE,
 )

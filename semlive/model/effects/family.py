@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 
 import numpy as np
 
@@ -71,6 +72,16 @@ def _once(scene: Scene) -> Iterable[Values]:
     return ({},)
 
 
+class Again(Enum):
+    """What another run on the same instrument has of an effect."""
+
+    ALIKE = "the same amplitudes"
+    ANEW = "amplitudes of the same size, drawn anew"
+    BY_MOVES = "the same, where anything moves"
+    GOING_ON = "a course drawn anew, at the same rate"
+    ONCE = "nothing: it has happened"
+
+
 @dataclass(frozen=True, slots=True)
 class Family:
     """A nameable effect.
@@ -86,6 +97,7 @@ class Family:
         sizes_px: the least and the largest size that is expected of amplitudes.
         strain: whether it looks like strain, so that strain must not be corrected for it.
         told: names that parameters of such values have, the likeliest first; none if the effect has its own.
+        again: what another run has of it.
     """
 
     name: str
@@ -98,6 +110,7 @@ class Family:
     sizes_px: tuple[float, float] = (0.003, 1.0)
     strain: bool = False
     told: Callable[[Sequence[FoundParameter]], tuple[str, ...]] = _itself
+    again: Again = Again.ALIKE
 
 
 @dataclass(frozen=True, slots=True)

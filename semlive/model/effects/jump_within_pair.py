@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from semlive.model.effects.family import Family, Law, Values, along_each
+from semlive.model.effects.family import Again, Family, Law, Values, along_each
 from semlive.model.effects.scene import Scene, both_ways
 
 
@@ -27,4 +27,5 @@ FAMILY = Family(
     group="G8",
     decides="a third picture in the pair",
     sizes_px=(0.003, 10.0),
+    again=Again.ONCE,
 )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from semlive.model.effects.family import Family, Law, Values
+from semlive.model.effects.family import Again, Family, Law, Values
 from semlive.model.effects.scene import Scene, in_time, plane
 
 
@@ -19,4 +19,5 @@ FAMILY = Family(
     law,
     group="G1",
     decides="the log of focus changes, or focusing forbidden for some steps",
+    again=Again.ANEW,
 )

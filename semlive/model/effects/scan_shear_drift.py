@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from semlive.model.effects.family import Family, Slow
+from semlive.model.effects.family import Again, Family, Slow
 from semlive.model.effects.scene import plane
 
 FAMILY = Family(
@@ -11,4 +11,5 @@ FAMILY = Family(
     Slow(lambda scene: plane(scene.y, np.zeros_like(scene.y)), "change", "1"),
     group="G3",
     decides="the same field with the scan rotated by 90 degrees: the shear turns with the scan",
+    again=Again.GOING_ON,
 )

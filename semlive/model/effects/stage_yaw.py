@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from semlive.model.effects.family import Family, Law, Values
+from semlive.model.effects.family import Again, Family, Law, Values
 from semlive.model.effects.scene import Scene, in_time, plane
 
 
@@ -22,4 +22,5 @@ FAMILY = Family(
     law,
     group="G2",
     decides="an hour of pairs with the stage parked: what turns with the moves alone is the stage",
+    again=Again.BY_MOVES,
 )

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from semlive.model.effects.family import Family, Law, Theta, Values
+from semlive.model.effects.family import Again, Family, Law, Theta, Values
 from semlive.model.effects.scene import Scene, both_ways
 
 LONGEST_S, SHORTEST_S = 900.0, 60.0
@@ -31,4 +31,5 @@ FAMILY = Family(
     thetas=(Theta("period_s", "s", 1.02, ratio=True),),
     group="G8",
     decides="the temperature of the room and of the chiller, logged beside",
+    again=Again.ANEW,
 )

@@ -69,6 +69,7 @@ class Conditions:
         scan: the raster.
         bent_like: the seed of an experiment with the same distortion; None for one of its own.
         noise_seed: of noise, lost and wrong points alone; None takes the seed of everything.
+        parked: whether the stage stays where it is.
     """
 
     seed: int
@@ -83,6 +84,7 @@ class Conditions:
     scan: Scan = SCAN
     bent_like: int | None = None
     noise_seed: int | None = None
+    parked: bool = False
 
     @property
     def noisy(self) -> int:
@@ -102,12 +104,12 @@ def poses(conditions: Conditions) -> list[Pose]:
         loaded = pair >= conditions.calibration
         strain = TOP_STRAIN * (pair - conditions.calibration) / max(conditions.tension - 1, 1) if loaded else 0.0
         load_n = strain * YOUNGS_GPA * 1e3 * AREA_MM2
-        wanted = before_px if loaded else CROSS_PX[pair]
+        wanted = before_px if loaded or conditions.parked else CROSS_PX[pair]
         if wanted != before_px:
             moves.append(Move(when_s, before_px, wanted))
         if load_n != before_n:
             steps.append(LoadStep(when_s, load_n - before_n))
-        error = rng.normal(0.0, STAGE_ERROR_PX, 2) if pair else np.zeros(2)
+        error = rng.normal(0.0, STAGE_ERROR_PX, 2) if pair and not conditions.parked else np.zeros(2)
         carried = np.array([1.5, -2.0]) * (pair - conditions.calibration) if loaded else np.zeros(2)
         shift = (float(wanted[0] + error[0] + carried[0]), float(wanted[1] + error[1] + carried[1]))
         history = History(tuple(steps), tuple(moves))

@@ -7,16 +7,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-from blind.experiment import Conditions, hidden
-from numexp.asfolder import HEADER, map_text
-from numexp.world import HEIGHT_PX, SCAN, WIDTH_PX
-from scipy.ndimage import map_coordinates
+from blind.experiment import Conditions
+from blind.imported import imported
+from numexp.world import SCAN
 
-from semlive.data.disparity import DisparityMap
 from semlive.data.grid import Grid
-from semlive.service.importing import Import, import_folder
 from semlive_simulators.effects.flyback_settling import FlybackSettling
 from semlive_simulators.scan import Scan
 
@@ -34,32 +30,8 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def written(folder: Path, seed: int, scan: Scan, bent_like: int | None) -> Path:
-    """A log of maps that another engine made."""
     conditions = Conditions(seed, calibration=7, tension=0, missing=0.0, outliers=0.0, scan=scan, bent_like=bent_like)
-    folder.mkdir()
-    lines = [HEADER]
-    for one in hidden(conditions, (SETTLES,), GRID):
-        pair = one.pose.pair
-        times = f"{scan.dwell_time_s!r},{scan.row_time_s!r},{WIDTH_PX},{HEIGHT_PX},1"
-        lines += [f"{when.frame},{pair},calibration,{when.start_s!r},{times},,," for when in one.times]
-        for dmap in (*one.maps, *within(one.maps)):
-            (folder / f"disparity_{dmap.reference}_{dmap.current}.csv").write_text(map_text(dmap))
-    (folder / "frames.csv").write_text("\n".join([*lines, ""]))
-    log = folder.with_suffix(".mcap")
-    import_folder(Import(folder, log, subset_px=43))
-    return log
-
-
-def within(maps: tuple[DisparityMap, ...]) -> list[DisparityMap]:
-    """From the first frame of a pair to the second, on the grid of the first: by what both show of frame 0."""
-    if len(maps) < 2:
-        return []
-    first, second = maps
-    there = [at - moved / GRID.step_px for at, moved in zip(np.indices(GRID.shape), (first.v_px, first.u_px), strict=True)]
-    moved = [
-        map_coordinates(two - one, there, order=3, mode="nearest") for one, two in ((first.u_px, second.u_px), (first.v_px, second.v_px))
-    ]
-    return [replace(second, reference=first.current, u_px=moved[0], v_px=moved[1])]
+    return imported(folder, conditions, (SETTLES,), GRID)
 
 
 def test_a_decision_is_one_object(semlive: Callable[..., Said], runs: tuple[Path, Path]) -> None:

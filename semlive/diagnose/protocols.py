@@ -1,0 +1,38 @@
+"""Experiments as changes of a run's protocol, by the names that its configuration has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from semlive.diagnose.propose import Kind
+
+PARKED_PAIRS = 10
+LONGER = 4.0
+Protocol = dict[str, Any]
+
+
+def changed_protocol(protocol: Protocol, kind: Kind) -> Protocol:
+    """A protocol with an experiment in place of its own."""
+    return {**protocol, **_CHANGES[kind](protocol)}
+
+
+def _unloaded(shifts: list[Any]) -> Protocol:
+    return {"calibration_shifts_px": shifts, "translation_shifts_px": [], "loads_n": [], "warm_up": None}
+
+
+def _there_and_back(protocol: Protocol) -> Protocol:
+    shifts = protocol.get("calibration_shifts_px") or []
+    return _unloaded([one for shift in shifts for one in (shift, [0.0, 0.0])])
+
+
+_CHANGES: dict[Kind, Callable[[Protocol], Protocol]] = {
+    Kind.PARKED: lambda protocol: _unloaded([[0.0, 0.0]] * PARKED_PAIRS),
+    Kind.AGAIN: lambda protocol: _unloaded(protocol.get("calibration_shifts_px") or []),
+    Kind.LONGER_HOLD: lambda protocol: {"hold_s": LONGER * float(protocol.get("hold_s", 30.0)), "adaptive_hold": None},
+    Kind.DUMMY_STEPS: lambda protocol: {"loads_n": [load for load in protocol.get("loads_n") or [] for _ in range(2)]},
+    Kind.UNLOAD: lambda protocol: {"loads_n": [*(protocol.get("loads_n") or []), *reversed((protocol.get("loads_n") or [])[:-1])]},
+    Kind.REVERSED: _there_and_back,
+    Kind.OTHER_SCAN: lambda protocol: _unloaded(protocol.get("calibration_shifts_px") or []),
+    Kind.TURNED_SCAN: lambda protocol: _unloaded(protocol.get("calibration_shifts_px") or []),
+}

@@ -1,0 +1,153 @@
+"""What experiments are foretold to decide between two effects, against what simulations of them do decide.
+
+    python tests/benchmarks/bench_foretold.py [--first 3] [--second 4] [--times 3] [--write]
+
+A run of 15 pairs with one of two effects that are easily taken for each other, at so many times what can be detected, says how large both
+would be; that foretells the logarithm of the odds that an experiment gives for the true one. Then the experiment is simulated (another
+drift, other stage errors, other noise; the simulators' own effects, at displacement level, 0.02 px of noise shared over subsets, 1 % of the
+points missing, 0.1 % wrong), and its data give the odds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import numpy as np
+from blind.experiment import Conditions
+from blind.hiding import DETECTABLE_PX, hidden_effect
+from blind.observing import observed
+from blind.scoring import at_least
+from numexp.world import SCAN
+
+from semlive.data.grid import Grid
+from semlive.diagnose.evidence import weigh
+from semlive.diagnose.foretelling import planned
+from semlive.diagnose.foretold import expected_odds, odds, predicted
+from semlive.diagnose.known import family_of
+from semlive.diagnose.noise import quiet
+from semlive.diagnose.propose import DECIDED, Kind
+from semlive.diagnose.refine import refined
+from semlive.diagnose.rehearsal import rehearsed
+from semlive_simulators.effects.protocol import Effect
+from semlive_simulators.scan import Scan
+
+PAGE = Path(__file__).parents[2] / "docs" / "diagnose.md"
+BEGIN, END = "<!-- foretold: begin -->\n", "<!-- foretold: end -->\n"
+GRID = Grid(101, 101, 30, 25, 20, 43)
+FIRST_SEED, SECOND_SEED = 60_001, 61_001
+ALIKE = (  # the true one first
+    ("magnification_drift", "refocus_magnification_step"),
+    ("raster_rotation_drift", "stage_yaw"),
+    ("stage_yaw", "raster_rotation_drift"),
+    ("wrong_row_time", "scan_shear_drift"),
+    ("scan_shear_drift", "wrong_row_time"),
+    ("aspect_drift", "distortion_scale_drift"),
+    ("distortion_scale_drift", "magnification_drift"),
+)
+DRAWN = ("stage_yaw",)
+"""Another run has amplitudes of its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """One experiment.
+
+    Attributes:
+        true: what is hidden.
+        other: what it could be taken for.
+        kind: of the experiment.
+        dwell: of the scan, of that of the first run.
+        foretold: logarithm of the odds for the true one.
+        given: by the data of each simulation.
+    """
+
+    true: str
+    other: str
+    kind: Kind
+    dwell: float
+    foretold: float
+    given: tuple[float, ...]
+
+
+def main() -> None:
+    """Foretell, simulate, compare."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--first", type=int, default=3, help="runs that foretell, of each pair of effects")
+    parser.add_argument("--second", type=int, default=4, help="simulations of each experiment")
+    parser.add_argument("--times", type=float, default=3.0, help="what can be detected")
+    parser.add_argument("--write", action="store_true", help="put the table into docs/diagnose.md")
+    asked = parser.parse_args()
+    told = []
+    for true, other in ALIKE:
+        for seed in range(FIRST_SEED, FIRST_SEED + asked.first):
+            for one in compared(true, other, asked.times, seed, asked.second):
+                told.append(one)
+                sys.stdout.write(f"{one}\n")
+                sys.stdout.flush()
+    found = table(told)
+    sys.stdout.write(found)
+    if asked.write:
+        page = PAGE.read_text(encoding="utf-8")
+        before, rest = page.split(BEGIN)
+        PAGE.write_text(f"{before}{BEGIN}\n{found}\n{END}{rest.split(END)[1]}", encoding="utf-8")
+
+
+def compared(true: str, other: str, times: float, seed: int, second: int) -> Iterator[Told]:
+    """All experiments after one run."""
+    size_px = times * DETECTABLE_PX[true]
+    first = observed(Conditions(seed), hidden_effect(true, size_px, seed), GRID)
+    before = quiet(first)
+    rivals = [refined(before, one) for one in weigh(before, [family_of(true), family_of(other)], None)]
+    for kind, dwell in ((Kind.PARKED, 1.0), (Kind.AGAIN, 1.0), (Kind.OTHER_SCAN, 0.5), (Kind.OTHER_SCAN, 2.0)):
+        ahead = rehearsed(before, planned(first, kind, dwell))
+        foretold = expected_odds(ahead, [predicted(ahead, before, one) for one in rivals])[0, 1]
+        given = []
+        for number in range(second):
+            own = SECOND_SEED + 100 * (seed - FIRST_SEED) + number
+            after = quiet(observed(_conditions(kind, dwell, own, seed), _effects(true, size_px, seed, own), GRID))
+            given.append(float(odds(after, [predicted(after, before, one) for one in rivals])[0, 1]))
+        yield Told(true, other, kind, dwell, float(foretold), tuple(given))
+
+
+def _effects(true: str, size_px: float, seed: int, own: int) -> tuple[Effect, ...]:
+    return hidden_effect(true, size_px, own if true in DRAWN else seed)
+
+
+def _conditions(kind: Kind, dwell: float, seed: int, bent_like: int) -> Conditions:
+    parked = kind is Kind.PARKED
+    given = Conditions(seed, calibration=10 if parked else 8, tension=0, bent_like=bent_like, parked=parked, scan=_scan(dwell))
+    return replace(given, noise_px=given.noise_px / dwell**0.5)
+
+
+def _scan(dwell: float) -> Scan:
+    return replace(SCAN, dwell_time_s=dwell * SCAN.dwell_time_s, frame_time_s=dwell * SCAN.frame_time_s)
+
+
+def table(told: list[Told]) -> str:
+    """By effect and experiment; then how often the true one won, wherever odds of more than 20 were foretold, and elsewhere."""
+    lines = ["| hidden | taken for | experiment | ln odds foretold | given: mean | least |", "|---|---|---|---|---|---|"]
+    for key in dict.fromkeys((one.true, one.other, one.kind, one.dwell) for one in told):
+        own = [one for one in told if (one.true, one.other, one.kind, one.dwell) == key]
+        given = np.concatenate([one.given for one in own])
+        what = key[2].value.replace("_", " ") + ("" if key[3] == 1.0 else f", {key[3]:g} times the dwell")
+        mean = float(np.mean([one.foretold for one in own]))
+        lines.append(f"| `{key[0]}` | `{key[1]}` | {what} | {mean:.1f} | {given.mean():.1f} | {given.min():.1f} |")
+    lines.append("")
+    for sure, said in ((True, "more than 20"), (False, "20 or less")):
+        given = [one for each in told if (each.foretold > DECIDED) == sure for one in each.given]
+        won = sum(one > 0.0 for one in given)
+        if given:
+            least = 100.0 * at_least(won, len(given))
+            lines.append(f"Where odds of {said} were foretold, the true one won {won} of {len(given)} (at least {least:.1f} %).")
+            lines.append("")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,34 @@
+"""What `semlive diagnose` says of the experiments that would decide what it leaves open."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+from blind.cases import GRID, ONE, Case
+from blind.imported import imported
+
+Said = tuple[int, str, str]
+
+
+def test_an_open_verdict_foretells_what_experiments_decide(semlive: Callable[..., Said], tmp_path: Path) -> None:
+    case = Case(ONE, ("wrong_row_time",), 2.0, 1)
+    log = imported(tmp_path / "maps", case.conditions(), case.effects(), GRID)
+
+    code, out, _ = semlive("diagnose", str(log), "--json", "--html", str(tmp_path / "page.html"))
+
+    found = json.loads(out)
+    assert code == 0
+    assert (found["outcome"], found["ambiguous"]) == ("AMBIGUOUS", ["wrong_row_time", "scan_shear_drift"])
+    menu = found["experiment"]["foretold"]
+    assert {one["kind"] for one in menu} == {"parked", "again", "reversed", "other_scan", "longer_hold", "dummy_steps", "unload"}
+    for one in menu:
+        assert set(one) == {"kind", "dwell", "minutes", "log_odds", "log_odds_per_minute", "true", "other"}
+        assert {one["true"], one["other"]} == set(found["ambiguous"])
+        assert abs(one["log_odds_per_minute"] - one["log_odds"] / one["minutes"]) < 1e-12
+        assert 10.0 < one["minutes"] < 300.0
+    rates = [one["log_odds_per_minute"] for one in menu]
+    assert rates == sorted(rates, reverse=True)
+    page = (tmp_path / "page.html").read_text()
+    assert all(word in page for word in ("What experiments are expected to decide", "other scan, 2 times the dwell", "ln odds a minute"))
