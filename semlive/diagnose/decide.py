@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from semlive.data.diagnosis import Decided, Decision, FoundParameter, Outcome
 from semlive.diagnose.baseline import Ladder, Rung, rung
 from semlive.diagnose.evidence import Projected, sizes_of, weigh
-from semlive.diagnose.judge import ODDS
-from semlive.diagnose.named import LOUD
+from semlive.diagnose.named import LOUD, ODDS
 from semlive.diagnose.refine import between, left_open, linear
 from semlive.errors import IllPosed
 from semlive.model.effects import BETWEEN_SCANS, DICTIONARY, Family, Law

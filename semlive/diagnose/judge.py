@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -14,11 +13,11 @@ from semlive.diagnose.course import likelier_course
 from semlive.diagnose.evidence import NullDraws, Weighed, overlap, weigh
 from semlive.diagnose.gap import gap_of
 from semlive.diagnose.known import joined
-from semlive.diagnose.named import LOUD, Named, needed, with_one_more
+from semlive.diagnose.named import LOUD, ODDS, Named, needed, reconsidered, with_one_more, with_values_between
 from semlive.diagnose.noise import quiet
 from semlive.diagnose.observation import Observation
 from semlive.diagnose.pictures import pictures_of
-from semlive.diagnose.refine import Refined, refined, together
+from semlive.diagnose.refine import Refined, together
 from semlive.diagnose.strain_safety import HARMLESS, eaten
 from semlive.diagnose.unknown import UNNAMED
 from semlive.diagnose.where import where
@@ -26,8 +25,6 @@ from semlive.model.effects import DICTIONARY, Family
 
 DRAWS = 299
 RARE = 0.01
-HEARD = 2.0  # logarithm of a Bayes factor that one null in fifty reaches
-ODDS = math.log(20.0)  # rivals that are not so much less likely would do as well
 MOST = 3
 # Most of a gap; see `_useful`.
 HALF = 0.5
@@ -63,12 +60,12 @@ def diagnose(
     tried: tuple[Family, ...] = ()
     while True:
         families = (*[one for one in dictionary if one not in tried], *UNNAMED)
-        heard = _between(having, weigh(having, families, None if named else null))
+        heard = with_values_between(having, weigh(having, families, None if named else null))
         first = first or heard
         loudest = max(heard, key=lambda one: one.log_factor)
         if named and loudest.log_factor >= LOUD:  # what is left is quiet nearly always, and draws take time
             null = NullDraws.of(having, draws, seed + len(named))
-            heard = _between(having, weigh(having, families, null))
+            heard = with_values_between(having, weigh(having, families, null))
         p_value = _p_value(heard, loudest.log_factor) if loudest.log_factor >= LOUD else 1.0
         loud = p_value <= RARE
         candidates = [one for one in heard if one.family not in UNNAMED]
@@ -79,6 +76,8 @@ def diagnose(
         unnamed = max(one.log_factor for one in heard if one.family in UNNAMED)
         tried = (*tried, best.family)
         having, named = needed(bare, *with_one_more(having, named, best, p_value, rivals, unnamed))
+        having, named = reconsidered(bare, having, named, (*dictionary, *UNNAMED))
+        tried = (*tried, *(one.refined.family for one in named))
     loud = loud or _unlike(bare, named)
     named = _beside(having, named)
     gap = gap_of(bare, having, seed) if named else None
@@ -90,19 +89,6 @@ def diagnose(
     shared = _overlaps(bare, named[0].refined, first) if named else ()
     verdict = replace(verdict, pictures=pictures, evidence=_told(first), overlap=shared)
     return replace(verdict, known=tuple(known), end_s=observation.scene.end_s, size_px=(width, height))
-
-
-def _between(having: Ladder, heard: Sequence[Weighed]) -> tuple[Weighed, ...]:
-    """With families that are tried at one value alone, and have others, asked about those too, where there is anything to be heard.
-
-    The distortion's affine part is not known, and a drift of the distortion that had another was called a drift of the magnification first.
-    """
-    found = []
-    for one in heard:
-        alone = one.family.thetas and len(one.laws) == 1 and one.log_factor > HEARD
-        gain = refined(having, one).log_factor - one.log_factor if alone else 0.0
-        found.append(replace(one, between=max(gain, 0.0)))
-    return tuple(found)
 
 
 def _beside(having: Ladder, named: Sequence[Named]) -> tuple[Named, ...]:

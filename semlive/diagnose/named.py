@@ -9,12 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from semlive.diagnose.baseline import Ladder, ladder
-from semlive.diagnose.evidence import Weighed
+from semlive.diagnose.evidence import Weighed, weigh
 from semlive.diagnose.refine import Refined, refined
+from semlive.diagnose.unknown import UNNAMED
+from semlive.model.effects import Family
 
 # Logarithm of the Bayes factor from which on an effect counts. Among 199 draws of the null the largest of all families was 5.2, the 99th
 # percentile 2.7.
 LOUD = 7.0
+HEARD = 2.0  # logarithm of a Bayes factor that one null in fifty reaches
+ODDS = math.log(20.0)  # rivals that are not so much less likely would do as well
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +45,19 @@ class Named:
     def names(self) -> tuple[str, ...]:
         """That the effect has by its parameters, the likeliest first."""
         return self.refined.family.told(self.refined.parameters) or (self.refined.family.name,)
+
+
+def with_values_between(having: Ladder, heard: Sequence[Weighed]) -> tuple[Weighed, ...]:
+    """With families that are tried at one value alone, and have others, asked about those too, where there is anything to be heard.
+
+    The distortion's affine part is not known, and a drift of the distortion that had another was called a drift of the magnification first.
+    """
+    found = []
+    for one in heard:
+        alone = one.family.thetas and len(one.laws) == 1 and one.log_factor > HEARD
+        gain = refined(having, one).log_factor - one.log_factor if alone else 0.0
+        found.append(replace(one, between=max(gain, 0.0)))
+    return tuple(found)
 
 
 def with_one_more(
@@ -78,6 +95,32 @@ def needed(bare: Ladder, having: Ladder, named: tuple[Named, ...]) -> tuple[Ladd
         if total - left[place] >= LOUD:
             break
         having, named = without[place]
+    return having, named
+
+
+def reconsidered(bare: Ladder, having: Ladder, named: tuple[Named, ...], families: Sequence[Family]) -> tuple[Ladder, tuple[Named, ...]]:
+    """The baseline and its effects, each heard once more beside the others: another name may do better there, or as well.
+
+    What was named first was heard where the others were still hidden: a rotation that drifts was called a drift of the distortion, which
+    took a part of a hidden bending too, and beside the bending it explained all that the rotation would have.
+
+    Args:
+        bare: the baseline without effects.
+        having: with them.
+        named: they; the last was heard beside all others.
+        families: that are asked, those without a name among them.
+    """
+    for one in named[:-1]:
+        before, rest = _chained(bare, [other for other in named if other is not one], named[0].unnamed)
+        others = [family for family in families if family not in {other.refined.family for other in rest}]
+        heard = with_values_between(before, weigh(before, others, None))
+        candidates = [each for each in heard if each.family not in UNNAMED]
+        best = max(candidates, key=lambda each: each.log_factor)
+        rivals = [each for each in candidates if each is not best and each.log_factor > best.log_factor - ODDS]
+        if best.family is not one.refined.family:
+            unnamed = max(each.log_factor for each in heard if each.family in UNNAMED)
+            return with_one_more(before, rest, best, one.p_value, rivals, unnamed)
+        named = tuple(replace(each, rivals=tuple(rivals)) if each is one else each for each in named)
     return having, named
 
 

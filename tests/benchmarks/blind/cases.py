@@ -19,11 +19,14 @@ from semlive.diagnose.observation import Observation
 from semlive.model.effects import DICTIONARY, Family
 from semlive_simulators.effects.library import LIBRARY
 from semlive_simulators.effects.protocol import Effect
+from semlive_simulators.effects.wrong_row_time import WrongRowTime
 
 GRID = Grid(101, 101, 15, 50, 40, 43)
 """Every third point of the usual grid: its block means differ by less than their noise, and cases are made in half the time."""
 FIRST_SEED = {"development": 1, "final": 20_001}
 """Nothing may be chosen by what the final set says."""
+WIDEST = 1.0
+"""Error of a row time: the largest in the catalogue. Where the drift's rate hardly varies maps show little even of that."""
 NOTHING, ONE, TWO, STRANGER = "nothing", "one", "two", "stranger"
 DEFORMED_LAW, LEFT_OUT, CONFOUNDED = "deformed", "left out", "confounded"
 SWALLOWED = (  # by the distortion, the gauge, the free strain or the drift: one experiment cannot tell them from these
@@ -74,13 +77,21 @@ class Case:
         return kind(self.size**2 / largest_px(self.conditions(), (kind(self.size, self.seed),)), self.seed)
 
     def _effect(self, name: str, peak_px: float) -> Effect:
-        """As large in the maps as asked for: displacements grow with an effect's size."""
+        """As large in the maps as asked for: displacements grow with an effect's size; no row takes more than twice what is stated."""
         near = self._lawful(name, peak_px)
-        return self._lawful(name, peak_px * peak_px / largest_px(self.conditions(), (near,)))
+        found = self._lawful(name, peak_px * peak_px / largest_px(self.conditions(), (near,)))
+        return WrongRowTime(min(found.row_time_error, WIDEST)) if isinstance(found, WrongRowTime) else found
 
     def _lawful(self, name: str, peak_px: float) -> Effect:
         (effect,) = hidden_effect(name, peak_px, self.seed)
         return deformed(effect) if self.kind == DEFORMED_LAW else effect
+
+    @property
+    def faint(self) -> bool:
+        """Whether the largest that is met is below twice what can be detected: a wrong row time, where the drift's rate hardly varies."""
+        if (self.kind, self.names) != (ONE, ("wrong_row_time",)):
+            return False
+        return largest_px(self.conditions(), (WrongRowTime(WIDEST),)) < 2.0 * DETECTABLE_PX["wrong_row_time"]
 
     def truth(self) -> dict[str, dict[str, float]]:
         """What diagnosis should report of each effect."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -73,8 +73,9 @@ class Bar:
 
 
 def bars(scored: Scored) -> Iterable[Bar]:
-    """All that shares can be stated of."""
+    """All that shares can be stated of; cases that are faint at their largest are listed beside it."""
     by = defaultdict(list)
+    scored = [(case, verdict) for case, verdict in scored if not case.faint]
     for case, verdict in scored:
         by[case.kind, case.size].append(judged(case, verdict))
     nulls = by[NOTHING, 0.0]
@@ -109,7 +110,15 @@ def bars(scored: Scored) -> Iterable[Bar]:
 def table(scored: Scored) -> str:
     """All of it, as Markdown."""
     lines = ["| | cases | share | bound, one-sided 95 % | asked | |", "|---|---|---|---|---|---|", *(one.row() for one in bars(scored)), ""]
-    return "\n".join([*lines, *_each_effect(scored), *_sizes(scored), *_missed(scored)]) + "\n"
+    return "\n".join([*lines, *_faint(scored), *_each_effect(scored), *_sizes(scored), *_missed(scored)]) + "\n"
+
+
+def _faint(scored: Scored) -> list[str]:
+    said = Counter(str(one["outcome"]) + (", right" if judged(case, one) == "right" else "") for case, one in scored if case.faint)
+    if not said:
+        return []
+    told = ", ".join(f"{count} {outcome}" for outcome, count in said.most_common())
+    return [f"Not counted above: `wrong_row_time` where twice the stated row time shows less than twice what can be detected: {told}.", ""]
 
 
 def _each_effect(scored: Scored) -> list[str]:

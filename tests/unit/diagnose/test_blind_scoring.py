@@ -55,6 +55,17 @@ def test_no_effect_is_larger_than_is_met() -> None:
     assert peak_px("scan_shear_drift", 8.0) == 2.0 * DETECTABLE_PX["scan_shear_drift"]
 
 
+def test_no_row_takes_more_than_twice_what_is_stated_and_what_that_hardly_shows_is_listed() -> None:
+    wrong = [Case(ONE, ("wrong_row_time",), 8.0, seed) for seed in (1, 4, 8)]  # the rate of the drift changes by 77, 20 and 20 %
+    told = [case.truth()["wrong_row_time"]["row_time_error"] for case in wrong]
+
+    assert told == [pytest.approx(0.653, abs=1e-3), 1.0, 1.0]
+    assert [case.faint for case in wrong] == [False, False, True]
+    said = table([(case, verdict("AMBIGUOUS", ["wrong_row_time"], ["wrong_row_time", "scan_shear_drift"])) for case in wrong])
+    assert "| right name at 8 times | 2 | 0.0 % |" in said
+    assert "less than twice what can be detected: 1 AMBIGUOUS." in said
+
+
 def test_seeds_of_the_final_set_are_never_those_of_development() -> None:
     counts = Counts(seeds=16, nulls=773, doubles=50, strange=25, deformed=5, left_out=3, confounded=30)
     asked = {"counts": counts, "sizes": (2.0, 4.0), "names": tuple(DETECTABLE_PX)}
