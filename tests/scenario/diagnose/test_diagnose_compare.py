@@ -58,6 +58,17 @@ def test_what_is_anew_in_every_frame_is_compared_by_its_size(without: Observatio
     assert found.confirmed
 
 
+def test_what_the_estimate_takes_for_the_raster_is_compared_too(without: Observation) -> None:
+    stretched = hidden_effect("magnification_drift", 0.4, 1)
+    measured, having = (observed(conditions, stretched, GRID) for conditions in (MEASURED, SIMULATED))
+    assert [one.used for one in measured.solution.terms if one.name == "magnification"] == [True]
+
+    found = compared(measured, without, having)
+    assert found.maps.closure == pytest.approx(1.0, abs=0.15)
+    assert found.maps.before_px > 1.2 * found.maps.floor_px
+    assert found.confirmed
+
+
 def test_where_nothing_is_missing_nothing_shrinks(without: Observation, tilted: Observation) -> None:
     found = compared(observed(MEASURED, (), GRID), without, tilted)
     assert found.maps.before_px == pytest.approx(found.maps.floor_px, rel=0.1)
