@@ -1,8 +1,8 @@
 """Hidden effects, named blindly: outcomes by effect and size, false names where nothing is hidden, and what has no name.
 
-    python tests/benchmarks/bench_diagnose.py --seeds 16 --sizes 2 4 8 --nulls 773 --doubles 50 --strange 25 --deformed 5 \
-        --left-out 3 --confounded 30 --folder blind --shard 1/2
-    python tests/benchmarks/bench_diagnose.py ... --folder blind --score [--write]
+    python tests/benchmarks/bench_diagnose.py --set final --seeds 16 --sizes 2 4 8 --nulls 773 --doubles 100 --strange 25 \
+        --deformed 5 --left-out 3 --confounded 30 --folder tests/benchmarks/blind/final --shard 1/2
+    python tests/benchmarks/bench_diagnose.py ... --folder tests/benchmarks/blind/final --score [--write]
 
 A case is known to diagnosis by its data alone; verdicts are written by the case's key, and only scoring joins them with what was
 hidden. A run that was broken off goes on where it stopped, and shards of one run write into one folder. Experiments are made by the
@@ -53,7 +53,7 @@ def main() -> None:
     found = table(scored)
     sys.stdout.write(found)
     if asked.write:
-        write(found, f"{len(scored)} cases of the {asked.set} set")
+        write(found, f"{len(scored)} of {len(chosen)} cases of the {asked.set} set")
 
 
 def _arguments() -> argparse.Namespace:
