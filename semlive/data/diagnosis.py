@@ -183,7 +183,7 @@ class Experiment:
     Attributes:
         between: their names.
         about: what to do, one sentence.
-        foretold: what experiments that the run's own configuration allows are expected to decide, the most for a minute first.
+        foretold: what experiments that need nothing the run did not have are expected to decide, the most for a minute first.
     """
 
     between: tuple[str, ...]

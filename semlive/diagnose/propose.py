@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 from semlive.data.diagnosis import Diagnosis, Foretold, Outcome
 from semlive.diagnose.known import family_of
+from semlive.diagnose.named import ODDS
 from semlive.model.move_effects import beside_maps
 
 
@@ -56,9 +56,6 @@ _DECIDES = {
     "charging_jump": Kind.AGAIN,
 }
 _BY_GROUP = {"G1": Kind.PARKED, "G2": Kind.PARKED, "G3": Kind.OTHER_SCAN, "G4": Kind.OTHER_SCAN, "G8": Kind.PARKED, "G11": Kind.UNLOAD}
-
-
-DECIDED = math.log(20.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,4 +122,4 @@ def proposed(found: Diagnosis, menu: Sequence[Foretold] = ()) -> Proposal | None
 
 def quickest(menu: Sequence[Foretold]) -> Foretold | None:
     """The experiment that decides and gives the most for a minute; None where none decides."""
-    return next((one for one in menu if one.log_odds > DECIDED), None)
+    return next((one for one in menu if one.log_odds > ODDS), None)

@@ -30,8 +30,9 @@ from semlive.diagnose.evidence import weigh
 from semlive.diagnose.foretelling import planned
 from semlive.diagnose.foretold import expected_odds, odds, predicted
 from semlive.diagnose.known import family_of
+from semlive.diagnose.named import ODDS
 from semlive.diagnose.noise import quiet
-from semlive.diagnose.propose import DECIDED, Kind
+from semlive.diagnose.propose import Kind
 from semlive.diagnose.refine import refined
 from semlive.diagnose.rehearsal import rehearsed
 from semlive_simulators.effects.protocol import Effect
@@ -140,7 +141,7 @@ def table(told: list[Told]) -> str:
         lines.append(f"| `{key[0]}` | `{key[1]}` | {what} | {mean:.1f} | {given.mean():.1f} | {given.min():.1f} |")
     lines.append("")
     for sure, said in ((True, "more than 20"), (False, "20 or less")):
-        given = [one for each in told if (each.foretold > DECIDED) == sure for one in each.given]
+        given = [one for each in told if (each.foretold > ODDS) == sure for one in each.given]
         won = sum(one > 0.0 for one in given)
         if given:
             least = 100.0 * at_least(won, len(given))
