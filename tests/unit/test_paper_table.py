@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
+import numpy as np
 import pytest
 
 from semlive.errors import BadInput
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from paper import write_between
-from sidebyside.facts import PAPER
-from sidebyside.measure import FIELDS, GaugeRow
-from sidebyside.table import Row, reached_at
+from sidebyside.facts import PAPER, STATED_WINDOW
+from sidebyside.measure import FIELDS, GaugeRow, PhaseFigures, RunFigures
+from sidebyside.table import Row, correction_share, reached_at
 
 PAGE = Path(__file__).parents[2] / "docs" / "paper.md"
 
@@ -33,6 +36,19 @@ def test_the_gauge_that_reaches_a_figure_is_interpolated() -> None:
 def test_a_curve_that_rises_again_has_not_reached_a_figure_before() -> None:
     assert reached_at((line(50, 1e-4), line(100, 3e-4), line(200, 1e-4)), 2e-4).removesuffix(" px").isdigit()
     assert int(reached_at((line(50, 1e-4), line(100, 3e-4), line(200, 1e-4)), 2e-4).split()[0]) > 100
+
+
+def test_each_frame_counts_alike_in_the_corrections_share_and_no_component_hides_another() -> None:
+    def phase(frames: int, exx: float, eyy: float) -> PhaseFigures:
+        share = {**dict.fromkeys(FIELDS, 0.0), "exx": exx, "eyy": eyy}
+        row = GaugeRow(STATED_WINDOW, 83, dict.fromkeys(FIELDS, 1.0), dict.fromkeys(FIELDS, 1.0), share, 0.1)
+        return PhaseFigures(np.zeros((frames, 3)), np.zeros((frames, 3)), np.zeros((frames, 3)), np.zeros((frames, 3)), (row,))
+
+    run = SimpleNamespace(phases={"calibration": phase(3, 5e-5, 1e-5), "tension": phase(1, 1e-5, 7e-5)})
+    share = correction_share(cast(RunFigures, run))
+    assert share["exx"] == pytest.approx(np.sqrt((3 * 5e-5**2 + 1e-5**2) / 4))
+    assert share["eyy"] == pytest.approx(np.sqrt((3 * 1e-5**2 + 7e-5**2) / 4))
+    assert share["exy"] == 0.0
 
 
 def test_a_section_is_replaced_and_nothing_else() -> None:

@@ -6,10 +6,11 @@ import hashlib
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, astuple, dataclass
+from functools import cache
 
 import numpy as np
 from blind.deformed import DEFORMED, deformed
-from blind.experiment import Conditions, largest_px
+from blind.experiment import Conditions, beyond_shear_px, largest_px
 from blind.hiding import DETECTABLE_PX, PHYSICAL_PX, hidden_effect, hidden_values
 from blind.observing import observed
 from blind.strange import STRANGE
@@ -93,6 +94,11 @@ class Case:
             return False
         return largest_px(self.conditions(), (WrongRowTime(WIDEST),)) < 2.0 * DETECTABLE_PX["wrong_row_time"]
 
+    @property
+    def sheared(self) -> bool:
+        """Whether less than can be detected sets it apart from a shear that drifts: a wrong row time, where the drift along y is steady."""
+        return (self.kind, self.names) == (ONE, ("wrong_row_time",)) and _like_a_shear(self)
+
     def truth(self) -> dict[str, dict[str, float]]:
         """What diagnosis should report of each effect."""
         if self.kind in (STRANGER, CONFOUNDED, DEFORMED_LAW):
@@ -120,6 +126,11 @@ class Case:
     def observed(self) -> Observation:
         """The data."""
         return observed(self.conditions(), self.effects(), GRID)
+
+
+@cache
+def _like_a_shear(case: Case) -> bool:
+    return beyond_shear_px(case.conditions(), case.effects()) < DETECTABLE_PX[case.names[0]]
 
 
 def peak_px(name: str, size: float) -> float:

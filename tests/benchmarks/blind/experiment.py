@@ -152,9 +152,22 @@ def _world(conditions: Conditions, run_s: float, effects: tuple[Effect, ...]) ->
 
 def largest_px(conditions: Conditions, effects: tuple[Effect, ...]) -> float:
     """The largest displacement that effects add to a point of any map."""
+    return float(np.max(np.hypot(*_added(conditions, effects))))
+
+
+def beyond_shear_px(conditions: Conditions, effects: tuple[Effect, ...]) -> float:
+    """The largest of what is left of it when rows may slide over each other in every map as they like: u = a + g y."""
+    u, v = _added(conditions, effects)
+    rows = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, COARSE.ny), 2))[0]
+    slid = np.einsum("ya,za,fzx->fyx", rows, rows, u.mean(axis=2, keepdims=True))
+    return float(np.max(np.hypot(u - slid, v)))
+
+
+def _added(conditions: Conditions, effects: tuple[Effect, ...]) -> Field:
+    """(2, maps, ny, nx) px along x and y that effects add to every map."""
     quiet = replace(conditions, kind=NoiseKind.NONE, missing=0.0, outliers=0.0)
     with_them, without = (np.stack(_displacements(quiet, one)) for one in (effects, ()))
-    return float(np.max(np.hypot(*(with_them - without))))
+    return np.asarray(with_them - without)
 
 
 def _displacements(conditions: Conditions, effects: tuple[Effect, ...]) -> tuple[Field, Field]:

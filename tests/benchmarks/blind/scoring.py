@@ -73,7 +73,10 @@ class Bar:
 
 
 def bars(scored: Scored) -> Iterable[Bar]:
-    """All that shares can be stated of; cases that are faint at their largest are listed beside it."""
+    """All that shares can be stated of; cases that are faint at their largest are listed beside it.
+
+    What nothing in the data tells from a shear need not be named, only not misnamed: it counts in all rows but that of right names.
+    """
     by = defaultdict(list)
     scored = [(case, verdict) for case, verdict in scored if not case.faint]
     for case, verdict in scored:
@@ -87,7 +90,8 @@ def bars(scored: Scored) -> Iterable[Bar]:
     for size in sizes:
         said = by[ONE, size]
         if size in asked:
-            yield Bar(f"right name at {size:g} times", said.count("right"), len(said), asked[size], below=False)
+            apart = [judged(case, one) for case, one in scored if (case.kind, case.size) == (ONE, size) and not case.sheared]
+            yield Bar(f"right name at {size:g} times", apart.count("right"), len(apart), asked[size], below=False)
         if size >= 4.0:
             yield Bar(f"truth in the stated set at {size:g} times", said.count("right") + said.count("set"), len(said), 0.99, below=False)
         yield Bar(f"another name IDENTIFIED at {size:g} times", said.count("wrong"), len(said), 0.01, below=True)
@@ -110,7 +114,7 @@ def bars(scored: Scored) -> Iterable[Bar]:
 def table(scored: Scored) -> str:
     """All of it, as Markdown."""
     lines = ["| | cases | share | bound, one-sided 95 % | asked | |", "|---|---|---|---|---|---|", *(one.row() for one in bars(scored)), ""]
-    return "\n".join([*lines, *_faint(scored), *_each_effect(scored), *_sizes(scored), *_missed(scored)]) + "\n"
+    return "\n".join([*lines, *_faint(scored), *_sheared(scored), *_each_effect(scored), *_sizes(scored), *_missed(scored)]) + "\n"
 
 
 def _faint(scored: Scored) -> list[str]:
@@ -119,6 +123,22 @@ def _faint(scored: Scored) -> list[str]:
         return []
     told = ", ".join(f"{count} {outcome}" for outcome, count in said.most_common())
     return [f"Not counted above: `wrong_row_time` where twice the stated row time shows less than twice what can be detected: {told}.", ""]
+
+
+def _sheared(scored: Scored) -> list[str]:
+    """With and without what looks like a shear: the rule and what it changes."""
+    lines = []
+    for size in sorted({case.size for case, _ in scored if case.kind == ONE}):
+        every = [(case, judged(case, one)) for case, one in scored if (case.kind, case.size) == (ONE, size) and not case.faint]
+        alike = [word for case, word in every if case.sheared]
+        if alike:
+            told = ", ".join(f"{count} {_WORDS.get(word, word)}" for word, count in Counter(alike).most_common())
+            right = sum(word == "right" for _, word in every)
+            lines.append(f"- {size:g} times: {told}; with them {right} of {len(every)} right ({100 * right / len(every):.1f} %).")
+    if not lines:
+        return []
+    rule = "Not among the right names: `wrong_row_time` that differs by less than can be detected from a shear that drifts (G3)."
+    return [rule, "", *lines, ""]
 
 
 def _each_effect(scored: Scored) -> list[str]:
@@ -169,6 +189,7 @@ def _missed(scored: Scored) -> list[str]:
     ]
 
 
+_WORDS = {"set": "AMBIGUOUS with the truth in the set", "wrong": "another name"}
 _FINE = {
     (NOTHING, "NONE"),
     (STRANGER, "UNKNOWN"),

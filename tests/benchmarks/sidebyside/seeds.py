@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from sidebyside import facts
-from sidebyside.measure import COMPONENTS, RunFigures
-from sidebyside.table import DISPLACEMENTS, pooled, strain_text
+from sidebyside.measure import COMPONENTS, GaugeRow, RunFigures
+from sidebyside.table import DISPLACEMENTS, correction_share, pooled, strain_text
 
 
 @dataclass(frozen=True)
@@ -35,14 +35,16 @@ def seed_rows(runs: tuple[RunFigures, ...]) -> Iterator[SeedRow]:
     """Scatter and the correction's share are root mean squares over the seeds, elastic constants and their bars are of the mean."""
     for label, names in (("displacement", DISPLACEMENTS), ("strain", COMPONENTS)):
         yield _worst_ratio(label, names, runs)
+    at = next(i for i, row in enumerate(_any_curve(runs)) if row.window_points == facts.STATED_WINDOW)
+    yield _share("all frames", [correction_share(run) for run in runs])
     for phase in runs[0].phases:
-        yield _share(phase, runs)
+        yield _share(phase, [run.phases[phase].curve[at].correction for run in runs])
     yield _elastic("Young's modulus (GPa)", runs, 0, facts.MODULUS_BAR_GPA, 2)
     yield _elastic("Poisson's ratio", runs, 1, facts.RATIO_OF_POISSON_BAR, 4)
 
 
 def _worst_ratio(label: str, names: tuple[str, ...], runs: tuple[RunFigures, ...]) -> SeedRow:
-    curve = next(iter(runs[0].phases.values())).curve
+    curve = _any_curve(runs)
     places = [at for at, row in enumerate(curve) if row.window_points in facts.CURVE_WINDOWS]
     found = np.array([[(one.measured**2, one.predicted**2) for one in (pooled(run, at, names) for at in places)] for run in runs])
     each = np.sqrt(found[..., 0] / found[..., 1])
@@ -58,17 +60,20 @@ def _worst_ratio(label: str, names: tuple[str, ...], runs: tuple[RunFigures, ...
     )
 
 
-def _share(phase: str, runs: tuple[RunFigures, ...]) -> SeedRow:
-    at = next(i for i, row in enumerate(runs[0].phases[phase].curve) if row.window_points == facts.STATED_WINDOW)
-    each = np.array([[run.phases[phase].curve[at].correction[name] for name in COMPONENTS] for run in runs])
+def _share(frames: str, runs: Sequence[dict[str, float]]) -> SeedRow:
+    each = np.array([[run[name] for name in COMPONENTS] for run in runs])
     together = float(np.sqrt((each**2).mean(axis=0)).max())
     return SeedRow(
-        f"the correction's share of strain sd over 83 px, {phase}",
+        f"the correction's share of strain sd over 83 px, {frames}",
         tuple(strain_text(one.max()) for one in each),
         strain_text(together),
         f"≤ {strain_text(facts.CORRECTION_SD_BAR)}",
         together <= facts.CORRECTION_SD_BAR,
     )
+
+
+def _any_curve(runs: tuple[RunFigures, ...]) -> tuple[GaugeRow, ...]:
+    return next(iter(runs[0].phases.values())).curve
 
 
 def _elastic(label: str, runs: tuple[RunFigures, ...], which: int, bar: float, digits: int) -> SeedRow:

@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from blind.cases import CONFOUNDED, DEFORMED_LAW, LEFT_OUT, NOTHING, ONE, STRANGER, TWO, Case, Counts, cases, peak_px
 from blind.deformed import DEFORMED
-from blind.experiment import largest_px
+from blind.experiment import beyond_shear_px, largest_px
 from blind.hiding import DETECTABLE_PX, PHYSICAL_PX
 from blind.scoring import at_least, at_most, judged, table
 
@@ -64,6 +64,21 @@ def test_no_row_takes_more_than_twice_what_is_stated_and_what_that_hardly_shows_
     said = table([(case, verdict("AMBIGUOUS", ["wrong_row_time"], ["wrong_row_time", "scan_shear_drift"])) for case in wrong])
     assert "| right name at 8 times | 2 | 0.0 % |" in said
     assert "less than twice what can be detected: 1 AMBIGUOUS." in said
+
+
+def test_a_wrong_row_time_that_looks_like_a_shear_need_not_be_named_but_not_misnamed() -> None:
+    shear = Case(ONE, ("scan_shear_drift",), 2.0, 7)
+    assert largest_px(shear.conditions(), shear.effects()) > 0.08
+    assert beyond_shear_px(shear.conditions(), shear.effects()) < 0.05 * largest_px(shear.conditions(), shear.effects())
+    apart, alike = (Case(ONE, ("wrong_row_time",), 4.0, seed) for seed in (1, 7))  # the rate of the drift along y changes by 51 and by 3 %
+    assert (apart.sheared, alike.sheared, shear.sheared) == (False, True, False)
+    both = [(case, verdict("AMBIGUOUS", ["scan_shear_drift"], ["scan_shear_drift", "wrong_row_time"])) for case in (apart, alike)]
+    said = table(both)
+    assert "| right name at 4 times | 1 | 0.0 % |" in said
+    assert "| truth in the stated set at 4 times | 2 | 100.0 % |" in said
+    assert "- 4 times: 1 AMBIGUOUS with the truth in the set; with them 0 of 2 right (0.0 %)." in said
+    said = table([(alike, verdict("IDENTIFIED", ["stage_yaw"]))])
+    assert "| another name IDENTIFIED at 4 times | 1 | 100.0 % |" in said
 
 
 def test_seeds_of_the_final_set_are_never_those_of_development() -> None:
