@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from semlive.data.diagnosis import Diagnosis, Foretold, Outcome
+from semlive.data.diagnosis import Diagnosis, Experiment, Foretold, Outcome
 from semlive.diagnose.known import family_of
 from semlive.diagnose.named import ODDS
 from semlive.model.move_effects import beside_maps
@@ -118,6 +118,13 @@ def proposed(found: Diagnosis, menu: Sequence[Foretold] = ()) -> Proposal | None
     family = family_of(found.effects[0].law.name)
     kind = _DECIDES.get(family.name) or _BY_GROUP.get(family.group or "", Kind.PARKED)
     return Proposal(kind, between, family.decides)
+
+
+def ranked(found: Experiment, menu: Sequence[Foretold]) -> Experiment:
+    """An experiment's words with what each one would decide: the quickest that decides is said first, before what decides by its nature."""
+    best = quickest(menu)
+    about = found.about if best is None else f"{best.said}, {best.minutes:.0f} minutes: {_ABOUT[Kind(best.kind)]} (or: {found.about})"
+    return replace(found, about=about, foretold=tuple(menu))
 
 
 def quickest(menu: Sequence[Foretold]) -> Foretold | None:

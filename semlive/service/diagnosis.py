@@ -16,6 +16,7 @@ from semlive.diagnose.known import showing
 from semlive.diagnose.load_channel import readings_of, with_clock, with_loads
 from semlive.diagnose.moves import moves_of, with_moves
 from semlive.diagnose.observation import HOLD_S, Observation, StepFacts, first_solution, observe, steps_of
+from semlive.diagnose.propose import ranked
 from semlive.diagnose.row_channel import diagnose_rows
 from semlive.diagnose.verdict import with_grey, with_rows
 from semlive.errors import BadLog, IllPosed
@@ -46,7 +47,7 @@ def diagnose_log(
     found = diagnose(seen, seed, known=showing(seen, [one for one in known if beside_maps(one.name) is None]))
     found = with_moves(replace(found, known=tuple(known)), moves_of(seen, steps))
     if found.experiment is not None:
-        found = replace(found, experiment=replace(found.experiment, foretold=foretold(seen, found, known)))
+        found = replace(found, experiment=ranked(found.experiment, foretold(seen, found, known)))
     settings = log_settings(log)
     found = with_loads(found, readings_of(seen, steps, settings.specimen.loading_axis))
     if words.sem_clock is not None:

@@ -28,7 +28,7 @@ from semlive.diagnose.foretold import NOTHING, expected_odds, odds, predicted
 from semlive.diagnose.known import family_of
 from semlive.diagnose.noise import quiet
 from semlive.diagnose.observation import Observation
-from semlive.diagnose.propose import Kind, proposed
+from semlive.diagnose.propose import Kind, proposed, ranked
 from semlive.diagnose.refine import Refined, refined
 from semlive.diagnose.rehearsal import rehearsed
 
@@ -149,6 +149,12 @@ def test_the_experiment_that_decides_in_the_least_time_is_proposed() -> None:
     assert (undecided.kind, undecided.foretold) == (Kind.PARKED, None)
     assert weak.per_minute == pytest.approx(0.4)
     assert slow.said == "other scan, 2 times the dwell"
+
+    told = ranked(Experiment(ALIKE, "park the stage"), (weak, slow))
+    assert told.about.startswith("other scan, 2 times the dwell, 60 minutes: what goes with the dwell")
+    assert told.about.endswith("(or: park the stage)")
+    assert told.foretold == (weak, slow)
+    assert ranked(Experiment(ALIKE, "park the stage"), (weak,)).about == "park the stage"
 
     console = Console(width=160, record=True, file=StringIO())
     console.print(foretold_table((weak, slow)))
