@@ -10,11 +10,15 @@ from typing import cast
 import numpy as np
 import pytest
 
+from semlive.data.disparity import DisparityMap, PoiStatus
+from semlive.data.drift import DistortionField
+from semlive.data.grid import Grid
 from semlive.errors import BadInput
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from paper import write_between
 from sidebyside.facts import PAPER, STATED_WINDOW
+from sidebyside.field import PAPER_POINTS, on_papers_points
 from sidebyside.measure import FIELDS, GaugeRow, PhaseFigures, RunFigures
 from sidebyside.table import Row, correction_share, reached_at
 
@@ -49,6 +53,27 @@ def test_each_frame_counts_alike_in_the_corrections_share_and_no_component_hides
     assert share["exx"] == pytest.approx(np.sqrt((3 * 5e-5**2 + 1e-5**2) / 4))
     assert share["eyy"] == pytest.approx(np.sqrt((3 * 1e-5**2 + 7e-5**2) / 4))
     assert share["exy"] == 0.0
+
+
+def test_what_is_compared_are_the_papers_points() -> None:
+    wide = Grid(36, 31, 5, 191, 165, 43)
+    x, y = wide.mesh()
+    sigma = np.ones(wide.shape)
+    seen = DisparityMap(0, 3, wide, x, y, sigma, sigma, sigma, np.full(wide.shape, PoiStatus.CONVERGED, np.uint8))
+
+    part = on_papers_points(seen)
+    assert (part.grid, part.reference, part.current) == (PAPER_POINTS, 0, 3)
+    np.testing.assert_array_equal((part.u_px, part.v_px), PAPER_POINTS.mesh())
+    assert part.status.shape == part.grid.shape
+    assert (part.grid.x_px[-1], part.grid.y_px[-1]) == (846, 696)
+    assert on_papers_points(part).grid == PAPER_POINTS
+
+
+@pytest.mark.parametrize("grid", [Grid(38, 31, 5, 191, 165, 43), Grid(101, 101, 5, 149, 120, 43), Grid(106, 101, 5, 150, 120, 43)])
+def test_a_field_without_the_papers_points_is_compared_as_it_is(grid: Grid) -> None:
+    nothing, known = np.zeros(grid.shape), np.ones(grid.shape, np.bool_)
+    field = DistortionField(grid, nothing, nothing, nothing, known)
+    assert on_papers_points(field) is field
 
 
 def test_a_section_is_replaced_and_nothing_else() -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from sidebyside.field import compared, on_papers_points
 from sidebyside.neighbours import exported_frame, noise_correlation
 
 from semlive import dic, mechanics
@@ -87,7 +88,8 @@ def measure(run: Path, windows: tuple[int, ...]) -> RunFigures:
         raise BadInput(f"{run}: holds no log/demo; give a folder that semlive demo wrote")
     told = load_truth(truth_file)
     truth = Truth.of(told)
-    result, settings = last_result(log)
+    whole, settings = last_result(log)
+    result = compared(whole)
     errors = compare(result, truth)
     shares = dict(_shares(log, result, truth))
     phases = {
@@ -101,7 +103,7 @@ def measure(run: Path, windows: tuple[int, ...]) -> RunFigures:
         frames=len(result.frames),
         points=grid.nx * grid.ny,
         errors=errors,
-        scores=score(result, told),
+        scores=score(whole, told),
         elastic=result.elastic,
         true_elastic=(truth.youngs_modulus_gpa, truth.poissons_ratio),
         stated_sigma_px=_rms(np.concatenate(sigma)),
@@ -136,7 +138,7 @@ def _shares(log: Path, result: RunResult, truth: Truth) -> Iterator[tuple[int, t
     for message in messages(log):
         if message.topic != DIC_MAP:
             continue
-        disparity = decode_map(message.payload)
+        disparity = on_papers_points(decode_map(message.payload))
         if disparity.reference != 0:
             continue
         corrected = moved[disparity.current]

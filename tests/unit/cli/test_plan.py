@@ -163,6 +163,19 @@ def test_a_frame_without_a_pattern_foretells_no_noise(tmp_path: Path) -> None:
     assert "too little contrast" in "\n".join(said["advice"])
 
 
+@pytest.mark.parametrize(("roi_px", "left_out"), [([101, 101, 846, 696], 46), ([36, 31, 986, 851], None), (None, None)])
+def test_a_picture_that_is_left_out_is_told(tmp_path: Path, roi_px: list[int] | None, left_out: int | None) -> None:
+    given = config()
+    given["dic"] = {"roi_px": roi_px}
+    given["sem"]["profile"] = {"row_time_s": 0.1071, "dwell_time_s": 1e-4, "pixel_size_m": 1.25e-6}
+    flat = np.full((884, 1024), 90, dtype=np.uint8)
+    flat[:, 5] = 91
+    tifffile.imwrite(tmp_path / "flat.tif", flat, datetime=True)
+    advice = "\n".join(told(tmp_path, given, "--test-frame", str(tmp_path / "flat.tif"))["advice"])
+    assert ("dic.roi_px leaves out" in advice) == (left_out is not None)
+    assert left_out is None or f"leaves out {left_out} %" in advice
+
+
 def test_a_plan_beyond_its_limits_is_refused_as_the_run_would(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="limits in step 14"):
         told(tmp_path, config(loads_n=[100, 9000]))
