@@ -7,7 +7,8 @@
 A case is known to diagnosis by its data alone; verdicts are written by the case's key, and only scoring joins them with what was
 hidden. A run that was broken off goes on where it stopped, and shards of one run write into one folder. Experiments are made by the
 simulators' own effects at displacement level: 15 pairs, 0.02 px of noise shared over subsets, 1 % of the points missing, 0.1 % wrong;
-where nothing is hidden number of pairs, noise and lost points vary.
+where nothing is hidden number of pairs, noise and lost points vary. With --white points share no noise, none is lost or wrong: the same
+effects at their plainest, in a folder of their own.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import json
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -37,14 +39,14 @@ from semlive.model.effects import DICTIONARY, Family
 
 PAGE = Path(__file__).parents[2] / "docs" / "diagnose.md"
 CLOSURE_AT = (4.0, 16.0)
-BEGIN, END = "<!-- measured: begin -->\n", "<!-- measured: end -->\n"
+MEASURED, WHITE = "measured", "white"
 
 
 def main() -> None:
     """Run what is missing, or score what is there."""
     asked = _arguments()
     counts = Counts(asked.seeds, asked.nulls, asked.doubles, asked.strange, asked.deformed, asked.left_out, asked.confounded)
-    chosen = list(cases(asked.set, counts, asked.sizes, asked.effects))
+    chosen = [replace(one, white=asked.white) for one in cases(asked.set, counts, asked.sizes, asked.effects)]
     asked.folder.mkdir(parents=True, exist_ok=True)
     if not asked.score:
         _run(chosen, asked)
@@ -53,7 +55,7 @@ def main() -> None:
     found = table(scored)
     sys.stdout.write(found)
     if asked.write:
-        write(found, f"{len(scored)} of {len(chosen)} cases of the {asked.set} set")
+        write(found, f"{len(scored)} of {len(chosen)} cases of the {asked.set} set", WHITE if asked.white else MEASURED)
 
 
 def _arguments() -> argparse.Namespace:
@@ -68,6 +70,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--deformed", type=int, default=0, help="of each effect whose law can be another")
     parser.add_argument("--left-out", type=int, default=0, help="of each effect, the dictionary being without it")
     parser.add_argument("--confounded", type=int, default=0, help="of each effect that one experiment cannot tell from the baseline")
+    parser.add_argument("--white", action="store_true", help="points share no noise, none is lost or wrong")
     parser.add_argument("--shard", default="1/1", help="k/n: every n-th case from the k-th on")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long")
     parser.add_argument("--folder", type=Path, default=Path("blind"))
@@ -124,12 +127,13 @@ def verdicts(folder: Path) -> dict[str, Verdict]:
     return {str(one["key"]): one for one in map(json.loads, lines)}
 
 
-def write(found: str, how_many: str) -> None:
-    """Replace the measured part of the page."""
+def write(found: str, how_many: str, part: str = MEASURED) -> None:
+    """Replace a measured part of the page."""
+    begin, end = f"<!-- {part}: begin -->\n", f"<!-- {part}: end -->\n"
     page = PAGE.read_text(encoding="utf-8")
-    before, rest = page.split(BEGIN)
-    after = rest.split(END)[1]
-    PAGE.write_text(f"{before}{BEGIN}\n{how_many}.\n\n{found}\n{END}{after}", encoding="utf-8")
+    before, rest = page.split(begin)
+    after = rest.split(end)[1]
+    PAGE.write_text(f"{before}{begin}\n{how_many}.\n\n{found}\n{end}{after}", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, astuple, dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -14,6 +14,7 @@ from blind.experiment import Conditions, beyond_shear_px, largest_px
 from blind.hiding import DETECTABLE_PX, PHYSICAL_PX, hidden_effect, hidden_values
 from blind.observing import observed
 from blind.strange import STRANGE
+from numexp.noise import NoiseKind
 
 from semlive.data.grid import Grid
 from semlive.diagnose.observation import Observation
@@ -53,17 +54,20 @@ class Case:
         names: of what is hidden.
         size: times what can be detected; px of a stranger; what is confounded is as large as the library has it at x200.
         seed: of everything.
+        white: whether points share no noise and none is lost or wrong.
     """
 
     kind: str
     names: tuple[str, ...]
     size: float
     seed: int
+    white: bool = False
 
     @property
     def key(self) -> str:
         """By which its data and verdict are known: tells nothing of what is hidden."""
-        return hashlib.sha256(b"semlive blind, peaks in the maps " + json.dumps(asdict(self)).encode()).hexdigest()[:16]
+        told = {name: value for name, value in asdict(self).items() if name != "white" or value}
+        return hashlib.sha256(b"semlive blind, peaks in the maps " + json.dumps(told).encode()).hexdigest()[:16]
 
     def effects(self) -> tuple[Effect, ...]:
         """What is hidden."""
@@ -107,6 +111,9 @@ class Case:
 
     def conditions(self) -> Conditions:
         """As they are stated for sizes that can be detected; where nothing is hidden they vary."""
+        return replace(self._shared(), kind=NoiseKind.WHITE, missing=0.0, outliers=0.0) if self.white else self._shared()
+
+    def _shared(self) -> Conditions:
         if self.kind != NOTHING:
             return Conditions(self.seed)
         rng = np.random.default_rng((self.seed, 77))

@@ -14,6 +14,7 @@ from blind.deformed import DEFORMED
 from blind.experiment import beyond_shear_px, largest_px
 from blind.hiding import DETECTABLE_PX, PHYSICAL_PX
 from blind.scoring import at_least, at_most, judged, table
+from numexp.noise import NoiseKind
 
 
 def verdict(outcome: str, names: list[str], ambiguous: list[str] | None = None) -> dict[str, object]:
@@ -111,3 +112,12 @@ def test_a_table_says_what_is_met_and_what_is_open() -> None:
 
 def test_sizes_that_are_not_met_in_practice_are_known() -> None:
     assert [name for name, size in DETECTABLE_PX.items() if 2.0 * size > PHYSICAL_PX[name][1]] == ["scan_shear_drift"]
+
+
+def test_points_that_share_no_noise_are_another_case_with_the_same_effect_and_leave_known_keys_as_they_were() -> None:
+    usual, white = Case(ONE, ("stage_yaw",), 4.0, 1), Case(ONE, ("stage_yaw",), 4.0, 1, white=True)
+    assert usual.key == "64728a881ccb1bc4" != white.key
+    assert white.truth() == usual.truth()
+    noise = white.conditions()
+    assert (noise.kind, noise.missing, noise.outliers) == (NoiseKind.WHITE, 0.0, 0.0)
+    assert usual.observed().used.size < white.observed().used.size
