@@ -5,16 +5,19 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from blind.cases import CONFOUNDED, DEFORMED_LAW, LEFT_OUT, NOTHING, ONE, STRANGER, TWO, Case, Counts, cases, peak_px
+from blind.cases import CONFOUNDED, DEFORMED_LAW, GRID, LEFT_OUT, NOTHING, ONE, STRANGER, TWO, Case, Counts, cases, peak_px
 from blind.deformed import DEFORMED
-from blind.experiment import beyond_shear_px, largest_px
+from blind.experiment import beyond_shear_px, hidden, largest_px
 from blind.hiding import DETECTABLE_PX, PHYSICAL_PX
 from blind.scoring import at_least, at_most, judged, table
 from numexp.noise import NoiseKind
+
+from semlive.data.disparity import PoiStatus
 
 
 def verdict(outcome: str, names: list[str], ambiguous: list[str] | None = None) -> dict[str, object]:
@@ -114,10 +117,16 @@ def test_sizes_that_are_not_met_in_practice_are_known() -> None:
     assert [name for name, size in DETECTABLE_PX.items() if 2.0 * size > PHYSICAL_PX[name][1]] == ["scan_shear_drift"]
 
 
+def lost_share(case: Case) -> float:
+    pairs = hidden(case.conditions(), case.effects(), GRID)
+    return float(np.mean([one.status != PoiStatus.CONVERGED for pair in pairs for one in pair.maps]))
+
+
 def test_points_that_share_no_noise_are_another_case_with_the_same_effect_and_leave_known_keys_as_they_were() -> None:
     usual, white = Case(ONE, ("stage_yaw",), 4.0, 1), Case(ONE, ("stage_yaw",), 4.0, 1, white=True)
     assert usual.key == "64728a881ccb1bc4" != white.key
     assert white.truth() == usual.truth()
     noise = white.conditions()
     assert (noise.kind, noise.missing, noise.outliers) == (NoiseKind.WHITE, 0.0, 0.0)
-    assert usual.observed().used.size < white.observed().used.size
+    assert (usual.conditions().missing, lost_share(white)) == (0.01, 0.0)
+    assert lost_share(usual) == pytest.approx(0.01, rel=0.2)
