@@ -38,8 +38,8 @@ from semlive.diagnose.observation import Observation
 from semlive.model.effects import DICTIONARY, Family
 
 PAGE = Path(__file__).parents[2] / "docs" / "diagnose.md"
-CLOSURE_AT = (4.0, 16.0)
-MEASURED, WHITE = "measured", "white"
+CLOSURE_AT = [4.0, 16.0]
+MEASURED, LARGEST, WHITE = "measured", "sixteen", "white"
 
 
 def main() -> None:
@@ -55,7 +55,8 @@ def main() -> None:
     found = table(scored)
     sys.stdout.write(found)
     if asked.write:
-        write(found, f"{len(scored)} of {len(chosen)} cases of the {asked.set} set", WHITE if asked.white else MEASURED)
+        part = WHITE if asked.white else LARGEST if asked.sizes == CLOSURE_AT[1:] else MEASURED
+        write(found, f"{len(scored)} of {len(chosen)} cases of the {asked.set} set", part)
 
 
 def _arguments() -> argparse.Namespace:

@@ -54,7 +54,7 @@ def main() -> None:
         _run(chosen[own - 1 :: shards], asked.folder / f"verdicts-{own}-of-{shards}.jsonl")
     said = verdicts(asked.folder)
     scored = [(case, _beside_its_own(said[case.key])) for case in chosen if case.key in said]
-    lines = [one for one in table(scored).splitlines() if "not measured" not in one and "| 0 of 0 |" not in one]
+    lines = [one for one in table(scored).splitlines() if "| 0 of 0 |" not in one]
     found = "\n".join([*lines, *_costs([one for _, one in scored])]) + "\n"
     sys.stdout.write(found)
     if asked.write:

@@ -60,8 +60,6 @@ class Bar:
 
     def row(self) -> str:
         """Of the table."""
-        if not self.total:
-            return f"| {self.about} | 0 | | | {self._asked()} | not measured |"
         bound = at_most(self.count, self.total) if self.below else at_least(self.count, self.total)
         share = self.count / self.total
         met = bound <= self.limit if self.below else bound >= self.limit
@@ -112,8 +110,8 @@ def bars(scored: Scored) -> Iterable[Bar]:
 
 
 def table(scored: Scored) -> str:
-    """All of it, as Markdown."""
-    lines = ["| | cases | share | bound, one-sided 95 % | asked | |", "|---|---|---|---|---|---|", *(one.row() for one in bars(scored)), ""]
+    """All that there are cases of, as Markdown."""
+    lines = ["| | cases | share | bound, one-sided 95 % | asked | |", "|---|---|---|---|---|---|", *(one.row() for one in bars(scored) if one.total), ""]
     return "\n".join([*lines, *_faint(scored), *_sheared(scored), *_each_effect(scored), *_sizes(scored), *_missed(scored)]) + "\n"
 
 
