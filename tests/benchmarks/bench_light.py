@@ -1,6 +1,6 @@
 """What is asked after every pair of a run: how often it warns where nothing is hidden, how soon where something is, and what it costs.
 
-    python tests/benchmarks/bench_light.py --nulls 9001 9300     # runs of 8 to 15 pairs: seeds from, to
+    python tests/benchmarks/bench_light.py --nulls 9001 9301     # runs of 8 to 15 pairs: from a seed to before another
     python tests/benchmarks/bench_light.py --effects --size 4    # each effect of the library at so many times what can be detected
     python tests/benchmarks/bench_light.py --cost                # processor time of a look, 18,000 points
 
