@@ -111,7 +111,8 @@ def bars(scored: Scored) -> Iterable[Bar]:
 
 def table(scored: Scored) -> str:
     """All that there are cases of, as Markdown."""
-    lines = ["| | cases | share | bound, one-sided 95 % | asked | |", "|---|---|---|---|---|---|", *(one.row() for one in bars(scored) if one.total), ""]
+    rows = (one.row() for one in bars(scored) if one.total)
+    lines = ["| | cases | share | bound, one-sided 95 % | asked | |", "|---|---|---|---|---|---|", *rows, ""]
     return "\n".join([*lines, *_faint(scored), *_sheared(scored), *_each_effect(scored), *_sizes(scored), *_missed(scored)]) + "\n"
 
 
