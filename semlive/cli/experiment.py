@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +13,7 @@ from rich.console import Console
 
 from semlive.cli.foretold import foretold_table
 from semlive.cli.track import tracked_stages
-from semlive.data.diagnosis import Foretold, Outcome
+from semlive.data.diagnosis import Foretold, FoundParameter, Outcome
 from semlive.diagnose.compare import compared
 from semlive.diagnose.propose import Kind, asked_for, proposed
 from semlive.service.decision import decide_logs, decision_json
@@ -25,6 +26,19 @@ _DECIDED = {
     Outcome.IDENTIFIED: "this goes with the dwell or the row time, or is in both runs, and nothing else would do",
     Outcome.AMBIGUOUS: "several effects would do",
     Outcome.UNKNOWN: "the scans have different distortions, and no known effect says why",
+}
+
+_TURNED = {
+    Outcome.NONE: "nothing is known to turn with the scan",
+    Outcome.IDENTIFIED: "this turns with the scan",
+    Outcome.UNKNOWN: "the distortion neither turned with the scan nor stayed with the column: there is some of both kinds, or it changed",
+}
+_BELONGS = {
+    "column": "the distortion stays with the column, as a lens's does",
+    "scan": "the distortion turns with the scan",
+    "both": "of the distortion, curved ramps turn with the scan; the rest stays with the column",
+    "neither": "where the distortion belongs cannot be told",
+    "": "the distortion is too small, or too alike from all sides, to tell whether it turns with the scan",
 }
 
 experiment = typer.Typer(
@@ -77,24 +91,33 @@ def propose(
 @experiment.command("decide")
 def decide(
     log: Annotated[Path, typer.Argument(help="The run: one MCAP file, or a run folder of segments.")],
-    other: Annotated[Path, typer.Argument(help="The calibration again with another dwell or row time, on the same grid.")],
+    other: Annotated[
+        Path, typer.Argument(help="The calibration again: with another dwell or row time, on the same grid, or with the scan turned.")
+    ],
     model: Annotated[Path | None, typer.Option(help="Effects that are known already, as `diagnose -o` writes them.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Decide by two runs with different scans what one cannot tell from the distortion."""
+    """Decide by two runs with different scans what one cannot tell: of the distortion, and of the scan's axes."""
     with tracked_stages(quiet=False) as progress:
         found = decide_logs((log, other), progress, (model_of(log) if model is None else fitting_model(log, model)).known.effects)
     if as_json:
         typer.echo(json.dumps(decision_json(found)))
         return
-    typer.echo(f"{found.outcome.value}: {_DECIDED[found.outcome]}")
-    if found.effect is not None:
-        typer.echo(f"{found.effect.name}, at most {found.effect.peak_px:.3f} px" if found.effect.parameters else found.effect.name)
-        for one in found.effect.parameters:
-            typer.echo(f"  {one.name} {one.value:.4g} +- {one.sigma:.2g} {one.unit}")
+    typer.echo(f"{found.outcome.value}: {(_TURNED if found.turned else _DECIDED)[found.outcome]}")
+    for effect in found.effects or ([found.effect] if found.effect else []):
+        typer.echo(f"{effect.name}, at most {effect.peak_px:.3f} px" if effect.peak_px else effect.name)
+        _tell(effect.parameters)
+    if found.turned is not None:
+        typer.echo(_BELONGS[found.turned.follows])
+        _tell((found.turned.turn, found.turned.x_excess, found.turned.skew))
     if found.ambiguous:
         typer.echo(f"between {', '.join(found.ambiguous)}")
     typer.echo(f"loudest: {', '.join(f'{name} {factor:.1f}' for name, factor in found.evidence[:4])} (logarithms of Bayes factors)")
+
+
+def _tell(parameters: Sequence[FoundParameter]) -> None:
+    for one in parameters:
+        typer.echo(f"  {one.name} {one.value:.4g} +- {one.sigma:.2g} {one.unit}")
 
 
 @experiment.command("compare")

@@ -347,6 +347,13 @@ class Pictures:
     neighbours: tuple[float, float]
 
 
+TOO_COARSE = {
+    "baseline_drift_underresolved": "the drift is finer than its knots; what it left was told apart before anything was named",
+    "baseline_distortion_underresolved": "the distortion is finer than its knots; what it left was told apart before anything was named",
+}
+"""What is said of the baseline's splines where they are too coarse, by the names that have no effect of their own."""
+
+
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
     """The verdict.
@@ -370,6 +377,8 @@ class Diagnosis:
         grey: what grey levels show; their effects and domain are among those above.
         no_grey: why there is no channel of grey levels, one sentence; empty if there is one.
         overlap: each other name with the share of the first effect in the maps that it could take over; none where nothing was named.
+        coarse: the baseline's splines that are too coarse for the run, ``baseline_drift_underresolved`` or
+            ``baseline_distortion_underresolved``: what they left was added to the baseline before anything was named.
     """
 
     outcome: Outcome
@@ -390,6 +399,7 @@ class Diagnosis:
     overlap: tuple[tuple[str, float], ...] = ()
     grey: GreyChannel | None = None
     no_grey: str = ""
+    coarse: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -410,6 +420,25 @@ class Decided:
 
 
 @dataclass(frozen=True, slots=True)
+class Turned:
+    """What two runs say of which the second's scan was turned.
+
+    Attributes:
+        turn: of the scan, x towards y positive.
+        x_excess: of the scan's axes: u = e (x - xc), whether it has a name or not.
+        skew: of them: u = skew (y - yc).
+        follows: what the distortion goes with: ``column``, ``scan``, ``both``, ``neither``; empty where that cannot be told.
+        of_scan: logarithm of the odds that some of it goes with the scan, against none.
+    """
+
+    turn: FoundParameter
+    x_excess: FoundParameter
+    skew: FoundParameter
+    follows: str
+    of_scan: float
+
+
+@dataclass(frozen=True, slots=True)
 class Decision:
     """What runs with different scans say together.
 
@@ -419,6 +448,8 @@ class Decision:
         ambiguous: the names that would do, if more than one would.
         evidence: by name, the logarithm of the Bayes factor; the loudest first.
         apart: logarithm of the odds for a distortion of its own in each run against one for all.
+        effects: that have a name, the likeliest first; only a turned scan shows more than one.
+        turned: what the turn of a scan shows; None where none was turned.
     """
 
     outcome: Outcome
@@ -426,3 +457,5 @@ class Decision:
     ambiguous: tuple[str, ...]
     evidence: tuple[tuple[str, float], ...]
     apart: float
+    effects: tuple[Decided, ...] = ()
+    turned: Turned | None = None

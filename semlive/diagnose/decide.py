@@ -18,12 +18,12 @@ from semlive.diagnose.baseline import Ladder, Rung, rung
 from semlive.diagnose.evidence import Projected, sizes_of, weigh
 from semlive.diagnose.named import LOUD, ODDS
 from semlive.diagnose.refine import between, left_open, linear
+from semlive.diagnose.turned import scan_times_s, scanned_alike, turned
 from semlive.errors import IllPosed
 from semlive.model.effects import BETWEEN_SCANS, DICTIONARY, Family, Law
 from semlive.model.effects.family import Values
 
 Array = NDArray[np.float64]
-APART = 0.01  # of a dwell or a row time: less is no other scan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,7 +133,7 @@ class _Heard:
 
 
 def decide(runs: Sequence[Ladder]) -> Decision:
-    """Which effect runs with different scans show, if any.
+    """Which effect runs with different scans show, if any; several where the second run's scan was turned.
 
     Args:
         runs: their baselines, with the effects that are known in them.
@@ -141,6 +141,9 @@ def decide(runs: Sequence[Ladder]) -> Decision:
     Raises:
         IllPosed: the runs cannot be joined, or were scanned alike.
     """
+    by_turn = turned(runs)
+    if by_turn is not None:
+        return by_turn
     _fit_each_other(runs)
     both = joined_runs(runs)
     apart = sum(joined_runs([one]).rung.evidence for one in runs) - both.rung.evidence
@@ -156,7 +159,7 @@ def decide(runs: Sequence[Ladder]) -> Decision:
         return Decision(Outcome.UNKNOWN, effects[0], (), told, apart)
     if len(names) > 1:
         return Decision(Outcome.AMBIGUOUS, effects[0], names, told, apart)
-    return Decision(Outcome.IDENTIFIED, effects[0], (), told, apart)
+    return Decision(Outcome.IDENTIFIED, effects[0], (), told, apart, (effects[0],))
 
 
 def _fit_each_other(runs: Sequence[Ladder]) -> None:
@@ -165,12 +168,11 @@ def _fit_each_other(runs: Sequence[Ladder]) -> None:
         raise IllPosed(
             "the runs have points or frames of different sizes: their distortions cannot be compared; replay one with the other's grid"
         )
-    scans = [one.frame_time(0).timing for one in states]
-    times = np.array([[one.dwell_time_s.value, one.row_time_s.value] for one in scans])
-    if np.ptp(np.log(times), axis=0).max() < APART:
+    times = scan_times_s(runs)
+    if scanned_alike(times):
         raise IllPosed(
             f"the runs were scanned alike, dwell {times[0, 0]:g} s and rows of {times[0, 1]:g} s: they decide nothing; "
-            "take the second with half or twice the dwell"
+            "take the second with half or twice the dwell, or turned by 90 degrees and with moves that tell so"
         )
 
 

@@ -30,7 +30,7 @@ class Kind(StrEnum):
     OTHER_SCAN = "other_scan"
     """The calibration once more with another dwell or row time, which the operator sets."""
     TURNED_SCAN = "turned_scan"
-    """The calibration once more with the scan turned by 90 degrees, which the operator sets."""
+    """A calibration with large moves, and the same once more with the scan turned by 90 degrees, which the operator sets."""
 
 
 _DECIDES = {
@@ -83,7 +83,7 @@ _ABOUT = {
     Kind.UNLOAD: "what goes back with the load",
     Kind.REVERSED: "what a move does that is taken back",
     Kind.OTHER_SCAN: "what goes with the dwell or the row time and not with the place in the picture; `semlive experiment decide` tells",
-    Kind.TURNED_SCAN: "what turns with the scan",
+    Kind.TURNED_SCAN: "what turns with the scan: pixels that are not square, skewed axes, curved ramps; `semlive experiment decide` tells",
 }
 
 

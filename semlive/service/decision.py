@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from semlive.data.diagnosis import Decision, KnownEffect
+from semlive.data.diagnosis import Decided, Decision, KnownEffect, Turned
 from semlive.diagnose.decide import decide
 from semlive.diagnose.known import joined, showing
 from semlive.diagnose.noise import quiet
@@ -35,13 +35,21 @@ def decide_logs(logs: Sequence[Path], watch: Callable[[str, int, int], None] | N
 
 def decision_json(found: Decision) -> dict[str, Any]:
     """As other programs read it (`semlive experiment decide LOG OTHER --json`); only ever extended."""
-    effect = found.effect
     return {
         "outcome": found.outcome.value,
-        "effect": None
-        if effect is None
-        else {"name": effect.name, "peak_px": effect.peak_px, "parameters": parameters_json(effect.parameters)},
+        "effect": None if found.effect is None else _effect_json(found.effect),
+        "effects": [_effect_json(one) for one in found.effects],
         "ambiguous": list(found.ambiguous),
         "evidence": dict(found.evidence),
         "apart": found.apart,
+        "turned": None if found.turned is None else _turned_json(found.turned),
     }
+
+
+def _effect_json(one: Decided) -> dict[str, Any]:
+    return {"name": one.name, "peak_px": one.peak_px, "parameters": parameters_json(one.parameters)}
+
+
+def _turned_json(one: Turned) -> dict[str, Any]:
+    told = parameters_json((one.turn, one.x_excess, one.skew))
+    return {"parameters": told, "distortion_of": one.follows or None, "of_scan": one.of_scan}

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import yaml
 
 from semlive.data.diagnosis import Foretold
 from semlive.diagnose.propose import Kind, Proposal
-from semlive.diagnose.protocols import changed_protocol
+from semlive.diagnose.protocols import changed_protocol, within_travel
 from semlive.errors import BadConfig
 from semlive.service.config import parse_config
 from semlive.service.log_pairs import first_run
@@ -16,7 +17,8 @@ from semlive.service.log_pairs import first_run
 _BY_HAND = {
     Kind.OTHER_SCAN: "Set the scan to {dwell} its dwell and row time before starting; state it where the files do not. "
     "`semlive experiment decide` reads both logs.",
-    Kind.TURNED_SCAN: "Turn the scan by 90 degrees before starting.",
+    Kind.TURNED_SCAN: "Run this twice, with the scan as it is and, under another run.name, with the scan turned by 90 degrees. "
+    "`semlive experiment decide` reads both logs; the log that this was proposed from can be the first if its moves were as large.",
 }
 
 
@@ -33,6 +35,8 @@ def next_config(log: Path, proposal: Proposal) -> str:
         raise BadConfig(f"{log}: holds no configuration of a run to propose from; propose from a log that the daemon wrote.") from error
     protocol = given.get("protocol")
     given["protocol"] = changed_protocol(protocol if isinstance(protocol, dict) else {}, proposal.kind)
+    if proposal.kind is Kind.TURNED_SCAN:
+        given["protocol"] = within_travel(given["protocol"], _travel_px(given))
     run = given.get("run")
     name = run.get("name") if isinstance(run, dict) else None
     given["run"] = {**(run if isinstance(run, dict) else {}), "name": f"{name or 'run'}-{proposal.kind.value.replace('_', '-')}"}
@@ -42,6 +46,14 @@ def next_config(log: Path, proposal: Proposal) -> str:
     said += [f"# By hand: {_BY_HAND[proposal.kind].format(dwell=_dwell(proposal.foretold))}"] if proposal.kind in _BY_HAND else []
     said += [_expected(proposal.foretold)] if proposal.foretold else []
     return "\n".join(said) + "\n" + yaml.safe_dump(given, sort_keys=False, allow_unicode=True)
+
+
+def _travel_px(given: dict[str, Any]) -> float:
+    """How far the stage may go along each axis; as far as one likes where nothing says so."""
+    sem, limits = given.get("sem"), given.get("limits")
+    pixel_um = sem.get("pixel_size_um") if isinstance(sem, dict) else None
+    travel_um = limits.get("stage_travel_um") if isinstance(limits, dict) else None
+    return float("inf") if pixel_um is None or travel_um is None else float(travel_um) / float(pixel_um)
 
 
 def _dwell(foretold: Foretold | None) -> str:

@@ -6,7 +6,7 @@ Every frame's scan addresses solve the simulators' forward equation, effects at 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import TypeAlias, cast
 
 import numpy as np
 from numexp.experiment import CROSS_PX, POISSON, STAGE_ERROR_PX, TOP_STRAIN, timing
@@ -18,7 +18,8 @@ from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
-from semlive_simulators.effects.protocol import Effect, Visits
+from semlive_simulators.effects.distortion import Distortion
+from semlive_simulators.effects.protocol import Effect, Instants, Visits
 from semlive_simulators.history import History, LoadStep, Move
 from semlive_simulators.scan import Scan
 from semlive_simulators.specimen import Motion, at_rest
@@ -70,6 +71,9 @@ class Conditions:
         bent_like: the seed of an experiment with the same distortion; None for one of its own.
         noise_seed: of noise, lost and wrong points alone; None takes the seed of everything.
         parked: whether the stage stays where it is.
+        moves_px: where the stage is told to go, as far as there are pairs.
+        stage_error_px: standard deviation of where it gets to, along each axis.
+        of_column: whether the distortion stays with the column where the scan is turned, and does not turn with it.
     """
 
     seed: int
@@ -85,6 +89,9 @@ class Conditions:
     bent_like: int | None = None
     noise_seed: int | None = None
     parked: bool = False
+    moves_px: tuple[tuple[float, float], ...] = CROSS_PX
+    stage_error_px: float = STAGE_ERROR_PX
+    of_column: bool = False
 
     @property
     def noisy(self) -> int:
@@ -104,12 +111,12 @@ def poses(conditions: Conditions) -> list[Pose]:
         loaded = pair >= conditions.calibration
         strain = TOP_STRAIN * (pair - conditions.calibration) / max(conditions.tension - 1, 1) if loaded else 0.0
         load_n = strain * YOUNGS_GPA * 1e3 * AREA_MM2
-        wanted = before_px if loaded or conditions.parked else CROSS_PX[pair]
+        wanted = before_px if loaded or conditions.parked else conditions.moves_px[pair]
         if wanted != before_px:
             moves.append(Move(when_s, before_px, wanted))
         if load_n != before_n:
             steps.append(LoadStep(when_s, load_n - before_n))
-        error = rng.normal(0.0, STAGE_ERROR_PX, 2) if pair and not conditions.parked else np.zeros(2)
+        error = rng.normal(0.0, conditions.stage_error_px, 2) if pair and not conditions.parked else np.zeros(2)
         carried = np.array([1.5, -2.0]) * (pair - conditions.calibration) if loaded else np.zeros(2)
         shift = (float(wanted[0] + error[0] + carried[0]), float(wanted[1] + error[1] + carried[1]))
         history = History(tuple(steps), tuple(moves))
@@ -122,14 +129,15 @@ def poses(conditions: Conditions) -> list[Pose]:
 def hidden(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRID) -> list[HiddenPair]:
     """All pairs of an experiment, with noise."""
     told = poses(conditions)
-    world = _world(conditions, start_s(2 * len(told)) - PAUSE_S, effects)
+    world = world_of(conditions, effects)
     noise = FrameNoise(conditions.kind, conditions.noise_px, conditions.noisy, WIDTH_PX, HEIGHT_PX)
     here = np.stack(grid.mesh(), axis=-1).reshape(-1, 2)
     material = seen_at(world, here, 0, told[0].motion)
     found = []
     for pose in told:
         first, second = 2 * pose.pair, 2 * pose.pair + 1
-        near = here + pose.motion.shift_px[0] + (material - world.column.scan.centre_px) @ pose.motion.gradient[0].T
+        strained = (material - world.column.scan.centre_px) @ pose.motion.gradient[0].T
+        near = here + _by_scan(world, pose.motion.shift_px[0]) + _by_scan(world, strained)
         there = {first: address(world, material, first, pose.motion, near)} if pose.pair else {}
         there[second] = address(world, material, second, pose.motion, there[first] if pose.pair else near)
         maps = []
@@ -140,6 +148,11 @@ def hidden(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRI
     return found
 
 
+def world_of(conditions: Conditions, effects: tuple[Effect, ...] = ()) -> World:
+    """The microscope of an experiment."""
+    return _world(conditions, start_s(2 * (conditions.calibration + conditions.tension)) - PAUSE_S, effects)
+
+
 def _world(conditions: Conditions, run_s: float, effects: tuple[Effect, ...]) -> World:
     seeds = [conditions.seed] if conditions.bent_like is None else [conditions.bent_like, conditions.seed]
     distortion = None
@@ -147,7 +160,35 @@ def _world(conditions: Conditions, run_s: float, effects: tuple[Effect, ...]) ->
         rng = np.random.default_rng((seed, 2007))
         world = make_world(rng, run_s, (*conditions.sway, *effects), False, conditions.scan, distortion)
         distortion = world.distortion
-    return world
+    if not conditions.of_column:
+        return world
+    return replace(world, distortion=cast(Distortion, OfColumn.seen_by(world)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OfColumn:
+    """A distortion of the column, as a scan that is turned, stretched or skewed has it at its own addresses.
+
+    Attributes:
+        own: at places that the beam would be at without it.
+        raster: (2, 2) from addresses to those places, about the centre.
+    """
+
+    own: Distortion
+    raster: Field
+
+    @classmethod
+    def seen_by(cls, world: World) -> OfColumn:
+        """That of a world whose scan is alike at all times."""
+        scan = world.column.scan
+        bent = world.column.effects.deflection(Instants(np.zeros(1), 0.0, 0, scan, at_rest((0.0, 0.0), np.zeros((2, 2)))))
+        return cls(world.distortion, scan.turn if bent is None else scan.turn @ (np.eye(2) - bent[0]))
+
+    def at(self, x_px: Field, y_px: Field, width_px: int, height_px: int) -> Field:
+        """(..., 2) px at scan addresses, along the scan's axes."""
+        centre = 0.5 * np.array([width_px - 1, height_px - 1])
+        place = (np.stack((x_px, y_px), axis=-1) - centre) @ self.raster.T + centre
+        return self.own.at(place[..., 0], place[..., 1], width_px, height_px) @ np.linalg.inv(self.raster).T
 
 
 def largest_px(conditions: Conditions, effects: tuple[Effect, ...]) -> float:
@@ -180,10 +221,15 @@ def address(world: World, material: Field, frame: int, motion: Motion, near: Fie
     at = near
     for _ in range(MAX_ITERATIONS):
         wrong = seen_at(world, at, frame, motion) - material
-        at = at - wrong
+        at = at - _by_scan(world, wrong)
         if np.max(np.abs(wrong)) < STANDS_STILL_PX:
             return at
     raise RuntimeError(f"scan addresses of frame {frame} do not converge")
+
+
+def _by_scan(world: World, moved: Field) -> Field:
+    """Displacements (..., 2) along the column's axes, along those of the scan."""
+    return moved @ world.column.scan.turn if world.column.scan.rotation_rad else moved
 
 
 def seen_at(world: World, at: Field, frame: int, motion: Motion) -> Field:

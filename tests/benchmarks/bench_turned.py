@@ -1,0 +1,273 @@
+"""What two runs tell of which the second's scan was turned: the scan's axes and ramps, or the column's lens.
+
+    python tests/benchmarks/bench_turned.py --seeds 40 --nulls 300 --folder turned [--shard 1/2] [--seconds 3000]
+    python tests/benchmarks/bench_turned.py ... --folder turned --score [--write]
+
+The calibration that `semlive experiment propose --kind turned_scan` asks for, and the same with the scan turned by 90 degrees (give or
+take 0.3): another drift, other stage errors of 0.3 px, a backlash of 0.64 px, other noise (0.02 px, shared over subsets, 1 % of the points
+missing, 0.1 % wrong); effects are the simulators' own, at displacement level. The distortion stays with the column unless the case says
+otherwise. A run that was broken off goes on where it stopped; shards write into one folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import numpy as np
+from blind.experiment import CROSS_PX, Conditions, world_of
+from blind.observing import observed
+from blind.scoring import at_least, at_most
+from numexp.world import HEIGHT_PX, SCAN, WIDTH_PX
+
+from semlive.data.grid import Grid
+from semlive.diagnose.decide import decide
+from semlive.diagnose.noise import quiet
+from semlive.diagnose.protocols import REACH_PX, square_px
+from semlive_simulators.effects.anisotropic_pixel import AnisotropicPixel
+from semlive_simulators.effects.protocol import Effect
+from semlive_simulators.effects.scan_nonlinearity import ScanNonlinearity
+from semlive_simulators.effects.scan_nonorthogonality import ScanNonorthogonality
+from semlive_simulators.effects.stage_backlash import StageBacklash
+
+PAGE = Path(__file__).parents[2] / "docs" / "diagnose.md"
+BEGIN, END = "<!-- turned: begin -->\n", "<!-- turned: end -->\n"
+SEEN = Grid(200, 200, 24, 26, 21, 43)
+"""What moves of 150 px and 20 px of drift leave in view."""
+MOVES_PX = tuple((x, y) for x, y in square_px(REACH_PX))
+BACKLASH = StageBacklash(0.4)
+FIRST_SEED, AGAIN, STAGE_PX, TURN_RAD = 60_001, 500_000, 0.3, 0.005
+PIXEL, SKEW, RAMPS = "anisotropic_pixel", "scan_nonorthogonality", "scan_nonlinearity"
+DISC_PX = 365.0
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A kind of case.
+
+    Attributes:
+        about: what is hidden, as the table has it.
+        names: that are right.
+        of_axes: x_excess and skew.
+        of_ramps: share of the simulators' defaults at x200.
+        with_scan: whether the whole distortion is the scan's.
+        another: whether the second run has another distortion.
+        small: whether moves are those of the published calibration, at most 32 px, of 15 pairs.
+    """
+
+    about: str
+    names: tuple[str, ...]
+    of_axes: tuple[float, float] = (0.0, 0.0)
+    of_ramps: float = 0.0
+    with_scan: bool = False
+    another: bool = False
+    small: bool = False
+
+
+KINDS = {
+    "pixel": Kind(f"`{PIXEL}`, 1 %", (PIXEL,), (0.01, 0.0)),
+    "skew": Kind(f"`{SKEW}`, 10 mrad", (SKEW,), (0.0, 0.01)),
+    "axes": Kind("both", (PIXEL, SKEW), (0.01, 0.01)),
+    "ramps": Kind(f"`{RAMPS}`, 0.6 and 0.4 px", (RAMPS,), of_ramps=1.0),
+    "scan": Kind(f"`{RAMPS}`, the whole distortion", (RAMPS,), with_scan=True),
+    "pixel/4": Kind(f"`{PIXEL}`, 0.25 %", (PIXEL,), (0.0025, 0.0)),
+    "skew/4": Kind(f"`{SKEW}`, 2.5 mrad", (SKEW,), (0.0, 0.0025)),
+    "ramps/4": Kind(f"`{RAMPS}`, 0.15 and 0.1 px", (RAMPS,), of_ramps=0.25),
+    "small": Kind(f"`{PIXEL}`, 1 %, moves of 32 px", (PIXEL,), (0.01, 0.0), small=True),
+    "another": Kind("another distortion in the second run", (), another=True),
+    "nothing": Kind("nothing", ()),
+}
+USUAL = ("pixel", "skew", "axes", "ramps", "scan")
+
+
+@dataclass(frozen=True, slots=True)
+class Hidden:
+    """A case.
+
+    Attributes:
+        kind: of it.
+        seed: of everything.
+    """
+
+    kind: str
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """By which its verdict is known."""
+        return f"{self.kind} {self.seed}"
+
+    @property
+    def sign(self) -> float:
+        """Of what is hidden."""
+        return -1.0 if self.seed % 2 else 1.0
+
+    def effects(self) -> tuple[Effect, ...]:
+        """What is hidden, and the backlash that every stage has."""
+        kind, found = KINDS[self.kind], list[Effect]()
+        e, skew = kind.of_axes
+        found += [AnisotropicPixel(self.sign * e)] if e else []
+        found += [ScanNonorthogonality(self.sign * skew)] if skew else []
+        whole, share = ScanNonlinearity.defaults("x200"), self.sign * kind.of_ramps
+        found += [ScanNonlinearity(share * whole.quadratic_px, share * whole.cubic_px, share * whole.hysteresis_px)] if share else []
+        return (BACKLASH, *found)
+
+    def conditions(self) -> tuple[Conditions, Conditions]:
+        """Of the first run, and of that whose scan is turned."""
+        kind = KINDS[self.kind]
+        moves = CROSS_PX if kind.small else MOVES_PX
+        first = Conditions(
+            self.seed, len(moves), 0, moves_px=moves, stage_error_px=STAGE_PX, of_column=not kind.with_scan,
+        )  # fmt: skip
+        share = 2.0 * ((self.seed * 0.6180339887) % 1.0) - 1.0
+        scan = replace(SCAN, rotation_rad=0.5 * math.pi + TURN_RAD * share)
+        return first, replace(first, seed=self.seed + AGAIN, scan=scan, bent_like=None if kind.another else self.seed)
+
+    def axes(self) -> tuple[float, float]:
+        """True x_excess and skew: those of a distortion that is the scan's own count too."""
+        kind = KINDS[self.kind]
+        e, skew = (self.sign * one for one in kind.of_axes)
+        if kind.with_scan:
+            slope = self._slope()
+            e, skew = e + slope[0, 0] - slope[1, 1], skew + slope[0, 1] + slope[1, 0]
+        return e, skew
+
+    def _slope(self) -> np.ndarray:
+        """(2, 2) best affine map of the distortion on the disc on which runs are compared."""
+        x, y = np.meshgrid(*(np.linspace(-DISC_PX, DISC_PX, 101),) * 2)
+        inside = np.hypot(x, y) <= DISC_PX
+        at = np.stack((x[inside], y[inside]), axis=-1)
+        pixel = at + 0.5 * np.array([WIDTH_PX - 1, HEIGHT_PX - 1])
+        bent = world_of(self.conditions()[0]).distortion.at(pixel[:, 0], pixel[:, 1], WIDTH_PX, HEIGHT_PX)
+        return np.linalg.lstsq(np.column_stack((np.ones(len(at)), at)), bent, rcond=None)[0][1:].T
+
+    def verdict(self) -> dict[str, Any]:
+        """Of both runs."""
+        begin = time.process_time()
+        runs = [quiet(observed(one, self.effects(), SEEN)) for one in self.conditions()]
+        made_s = time.process_time()
+        found = decide(runs)
+        took_s = time.process_time() - made_s
+        axes, (e, skew) = found.turned, self.axes()
+        assert axes is not None, f"{self.key}: the turn was not seen"
+        return {
+            "key": self.key,
+            **asdict(self),
+            "outcome": found.outcome.value,
+            "named": [one.name for one in found.effects],
+            "evidence": dict(found.evidence),
+            "apart": found.apart,
+            "follows": axes.follows,
+            "turn_off_rad": [axes.turn.value - self.conditions()[1].scan.rotation_rad, axes.turn.sigma],
+            "x_excess": [axes.x_excess.value, axes.x_excess.sigma, e],
+            "skew": [axes.skew.value, axes.skew.sigma, skew],
+            "parameters": {item.name: [item.value, item.sigma] for one in found.effects for item in one.parameters},
+            "cpu_s": took_s,
+            "all_s": time.process_time() - begin,
+        }
+
+
+def cases(seeds: int, nulls: int) -> Iterator[Hidden]:
+    """In an order in which each part of the list says something of all."""
+    for seed in range(max(seeds, 1)):
+        yield from (Hidden(kind, FIRST_SEED + seed) for kind in KINDS if kind != "nothing" and seed < seeds)
+        each = -(-nulls // max(seeds, 1))
+        yield from (Hidden("nothing", FIRST_SEED + 1000 + null) for null in range(seed * each, min((seed + 1) * each, nulls)))
+
+
+def false_names(one: dict[str, Any]) -> list[str]:
+    """Names that are not hidden; where the distortion is the scan's, axes are wrong if they are not those that it has."""
+    kind = KINDS[one["kind"]]
+    wrong = [name for name in one["named"] if name not in kind.names]
+    if not kind.with_scan:
+        return wrong
+    told = {PIXEL: one["x_excess"], SKEW: one["skew"]}
+    return [name for name in wrong if abs(told[name][0] - told[name][2]) > 3.0 * told[name][1]]
+
+
+def table(found: list[dict[str, Any]]) -> str:
+    """As Markdown."""
+    head = "| hidden | all its names | a false name | where the distortion belongs | axes: sigma, median | inside stated 90 % |"
+    lines = [head, "|---" * 6 + "|"]
+    for name, kind in KINDS.items():
+        own = [one for one in found if one["kind"] == name]
+        if not own:
+            continue
+        place = {True: "scan", False: "both" if kind.of_ramps else "neither" if kind.another else "column"}[kind.with_scan]
+        right = sum(set(kind.names) <= set(one["named"]) for one in own)
+        wrong = sum(bool(false_names(one)) for one in own)
+        told = f"{right} of {len(own)} (at least {100 * at_least(right, len(own)):.0f} %)" if kind.names else ""
+        axes = [one[axis] for one in own for axis in ("x_excess", "skew")]
+        sigma = sorted(one[1] for one in axes)[len(axes) // 2]
+        within = sum(abs(value - true) < 1.645 * sigma for value, sigma, true in axes)
+        inside = "" if kind.another else f"{within} of {len(axes)}"
+        at = sum(one["follows"] == place for one in own)
+        lines.append(f"| {kind.about} | {told} | {wrong} | {at} of {len(own)}: {place} | {100 * sigma:.3f} % | {inside} |")
+    return "\n".join(lines) + "\n" + _usual(found) + _nulls([one for one in found if one["kind"] == "nothing"])
+
+
+def _usual(found: list[dict[str, Any]]) -> str:
+    own = [one for one in found if one["kind"] in USUAL]
+    right = sum(set(KINDS[one["kind"]].names) <= set(one["named"]) and not false_names(one) for one in own)
+    wrong = sum(bool(false_names(one)) for one in found)
+    return (
+        f"\nOf the first five rows {right} of {len(own)} had all names, none false (at least {100 * at_least(right, len(own)):.1f} %);"
+        f" of all cases {wrong} of {len(found)} had a false one (at most {100 * at_most(wrong, len(found)):.1f} %).\n"
+    )
+
+
+def _nulls(nulls: list[dict[str, Any]]) -> str:
+    if not nulls:
+        return ""
+    named, unknown = sum(bool(one["named"]) for one in nulls), sum(one["outcome"] == "UNKNOWN" for one in nulls)
+    loudest = max(max(one["evidence"].values()) for one in nulls)
+    return (
+        f"\nWhere nothing was hidden {named} of {len(nulls)} were named (at most {100 * at_most(named, len(nulls)):.1f} %),"
+        f" {unknown} UNKNOWN; the loudest logarithm of a Bayes factor was {loudest:.1f}, that of a name is 7 at least.\n"
+    )
+
+
+def main() -> None:
+    """Run what is missing, or score what is there."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--nulls", type=int, default=4)
+    parser.add_argument("--folder", type=Path, default=Path("turned"))
+    parser.add_argument("--shard", default="1/1", help="k/n: every n-th case from the k-th on")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long")
+    parser.add_argument("--score", action="store_true", help="run nothing")
+    parser.add_argument("--write", action="store_true", help="put the table into docs/diagnose.md")
+    asked = parser.parse_args()
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    own, shards = (int(one) for one in asked.shard.split("/"))
+    chosen, begin = list(cases(asked.seeds, asked.nulls)), time.monotonic()
+    done = _verdicts(asked.folder)
+    for case in [] if asked.score else chosen[own - 1 :: shards]:
+        if case.key not in done and time.monotonic() - begin < asked.seconds:
+            with (asked.folder / f"turned-{own}-of-{shards}.jsonl").open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(case.verdict()) + "\n")
+    done = _verdicts(asked.folder)
+    found = [done[one.key] for one in chosen if one.key in done]
+    sys.stdout.write(table(found))
+    if asked.write:
+        page = PAGE.read_text(encoding="utf-8")
+        before, rest = page.split(BEGIN)
+        PAGE.write_text(f"{before}{BEGIN}\n{table(found)}\n{END}{rest.split(END)[1]}", encoding="utf-8")
+
+
+def _verdicts(folder: Path) -> dict[str, dict[str, Any]]:
+    lines = [line for path in sorted(folder.glob("turned-*.jsonl")) for line in path.read_text(encoding="utf-8").splitlines()]
+    return {str(one["key"]): one for one in map(json.loads, lines)}
+
+
+if __name__ == "__main__":
+    main()
