@@ -13,7 +13,7 @@ from rich.table import Table
 
 from semlive.cli.foretold import foretold_table
 from semlive.cli.track import tracked_stages
-from semlive.data.diagnosis import Diagnosis, FoundEffect, Outcome
+from semlive.data.diagnosis import TOO_COARSE, Diagnosis, FoundEffect, Outcome
 from semlive.report.diagnosis_page import diagnosis_html
 from semlive.service.diagnosis import diagnose_log, diagnosis_json
 from semlive.service.model_file import fitting_model, model_of, write_model
@@ -56,6 +56,8 @@ def diagnose(
     console.print(f"{found.outcome.value}: {_SAID[found.outcome]}")
     for effect in found.effects:
         console.print(_effect_table(effect))
+    for name in found.coarse:
+        console.print(f"{name}: {TOO_COARSE[name]}")
     _say_gap(console, found)
     console.print(_where_table(found))
     if found.rows is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -17,14 +18,35 @@ from semlive.estimate.prior import Hyper, Smoothness, belief_precision, gauge_pr
 
 Array = NDArray[np.float64]
 
-# The smoothness that the first solution chose was chosen with the effect in the data: an unnamed jump makes the drift rough, and a rough
-# drift hides the jump. So every question is put to smoother and rougher drifts too, and the likeliest answer counts.
-DRIFT_RUNGS = (0.01, 0.1, 1.0, 10.0, 100.0)
-DISTORTION_RUNGS = (0.3, 1.0, 3.0)
 SMOOTHEST_PX, WIDEST_PX = 3e-4, 100.0  # farther apart, the belief's precision has no Cholesky factor in double precision
 ANY_DISTORTION = 10.0
 STILL_RAD = 1e-9  # a specimen that turns with each move is an effect with a name of its own
 BELIEF = 4.0  # standard deviation of the logarithm about the first choice
+
+
+@dataclass(frozen=True, slots=True)
+class DriftBelief:
+    """How the drift may go.
+
+    Attributes:
+        by: its typical bend, in that of the first choice; 0 where it is as smooth as any.
+        wander_px: what a random walk beside that adds from knot to knot.
+    """
+
+    by: float
+    wander_px: float = 0.0
+
+
+# The smoothness that the first solution chose was chosen with the effect in the data: an unnamed jump makes the drift rough, and a rough
+# drift hides the jump. So every question is put to smoother and rougher drifts too, and the likeliest answer counts.
+BENDING = tuple(DriftBelief(by) for by in (0.01, 0.1, 1.0, 10.0, 100.0))
+# Bends of one size are no random walk: in runs whose drift wandered by 0.01 px/s^0.5 a walk beside a smooth drift was likelier by a
+# logarithm of 130 to 150, and without it swings of 61 to 62 s were named in it that only held-out pairs rejected.
+WANDERING = tuple(DriftBelief(0.0, wander_px) for wander_px in (0.0, 0.01, 0.03, 0.1, 0.3, 1.0))
+DRIFTS = (*BENDING, *WANDERING)
+DISTORTION_RUNGS = (0.3, 1.0, 3.0)
+STANDING = 1e-6  # what holds a walk as a whole, in what holds its steps
+HOPELESS = 40.0  # logarithm of the odds against a drift that could follow more, and explains less: an effect helps it less than others
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +62,9 @@ class Found:
     size_px: float
 
 
+Moving = tuple[tuple[NDArray[np.int64], Array], ...]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Design:
     """The baseline's columns, whitened; those of effects that were found come last.
@@ -48,6 +73,7 @@ class Design:
         observation: what they are for.
         whiten: the noise.
         columns: for x and for y, (f b, m) columns.
+        own: for x and for y, of each frame which of the baseline's columns move it, and (b, k) these with their mean over the frames.
         index: for x and for y, (m,) the parameters that they belong to.
         kept: (p,) joint parameters of the estimator that the baseline has.
         normal: (p + r, p + r) A^T A, r being the number of the effects' amplitudes.
@@ -57,6 +83,7 @@ class Design:
     observation: Observation
     whiten: Whitener
     columns: tuple[Array, Array]
+    own: tuple[Moving, Moving]
     index: tuple[NDArray[np.int64], NDArray[np.int64]]
     kept: NDArray[np.int64]
     normal: Array
@@ -69,10 +96,23 @@ class Design:
 
     def transposed(self, white: Array) -> Array:
         """(p + r, q) A^T times whitened fields (f, b, 2, q)."""
-        f, b, _, q = white.shape
-        total = np.zeros((self.size, q))
+        total = np.zeros((self.size, white.shape[-1]))
         for axis in (0, 1):
-            total[self.index[axis]] += self.columns[axis].T @ white[:, :, axis].reshape(f * b, q)
+            total[self.index[axis]] += self.along(axis, white[:, :, axis])
+        return total
+
+    def along(self, axis: int, white: Array) -> Array:
+        """(m, q) columns of one axis times whitened fields (f, b, q).
+
+        Whitened fields have no mean over the frames, so the columns' own need not be taken away, and most columns of the drift move three
+        frames of thirty: a third of the time.
+        """
+        columns, own = self.columns[axis], self.own[axis]
+        total = np.zeros((columns.shape[1], white.shape[-1]))
+        for frame, (at, block) in enumerate(own):
+            total[at] += block.T @ white[frame]
+        effects = columns[:, columns.shape[1] - len(self.sizes_px) :]
+        total[columns.shape[1] - len(self.sizes_px) :] += effects.T @ white.reshape(len(columns), -1)
         return total
 
     def times(self, parameters: Array) -> Array:
@@ -84,8 +124,9 @@ class Design:
     def rescaled(self, by: float) -> Design:
         """The same where noise is larger by a factor."""
         columns = self.columns[0] / by, self.columns[1] / by
+        own = [tuple((at, block / by) for at, block in one) for one in self.own]
         whiten = replace(self.whiten, sigma_px=self.whiten.sigma_px * by)
-        return replace(self, whiten=whiten, columns=columns, normal=self.normal / by**2)
+        return replace(self, whiten=whiten, columns=columns, own=(own[0], own[1]), normal=self.normal / by**2)
 
     def having(self, found: Found) -> Design:
         """The same with an effect more."""
@@ -113,7 +154,7 @@ def design(observation: Observation, whiten: Whitener) -> Design:
     place = np.full(layout.size, -1)
     place[kept] = np.arange(len(kept))
     told = [map_columns(state, one, state.about) for one in observation.rows]
-    columns, index = [], []
+    columns, index, moving = [], [], list[Moving]()
     for axis in (0, 1):
         touched = np.unique(np.concatenate([one[axis][0] for one in told]))
         touched = touched[~dropped[touched]]
@@ -126,10 +167,12 @@ def design(observation: Observation, whiten: Whitener) -> Design:
             dense[frame + 1][:, at[own[inside]]] = value[np.ix_(observation.used, inside)]
         columns.append(whiten(dense).reshape(-1, len(touched)))
         index.append(place[touched])
+        there = [np.flatnonzero(one.any(axis=0)) for one in dense]
+        moving.append(tuple((at, whiten.inverse @ one[:, at] / whiten.sigma_px) for at, one in zip(there, dense, strict=True)))
     normal = np.zeros((len(kept), len(kept)))
     for axis in (0, 1):
         normal[np.ix_(index[axis], index[axis])] += columns[axis].T @ columns[axis]
-    return Design(observation, whiten, (columns[0], columns[1]), (index[0], index[1]), kept, normal, np.zeros(0))
+    return Design(observation, whiten, (columns[0], columns[1]), (moving[0], moving[1]), (index[0], index[1]), kept, normal, np.zeros(0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,16 +184,20 @@ class Rung:
         prior: (p + r, p + r) precision before the data.
         factor: Cholesky factor of the posterior precision.
         evidence: logarithm of the likelihood of the data, up to a constant that all rungs share.
+        room: the part of it, negative, that comes from what else there might have been.
         pull: (p + r,) what residuals and belief ask for at the first solution.
         asked: (p + r,) the same, half solved.
+        belief: of the drift, and the roughness of the distortion in that of the first choice; None of runs that were joined.
     """
 
     hyper: Hyper
     prior: Array
     factor: tuple[Array, bool]
     evidence: float
+    room: float
     pull: Array
     asked: Array
+    belief: tuple[DriftBelief, float] | None = None
 
     def half(self, right: Array) -> Array:
         """(p + r, ...) inverse of the factor times (p + r, ...): products of two such are those of a solution with one right side."""
@@ -192,25 +239,39 @@ class Ladder:
 
 
 def ladder(columns: Design) -> Ladder:
-    """For each smoothness of the drift the baseline with the likeliest of the distortion's."""
+    """For each smoothness of the drift the baseline with the likeliest of the distortion's, but for those that have no hope."""
     tries = _Tries.of(columns)
-    rungs = [max((tries.rung(by, also) for also in DISTORTION_RUNGS), key=lambda one: one.evidence) for by in DRIFT_RUNGS]
+    plain = [(one, tries.rung(one, 1.0)) for one in _different(columns)]
+    best = max((rung for _, rung in plain), key=lambda one: one.evidence)
+    kept = [(one, rung) for one, rung in plain if rung.evidence > best.evidence - HOPELESS or rung.room > best.room]
+    rungs = [max((rung, *tries.bent(one)), key=lambda one: one.evidence) for one, rung in kept]
     return Ladder(columns, tries.left, tuple(rungs))
 
 
 def likeliest(columns: Design) -> Ladder:
     """A ladder of one rung: the likeliest smoothness of the drift, and then of the distortion."""
     tries = _Tries.of(columns)
-    found = {by: tries.rung(by, 1.0) for by in DRIFT_RUNGS}
-    best = max(found, key=lambda by: found[by].evidence)
-    also = [found[best], *(tries.rung(best, one) for one in DISTORTION_RUNGS if one != 1.0)]
-    return Ladder(columns, tries.left, (max(also, key=lambda one: one.evidence),))
+    found = {one: tries.rung(one, 1.0) for one in _different(columns)}
+    best = max(found, key=lambda one: found[one].evidence)
+    return Ladder(columns, tries.left, (max((found[best], *tries.bent(best)), key=lambda one: one.evidence),))
 
 
 def as_believed(columns: Design) -> Ladder:
     """A ladder of one rung: as smooth as the first solution has it."""
     tries = _Tries.of(columns)
-    return Ladder(columns, tries.left, (tries.rung(1.0, 1.0),))
+    return Ladder(columns, tries.left, (tries.rung(DriftBelief(1.0), 1.0),))
+
+
+def as_smooth(columns: Design, like: Ladder) -> Ladder:
+    """A ladder of one rung: as smooth as another's likeliest.
+
+    Raises:
+        ValueError: the other is of runs that were joined.
+    """
+    if like.best.belief is None:
+        raise ValueError("runs that were joined have no smoothness of one run")
+    tries = _Tries.of(columns)
+    return Ladder(columns, tries.left, (tries.rung(*like.best.belief),))
 
 
 def with_any_distortion(columns: Design) -> Ladder:
@@ -219,7 +280,7 @@ def with_any_distortion(columns: Design) -> Ladder:
     A distortion is no draw of what is believed of it: of five pairs one in five was found loud by a few of its terms.
     """
     tries = _Tries.of(columns)
-    return Ladder(columns, tries.left, (max((tries.rung(by, ANY_DISTORTION) for by in DRIFT_RUNGS), key=lambda one: one.evidence),))
+    return Ladder(columns, tries.left, (max((tries.rung(one, ANY_DISTORTION) for one in BENDING), key=lambda one: one.evidence),))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,6 +288,7 @@ class _Tries:
     """What all smoothnesses have in common."""
 
     columns: Design
+    gauge: Array
     near: Array
     left: Array
     pull: Array
@@ -236,30 +298,65 @@ class _Tries:
     def of(cls, columns: Design) -> _Tries:
         near = np.concatenate((columns.observation.solution.mean[columns.kept], np.zeros(columns.size - len(columns.kept))))
         left = columns.whiten(columns.observation.disparity_px) - columns.times(near[:, None])[..., 0]
-        return cls(columns, near, left, columns.transposed(left[..., None])[:, 0], float(np.sum(left**2)))
+        gauge = gauge_precision(columns.observation.state)[np.ix_(columns.kept, columns.kept)]
+        return cls(columns, gauge, near, left, columns.transposed(left[..., None])[:, 0], float(np.sum(left**2)))
 
-    def rung(self, by: float, also: float) -> Rung:
-        hyper, prior = _believed(self.columns, by, also)
-        believed = log_belief(np.array([by]), (1.0, BELIEF)) + log_belief(np.array([also]), (1.0, BELIEF))
-        return rung(self.columns.normal, prior, self.pull, self.power, self.near, hyper, float(believed[0]))
+    def rung(self, drift: DriftBelief, also: float) -> Rung:
+        hyper, prior = _believed(self.columns, self.gauge, drift, also)
+        believed = log_belief(np.array([drift.by or 1.0]), (1.0, BELIEF)) + log_belief(np.array([also]), (1.0, BELIEF))
+        found = rung(self.columns.normal, prior, self.pull, self.power, self.near, hyper, float(believed[0]))
+        return replace(found, belief=(drift, also))
+
+    def bent(self, drift: DriftBelief) -> list[Rung]:
+        """With other smoothnesses of the distortion than the first choice."""
+        return [self.rung(drift, also) for also in DISTORTION_RUNGS if also != 1.0]
 
 
-def _believed(columns: Design, by: float, also: float) -> tuple[Hyper, Array]:
+def _believed(columns: Design, gauge: Array, drift: DriftBelief, also: float) -> tuple[Hyper, Array]:
     state, first, p = columns.observation.state, columns.observation.solution.hyper, len(columns.kept)
     hyper = replace(
         first,
         noise_scale=1.0,
         rotation_rad=STILL_RAD,
         raster_px=(0.0, 0.0),
-        drift=_scaled(first.drift, by),
+        drift=_drift_of(first.drift, drift),
         distortion=_scaled(first.distortion, also),
     )
     prior = np.zeros((columns.size,) * 2)
-    prior[:p, :p] = (gauge_precision(state) + belief_precision(state, hyper))[np.ix_(columns.kept, columns.kept)]
+    prior[:p, :p] = belief_precision(state, hyper)[np.ix_(columns.kept, columns.kept)]
     prior[np.arange(p), np.arange(p)] += WIDEST_PX**-2.0
+    if drift.wander_px:
+        _walk(columns, prior, drift.wander_px)
+    prior[:p, :p] += gauge
     more = np.arange(p, columns.size)
     prior[more, more] = columns.sizes_px**-2.0
-    return hyper, prior
+    return hyper if drift.by else replace(hyper, drift=_scaled(first.drift, 1.0)), prior
+
+
+def _different(columns: Design) -> list[DriftBelief]:
+    """Beliefs that differ, the first choice's own smoothness before others: nothing can be smoother than the smoothest."""
+    first = columns.observation.solution.hyper.drift
+    by_kind = {}
+    for one in sorted(DRIFTS, key=lambda one: abs(math.log(one.by or 1.0))):
+        by_kind.setdefault((_drift_of(first, one), one.wander_px), one)
+    return list(by_kind.values())
+
+
+def _drift_of(first: Sequence[Smoothness], drift: DriftBelief) -> tuple[Smoothness, Smoothness]:
+    return _scaled(first, drift.by) if drift.by else (Smoothness(3, SMOOTHEST_PX), Smoothness(3, SMOOTHEST_PX))
+
+
+def _walk(columns: Design, prior: Array, wander_px: float) -> None:
+    """Let the drift of a prior (p + r, p + r) walk at random, too: covariances add up."""
+    state = columns.observation.state
+    assert state.drift is not None  # there are pairs
+    steps = state.drift.roughness(1)
+    walk = np.linalg.inv(steps + STANDING * np.eye(len(steps))) * wander_px**2
+    start = state.layout.part("drift").start
+    for axis in (0, 1):
+        at = np.searchsorted(columns.kept, start + axis + 2 * np.arange(len(steps)))
+        loose = np.linalg.inv(np.linalg.inv(prior[np.ix_(at, at)]) + walk)
+        prior[np.ix_(at, at)] = 0.5 * (loose + loose.T)
 
 
 def rung(normal: Array, prior: Array, pull: Array, power: float, near: Array, hyper: Hyper, believed: float) -> Rung:
@@ -280,7 +377,7 @@ def rung(normal: Array, prior: Array, pull: Array, power: float, near: Array, hy
     asked = np.asarray(solve_triangular(factor[0], whole, lower=True, check_finite=False))
     volume = _half_log_det(prior) - float(np.sum(np.log(np.diag(factor[0]))))
     fit = power + float(near @ held) - float(asked @ asked)
-    return Rung(hyper, prior, factor, volume - 0.5 * fit + believed, whole, asked)
+    return Rung(hyper, prior, factor, volume - 0.5 * fit + believed, volume, whole, asked)
 
 
 def _half_log_det(precision: Array) -> float:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semlive.diagnose.baseline import Ladder
-from semlive.model.effects import Family, Law
+from semlive.diagnose.prepared import Prepared, Whitened, prepared
+from semlive.model.effects import Family
 
 Array = NDArray[np.float64]
 SIZES = 6  # that are tried between the least and the largest that is expected
-COLUMNS_AT_ONCE = 256
+MOST_BYTES = 500_000_000
 SAID = 1e-6  # of the largest eigenvalue: sums of a law's columns that the baseline takes whole say nothing
 
 
@@ -87,109 +88,103 @@ def sizes_of(family: Family) -> Array:
 
 def projected(ladder: Ladder, field: Array) -> Projected:
     """One law's columns (f, b, 2, q), in px, against the data."""
-    return _against(_Flat.of(ladder, field), slice(0, field.shape[-1]))
+    white = Whitened.of(ladder, (field,))
+    return _against(_Flat.of(ladder, white), white)[0]
 
 
-def weigh(ladder: Ladder, families: Sequence[Family], draws: NullDraws | None) -> tuple[Weighed, ...]:
-    """Families against the data, and against draws of the null; those that cannot be seen here are left out."""
-    scene = ladder.design.observation.scene
-    found = []
+def kept_for(ladder: Ladder, families: Sequence[Family]) -> dict[str, Prepared]:
+    """By the name of each family its laws, whitened: to be asked of the same baseline with more and more effects in it.
+
+    None where they would take more than half a gigabyte.
+    """
+    scene, found, total = ladder.design.observation.scene, dict[str, Prepared](), 0
     for family in families:
-        told = [(dict(values), family.law(scene, values)) for values in family.grid(scene)]
-        seen = [(values, law) for values, law in told if law is not None]
-        if seen:
-            found.append(_weighed(ladder, family, seen, draws))
+        one = prepared(ladder, family, scene)
+        if one is not None:
+            found[family.name] = one
+            total += sum(columns.nbytes for batch in one.batches for columns in batch.columns)
+        if total > MOST_BYTES:
+            return {}
+    return found
+
+
+def weigh(
+    ladder: Ladder, families: Sequence[Family], draws: NullDraws | None, kept: Mapping[str, Prepared] | None = None
+) -> tuple[Weighed, ...]:
+    """Families against the data, and against draws of the null; those that cannot be seen here are left out.
+
+    Args:
+        ladder: the baseline, with the effects so far.
+        families: that are asked.
+        draws: of the null; None asks the data alone.
+        kept: `kept_for` the same baseline without the last effects.
+    """
+    scene, found = ladder.design.observation.scene, []
+    for family in families:
+        one = (kept or {}).get(family.name) or prepared(ladder, family, scene)
+        if one is not None:
+            found.append(_weighed(ladder, family, one, draws))
     return tuple(found)
 
 
-def _weighed(ladder: Ladder, family: Family, seen: Sequence[tuple[dict[str, float], Law]], draws: NullDraws | None) -> Weighed:
+def _weighed(ladder: Ladder, family: Family, asked: Prepared, draws: NullDraws | None) -> Weighed:
     sizes, base = sizes_of(family), np.array([one.evidence for one in ladder.rungs]) - ladder.evidence
-    laws, null = [], []
-    each = max(1, COLUMNS_AT_ONCE // seen[0][1].field_px.shape[-1])
-    for first in range(0, len(seen), each):
-        batch = [law.field_px for _, law in seen[first : first + each]]
-        flat = _Flat.of(ladder, np.concatenate(batch, axis=-1))
-        asked = None if draws is None else draws.pull(flat)
-        at = 0
-        for one in batch:
-            own = slice(at, at + one.shape[-1])
-            laws.append(_against(flat, own))
-            if asked is not None:
-                rung = ladder.rungs.index(ladder.best)
-                along = asked[:, own] @ laws[-1].vectors[rung]
-                null.append(log_factor(laws[-1].values[rung][None, None], along[:, None], sizes[:, None]))
-            at = own.stop
+    laws, null = list[Projected](), []
+    for batch in asked.batches:
+        flat = _Flat.of(ladder, batch)
+        against = _against(flat, batch)
+        laws += against
+        if draws is not None:
+            drawn, rung = draws.pull(flat), ladder.rungs.index(ladder.best)
+            for own, law in zip(batch.spans, against, strict=True):
+                along = drawn[:, own] @ law.vectors[rung]
+                null.append(log_factor(law.values[rung][None, None], along[:, None], sizes[:, None]))
     factors = np.stack([one.log_factor(sizes) for one in laws]) + base[None, :, None]
-    drawn = np.logaddexp.reduce(np.stack(null), axis=(0, 2)) - np.log(len(null) * len(sizes)) if null else np.zeros(0)
-    return Weighed(family, tuple(values for values, _ in seen), tuple(laws), factors, drawn)
+    nothing = np.logaddexp.reduce(np.stack(null), axis=(0, 2)) - np.log(len(null) * len(sizes)) if null else np.zeros(0)
+    return Weighed(family, asked.values, tuple(laws), factors, nothing)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Flat:
-    """Whitened columns against the baseline; most move things along one axis only, and are held for that axis alone.
+    """Whitened columns against the baseline.
 
     Attributes:
-        index: for x and for y, the columns that move things along it.
-        columns: for x and for y, (f b, their number).
+        white: the columns.
         halves: for each rung, what the baseline has in common with the columns, half solved.
         pull: (rungs, q) what the data ask for.
     """
 
-    index: tuple[NDArray[np.int64], NDArray[np.int64]]
-    columns: tuple[Array, Array]
+    white: Whitened
     halves: tuple[Array, ...]
     pull: Array
 
     @classmethod
-    def of(cls, ladder: Ladder, field: Array) -> _Flat:
-        """Columns (f, b, 2, q) in px."""
-        design, q = ladder.design, field.shape[-1]
-        index, columns = [], []
-        shared, asked = np.zeros((design.size, q)), np.zeros(q)
-        for axis in (0, 1):
-            there = np.flatnonzero(field[:, :, axis].any(axis=(0, 1)))
-            white = design.whiten(field[:, :, axis, there]).reshape(design.observation.frames * design.observation.blocks, len(there))
-            shared[np.ix_(design.index[axis], there)] += design.columns[axis].T @ white
-            asked[there] += white.T @ ladder.left[:, :, axis].ravel()
-            index.append(there)
-            columns.append(white)
+    def of(cls, ladder: Ladder, white: Whitened) -> _Flat:
+        """For all rungs of a ladder."""
+        shared = white.shared_with(ladder.design)
         halves = tuple(rung.half(shared) for rung in ladder.rungs)
-        pull = np.stack([asked - half.T @ rung.asked for rung, half in zip(ladder.rungs, halves, strict=True)])
-        return cls((index[0], index[1]), (columns[0], columns[1]), halves, pull)
-
-    def along(self, noise: tuple[Array, Array]) -> Array:
-        """(q, draws) columns times whitened noise, (f b, draws) for x and for y."""
-        total = np.zeros((self.pull.shape[1], noise[0].shape[1]))
-        for there, columns, one in zip(self.index, self.columns, noise, strict=True):
-            total[there] += columns.T @ one
-        return total
-
-    def among(self, own: slice) -> Array:
-        """Products of some of the columns with each other."""
-        total = np.zeros((own.stop - own.start,) * 2)
-        for there, columns in zip(self.index, self.columns, strict=True):
-            low, high = np.searchsorted(there, (own.start, own.stop))
-            at = there[low:high] - own.start
-            total[np.ix_(at, at)] += columns[:, low:high].T @ columns[:, low:high]
-        return total
+        return cls(white, halves, np.stack([white.asked - half.T @ rung.asked for rung, half in zip(ladder.rungs, halves, strict=True)]))
 
 
-def _against(flat: _Flat, own: slice) -> Projected:
-    alone = flat.among(own)
-    left = [alone - one[:, own].T @ one[:, own] for one in flat.halves]
-    value, vectors = np.linalg.eigh(np.stack(left))
-    return Projected(np.clip(value, 0.0, None), vectors, np.einsum("rji,rj->ri", vectors, flat.pull[:, own]))
+def _against(flat: _Flat, white: Whitened) -> tuple[Projected, ...]:
+    """Each law."""
+    found = []
+    for own, alone in zip(white.spans, white.alone, strict=True):
+        value, vectors = np.linalg.eigh(np.stack([alone - one[:, own].T @ one[:, own] for one in flat.halves]))
+        found.append(Projected(np.clip(value, 0.0, None), vectors, np.einsum("rji,rj->ri", vectors, flat.pull[:, own])))
+    return tuple(found)
 
 
 def left_in_common(ladder: Ladder, field: Array) -> Array:
     """(q, q) products of columns (f, b, 2, q), in px, with each other: of what the likeliest baseline leaves of them."""
-    flat = _Flat.of(Ladder(ladder.design, ladder.left, (ladder.best,)), field)
-    return flat.among(slice(0, field.shape[-1])) - flat.halves[0].T @ flat.halves[0]
+    white = Whitened.of(ladder, (field,))
+    flat = _Flat.of(Ladder(ladder.design, ladder.left, (ladder.best,)), white)
+    return white.alone[0] - flat.halves[0].T @ flat.halves[0]
 
 
 def pulled(ladder: Ladder, field: Array) -> Array:
     """(q,) what the data ask of columns (f, b, 2, q), in px, at the likeliest baseline."""
-    return np.asarray(_Flat.of(Ladder(ladder.design, ladder.left, (ladder.best,)), field).pull[0])
+    return np.asarray(_Flat.of(Ladder(ladder.design, ladder.left, (ladder.best,)), Whitened.of(ladder, (field,))).pull[0])
 
 
 def overlap(ladder: Ladder, field: Array, law: Array) -> float:
@@ -233,11 +228,12 @@ class NullDraws:
 
     def pull(self, flat: _Flat) -> Array:
         """(draws, q) what each draw asks of columns."""
-        return (flat.along(self.noise) - flat.halves[self.rung].T @ self.asked).T
+        return (flat.white.along(self.noise) - flat.halves[self.rung].T @ self.asked).T
 
 
 def projected_with_draws(ladder: Ladder, field: Array, draws: NullDraws) -> tuple[Array, Array, Array]:
     """(q,) eigenvalues, ascending, (q,) pull of the data and (draws, q) of the null for columns in px, at the likeliest rung."""
-    flat = _Flat.of(ladder, field)
-    all_of_it = _against(flat, slice(0, field.shape[-1]))
+    white = Whitened.of(ladder, (field,))
+    flat = _Flat.of(ladder, white)
+    (all_of_it,) = _against(flat, white)
     return all_of_it.values[draws.rung], all_of_it.pull[draws.rung], draws.pull(flat) @ all_of_it.vectors[draws.rung]

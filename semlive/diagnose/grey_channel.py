@@ -16,8 +16,7 @@ from semlive.diagnose.grey_laws import Bench, Fit, Law, black_level, flash_at, s
 from semlive.diagnose.grey_left import Left, left_of
 from semlive.diagnose.grey_series import GreySeries
 from semlive.diagnose.grey_step import curve_parameters
-from semlive.diagnose.judge import RARE
-from semlive.diagnose.named import LOUD, ODDS
+from semlive.diagnose.named import LOUD, ODDS, RARE
 from semlive.model.grey_effects import CHARGING_JUMP, CONTAMINATION, DEFOCUS, GAMMA_CHANGE
 
 Array = NDArray[np.float64]

@@ -10,22 +10,20 @@ import numpy as np
 from semlive.data.diagnosis import Diagnosis, Disagreement, Experiment, FoundEffect, Gap, KnownEffect, Outcome
 from semlive.diagnose.baseline import Ladder
 from semlive.diagnose.course import likelier_course
-from semlive.diagnose.evidence import NullDraws, Weighed, overlap, weigh
+from semlive.diagnose.evidence import NullDraws, Weighed, overlap
 from semlive.diagnose.gap import gap_of
 from semlive.diagnose.known import joined
-from semlive.diagnose.named import LOUD, ODDS, Named, needed, reconsidered, with_one_more, with_values_between
+from semlive.diagnose.named import LOUD, ODDS, Named
 from semlive.diagnose.noise import quiet
 from semlive.diagnose.observation import Observation
 from semlive.diagnose.pictures import pictures_of
 from semlive.diagnose.refine import Refined, together
+from semlive.diagnose.search import NAMELESS, searched
 from semlive.diagnose.strain_safety import HARMLESS, eaten
-from semlive.diagnose.unknown import UNNAMED
 from semlive.diagnose.where import where
 from semlive.model.effects import DICTIONARY, Family
 
 DRAWS = 299
-RARE = 0.01
-MOST = 3
 # Most of a gap; see `_useful`.
 HALF = 0.5
 
@@ -51,43 +49,19 @@ def diagnose(
         BadInput: a known effect has no such name, or cannot be in these data.
     """
     bare, already = joined(quiet(observation), known)
-    having = bare
-    dictionary = [one for one in dictionary if one.name not in {item.name for item in known}]
     null = NullDraws.of(bare, draws, seed)
     places = where(bare, null)
-    named: tuple[Named, ...] = ()
-    first: tuple[Weighed, ...] = ()
-    tried: tuple[Family, ...] = ()
-    while True:
-        families = (*[one for one in dictionary if one not in tried], *UNNAMED)
-        heard = with_values_between(having, weigh(having, families, None if named else null))
-        first = first or heard
-        loudest = max(heard, key=lambda one: one.log_factor)
-        if named and loudest.log_factor >= LOUD:  # what is left is quiet nearly always, and draws take time
-            null = NullDraws.of(having, draws, seed + len(named))
-            heard = with_values_between(having, weigh(having, families, null))
-        p_value = _p_value(heard, loudest.log_factor) if loudest.log_factor >= LOUD else 1.0
-        loud = p_value <= RARE
-        candidates = [one for one in heard if one.family not in UNNAMED]
-        best = max(candidates, key=lambda one: one.log_factor, default=None)
-        if not loud or best is None or best.log_factor < LOUD or len(named) == MOST:
-            break
-        rivals = tuple(one for one in candidates if one is not best and one.log_factor > best.log_factor - ODDS)
-        unnamed = max(one.log_factor for one in heard if one.family in UNNAMED)
-        tried = (*tried, best.family)
-        having, named = needed(bare, *with_one_more(having, named, best, p_value, rivals, unnamed))
-        having, named = reconsidered(bare, having, named, (*dictionary, *UNNAMED))
-        tried = (*tried, *(one.refined.family for one in named))
-    loud = loud or _unlike(bare, named)
-    named = _beside(having, named)
-    gap = gap_of(bare, having, seed) if named else None
+    families = [one for one in dictionary if one.name not in {item.name for item in known}]
+    found = searched(bare, families, null, seed)
+    having, named = found.having, _beside(found.having, found.named)
+    gap = gap_of(found.bare, having, seed) if named else None
     shares = eaten(having, (*already, *(one.refined.field_px for one in named)))[len(already) :]
     width, height = (2.0 * observation.state.centre_px + 1.0).round().astype(int).tolist()
-    verdict = _verdict(named, loud, gap, places, bare, shares)
+    verdict = _verdict(named, found.loud or _unlike(found.bare, named), gap, places, found.bare, shares)
     names, fields = [one.names[0] for one in named], [one.refined.field_px for one in named]
-    pictures = pictures_of(bare, having, names, fields) if named else None
-    shared = _overlaps(bare, named[0].refined, first) if named else ()
-    verdict = replace(verdict, pictures=pictures, evidence=_told(first), overlap=shared)
+    pictures = pictures_of(found.bare, having, names, fields) if named else None
+    shared = _overlaps(found.bare, named[0].refined, found.first) if named else ()
+    verdict = replace(verdict, pictures=pictures, evidence=_told(found.first), overlap=shared, coarse=found.coarse)
     return replace(verdict, known=tuple(known), end_s=observation.scene.end_s, size_px=(width, height))
 
 
@@ -115,15 +89,10 @@ def _overlaps(bare: Ladder, named: Refined, heard: Sequence[Weighed]) -> tuple[t
     scene, field = bare.design.observation.scene, named.field_px @ named.amplitudes
     found = []
     for one in heard:
-        law = None if one.family is named.family or one.family in UNNAMED else one.family.law(scene, one.values[one.best[0]])
+        law = None if one.family is named.family or one.family in NAMELESS else one.family.law(scene, one.values[one.best[0]])
         if law is not None:
             found.append((one.family.name, overlap(bare, field, law.field_px)))
     return tuple(sorted(found, key=lambda item: -item[1]))
-
-
-def _p_value(heard: Sequence[Weighed], loudest: float) -> float:
-    null = np.max([one.null for one in heard], axis=0)
-    return (1.0 + float(np.sum(null >= loudest))) / (1.0 + len(null))
 
 
 def _verdict(

@@ -12,8 +12,7 @@ from scipy.linalg import solve_triangular
 
 from semlive.data.diagnosis import Diagnosis, Disagreement, Experiment, FoundEffect, FoundParameter, Gap, KnownEffect, Outcome
 from semlive.data.experiment import Phase
-from semlive.diagnose.judge import RARE
-from semlive.diagnose.named import LOUD
+from semlive.diagnose.named import LOUD, RARE
 from semlive.diagnose.observation import Observation, StepFacts
 from semlive.diagnose.regress import Term, basis, foretold, judged, term
 from semlive.model.load_effects import CLOCK, DRIFT, FRICTION, LOADS, ZERO, LoadFamily

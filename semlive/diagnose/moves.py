@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from semlive.data.diagnosis import Diagnosis, Disagreement, FoundEffect, FoundParameter, KnownEffect, Outcome
 from semlive.data.experiment import Phase
-from semlive.diagnose.judge import RARE
-from semlive.diagnose.named import LOUD
+from semlive.diagnose.named import LOUD, RARE
 from semlive.diagnose.observation import Observation, StepFacts
 from semlive.diagnose.regress import Term, basis, judged, term
 from semlive.model.move_effects import BACKLASH, MOVES, QUADRATIC, MoveFamily

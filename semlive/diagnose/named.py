@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from semlive.diagnose.baseline import Ladder, ladder
 from semlive.diagnose.evidence import Weighed, weigh
+from semlive.diagnose.prepared import Prepared
 from semlive.diagnose.refine import Refined, refined
 from semlive.diagnose.unknown import UNNAMED
 from semlive.model.effects import Family
@@ -17,6 +18,7 @@ from semlive.model.effects import Family
 # Logarithm of the Bayes factor from which on an effect counts. Among 199 draws of the null the largest of all families was 5.2, the 99th
 # percentile 2.7.
 LOUD = 7.0
+RARE = 0.01  # of nulls may be as loud
 HEARD = 2.0  # logarithm of a Bayes factor that one null in fifty reaches
 ODDS = math.log(20.0)  # rivals that are not so much less likely would do as well
 
@@ -88,7 +90,7 @@ def needed(bare: Ladder, having: Ladder, named: tuple[Named, ...]) -> tuple[Ladd
     """
     while len(named) > 1:
         # The last was loud beside all before it.
-        without = [_chained(bare, [other for other in named if other is not one], named[0].unnamed) for one in named[:-1]]
+        without = [chained(bare, [other for other in named if other is not one], named[0].unnamed) for one in named[:-1]]
         total = having.evidence + sum(one.room for one in named)
         left = [one.evidence + sum(other.room for other in rest) for one, rest in without]
         place = int(np.argmax(left))
@@ -98,7 +100,9 @@ def needed(bare: Ladder, having: Ladder, named: tuple[Named, ...]) -> tuple[Ladd
     return having, named
 
 
-def reconsidered(bare: Ladder, having: Ladder, named: tuple[Named, ...], families: Sequence[Family]) -> tuple[Ladder, tuple[Named, ...]]:
+def reconsidered(
+    bare: Ladder, having: Ladder, named: tuple[Named, ...], families: Sequence[Family], kept: Mapping[str, Prepared]
+) -> tuple[Ladder, tuple[Named, ...]]:
     """The baseline and its effects, each heard once more beside the others: another name may do better there, or as well.
 
     What was named first was heard where the others were still hidden: a rotation that drifts was called a drift of the distortion, which
@@ -109,11 +113,12 @@ def reconsidered(bare: Ladder, having: Ladder, named: tuple[Named, ...], familie
         having: with them.
         named: they; the last was heard beside all others.
         families: that are asked, those without a name among them.
+        kept: their laws.
     """
     for one in named[:-1]:
-        before, rest = _chained(bare, [other for other in named if other is not one], named[0].unnamed)
+        before, rest = chained(bare, [other for other in named if other is not one], named[0].unnamed)
         others = [family for family in families if family not in {other.refined.family for other in rest}]
-        heard = with_values_between(before, weigh(before, others, None))
+        heard = with_values_between(before, weigh(before, others, None, kept))
         candidates = [each for each in heard if each.family not in UNNAMED]
         best = max(candidates, key=lambda each: each.log_factor)
         rivals = [each for each in candidates if each is not best and each.log_factor > best.log_factor - ODDS]
@@ -124,7 +129,7 @@ def reconsidered(bare: Ladder, having: Ladder, named: tuple[Named, ...], familie
     return having, named
 
 
-def _chained(bare: Ladder, named: Sequence[Named], unnamed: float) -> tuple[Ladder, tuple[Named, ...]]:
+def chained(bare: Ladder, named: Sequence[Named], unnamed: float) -> tuple[Ladder, tuple[Named, ...]]:
     """Effects added anew in their order; what has no name was heard at the beginning, and not beside just these."""
     having, found = bare, list[Named]()
     for one in named:

@@ -148,6 +148,7 @@ def _scene(
     disparity: NDArray[np.float64],
 ) -> Scene:
     state = solution.state
+    assert state.drift is not None  # there are pairs
     address = position + disparity
     pixel = address + state.centre_px
     whens = [state.frame_time(int(frame)) for frame in frames]
@@ -175,6 +176,8 @@ def _scene(
         load_change_n=np.repeat(np.diff(between, prepend=0.0), 2),
         move_px=np.repeat(np.diff(shift, axis=0, prepend=shift[:1]), 2, axis=0),
         since_step_s=np.repeat([one.hold_s for one in steps], 2) + start_s - np.repeat(start_s[::2], 2),
+        drift_knot_s=state.drift.spline.spacing,
+        distortion_knot_px=state.distortion.along_y.spacing,
     )
 
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import gamma
 
 from semlive.data.diagnosis import Disagreement, FoundEffect, FoundParameter, KnownEffect, Outcome, RowChannel
-from semlive.diagnose.judge import RARE
-from semlive.diagnose.named import LOUD, ODDS
+from semlive.diagnose.named import LOUD, ODDS, RARE
 from semlive.diagnose.row_common import Common, common
 from semlive.diagnose.row_gap import row_gap, useful
 from semlive.diagnose.row_series import RowSeries

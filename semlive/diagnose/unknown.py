@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from semlive.diagnose.noise import modes
 from semlive.model.effects import Family, Law, Scene
 from semlive.model.effects.family import Values
-from semlive.model.effects.scene import in_time, plane, slowly
+from semlive.model.effects.scene import both_ways, dying_away, in_time, plane, slowly
 
 Array = NDArray[np.float64]
 
@@ -108,10 +108,23 @@ def _maps(scene: Scene) -> Iterable[Values]:
     return ({"map": float(place)} for place in range(len(LINEAR)))
 
 
+def _after_steps(scene: Scene, values: Values) -> Law:
+    """The picture comes to rest after every step, from another side each time."""
+    each = (scene.pair[:, None] == np.unique(scene.pair)).astype(np.float64)
+    fall = dying_away(scene, each, values["time_constant_s"])
+    return Law(np.concatenate([both_ways(one) for one in np.moveaxis(fall, -1, 0)], axis=-1), scatter=("rms_px", "px", 1.0))
+
+
+def _constants(scene: Scene) -> Iterable[Values]:
+    del scene
+    return ({"time_constant_s": float(one)} for one in np.geomspace(8.0, 400.0, 6))
+
+
 UNNAMED: tuple[Family, ...] = (
     Family("smooth_field_of_each_frame", "a smooth field of its own in every frame", _each_frame, sizes_px=SIZES_PX),
     Family("field_that_grows", "a smooth field that grows with time, or with its square", _growing, _powers, sizes_px=SIZES_PX),
     Family("field_that_wanders", "a smooth field that wanders slowly", _wandering, sizes_px=SIZES_PX),
     Family("field_of_every_other_frame", "a smooth field that comes and goes", _alternating, sizes_px=SIZES_PX),
+    Family("rest_after_every_step", "the picture comes to rest after every step, each time in a way of its own", _after_steps, _constants),
     Family("linear_map_that_wanders", "stretch, shear or rotation of any kind that wanders slowly", _linear, _maps, sizes_px=SIZES_PX),
 )

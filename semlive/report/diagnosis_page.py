@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Iterable, Sequence
 
-from semlive.data.diagnosis import Diagnosis, FoundEffect, Gap, Pictures
+from semlive.data.diagnosis import TOO_COARSE, Diagnosis, FoundEffect, Gap, Pictures
 from semlive.diagnose.propose import proposed
 from semlive.model.load_effects import OF_CELL
 from semlive.model.move_effects import beside_maps
@@ -82,7 +82,7 @@ def _verdict(found: Diagnosis) -> str:
         said += f"; confounded group {found.group}"
     if found.gap is not None:
         said += f"; {100 * found.gap.closure:.0f} % of the gap on held-out pairs closed"
-    return said
+    return said + "".join(f"; {name}: {TOO_COARSE[name]}" for name in found.coarse)
 
 
 def _effect(effect: FoundEffect) -> str:

@@ -138,6 +138,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "noise_px": found.noise_px,
         "evidence": dict(found.evidence),
         "overlap": dict(found.overlap),
+        "coarse": list(found.coarse),
         "rows": _rows_json(found),
         "grey": _grey_json(found),
     }

@@ -32,6 +32,8 @@ class Scene:
         load_change_n: (f,) change of the load by the step before the pair.
         move_px: (f, 2) commanded translation by the step before the pair.
         since_step_s: (f,) from the end of that step to the start of the scan.
+        drift_knot_s: distance of the knots of the drift's spline.
+        distortion_knot_px: the largest distance of the knots of the distortion's spline.
     """
 
     address_px: Array
@@ -51,6 +53,8 @@ class Scene:
     load_change_n: Array
     move_px: Array
     since_step_s: Array
+    drift_knot_s: float
+    distortion_knot_px: float
 
     @property
     def x(self) -> Array:

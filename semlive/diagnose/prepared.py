@@ -1,0 +1,109 @@
+"""Laws made ready to be asked about: whitened, and multiplied with the baseline's columns once.
+
+A search asks all laws again after every effect that it adds; the baseline's own columns, which take most of the time, are the same then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.diagnose.baseline import Design, Ladder
+from semlive.model.effects import Family, Scene
+
+Array = NDArray[np.float64]
+COLUMNS_AT_ONCE = 256
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Whitened:
+    """Columns of one or several laws; most move things along one axis only, and are held for that axis alone.
+
+    Attributes:
+        spans: which of the columns are each law's.
+        index: for x and for y, the columns that move things along it.
+        columns: for x and for y, (f b, their number).
+        alone: of each law (q, q) products of its columns with each other.
+        asked: (q,) products with what the first solution leaves of the data.
+        shared: for x and for y, (m, their number) products with the columns that the baseline had.
+    """
+
+    spans: tuple[slice, ...]
+    index: tuple[NDArray[np.int64], NDArray[np.int64]]
+    columns: tuple[Array, Array]
+    alone: tuple[Array, ...]
+    asked: Array
+    shared: tuple[Array, Array]
+
+    @classmethod
+    def of(cls, ladder: Ladder, fields: Sequence[Array]) -> Whitened:
+        """Laws' columns (f, b, 2, q) in px."""
+        design, left = ladder.design, ladder.left
+        ends = np.cumsum([0, *(one.shape[-1] for one in fields)]).tolist()
+        field = fields[0] if len(fields) == 1 else np.concatenate(fields, axis=-1)
+        index, columns, shared, asked = [], [], [], np.zeros(ends[-1])
+        for axis in (0, 1):
+            there = np.flatnonzero(field[:, :, axis].any(axis=(0, 1)))
+            white = design.whiten(field[:, :, axis, there])
+            flat = white.reshape(design.observation.frames * design.observation.blocks, len(there))
+            asked[there] += flat.T @ left[:, :, axis].ravel()
+            index.append(there)
+            columns.append(flat)
+            shared.append(design.along(axis, white))
+        spans = tuple(slice(first, last) for first, last in pairwise(ends))
+        alone = tuple(_among(index, columns, own) for own in spans)
+        return cls(spans, (index[0], index[1]), (columns[0], columns[1]), alone, asked, (shared[0], shared[1]))
+
+    def shared_with(self, design: Design) -> Array:
+        """(p, q) products with all columns of a baseline: that which these were made for, and effects that it got since."""
+        total = np.zeros((design.size, len(self.asked)))
+        for axis in (0, 1):
+            had, there = len(self.shared[axis]), self.index[axis]
+            total[np.ix_(design.index[axis][:had], there)] += self.shared[axis]
+            if had < design.columns[axis].shape[1]:
+                total[np.ix_(design.index[axis][had:], there)] += design.columns[axis][:, had:].T @ self.columns[axis]
+        return total
+
+    def along(self, noise: tuple[Array, Array]) -> Array:
+        """(q, draws) columns times whitened noise, (f b, draws) for x and for y."""
+        total = np.zeros((len(self.asked), noise[0].shape[1]))
+        for there, columns, one in zip(self.index, self.columns, noise, strict=True):
+            total[there] += columns.T @ one
+        return total
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    """A family's laws.
+
+    Attributes:
+        values: what is not linear, for each law.
+        batches: the laws in their order.
+    """
+
+    values: tuple[dict[str, float], ...]
+    batches: tuple[Whitened, ...]
+
+
+def prepared(ladder: Ladder, family: Family, scene: Scene) -> Prepared | None:
+    """A family's laws on a scene; None where none of them can be seen."""
+    told = [(dict(values), family.law(scene, values)) for values in family.grid(scene)]
+    seen = [(values, law.field_px) for values, law in told if law is not None]
+    if not seen:
+        return None
+    each = max(1, COLUMNS_AT_ONCE // seen[0][1].shape[-1])
+    batches = [Whitened.of(ladder, [field for _, field in seen[first : first + each]]) for first in range(0, len(seen), each)]
+    return Prepared(tuple(values for values, _ in seen), tuple(batches))
+
+
+def _among(index: Sequence[NDArray[np.int64]], columns: Sequence[Array], own: slice) -> Array:
+    total = np.zeros((own.stop - own.start,) * 2)
+    for there, one in zip(index, columns, strict=True):
+        low, high = np.searchsorted(there, (own.start, own.stop))
+        at = there[low:high] - own.start
+        total[np.ix_(at, at)] += one[:, low:high].T @ one[:, low:high]
+    return total
