@@ -45,7 +45,7 @@ def hidden_effect(name: str, peak_px: float, seed: int) -> tuple[Effect, ...]:
         "creep_in_hold": (peak_px / HALF_WIDTH_PX / TOP_N / 3.0, 10.0, 0.33),
         "load_step_transient": (x / STEP_N, y / STEP_N, 60.0),
         "stage_step_transient": (peak_px / 30.0, 60.0),
-        "drift_jump": (x, y, 214.7 * (3 + int(20 * share)) + 94.7 * (0.2 + 0.6 * share)),
+        "drift_jump": (x, y, 214.7 * (3 + int(20 * share)) + 94.7 * (0.2 + 0.5 * share)),  # in rows that have points
         "jump_within_pair": (x, y, 5 + 2 * int(8 * share)),
         "wrong_row_time": (peak_px / 0.4,),
         "thermal_oscillation": (x, y, 150.0 + 250.0 * share, 6.0 * share),

@@ -1,0 +1,98 @@
+"""What the baseline can follow: a drift that wanders, splines that are too coarse, and what held-out pairs cannot know."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+from blind.cases import CONFOUNDED, GRID, Case
+from blind.experiment import Conditions
+from blind.hiding import hidden_effect
+from blind.observing import observed
+
+from semlive.data.diagnosis import Diagnosis, KnownEffect, Outcome
+from semlive.data.grid import Grid
+from semlive.diagnose.baseline import DriftBelief, Ladder, ladder
+from semlive.diagnose.evidence import weigh
+from semlive.diagnose.gap import gap_of
+from semlive.diagnose.judge import diagnose
+from semlive.diagnose.known import family_of, joined
+from semlive.diagnose.noise import quiet
+from semlive.diagnose.refine import refined
+from semlive_simulators.effects.baseline_distortion_underresolved import BaselineDistortionUnderresolved
+from semlive_simulators.effects.protocol import Effect
+from semlive_simulators.effects.random_walk_drift import RandomWalkDrift
+
+COARSE = Grid(101, 101, 30, 25, 20, 43)
+DRAWS = 99
+WANDER = RandomWalkDrift(0.01, 20_000.0, 60.0, 7)
+HILLS = BaselineDistortionUnderresolved(0.05, 110.0)
+
+
+def told(effects: tuple[Effect, ...], grid: Grid = COARSE) -> Diagnosis:
+    return diagnose(observed(Conditions(71), effects, grid), draws=DRAWS)
+
+
+def wandering(bare: Ladder) -> float:
+    assert bare.best.belief is not None
+    return bare.best.belief[0].wander_px
+
+
+@pytest.fixture(scope="module")
+def smooth() -> Ladder:
+    return quiet(observed(Conditions(71), (), COARSE))
+
+
+def test_a_walk_is_believed_in_where_the_drift_wanders_and_nowhere_else(smooth: Ladder) -> None:
+    assert wandering(smooth) == 0.0
+    walked = quiet(observed(Conditions(71), (WANDER,), COARSE))
+    step_px = 0.01 * np.sqrt(walked.design.observation.state.drift.spline.spacing)  # type: ignore[union-attr]
+    assert 0.3 < wandering(walked) / step_px < 3.0
+    plain = [one.evidence for one in walked.rungs if one.belief is not None and not one.belief[0].wander_px]
+    assert walked.best.evidence > max(plain) + 50.0
+
+
+def test_drifts_that_could_follow_more_and_explain_less_are_not_asked(smooth: Ladder) -> None:
+    beliefs = [one.belief[0] for one in smooth.rungs if one.belief is not None]
+    assert DriftBelief(0.0, 1.0) not in beliefs
+    assert all(one.evidence > smooth.best.evidence - 40.0 or one.room > smooth.best.room for one in smooth.rungs)
+
+
+def test_a_drift_that_wanders_faster_than_its_knots_is_no_effect() -> None:
+    """Its waves of 62 s, between knots 32 s apart, were named an oscillation."""
+    found = diagnose(Case(CONFOUNDED, ("random_walk_drift",), 1.0, 22_003).observed(), draws=DRAWS)
+    assert (found.outcome, found.effects, found.coarse) == (Outcome.NONE, (), ("baseline_drift_underresolved",))
+
+
+def test_an_effect_is_named_beside_a_drift_that_wanders() -> None:
+    found = told((WANDER, *hidden_effect("magnification_drift", 0.4, 1)))
+    assert (found.outcome, [one.name for one in found.effects]) == (Outcome.IDENTIFIED, ["magnification_drift"])
+    assert found.gap is not None
+    assert found.gap.closure > 0.7
+
+
+def test_a_distortion_finer_than_its_knots_is_no_effect() -> None:
+    found = told((HILLS,), GRID)
+    assert (found.outcome, found.effects, found.coarse) == (Outcome.NONE, (), ("baseline_distortion_underresolved",))
+
+
+def test_what_draws_leave_of_held_out_frames_is_what_the_data_leave(smooth: Ladder) -> None:
+    """Closure has a floor that is neither above nor below what is left where nothing is missing."""
+    weak = joined(smooth, [KnownEffect("magnification_drift", (), 0.003)])[0]
+    gap = gap_of(smooth, weak, 0)
+    assert gap.after_px == pytest.approx(gap.floor_px, rel=0.12)
+
+
+def test_a_row_time_that_is_named_surely_is_not_rejected_for_what_held_out_frames_cannot_know() -> None:
+    bare = quiet(observed(Conditions(20_013), hidden_effect("wrong_row_time", 0.3, 1), GRID))
+    (heard,) = weigh(bare, [family_of("wrong_row_time")], None)
+    found = refined(bare, heard)
+    gap = gap_of(bare, ladder(bare.design.having(found.found)), 0)
+    assert found.log_factor > 30.0
+    assert gap.closure_interval[1] > 0.5
+    assert gap.log_odds > 0.0
