@@ -91,7 +91,9 @@ def _effect_table(effect: FoundEffect) -> Table:
     for one in effect.parameters:
         table.add_row(one.name, f"{one.value:.4g}", f"{one.sigma:.2g}", one.unit)
     if effect.strain:
-        table.caption = "this is strain, or looks like it: strain is not corrected for it"
+        one = effect.on_modulus
+        by = "" if one is None else f"; it would change Young's modulus by {100 * one.value:+.2g} +- {100 * one.sigma:.2g} %"
+        table.caption = f"this is strain, or looks like it: strain is not corrected for it{by}"
     return table
 
 

@@ -105,6 +105,11 @@ class FoundEffect:
     covariance_px2: tuple[tuple[float, ...], ...] = ()
     strain_eaten: float = 0.0
 
+    @property
+    def on_modulus(self) -> FoundParameter | None:
+        """What a correction would change of Young's modulus, relative; None where that is not among the parameters."""
+        return next((one for one in self.parameters if one.name == "modulus_change"), None)
+
 
 @dataclass(frozen=True, slots=True)
 class Gap:
@@ -135,7 +140,7 @@ class Disagreement:
 
     Attributes:
         domain: space, row, row_start, scan_time, frame, load or fraction; of the row channel row_waves and row_common, of the stage moves,
-            of grey levels intensity, which moves nothing.
+            of the load cell load_readings, of a strain gage gage_readings, of grey levels intensity, which moves nothing.
         p_value: family-wise, over all domains.
         rms_px: size of what disagrees there.
     """

@@ -102,7 +102,7 @@ def with_loads(found: Diagnosis, readings: Readings) -> Diagnosis:
     evidence = tuple((name, one.log_factor) for name, one in heard.items())
     beside = replace(found, where=where, evidence=(*found.evidence, *evidence))
     beside = replace(beside, gap=beside.gap or _gap(readings, [one.family.name for one in loud]))
-    return _told(beside, [one.effect(len(heard)) for one in loud], [one.rivals for one in loud], [one.family for one in loud])
+    return told_beside(beside, [one.effect(len(heard)) for one in loud], [one.rivals for one in loud], [one.family for one in loud])
 
 
 def added_by(readings: Readings, names: Sequence[str]) -> dict[str, Array]:
@@ -124,10 +124,10 @@ def with_clock(found: Diagnosis, offset_s: float, sigma_s: float) -> Diagnosis:
         return beside
     parameters = (FoundParameter("offset_s", offset_s, sigma_s, "s"),)
     effect = FoundEffect(CLOCK.name, parameters, 0.0, odds, p_value, False, KnownEffect(CLOCK.name, (), abs(offset_s)))
-    return _told(beside, [effect], [()], [CLOCK])
+    return told_beside(beside, [effect], [()], [CLOCK])
 
 
-def _told(found: Diagnosis, effects: list[FoundEffect], rivals: list[tuple[str, ...]], families: list[LoadFamily]) -> Diagnosis:
+def told_beside(found: Diagnosis, effects: list[FoundEffect], rivals: list[tuple[str, ...]], families: list[LoadFamily]) -> Diagnosis:
     """With effects that other channels do not speak of: what they left open stays open."""
     found = replace(found, effects=(*found.effects, *effects))
     unsure = next((at for at, one in enumerate(rivals) if one), None)
@@ -170,7 +170,7 @@ def _test(readings: Readings, family: LoadFamily) -> _Test | None:
     others = [column for name, column in own.items() if name != family.name]
     columns = np.stack([*base, *others, np.zeros(len(factor)), own[family.name], readings.load_n], axis=-1)
     white = solve_triangular(factor, columns, lower=True)
-    found = _no_surer(term(white[:, -2], white[:, -1], basis(white[:, :-2], 1e-12)))
+    found = no_surer(term(white[:, -2], white[:, -1], basis(white[:, :-2], 1e-12)))
     told = None if found is None else judged([found])
     if found is None or told is None:
         return None
@@ -180,7 +180,7 @@ def _test(readings: Readings, family: LoadFamily) -> _Test | None:
     return _Test(family, found, *told, size_n, size_px, matters, _rivals(readings, family, found))
 
 
-def _no_surer(found: Term | None) -> Term | None:
+def no_surer(found: Term | None) -> Term | None:
     """A term no surer than the readings' own uncertainties have it: unloaded ones that are all exactly 0 say no more for that."""
     if found is None or found.left >= found.freedom:
         return found
@@ -231,7 +231,18 @@ def _gap(readings: Readings, names: list[str]) -> Gap | None:
     (before, _), (after, wider) = (
         foretold(readings.load_n / sigma_n, basis(np.stack(one, axis=-1) / sigma_n[:, None], 1e-12)) for one in wanted
     )
-    px = sigma_n / stiff_n * readings.half_px
+    return scored(before, after, wider, sigma_n / stiff_n * readings.half_px)
+
+
+def scored(before: Array, after: Array, wider: Array, px: Array) -> Gap:
+    """A gap by readings that were each foretold from all others.
+
+    Args:
+        before: (n,) what each was off without the effects, in its standard uncertainties.
+        after: (n,) with them.
+        wider: (n,) the variance that noise alone gives to that, in those of a reading.
+        px: (n,) what a standard uncertainty stands for in the picture.
+    """
     squares = np.stack([(before * px) ** 2, (after * px) ** 2, wider * px**2])
     n = squares.shape[1]
     drawn = squares[:, np.random.default_rng(0).integers(n, size=(_RESAMPLED, n))].mean(axis=2)

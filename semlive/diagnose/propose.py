@@ -49,6 +49,7 @@ _DECIDES = {
     "friction_hysteresis": Kind.UNLOAD,
     "load_cell_zero": Kind.PARKED,
     "load_cell_drift": Kind.PARKED,
+    "out_of_plane_translation": Kind.UNLOAD,
     "timestamp_offset": Kind.PARKED,
     "contamination": Kind.AGAIN,
     "defocus": Kind.AGAIN,

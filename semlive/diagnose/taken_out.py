@@ -21,7 +21,7 @@ from semlive.diagnose.load_channel import Readings, added_by, readings_of
 from semlive.diagnose.observation import Observation, StepFacts, first_solution, observe, steps_of
 from semlive.errors import IllPosed
 from semlive.estimate.accumulate import DENSE_PAIRS
-from semlive.model.load_effects import OF_CELL
+from semlive.model.load_effects import LIFT, OF_CELL
 from semlive.model.move_effects import beside_maps
 
 Array = NDArray[np.float64]
@@ -100,7 +100,7 @@ def taken_out(model: KnownModel, settings: EstimateSettings, loading_axis: str, 
     first = seen[0].decision.first
     of_maps = [one for one in model.effects if beside_maps(one.name) is None]
     of_cell = [one.name for one in model.effects if one.name in OF_CELL]
-    notes = [f"model: {one.name} is not a matter of maps, and is left in" for one in model.effects if _left_alone(one)]
+    notes = [f"model: {one.name} is {_kind(one)}, and is left in" for one in model.effects if _left_alone(one)]
     why = unfit(model, (first.width_px, first.height_px))
     if why or not (of_maps or of_cell):
         return TakenOut(len(seen), notes=(*((f"WARNING: model: nothing is taken out of the maps: {why}",) if why else ()), *notes))
@@ -120,6 +120,10 @@ def taken_out(model: KnownModel, settings: EstimateSettings, loading_axis: str, 
 
 def _left_alone(effect: KnownEffect) -> bool:
     return beside_maps(effect.name) is not None and effect.name not in OF_CELL
+
+
+def _kind(effect: KnownEffect) -> str:
+    return "strain to the maps" if effect.name == LIFT.name else "not a matter of maps"
 
 
 def _cell(readings: Readings, names: Sequence[str], steps: Sequence[StepFacts]) -> tuple[dict[int, float], list[str]]:

@@ -1,4 +1,4 @@
-"""Effects of the load cell and of clocks, as readings beside strain and files beside their arrival tell them; no picture moves by them."""
+"""Effects that readings tell beside the strain of the maps: of the load cell, of clocks, and a lift that is strain to the maps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from semlive.model.named import Named
 
 @dataclass(frozen=True, slots=True)
 class LoadFamily(Named):
-    """An effect on what is read, not on what is seen.
+    """An effect on what is read, or one that only readings tell.
 
     Attributes:
         rivals: names that the same readings would have as well.
@@ -39,10 +39,17 @@ CLOCK = LoadFamily(
     "set one of the clocks, or state the difference in sem.profile.clock_offset_s",
     "G7",
 )
+LIFT = LoadFamily(
+    "out_of_plane_translation",
+    "the specimen comes nearer to the lens as the load grows, and is magnified with it: (u, v) = k F (x - xc, y - yc)",
+    "a strain gage on either side of the specimen, or the working distance in focus at each load",
+    "G6",
+    ("bending_misalignment",),
+)
 LOADS = (ZERO, DRIFT, FRICTION)
 OF_CELL = frozenset(one.name for one in LOADS)
 
 
 def of_loads(name: str) -> LoadFamily | None:
     """The effect of readings or clocks of a name; None if it is none."""
-    return next((one for one in (*LOADS, CLOCK) if one.name == name), None)
+    return next((one for one in (*LOADS, CLOCK, LIFT) if one.name == name), None)

@@ -90,12 +90,19 @@ def _effect(effect: FoundEffect) -> str:
         (one.name, f"{one.value:.4g}", f"{one.sigma:.2g}", f"{one.value / one.sigma:.1f}" if one.sigma > 0 else "", one.unit)
         for one in effect.parameters
     ]
-    eaten = f"A correction would take {100 * effect.strain_eaten:.2g} % of a strain away"
+    eaten = f"A correction would take {_share(effect.strain_eaten)} of a strain away"
+    if effect.on_modulus is not None:
+        by, sigma = effect.on_modulus.value, effect.on_modulus.sigma
+        eaten += f", and change Young's modulus by {100 * by:+.2g} ± {100 * sigma:.2g} %"
     said = f"{eaten}: strain is not corrected for it." if effect.strain else f"{eaten}."
     in_maps = beside_maps(effect.law.name) is None
     taken = "on" if (in_maps and not effect.strain) or effect.law.name in OF_CELL else "off"
     rows = [(*row, taken) for row in rows]
     return _table(("parameter", "value", "sigma", "value over sigma", "unit", "correction"), rows) + f"<p>{html.escape(said)}</p>"
+
+
+def _share(eaten: float) -> str:
+    return f"{100 * eaten:.2g} %" if eaten < 0.995 else "all"
 
 
 def _course(found: Diagnosis, name: str) -> str:

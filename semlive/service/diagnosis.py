@@ -10,6 +10,7 @@ from typing import Any
 from semlive import pipeline
 from semlive.data.diagnosis import NO_MODEL, Diagnosis, Experiment, Foretold, FoundEffect, FoundParameter, Gap, KnownEffect
 from semlive.diagnose.foretelling import foretold
+from semlive.diagnose.gage_channel import gage_readings_of, with_gage
 from semlive.diagnose.grey_channel import diagnose_grey
 from semlive.diagnose.judge import diagnose
 from semlive.diagnose.known import showing
@@ -49,7 +50,9 @@ def diagnose_log(
     if found.experiment is not None:
         found = replace(found, experiment=ranked(found.experiment, foretold(seen, found, known)))
     settings = log_settings(log)
-    found = with_loads(found, readings_of(seen, steps, settings.specimen.loading_axis))
+    readings = readings_of(seen, steps, settings.specimen.loading_axis)
+    found = with_loads(found, readings)
+    found = with_gage(found, gage_readings_of(readings, steps, settings.specimen.gage_factor_sigma))
     if words.sem_clock is not None:
         found = with_clock(found, words.sem_clock.offset_s - settings.scan.clock_offset_s, words.sem_clock.sigma_s)
     seen_beside = channels_of_log(log, watch)

@@ -69,6 +69,11 @@ def _tilt(found: Found, run: Found) -> dict[str, Any]:
     return {"tilt_rad_per_n": found["tilt_over_working_distance_per_n"] * distance_px, "working_distance_mm": WORKING_DISTANCE_MM}
 
 
+def _lift(found: Found, run: Found) -> dict[str, Any]:
+    del run
+    return {"lift_um_per_n": found["strain_per_n"] * 1e3 * WORKING_DISTANCE_MM, "working_distance_mm": WORKING_DISTANCE_MM}
+
+
 def _bending(found: Found, run: Found) -> dict[str, Any]:
     return {"curvature_per_mm_n": found["curvature_per_n"] / (1e-3 * run["pixel_size_um"]), "poissons_ratio": POISSON}
 
@@ -144,5 +149,6 @@ SIMULATED: dict[str, Callable[[Found, Found], dict[str, Any]]] = {
     "load_cell_zero": _alike("zero_n"),
     "load_cell_drift": _alike("rate_n_per_s"),
     "friction_hysteresis": _alike("friction_n"),
+    "out_of_plane_translation": _lift,
     "timestamp_offset": _alike("offset_s"),
 }

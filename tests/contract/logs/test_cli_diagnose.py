@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from numexp.asfolder import write_folder
+from numexp.asfolder import MODULUS_MPA, write_folder
 from numexp.cases import CASES
 from numexp.experiment import make_experiment
 
@@ -60,6 +60,42 @@ def test_a_verdict_is_one_object_and_the_model_a_file(semlive: Callable[..., Sai
     code, out, _ = semlive("replay", str(log), "--json", "--model", str(model))
     assert code == 0
     assert any("magnification_drift" in one for one in json.loads(out)["warnings"])
+
+
+def gaged(folder: Path, share: float) -> None:
+    """A gage that says a share of the strain under each load, where loads are those of an area of 1 mm^2."""
+    head, *lines = (folder / "frames.csv").read_text().splitlines()
+    loads = [line.split(",")[head.split(",").index("load_n")] for line in lines]
+    said = [f"{line},{share * float(load) / MODULUS_MPA if load else ''}" for line, load in zip(lines, loads, strict=True)]
+    (folder / "frames.csv").write_text("\n".join([f"{head},gage_strain", *said, ""]))
+
+
+def test_strain_that_a_gage_does_not_see_is_told_and_not_corrected(semlive: Callable[..., Said], tmp_path: Path) -> None:
+    folder = write_folder(make_experiment(CASES["tension"], 3, Grid(101, 101, 20, 38, 30, 43), calibration_pairs=6), tmp_path / "maps")
+    log, model, page = tmp_path / "log.mcap", tmp_path / "model.json", tmp_path / "page.html"
+    assert semlive("import", str(folder), "-o", str(log), "--subset-px", "43")[0] == 0
+    without = json.loads(semlive("diagnose", str(log), "--json")[1])
+    assert (without["outcome"], without["gap"]) == ("NONE", None)
+    assert "gage_readings" not in {one["domain"] for one in without["where"]}
+    assert "out_of_plane_translation" not in without["evidence"]
+
+    gaged(folder, 0.9)
+    assert semlive("import", str(folder), "-o", str(log), "--subset-px", "43")[0] == 0
+    code, out, _ = semlive("diagnose", str(log), "-o", str(model), "--html", str(page))
+    said = " ".join(out.split())
+    assert code == 0
+    assert "IDENTIFIED" in said
+    assert "strain is not corrected for it; it would change Young's modulus by +11 +-" in said
+    assert "and change Young&#x27;s modulus by +11 ±" in page.read_text()
+    (effect,) = json.loads(model.read_text())["effects"]
+    assert (effect["name"], effect["looks_like_strain"], effect["strain_eaten"]) == ("out_of_plane_translation", True, 1.0)
+    # A tenth of the strain, of which the loads are the modulus times 1 mm^2.
+    lift = effect["parameters"]["strain_per_n"]
+    assert abs(lift["value"] - 0.1 / MODULUS_MPA) < 3.0 * lift["sigma"]
+
+    code, out, _ = semlive("replay", str(log), "--json", "--model", str(model))
+    assert code == 0
+    assert "model: out_of_plane_translation is strain to the maps, and is left in" in json.loads(out)["warnings"]
 
 
 def test_too_few_pairs_are_one_sentence(semlive: Callable[..., Said], short: Path) -> None:

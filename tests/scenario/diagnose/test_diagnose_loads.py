@@ -1,8 +1,9 @@
-"""What the load cell does by itself, beside the strain that the estimate of a whole experiment gives."""
+"""What the load cell does by itself, and what a strain gage says, beside the strain that the estimate of a whole experiment gives."""
 
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,13 @@ from numexp.world import start_s
 
 from semlive.data.diagnosis import Diagnosis, Outcome
 from semlive.data.grid import Grid
+from semlive.data.strain import Measured
+from semlive.diagnose.gage_channel import gage_readings_of, with_gage
 from semlive.diagnose.load_channel import readings_of, with_loads
 from semlive.diagnose.observation import Observation, StepFacts
 from semlive_simulators.effects.load_cell_drift import LoadCellDrift
 from semlive_simulators.effects.load_cell_zero import LoadCellZero
+from semlive_simulators.effects.out_of_plane_translation import OutOfPlaneTranslation
 
 GRID = Grid(101, 101, 15, 50, 40, 43)
 CONDITIONS = Conditions(509)
@@ -63,3 +67,25 @@ def test_what_it_does_by_itself_has_a_name(seen: Observation) -> None:
     assert zero.ambiguous == ("load_cell_zero", "preload")
     (one,) = zero.effects[0].parameters
     assert one.value == pytest.approx(-20.0, abs=3.0 * one.sigma)
+
+
+def gaged() -> list[StepFacts]:
+    """Steps with a gage whose factor is off by the usual 0.5 %, and whose zero by 1e-4."""
+    rng = np.random.default_rng(2)
+    strain = [1.005 * one.load_n / (YOUNGS_GPA * 1e3 * AREA_MM2) + 1e-4 + 1e-7 * rng.standard_normal() for one in poses(CONDITIONS)]
+    return [replace(one, gage=Measured(by, 1e-7)) for one, by in zip(steps(None), strain, strict=True)]
+
+
+def test_a_lift_that_is_strain_to_the_maps_is_told_by_a_gage(seen: Observation) -> None:
+    at_rest = with_gage(NOTHING, gage_readings_of(readings_of(seen, gaged(), "y"), gaged(), 0.005))
+    assert at_rest.outcome is Outcome.NONE
+    assert at_rest.where[-1].p_value > 0.01
+
+    lift = OutOfPlaneTranslation.defaults("x200")
+    lifted = with_gage(NOTHING, gage_readings_of(readings_of(observed(CONDITIONS, (lift,), GRID), gaged(), "y"), gaged(), 0.005))
+    assert (lifted.outcome, lifted.group) == (Outcome.IDENTIFIED, "G6")
+    one = lifted.effects[0].parameters[0]
+    assert one.value == pytest.approx(lift.lift_um_per_n / (1e3 * lift.working_distance_mm), abs=3.0 * one.sigma)
+    assert one.sigma < 1e-8
+    assert lifted.gap is not None
+    assert lifted.gap.closure > 0.95

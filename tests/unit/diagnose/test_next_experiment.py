@@ -14,7 +14,7 @@ from semlive.diagnose.propose import Kind, proposed
 from semlive.errors import BadConfig
 from semlive.model.effects import DICTIONARY
 from semlive.model.grey_effects import GREYS
-from semlive.model.load_effects import CLOCK, LOADS
+from semlive.model.load_effects import CLOCK, LIFT, LOADS
 from semlive.model.move_effects import MOVES, beside_maps
 from semlive.model.row_effects import ROW_DICTIONARY
 from semlive.service.config import parse_config
@@ -63,6 +63,7 @@ def verdict(outcome: Outcome, names: tuple[str, ...] = (), ambiguous: tuple[str,
         (verdict(Outcome.IDENTIFIED, ("wrong_row_time",)), Kind.OTHER_SCAN),
         (verdict(Outcome.AMBIGUOUS, ("friction_hysteresis",), ("friction_hysteresis", "refocus_magnification_step")), Kind.UNLOAD),
         (verdict(Outcome.IDENTIFIED, ("load_cell_drift",)), Kind.PARKED),
+        (verdict(Outcome.IDENTIFIED, ("out_of_plane_translation",)), Kind.UNLOAD),
         (verdict(Outcome.IDENTIFIED, ("creep_in_hold",)), Kind.LONGER_HOLD),
         (verdict(Outcome.IDENTIFIED, ("tilt_with_load",)), Kind.UNLOAD),
         (verdict(Outcome.IDENTIFIED, ("contamination",)), Kind.AGAIN),
@@ -113,7 +114,7 @@ def test_a_found_effect_is_played_by_the_simulators_own(name: str, tmp_path: Pat
 
 
 def test_what_cannot_be_played_is_said(tmp_path: Path) -> None:
-    known = {one.name for one in (*DICTIONARY, *ROW_DICTIONARY, *MOVES, *LOADS, CLOCK, *GREYS)}
+    known = {one.name for one in (*DICTIONARY, *ROW_DICTIONARY, *MOVES, *LOADS, CLOCK, LIFT, *GREYS)}
     assert set(SIMULATED) - NAMED_BY_VALUE == known - {"inhomogeneous_strain", "dic_subpixel_bias"}
     with pytest.raises(BadConfig, match="no counterpart"):
         scenario_yaml(model(tmp_path / "model.json", "inhomogeneous_strain"), "paper_x200")

@@ -1,0 +1,158 @@
+"""A specimen that is lifted with the load is told from strain by a gage; the lift is the simulators' own, and so is the gage's factor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from semlive.data.diagnosis import Diagnosis, FoundEffect, KnownEffect, Outcome
+from semlive.data.experiment import Phase
+from semlive.data.strain import Measured
+from semlive.diagnose.gage_channel import GageReadings, gage_readings_of, with_gage
+from semlive.diagnose.load_channel import Readings, with_loads
+from semlive.diagnose.observation import StepFacts
+from semlive_simulators.effects.out_of_plane_translation import OutOfPlaneTranslation
+
+NOTHING = Diagnosis(Outcome.NONE, (), (), None, None, None, (), 0.01)
+UP = [100.0, 450.0, 800.0, 1150.0, 1500.0, 1850.0, 2200.0]
+STIFF_N, STRAIN_SIGMA, GAGE_SIGMA, REST, EVERY_S = 0.711e6, 5e-6, 1e-7, 15, 250.0
+DEFAULT = OutOfPlaneTranslation.defaults("x200")
+LIFT = DEFAULT.lift_um_per_n / (1e3 * DEFAULT.working_distance_mm)
+HALF_PX = 441.5
+
+
+def readings(
+    seed: int,
+    per_n: float = 0.0,
+    factor: float | None = None,
+    zero: float = 0.0,
+    step: float = 0.0,
+    scatter: float = 0.0,
+    drift_per_s: float = 0.0,
+    loads: list[float] = UP,
+) -> GageReadings:
+    """Fifteen pairs at rest, then the loads. What frame 0 leaves open (1e-5) all loads share; the factor is off by a draw of its 0.5 %.
+
+    Args:
+        seed: of all noise.
+        per_n: strain that a lift feigns.
+        factor: what the gage's is; None draws it.
+        zero: of the gage.
+        step: strain that only maps show, alike at all loads.
+        scatter: standard deviation of what the maps add in each loaded pair by themselves.
+        drift_per_s: of the gage.
+        loads: that were held.
+    """
+    rng = np.random.default_rng(seed)
+    load_n = np.array([0.0] * REST + loads)
+    loaded = np.arange(len(load_n)) >= REST
+    time_s = EVERY_S * np.arange(len(load_n))
+    drawn = 1.0 + 0.005 * rng.standard_normal() if factor is None else factor
+    strain = load_n / STIFF_N + per_n * load_n + step + 1e-5 * rng.standard_normal()
+    strain += (STRAIN_SIGMA + scatter) * rng.standard_normal(len(load_n))
+    gage = drawn * load_n / STIFF_N + zero + drift_per_s * time_s + GAGE_SIGMA * rng.standard_normal(len(load_n))
+    covariance = np.outer(loaded, loaded) * 1e-10 + np.diag(np.where(loaded, STRAIN_SIGMA**2, 0.0))
+    way = np.where(loaded, 1.0, 0.0)
+    read_n = load_n + 0.05 * rng.standard_normal(len(load_n))
+    beside = Readings(time_s, read_n, np.where(loaded, strain, 0.0), covariance, loaded, way, HALF_PX)
+    return GageReadings(beside, gage, np.full(len(load_n), GAGE_SIGMA), 0.005)
+
+
+def named(found: list[Diagnosis]) -> int:
+    return sum(any(one.name == "out_of_plane_translation" for one in verdict.effects) for verdict in found)
+
+
+def test_maps_that_show_what_the_gage_shows_have_no_lift() -> None:
+    found = [with_gage(NOTHING, readings(seed)) for seed in range(400)]
+    assert named(found) == 0
+    assert all(one.outcome is Outcome.NONE for one in found)
+    assert np.mean([one.where[-1].p_value < 0.05 for one in found]) < 0.09
+
+
+@pytest.mark.parametrize(("per_n", "least"), [(LIFT, 40), (-LIFT, 40), (0.5 * LIFT, 40), (0.25 * LIFT, 20)])
+def test_a_lift_has_a_name(per_n: float, least: int) -> None:
+    found = [with_gage(NOTHING, readings(seed, per_n)) for seed in range(40)]
+    assert named(found) >= least
+    told = [one for one in found if one.effects]
+    assert all((one.outcome, one.group, one.ambiguous) == (Outcome.IDENTIFIED, "G6", ()) for one in told)
+    assert all(one.effects[0].strain for one in told)
+    values = [{item.name: item for item in one.effects[0].parameters} for one in told]
+    away = [(one["strain_per_n"].value - per_n) / one["strain_per_n"].sigma for one in values]
+    if least == len(found):  # those that are loud by luck are too large
+        assert abs(np.mean(away)) < 0.5
+        assert np.std(away) == pytest.approx(1.0, abs=0.3)
+        assert np.median([one.gap.closure for one in found if one.gap is not None]) == pytest.approx(1.0, abs=0.05)
+        assert values[0]["size_px"].value == pytest.approx(abs(per_n) * 2200.0 * HALF_PX, rel=0.1)
+        # The maps' modulus is E / (1 + k E A).
+        assert np.mean([one["modulus_change"].value for one in values]) == pytest.approx(per_n * STIFF_N, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {"factor": 1.005},
+        {"factor": 0.995},
+        {"factor": 1.01},
+        {"zero": 3e-4},
+        {"zero": -3e-4, "factor": 1.005},
+        {"step": 2e-4},
+        {"scatter": 1e-4},
+        {"drift_per_s": 2e-8},
+    ],
+)
+def test_what_a_gage_or_a_first_step_does_is_no_lift(told: dict[str, float]) -> None:
+    assert named([with_gage(NOTHING, readings(seed, **told)) for seed in range(100)]) == 0
+
+
+def test_what_differs_from_load_to_load_is_told_without_a_name() -> None:
+    found = [with_gage(NOTHING, readings(seed, scatter=1e-4)) for seed in range(100)]
+    heard = [one.where[-1] for one in found]
+    assert all(one.domain == "gage_readings" for one in heard)
+    assert sum(one.p_value < 0.01 for one in heard) >= 95
+    # Seven values scatter about their own mean by 0.93 of that.
+    assert np.median([one.rms_px for one in heard]) == pytest.approx(0.97e-4 * HALF_PX, rel=0.25)
+    assert all(one.outcome is Outcome.NONE for one in found)
+
+
+@pytest.mark.parametrize("name", ["bending_misalignment", "magnification_drift"])
+@pytest.mark.parametrize("known", [False, True])
+def test_what_parts_maps_and_gage_as_well_leaves_it_open(name: str, known: bool) -> None:
+    law = KnownEffect(name, (), 0.1)
+    effect = FoundEffect(name, (), 0.1, 20.0, 0.003, False, law)
+    before = replace(NOTHING, known=(law,)) if known else replace(NOTHING, outcome=Outcome.IDENTIFIED, effects=(effect,), group="G11")
+    found = with_gage(before, readings(1, LIFT))
+    assert (found.outcome, found.ambiguous) == (Outcome.AMBIGUOUS, ("out_of_plane_translation", name))
+    assert found.group == "G6"
+    assert found.experiment is not None
+
+
+def test_without_a_gage_or_with_too_few_loads_nothing_changes() -> None:
+    assert with_gage(NOTHING, None) is NOTHING
+    assert with_gage(NOTHING, readings(1, LIFT, loads=UP[:5])) is NOTHING
+    silent = readings(1, LIFT)
+    assert with_gage(NOTHING, replace(silent, gage=np.where(silent.beside.loaded, np.nan, silent.gage))) is NOTHING
+    steps = [StepFacts(at, Phase.TENSION, (1.0, 1.0), (0.0, 0.0)) for at in range(3)]
+    assert gage_readings_of(silent.beside, steps, 0.005) is None
+
+
+def test_pairs_at_which_it_was_silent_are_left_out() -> None:
+    steps = [StepFacts(at, Phase.TENSION, (1.0, 1.0), (0.0, 0.0), gage=None if at == 1 else Measured(1e-4, 1e-7)) for at in range(3)]
+    told = gage_readings_of(readings(1).beside, steps, 0.005)
+    assert told is not None
+    assert np.isnan(told.gage).tolist() == [False, True, False]
+
+
+def test_what_the_model_has_is_not_named_again() -> None:
+    known = replace(NOTHING, known=(KnownEffect("out_of_plane_translation", (), 0.14),))
+    assert with_gage(known, readings(1, LIFT)).effects == ()
+
+
+def test_the_load_cell_says_what_it_said() -> None:
+    one = readings(1, LIFT)
+    alone = with_loads(NOTHING, one.beside)
+    both = with_gage(alone, one)
+    assert alone.effects == ()
+    assert both.where[:-1] == alone.where
+    assert both.evidence[:-1] == alone.evidence
