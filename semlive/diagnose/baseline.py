@@ -19,6 +19,7 @@ from semlive.estimate.prior import Hyper, Smoothness, belief_precision, gauge_pr
 Array = NDArray[np.float64]
 
 SMOOTHEST_PX, WIDEST_PX = 3e-4, 100.0  # farther apart, the belief's precision has no Cholesky factor in double precision
+ROUGHEST_PX = 1.0  # of a drift, from knot to knot, as the estimator has it: with 75 px one followed what a bending had left of the noise
 ANY_DISTORTION = 10.0
 STILL_RAD = 1e-9  # a specimen that turns with each move is an effect with a name of its own
 BELIEF = 4.0  # standard deviation of the logarithm about the first choice
@@ -343,7 +344,10 @@ def _different(columns: Design) -> list[DriftBelief]:
 
 
 def _drift_of(first: Sequence[Smoothness], drift: DriftBelief) -> tuple[Smoothness, Smoothness]:
-    return _scaled(first, drift.by) if drift.by else (Smoothness(3, SMOOTHEST_PX), Smoothness(3, SMOOTHEST_PX))
+    if not drift.by:
+        return Smoothness(3, SMOOTHEST_PX), Smoothness(3, SMOOTHEST_PX)
+    one, two = (replace(kind, size_px=min(kind.size_px, ROUGHEST_PX)) for kind in _scaled(first, drift.by))
+    return one, two
 
 
 def _walk(columns: Design, prior: Array, wander_px: float) -> None:

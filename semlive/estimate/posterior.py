@@ -219,6 +219,11 @@ def posterior(data: Information, prior: NDArray[np.float64], noise_scale: float)
     return cho_solve((factor, True), data[1] * noise_scale**-2.0, check_finite=False), factor
 
 
+def mean_with(state: EstimatorState, hyper: Hyper) -> NDArray[np.float64]:
+    """(n,) posterior mean with a smoothness that is given, and the noise as it then seems."""
+    return _first_mean(state, hyper, gauge_precision(state))
+
+
 def _first_mean(state: EstimatorState, start: Hyper, gauge: NDArray[np.float64]) -> NDArray[np.float64]:
     """With smoothness as believed without data, and the noise as it then seems.
 

@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import numpy as np
 from blind.experiment import Conditions
-from blind.hiding import DETECTABLE_PX, hidden_effect
+from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.observing import observed
 from blind.scoring import at_least
 from numexp.world import SCAN
@@ -101,7 +101,7 @@ def main() -> None:
 
 def compared(true: str, other: str, times: float, seed: int, second: int) -> Iterator[Told]:
     """All experiments after one run."""
-    size_px = times * DETECTABLE_PX[true]
+    size_px = times * PROTOTYPE_PX[true]
     first = observed(Conditions(seed), hidden_effect(true, size_px, seed), GRID)
     before = quiet(first)
     rivals = [refined(before, one) for one in weigh(before, [family_of(true), family_of(other)], None)]

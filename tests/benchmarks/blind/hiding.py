@@ -22,7 +22,10 @@ END_S = 29 * (94.6764 + 120.0) + 94.6764  # of 15 pairs
 
 _FROZEN = json.loads((Path(__file__).parent / "detectable.json").read_text(encoding="utf-8"))
 DETECTABLE_PX: dict[str, float] = {name: one["detectable_px"] for name, one in _FROZEN.items()}
-"""Peak px that 15 pairs with 0.02 px of noise shared over 43 px subsets show at 90 % power and 1 % false alarms: frozen."""
+"""Peak px that 15 pairs with 0.02 px of noise shared over 43 px subsets show at 90 % power and 1 % false alarms: as `bench_detectable.py`
+measured them, frozen."""
+PROTOTYPE_PX: dict[str, float] = {name: one["prototype_px"] for name, one in _FROZEN.items()}
+"""What they were taken to be before, from another experiment; tests hide effects of so many px."""
 PHYSICAL_PX: dict[str, tuple[float, float]] = {name: tuple(one["physical_px"]) for name, one in _FROZEN.items()}
 """The least and the largest peak that is met at x200."""
 

@@ -8,7 +8,7 @@ from numexp.world import HEIGHT_PX, WIDTH_PX
 from semlive import estimate
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
-from semlive.diagnose.observation import Observation, StepFacts, observe
+from semlive.diagnose.observation import Observation, StepFacts, first_solution, observe
 from semlive_simulators.effects.protocol import Effect
 
 
@@ -19,4 +19,4 @@ def observed(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = G
     for one in pairs:
         state = estimate.update(state, one.pose.pair, one.pose.phase, one.times, one.maps)
     steps = [StepFacts(one.pose.pair, one.pose.phase, (one.pose.load_n, one.pose.load_n), one.pose.commanded_px) for one in pairs]
-    return observe(estimate.solve(state), steps)
+    return observe(first_solution(state), steps)

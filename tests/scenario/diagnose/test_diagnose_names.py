@@ -12,7 +12,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from blind.experiment import Conditions
-from blind.hiding import DETECTABLE_PX, hidden_effect
+from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.observing import observed
 
 from semlive.data.diagnosis import Outcome
@@ -54,7 +54,7 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
 
 @pytest.mark.parametrize("name", ["magnification_drift", "tilt_with_load"])
 def test_a_hidden_effect_is_named_and_closes_the_gap(name: str) -> None:
-    found = diagnose(observed(Conditions(502), hidden_effect(name, 8.0 * DETECTABLE_PX[name], 1), GRID), dictionary=FEW, draws=DRAWS)
+    found = diagnose(observed(Conditions(502), hidden_effect(name, 8.0 * PROTOTYPE_PX[name], 1), GRID), dictionary=FEW, draws=DRAWS)
 
     assert found.outcome is Outcome.IDENTIFIED
     assert [one.name for one in found.effects] == [name]

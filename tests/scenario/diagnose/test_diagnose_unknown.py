@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from blind.cases import STRANGER, TWO, Case
 from blind.experiment import Conditions
-from blind.hiding import DETECTABLE_PX, hidden_effect
+from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.observing import observed
 
 from semlive.data.diagnosis import Outcome
@@ -33,7 +33,7 @@ DRAWS = 99
 
 
 def hiding(name: str, times: float = 8.0) -> Observation:
-    return observed(Conditions(505), hidden_effect(name, times * DETECTABLE_PX[name], 1), GRID)
+    return observed(Conditions(505), hidden_effect(name, times * PROTOTYPE_PX[name], 1), GRID)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from blind.experiment import Conditions, hidden
-from blind.hiding import DETECTABLE_PX, hidden_effect
+from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.observing import observed
 
 from semlive.data.diagnosis import KnownEffect
@@ -24,7 +24,7 @@ from semlive.errors import BadInput
 GRID = Grid(101, 101, 25, 30, 24, 43)
 CONDITIONS = Conditions(611, calibration=6, tension=5, noise_px=0.005)
 BENDING = KnownEffect("bending_misalignment", (), 0.1)
-PEAK_PX = 16.0 * DETECTABLE_PX["bending_misalignment"]
+PEAK_PX = 16.0 * PROTOTYPE_PX["bending_misalignment"]
 
 
 @pytest.fixture(scope="module")

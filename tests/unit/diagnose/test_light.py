@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from blind.cases import GRID
 from blind.experiment import Conditions, hidden
-from blind.hiding import DETECTABLE_PX, hidden_effect
+from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.live import followed
 
 from semlive import pipeline
@@ -32,7 +32,7 @@ def one_thread() -> Iterator[None]:
 
 
 def looks(name: str, conditions: Conditions) -> list[Whiteness | None]:
-    effects = hidden_effect(name, 4.0 * DETECTABLE_PX[name], conditions.seed) if name else ()
+    effects = hidden_effect(name, 4.0 * PROTOTYPE_PX[name], conditions.seed) if name else ()
     said = followed(hidden(conditions, effects, GRID), AnalysisSettings())
     return [whiteness(begun.solution, begun.pairs) for begun, _ in said]
 
