@@ -13,7 +13,7 @@ Said = tuple[int, str, str]
 
 
 def test_an_open_verdict_foretells_what_experiments_decide(semlive: Callable[..., Said], tmp_path: Path) -> None:
-    case = Case(ONE, ("wrong_row_time",), 2.0, 1)
+    case = Case(ONE, ("wrong_row_time",), 1.43, 1)
     log = imported(tmp_path / "maps", case.conditions(), case.effects(), GRID)
 
     code, out, _ = semlive("diagnose", str(log), "--json", "--html", str(tmp_path / "page.html"))
