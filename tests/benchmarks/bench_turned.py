@@ -11,8 +11,6 @@ otherwise. A run that was broken off goes on where it stopped; shards write into
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import sys
 import time
@@ -24,6 +22,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent))
 
 import numpy as np
+from blind.campaign import run
 from blind.experiment import CROSS_PX, Conditions, world_of
 from blind.observing import observed
 from blind.scoring import at_least, at_most
@@ -39,8 +38,6 @@ from semlive_simulators.effects.scan_nonlinearity import ScanNonlinearity
 from semlive_simulators.effects.scan_nonorthogonality import ScanNonorthogonality
 from semlive_simulators.effects.stage_backlash import StageBacklash
 
-PAGE = Path(__file__).parents[2] / "docs" / "diagnose.md"
-BEGIN, END = "<!-- turned: begin -->\n", "<!-- turned: end -->\n"
 SEEN = Grid(200, 200, 24, 26, 21, 43)
 """What moves of 150 px and 20 px of drift leave in view."""
 MOVES_PX = tuple((x, y) for x, y in square_px(REACH_PX))
@@ -238,35 +235,7 @@ def _nulls(nulls: list[dict[str, Any]]) -> str:
 
 def main() -> None:
     """Run what is missing, or score what is there."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--nulls", type=int, default=4)
-    parser.add_argument("--folder", type=Path, default=Path("turned"))
-    parser.add_argument("--shard", default="1/1", help="k/n: every n-th case from the k-th on")
-    parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long")
-    parser.add_argument("--score", action="store_true", help="run nothing")
-    parser.add_argument("--write", action="store_true", help="put the table into docs/diagnose.md")
-    asked = parser.parse_args()
-    asked.folder.mkdir(parents=True, exist_ok=True)
-    own, shards = (int(one) for one in asked.shard.split("/"))
-    chosen, begin = list(cases(asked.seeds, asked.nulls)), time.monotonic()
-    done = _verdicts(asked.folder)
-    for case in [] if asked.score else chosen[own - 1 :: shards]:
-        if case.key not in done and time.monotonic() - begin < asked.seconds:
-            with (asked.folder / f"turned-{own}-of-{shards}.jsonl").open("a", encoding="utf-8") as stream:
-                stream.write(json.dumps(case.verdict()) + "\n")
-    done = _verdicts(asked.folder)
-    found = [done[one.key] for one in chosen if one.key in done]
-    sys.stdout.write(table(found))
-    if asked.write:
-        page = PAGE.read_text(encoding="utf-8")
-        before, rest = page.split(BEGIN)
-        PAGE.write_text(f"{before}{BEGIN}\n{table(found)}\n{END}{rest.split(END)[1]}", encoding="utf-8")
-
-
-def _verdicts(folder: Path) -> dict[str, dict[str, Any]]:
-    lines = [line for path in sorted(folder.glob("turned-*.jsonl")) for line in path.read_text(encoding="utf-8").splitlines()]
-    return {str(one["key"]): one for one in map(json.loads, lines)}
+    run(__doc__, "turned", cases, table)
 
 
 if __name__ == "__main__":
