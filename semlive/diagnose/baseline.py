@@ -2,51 +2,24 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
+from semlive.diagnose.belief import BENDING, Beliefs, DriftBelief
 from semlive.diagnose.observation import Observation
 from semlive.diagnose.whiten import Whitener
 from semlive.estimate.accumulate import map_columns
+from semlive.estimate.arrow import Factor, Sides, factored
 from semlive.estimate.evidence import log_belief
-from semlive.estimate.prior import Hyper, Smoothness, belief_precision, gauge_precision
+from semlive.estimate.prior import Hyper
 
 Array = NDArray[np.float64]
 
-SMOOTHEST_PX, WIDEST_PX = 3e-4, 100.0  # farther apart, the belief's precision has no Cholesky factor in double precision
-ROUGHEST_PX = 1.0  # of a drift, from knot to knot, as the estimator has it: with 75 px one followed what a bending had left of the noise
 ANY_DISTORTION = 10.0
-STILL_RAD = 1e-9  # a specimen that turns with each move is an effect with a name of its own
 BELIEF = 4.0  # standard deviation of the logarithm about the first choice
-
-
-@dataclass(frozen=True, slots=True)
-class DriftBelief:
-    """How the drift may go.
-
-    Attributes:
-        by: its typical bend, in that of the first choice; 0 where it is as smooth as any.
-        wander_px: what a random walk beside that adds from knot to knot.
-    """
-
-    by: float
-    wander_px: float = 0.0
-
-
-# The smoothness that the first solution chose was chosen with the effect in the data: an unnamed jump makes the drift rough, and a rough
-# drift hides the jump. So every question is put to smoother and rougher drifts too, and the likeliest answer counts.
-BENDING = tuple(DriftBelief(by) for by in (0.01, 0.1, 1.0, 10.0, 100.0))
-# Bends of one size are no random walk: in runs whose drift wandered by 0.01 px/s^0.5 a walk beside a smooth drift was likelier by a
-# logarithm of 130 to 150, and without it swings of 61 to 62 s were named in it that only held-out pairs rejected.
-WANDERING = tuple(DriftBelief(0.0, wander_px) for wander_px in (0.0, 0.01, 0.03, 0.1, 0.3, 1.0))
-DRIFTS = (*BENDING, *WANDERING)
 DISTORTION_RUNGS = (0.3, 1.0, 3.0)
-STANDING = 1e-6  # what holds a walk as a whole, in what holds its steps
 HOPELESS = 40.0  # logarithm of the odds against a drift that could follow more, and explains less: an effect helps it less than others
 
 
@@ -79,6 +52,7 @@ class Design:
         kept: (p,) joint parameters of the estimator that the baseline has.
         normal: (p + r, p + r) A^T A, r being the number of the effects' amplitudes.
         sizes_px: (r,) of the effects' amplitudes.
+        beliefs: what may be believed of the baseline's own parameters.
     """
 
     observation: Observation
@@ -89,6 +63,7 @@ class Design:
     kept: NDArray[np.int64]
     normal: Array
     sizes_px: Array
+    beliefs: Beliefs
 
     @property
     def size(self) -> int:
@@ -173,7 +148,9 @@ def design(observation: Observation, whiten: Whitener) -> Design:
     normal = np.zeros((len(kept), len(kept)))
     for axis in (0, 1):
         normal[np.ix_(index[axis], index[axis])] += columns[axis].T @ columns[axis]
-    return Design(observation, whiten, (columns[0], columns[1]), (moving[0], moving[1]), (index[0], index[1]), kept, normal, np.zeros(0))
+    both, own = (columns[0], columns[1]), (moving[0], moving[1])
+    beliefs = Beliefs.of(observation, kept)
+    return Design(observation, whiten, both, own, (index[0], index[1]), kept, normal, np.zeros(0), beliefs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,7 +160,7 @@ class Rung:
     Attributes:
         hyper: the smoothness.
         prior: (p + r, p + r) precision before the data.
-        factor: Cholesky factor of the posterior precision.
+        factor: of the posterior precision.
         evidence: logarithm of the likelihood of the data, up to a constant that all rungs share.
         room: the part of it, negative, that comes from what else there might have been.
         pull: (p + r,) what residuals and belief ask for at the first solution.
@@ -193,7 +170,7 @@ class Rung:
 
     hyper: Hyper
     prior: Array
-    factor: tuple[Array, bool]
+    factor: Factor
     evidence: float
     room: float
     pull: Array
@@ -202,11 +179,11 @@ class Rung:
 
     def half(self, right: Array) -> Array:
         """(p + r, ...) inverse of the factor times (p + r, ...): products of two such are those of a solution with one right side."""
-        return np.asarray(solve_triangular(self.factor[0], right, lower=True, check_finite=False))
+        return self.factor.half(right)
 
     def solve(self, right: Array) -> Array:
         """(p + r, q) posterior covariance times (p + r, q)."""
-        return np.asarray(cho_solve(self.factor, right, check_finite=False))
+        return self.factor.solve(right)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -242,7 +219,7 @@ class Ladder:
 def ladder(columns: Design) -> Ladder:
     """For each smoothness of the drift the baseline with the likeliest of the distortion's, but for those that have no hope."""
     tries = _Tries.of(columns)
-    plain = [(one, tries.rung(one, 1.0)) for one in _different(columns)]
+    plain = [(one, tries.rung(one, 1.0)) for one in columns.beliefs.different()]
     best = max((rung for _, rung in plain), key=lambda one: one.evidence)
     kept = [(one, rung) for one, rung in plain if rung.evidence > best.evidence - HOPELESS or rung.room > best.room]
     rungs = [max((rung, *tries.bent(one)), key=lambda one: one.evidence) for one, rung in kept]
@@ -252,7 +229,7 @@ def ladder(columns: Design) -> Ladder:
 def likeliest(columns: Design) -> Ladder:
     """A ladder of one rung: the likeliest smoothness of the drift, and then of the distortion."""
     tries = _Tries.of(columns)
-    found = {one: tries.rung(one, 1.0) for one in _different(columns)}
+    found = {one: tries.rung(one, 1.0) for one in columns.beliefs.different()}
     best = max(found, key=lambda one: found[one].evidence)
     return Ladder(columns, tries.left, (max((found[best], *tries.bent(best)), key=lambda one: one.evidence),))
 
@@ -289,7 +266,6 @@ class _Tries:
     """What all smoothnesses have in common."""
 
     columns: Design
-    gauge: Array
     near: Array
     left: Array
     pull: Array
@@ -299,13 +275,15 @@ class _Tries:
     def of(cls, columns: Design) -> _Tries:
         near = np.concatenate((columns.observation.solution.mean[columns.kept], np.zeros(columns.size - len(columns.kept))))
         left = columns.whiten(columns.observation.disparity_px) - columns.times(near[:, None])[..., 0]
-        gauge = gauge_precision(columns.observation.state)[np.ix_(columns.kept, columns.kept)]
-        return cls(columns, gauge, near, left, columns.transposed(left[..., None])[:, 0], float(np.sum(left**2)))
+        return cls(columns, near, left, columns.transposed(left[..., None])[:, 0], float(np.sum(left**2)))
 
     def rung(self, drift: DriftBelief, also: float) -> Rung:
-        hyper, prior = _believed(self.columns, self.gauge, drift, also)
+        columns, belief = self.columns, self.columns.beliefs.belief(drift, also)
+        prior = _beside(belief.precision, columns.sizes_px) if columns.sizes_px.size else belief.precision
+        volume, own = belief.half_log_det - float(np.sum(np.log(columns.sizes_px))), columns.beliefs.sides
+        where = replace(own, shared=np.concatenate((own.shared, np.arange(len(columns.kept), columns.size))))
         believed = log_belief(np.array([drift.by or 1.0]), (1.0, BELIEF)) + log_belief(np.array([also]), (1.0, BELIEF))
-        found = rung(self.columns.normal, prior, self.pull, self.power, self.near, hyper, float(believed[0]))
+        found = rung(columns.normal, (prior, volume), self.pull, self.power, self.near, belief.hyper, float(believed[0]), where)
         return replace(found, belief=(drift, also))
 
     def bent(self, drift: DriftBelief) -> list[Rung]:
@@ -313,82 +291,34 @@ class _Tries:
         return [self.rung(drift, also) for also in DISTORTION_RUNGS if also != 1.0]
 
 
-def _believed(columns: Design, gauge: Array, drift: DriftBelief, also: float) -> tuple[Hyper, Array]:
-    state, first, p = columns.observation.state, columns.observation.solution.hyper, len(columns.kept)
-    hyper = replace(
-        first,
-        noise_scale=1.0,
-        rotation_rad=STILL_RAD,
-        raster_px=(0.0, 0.0),
-        drift=_drift_of(first.drift, drift),
-        distortion=_scaled(first.distortion, also),
-    )
-    prior = np.zeros((columns.size,) * 2)
-    prior[:p, :p] = belief_precision(state, hyper)[np.ix_(columns.kept, columns.kept)]
-    prior[np.arange(p), np.arange(p)] += WIDEST_PX**-2.0
-    if drift.wander_px:
-        _walk(columns, prior, drift.wander_px)
-    prior[:p, :p] += gauge
-    more = np.arange(p, columns.size)
-    prior[more, more] = columns.sizes_px**-2.0
-    return hyper if drift.by else replace(hyper, drift=_scaled(first.drift, 1.0)), prior
+def _beside(precision: Array, sizes_px: Array) -> Array:
+    """(p + r, p + r) precision before the data of the baseline's own parameters, and of amplitudes of effects."""
+    p, r = len(precision), len(sizes_px)
+    total = np.zeros((p + r, p + r))
+    total[:p, :p] = precision
+    total[range(p, p + r), range(p, p + r)] = sizes_px**-2.0
+    return total
 
 
-def _different(columns: Design) -> list[DriftBelief]:
-    """Beliefs that differ, the first choice's own smoothness before others: nothing can be smoother than the smoothest."""
-    first = columns.observation.solution.hyper.drift
-    by_kind = {}
-    for one in sorted(DRIFTS, key=lambda one: abs(math.log(one.by or 1.0))):
-        by_kind.setdefault((_drift_of(first, one), one.wander_px), one)
-    return list(by_kind.values())
-
-
-def _drift_of(first: Sequence[Smoothness], drift: DriftBelief) -> tuple[Smoothness, Smoothness]:
-    if not drift.by:
-        return Smoothness(3, SMOOTHEST_PX), Smoothness(3, SMOOTHEST_PX)
-    one, two = (replace(kind, size_px=min(kind.size_px, ROUGHEST_PX)) for kind in _scaled(first, drift.by))
-    return one, two
-
-
-def _walk(columns: Design, prior: Array, wander_px: float) -> None:
-    """Let the drift of a prior (p + r, p + r) walk at random, too: covariances add up."""
-    state = columns.observation.state
-    assert state.drift is not None  # there are pairs
-    steps = state.drift.roughness(1)
-    walk = np.linalg.inv(steps + STANDING * np.eye(len(steps))) * wander_px**2
-    start = state.layout.part("drift").start
-    for axis in (0, 1):
-        at = np.searchsorted(columns.kept, start + axis + 2 * np.arange(len(steps)))
-        loose = np.linalg.inv(np.linalg.inv(prior[np.ix_(at, at)]) + walk)
-        prior[np.ix_(at, at)] = 0.5 * (loose + loose.T)
-
-
-def rung(normal: Array, prior: Array, pull: Array, power: float, near: Array, hyper: Hyper, believed: float) -> Rung:
+def rung(
+    normal: Array, prior: tuple[Array, float], pull: Array, power: float, near: Array, hyper: Hyper, believed: float, where: Sides
+) -> Rung:
     """A baseline of p parameters, by what it left at a first solution.
 
     Args:
         normal: (p, p) A^T A.
-        prior: (p, p) precision before the data.
+        prior: (p, p) precision before the data, and half the logarithm of its determinant.
         pull: (p,) A^T times what the first solution left, whitened.
         power: sum of the squares of what it left.
         near: (p,) that solution.
         hyper: its smoothness.
         believed: logarithm of how much that smoothness is believed in.
+        where: which parameters act along x or along y alone.
     """
-    factor = cho_factor(normal + prior, lower=True, check_finite=False)
-    held = prior @ near
+    factor = factored(normal + prior[0], where, 0.0)
+    held = prior[0] @ near
     whole = pull - held
-    asked = np.asarray(solve_triangular(factor[0], whole, lower=True, check_finite=False))
-    volume = _half_log_det(prior) - float(np.sum(np.log(np.diag(factor[0]))))
+    asked = factor.half(whole)
+    volume = prior[1] - factor.half_log_det
     fit = power + float(near @ held) - float(asked @ asked)
-    return Rung(hyper, prior, factor, volume - 0.5 * fit + believed, volume, whole, asked)
-
-
-def _half_log_det(precision: Array) -> float:
-    return float(np.sum(np.log(np.diag(cho_factor(precision, lower=True, check_finite=False)[0]))))
-
-
-def _scaled(kinds: Sequence[Smoothness], by: float) -> tuple[Smoothness, Smoothness]:
-    """Without a liking for any period: what swings is to be named."""
-    one, two = (replace(kind, size_px=max(kind.size_px * by, SMOOTHEST_PX), swing_knots=0.0) for kind in kinds)
-    return one, two
+    return Rung(hyper, prior[0], factor, volume - 0.5 * fit + believed, volume, whole, asked)

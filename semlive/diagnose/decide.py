@@ -20,6 +20,7 @@ from semlive.diagnose.named import LOUD, ODDS
 from semlive.diagnose.refine import between, left_open, linear
 from semlive.diagnose.turned import scan_times_s, scanned_alike, turned
 from semlive.errors import IllPosed
+from semlive.estimate.arrow import Sides, factored
 from semlive.model.effects import BETWEEN_SCANS, DICTIONARY, Family, Law
 from semlive.model.effects.family import Values
 
@@ -80,14 +81,18 @@ def _joined(runs: Sequence[Ladder], believed_by: int) -> Joined:
         step[own] = starts[0][bent[0]] - start[own]
         left.append(one.left - one.design.times(step[:, None])[..., 0])
         normal[np.ix_(at, at)] += one.design.normal
-        believed = one.best.prior.copy()
+        own_prior = one.best.prior.copy()
         if number != believed_by:
-            believed[np.ix_(own, own)] = 0.0
-        prior[np.ix_(at, at)] += believed
+            own_prior[np.ix_(own, own)] = 0.0
+        prior[np.ix_(at, at)] += own_prior
         near[at] = start + step
         pull[at] += one.design.transposed(left[-1][..., None])[:, 0]
         power += float(np.sum(left[-1] ** 2))
-    both = rung(normal, prior, pull, power, near, runs[believed_by].best.hyper, 0.0)
+    told = [(at, one.best.factor.sides) for one, at in zip(runs, place, strict=True)]
+    each = [[at[own] for own in (*where.own, where.shared)] for at, where in told]
+    where = Sides(*(np.unique(np.concatenate(one)) for one in zip(*each, strict=True)))
+    believed = prior, factored(prior, where, 0.0).half_log_det
+    both = rung(normal, believed, pull, power, near, runs[believed_by].best.hyper, 0.0, where)
     return Joined(tuple(runs), tuple(left), tuple(place), both)
 
 

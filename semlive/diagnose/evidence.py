@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -234,6 +234,6 @@ class NullDraws:
 def projected_with_draws(ladder: Ladder, field: Array, draws: NullDraws) -> tuple[Array, Array, Array]:
     """(q,) eigenvalues, ascending, (q,) pull of the data and (draws, q) of the null for columns in px, at the likeliest rung."""
     white = Whitened.of(ladder, (field,))
-    flat = _Flat.of(ladder, white)
+    flat = _Flat.of(replace(ladder, rungs=(ladder.best,)), white)
     (all_of_it,) = _against(flat, white)
-    return all_of_it.values[draws.rung], all_of_it.pull[draws.rung], draws.pull(flat) @ all_of_it.vectors[draws.rung]
+    return all_of_it.values[0], all_of_it.pull[0], replace(draws, rung=0).pull(flat) @ all_of_it.vectors[0]

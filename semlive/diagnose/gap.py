@@ -75,7 +75,7 @@ def closure_known(without: Ladder, having: Ladder, unhidden_px: Array, seed: int
 def left_of(ladder: Ladder, held: NDArray[np.bool_]) -> Array:
     """(h, b, 2) whitened, what is left of held-out frames, everything but how the specimen lay in them being that of the others."""
     columns, data = ladder.design, ladder.left[..., None]
-    known = _fitted_elsewhere(ladder, data, ~held)
+    known = _fitted_elsewhere(ladder, data, ~held, _normal_of(columns, held))
     left = data - columns.times(known.step)
     left = left - left[~held].mean(axis=0)
     found = []
@@ -99,8 +99,9 @@ def _elsewhere(without: Ladder, having: Ladder, seed: int) -> tuple[list[Array],
     for fold in range(FOLDS):
         held = np.asarray((order > 0) & (order % FOLDS == fold), dtype=np.bool_)
         if held.any():
-            before += _scored(without, having.design, held, seed)
-            after += _scored(having, having.design, held, seed)
+            normal = _normal_of(having.design, held)
+            before += _scored(without, having.design, held, normal, seed)
+            after += _scored(having, having.design, held, normal, seed)
     return before, after
 
 
@@ -142,13 +143,16 @@ def _closure(gained: float, gap: float, noise: float) -> float:
     return gained / max(gap, gained, 1e-3 * noise)
 
 
-def _scored(ladder: Ladder, shapes: Design, held: NDArray[np.bool_], seed: int) -> list[Array]:
-    """Of each held-out frame (n, 1 + draws) what is left of the data, and of noise alone, in the shapes that count."""
+def _scored(ladder: Ladder, shapes: Design, held: NDArray[np.bool_], normal: Array, seed: int) -> list[Array]:
+    """Of each held-out frame (n, 1 + draws) what is left of the data, and of noise alone, in the shapes that count.
+
+    `normal` is that of the told frames, of these columns and perhaps of further ones after them.
+    """
     columns = ladder.design
     f, b = columns.observation.frames, columns.observation.blocks
     noise = np.random.default_rng((seed, 42)).normal(size=(f, b, 2, DRAWS))
     data = np.concatenate((ladder.left[..., None], noise - noise.mean(axis=0)), axis=-1)
-    known = _fitted_elsewhere(ladder, data, ~held, seed)
+    known = _fitted_elsewhere(ladder, data, ~held, normal, seed)
     left = data - columns.times(known.step)
     left = left - left[~held].mean(axis=0)
     return _nuisances_taken(columns, shapes, left, known, held)
@@ -169,26 +173,35 @@ class _Known:
     within_px: Array
 
 
-def _fitted_elsewhere(ladder: Ladder, data: Array, told: NDArray[np.bool_], seed: int = 0) -> _Known:
+def _normal_of(columns: Design, held: NDArray[np.bool_]) -> Array:
+    """(p, p) A^T A of the frames that are not held out: what those that are give is less to multiply."""
+    f, b = columns.observation.frames, columns.observation.blocks
+    normal = columns.normal.copy()
+    for axis in (0, 1):
+        frames = columns.columns[axis].reshape(f, b, -1)
+        own, mean = frames[held].reshape(-1, frames.shape[-1]), frames[~held].mean(axis=0)
+        normal[np.ix_(columns.index[axis], columns.index[axis])] -= own.T @ own + np.count_nonzero(~held) * (mean.T @ mean)
+    return normal
+
+
+def _fitted_elsewhere(ladder: Ladder, data: Array, told: NDArray[np.bool_], normal: Array, seed: int = 0) -> _Known:
     """Baseline and effects fitted to the told frames alone, of data (f, b, 2, 1 + draws): the measured ones, then draws of noise.
 
     Of a draw the parameters are those that the fit has too much: what it was drawn with cancels in all that is left.
     """
     columns, rung = ladder.design, ladder.best
     f, b = columns.observation.frames, columns.observation.blocks
-    normal, pull = np.zeros((columns.size,) * 2), np.zeros((columns.size, data.shape[-1]))
+    pull = np.zeros((columns.size, data.shape[-1]))
     for axis in (0, 1):
-        own = columns.columns[axis].reshape(f, b, -1)[told]
-        own = (own - own.mean(axis=0)).reshape(-1, own.shape[-1])
-        seen = data[told, :, axis].reshape(len(own), -1)
-        normal[np.ix_(columns.index[axis], columns.index[axis])] += own.T @ own
-        pull[columns.index[axis]] += own.T @ seen
+        own = columns.columns[axis].reshape(f, b, -1)[told].reshape(-1, columns.columns[axis].shape[1])
+        seen = data[told, :, axis]
+        pull[columns.index[axis]] += own.T @ (seen - seen.mean(axis=0)).reshape(len(own), -1)
     near = np.concatenate((columns.observation.solution.mean[columns.kept], np.zeros(columns.size - len(columns.kept))))
     pull[:, 0] -= rung.prior @ near
     # Draws have a drift and a distortion as they are believed: what held-out frames cannot know of these is no gap. Without it a wrong row
     # time with a logarithm of the Bayes factor of 156 seemed to close 14 % of its gap, and was rejected.
     _believe(columns, rung.prior, pull[:, 1:], seed)
-    factor = cho_factor(normal + rung.prior, lower=True, check_finite=False)
+    factor = cho_factor(normal[: columns.size, : columns.size] + rung.prior, lower=True, check_finite=False)
     last = np.eye(columns.size)[:, len(columns.kept) :]
     spread = np.asarray(cho_solve(factor, last))[len(columns.kept) :]
     rows = _drift_within(columns)

@@ -71,6 +71,17 @@ class Factor:
     joined: tuple[Matrix, Matrix]
     border: Matrix
 
+    @property
+    def half_log_det(self) -> float:
+        """Half the logarithm of the matrix' determinant."""
+        return sum(float(np.sum(np.log(np.diag(one)))) for one in (*self.block, self.border))
+
+    def half(self, right: Matrix) -> Matrix:
+        """(n,) or (n, k) half of a solution, in the order x, y, shared: products of two such are those of a solution with a right side."""
+        ahead = [_half(low, right[at]) for low, at in zip(self.block, self.sides.own, strict=True)]
+        rest = right[self.sides.shared] - sum(join.T @ one for join, one in zip(self.joined, ahead, strict=True))
+        return np.concatenate((*ahead, solve_triangular(self.border, rest, lower=True, check_finite=False)))
+
     def solve(self, right: Matrix) -> Matrix:
         """(n,) or (n, k) solution."""
         ahead = [
@@ -103,16 +114,30 @@ class Factor:
         return ordered[back][:, back]
 
 
-def factored(precision: Matrix, where: Sides) -> Factor:
+def _half(low: Matrix, right: Matrix) -> Matrix:
+    """A triangular solution; right sides that ask nothing of a block, as those of the other component do, cost nothing."""
+    if right.ndim == 1 or not right.size:
+        return np.asarray(solve_triangular(low, right, lower=True, check_finite=False))
+    found, told = np.zeros_like(right), right.any(axis=0)
+    found[:, told] = solve_triangular(low, right[:, told], lower=True, check_finite=False)
+    return found
+
+
+def factored(precision: Matrix, where: Sides, rounding: float = ROUNDING) -> Factor:
     """The factor of a precision matrix.
+
+    Args:
+        precision: (n, n), none of whose rows joins x with y.
+        where: what acts on which.
+        rounding: share of the diagonal that is added to it.
 
     Raises:
         IllPosed: the matrix is not finite or not positive.
     """
     block, joined = [], []
-    border = steady(precision[np.ix_(where.shared, where.shared)])
+    border = steady(precision[np.ix_(where.shared, where.shared)], rounding)
     for at in where.own:
-        low = cholesky(steady(precision[np.ix_(at, at)]))
+        low = cholesky(steady(precision[np.ix_(at, at)], rounding))
         join = solve_triangular(low, precision[np.ix_(at, where.shared)], lower=True, check_finite=False)
         border -= join.T @ join
         block.append(low)
@@ -174,10 +199,10 @@ def inverse(factor: Matrix) -> Matrix:
     return lower
 
 
-def steady(precision: Matrix) -> Matrix:
+def steady(precision: Matrix, rounding: float = ROUNDING) -> Matrix:
     """The matrix with as much added to its diagonal as rounding may have taken: what no datum says must not turn negative."""
     total = precision.copy()
-    np.einsum("ii->i", total)[...] *= 1.0 + ROUNDING
+    np.einsum("ii->i", total)[...] *= 1.0 + rounding
     return total
 
 

@@ -19,12 +19,14 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 import numpy as np
 from blind.cases import GRID, ONE, Case, Counts, cases
+from blind.experiment import Conditions
 from blind.hiding import DETECTABLE_PX
 from blind.observing import observed
 from blind.scoring import Verdict, table
@@ -114,12 +116,18 @@ def closure(case: Case, seen: Observation, found: Diagnosis) -> float | None:
     """On held-out pairs, the floor being what the same data leave that have the same noise and nothing hidden in them."""
     if case.kind != ONE or case.size not in CLOSURE_AT or not found.effects:
         return None
-    alone = observed(case.conditions(), (), GRID)
+    alone = _nothing_hidden(case.conditions())
     if not np.array_equal(alone.used, seen.used):
         return None
     bare = joined(quiet(seen), ())[0]
     having = joined(bare, [one.law for one in found.effects])[0]
     return closure_known(bare, having, alone.disparity_px, 0)
+
+
+@lru_cache(maxsize=1)
+def _nothing_hidden(conditions: Conditions) -> Observation:
+    """Cases of one seed follow each other."""
+    return observed(conditions, (), GRID)
 
 
 def verdicts(folder: Path) -> dict[str, Verdict]:

@@ -400,6 +400,10 @@ def test_the_arrow_factor_is_that_of_the_whole_matrix() -> None:
     spread = np.sqrt(np.diag(inverse))
     assert np.abs((factor.inverse() - inverse) / spread[:, None] / spread).max() < 1e-6
     np.testing.assert_allclose(factor.solve(information), factor.inverse() @ information, atol=1e-5)
+    half = factor.half(np.column_stack((information, whole[:, 7])))
+    np.testing.assert_allclose(half.T @ half[:, 0], np.stack((information, whole[:, 7])) @ factor.solve(information), rtol=1e-6)
+    scaled = np.linalg.slogdet(whole * scale[:, None] * scale)[1] - 2.0 * np.sum(np.log(scale))
+    assert factor.half_log_det == pytest.approx(0.5 * scaled, abs=1e-4)
     part = state.layout.part("drift")
     gone = np.ones(len(whole), dtype=bool)
     gone[part] = False

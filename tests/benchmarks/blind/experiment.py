@@ -6,6 +6,7 @@ Every frame's scan addresses solve the simulators' forward equation, effects at 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TypeAlias, cast
 
 import numpy as np
@@ -207,8 +208,13 @@ def beyond_shear_px(conditions: Conditions, effects: tuple[Effect, ...]) -> floa
 def _added(conditions: Conditions, effects: tuple[Effect, ...]) -> Field:
     """(2, maps, ny, nx) px along x and y that effects add to every map."""
     quiet = replace(conditions, kind=NoiseKind.NONE, missing=0.0, outliers=0.0)
-    with_them, without = (np.stack(_displacements(quiet, one)) for one in (effects, ()))
-    return np.asarray(with_them - without)
+    return np.asarray(np.stack(_displacements(quiet, effects)) - _nothing_added(quiet))
+
+
+@lru_cache(maxsize=1)
+def _nothing_added(conditions: Conditions) -> Field:
+    """Cases follow each other that have the same conditions."""
+    return np.stack(_displacements(conditions, ()))
 
 
 def _displacements(conditions: Conditions, effects: tuple[Effect, ...]) -> tuple[Field, Field]:

@@ -17,7 +17,8 @@ from blind.observing import observed
 
 from semlive.data.diagnosis import Diagnosis, KnownEffect, Outcome
 from semlive.data.grid import Grid
-from semlive.diagnose.baseline import DriftBelief, Ladder, ladder
+from semlive.diagnose.baseline import Ladder, ladder
+from semlive.diagnose.belief import DriftBelief
 from semlive.diagnose.evidence import weigh
 from semlive.diagnose.gap import gap_of
 from semlive.diagnose.judge import diagnose
