@@ -104,7 +104,7 @@ def make_world(
 
 @cache
 def _paper() -> Scenario:
-    """Read once: a third of what hiding an effect takes is YAML."""
+    """Read once, not three times a case."""
     return load_scenario("paper_x200")
 
 
