@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.diagnose.baseline import Ladder, ladder
+from semlive.diagnose.baseline import Design, Ladder, as_smooth
 from semlive.diagnose.evidence import log_factor, projected
 from semlive.diagnose.refine import Refined
 from semlive.model.effects import Scene
@@ -28,25 +28,26 @@ INEXACT = (
 SHORT = 0.15  # of the run, over which a faster wandering is alike
 
 
-def likelier_course(bare: Ladder, named: Sequence[Refined]) -> float:
+def likelier_course(having: Ladder, bare: Design, named: Sequence[Refined]) -> float:
     """Logarithm of the odds for another course of an effect's shape, against nearly the course of its law; the largest of all effects.
 
     Args:
-        bare: the baseline without the effects.
-        named: that were added to it; each is asked about with the others in the baseline.
+        having: the baseline with the effects, as smooth as it is judged: one that is likeliest without them follows a part of them, and
+            what it leaves has another course. Of a wrong row time the odds were 17 so, and are 1.
+        bare: the same without them.
+        named: the effects; each is asked about with the others in the baseline.
     """
-    return max((_of_one(bare, one, [other for other in named if other is not one]) for one in named), default=-np.inf)
+    return max((_of_one(having, bare, one, [other for other in named if other is not one]) for one in named), default=-np.inf)
 
 
-def _of_one(bare: Ladder, one: Refined, others: Sequence[Refined]) -> float:
+def _of_one(having: Ladder, columns: Design, one: Refined, others: Sequence[Refined]) -> float:
     shape, share = _shape(one)
     if share < ONE_SHAPE:
         return -np.inf
-    columns = bare.design
     for other in others:
         columns = columns.having(other.found)
-    beside = ladder(columns) if others else bare
-    normal, pull = _of_frames(Ladder(beside.design, beside.left, (beside.best,)), shape)
+    beside = as_smooth(columns, having)
+    normal, pull = _of_frames(beside, shape)
     own = _heard(normal, pull, _own_course(one, shape))
     return max(_gain(_heard(normal, pull, course), own) for course in _courses(beside.design.observation.scene))
 

@@ -57,7 +57,7 @@ def diagnose(
     gap = gap_of(found.bare, having, seed) if named else None
     shares = eaten(having, (*already, *(one.refined.field_px for one in named)))[len(already) :]
     width, height = (2.0 * observation.state.centre_px + 1.0).round().astype(int).tolist()
-    verdict = _verdict(named, found.loud or _unlike(found.bare, named), gap, places, found.bare, shares)
+    verdict = _verdict(named, found.loud or _unlike(found.bare, having, named), gap, places, found.bare, shares)
     names, fields = [one.names[0] for one in named], [one.refined.field_px for one in named]
     pictures = pictures_of(found.bare, having, names, fields) if named else None
     shared = _overlaps(found.bare, named[0].refined, found.first) if named else ()
@@ -72,12 +72,12 @@ def _beside(having: Ladder, named: Sequence[Named]) -> tuple[Named, ...]:
     return tuple(replace(one, refined=refit, rivals=tuple(o for o in one.rivals if o.family not in taken)) for one, refit in both)
 
 
-def _unlike(bare: Ladder, named: Sequence[Named]) -> bool:
+def _unlike(bare: Ladder, having: Ladder, named: Sequence[Named]) -> bool:
     """Whether something without a name is likelier than all names from some round on, or another course than that of their laws."""
     gained = np.cumsum([one.gain for one in reversed(named)])[::-1]
     if any(one.unnamed > total + ODDS for one, total in zip(named, gained, strict=True)):
         return True
-    return likelier_course(bare, [one.refined for one in named]) > LOUD
+    return likelier_course(having, bare.design, [one.refined for one in named]) > LOUD
 
 
 def _told(heard: Sequence[Weighed]) -> tuple[tuple[str, float], ...]:

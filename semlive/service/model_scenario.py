@@ -15,6 +15,7 @@ from semlive.service.model_file import read_model
 
 WANDERS_S = 3600.0
 """Time constant of what wanders slowly: a model has its change over the run, the simulator an exponential approach."""
+CHARGING_S = 900.0
 WORKING_DISTANCE_MM = 14.1
 POISSON = 0.33
 SEED = 1
@@ -85,7 +86,8 @@ def _swing(found: Found, run: Found) -> dict[str, Any]:
 
 def _lens(found: Found, run: Found) -> dict[str, Any]:
     place = [found["x_px"] + 0.5 * (run["width_px"] - 1.0), found["y_px"] + 0.5 * (run["height_px"] - 1.0)]
-    return {"peak_px": found["peak_px"], "width_px": found["width_px"], "brightness_levels": 0.0, "charging_s": 900.0, "grains_px": [place]}
+    peak_px = found["peak_px"] / -math.expm1(-run["end_s"] / CHARGING_S)  # what is told is the charge at the end of the run
+    return {"peak_px": peak_px, "width_px": found["width_px"], "brightness_levels": 0.0, "charging_s": CHARGING_S, "grains_px": [place]}
 
 
 def _hum(found: Found, run: Found) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -10,13 +11,14 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from blind.cases import STRANGER, TWO, Case
+from blind.cases import ONE, STRANGER, TWO, Case
 from blind.experiment import Conditions
 from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.observing import observed
 
 from semlive.data.diagnosis import Outcome
 from semlive.data.grid import Grid
+from semlive.diagnose.baseline import ladder
 from semlive.diagnose.course import likelier_course
 from semlive.diagnose.evidence import weigh
 from semlive.diagnose.judge import diagnose
@@ -26,6 +28,7 @@ from semlive.diagnose.noise import quiet
 from semlive.diagnose.observation import Observation
 from semlive.diagnose.refine import refined
 from semlive.diagnose.unknown import UNNAMED
+from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
 
 SPARSE = Grid(101, 101, 60, 13, 10, 43)  # a block is a point
 GRID = Grid(101, 101, 30, 25, 20, 43)  # fewer blocks than the usual grid has: verdicts take half the time
@@ -61,11 +64,30 @@ def course_of(seen: Observation, name: str) -> float:
     """Of what is named whatever else would do."""
     bare = quiet(seen)
     (heard,) = weigh(bare, (family_of(name),), None)
-    return likelier_course(bare, [refined(bare, heard)])
+    named = refined(bare, heard)
+    return likelier_course(ladder(bare.design.having(named.found)), bare.design, [named])
 
 
 def test_the_law_that_was_hidden_has_no_likelier_course(drifting: Observation) -> None:
     assert course_of(drifting, "magnification_drift") < 3.0
+
+
+def test_a_wrong_row_time_beside_a_drift_that_could_walk_has_no_likelier_course() -> None:
+    assert course_of(Case(ONE, ("wrong_row_time",), 8.0, 60_007).observed(), "wrong_row_time") < 3.0
+
+
+def test_a_charge_that_approaches_its_end_is_one_effect() -> None:
+    case = Case(ONE, ("charging_local_lens",), 8.0, 60_007)
+    (hidden,) = case.effects()
+    assert isinstance(hidden, ChargingLocalLens)
+    names = ("charging_local_lens", "magnification_drift", "refocus_magnification_step", "magnification_frame_instability")
+    found = diagnose(observed(case.conditions(), case.effects(), GRID), dictionary=[family_of(name) for name in names], draws=DRAWS)
+    (told,) = found.effects
+    peak = next(one for one in told.parameters if one.name == "peak_px")
+
+    assert (found.outcome, told.name) == (Outcome.IDENTIFIED, "charging_local_lens")
+    assert peak.sigma < 0.1 * peak.value
+    assert abs(peak.value - hidden.peak_px * -math.expm1(-found.end_s / hidden.charging_s)) < 3.0 * peak.sigma
 
 
 def test_a_slow_drift_is_no_jump_at_every_step(drifting: Observation) -> None:
