@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,7 @@ from semlive.model.row_effects import ROW_DICTIONARY
 from semlive.service.config import parse_config
 from semlive.service.model_scenario import SIMULATED, scenario_yaml
 from semlive.service.next_experiment import changed_protocol
+from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
 from semlive_simulators.scenario import load_scenario
 
 PROTOCOL = {"calibration_shifts_px": [[0.0, 0.0], [20.0, 0.0]], "loads_n": [100.0, 500.0, 900.0], "hold_s": 30.0}
@@ -111,6 +113,14 @@ def test_a_found_effect_is_played_by_the_simulators_own(name: str, tmp_path: Pat
     scenario.write_text(scenario_yaml(model(tmp_path / "model.json", name), "paper_x200"))
     (effect,) = [one for one in load_scenario(str(scenario)).effects.members if one.name == name]
     assert effect.name in yaml.safe_load(scenario.read_text())["effects"]
+
+
+def test_a_charged_spot_is_played_as_large_as_it_was_at_the_end_of_the_run(tmp_path: Path) -> None:
+    scenario = tmp_path / "found.yaml"
+    scenario.write_text(scenario_yaml(model(tmp_path / "model.json", "charging_local_lens"), "paper_x200"))
+    (effect,) = load_scenario(str(scenario)).effects.members
+    assert isinstance(effect, ChargingLocalLens)
+    assert effect.peak_px * -math.expm1(-6300.0 / effect.charging_s) == pytest.approx(PARAMETERS["peak_px"])
 
 
 def test_what_cannot_be_played_is_said(tmp_path: Path) -> None:
