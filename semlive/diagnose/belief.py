@@ -67,7 +67,7 @@ class Beliefs:
         kept: (p,) joint parameters of the estimator that the baseline has.
         sides: which of these act along x or along y alone.
         gauge: (p, p) precision that no smoothness changes.
-        known: those with the first choice's distortion, which a verdict asks for five times each: a fifth of its time.
+        known: those with the first choice's distortion, which a verdict asks for again and again: a seventh of its time.
     """
 
     observation: Observation

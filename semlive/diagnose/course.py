@@ -33,7 +33,7 @@ def likelier_course(having: Ladder, bare: Design, named: Sequence[Refined]) -> f
 
     Args:
         having: the baseline with the effects, as smooth as it is judged: one that is likeliest without them follows a part of them, and
-            what it leaves has another course. Of a wrong row time the odds were 17 so, and are 1.
+            what it leaves has another course. Of a wrong row time the odds were 17 so, and are -0.1.
         bare: the same without them.
         named: the effects; each is asked about with the others in the baseline.
     """

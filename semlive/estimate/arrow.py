@@ -78,22 +78,23 @@ class Factor:
 
     def half(self, right: Matrix) -> Matrix:
         """(n,) or (n, k) half of a solution, in the order x, y, shared: products of two such are those of a solution with a right side."""
-        ahead = [_half(low, right[at]) for low, at in zip(self.block, self.sides.own, strict=True)]
-        rest = right[self.sides.shared] - sum(join.T @ one for join, one in zip(self.joined, ahead, strict=True))
+        ahead, rest = self._ahead(right)
         return np.concatenate((*ahead, solve_triangular(self.border, rest, lower=True, check_finite=False)))
 
     def solve(self, right: Matrix) -> Matrix:
         """(n,) or (n, k) solution."""
-        ahead = [
-            solve_triangular(low, right[at], lower=True, check_finite=False) for low, at in zip(self.block, self.sides.own, strict=True)
-        ]
-        rest = right[self.sides.shared] - sum(join.T @ one for join, one in zip(self.joined, ahead, strict=True))
+        ahead, rest = self._ahead(right)
         shared = cho_solve((self.border, True), rest, check_finite=False)
         total = np.empty_like(right)
         total[self.sides.shared] = shared
         for low, join, one, at in zip(self.block, self.joined, ahead, self.sides.own, strict=True):
             total[at] = solve_triangular(low, one - join @ shared, lower=True, trans=1, check_finite=False)
         return total
+
+    def _ahead(self, right: Matrix) -> tuple[list[Matrix], Matrix]:
+        """Both blocks half solved, and what is left of the border's right side."""
+        ahead = [_half(low, right[at]) for low, at in zip(self.block, self.sides.own, strict=True)]
+        return ahead, right[self.sides.shared] - sum(join.T @ one for join, one in zip(self.joined, ahead, strict=True))
 
     def inverse(self) -> Matrix:
         """(n, n) inverse, symmetric."""
