@@ -119,7 +119,8 @@ def test_a_preallocated_file_has_its_size_before_its_rows(tmp_path: Path) -> Non
 
     looks, exported, _ = watched(tmp_path, small(style=Style.PREALLOCATE, vendor=Vendor.ZEISS, duration_s=2.0, delay_s=0.1), 1, caught=half)
     middle = half(looks)[0]
-    assert {look.size for look in looks if look.name == middle.name} - {0} == {(tmp_path / middle.name).stat().st_size}
+    # A look may also fall into the write that preallocates, which the kernel does page by page: then nothing is in it yet.
+    assert {look.size for look in looks if look.name == middle.name and any(look.data)} == {(tmp_path / middle.name).stat().st_size}
     assert not tifffile.imread(io.BytesIO(middle.data))[-20:].any()  # decodes without error, rows missing
     assert tifffile.imread(tmp_path / exported[0].file)[-20:].any()
 
