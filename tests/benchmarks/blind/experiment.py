@@ -75,6 +75,7 @@ class Conditions:
         moves_px: where the stage is told to go, as far as there are pairs.
         stage_error_px: standard deviation of where it gets to, along each axis.
         of_column: whether the distortion stays with the column where the scan is turned, and does not turn with it.
+        injected: strain along y that every pair under load has besides.
     """
 
     seed: int
@@ -93,6 +94,7 @@ class Conditions:
     moves_px: tuple[tuple[float, float], ...] = CROSS_PX
     stage_error_px: float = STAGE_ERROR_PX
     of_column: bool = False
+    injected: float = 0.0
 
     @property
     def noisy(self) -> int:
@@ -121,7 +123,7 @@ def poses(conditions: Conditions) -> list[Pose]:
         carried = np.array([1.5, -2.0]) * (pair - conditions.calibration) if loaded else np.zeros(2)
         shift = (float(wanted[0] + error[0] + carried[0]), float(wanted[1] + error[1] + carried[1]))
         history = History(tuple(steps), tuple(moves))
-        motion = at_rest(shift, np.diag([-POISSON * strain, strain]), load_n, history)
+        motion = at_rest(shift, np.diag([-POISSON * strain, strain + (conditions.injected if loaded else 0.0)]), load_n, history)
         found.append(Pose(pair, Phase.TENSION if loaded else Phase.CALIBRATION, motion, wanted, load_n))
         before_px, before_n = wanted, load_n
     return found
