@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -103,6 +104,16 @@ class Design:
         own = [tuple((at, block / by) for at, block in one) for one in self.own]
         whiten = replace(self.whiten, sigma_px=self.whiten.sigma_px * by)
         return replace(self, whiten=whiten, columns=columns, own=(own[0], own[1]), normal=self.normal / by**2)
+
+    def spans(self, fields: Sequence[Array], known: int) -> tuple[slice, ...]:
+        """Where the amplitudes of effects (f, b, 2, q) are among all: the first `known` came first, the others last.
+
+        What was added since a spline of the baseline was too coarse lies between.
+        """
+        widths = [one.shape[-1] for one in fields]
+        between, ends = len(self.sizes_px) - sum(widths), np.cumsum(widths).tolist()
+        starts = [end - width + (0 if place < known else between) for place, (end, width) in enumerate(zip(ends, widths, strict=True))]
+        return tuple(slice(start, start + width) for start, width in zip(starts, widths, strict=True))
 
     def having(self, found: Found) -> Design:
         """The same with an effect more."""
@@ -209,6 +220,13 @@ class Ladder:
     def evidence(self) -> float:
         """Logarithm of the likelihood summed over the rungs."""
         return float(np.logaddexp.reduce([one.evidence for one in self.rungs]))
+
+    @property
+    def likelihood(self) -> float:
+        """The same in px and not in units of the noise: to be set beside that of the same maps about another solution."""
+        whiten, f = self.design.whiten, self.design.observation.frames
+        volume = len(whiten.factor) * np.log(whiten.sigma_px) + np.sum(np.log(np.diag(whiten.factor)))
+        return float(self.evidence - 2.0 * (f - 1) * volume)
 
     def residual(self) -> Array:
         """(f, b, 2) whitened, what the likeliest baseline leaves."""

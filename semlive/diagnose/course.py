@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.diagnose.baseline import Design, Ladder, as_smooth
+from semlive.diagnose.baseline import Design, Found, Ladder, as_smooth
 from semlive.diagnose.evidence import log_factor, projected
 from semlive.diagnose.refine import Refined
 from semlive.model.effects import Scene
@@ -44,11 +44,12 @@ def _of_one(having: Ladder, columns: Design, one: Refined, others: Sequence[Refi
     shape, share = _shape(one)
     if share < ONE_SHAPE:
         return -np.inf
-    for other in others:
-        columns = columns.having(other.found)
+    course = _own_course(one, shape)
+    for found in (*(other.found for other in others), _rest(columns, one, shape, course)):
+        columns = columns.having(found)
     beside = as_smooth(columns, having)
     normal, pull = _of_frames(beside, shape)
-    own = _heard(normal, pull, _own_course(one, shape))
+    own = _heard(normal, pull, course)
     return max(_gain(_heard(normal, pull, course), own) for course in _courses(beside.design.observation.scene))
 
 
@@ -85,6 +86,15 @@ def _own_course(one: Refined, shape: Array) -> Array:
     """(f, q) how the law's columns have the shape in each frame."""
     bent = one.field_px - one.field_px.mean(axis=1, keepdims=True)
     return np.einsum("fbcq,bc->fq", bent, shape) / np.sum(shape**2)
+
+
+def _rest(columns: Design, one: Refined, shape: Array, course: Array) -> Found:
+    """What a law moves besides: of any course.
+
+    A swing that takes twice a frame's time has two shapes, of which one has 96 %. What the other leaves was found in its course, with odds
+    of exp(72) at eight times the least; with the rest beside, exp(-13).
+    """
+    return Found(columns.whiten(one.field_px - shape[None, :, :, None] * course[:, None, None, :]), one.found.size_px)
 
 
 def _courses(scene: Scene) -> tuple[Array, ...]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semlive.data.diagnosis import Diagnosis, Disagreement, Experiment, FoundEffect, Gap, KnownEffect, Outcome
+from semlive.diagnose.anew import beside, likelier_coupled
 from semlive.diagnose.baseline import Ladder
 from semlive.diagnose.course import likelier_course
 from semlive.diagnose.evidence import NullDraws, Weighed, overlap
@@ -18,11 +20,14 @@ from semlive.diagnose.noise import quiet
 from semlive.diagnose.observation import Observation
 from semlive.diagnose.pictures import pictures_of
 from semlive.diagnose.refine import Refined, together
-from semlive.diagnose.search import NAMELESS, searched
+from semlive.diagnose.search import MOST, NAMELESS, Search, searched
 from semlive.diagnose.strain_safety import HARMLESS, eaten
+from semlive.diagnose.unknown import UNNAMED
 from semlive.diagnose.where import where
+from semlive.errors import IllPosed
 from semlive.model.effects import DICTIONARY, Family
 
+Array = NDArray[np.float64]
 DRAWS = 299
 # Most of a gap; see `_useful`.
 HALF = 0.5
@@ -48,21 +53,67 @@ def diagnose(
         IllPosed: the data are too few to name anything.
         BadInput: a known effect has no such name, or cannot be in these data.
     """
-    bare, already = joined(quiet(observation), known)
-    null = NullDraws.of(bare, draws, seed)
-    places = where(bare, null)
     families = [one for one in dictionary if one.name not in {item.name for item in known}]
-    found = searched(bare, families, null, seed)
-    having, named = found.having, _beside(found.having, found.named)
-    gap = gap_of(found.bare, having, seed) if named else None
-    shares = eaten(having, (*already, *(one.refined.field_px for one in named)))[len(already) :]
+    look = Look.at(likelier_coupled(observation, (*families, *UNNAMED), known), families, known, (draws, seed))
+    if look.unsettled:
+        look = _looked_again(look, families, known, (draws, seed))
+    bare, having, named = look.found.bare, look.having, look.named
+    gap = gap_of(bare, having, seed) if named else None
+    shares = eaten(having, look.fields, len(known))[len(known) :]
     width, height = (2.0 * observation.state.centre_px + 1.0).round().astype(int).tolist()
-    verdict = _verdict(named, found.loud or _unlike(found.bare, having, named), gap, places, found.bare, shares)
+    verdict = _verdict(named, look.loud, gap, look.places, bare, shares)
     names, fields = [one.names[0] for one in named], [one.refined.field_px for one in named]
-    pictures = pictures_of(found.bare, having, names, fields) if named else None
-    shared = _overlaps(found.bare, named[0].refined, found.first) if named else ()
-    verdict = replace(verdict, pictures=pictures, evidence=_told(found.first), overlap=shared, coarse=found.coarse)
+    pictures = pictures_of(bare, having, names, fields) if named else None
+    shared = _overlaps(bare, named[0].refined, look.found.first) if named else ()
+    verdict = replace(verdict, pictures=pictures, evidence=_told(look.found.first), overlap=shared, coarse=look.found.coarse)
     return replace(verdict, known=tuple(known), end_s=observation.scene.end_s, size_px=(width, height))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """What a search about one point of linearisation found.
+
+    Attributes:
+        places: where model and data disagree, before anything was named.
+        found: the search.
+        having: the baseline with all effects.
+        named: they, refitted beside each other.
+        fields: of each effect, those that were known first, (f, b, 2, q) what unit amplitudes move, px.
+        loud: whether something is left, or what was named does not go as its laws say.
+    """
+
+    places: tuple[Disagreement, ...]
+    found: Search
+    having: Ladder
+    named: tuple[Named, ...]
+    fields: tuple[Array, ...]
+    loud: bool
+
+    @classmethod
+    def at(cls, observation: Observation, families: Sequence[Family], known: Sequence[KnownEffect], draws: tuple[int, int]) -> Look:
+        """Search; so many draws of the null, and the seed of these."""
+        bare, already = joined(quiet(observation), known)
+        null = NullDraws.of(bare, *draws)
+        places, found = where(bare, null), searched(bare, families, null, draws[1])
+        named = _beside(found.having, found.named)
+        loud = found.loud or _unlike(found.bare, found.having, named)
+        return cls(places, found, found.having, named, (*already, *(one.refined.field_px for one in named)), loud)
+
+    @property
+    def unsettled(self) -> bool:
+        """Whether the effects may have misled the choices that were made without them: one takes other names to mend what went wrong."""
+        return bool(self.named) and (self.loud or len(self.named) == MOST)
+
+
+def _looked_again(look: Look, families: Sequence[Family], known: Sequence[KnownEffect], draws: tuple[int, int]) -> Look:
+    """About the point that is chosen without the effects, if the data are likelier there."""
+    try:
+        seen = beside(look.having, look.fields, (*families, *UNNAMED), known)
+    except IllPosed:
+        return look
+    if not np.array_equal(seen.used, look.having.design.observation.used):
+        return look
+    return max((look, Look.at(seen, families, known, draws)), key=lambda one: one.having.likelihood)
 
 
 def _beside(having: Ladder, named: Sequence[Named]) -> tuple[Named, ...]:

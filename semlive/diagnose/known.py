@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 
 from semlive.data.diagnosis import KnownEffect
+from semlive.data.disparity import DisparityMap
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline import Found, Ladder, ladder
 from semlive.diagnose.noise import quiet
@@ -54,6 +55,11 @@ def joined(bare: Ladder, known: Sequence[KnownEffect]) -> tuple[Ladder, tuple[Ar
     return (ladder(columns) if known else bare), tuple(fields)
 
 
+def amplitudes_of(having: Ladder) -> Array:
+    """(r,) most likely amplitudes of the effects in a baseline, at its likeliest smoothness."""
+    return np.asarray(having.best.solve(having.best.pull[:, None])[len(having.design.kept) :, 0])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Moved:
     """What effects move.
@@ -76,10 +82,10 @@ def moved_by(observation: Observation, known: Sequence[KnownEffect]) -> Moved:
         BadInput: an effect is unknown, or cannot be in these data.
     """
     having, fields = joined(quiet(observation), known)
-    amplitudes = having.best.solve(having.best.pull[:, None])[len(having.design.kept) :, 0]
+    amplitudes = amplitudes_of(having)
     total, first = np.zeros((observation.frames, observation.blocks, 2)), 0
     harmful = []
-    for one, field, share in zip(known, fields, eaten(having, fields), strict=True):
+    for one, field, share in zip(known, fields, eaten(having, fields, len(fields)), strict=True):
         if family_of(one.name).strain or share > HARMLESS:
             harmful.append(one.name)
         else:
@@ -100,3 +106,14 @@ def at_points(observation: Observation, moved: Array, grid: Grid) -> dict[int, A
     spread = RBFInterpolator(place, values, kernel="thin_plate_spline", degree=1)(points)
     fields = spread.reshape(*grid.shape, len(scene.frame), 2)
     return {int(frame): fields[:, :, at] for at, frame in enumerate(scene.frame)}
+
+
+def less(disparity: DisparityMap, by_frame: Mapping[int, Array]) -> DisparityMap:
+    """A map without what moved by the number of each frame, (ny, nx, 2) px; as it is where nothing did."""
+    if not by_frame:
+        return disparity
+    by = by_frame[disparity.current] - by_frame[disparity.reference]
+    u, v = (one.copy() for one in (disparity.u_px, disparity.v_px))
+    u[disparity.valid] -= by[..., 0][disparity.valid]
+    v[disparity.valid] -= by[..., 1][disparity.valid]
+    return replace(disparity, u_px=u, v_px=v)

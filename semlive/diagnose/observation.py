@@ -61,6 +61,7 @@ class Observation:
         used: (b,) blocks that every map has.
         disparity_px: (f, b, 2) as measured; zero for frame 0.
         scene: where and when they were seen.
+        steps: what was done before each pair.
     """
 
     state: EstimatorState
@@ -69,6 +70,7 @@ class Observation:
     used: NDArray[np.int64]
     disparity_px: NDArray[np.float64]
     scene: Scene
+    steps: tuple[StepFacts, ...]
 
     @property
     def frames(self) -> int:
@@ -91,8 +93,12 @@ class Observation:
         return np.stack(left)[:, self.used]
 
 
-def first_solution(state: EstimatorState) -> Solution:
+def first_solution(state: EstimatorState, carried: bool | None = None) -> Solution:
     """What all pairs together say without further effects.
+
+    Args:
+        state: the data.
+        carried: whether the drift carries the distortion; None lets the data say so.
 
     Raises:
         IllPosed: they are too many, or too far apart in time, for one matrix.
@@ -103,7 +109,7 @@ def first_solution(state: EstimatorState) -> Solution:
             f"{len(state.phases)} pairs, of which the first {held} are few enough and close enough in time for one matrix: "
             "nothing can be named in a longer run; diagnose a shorter one"
         )
-    return _steadied(choose(state))
+    return _steadied(choose(state, carried))
 
 
 def _steadied(solution: Solution) -> Solution:
@@ -148,7 +154,7 @@ def observe(solution: Solution, steps: Sequence[StepFacts]) -> Observation:
     # A block lies where its points of that map lie on average. With those of the first map, points that others lack moved it by 6 px, and a
     # bending specimen was told 22 % too large.
     position = np.stack([one.position_px[used] for one in (rows[0], *rows)])
-    return Observation(state, solution, rows, used, disparity, _scene(solution, steps, frames, position, told))
+    return Observation(state, solution, rows, used, disparity, _scene(solution, steps, frames, position, told), tuple(steps))
 
 
 def steps_of(decisions: Sequence[PairDecision], hold_s: float = HOLD_S) -> tuple[StepFacts, ...]:

@@ -14,7 +14,7 @@ HARMLESS = 0.02
 """Share of an injected strain that a correction may take away."""
 
 
-def eaten(having: Ladder, fields: tuple[Array, ...]) -> tuple[float, ...]:
+def eaten(having: Ladder, fields: tuple[Array, ...], known: int) -> tuple[float, ...]:
     """For each effect of a baseline the largest share of an injected strain that its correction takes away; 0 without a tension phase.
 
     Strain of each component by itself is added to all frames under load, which changes what is found of the effects linearly: no
@@ -23,6 +23,7 @@ def eaten(having: Ladder, fields: tuple[Array, ...]) -> tuple[float, ...]:
     Args:
         having: the baseline with the effects.
         fields: of each effect, (f, b, 2, q) what unit amplitudes move, px.
+        known: how many of them were in the baseline before anything was found in it.
     """
     scene, columns = having.design.observation.scene, having.design
     if not scene.loaded.any():
@@ -30,10 +31,9 @@ def eaten(having: Ladder, fields: tuple[Array, ...]) -> tuple[float, ...]:
     told = np.concatenate(_injected(scene), axis=-1)
     first = len(columns.kept)
     asked = having.best.solve(columns.transposed(columns.whiten(told)))[first:]
-    shares, at = [], 0
-    for field in fields:
-        taken = np.einsum("fbcq,qk->fbck", field, asked[at : at + field.shape[-1]])
-        at += field.shape[-1]
+    shares = []
+    for field, own in zip(fields, columns.spans(fields, known), strict=True):
+        taken = np.einsum("fbcq,qk->fbck", field, asked[own])
         shares.append(max(abs(_strain(scene, taken[..., k])[k]) for k in range(told.shape[-1])))
     return tuple(shares)
 

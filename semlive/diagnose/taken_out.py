@@ -16,7 +16,8 @@ from semlive.data.grid import Grid
 from semlive.data.pair import PairDecision
 from semlive.data.settings import EstimateSettings
 from semlive.data.strain import Tensor2
-from semlive.diagnose.known import at_points, moved_by, showing
+from semlive.diagnose.anew import likelier_coupled
+from semlive.diagnose.known import at_points, less, moved_by, showing
 from semlive.diagnose.load_channel import Readings, added_by, readings_of
 from semlive.diagnose.observation import Observation, StepFacts, first_solution, observe, steps_of
 from semlive.errors import IllPosed
@@ -65,13 +66,7 @@ class TakenOut:
 
     def without(self, disparity: DisparityMap) -> DisparityMap:
         """A map without it."""
-        if not self.by_frame:
-            return disparity
-        by = self.by_frame[disparity.current] - self.by_frame[disparity.reference]
-        u, v = (one.copy() for one in (disparity.u_px, disparity.v_px))
-        u[disparity.valid] -= by[..., 0][disparity.valid]
-        v[disparity.valid] -= by[..., 1][disparity.valid]
-        return replace(disparity, u_px=u, v_px=v)
+        return less(disparity, self.by_frame)
 
     def strain_of(self, frame: int) -> Tensor2:
         """Mean strain of what is taken out of a frame."""
@@ -150,7 +145,7 @@ def unfit(model: KnownModel, size_px: tuple[int, int]) -> str:
 
 def _taken(observation: Observation, effects: Sequence[KnownEffect], notes: Sequence[str]) -> TakenOut:
     seen = showing(observation, effects)
-    moved = moved_by(observation, seen)
+    moved = moved_by(likelier_coupled(observation, (), seen), seen)
     out = [one for one in moved.effects if one not in moved.left_in]
     said = [f"model: {', '.join(out)} taken out of the maps; what is stated of strain does not hold their uncertainty"] if out else []
     said += [f"model: {one} is strain or cannot be told from it, and is left in" for one in moved.left_in]

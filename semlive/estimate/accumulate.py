@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -400,8 +400,19 @@ def with_line_shifts(state: EstimatorState, over_y: UniformSpline, about: NDArra
     return summed(_remade(larger))
 
 
+def with_maps(state: EstimatorState, changed: Callable[[DisparityMap], DisparityMap]) -> EstimatorState:
+    """The same pairs with other maps, no block being doubted yet: all columns made anew."""
+    made = (map_rows(state, changed(one.dmap)) if one.weight.any() else one for one in state.rows)
+    return _having(
+        state, (replace(new, weight=np.where(one.weight > 0.0, new.weight, 0.0)) for new, one in zip(made, state.rows, strict=True))
+    )
+
+
 def _remade(state: EstimatorState) -> EstimatorState:
-    made = (replace(map_rows(state, one.dmap), weight=one.weight) if one.weight.any() else one for one in state.rows)
+    return _having(state, (replace(map_rows(state, one.dmap), weight=one.weight) if one.weight.any() else one for one in state.rows))
+
+
+def _having(state: EstimatorState, made: Iterable[MapRows]) -> EstimatorState:
     again = replace(state, rows=state.keep.longer((), (kept_rows(one, state.keep) for one in made)))
     return summed(unsummed(again)) if state.summed else again
 

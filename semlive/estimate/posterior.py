@@ -11,7 +11,7 @@ from scipy.linalg import cho_solve
 from semlive.data.drift import TermTest
 from semlive.data.keep import IN_MEMORY
 from semlive.errors import IllPosed
-from semlive.estimate.accumulate import carried_along, marginal, predicted, pull, relinearised, reweighted, with_line_shifts
+from semlive.estimate.accumulate import at_rest, carried_along, marginal, predicted, pull, relinearised, reweighted, with_line_shifts
 from semlive.estimate.arrow import Factor, cholesky, factored, sides, steady
 from semlive.estimate.blocks import Blocks
 from semlive.estimate.chain import Chain, chained
@@ -70,11 +70,15 @@ class Solution:
         return self.ending.covariance_of(rows)
 
 
-def choose(state: EstimatorState) -> Solution:
+def choose(state: EstimatorState, carried: bool | None = None) -> Solution:
     """Posterior mean and covariance of drift, distortion and motion, with all that the data choose.
 
     The noise scale follows from the residuals, the smoothness of drift and distortion from the marginal likelihood
     (empirical Bayes), and the gradients' columns are re-linearised once about a first solution.
+
+    Args:
+        state: the data.
+        carried: whether the drift carries the distortion; None lets the data say so.
 
     Raises:
         IllPosed: there are no data, or they are not finite.
@@ -82,16 +86,20 @@ def choose(state: EstimatorState) -> Solution:
     if state.drift is None:
         raise IllPosed("no pair has been accumulated yet, so there is nothing to estimate: add pair 0 first")
     keep, state = state.keep, replace(state, rows=tuple(state.rows), keep=IN_MEMORY)  # they are looked at dozens of times
+    if carried is False and state.distortion.carried:
+        state = at_rest(state)
     gauge = gauge_precision(state)
     mean = _first_mean(state, Hyper(), gauge)
     fitted, tests = _with_raster_terms(_fitted(relinearised(state, mean), Hyper(), gauge, mean), gauge)
     # A wrong magnification looks like a wrong coupling and the other way round; coupling is judged with magnification in the model,
     # and magnification once more after the coupling.
     test = _coupling(fitted, gauge)
-    if abs(test.value) > COUPLING_SIGMAS * test.sigma:  # neither can it be told from one column where the misfit is all there is
-        carried, carried_tests = _with_raster_terms(_carried(state, mean, gauge), gauge)
-        if test.used or carried.hyper.noise_scale < LIKELIER * fitted.hyper.noise_scale:
-            fitted, tests, test = carried, carried_tests, replace(test, used=True)
+    doubtful = abs(test.value) > COUPLING_SIGMAS * test.sigma  # one column cannot tell where the misfit is all there is
+    if carried or (carried is None and doubtful):
+        along, along_tests = _with_raster_terms(_carried(state, mean, gauge), gauge)
+        if carried or test.used or along.hyper.noise_scale < LIKELIER * fitted.hyper.noise_scale:
+            fitted, tests, test = along, along_tests, replace(test, used=True)
+    test = test if carried is None else replace(test, used=carried)
     fitted, lines = _with_line_shifts(fitted)
     gauge = gauge_precision(fitted.state)
     fitted = _robust(fitted, gauge)

@@ -32,6 +32,7 @@ from blind.observing import observed
 from blind.scoring import Verdict, table
 
 from semlive.data.diagnosis import Diagnosis
+from semlive.diagnose.anew import likelier_coupled
 from semlive.diagnose.gap import closure_known
 from semlive.diagnose.judge import diagnose
 from semlive.diagnose.known import joined
@@ -119,8 +120,9 @@ def closure(case: Case, seen: Observation, found: Diagnosis) -> float | None:
     alone = _nothing_hidden(case.conditions())
     if not np.array_equal(alone.used, seen.used):
         return None
-    bare = joined(quiet(seen), ())[0]
-    having = joined(bare, [one.law for one in found.effects])[0]
+    laws = [one.law for one in found.effects]
+    bare = joined(quiet(likelier_coupled(seen, (), laws)), ())[0]
+    having = joined(bare, laws)[0]
     return closure_known(bare, having, alone.disparity_px, 0)
 
 

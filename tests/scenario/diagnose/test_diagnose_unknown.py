@@ -76,6 +76,10 @@ def test_a_wrong_row_time_beside_a_drift_that_could_walk_has_no_likelier_course(
     assert course_of(Case(ONE, ("wrong_row_time",), 8.0, 60_007).observed(), "wrong_row_time") < 3.0
 
 
+def test_a_swing_with_two_shapes_in_a_frame_has_no_likelier_course() -> None:
+    assert course_of(Case(ONE, ("thermal_oscillation",), 8.0, 80_004).observed(), "thermal_oscillation") < 3.0
+
+
 def test_a_charge_that_approaches_its_end_is_one_effect() -> None:
     case = Case(ONE, ("charging_local_lens",), 8.0, 60_007)
     (hidden,) = case.effects()

@@ -1,0 +1,77 @@
+"""What is hidden misleads choices that the estimate makes before it has a name: they are made again beside it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+from blind.cases import ONE, TWO, Case
+
+from semlive.data.diagnosis import Diagnosis, Outcome
+from semlive.diagnose.anew import likelier_coupled
+from semlive.diagnose.baseline import Design
+from semlive.diagnose.judge import diagnose
+from semlive.diagnose.known import family_of
+from semlive.diagnose.observation import Observation
+from semlive.model.effects import Family
+
+DRAWS = 99
+
+
+def few(*names: str) -> tuple[Family, ...]:
+    """A part of the dictionary: a verdict takes a third of the time."""
+    return tuple(family_of(one) for one in names)
+
+
+def names_of(found: Diagnosis) -> set[str]:
+    return {one.name for one in found.effects}
+
+
+@pytest.fixture(scope="module")
+def tilted() -> Observation:
+    return Case(ONE, ("tilt_with_load",), 16.0, 80_001).observed()
+
+
+def test_a_large_tilt_does_not_make_the_drift_carry_the_distortion(tilted: Observation) -> None:
+    dictionary = few("tilt_with_load", "inhomogeneous_strain", "distortion_scale_drift")
+    found = diagnose(tilted, dictionary=dictionary, draws=DRAWS)
+
+    assert tilted.state.distortion.carried  # as the estimate has it, and it is not so
+    assert not likelier_coupled(tilted, dictionary).state.distortion.carried
+    assert (found.outcome, names_of(found)) == (Outcome.IDENTIFIED, {"tilt_with_load"})
+
+
+def test_where_nothing_is_hidden_the_choice_stands() -> None:
+    seen = Case(ONE, ("tilt_with_load",), 0.01, 80_001).observed()
+
+    assert likelier_coupled(seen, few("tilt_with_load")) is seen
+    assert not seen.state.distortion.carried
+
+
+def test_a_distortion_that_drifts_is_made_of_what_it_is_without_the_drift() -> None:
+    seen = Case(ONE, ("distortion_scale_drift",), 16.0, 80_004).observed()
+    found = diagnose(seen, dictionary=few("distortion_scale_drift", "inhomogeneous_strain"), draws=DRAWS)
+
+    assert (found.outcome, names_of(found)) == (Outcome.IDENTIFIED, {"distortion_scale_drift"})
+
+
+def test_a_jump_beside_a_distortion_that_drifts_leaves_no_third_name() -> None:
+    both = ("drift_jump", "distortion_scale_drift")
+    found = diagnose(Case(TWO, both, 8.0, 83_028).observed(), dictionary=few(*both, "charging_frame_ramp"), draws=DRAWS)
+
+    assert (found.outcome, names_of(found)) == (Outcome.IDENTIFIED, set(both))
+
+
+def test_amplitudes_of_known_effects_come_first_and_those_of_named_ones_last() -> None:
+    columns = cast(Any, SimpleNamespace(sizes_px=np.zeros(2 + 440 + 4)))
+    fields = [np.zeros((1, 1, 2, q)) for q in (2, 1, 3)]
+
+    assert Design.spans(columns, fields, 1) == (slice(0, 2), slice(442, 443), slice(443, 446))
+    assert Design.spans(cast(Any, SimpleNamespace(sizes_px=np.zeros(6))), fields, 3) == (slice(0, 2), slice(2, 3), slice(3, 6))
