@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 DRAWS = 299
 # Most of a gap; see `_useful`.
 HALF = 0.5
+LITTLE = 0.1  # of a block's noise
 
 
 def diagnose(
@@ -106,14 +107,27 @@ class Look:
 
 
 def _looked_again(look: Look, families: Sequence[Family], known: Sequence[KnownEffect], draws: tuple[int, int]) -> Look:
-    """About the point that is chosen without the effects, if the data are likelier there."""
+    """About the point that is chosen without the effects, if that is another for what was named, and the data are likelier there."""
     try:
         seen = beside(look.having, look.fields, (*families, *UNNAMED), known)
     except IllPosed:
         return look
-    if not np.array_equal(seen.used, look.having.design.observation.used):
+    before = look.having.design.observation
+    if not np.array_equal(seen.used, before.used):
+        return look
+    alike = seen.state.distortion.carried == before.state.distortion.carried
+    if alike and not any(_moves_otherwise(one.refined, seen, look.having) for one in look.named):
         return look
     return max((look, Look.at(seen, families, known, draws)), key=lambda one: one.having.likelihood)
+
+
+def _moves_otherwise(one: Refined, seen: Observation, having: Ladder) -> bool:
+    """Whether a law says something else of the maps about another point: by more than a part of their noise."""
+    law = one.family.law(seen.scene, dict(one.values))
+    if law is None:
+        return True
+    change = (law.field_px - one.field_px) @ one.amplitudes
+    return float(np.sqrt(np.mean((change - change[0]) ** 2))) > LITTLE * having.design.whiten.sigma_px
 
 
 def _beside(having: Ladder, named: Sequence[Named]) -> tuple[Named, ...]:
