@@ -74,7 +74,8 @@ def beside(having: Ladder, fields: Sequence[Array], families: Sequence[Family], 
 
 def _chosen(seen: Observation, taken: Mapping[int, Array], carried: bool | None) -> Observation:
     """About what is chosen from maps without what is taken out of them."""
-    solution = first_solution(with_maps(at_rest(seen.state), lambda one: less(one, taken)), carried)
+    state = at_rest(seen.state) if seen.state.distortion.carried else seen.state
+    solution = first_solution(with_maps(state, lambda one: less(one, taken)), carried)
     if taken:
         whole = {(one.reference, one.current): one.dmap for one in seen.state.rows}
         solution = replace(solution, state=with_maps(solution.state, lambda one: whole[one.reference, one.current]))

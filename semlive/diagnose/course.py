@@ -44,12 +44,12 @@ def _of_one(having: Ladder, columns: Design, one: Refined, others: Sequence[Refi
     shape, share = _shape(one)
     if share < ONE_SHAPE:
         return -np.inf
-    course = _own_course(one, shape)
-    for found in (*(other.found for other in others), _rest(columns, one, shape, course)):
+    lawful = _own_course(one, shape)
+    for found in (*(other.found for other in others), _rest(columns, one, shape, lawful)):
         columns = columns.having(found)
     beside = as_smooth(columns, having)
     normal, pull = _of_frames(beside, shape)
-    own = _heard(normal, pull, course)
+    own = _heard(normal, pull, lawful)
     return max(_gain(_heard(normal, pull, course), own) for course in _courses(beside.design.observation.scene))
 
 
