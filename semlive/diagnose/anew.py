@@ -22,7 +22,7 @@ from semlive.diagnose.named import with_values_between
 from semlive.diagnose.noise import quiet
 from semlive.diagnose.observation import Observation, first_solution, observe
 from semlive.errors import IllPosed
-from semlive.estimate.accumulate import at_rest, with_maps
+from semlive.estimate.accumulate import with_maps, with_nothing_chosen
 from semlive.estimate.posterior import Solution
 from semlive.estimate.terms import COUPLING_SIGMAS
 from semlive.model.effects import Family
@@ -74,8 +74,7 @@ def beside(having: Ladder, fields: Sequence[Array], families: Sequence[Family], 
 
 def _chosen(seen: Observation, taken: Mapping[int, Array], carried: bool | None) -> Observation:
     """About what is chosen from maps without what is taken out of them."""
-    state = at_rest(seen.state) if seen.state.distortion.carried else seen.state
-    solution = first_solution(with_maps(state, lambda one: less(one, taken)), carried)
+    solution = first_solution(with_nothing_chosen(seen.state, lambda one: less(one, taken)), carried)
     if taken:
         whole = {(one.reference, one.current): one.dmap for one in seen.state.rows}
         solution = replace(solution, state=with_maps(solution.state, lambda one: whole[one.reference, one.current]))

@@ -15,7 +15,7 @@ from semlive.data.experiment import Phase
 from semlive.errors import IllPosed
 from semlive.estimate.blocks import BlockColumns, PackedColumns, StoredColumns, block_columns, in_a_row
 from semlive.estimate.rows import all_rows, map_rows
-from semlive.estimate.state import SURE, EstimatorState, Extent, ManyColumns, MapRows, ReferenceNoise, kept_rows, rows_of
+from semlive.estimate.state import NO_LINES, SURE, EstimatorState, Extent, ManyColumns, MapRows, ReferenceNoise, kept_rows, rows_of
 from semlive.model import (
     Axis,
     DriftSpline,
@@ -406,6 +406,14 @@ def with_maps(state: EstimatorState, changed: Callable[[DisparityMap], Disparity
     return _having(
         state, (replace(new, weight=np.where(one.weight > 0.0, new.weight, 0.0)) for new, one in zip(made, state.rows, strict=True))
     )
+
+
+def with_nothing_chosen(state: EstimatorState, changed: Callable[[DisparityMap], DisparityMap]) -> EstimatorState:
+    """The same pairs with other maps, as before any choice: the distortion at rest, no rows shifted."""
+    smaller = replace(unsummed(state), distortion=replace(state.distortion, carried=False), lines=NO_LINES)
+    about = state.about[smaller.layout.within(state.layout)] if state.about.size else state.about
+    begun = with_maps(replace(smaller, about=about), changed)
+    return summed(begun) if state.summed else begun
 
 
 def _remade(state: EstimatorState) -> EstimatorState:
