@@ -8,7 +8,7 @@ none; carried, the distortion left more of the maps than the tilt, and three oth
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 
 from semlive.data.diagnosis import KnownEffect
 from semlive.diagnose.baseline import Ladder
-from semlive.diagnose.evidence import weigh
-from semlive.diagnose.known import amplitudes_of, at_points, joined, less
-from semlive.diagnose.named import with_values_between
-from semlive.diagnose.noise import quiet
+from semlive.diagnose.heard import Heard
+from semlive.diagnose.known import amplitudes_of, at_points, less
 from semlive.diagnose.observation import Observation, first_solution, observe
 from semlive.errors import IllPosed
 from semlive.estimate.accumulate import with_maps, with_nothing_chosen
@@ -31,9 +29,22 @@ Array = NDArray[np.float64]
 NOTHING: Mapping[int, Array] = MappingProxyType({})
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Coupled:
+    """A run with the distortion carried by the drift, or not.
+
+    Attributes:
+        observation: about that choice.
+        heard: all families beside it, where they decided; None where there was no doubt.
+    """
+
+    observation: Observation
+    heard: Heard | None = None
+
+
 def likelier_coupled(
     observation: Observation, families: Sequence[Family], known: Sequence[KnownEffect] = (), taken: Mapping[int, Array] = NOTHING
-) -> Observation:
+) -> Coupled:
     """The same maps with the distortion carried by the drift, or not: as is likelier beside the loudest of all effects.
 
     Args:
@@ -43,17 +54,18 @@ def likelier_coupled(
         taken: by the number of each frame (ny, nx, 2) what was taken out of its map, px, for that choice.
     """
     if not _doubtful(observation.solution):
-        return observation
+        return Coupled(observation)
     try:
         other = _chosen(observation, taken, not observation.state.distortion.carried)
     except IllPosed:
-        return observation
+        return Coupled(observation)
     if not np.array_equal(other.used, observation.used):
-        return observation
-    return max((observation, other), key=lambda one: _with_the_loudest(joined(quiet(one), known)[0], families))
+        return Coupled(observation)
+    both = [(one, Heard.of(one, families, known)) for one in (observation, other)]
+    return Coupled(*max(both, key=lambda one: one[1].loudest))
 
 
-def beside(having: Ladder, fields: Sequence[Array], families: Sequence[Family], known: Sequence[KnownEffect] = ()) -> Observation:
+def beside(having: Ladder, fields: Sequence[Array], families: Sequence[Family], known: Sequence[KnownEffect] = ()) -> Coupled:
     """The same maps about what is chosen where effects were taken out of them.
 
     Args:
@@ -85,8 +97,3 @@ def _doubtful(solution: Solution) -> bool:
     """Whether the maps ask for another share of the distortion to be carried than was chosen: all of it, or nothing."""
     asked = next((one for one in solution.terms if one.name == "coupling"), None)
     return asked is not None and abs(asked.value - float(solution.state.distortion.carried)) > COUPLING_SIGMAS * asked.sigma
-
-
-def _with_the_loudest(bare: Ladder, families: Sequence[Family]) -> float:
-    heard = with_values_between(bare, weigh(bare, families, None))
-    return bare.likelihood + max((one.log_factor for one in heard), default=0.0)

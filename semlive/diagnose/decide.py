@@ -221,7 +221,7 @@ def _run_by_run(runs: Sequence[Ladder]) -> dict[str, float]:
     shared = {one.name for one in BETWEEN_SCANS}
     families, total = [one for one in DICTIONARY if one.name not in shared], dict[str, float]()
     for run in runs:
-        for one in weigh(run, families, None):
+        for one in weigh(run, families):
             total[one.family.name] = total.get(one.family.name, 0.0) + one.log_factor
     return total
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +53,7 @@ class Weighed:
         values: what is not linear, for each law.
         laws: the same laws against the data.
         each: (laws, rungs, sizes) logarithms of the Bayes factors, those of the rungs relative to the whole ladder.
-        null: (draws,) logarithm of the family's Bayes factor where there is nothing but the likeliest baseline.
+        null: (draws,) logarithm of the family's Bayes factor where there is nothing but the likeliest baseline, where that was asked.
         between: what values between those of the grid add to the logarithm of the Bayes factor, where that was asked.
     """
 
@@ -92,56 +93,71 @@ def projected(ladder: Ladder, field: Array) -> Projected:
     return _against(_Flat.of(ladder, white), white)[0]
 
 
-def kept_for(ladder: Ladder, families: Sequence[Family]) -> dict[str, Prepared]:
+def kept_for(ladder: Ladder, families: Sequence[Family], so_far: Mapping[str, Prepared] = MappingProxyType({})) -> dict[str, Prepared]:
     """By the name of each family its laws, whitened: to be asked of the same baseline with more and more effects in it.
 
     None where they would take more than half a gigabyte.
+
+    Args:
+        ladder: the baseline.
+        families: whose laws are wanted.
+        so_far: what is kept of others.
     """
-    scene, found, total = ladder.design.observation.scene, dict[str, Prepared](), 0
+    scene, found = ladder.design.observation.scene, dict(so_far)
+    total = sum(one.nbytes for one in found.values())
     for family in families:
         one = prepared(ladder, family, scene)
         if one is not None:
             found[family.name] = one
-            total += sum(columns.nbytes for batch in one.batches for columns in batch.columns)
+            total += one.nbytes
         if total > MOST_BYTES:
             return {}
     return found
 
 
-def weigh(
-    ladder: Ladder, families: Sequence[Family], draws: NullDraws | None, kept: Mapping[str, Prepared] | None = None
-) -> tuple[Weighed, ...]:
-    """Families against the data, and against draws of the null; those that cannot be seen here are left out.
+def weigh(ladder: Ladder, families: Sequence[Family], kept: Mapping[str, Prepared] | None = None) -> tuple[Weighed, ...]:
+    """Families against the data; those that cannot be seen here are left out.
 
     Args:
         ladder: the baseline, with the effects so far.
         families: that are asked.
-        draws: of the null; None asks the data alone.
         kept: `kept_for` the same baseline without the last effects.
     """
-    scene, found = ladder.design.observation.scene, []
-    for family in families:
-        one = (kept or {}).get(family.name) or prepared(ladder, family, scene)
-        if one is not None:
-            found.append(_weighed(ladder, family, one, draws))
-    return tuple(found)
+    asked = ((family, _asked(ladder, family, kept)) for family in families)  # one at a time: together they may take a gigabyte
+    return tuple(_weighed(ladder, family, one) for family, one in asked if one is not None)
 
 
-def _weighed(ladder: Ladder, family: Family, asked: Prepared, draws: NullDraws | None) -> Weighed:
+def with_draws(
+    ladder: Ladder, heard: Sequence[Weighed], draws: NullDraws, kept: Mapping[str, Prepared] | None = None
+) -> tuple[Weighed, ...]:
+    """Families that were weighed, against draws of the null of the same baseline too; `kept` as for `weigh`."""
+    return tuple(replace(one, null=_drawn(ladder, one, draws, kept)) for one in heard)
+
+
+def _asked(ladder: Ladder, family: Family, kept: Mapping[str, Prepared] | None) -> Prepared | None:
+    return (kept or {}).get(family.name) or prepared(ladder, family, ladder.design.observation.scene)
+
+
+def _weighed(ladder: Ladder, family: Family, asked: Prepared) -> Weighed:
     sizes, base = sizes_of(family), np.array([one.evidence for one in ladder.rungs]) - ladder.evidence
-    laws, null = list[Projected](), []
-    for batch in asked.batches:
-        flat = _Flat.of(ladder, batch)
-        against = _against(flat, batch)
-        laws += against
-        if draws is not None:
-            drawn, rung = draws.pull(flat), ladder.rungs.index(ladder.best)
-            for own, law in zip(batch.spans, against, strict=True):
-                along = drawn[:, own] @ law.vectors[rung]
-                null.append(log_factor(law.values[rung][None, None], along[:, None], sizes[:, None]))
+    laws = [law for batch in asked.batches for law in _against(_Flat.of(ladder, batch), batch)]
     factors = np.stack([one.log_factor(sizes) for one in laws]) + base[None, :, None]
-    nothing = np.logaddexp.reduce(np.stack(null), axis=(0, 2)) - np.log(len(null) * len(sizes)) if null else np.zeros(0)
-    return Weighed(family, asked.values, tuple(laws), factors, nothing)
+    return Weighed(family, asked.values, tuple(laws), factors, np.zeros(0))
+
+
+def _drawn(ladder: Ladder, one: Weighed, draws: NullDraws, kept: Mapping[str, Prepared] | None) -> Array:
+    """(draws,) logarithm of a family's Bayes factor at the likeliest rung."""
+    asked, sizes, rung, laws = _asked(ladder, one.family, kept), sizes_of(one.family), ladder.rungs.index(ladder.best), iter(one.laws)
+    assert asked is not None  # it was weighed
+    null = []
+    for batch in asked.batches:
+        drawn = draws.pull(batch, ladder.best.half(batch.shared_with(ladder.design)))
+        for own in batch.spans:
+            law = next(laws)
+            gains = np.outer(sizes**2, law.values[rung])
+            fit = (drawn[:, own] @ law.vectors[rung]) ** 2 @ (sizes[:, None] ** 2 / (1.0 + gains)).T
+            null.append(0.5 * (fit - np.log1p(gains).sum(axis=1)))
+    return np.asarray(np.logaddexp.reduce(np.stack(null), axis=(0, 2)) - np.log(len(null) * len(sizes)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,12 +165,10 @@ class _Flat:
     """Whitened columns against the baseline.
 
     Attributes:
-        white: the columns.
         halves: for each rung, what the baseline has in common with the columns, half solved.
         pull: (rungs, q) what the data ask for.
     """
 
-    white: Whitened
     halves: tuple[Array, ...]
     pull: Array
 
@@ -163,7 +177,7 @@ class _Flat:
         """For all rungs of a ladder."""
         shared = white.shared_with(ladder.design)
         halves = tuple(rung.half(shared) for rung in ladder.rungs)
-        return cls(white, halves, np.stack([white.asked - half.T @ rung.asked for rung, half in zip(ladder.rungs, halves, strict=True)]))
+        return cls(halves, np.stack([white.asked - half.T @ rung.asked for rung, half in zip(ladder.rungs, halves, strict=True)]))
 
 
 def _against(flat: _Flat, white: Whitened) -> tuple[Projected, ...]:
@@ -201,12 +215,10 @@ class NullDraws:
     """Data as the likeliest baseline would make them, with nothing hidden in them: a parametric bootstrap.
 
     Attributes:
-        rung: of the likeliest baseline in its ladder.
         noise: for x and for y, (f b, draws) whitened noise.
         asked: (p, draws) what noise and belief ask of the baseline, half solved.
     """
 
-    rung: int
     noise: tuple[Array, Array]
     asked: Array
 
@@ -224,11 +236,11 @@ class NullDraws:
         believed = np.linalg.cholesky(ladder.best.prior) @ rng.normal(size=(ladder.design.size, draws))
         asked = ladder.best.half(ladder.design.transposed(noise) - believed)
         flat = noise[:, :, 0].reshape(-1, draws), noise[:, :, 1].reshape(-1, draws)
-        return cls(ladder.rungs.index(ladder.best), flat, asked)
+        return cls(flat, asked)
 
-    def pull(self, flat: _Flat) -> Array:
-        """(draws, q) what each draw asks of columns."""
-        return (flat.white.along(self.noise) - flat.halves[self.rung].T @ self.asked).T
+    def pull(self, white: Whitened, half: Array) -> Array:
+        """(draws, q) what each draw asks of columns that have so much, half solved, in common with the likeliest baseline."""
+        return (white.along(self.noise) - half.T @ self.asked).T
 
 
 def projected_with_draws(ladder: Ladder, field: Array, draws: NullDraws) -> tuple[Array, Array, Array]:
@@ -236,4 +248,4 @@ def projected_with_draws(ladder: Ladder, field: Array, draws: NullDraws) -> tupl
     white = Whitened.of(ladder, (field,))
     flat = _Flat.of(replace(ladder, rungs=(ladder.best,)), white)
     (all_of_it,) = _against(flat, white)
-    return all_of_it.values[0], all_of_it.pull[0], replace(draws, rung=0).pull(flat) @ all_of_it.vectors[0]
+    return all_of_it.values[0], all_of_it.pull[0], draws.pull(white, flat.halves[0]) @ all_of_it.vectors[0]

@@ -48,7 +48,7 @@ def foretold(seen: Observation, found: Diagnosis, known: Sequence[KnownEffect] =
     beside = [one for one in (*known, *(one.law for one in found.effects)) if one.name in named and one.name not in asked]
     beside = showing(seen, beside)
     before = joined(quiet(seen), beside)[0]
-    rivals = [refined(before, one) for one in weigh(before, [family_of(name) for name in asked], None)]
+    rivals = [refined(before, one) for one in weigh(before, [family_of(name) for name in asked])]
     told = [_told(kind, run, before, rivals, beside) for kind, run in _menu(seen)]
     return tuple(sorted((one for one in told if one is not None), key=lambda one: -one.per_minute))
 

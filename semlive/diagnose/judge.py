@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.diagnosis import Diagnosis, Disagreement, Experiment, FoundEffect, Gap, KnownEffect, Outcome
-from semlive.diagnose.anew import beside, likelier_coupled
+from semlive.diagnose.anew import Coupled, beside, likelier_coupled
 from semlive.diagnose.baseline import Ladder
 from semlive.diagnose.course import likelier_course
 from semlive.diagnose.evidence import NullDraws, Weighed, overlap
 from semlive.diagnose.gap import gap_of
-from semlive.diagnose.known import joined
+from semlive.diagnose.heard import Heard
 from semlive.diagnose.named import LOUD, ODDS, Named
-from semlive.diagnose.noise import quiet
 from semlive.diagnose.observation import Observation
 from semlive.diagnose.pictures import pictures_of
 from semlive.diagnose.refine import Refined, together
@@ -91,14 +90,14 @@ class Look:
     loud: bool
 
     @classmethod
-    def at(cls, observation: Observation, families: Sequence[Family], known: Sequence[KnownEffect], draws: tuple[int, int]) -> Look:
+    def at(cls, run: Coupled, families: Sequence[Family], known: Sequence[KnownEffect], draws: tuple[int, int]) -> Look:
         """Search; so many draws of the null, and the seed of these."""
-        bare, already = joined(quiet(observation), known)
-        null = NullDraws.of(bare, *draws)
-        places, found = where(bare, null), searched(bare, families, null, draws[1])
+        begun = run.heard or Heard.of(run.observation, (*families, *UNNAMED), known)
+        null = NullDraws.of(begun.bare, *draws)
+        places, found = where(begun.bare, null), searched(begun, families, null, draws[1])
         named = _beside(found.having, found.named)
         loud = found.loud or _unlike(found.bare, found.having, named)
-        return cls(places, found, found.having, named, (*already, *(one.refined.field_px for one in named)), loud)
+        return cls(places, found, found.having, named, (*begun.already, *(one.refined.field_px for one in named)), loud)
 
     @property
     def unsettled(self) -> bool:
@@ -109,16 +108,16 @@ class Look:
 def _looked_again(look: Look, families: Sequence[Family], known: Sequence[KnownEffect], draws: tuple[int, int]) -> Look:
     """About the point that is chosen without the effects, if that is another for what was named, and the data are likelier there."""
     try:
-        seen = beside(look.having, look.fields, (*families, *UNNAMED), known)
+        again = beside(look.having, look.fields, (*families, *UNNAMED), known)
     except IllPosed:
         return look
-    before = look.having.design.observation
+    before, seen = look.having.design.observation, again.observation
     if not np.array_equal(seen.used, before.used):
         return look
     alike = seen.state.distortion.carried == before.state.distortion.carried
     if alike and not any(_moves_otherwise(one.refined, seen, look.having) for one in look.named):
         return look
-    return max((look, Look.at(seen, families, known, draws)), key=lambda one: one.having.likelihood)
+    return max((look, Look.at(again, families, known, draws)), key=lambda one: one.having.likelihood)
 
 
 def _moves_otherwise(one: Refined, seen: Observation, having: Ladder) -> bool:

@@ -121,7 +121,7 @@ def reconsidered(
         one = next(each for each in named if each.refined.family is family)
         before, rest = chained(bare, [other for other in named if other is not one], named[0].unnamed)
         others = [each for each in families if each not in {other.refined.family for other in rest}]
-        heard = with_values_between(before, weigh(before, others, None, kept))
+        heard = with_values_between(before, weigh(before, others, kept))
         candidates = [each for each in heard if each.family not in UNNAMED]
         best = max(candidates, key=lambda each: each.log_factor)
         rivals = [each for each in candidates if each is not best and each.log_factor > best.log_factor - ODDS]

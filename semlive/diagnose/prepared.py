@@ -91,6 +91,11 @@ class Prepared:
     values: tuple[dict[str, float], ...]
     batches: tuple[Whitened, ...]
 
+    @property
+    def nbytes(self) -> int:
+        """Of the columns."""
+        return sum(columns.nbytes for batch in self.batches for columns in batch.columns)
+
 
 def prepared(ladder: Ladder, family: Family, scene: Scene) -> Prepared | None:
     """A family's laws on a scene; None where none of them can be seen."""

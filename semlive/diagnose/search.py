@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from semlive.diagnose.baseline import Ladder
-from semlive.diagnose.evidence import NullDraws, Weighed, kept_for, weigh
+from semlive.diagnose.evidence import NullDraws, Weighed, kept_for, weigh, with_draws
+from semlive.diagnose.heard import Heard
 from semlive.diagnose.named import LOUD, ODDS, RARE, Named, chained, needed, reconsidered, with_one_more, with_values_between
 from semlive.diagnose.prepared import Prepared
 from semlive.diagnose.resolution import FINE_DISTORTION, FINE_DRIFT, finer, with_more
@@ -46,35 +47,41 @@ class Search:
     loud: bool
 
 
-def searched(bare: Ladder, dictionary: Sequence[Family], null: NullDraws, seed: int) -> Search:
+def searched(begun: Heard, dictionary: Sequence[Family], null: NullDraws, seed: int) -> Search:
     """All that can be named.
 
     Args:
-        bare: the baseline, with effects that are known.
+        begun: the dictionary, and what has no name, beside the baseline with effects that are known.
         dictionary: the effects that have a name.
-        null: draws of it.
+        null: draws of the baseline.
         seed: of further draws.
     """
-    now, draws = Search(bare, bare, (), (), (), finer(bare), (), loud=True), null.noise[0].shape[1]
-    kept = kept_for(bare, (*dictionary, *UNNAMED, *now.fine))
+    bare, fine = begun.bare, finer(begun.bare)
+    kept = kept_for(bare, fine, begun.kept)
+    heard = with_draws(bare, (*begun.families, *with_values_between(bare, weigh(bare, fine, kept))), null, kept)
+    now = Search(bare, bare, (), heard, (), fine, (), loud=True)
     while True:
-        families = (*(one for one in dictionary if one not in now.tried), *UNNAMED, *now.fine)
-        untouched = now.having is bare  # as the null is
-        heard = with_values_between(now.having, weigh(now.having, families, null if untouched else None, kept))
-        now = replace(now, first=now.first or heard)
         loudest = max(heard, key=lambda one: one.log_factor)
-        if loudest.log_factor >= LOUD and not untouched:  # what is left is quiet nearly always, and draws take time
-            again = NullDraws.of(now.having, draws, seed + len(now.named) + len(now.coarse))
-            heard = with_values_between(now.having, weigh(now.having, families, again, kept))
         p_value = _p_value(heard, loudest.log_factor) if loudest.log_factor >= LOUD else 1.0
         now = replace(now, loud=p_value <= RARE)
         if now.loud and loudest.family in now.fine:
             now = _without_coarse(now, loudest)
-            continue
-        best = max((one for one in heard if one.family not in NAMELESS), key=lambda one: one.log_factor, default=None)
-        if not now.loud or best is None or best.log_factor < LOUD or len(now.named) == MOST:
-            return now
-        now = _with_effect(now, heard, best, p_value, dictionary, kept)
+        else:
+            best = max((one for one in heard if one.family not in NAMELESS), key=lambda one: one.log_factor, default=None)
+            if not now.loud or best is None or best.log_factor < LOUD or len(now.named) == MOST:
+                return now
+            now = _with_effect(now, heard, best, p_value, dictionary, kept)
+        heard = _heard(now, dictionary, kept, (null.noise[0].shape[1], seed))
+
+
+def _heard(now: Search, dictionary: Sequence[Family], kept: Mapping[str, Prepared], draws: tuple[int, int]) -> tuple[Weighed, ...]:
+    """What is left to be tried; against so many draws, with a seed, where anything is loud: what is left is quiet nearly always."""
+    families = (*(one for one in dictionary if one not in now.tried), *UNNAMED, *now.fine)
+    heard = with_values_between(now.having, weigh(now.having, families, kept))
+    if max(one.log_factor for one in heard) < LOUD:
+        return heard
+    null = NullDraws.of(now.having, draws[0], draws[1] + len(now.named) + len(now.coarse))
+    return with_draws(now.having, heard, null, kept)
 
 
 def _without_coarse(now: Search, fine: Weighed) -> Search:

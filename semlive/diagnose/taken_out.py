@@ -145,7 +145,7 @@ def unfit(model: KnownModel, size_px: tuple[int, int]) -> str:
 
 def _taken(observation: Observation, effects: Sequence[KnownEffect], notes: Sequence[str]) -> TakenOut:
     seen = showing(observation, effects)
-    moved = moved_by(likelier_coupled(observation, (), seen), seen)
+    moved = moved_by(likelier_coupled(observation, (), seen).observation, seen)
     out = [one for one in moved.effects if one not in moved.left_in]
     said = [f"model: {', '.join(out)} taken out of the maps; what is stated of strain does not hold their uncertainty"] if out else []
     said += [f"model: {one} is strain or cannot be told from it, and is left in" for one in moved.left_in]

@@ -25,7 +25,7 @@ from blind.experiment import Conditions
 from blind.observing import observed
 from scipy.stats import ks_2samp
 
-from semlive.diagnose.evidence import NullDraws, weigh
+from semlive.diagnose.evidence import NullDraws, weigh, with_draws
 from semlive.diagnose.judge import DRAWS
 from semlive.diagnose.noise import quiet
 from semlive.diagnose.unknown import UNNAMED
@@ -39,14 +39,14 @@ LEVELS = (0.01, 0.05, 0.1, 0.2, 0.5)
 def linear(seed: int) -> list[float]:
     """The loudest of each draw."""
     bare = quiet(observed(Conditions(seed), (), GRID))
-    heard = weigh(bare, FAMILIES, NullDraws.of(bare, DRAWS, seed))
+    heard = with_draws(bare, weigh(bare, FAMILIES), NullDraws.of(bare, DRAWS, seed))
     return [float(one) for one in np.max([one.null for one in heard], axis=0)]
 
 
 def refitted(seed: int, number: int) -> float:
     """The loudest where all is measured and estimated again."""
     bare = quiet(observed(Conditions(seed, noise_seed=NOISE + 1000 * (seed - FIRST_SEED) + number), (), GRID))
-    return max(one.log_factor for one in weigh(bare, FAMILIES, None))
+    return max(one.log_factor for one in weigh(bare, FAMILIES))
 
 
 def said(drawn: dict[int, list[float]], found: dict[int, list[float]]) -> str:

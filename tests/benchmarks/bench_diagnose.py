@@ -121,7 +121,7 @@ def closure(case: Case, seen: Observation, found: Diagnosis) -> float | None:
     if not np.array_equal(alone.used, seen.used):
         return None
     laws = [one.law for one in found.effects]
-    bare = joined(quiet(likelier_coupled(seen, (), laws)), ())[0]
+    bare = joined(quiet(likelier_coupled(seen, (), laws).observation), ())[0]
     having = joined(bare, laws)[0]
     return closure_known(bare, having, alone.disparity_px, 0)
 

@@ -104,7 +104,7 @@ def compared(true: str, other: str, times: float, seed: int, second: int) -> Ite
     size_px = times * PROTOTYPE_PX[true]
     first = observed(Conditions(seed), hidden_effect(true, size_px, seed), GRID)
     before = quiet(first)
-    rivals = [refined(before, one) for one in weigh(before, [family_of(true), family_of(other)], None)]
+    rivals = [refined(before, one) for one in weigh(before, [family_of(true), family_of(other)])]
     for kind, dwell in ((Kind.PARKED, 1.0), (Kind.AGAIN, 1.0), (Kind.OTHER_SCAN, 0.5), (Kind.OTHER_SCAN, 2.0)):
         ahead = rehearsed(before, planned(first, kind, dwell))
         foretold = expected_odds(ahead, [predicted(ahead, before, one) for one in rivals])[0, 1]

@@ -44,14 +44,14 @@ def test_a_large_tilt_does_not_make_the_drift_carry_the_distortion(tilted: Obser
     found = diagnose(tilted, dictionary=dictionary, draws=DRAWS)
 
     assert tilted.state.distortion.carried  # as the estimate has it, and it is not so
-    assert not likelier_coupled(tilted, dictionary).state.distortion.carried
+    assert not likelier_coupled(tilted, dictionary).observation.state.distortion.carried
     assert (found.outcome, names_of(found)) == (Outcome.IDENTIFIED, {"tilt_with_load"})
 
 
 def test_where_nothing_is_hidden_the_choice_stands() -> None:
     seen = Case(ONE, ("tilt_with_load",), 0.01, 80_001).observed()
 
-    assert likelier_coupled(seen, few("tilt_with_load")) is seen
+    assert likelier_coupled(seen, few("tilt_with_load")).observation is seen
     assert not seen.state.distortion.carried
 
 

@@ -46,7 +46,7 @@ def drifting() -> Observation:
 
 def test_a_wrong_point_by_itself_is_nothing_without_a_name() -> None:
     right, wrong = (observed(replace(Conditions(505), outliers=share), (), SPARSE) for share in (0.0, 0.001))
-    loudest = max(one.log_factor for one in weigh(quiet(wrong), UNNAMED, None))
+    loudest = max(one.log_factor for one in weigh(quiet(wrong), UNNAMED))
 
     assert len(right.used) - 8 <= len(wrong.used) < len(right.used)  # it is left out, and its neighbours are not
     assert loudest < LOUD
@@ -63,7 +63,7 @@ def test_whatever_moves_neighbours_alike_keeps_its_blocks() -> None:
 def course_of(seen: Observation, name: str) -> float:
     """Of what is named whatever else would do."""
     bare = quiet(seen)
-    (heard,) = weigh(bare, (family_of(name),), None)
+    (heard,) = weigh(bare, (family_of(name),))
     named = refined(bare, heard)
     return likelier_course(ladder(bare.design.having(named.found)), bare.design, [named])
 
@@ -122,7 +122,7 @@ def test_a_distortion_that_drifts_is_told_with_the_affine_part_that_nobody_knows
     seen = hiding("distortion_scale_drift", 12.0)
     family = family_of("distortion_scale_drift")
     found = diagnose(seen, dictionary=[family, family_of("magnification_drift")], draws=DRAWS)
-    (as_estimated,) = weigh(quiet(seen), (replace(family, thetas=()),), None)
+    (as_estimated,) = weigh(quiet(seen), (replace(family, thetas=()),))
 
     assert found.outcome is Outcome.IDENTIFIED
     assert [one.name for one in found.effects] == ["distortion_scale_drift"]

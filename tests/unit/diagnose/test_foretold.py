@@ -47,7 +47,7 @@ def before(turning: Observation) -> Ladder:
 
 
 def found(before: Ladder, *names: str) -> list[Refined]:
-    return [refined(before, one) for one in weigh(before, [family_of(name) for name in names], None)]
+    return [refined(before, one) for one in weigh(before, [family_of(name) for name in names])]
 
 
 def verdict(*names: str, ambiguous: bool = True) -> Diagnosis:

@@ -31,7 +31,7 @@ def hiding(name: str, peak_px: float, seed: int, grid: Grid = GRID) -> tuple[Lad
 
 
 def likeliest(bare: Ladder, name: str) -> Refined:
-    (heard,) = weigh(bare, [family_of(name)], None)
+    (heard,) = weigh(bare, [family_of(name)])
     return refined(bare, heard)
 
 

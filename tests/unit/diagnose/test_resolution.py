@@ -91,7 +91,7 @@ def test_what_draws_leave_of_held_out_frames_is_what_the_data_leave(smooth: Ladd
 
 def test_a_row_time_that_is_named_surely_is_not_rejected_for_what_held_out_frames_cannot_know() -> None:
     bare = quiet(observed(Conditions(20_013), hidden_effect("wrong_row_time", 0.3, 1), GRID))
-    (heard,) = weigh(bare, [family_of("wrong_row_time")], None)
+    (heard,) = weigh(bare, [family_of("wrong_row_time")])
     found = refined(bare, heard)
     gap = gap_of(bare, ladder(bare.design.having(found.found)), 0)
     assert found.log_factor > 30.0
