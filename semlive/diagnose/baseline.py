@@ -75,21 +75,21 @@ class Design:
         """(p + r, q) A^T times whitened fields (f, b, 2, q)."""
         total = np.zeros((self.size, white.shape[-1]))
         for axis in (0, 1):
-            total[self.index[axis]] += self.along(axis, white[:, :, axis])
+            total[self.index[axis]] += self.along(axis, np.moveaxis(white[:, :, axis], -1, 0))
         return total
 
-    def along(self, axis: int, white: Array) -> Array:
-        """(m, q) columns of one axis times whitened fields (f, b, q).
+    def along(self, axis: int, rows: Array) -> Array:
+        """(m, q) columns of one axis times whitened fields (q, f, b).
 
         Whitened fields have no mean over the frames, so the columns' own need not be taken away, and most columns of the drift move three
         frames of thirty: a third of the time.
         """
         columns, own = self.columns[axis], self.own[axis]
-        total = np.zeros((columns.shape[1], white.shape[-1]))
+        total = np.zeros((columns.shape[1], len(rows)))
         for frame, (at, block) in enumerate(own):
-            total[at] += block.T @ white[frame]
+            total[at] += block.T @ rows[:, frame].T
         effects = columns[:, columns.shape[1] - len(self.sizes_px) :]
-        total[columns.shape[1] - len(self.sizes_px) :] += effects.T @ white.reshape(len(columns), -1)
+        total[columns.shape[1] - len(self.sizes_px) :] += effects.T @ rows.reshape(len(rows), len(columns)).T
         return total
 
     def times(self, parameters: Array) -> Array:

@@ -39,6 +39,12 @@ class Whitener:
         white -= white.mean(axis=0)
         return np.asarray(white.reshape(field.shape))
 
+    def rows(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(k, f, b) fields that lie in one piece each, alike."""
+        white = np.matmul(rows, self.inverse.T / self.sigma_px)
+        white -= white.mean(axis=1, keepdims=True)
+        return np.asarray(white)
+
 
 def whitener(grid: Grid, used: NDArray[np.int64], length_px: float, sigma_px: float) -> Whitener:
     """For noise of points that falls linearly to nothing over a length along x and along y.
