@@ -33,6 +33,12 @@ class Projected:
     vectors: Array
     pull: Array
 
+    @classmethod
+    def of(cls, information: Array, pull: Array) -> Projected:
+        """From what the baseline leaves of a law's columns (rungs, q, q), and what the data ask of them (rungs, q)."""
+        values, vectors = np.linalg.eigh(information)
+        return cls(np.clip(values, 0.0, None), vectors, np.einsum("rji,rj->ri", vectors, pull))
+
     def log_factor(self, sizes_px: Array) -> Array:
         """(rungs, sizes) logarithm of the Bayes factor against no effect, for amplitudes of so many px."""
         return log_factor(self.values[:, None, :], self.pull[:, None, :], sizes_px[:, None])
@@ -89,8 +95,14 @@ def sizes_of(family: Family) -> Array:
 
 def projected(ladder: Ladder, field: Array) -> Projected:
     """One law's columns (f, b, 2, q), in px, against the data."""
+    return Projected.of(*informed(ladder, field))
+
+
+def informed(ladder: Ladder, field: Array) -> tuple[Array, Array]:
+    """Of columns (f, b, 2, q), in px, (rungs, q, q) what the baseline leaves of them, and (rungs, q) what the data ask of them."""
     white = Whitened.of(ladder, (field,))
-    return _against(_Flat.of(ladder, white), white)[0]
+    flat = _Flat.of(ladder, white)
+    return _left_of(flat, white, 0), flat.pull
 
 
 def kept_for(ladder: Ladder, families: Sequence[Family], so_far: Mapping[str, Prepared] = MappingProxyType({})) -> dict[str, Prepared]:
@@ -182,11 +194,13 @@ class _Flat:
 
 def _against(flat: _Flat, white: Whitened) -> tuple[Projected, ...]:
     """Each law."""
-    found = []
-    for own, alone in zip(white.spans, white.alone, strict=True):
-        value, vectors = np.linalg.eigh(np.stack([alone - one[:, own].T @ one[:, own] for one in flat.halves]))
-        found.append(Projected(np.clip(value, 0.0, None), vectors, np.einsum("rji,rj->ri", vectors, flat.pull[:, own])))
-    return tuple(found)
+    return tuple(Projected.of(_left_of(flat, white, law), flat.pull[:, own]) for law, own in enumerate(white.spans))
+
+
+def _left_of(flat: _Flat, white: Whitened, law: int) -> Array:
+    """(rungs, q, q) what the baseline leaves of a law's columns."""
+    own, alone = white.spans[law], white.alone[law]
+    return np.stack([alone - one[:, own].T @ one[:, own] for one in flat.halves])
 
 
 def left_in_common(ladder: Ladder, field: Array) -> Array:

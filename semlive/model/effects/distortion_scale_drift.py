@@ -31,4 +31,5 @@ FAMILY = Family(
     thetas=tuple(Theta(name, "px", 1.0) for name in AFFINE),
     decides="the calibration once more at the end of the run",
     again=Again.GOING_ON,
+    sums=True,
 )

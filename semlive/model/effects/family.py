@@ -98,6 +98,7 @@ class Family:
         strain: whether it looks like strain, so that strain must not be corrected for it.
         told: names that parameters of such values have, the likeliest first; none if the effect has its own.
         again: what another run has of it.
+        sums: whether a law is that of no value of anything plus, for each of the thetas, its value times what it adds at 1.
     """
 
     name: str
@@ -111,6 +112,7 @@ class Family:
     strain: bool = False
     told: Callable[[Sequence[FoundParameter]], tuple[str, ...]] = _itself
     again: Again = Again.ALIKE
+    sums: bool = False
 
 
 @dataclass(frozen=True, slots=True)
