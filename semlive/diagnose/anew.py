@@ -19,6 +19,7 @@ from semlive.diagnose.baseline import Ladder
 from semlive.diagnose.heard import Heard
 from semlive.diagnose.known import amplitudes_of, at_points, less
 from semlive.diagnose.observation import Observation, first_solution, observe
+from semlive.diagnose.side_by_side import side_by_side
 from semlive.errors import IllPosed
 from semlive.estimate.accumulate import with_maps, with_nothing_chosen
 from semlive.estimate.posterior import Solution
@@ -41,6 +42,11 @@ class Coupled:
     observation: Observation
     heard: Heard | None = None
 
+    @property
+    def loudest(self) -> float:
+        """Logarithm of the likelihood of the data beside the family that does most for it, where that was asked."""
+        return -np.inf if self.heard is None else self.heard.loudest
+
 
 def likelier_coupled(
     observation: Observation, families: Sequence[Family], known: Sequence[KnownEffect] = (), taken: Mapping[int, Array] = NOTHING
@@ -55,14 +61,19 @@ def likelier_coupled(
     """
     if not _doubtful(observation.solution):
         return Coupled(observation)
-    try:
-        other = _chosen(observation, taken, not observation.state.distortion.carried)
-    except IllPosed:
-        return Coupled(observation)
-    if not np.array_equal(other.used, observation.used):
-        return Coupled(observation)
-    both = [(one, Heard.of(one, families, known)) for one in (observation, other)]
-    return Coupled(*max(both, key=lambda one: one[1].loudest))
+
+    def as_chosen() -> Coupled | None:
+        return Coupled(observation, Heard.of(observation, families, known))
+
+    def otherwise() -> Coupled | None:
+        try:
+            other = _chosen(observation, taken, not observation.state.distortion.carried)
+        except IllPosed:
+            return None
+        return Coupled(other, Heard.of(other, families, known)) if np.array_equal(other.used, observation.used) else None
+
+    both = side_by_side(lambda hear: hear(), (as_chosen, otherwise))
+    return max((one for one in both if one is not None), key=lambda one: one.loudest)
 
 
 def beside(having: Ladder, fields: Sequence[Array], families: Sequence[Family], known: Sequence[KnownEffect] = ()) -> Coupled:

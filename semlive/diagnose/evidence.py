@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from semlive.diagnose.baseline import Ladder
 from semlive.diagnose.prepared import Prepared, Whitened, prepared
+from semlive.diagnose.side_by_side import cores, side_by_side
 from semlive.model.effects import Family
 
 Array = NDArray[np.float64]
@@ -116,13 +117,11 @@ def kept_for(ladder: Ladder, families: Sequence[Family], so_far: Mapping[str, Pr
         so_far: what is kept of others.
     """
     scene, found = ladder.design.observation.scene, dict(so_far)
-    total = sum(one.nbytes for one in found.values())
-    for family in families:
-        one = prepared(ladder, family, scene)
-        if one is not None:
-            found[family.name] = one
-            total += one.nbytes
-        if total > MOST_BYTES:
+    for first in range(0, len(families), cores()):
+        some = families[first : first + cores()]
+        made = side_by_side(lambda family: prepared(ladder, family, scene), some)
+        found |= {family.name: one for family, one in zip(some, made, strict=True) if one is not None}
+        if sum(one.nbytes for one in found.values()) > MOST_BYTES:
             return {}
     return found
 
@@ -135,22 +134,24 @@ def weigh(ladder: Ladder, families: Sequence[Family], kept: Mapping[str, Prepare
         families: that are asked.
         kept: `kept_for` the same baseline without the last effects.
     """
-    asked = ((family, _asked(ladder, family, kept)) for family in families)  # one at a time: together they may take a gigabyte
-    return tuple(_weighed(ladder, family, one) for family, one in asked if one is not None)
+    found = side_by_side(lambda family: _weighed(ladder, family, _asked(ladder, family, kept)), families)
+    return tuple(one for one in found if one is not None)
 
 
 def with_draws(
     ladder: Ladder, heard: Sequence[Weighed], draws: NullDraws, kept: Mapping[str, Prepared] | None = None
 ) -> tuple[Weighed, ...]:
     """Families that were weighed, against draws of the null of the same baseline too; `kept` as for `weigh`."""
-    return tuple(replace(one, null=_drawn(ladder, one, draws, kept)) for one in heard)
+    return tuple(side_by_side(lambda one: replace(one, null=_drawn(ladder, one, draws, kept)), heard))
 
 
 def _asked(ladder: Ladder, family: Family, kept: Mapping[str, Prepared] | None) -> Prepared | None:
     return (kept or {}).get(family.name) or prepared(ladder, family, ladder.design.observation.scene)
 
 
-def _weighed(ladder: Ladder, family: Family, asked: Prepared) -> Weighed:
+def _weighed(ladder: Ladder, family: Family, asked: Prepared | None) -> Weighed | None:
+    if asked is None:
+        return None
     sizes, base = sizes_of(family), np.array([one.evidence for one in ladder.rungs]) - ladder.evidence
     laws = [law for batch in asked.batches for law in _against(_Flat.of(ladder, batch), batch)]
     factors = np.stack([one.log_factor(sizes) for one in laws]) + base[None, :, None]

@@ -12,6 +12,7 @@ from semlive.diagnose.baseline import Ladder, ladder
 from semlive.diagnose.evidence import Weighed, weigh
 from semlive.diagnose.prepared import Prepared
 from semlive.diagnose.refine import Refined, refined
+from semlive.diagnose.side_by_side import side_by_side
 from semlive.diagnose.unknown import UNNAMED
 from semlive.model.effects import Family
 
@@ -54,12 +55,13 @@ def with_values_between(having: Ladder, heard: Sequence[Weighed]) -> tuple[Weigh
 
     The distortion's affine part is not known, and a drift of the distortion that had another was called a drift of the magnification first.
     """
-    found = []
-    for one in heard:
-        alone = one.family.thetas and len(one.laws) == 1 and one.log_factor > HEARD
-        gain = refined(having, one).log_factor - one.log_factor if alone else 0.0
-        found.append(replace(one, between=max(gain, 0.0)))
-    return tuple(found)
+    return tuple(side_by_side(lambda one: replace(one, between=_between(having, one)), heard))
+
+
+def _between(having: Ladder, one: Weighed) -> float:
+    if not one.family.thetas or len(one.laws) > 1 or one.log_factor <= HEARD:
+        return 0.0
+    return max(refined(having, one).log_factor - one.log_factor, 0.0)
 
 
 def with_one_more(

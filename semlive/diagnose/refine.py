@@ -152,11 +152,11 @@ class _Sums:
     @classmethod
     def of(cls, ladder: Ladder, family: Family) -> _Sums | None:
         """Against all rungs; None for laws that are not linear."""
-        names = tuple(one.name for one in family.thetas)
-        each = [family.law(ladder.design.observation.scene, {name: 1.0}) for name in names] if family.sums else []
-        nothing = family.law(ladder.design.observation.scene, {})
-        if not each or nothing is None:
+        if not family.sums:
             return None
+        scene, names = ladder.design.observation.scene, tuple(one.name for one in family.thetas)
+        nothing, *each = (family.law(scene, values) for values in ({}, *({name: 1.0} for name in names)))
+        assert nothing is not None  # it was seen on the grid
         more = [one.field_px - nothing.field_px for one in each if one is not None]
         return cls(names, *informed(ladder, np.concatenate((nothing.field_px, *more), axis=-1)))
 
