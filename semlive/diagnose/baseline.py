@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from semlive.diagnose.belief import BENDING, Beliefs, DriftBelief
 from semlive.diagnose.observation import Observation
+from semlive.diagnose.side_by_side import side_by_side
 from semlive.diagnose.whiten import Whitener
 from semlive.estimate.accumulate import map_columns
 from semlive.estimate.arrow import Factor, Sides, factored
@@ -237,17 +238,17 @@ class Ladder:
 def ladder(columns: Design) -> Ladder:
     """For each smoothness of the drift the baseline with the likeliest of the distortion's, but for those that have no hope."""
     tries = _Tries.of(columns)
-    plain = [(one, tries.rung(one, 1.0)) for one in columns.beliefs.different()]
+    plain = side_by_side(lambda one: (one, tries.rung(one, 1.0)), columns.beliefs.different())
     best = max((rung for _, rung in plain), key=lambda one: one.evidence)
     kept = [(one, rung) for one, rung in plain if rung.evidence > best.evidence - HOPELESS or rung.room > best.room]
-    rungs = [max((rung, *tries.bent(one)), key=lambda one: one.evidence) for one, rung in kept]
+    rungs = side_by_side(lambda both: max((both[1], *tries.bent(both[0])), key=lambda one: one.evidence), kept)
     return Ladder(columns, tries.left, tuple(rungs))
 
 
 def likeliest(columns: Design) -> Ladder:
     """A ladder of one rung: the likeliest smoothness of the drift, and then of the distortion."""
     tries = _Tries.of(columns)
-    found = {one: tries.rung(one, 1.0) for one in columns.beliefs.different()}
+    found = dict(side_by_side(lambda one: (one, tries.rung(one, 1.0)), columns.beliefs.different()))
     best = max(found, key=lambda one: found[one].evidence)
     return Ladder(columns, tries.left, (max((found[best], *tries.bent(best)), key=lambda one: one.evidence),))
 
