@@ -134,7 +134,7 @@ class Asked(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Sums:
+class Sums:
     """Laws that are linear in what is not an amplitude: each is a sum of the same columns, and nothing but sums is to be done for it.
 
     A drift of the distortion has four such values, and took two thirds of all refinements' time.
@@ -150,7 +150,7 @@ class _Sums:
     pull: Array
 
     @classmethod
-    def of(cls, ladder: Ladder, family: Family) -> _Sums | None:
+    def of(cls, ladder: Ladder, family: Family) -> Sums | None:
         """Against all rungs; None for laws that are not linear."""
         if not family.sums:
             return None
@@ -160,7 +160,7 @@ class _Sums:
         more = [one.field_px - nothing.field_px for one in each if one is not None]
         return cls(names, *informed(ladder, np.concatenate((nothing.field_px, *more), axis=-1)))
 
-    def rung(self, place: int) -> _Sums:
+    def rung(self, place: int) -> Sums:
         """Against one of the rungs."""
         return replace(self, information=self.information[place : place + 1], pull=self.pull[place : place + 1])
 
@@ -178,10 +178,10 @@ class _Asked:
     ladder: Ladder
     family: Family
     size_px: float
-    sums: _Sums | None
+    sums: Sums | None
 
     @classmethod
-    def of(cls, ladder: Ladder, weighed: Weighed, sums: _Sums | None, at: tuple[int, int]) -> _Asked:
+    def of(cls, ladder: Ladder, weighed: Weighed, sums: Sums | None, at: tuple[int, int]) -> _Asked:
         """A rung, and one of the sizes."""
         one = replace(ladder, rungs=(ladder.rungs[at[0]],))
         return cls(one, weighed.family, float(sizes_of(weighed.family)[at[1]]), sums and sums.rung(at[0]))
@@ -211,7 +211,7 @@ def _chosen(ladder: Ladder, weighed: Weighed) -> tuple[_Asked, dict[str, float]]
     On the grid a large jump lies beside its instant, which only the roughest drift bears: with that one kept, a hidden jump of
     (0.30, 0.40) px was told as (0.31, 0.26).
     """
-    (law_at, *at), sums = weighed.best, _Sums.of(ladder, weighed.family)
+    (law_at, *at), sums = weighed.best, Sums.of(ladder, weighed.family)
     values = {one.name: 0.0 for one in weighed.family.thetas} | weighed.values[law_at]
     for _ in range(CHOICES):
         asked = _Asked.of(ladder, weighed, sums, (at[0], at[1]))

@@ -16,7 +16,16 @@ from semlive.data.grid import Grid
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import EstimateSettings
 from semlive.errors import IllPosed
-from semlive.estimate.accumulate import DENSE_PAIRS, carried_along, map_columns, marginal, pull, relinearised, with_line_shifts
+from semlive.estimate.accumulate import (
+    DENSE_PAIRS,
+    carried_along,
+    map_columns,
+    marginal,
+    pull,
+    relinearised,
+    with_line_shifts,
+    with_nothing_chosen,
+)
 from semlive.estimate.arrow import eliminated, factored, sides
 from semlive.estimate.blocks import BlockColumns, Blocks, PackedColumns, block_columns
 from semlive.estimate.border import codes_of, joint_of, strands
@@ -245,6 +254,17 @@ def test_pairs_with_shifts_of_rows_are_eliminated_to_what_one_least_squares_give
     spread = np.zeros((part.stop - part.start, state.layout.size))
     spread[:, part] = np.eye(part.stop - part.start)
     np.testing.assert_allclose(ending.covariance_of(spread), np.linalg.inv(marginal(state)[0] + prior)[part, part], rtol=1e-5, atol=1e-12)
+
+
+def test_what_is_made_again_begins_with_nothing_chosen() -> None:
+    whole = accumulated((0, 1, 2, 3))
+    first = relinearised(whole, about_of(whole, 3))
+    chosen = with_line_shifts(carried_along(first), row_groups(first), first.about)
+    again = with_nothing_chosen(chosen, lambda one: one)
+    assert (again.distortion.carried, again.lines.size) == (False, 0)
+    np.testing.assert_array_equal(again.about, first.about)
+    np.testing.assert_allclose(again.precision, first.precision, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(again.information, first.information, rtol=1e-9, atol=1e-6)
 
 
 def test_what_pairs_touch_is_as_uncertain_on_one_way_back_as_asked_one_by_one() -> None:

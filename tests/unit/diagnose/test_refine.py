@@ -17,10 +17,12 @@ from blind.observing import observed
 
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline import Ladder, ladder
-from semlive.diagnose.evidence import weigh
+from semlive.diagnose.evidence import projected, weigh
 from semlive.diagnose.known import family_of
 from semlive.diagnose.noise import quiet
-from semlive.diagnose.refine import Refined, refined, together
+from semlive.diagnose.refine import Refined, Sums, refined, together
+from semlive.model.effects import DICTIONARY
+from semlive.model.effects.distortion_scale_drift import AFFINE
 
 GRID = Grid(101, 101, 60, 12, 10, 43)
 
@@ -86,3 +88,30 @@ def test_effects_are_refitted_beside_each_other() -> None:
         for parameter, true in hidden_values(name, effect).items():
             value, sigma = told(one)[parameter]
             assert abs(value - true) < 3.0 * sigma, f"{name} {parameter}: {value} +- {sigma}, hidden {true}"
+
+
+def test_a_law_that_is_a_sum_is_what_its_columns_say() -> None:
+    bare, _ = hiding("distortion_scale_drift", 0.2, 3)
+    family, values = family_of("distortion_scale_drift"), dict(zip(AFFINE, (0.4, -0.7, 0.2, 1.1), strict=True))
+    sums = Sums.of(bare, family)
+    law = family.law(bare.design.observation.scene, values)
+    assert sums is not None
+    assert law is not None
+    summed, whole = sums.at(values), projected(bare, law.field_px)
+    sizes_px = np.geomspace(0.003, 1.0, 5)
+    assert summed.log_factor(sizes_px) == pytest.approx(whole.log_factor(sizes_px), rel=1e-6, abs=1e-6)
+    for one, other in zip(sums.rung(0).at(values).amplitudes(0, 0.1), whole.amplitudes(0, 0.1), strict=True):
+        assert one == pytest.approx(other, rel=1e-5, abs=1e-9)
+    assert Sums.of(bare, family_of("thermal_oscillation")) is None
+
+
+def test_only_what_is_linear_is_a_sum() -> None:
+    """Of every family that says so: half way between two values lies the mean of their columns."""
+    scene = hiding("distortion_scale_drift", 0.2, 3)[0].design.observation.scene
+    for family in (one for one in DICTIONARY if one.sums):
+        for name in (one.name for one in family.thetas):
+            low, half, high = (family.law(scene, {name: value}) for value in (0.0, 0.5, 1.0))
+            assert low is not None
+            assert half is not None
+            assert high is not None
+            assert half.field_px == pytest.approx(0.5 * (low.field_px + high.field_px), abs=1e-12)
