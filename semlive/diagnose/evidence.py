@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from semlive.diagnose.baseline import Ladder
 from semlive.diagnose.prepared import Prepared, Whitened, prepared
-from semlive.diagnose.side_by_side import cores, side_by_side
+from semlive.diagnose.side_by_side import AT_ONCE, side_by_side
 from semlive.model.effects import Family
 
 Array = NDArray[np.float64]
@@ -117,8 +117,8 @@ def kept_for(ladder: Ladder, families: Sequence[Family], so_far: Mapping[str, Pr
         so_far: what is kept of others.
     """
     scene, found = ladder.design.observation.scene, dict(so_far)
-    for first in range(0, len(families), cores()):
-        some = families[first : first + cores()]
+    for first in range(0, len(families), AT_ONCE):
+        some = families[first : first + AT_ONCE]
         made = side_by_side(lambda family: prepared(ladder, family, scene), some)
         found |= {family.name: one for family, one in zip(some, made, strict=True) if one is not None}
         if sum(one.nbytes for one in found.values()) > MOST_BYTES:

@@ -1,4 +1,4 @@
-"""Independent work on all cores: the same as one after the other."""
+"""Independent work, two at a time: the same as one after the other."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import threading
 
 import pytest
 
-from semlive.diagnose import side_by_side as beside
+from semlive.diagnose.side_by_side import side_by_side
 
 
-def test_results_come_in_the_order_of_what_was_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(beside, "cores", lambda: 2)
+def test_results_come_in_the_order_of_what_was_asked() -> None:
     second = threading.Event()
 
     def work(number: int) -> int:
@@ -20,16 +19,9 @@ def test_results_come_in_the_order_of_what_was_asked(monkeypatch: pytest.MonkeyP
             second.set()
         return number * number
 
-    assert beside.side_by_side(work, range(5)) == [0, 1, 4, 9, 16]
+    assert side_by_side(work, range(5)) == [0, 1, 4, 9, 16]
 
 
-@pytest.mark.parametrize("count", [1, 2])
-def test_what_work_raises_comes_out(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
-    monkeypatch.setattr(beside, "cores", lambda: count)
+def test_what_work_raises_comes_out() -> None:
     with pytest.raises(ZeroDivisionError):
-        beside.side_by_side(lambda one: 1 // one, [1, 0, 2])
-
-
-def test_one_core_starts_no_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(beside, "cores", lambda: 1)
-    assert set(beside.side_by_side(lambda _: threading.current_thread().name, range(3))) == {threading.current_thread().name}
+        side_by_side(lambda one: 1 // one, [1, 0, 2])
