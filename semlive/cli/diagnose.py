@@ -16,6 +16,7 @@ from semlive.cli.track import tracked_stages
 from semlive.data.diagnosis import TOO_COARSE, Diagnosis, FoundEffect, Outcome
 from semlive.report.diagnosis_page import diagnosis_html
 from semlive.service.diagnosis import diagnose_log, diagnosis_json
+from semlive.service.memory import one_heap
 from semlive.service.model_file import fitting_model, model_of, write_model
 
 _SAID = {
@@ -36,6 +37,7 @@ def diagnose(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Find where model and data disagree, name the missing effect, and show how much of the gap it closes."""
+    one_heap()
     parent = model_of(log) if model is None else fitting_model(log, model)
     with tracked_stages(quiet=False) as progress:
         found = diagnose_log(log, seed, progress, parent.known.effects)

@@ -21,7 +21,7 @@ from semlive.service.config import load_config
 from semlive.service.daemon import Faces, run_experiment
 from semlive.service.door import Address
 from semlive.service.drivers import desks
-from semlive.service.memory import one_heap
+from semlive.service.memory import lean_heap
 from semlive.service.model_file import run_with_model
 
 
@@ -43,7 +43,7 @@ def run(
     page_name: Name = None,
 ) -> None:
     """Run an experiment; type pause, resume, stop or abort and press Enter, or Ctrl-C to stop."""
-    one_heap()
+    lean_heap()
     checked = run_with_model(load_config(config), model, resume)
     if yes and not resume:
         raise BadConfig("--yes answers what --resume asks; give both, or leave --yes out")

@@ -7,9 +7,8 @@ none; carried, the distortion left more of the maps than the tilt, and three oth
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +22,9 @@ from semlive.diagnose.side_by_side import side_by_side
 from semlive.errors import IllPosed
 from semlive.estimate.accumulate import with_maps, with_nothing_chosen
 from semlive.estimate.posterior import Solution
-from semlive.estimate.terms import COUPLING_SIGMAS
 from semlive.model.effects import Family
 
 Array = NDArray[np.float64]
-NOTHING: Mapping[int, Array] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,32 +45,19 @@ class Coupled:
         return -np.inf if self.heard is None else self.heard.loudest
 
 
-def likelier_coupled(
-    observation: Observation, families: Sequence[Family], known: Sequence[KnownEffect] = (), taken: Mapping[int, Array] = NOTHING
-) -> Coupled:
+def likelier_coupled(observation: Observation, families: Sequence[Family], known: Sequence[KnownEffect] = ()) -> Coupled:
     """The same maps with the distortion carried by the drift, or not: as is likelier beside the loudest of all effects.
 
     Args:
         observation: as the estimate chose.
         families: that may be hidden, those without a name among them.
         known: effects that are there.
-        taken: by the number of each frame (ny, nx, 2) what was taken out of its map, px, for that choice.
     """
-    if not _doubtful(observation.solution):
+    other = _otherwise(observation)
+    if other is None:
         return Coupled(observation)
-
-    def as_chosen() -> Coupled | None:
-        return Coupled(observation, Heard.of(observation, families, known))
-
-    def otherwise() -> Coupled | None:
-        try:
-            other = _chosen(observation, taken, not observation.state.distortion.carried)
-        except IllPosed:
-            return None
-        return Coupled(other, Heard.of(other, families, known)) if np.array_equal(other.used, observation.used) else None
-
-    both = side_by_side(lambda hear: hear(), (as_chosen, otherwise))
-    return max((one for one in both if one is not None), key=lambda one: one.loudest)
+    both = side_by_side(lambda one: Coupled(one, Heard.of(one, families, known)), (observation, other))
+    return max(both, key=lambda one: one.loudest)
 
 
 def beside(having: Ladder, fields: Sequence[Array], families: Sequence[Family], known: Sequence[KnownEffect] = ()) -> Coupled:
@@ -92,19 +76,23 @@ def beside(having: Ladder, fields: Sequence[Array], families: Sequence[Family], 
     amplitudes, spans = amplitudes_of(having), having.design.spans(fields, len(known))
     moved = np.sum([field @ amplitudes[own] for field, own in zip(fields, spans, strict=True)], axis=0)
     taken = at_points(seen, moved - moved[0], seen.grid)
-    return likelier_coupled(_chosen(seen, taken, None), families, known, taken)
+    chosen, other = first_solution(with_nothing_chosen(seen.state, lambda one: less(one, taken)))
+    again = observe(_about_the_whole(chosen, seen), seen.steps, other and _about_the_whole(other, seen))
+    return likelier_coupled(again, families, known)
 
 
-def _chosen(seen: Observation, taken: Mapping[int, Array], carried: bool | None) -> Observation:
-    """About what is chosen from maps without what is taken out of them."""
-    solution = first_solution(with_nothing_chosen(seen.state, lambda one: less(one, taken)), carried)
-    if taken:
-        whole = {(one.reference, one.current): one.dmap for one in seen.state.rows}
-        solution = replace(solution, state=with_maps(solution.state, lambda one: whole[one.reference, one.current]))
-    return observe(solution, seen.steps)
+def _about_the_whole(solution: Solution, seen: Observation) -> Solution:
+    """With the maps as they were seen."""
+    whole = {(one.reference, one.current): one.dmap for one in seen.state.rows}
+    return replace(solution, state=with_maps(solution.state, lambda one: whole[one.reference, one.current]))
 
 
-def _doubtful(solution: Solution) -> bool:
-    """Whether the maps ask for another share of the distortion to be carried than was chosen: all of it, or nothing."""
-    asked = next((one for one in solution.terms if one.name == "coupling"), None)
-    return asked is not None and abs(asked.value - float(solution.state.distortion.carried)) > COUPLING_SIGMAS * asked.sigma
+def _otherwise(seen: Observation) -> Observation | None:
+    """The same maps with the other coupling; None where there is no doubt, or other blocks would be compared."""
+    if seen.other is None:
+        return None
+    try:
+        other = observe(seen.other, seen.steps)
+    except IllPosed:
+        return None
+    return other if np.array_equal(other.used, seen.used) else None

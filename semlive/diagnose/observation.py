@@ -16,7 +16,7 @@ from semlive.data.strain import Measured
 from semlive.errors import IllPosed
 from semlive.estimate.accumulate import dense_pairs, predicted, relinearised
 from semlive.estimate.chain import chained
-from semlive.estimate.posterior import Solution, choose, mean_with, solved
+from semlive.estimate.posterior import Solution, choose_both, mean_with, solved
 from semlive.estimate.prior import Smoothness
 from semlive.estimate.state import EstimatorState, MapRows
 from semlive.mechanics.gage import mean_gage
@@ -62,6 +62,7 @@ class Observation:
         disparity_px: (f, b, 2) as measured; zero for frame 0.
         scene: where and when they were seen.
         steps: what was done before each pair.
+        other: the solution with the other coupling, where that is in doubt.
     """
 
     state: EstimatorState
@@ -71,6 +72,7 @@ class Observation:
     disparity_px: NDArray[np.float64]
     scene: Scene
     steps: tuple[StepFacts, ...]
+    other: Solution | None = None
 
     @property
     def frames(self) -> int:
@@ -93,12 +95,8 @@ class Observation:
         return np.stack(left)[:, self.used]
 
 
-def first_solution(state: EstimatorState, carried: bool | None = None) -> Solution:
-    """What all pairs together say without further effects.
-
-    Args:
-        state: the data.
-        carried: whether the drift carries the distortion; None lets the data say so.
+def first_solution(state: EstimatorState) -> tuple[Solution, Solution | None]:
+    """What all pairs together say without further effects, and what they would with the other coupling, where that is in doubt.
 
     Raises:
         IllPosed: they are too many, or too far apart in time, for one matrix.
@@ -109,7 +107,8 @@ def first_solution(state: EstimatorState, carried: bool | None = None) -> Soluti
             f"{len(state.phases)} pairs, of which the first {held} are few enough and close enough in time for one matrix: "
             "nothing can be named in a longer run; diagnose a shorter one"
         )
-    return _steadied(choose(state, carried))
+    chosen, other = choose_both(state)
+    return _steadied(chosen), None if other is None else _steadied(other)
 
 
 def _steadied(solution: Solution) -> Solution:
@@ -125,12 +124,13 @@ def _steadied(solution: Solution) -> Solution:
     return solved(chained(state, solution.hyper, mean_with(state, solution.hyper)), solution.terms, solution.noise_floor_px)
 
 
-def observe(solution: Solution, steps: Sequence[StepFacts]) -> Observation:
+def observe(solution: Solution, steps: Sequence[StepFacts], other: Solution | None = None) -> Observation:
     """What an estimate was made from.
 
     Args:
         solution: of the joint method.
         steps: what was done before each pair, in the order of the pairs' times.
+        other: of the same maps with the other coupling, where that is in doubt.
 
     Raises:
         IllPosed: there are too few pairs or points to name anything.
@@ -154,7 +154,7 @@ def observe(solution: Solution, steps: Sequence[StepFacts]) -> Observation:
     # A block lies where its points of that map lie on average. With those of the first map, points that others lack moved it by 6 px, and a
     # bending specimen was told 22 % too large.
     position = np.stack([one.position_px[used] for one in (rows[0], *rows)])
-    return Observation(state, solution, rows, used, disparity, _scene(solution, steps, frames, position, told), tuple(steps))
+    return Observation(state, solution, rows, used, disparity, _scene(solution, steps, frames, position, told), tuple(steps), other)
 
 
 def steps_of(decisions: Sequence[PairDecision], hold_s: float = HOLD_S) -> tuple[StepFacts, ...]:

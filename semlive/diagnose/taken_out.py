@@ -104,7 +104,8 @@ def taken_out(model: KnownModel, settings: EstimateSettings, loading_axis: str, 
         state = estimate.update(state, one.decision.pair, one.decision.step.phase, one.times, one.maps)
     try:
         steps = steps_of([one.decision for one in seen])
-        observation = observe(first_solution(state), steps)
+        solution, other = first_solution(state)
+        observation = observe(solution, steps, other)
     except IllPosed as error:
         return TakenOut(len(seen), notes=(f"model: nothing is taken out of the maps yet: {error}", *notes))
     loads_n, said = _cell(readings_of(observation, steps, loading_axis), of_cell, steps)

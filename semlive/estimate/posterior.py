@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 
 from semlive.data.drift import TermTest
-from semlive.data.keep import IN_MEMORY
+from semlive.data.keep import IN_MEMORY, Keep
 from semlive.errors import IllPosed
-from semlive.estimate.accumulate import at_rest, carried_along, marginal, predicted, pull, relinearised, reweighted, with_line_shifts
+from semlive.estimate.accumulate import carried_along, marginal, predicted, pull, relinearised, reweighted, with_line_shifts
 from semlive.estimate.arrow import Factor, cholesky, factored, sides, steady
 from semlive.estimate.blocks import Blocks
 from semlive.estimate.chain import Chain, chained
@@ -70,41 +70,28 @@ class Solution:
         return self.ending.covariance_of(rows)
 
 
-def choose(state: EstimatorState, carried: bool | None = None) -> Solution:
+def choose(state: EstimatorState) -> Solution:
     """Posterior mean and covariance of drift, distortion and motion, with all that the data choose.
 
     The noise scale follows from the residuals, the smoothness of drift and distortion from the marginal likelihood
     (empirical Bayes), and the gradients' columns are re-linearised once about a first solution.
 
-    Args:
-        state: the data.
-        carried: whether the drift carries the distortion; None lets the data say so.
+    Raises:
+        IllPosed: there are no data, or they are not finite.
+    """
+    return _finished(_couplings(state)[0], state.keep)
+
+
+def choose_both(state: EstimatorState) -> tuple[Solution, Solution | None]:
+    """The same, and beside it what would have been chosen with the other coupling, where the data leave the coupling in doubt.
+
+    They do where they ask for another share of the distortion to be carried by the drift than all of it, or nothing, as was chosen.
 
     Raises:
         IllPosed: there are no data, or they are not finite.
     """
-    if state.drift is None:
-        raise IllPosed("no pair has been accumulated yet, so there is nothing to estimate: add pair 0 first")
-    keep, state = state.keep, replace(state, rows=tuple(state.rows), keep=IN_MEMORY)  # they are looked at dozens of times
-    if carried is False and state.distortion.carried:
-        state = at_rest(state)
-    gauge = gauge_precision(state)
-    mean = _first_mean(state, Hyper(), gauge)
-    fitted, tests = _with_raster_terms(_fitted(relinearised(state, mean), Hyper(), gauge, mean), gauge)
-    # A wrong magnification looks like a wrong coupling and the other way round; coupling is judged with magnification in the model,
-    # and magnification once more after the coupling.
-    test = _coupling(fitted, gauge)
-    doubtful = abs(test.value) > COUPLING_SIGMAS * test.sigma  # one column cannot tell where the misfit is all there is
-    if carried or (carried is None and doubtful):
-        along, along_tests = _with_raster_terms(_carried(state, mean, gauge), gauge)
-        if carried or test.used or along.hyper.noise_scale < LIKELIER * fitted.hyper.noise_scale:
-            fitted, tests, test = along, along_tests, replace(test, used=True)
-    test = test if carried is None else replace(test, used=carried)
-    fitted, lines = _with_line_shifts(fitted)
-    gauge = gauge_precision(fitted.state)
-    fitted = _robust(fitted, gauge)
-    kept = replace(fitted.state, rows=keep.longer((), (kept_rows(one, keep) for one in fitted.state.rows)), keep=keep)
-    return _concluded(kept, fitted.data, fitted.hyper, gauge, (*tests, test, lines))
+    chosen, other = _couplings(state)
+    return _finished(chosen, state.keep), None if other is None else _finished(other, state.keep)
 
 
 def solved(chain: Chain, terms: tuple[TermTest, ...], noise_floor_px: float, newest: int | None = None) -> Solution:
@@ -131,6 +118,43 @@ class _Fitted:
     data: Misfit
     hyper: Hyper
     mean: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Coupled:
+    """A fit with the distortion carried by the drift or not, and the terms that were asked for."""
+
+    fitted: _Fitted
+    terms: tuple[TermTest, ...]
+
+
+def _couplings(state: EstimatorState) -> tuple[_Coupled, _Coupled | None]:
+    """As chosen, and otherwise if that stays in doubt."""
+    if state.drift is None:
+        raise IllPosed("no pair has been accumulated yet, so there is nothing to estimate: add pair 0 first")
+    state = replace(state, rows=tuple(state.rows), keep=IN_MEMORY)  # they are looked at dozens of times
+    gauge = gauge_precision(state)
+    mean = _first_mean(state, Hyper(), gauge)
+    fitted, tests = _with_raster_terms(_fitted(relinearised(state, mean), Hyper(), gauge, mean), gauge)
+    # A wrong magnification looks like a wrong coupling and the other way round; coupling is judged with magnification in the model,
+    # and magnification once more after the coupling.
+    test = _coupling(fitted, gauge)
+    still = _Coupled(fitted, (*tests, replace(test, used=False)))
+    if abs(test.value) <= COUPLING_SIGMAS * test.sigma:  # one column cannot tell where the misfit is all there is
+        return still, None
+    fitted, tests = _with_raster_terms(_carried(state, mean, gauge), gauge)
+    along = _Coupled(fitted, (*tests, replace(test, used=True)))
+    if test.used or along.fitted.hyper.noise_scale < LIKELIER * still.fitted.hyper.noise_scale:
+        return along, still if abs(test.value - 1.0) > COUPLING_SIGMAS * test.sigma else None
+    return still, along
+
+
+def _finished(one: _Coupled, keep: Keep) -> Solution:
+    fitted, lines = _with_line_shifts(one.fitted)
+    gauge = gauge_precision(fitted.state)
+    fitted = _robust(fitted, gauge)
+    kept = replace(fitted.state, rows=keep.longer((), (kept_rows(each, keep) for each in fitted.state.rows)), keep=keep)
+    return _concluded(kept, fitted.data, fitted.hyper, gauge, (*one.terms, lines))
 
 
 def _fitted(state: EstimatorState, hyper: Hyper, gauge: NDArray[np.float64], near: NDArray[np.float64]) -> _Fitted:

@@ -118,7 +118,8 @@ def _observed(log: Path, words: Words, watch: Callable[[str, int, int], None] | 
     if begun is None:
         raise BadLog(f"{log}: holds no disparity maps; replay it from its images first.")
     steps = steps_of(begun.pairs, _hold_s(log))
-    return observe(first_solution(begun.estimator), steps), steps
+    solution, other = first_solution(begun.estimator)
+    return observe(solution, steps, other), steps
 
 
 def _hold_s(log: Path) -> float:

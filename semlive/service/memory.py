@@ -27,12 +27,21 @@ def give_back() -> None:
 
 
 def one_heap() -> None:
+    """One heap for all threads; to be called before there are threads.
+
+    A verdict's two threads had a heap of their own each: the largest took 2.1 GB in place of 1.6 GB.
+    """
+    if _OPTION is not None:
+        _OPTION(_ARENA_MAX, 1)
+
+
+def lean_heap() -> None:
     """One heap for all threads, and blocks beyond 128 kB outside of it; to be called before there are threads.
 
     Each of control's twelve threads had a heap of its own, and what free blocks leave of pages was given back in none of them. Once a
     block of some MB is freed, glibc takes the next ones from the heap, where small ones that stay settle in what they leave: what was in
     use stood still at 111.9 MB, and 4 MB in 1000 pairs were resident beside it.
     """
+    one_heap()
     if _OPTION is not None:
-        _OPTION(_ARENA_MAX, 1)
         _OPTION(_MMAP_THRESHOLD, _LARGE_BYTES)

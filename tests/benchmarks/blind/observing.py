@@ -19,4 +19,5 @@ def observed(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = G
     for one in pairs:
         state = estimate.update(state, one.pose.pair, one.pose.phase, one.times, one.maps)
     steps = [StepFacts(one.pose.pair, one.pose.phase, (one.pose.load_n, one.pose.load_n), one.pose.commanded_px) for one in pairs]
-    return observe(first_solution(state), steps)
+    solution, other = first_solution(state)
+    return observe(solution, steps, other)
