@@ -91,7 +91,11 @@ def choose_both(state: EstimatorState) -> tuple[Solution, Solution | None]:
         IllPosed: there are no data, or they are not finite.
     """
     chosen, other = _couplings(state)
-    return _finished(chosen, state.keep), None if other is None else _finished(other, state.keep)
+    found = _finished(chosen, state.keep)
+    try:
+        return found, other and _finished(other, state.keep)
+    except IllPosed:  # what was not chosen may be so wrong that nothing comes of it
+        return found, None
 
 
 def solved(chain: Chain, terms: tuple[TermTest, ...], noise_floor_px: float, newest: int | None = None) -> Solution:

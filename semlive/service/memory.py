@@ -29,7 +29,7 @@ def give_back() -> None:
 def one_heap() -> None:
     """One heap for all threads; to be called before there are threads.
 
-    A verdict's two threads had a heap of their own each: the largest took 2.1 GB in place of 1.6 GB.
+    A verdict's two threads had a heap of their own each: the largest took 2.1 GB in place of 1.7 GB.
     """
     if _OPTION is not None:
         _OPTION(_ARENA_MAX, 1)
