@@ -118,9 +118,10 @@ class _Shared:
         return self.family.grid(self.joined.runs[0].design.observation.scene)
 
     def laws(self, values: Values) -> list[Law] | None:
+        """Of each run, with amplitudes that mean the same in all; None where a run cannot show the effect."""
         found = [self.family.law(one.design.observation.scene, values) for one in self.joined.runs]
         seen = [one for one in found if one is not None]
-        return seen if len(seen) == len(found) else None
+        return [one.meaning(seen[0]) for one in seen] if len(seen) == len(found) else None
 
     def at(self, values: Values) -> Projected | None:
         laws = self.laws(values)

@@ -54,7 +54,7 @@ def predicted(run: Ladder, before: Ladder, found: Refined) -> Prediction:
         return replace(NOTHING, name=family.name)
     if family.again is Again.ALIKE and law.scatter is None:
         spread = np.asarray(np.linalg.cholesky(found.covariance), dtype=np.float64)
-        return Prediction(family.name, law.field_px, found.amplitudes, spread, found.amplitudes, spread)
+        return Prediction(family.name, law.meaning(found.law).field_px, found.amplitudes, spread, found.amplitudes, spread)
     going_on = family.again is Again.GOING_ON
     longer = scene.end_s / before.design.observation.scene.end_s if going_on else 1.0
     sizes, none = np.diag(longer * _sizes(law, found)), np.zeros(law.field_px.shape[-1])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -40,6 +40,17 @@ class Law:
     field_px: Array
     reported: tuple[Reported, ...] = ()
     scatter: tuple[str, str, float] | None = None
+
+    def meaning(self, other: Law) -> Law:
+        """The same with amplitudes that mean what they mean in the same family's law on another scene.
+
+        An error of a row time is told by what it moves at most, which is twice as much where rows take twice as long. As it is where what
+        is reported does not tell all amplitudes.
+        """
+        own, wanted = (np.array([one.row for one in law.reported]) for law in (self, other))
+        if own.shape != wanted.shape or own.shape != (self.field_px.shape[-1],) * 2:
+            return self
+        return replace(self, field_px=self.field_px @ np.linalg.solve(own, wanted), reported=other.reported)
 
 
 Values = Mapping[str, float]

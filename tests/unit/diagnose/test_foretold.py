@@ -87,6 +87,16 @@ def test_a_rehearsal_has_the_blocks_noise_and_smoothness_of_the_run_before(turni
     assert np.ptp(moved, axis=0).min() > 20.0
 
 
+def test_an_error_of_the_row_time_is_the_same_where_rows_take_twice_as_long(turning: Observation, before: Ladder) -> None:
+    (one,) = found(before, "wrong_row_time")
+    ahead = rehearsed(before, planned(turning, Kind.OTHER_SCAN, 2.0))
+    said, scene = predicted(ahead, before, one), ahead.design.observation.scene
+    (error,) = (item.value for item in one.parameters if item.name == "row_time_error")
+
+    assert scene.in_frame_s.max() > 1.9 * turning.scene.in_frame_s.max()
+    assert said.field_px @ said.mean == pytest.approx(error * scene.drift_rate_px_s * scene.in_frame_s[..., None], abs=1e-9)
+
+
 def test_experiments_differ_in_time_loads_and_moves(turning: Observation) -> None:
     runs = {kind: planned(turning, kind) for kind in Kind if kind is not Kind.TURNED_SCAN}
     again = runs[Kind.AGAIN]
