@@ -9,9 +9,10 @@ import numpy as np
 from blind.experiment import Conditions, hidden
 from numexp.asfolder import HEADER, map_text
 from numexp.world import HEIGHT_PX, WIDTH_PX
-from scipy.ndimage import map_coordinates
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates, uniform_filter
 
-from semlive.data.disparity import DisparityMap
+from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.grid import Grid
 from semlive.service.importing import Import, import_folder
 from semlive_simulators.effects.protocol import Effect
@@ -35,12 +36,21 @@ def imported(folder: Path, conditions: Conditions, effects: tuple[Effect, ...], 
 
 
 def _within(maps: tuple[DisparityMap, ...], grid: Grid) -> list[DisparityMap]:
-    """From the first frame of a pair to the second, on the grid of the first: by what both show of frame 0."""
+    """From the first frame of a pair to the second, on the grid of the first: by what both show of frame 0; lost where one of them is."""
     if len(maps) < 2:
         return []
     first, second = maps
-    there = [at - moved / grid.step_px for at, moved in zip(np.indices(grid.shape), (first.v_px, first.u_px), strict=True)]
-    moved = [
-        map_coordinates(two - one, there, order=3, mode="nearest") for one, two in ((first.u_px, second.u_px), (first.v_px, second.v_px))
-    ]
-    return [replace(second, reference=first.current, u_px=moved[0], v_px=moved[1])]
+    one, two = _filled(first), _filled(second)
+    there = np.indices(grid.shape) - one[::-1] / grid.step_px
+    u, v = (map_coordinates(moved, there, order=3, mode="nearest") for moved in two - one)
+    lost = map_coordinates(np.where(first.valid & second.valid, 0, 1), there, order=0, mode="nearest").astype(bool)
+    status = np.where(lost, PoiStatus.LOW_ZNCC, PoiStatus.CONVERGED).astype(np.uint8)
+    sigma = np.where(lost, 0.0, second.sigma_u_px.max())
+    return [replace(second, reference=first.current, u_px=u, v_px=v, sigma_u_px=sigma, sigma_v_px=sigma, status=status)]
+
+
+def _filled(dmap: DisparityMap) -> NDArray[np.float64]:
+    """(2, ny, nx) px along x and y; a lost point is the mean of its neighbours."""
+    near = uniform_filter(dmap.valid.astype(float), 3)
+    both = [(one, uniform_filter(np.where(dmap.valid, one, 0.0), 3)) for one in (dmap.u_px, dmap.v_px)]
+    return np.stack([np.where(dmap.valid, one, total / np.maximum(near, 1e-9)) for one, total in both])

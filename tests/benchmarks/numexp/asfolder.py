@@ -48,7 +48,8 @@ def frame_lines(taken: Taken, pair: int, later_s: float, area_mm2: float) -> lis
 
 
 def map_text(one: DisparityMap, decimals: int = 9) -> str:
-    """The map as CSV, without uncertainties."""
+    """The map as CSV, without uncertainties, points that were lost marked as such."""
     x, y = one.grid.mesh()
-    rows = np.column_stack([x.ravel(), y.ravel(), one.u_px.ravel(), one.v_px.ravel()]).tolist()
-    return "\n".join(["x,y,u,v", *(f"{x:.0f},{y:.0f},{u:.{decimals}f},{v:.{decimals}f}" for x, y, u, v in rows), ""])
+    rows = np.column_stack([part.ravel() for part in (x, y, one.u_px, one.v_px, one.valid)]).tolist()
+    told = (f"{x:.0f},{y:.0f},{u:.{decimals}f},{v:.{decimals}f},{valid:.0f}" for x, y, u, v, valid in rows)
+    return "\n".join(["x,y,u,v,valid", *told, ""])
