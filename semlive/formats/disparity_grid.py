@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.grid import Grid
@@ -14,6 +15,7 @@ _MAX_POINTS = 10**7
 _LAG, _PARTS = 9, 8
 _FOURTH = 70.0  # 1 + 16 + 36 + 16 + 1: variance of a fourth difference of white noise
 _MAD_TO_SIGMA = 1.4826
+_AWAY_PX = 0.5  # from neighbouring points: a tenth of a step of 5 px, which no specimen is strained by
 
 
 def grid_of(table: DisparityTable, subset_px: int) -> Grid:
@@ -61,7 +63,8 @@ def map_on(table: DisparityTable, grid: Grid, reference: int, current: int) -> D
     """The map on a grid; points that an engine left out were not found.
 
     Raises:
-        BadInput: a point lies beside the grid or stands there twice, or one that must be listed is not.
+        BadInput: a point lies beside the grid or stands there twice, one that must be listed is not, or one that was not found is told
+            as if it had not moved.
     """
     place = _places(table, grid)
     counts = np.bincount(place, minlength=grid.nx * grid.ny)
@@ -77,12 +80,30 @@ def map_on(table: DisparityTable, grid: Grid, reference: int, current: int) -> D
     valid = np.zeros(grid.shape, dtype=np.bool_)
     valid.ravel()[place] = table.valid
     u, v = (_laid(values, place, grid) for values in (table.u_px, table.v_px))
+    _check_moved(table, place, np.stack((u, v)), valid)
     if table.sigma_u_px is None or table.sigma_v_px is None:
         sigma_u, sigma_v = (np.where(valid, scatter_px(values, valid), 0.0) for values in (u, v))
     else:
         sigma_u, sigma_v = (_laid(values, place, grid) for values in (table.sigma_u_px, table.sigma_v_px))
     status = np.where(valid, PoiStatus.CONVERGED, PoiStatus.NOT_CONVERGED).astype(np.uint8)
     return DisparityMap(reference, current, grid, u, v, sigma_u, sigma_v, valid.astype(np.float64), status)
+
+
+def _check_moved(table: DisparityTable, place: NDArray[np.int64], moved: NDArray[np.float64], valid: NDArray[np.bool_]) -> None:
+    """Engines write zeros for points that they lost: 1 % of them, believed, takes 1 % off a strain.
+
+    Raises:
+        BadInput: naming the first that stands still where those around it do not.
+    """
+    still = valid & (moved == 0.0).all(axis=0)
+    near = uniform_filter((valid & ~still).astype(np.float64), 3)
+    around = np.stack([uniform_filter(one, 3) for one in moved]) / np.maximum(near, 1e-9)
+    away_px = np.where(still & (near > 1e-9), np.hypot(*around), 0.0)
+    lost = away_px > _AWAY_PX
+    if lost.any():
+        first = int(np.flatnonzero(lost.ravel()[place])[0])
+        said = f"{int(lost.sum())} points moved by exactly 0 where those around them did by {away_px.ravel()[place[first]]:.3g} px"
+        raise table.wrong(first, 2, said, "say with the column valid which points were not found")
 
 
 def scatter_px(values: NDArray[np.float64], valid: NDArray[np.bool_]) -> float:

@@ -120,7 +120,7 @@ def test_unequal_grids_are_told_where_they_part(copy: Path) -> None:
 def test_a_map_without_a_valid_point_is_refused(copy: Path) -> None:
     path = copy / "disparity_8_9.csv"
     head, *lines = path.read_text().split()
-    path.write_text("\n".join([head + ",valid", *(line + ",0" for line in lines)]))
+    path.write_text("\n".join([head, *(line.removesuffix("1") + "0" for line in lines)]))
     assert refused(copy).startswith("disparity_8_9.csv: no point is valid")
 
 

@@ -94,6 +94,8 @@ def changed(line: int, column: int, value: str) -> str:
     return "\n".join(lines)
 
 
+LEVEL = text("x,y,u,v", "{x:.0f},{y:.0f},1.5,-2").decode().splitlines()
+STILL = "\n".join([*LEVEL[:8], LEVEL[8].replace("1.5,-2", "0,0"), *LEVEL[9:]])
 IN_MM = [",".join(f"{float(cell) / 100:.3f}" for cell in line.split(",")) for line in good()[1:]]
 WRONG = {
     "empty file": ("", "line 1: holds no header"),
@@ -112,6 +114,7 @@ WRONG = {
     "before the grid": (changed(4, 0, "17"), "line 4, column x: 17 is not on the grid of the first map (20, 30, ... 60)"),
     "point twice": ("\n".join([*good(), good()[3]]), "line 22, column x: the point (40, 30) stands there twice"),
     "point missing": ("\n".join(good()[:-2] + good()[-1:]), "1 points of the grid are missing, the first (50, 60)"),
+    "lost told as still": (STILL, "line 9, column u: 1 points moved by exactly 0 where those around them did by 2.5 px"),
     "outside the frame": (changed(2, 0, "-20"), "line 2, column x: -20 px lies outside the frame of 200 x 200 px"),
     "longer than the frame": (changed(2, 2, "4000"), "line 2, column u: 4000 px is longer than the frame"),
     "one row": ("\n".join(good()[:6]), "the map has 1 different y"),
@@ -126,6 +129,13 @@ def test_what_is_wrong_is_said_with_its_place(name: str) -> None:
         laid(body.encode("latin-1"))
     assert str(wrong.value).startswith("disparity_0_2.csv: ")
     assert "\n" not in str(wrong.value)
+
+
+def test_a_point_that_truly_stands_still_is_believed() -> None:
+    turned = "\n".join(["x,y,u,v", *(f"{x:.0f},{y:.0f},{0.02 * (y - 40):.3f},{-0.02 * (x - 40):.3f}" for x, y in zip(X, Y, strict=True))])
+    found = laid(turned.encode())
+    assert found.valid.all()
+    assert ((found.u_px == 0.0) & (found.v_px == 0.0)).sum() == 1
 
 
 def test_a_map_on_another_grid_is_refused() -> None:
