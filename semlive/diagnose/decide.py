@@ -17,11 +17,12 @@ from semlive.data.diagnosis import Decided, Decision, FoundParameter, Outcome
 from semlive.diagnose.baseline import Found, Ladder, Rung, as_smooth, ladder, rung
 from semlive.diagnose.evidence import Projected, sizes_of, weigh
 from semlive.diagnose.named import LOUD, ODDS
+from semlive.diagnose.observation import within_blocks
 from semlive.diagnose.refine import between, left_open, linear
 from semlive.diagnose.turned import scan_times_s, scanned_alike, turned
 from semlive.errors import IllPosed
 from semlive.estimate.arrow import Sides, factored
-from semlive.model.effects import BETWEEN_SCANS, DICTIONARY, Family, Law
+from semlive.model.effects import BETWEEN_SCANS, DICTIONARY, Family, Law, Scene
 from semlive.model.effects.family import Values
 
 Array = NDArray[np.float64]
@@ -33,12 +34,14 @@ class Joined:
 
     Attributes:
         runs: their baselines, of one rung each.
+        scenes: of each run what its frames saw, and where frame 0 had seen it, at the places that stand for all of a block.
         left: of each run (f, b, 2) whitened, what the first run's distortion and the run's own first solution leave.
         place: of each run (p_i,), which of the p parameters of all runs its own are.
         rung: all of it against all data.
     """
 
     runs: tuple[Ladder, ...]
+    scenes: tuple[tuple[tuple[Scene, Scene], ...], ...]
     left: tuple[Array, ...]
     place: tuple[NDArray[np.int64], ...]
     rung: Rung
@@ -93,7 +96,8 @@ def _joined(runs: Sequence[Ladder], believed_by: int) -> Joined:
     where = Sides(*(np.unique(np.concatenate(one)) for one in zip(*each, strict=True)))
     believed = prior, factored(prior, where, 0.0).half_log_det
     both = rung(normal, believed, pull, power, near, runs[believed_by].best.hyper, 0.0, where)
-    return Joined(tuple(runs), tuple(left), tuple(place), both)
+    scenes = tuple(within_blocks(one.design.observation) for one in runs)
+    return Joined(tuple(runs), scenes, tuple(left), tuple(place), both)
 
 
 def _distortion(run: Ladder) -> NDArray[np.int64]:
@@ -118,14 +122,24 @@ class _Shared:
         return self.family.grid(self.joined.runs[0].design.observation.scene)
 
     def laws(self, values: Values) -> list[Law] | None:
-        """Of each run, with amplitudes that mean the same in all; None where a run cannot show the effect."""
-        found = [self.family.law(one.design.observation.scene, values) for one in self.joined.runs]
-        seen = [one for one in found if one is not None]
-        return [one.meaning(seen[0]) for one in seen] if len(seen) == len(found) else None
+        """Of each run what changes from frame 0 on, with amplitudes that mean the same in all; None where a run cannot show the effect."""
+        like = self.family.law(self.joined.scenes[0][0][0], values)
+        each = [] if like is None else [_since_frame_0(self.family, scenes, values, like) for scenes in self.joined.scenes]
+        seen = [one for one in each if one is not None]
+        return seen if like is not None and len(seen) == len(each) else None
 
     def at(self, values: Values) -> Projected | None:
         laws = self.laws(values)
         return None if laws is None else self.joined.projected(laws)
+
+
+def _since_frame_0(family: Family, scenes: Sequence[tuple[Scene, Scene]], values: Values, like: Law) -> Law | None:
+    """The mean over all places of a block, with the amplitudes of another law."""
+    told = [[family.law(scene, values) for scene in both] for both in scenes]
+    seen = [(now.meaning(like), then.meaning(like)) for now, then in told if now is not None and then is not None]
+    if len(seen) < len(scenes):
+        return None
+    return replace(like, field_px=np.mean([now.field_px - then.field_px for now, then in seen], axis=0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -237,5 +251,10 @@ def _decided(heard: _Heard) -> Decided:
     sigmas, follows = left_open(asked, values, mean)
     own = [FoundParameter(one.name, values[one.name], sigma, one.unit) for one, sigma in zip(heard.family.thetas, sigmas, strict=True)]
     parameters = (*linear(laws[0], mean, covariance + follows), *own)
-    peak_px = max(float(np.max(np.hypot(*np.moveaxis(one.field_px @ mean, -1, 0)))) for one in laws)
+    peak_px = max(_largest_px(heard.family, one.design.observation.scene, values, laws[0], mean) for one in heard.joined.runs)
     return Decided(heard.family.name, heard.family.told(parameters) or (heard.family.name,), peak_px, parameters)
+
+
+def _largest_px(family: Family, scene: Scene, values: Values, like: Law, amplitudes: Array) -> float:
+    law = family.law(scene, values)
+    return 0.0 if law is None else float(np.max(np.hypot(*np.moveaxis(law.meaning(like).field_px @ amplitudes, -1, 0))))

@@ -76,6 +76,7 @@ class Conditions:
         stage_error_px: standard deviation of where it gets to, along each axis.
         of_column: whether the distortion stays with the column where the scan is turned, and does not turn with it.
         injected: strain along y that every pair under load has besides.
+        subset_px: edge of what a point's displacement is the mean of; 0 for the point alone.
     """
 
     seed: int
@@ -95,6 +96,7 @@ class Conditions:
     stage_error_px: float = STAGE_ERROR_PX
     of_column: bool = False
     injected: float = 0.0
+    subset_px: int = 0
 
     @property
     def noisy(self) -> int:
@@ -134,7 +136,8 @@ def hidden(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRI
     told = poses(conditions)
     world = world_of(conditions, effects)
     noise = FrameNoise(conditions.kind, conditions.noise_px, conditions.noisy, WIDTH_PX, HEIGHT_PX)
-    here = np.stack(grid.mesh(), axis=-1).reshape(-1, 2)
+    points = np.stack(grid.mesh(), axis=-1).reshape(-1, 2)
+    here, weight = within_subsets(points, conditions.subset_px)
     material = seen_at(world, here, 0, told[0].motion)
     found = []
     for pose in told:
@@ -145,10 +148,20 @@ def hidden(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRI
         there[second] = address(world, material, second, pose.motion, there[first] if pose.pair else near)
         maps = []
         for frame, at in there.items():
-            maps.append(_map(noise, conditions, grid, frame, here, at))
+            moved = np.einsum("s,psc->pc", weight, (at - here).reshape(len(points), -1, 2))
+            maps.append(_map(noise, conditions, grid, frame, points, points + moved))
         times = tuple(FrameTime(frame, start_s(frame), timing(conditions.scan)) for frame in (first, second))
         found.append(HiddenPair(pose, (times[0], times[1]), tuple(maps)))
     return found
+
+
+def within_subsets(points: Field, subset_px: int) -> tuple[Field, Field]:
+    """(n s, 2) places in the subsets of points (n, 2), and (s,) what each counts in their mean: three by three of Gauss and Legendre."""
+    if not subset_px:
+        return points, np.ones(1)
+    node, weight = np.polynomial.legendre.leggauss(3)
+    off = 0.5 * subset_px * np.stack(np.meshgrid(node, node), axis=-1).reshape(-1, 2)
+    return (points[:, None] + off).reshape(-1, 2), 0.25 * np.outer(weight, weight).ravel()
 
 
 def world_of(conditions: Conditions, effects: tuple[Effect, ...] = ()) -> World:

@@ -35,7 +35,7 @@ HALF = replace(SCAN, dwell_time_s=0.5 * SCAN.dwell_time_s, frame_time_s=0.5 * SC
 
 
 def run(seed: int, effects: tuple[Effect, ...] = (), scan: Scan = SCAN, bent_like: int | None = None, grid: Grid = GRID) -> Ladder:
-    return quiet(observed(Conditions(seed, tension=0, scan=scan, bent_like=bent_like), effects, grid))
+    return quiet(observed(Conditions(seed, tension=0, scan=scan, bent_like=bent_like, subset_px=grid.subset_px), effects, grid))
 
 
 def decided(seed: int, *effects: Effect) -> Decision:
