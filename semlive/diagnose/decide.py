@@ -124,7 +124,7 @@ class _Shared:
     def laws(self, values: Values) -> list[Law] | None:
         """Of each run what changes from frame 0 on, with amplitudes that mean the same in all; None where a run cannot show the effect."""
         like = self.family.law(self.joined.scenes[0][0][0], values)
-        each = [] if like is None else [_since_frame_0(self.family, scenes, values, like) for scenes in self.joined.scenes]
+        each = [] if like is None else [since_frame_0(self.family, scenes, values, like) for scenes in self.joined.scenes]
         seen = [one for one in each if one is not None]
         return seen if like is not None and len(seen) == len(each) else None
 
@@ -133,8 +133,15 @@ class _Shared:
         return None if laws is None else self.joined.projected(laws)
 
 
-def _since_frame_0(family: Family, scenes: Sequence[tuple[Scene, Scene]], values: Values, like: Law) -> Law | None:
-    """The mean over all places of a block, with the amplitudes of another law."""
+def since_frame_0(family: Family, scenes: Sequence[tuple[Scene, Scene]], values: Values, like: Law) -> Law | None:
+    """What a law moves from frame 0 on, as blocks show it; None where it cannot be seen.
+
+    Args:
+        family: whose law it is.
+        scenes: what every frame saw and where frame 0 had seen it, at each of the places that stand for all of a block.
+        values: of what is not linear.
+        like: a law whose amplitudes it gets.
+    """
     told = [[family.law(scene, values) for scene in both] for both in scenes]
     seen = [(now.meaning(like), then.meaning(like)) for now, then in told if now is not None and then is not None]
     if len(seen) < len(scenes):
