@@ -32,6 +32,7 @@ from semlive_simulators.effects.wrong_row_time import WrongRowTime
 from semlive_simulators.scan import Scan
 
 GRID = Grid(56, 56, 15, 60, 50, 43)
+COARSE = Grid(56, 56, 60, 15, 12, 43)
 HALF = replace(SCAN, dwell_time_s=0.5 * SCAN.dwell_time_s, frame_time_s=0.5 * SCAN.frame_time_s)
 
 
@@ -84,12 +85,12 @@ def test_a_distortion_that_goes_with_the_scan_by_no_known_law_is_unknown() -> No
 
 def test_runs_that_were_scanned_alike_decide_nothing() -> None:
     with pytest.raises(IllPosed, match="scanned alike"):
-        decide((run(44), run(1044, bent_like=44)))
+        decide((run(44, grid=COARSE), run(1044, bent_like=44, grid=COARSE)))
 
 
 def test_runs_on_other_points_are_refused() -> None:
     with pytest.raises(IllPosed, match="different sizes"):
-        decide((run(45), run(1045, (), HALF, 45, Grid(101, 101, 15, 50, 40, 43))))
+        decide((run(45, grid=COARSE), run(1045, (), HALF, 45, Grid(101, 101, 60, 12, 10, 43))))
 
 
 def test_one_run_joined_with_nothing_is_that_run() -> None:
