@@ -33,7 +33,9 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def written(folder: Path, seed: int, scan: Scan, bent_like: int | None) -> Path:
-    conditions = Conditions(seed, calibration=7, tension=0, missing=0.0, outliers=0.0, scan=scan, bent_like=bent_like, subset_px=GRID.subset_px)
+    conditions = Conditions(
+        seed, calibration=7, tension=0, missing=0.0, outliers=0.0, scan=scan, bent_like=bent_like, subset_px=GRID.subset_px
+    )
     return imported(folder, conditions, (SETTLES,), GRID)
 
 
