@@ -103,7 +103,7 @@ def _check_moved(table: DisparityTable, place: NDArray[np.int64], moved: NDArray
     if lost.any():
         first = int(np.flatnonzero(lost.ravel()[place])[0])
         said = f"{int(lost.sum())} points moved by exactly 0 where those around them did by {away_px.ravel()[place[first]]:.3g} px"
-        raise table.wrong(first, 2, said, "say with the column valid which points were not found")
+        raise table.wrong(first, 2, said, f"say with the column {table.dialect.mark} which points were not found")
 
 
 def scatter_px(values: NDArray[np.float64], valid: NDArray[np.bool_]) -> float:

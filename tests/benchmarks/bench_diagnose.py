@@ -1,7 +1,7 @@
 """Hidden effects, named blindly: outcomes by effect and size, false names where nothing is hidden, and what has no name.
 
     python tests/benchmarks/bench_diagnose.py --set final --seeds 16 --sizes 2 4 8 --nulls 773 --doubles 100 --strange 25 \
-        --deformed 5 --left-out 3 --confounded 30 --folder tests/benchmarks/blind/final --shard 1/2
+        --deformed 10 --left-out 3 --confounded 30 --folder tests/benchmarks/blind/final --shard 1/2
     python tests/benchmarks/bench_diagnose.py ... --folder tests/benchmarks/blind/final --score [--write]
 
 A case is known to diagnosis by its data alone; verdicts are written by the case's key, and only scoring joins them with what was
