@@ -24,6 +24,7 @@ from semlive.diagnose.noise import quiet
 from semlive.diagnose.observation import within_blocks
 from semlive.errors import IllPosed
 from semlive.model.effects import BETWEEN_SCANS, DICTIONARY
+from semlive_simulators.effects.flyback_settling import FlybackSettling
 from semlive_simulators.effects.frame_start_settling import FrameStartSettling
 from semlive_simulators.effects.line_sync_hum import LineSyncHum
 from semlive_simulators.effects.protocol import Effect
@@ -58,6 +59,7 @@ def test_a_distortion_that_both_scans_have_is_nothing() -> None:
 @pytest.mark.parametrize(
     ("effect", "values"),
     [
+        (FlybackSettling(0.5, 4e-3), {"amplitude_px": 0.5, "settling_s": 4e-3}),
         (FrameStartSettling(0.3, -0.4, 5.0), {"x_px": 0.3, "y_px": -0.4, "settling_s": 5.0}),
         (LineSyncHum(0.03, 50.0), {"frequency_hz": 50.0}),
         (WrongRowTime(0.4), {"row_time_error": 0.4}),
