@@ -57,6 +57,45 @@ class LoadFrame(Protocol):
 
 
 @runtime_checkable
+class BlindStop(Protocol):
+    """A device whose stop can be written without waiting for an answer. Every load frame that moves should offer it."""
+
+    def stop_blind(self) -> bool:
+        """Write a stop on the existing connection and, where there is one to open, on a fresh connection; wait for no answer.
+
+        May be called after any method raised LinkError, and again and again until the link is opened again; never raises, takes at most
+        a few tenths of a second.
+
+        Returns:
+            Whether anything was written.
+        """
+        ...
+
+
+@runtime_checkable
+class StopMethods(Protocol):
+    """A load frame that can be stopped in more than one way, tried in turn when it does not obey `stop`."""
+
+    @property
+    def stop_methods(self) -> tuple[str, ...]:
+        """What each further way does, in words: ``enable off``, ``speed 0``; the plain stop is not among them."""
+        ...
+
+    def stop_by(self, method: int) -> None:
+        """Stop by the way of this index; raises LinkError."""
+        ...
+
+
+@runtime_checkable
+class OrderCheck(Protocol):
+    """A load frame that knows whether it can be ordered to do exactly what is meant."""
+
+    def order_problem(self, force_n: float, rate_n_s: float) -> str | None:
+        """Why a ramp cannot be ordered as meant (a value that rounds to 0, is clipped or too coarse), or None; sends nothing."""
+        ...
+
+
+@runtime_checkable
 class Stage(Protocol):
     """Something that translates the specimen (or the beam). Every method may raise LinkError."""
 

@@ -36,6 +36,17 @@ class StopOnLinkLoss(StrEnum):
     ABSENT = "absent"
 
 
+class ControlMode(StrEnum):
+    """How a load frame is brought to a load."""
+
+    LOAD = "load"
+    """By its own closed loop: it takes a target load and a rate."""
+    DISPLACEMENT = "displacement"
+    """By short ways of its crosshead, which semlive orders one after the other."""
+    MANUAL = "manual"
+    """By a person, or not at all."""
+
+
 class StageKind(StrEnum):
     """What a translation moves: the specimen, or the beam."""
 
@@ -52,12 +63,22 @@ class DeviceIdentity:
         simulated: the device says it is a simulator.
         stop_on_link_loss: what is known of the device's own watchdog.
         force_max_n: the device's own force limit, if it has one.
+        control: how it is brought to a load.
+        force_resolution_n: smallest change of the force reading, N; 0 where the number format sets none.
+        extension_resolution_mm: the same of the extension, mm.
+        measures_extension: False if `extension_mm` of its readings is always 0.
+        stiffness_n_mm: largest stiffness of specimen, grips and machine in series, as configured, N/mm; None if it is not stated.
     """
 
     name: str
     simulated: bool
     stop_on_link_loss: StopOnLinkLoss
     force_max_n: float | None = None
+    control: ControlMode = ControlMode.LOAD
+    force_resolution_n: float = 0.0
+    extension_resolution_mm: float = 0.0
+    measures_extension: bool = True
+    stiffness_n_mm: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +99,8 @@ class LoadSample:
         trouble: why the device is in fault, where it tells; None otherwise.
         rtt_s: how long the answer took (wall s); None if nobody looked.
         counted: the device's own count of readings, and at how many that begins anew; not logged by itself, it stands in `raw`.
+        order_changed: how the device's own target, rate or command differs from what was last written there, as a sentence: another
+            program or a person commands it, or it was restarted; None if it agrees or cannot be read.
     """
 
     sequence: int
@@ -93,6 +116,7 @@ class LoadSample:
     trouble: Trouble | None = None
     rtt_s: float | None = None
     counted: tuple[int, int] | None = None
+    order_changed: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

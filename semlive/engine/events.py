@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
+from semlive.data.faults import FaultCode
 from semlive.data.frame import FrameInfo
 from semlive.data.loading import DeviceIdentity, LoadSample, StageSample
 
@@ -92,6 +93,7 @@ class DeviceStopped:
     time_ns: int
     device: Device
     reason: str
+    code: FaultCode = FaultCode.DEVICE_FAULT
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,12 +130,14 @@ class DeviceFault:
         device: which.
         reason: one sentence.
         emergency: the emergency stop was pressed.
+        code: what kind of fault it is.
     """
 
     time_ns: int
     device: Device
     reason: str
     emergency: bool = False
+    code: FaultCode = FaultCode.DEVICE_FAULT
 
 
 @dataclass(frozen=True, slots=True)

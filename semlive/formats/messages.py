@@ -366,12 +366,13 @@ class ResultMessage(RootModel[dict[str, JsonValue]]):
 
 
 class FaultMessage(Stamped):
-    """`/fault`: something went wrong: what, where, and what semlive did about it."""
+    """`/fault`: something went wrong: what, where, what semlive did about it, and as `code` a `FaultCode` (empty in older logs)."""
 
     time_ns: int
     what: str
     where: str
     action: str
+    code: str = ""
 
 
 class OperatorMessage(Stamped):

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import ParamSpec
 
 from semlive.data.experiment import Plan
+from semlive.data.faults import FaultCode
 from semlive.data.loading import DeviceIdentity
 from semlive.engine import (
     FINAL_STATES,
@@ -325,7 +326,8 @@ class Control:
         if isinstance(event, LoadReading | StageReading):
             self._journal.sample(event.sample)
         elif isinstance(event, _WARNED):
-            self._journal.fault(event.time_ns, event.reason, event.device.words, "told the engine")
+            code = FaultCode.LINK_LOST if isinstance(event, LinkLost) else event.code
+            self._journal.fault(event.time_ns, event.reason, event.device.words, "told the engine", code)
             self._warn(f"{event.device.words}: {event.reason}")
 
     def _execute(self, command: Command) -> None:

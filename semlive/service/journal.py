@@ -110,9 +110,9 @@ class Journal:
         """Something asked of a device."""
         self.note(CommandMessage(time_ns=time_ns, what=what, args=dict(args), result=result))
 
-    def fault(self, time_ns: int, what: str, where: str, action: str) -> None:
-        """Something that went wrong."""
-        self.note(FaultMessage(time_ns=time_ns, what=what, where=where, action=action))
+    def fault(self, time_ns: int, what: str, where: str, action: str, code: str = "") -> None:
+        """Something that went wrong; `code` is a `FaultCode`."""
+        self.note(FaultMessage(time_ns=time_ns, what=what, where=where, action=action, code=code))
 
     def line(self, time_ns: int, text: str, level: str = "info") -> None:
         """One line of the service's own log."""
