@@ -83,8 +83,10 @@ class Limits:
         lost_after_s: wall seconds after which the link is lost (stop).
         force_drop_max_n: largest sudden fall of the load (a slip, a fracture); None does not look.
         force_slope_max_n_s: fastest change of the load as read, over half a second; None does not look.
-        slack_max_mm: how far the crosshead may run while the load changes by less than `slack_force_n`; None does not look.
+        slack_max_mm: how far the crosshead may run while the load changes by less than `slack_force_n`; None: as far as the
+            stated stiffness and the distance to the force limit allow.
         slack_force_n: see `slack_max_mm`.
+        unloaded_max_n: largest load, N, of pairs that are taken before any load; None: 5 % of the larger force limit.
         stop_timeout_s: experiment seconds to wait for the devices' word that they rest, before a stopped run ends without it.
     """
 
@@ -102,6 +104,7 @@ class Limits:
     slack_max_mm: float | None = None
     slack_force_n: float = 5.0
     stop_timeout_s: float = 20.0
+    unloaded_max_n: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,7 @@ class FaultCode(StrEnum):
     LIMIT = "limit"
     NOT_REACHED = "not_reached"
     MOTION_TIMEOUT = "motion_timeout"
+    STOPPED_EARLY = "stopped_early"
 
     UNORDERED_MOTION = "unordered_motion"
     MOVED_AT_REST = "moved_at_rest"

@@ -68,6 +68,7 @@ class DeviceIdentity:
         extension_resolution_mm: the same of the extension, mm.
         measures_extension: False if `extension_mm` of its readings is always 0.
         stiffness_n_mm: largest stiffness of specimen, grips and machine in series, as configured, N/mm; None if it is not stated.
+        rate_min_n_s: slowest change of load that it can be ordered, N/s; 0 if none is known.
     """
 
     name: str
@@ -79,6 +80,7 @@ class DeviceIdentity:
     extension_resolution_mm: float = 0.0
     measures_extension: bool = True
     stiffness_n_mm: float | None = None
+    rate_min_n_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

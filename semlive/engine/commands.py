@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from semlive.data.faults import FaultCode
 from semlive.data.pair import PairDecision
 from semlive.engine.states import Cause, State
 
@@ -21,6 +22,7 @@ class Transition:
         after: the state that was entered; may be the same.
         step: index of the step.
         guards: the values that decided, by name.
+        code: the kind of fault, where the state that was entered is one.
     """
 
     time_ns: int
@@ -29,14 +31,22 @@ class Transition:
     after: State
     step: int
     guards: tuple[Guard, ...] = ()
+    code: FaultCode | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class RampTo:
-    """Go to a load at a rate."""
+    """Go to a load at a rate.
+
+    Attributes:
+        force_n: target, tension positive.
+        rate_n_s: change of load, > 0.
+        tolerance_n: allowed distance of the load from its target; the link thread stops a ramp that goes further beyond.
+    """
 
     force_n: float
     rate_n_s: float
+    tolerance_n: float = 10.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from semlive.data.experiment import Plan
-from semlive.data.loading import LoadSample, MotionState, StageSample
+from semlive.data.faults import FaultCode
+from semlive.data.loading import LoadSample, MotionState, StageSample, Trouble
 from semlive.engine import calibration, warm_up
 from semlive.engine import events as ev
 from semlive.engine.commands import Command, Finish, StopMotion
@@ -16,10 +17,11 @@ from semlive.engine.events import Device, Event, Verb
 from semlive.engine.frames import frame_scanned, frame_unreadable, judge
 from semlive.engine.history import LoadHistory
 from semlive.engine.limits import plan_problem, sample_problem, tightened
-from semlive.engine.motion import advance, begin_step, hold, settle
+from semlive.engine.motion import advance, begin_step, hold, rest_fault, settle
 from semlive.engine.recover import Interrupted, changes
-from semlive.engine.states import FINAL_STATES, Cause, State
+from semlive.engine.states import AT_REST_STATES, FINAL_STATES, Cause, State
 from semlive.engine.turn import EngineState, Turn
+from semlive.engine.unloading import loaded_problem, unloading_problem
 from semlive.errors import BadInput
 
 _STOP_TOLD_S = 2.0
@@ -128,9 +130,9 @@ def _hear(turn: Turn, event: Event) -> None:
             turn.say(f"the {device.words} answers again")
         case ev.DeviceStopped(device=device, reason=reason):
             _device_stopped(turn, device, reason)
-        case ev.DeviceFault(device=device, reason=reason, emergency=emergency):
+        case ev.DeviceFault(device=device, reason=reason, emergency=emergency, code=code):
             cause = Cause.EMERGENCY if emergency else Cause.DEVICE_FAULT
-            turn.fault(cause, f"{device.words}: {reason}", ("device", device.value))
+            turn.fault(cause, f"{device.words}: {reason}", ("device", device.value), code=code)
 
 
 def _opening(turn: Turn) -> None:
@@ -172,9 +174,9 @@ def _look(turn: Turn) -> None:
             hold(turn)
         case State.IMAGING:
             judge(turn)
-        case State.JUDGING:
+        case State.JUDGING if not rest_fault(turn):
             calibration.wait(turn)
-        case State.WARMING:
+        case State.WARMING if not rest_fault(turn):
             warm_up.wait(turn)
         case State.STOPPING:
             _stopping(turn)
@@ -207,6 +209,7 @@ def _load_reading(turn: Turn, sample: LoadSample) -> None:
     turn.update(
         load=sample,
         watch=watch,
+        rest=state.rest.with_sample(sample, ordered=state.at not in AT_REST_STATES),
         stale=state.stale - {Device.LOAD_FRAME},
         history=state.history.with_sample(sample.time_ns, sample.force_n, sample.gage_strain),
     )
@@ -214,6 +217,8 @@ def _load_reading(turn: Turn, sample: LoadSample) -> None:
     if problem is not None and turn.allows(Cause.LIMIT):
         guards = (("force_n", sample.force_n), ("extension_mm", sample.extension_mm), ("sequence", sample.sequence))
         turn.fault(Cause.LIMIT, problem, *guards)
+    if sample.order_changed is not None and turn.state.at in (State.RAMPING, *AT_REST_STATES):
+        turn.fault(Cause.DEVICE_FAULT, f"load frame: {sample.order_changed}", code=FaultCode.FOREIGN_ORDER)
     _motion_word(turn, Device.LOAD_FRAME, sample, state.load)
 
 
@@ -240,7 +245,8 @@ def _motion_word(turn: Turn, device: Device, now: LoadSample | StageSample, befo
         known = turn.state.at is State.STOPPING and before is not None and before.motion is MotionState.FAULT
         if turn.allows(Cause.EMERGENCY) and not known:
             reason = f"the {device.words} was stopped by its {trouble}; free the machine, then resume"
-            turn.fault(Cause.EMERGENCY, reason, ("device", device.value), ("trouble", trouble.value))
+            code = FaultCode.LIMIT_SWITCH if trouble is Trouble.LIMIT_SWITCH else FaultCode.EMERGENCY_STOP
+            turn.fault(Cause.EMERGENCY, reason, ("device", device.value), ("trouble", trouble.value), code=code)
     elif turn.state.at is State.CONNECTING and turn.state.before is not None:
         if before is None or before.motion is not MotionState.FAULT:
             turn.commands.append(StopMotion(f"the {device.words} has been in fault since the run was interrupted"))
@@ -297,7 +303,7 @@ def _not_fit_to_move(state: EngineState) -> str | None:
             return f"the {device.words} gives no fresh reading"
         if sample.motion is not MotionState.STOPPED:
             return f"the {device.words} is {sample.motion}"
-    return None if state.load is None else sample_problem(state.limits, state.load)
+    return None if state.load is None else sample_problem(state.limits, state.load) or unloading_problem(state)
 
 
 def _operator(turn: Turn, verb: Verb, reason: str) -> None:
@@ -307,6 +313,10 @@ def _operator(turn: Turn, verb: Verb, reason: str) -> None:
     if not turn.allows(cause):
         turn.say(f"cannot {verb} while {at}")
     elif verb in (Verb.START, Verb.RESUME):
+        loaded = loaded_problem(turn.state)
+        if loaded is not None and turn.allows(Cause.LIMIT):
+            turn.fault(Cause.LIMIT, loaded, code=FaultCode.LOADED_AT_START)
+            return
         problem = _not_fit_to_move(turn.state)
         if problem is not None:
             turn.say(f"cannot {verb}: {problem}")
@@ -353,20 +363,31 @@ def _go_on(turn: Turn, cause: Cause) -> None:
 
 
 def _stopping(turn: Turn) -> None:
-    """In STOPPING: end when every device says, after the stop, that it does not move."""
+    """In STOPPING: end when every device says, after the stop, that it does not move.
+
+    A device that answers and still moves is waited for without end, because its link thread goes on stopping it; only abort ends that.
+    """
     state = turn.state
     restless = [d for d in state.devices if not _rests_since(state.sample(d), state.since_ns)]
     names = " and ".join(f"the {device.words}" for device in restless)
     if not restless:
         turn.finish(Cause.AT_REST, "the run was stopped; load and position are held")
-    elif state.seconds_since(state.since_ns) > state.limits.stop_timeout_s:
+    elif state.seconds_since(state.since_ns) > state.limits.stop_timeout_s and not any(_moves_on(state, d) for d in restless):
         turn.commands.append(StopMotion("the stop was not confirmed"))
         turn.finish(
             Cause.STOP_UNCONFIRMED,
             f"the run was stopped, but not every device confirmed that it rests ({names} did not): look at the machine",
         )
     elif state.seconds_since(state.since_ns) > _STOP_TOLD_S and not state.message.startswith(_WAITING):
-        turn.say(f"{_WAITING} {names}, at most {state.limits.stop_timeout_s:g} s; abort ends without it")
+        moving = any(_moves_on(state, device) for device in restless)
+        until = "which still moves: press its emergency stop" if moving else f"at most {state.limits.stop_timeout_s:g} s"
+        turn.say(f"{_WAITING} {names}, {until}; abort ends without it")
+
+
+def _moves_on(state: EngineState, device: Device) -> bool:
+    """Whether a device, by a fresh reading, moves although it was stopped."""
+    sample = state.sample(device)
+    return sample is not None and device not in state.stale and sample.motion is MotionState.MOVING
 
 
 def _rests_since(sample: LoadSample | StageSample | None, since_ns: int) -> bool:

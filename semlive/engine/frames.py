@@ -6,7 +6,7 @@ from semlive.data.frame import ColumnSettings, FrameInfo
 from semlive.data.pair import PairDecision
 from semlive.engine.commands import AcceptPair, RefuseFrame, TriggerFrame
 from semlive.engine.history import frame_load
-from semlive.engine.motion import disturbed
+from semlive.engine.motion import disturbed, rest_fault
 from semlive.engine.states import Cause, State
 from semlive.engine.turn import EngineState, Scanned, Turn
 
@@ -58,7 +58,7 @@ def frame_unreadable(turn: Turn, export: int, reason: str) -> None:
 
 def judge(turn: Turn) -> None:
     """In IMAGING: judge the waiting frames in order, as far as the load is known up to the end of their scans."""
-    if turn.state.stale or disturbed(turn):
+    if turn.state.stale or rest_fault(turn) or disturbed(turn):
         return
     _ask_first(turn)
     while turn.state.at is State.IMAGING and turn.state.waiting:

@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from semlive.data.loading import MotionState
+from semlive.data.faults import FaultCode
+from semlive.data.loading import ControlMode, MotionState
 from semlive.engine.commands import MoveStage, RampTo
 from semlive.engine.events import Device
 from semlive.engine.field import recentred
@@ -16,9 +17,14 @@ from semlive.engine.foresight import not_yet
 from semlive.engine.limits import move_problem, ramp_problem
 from semlive.engine.states import Cause, State
 from semlive.engine.turn import EngineState, Motion, Turn
+from semlive.engine.unloading import loaded_problem, ramp_sign, unloading_problem
 
 MAX_APPROACHES = 3
 """How often a target is approached again in one step: relaxation needs one or two, a slipping grip never ends."""
+
+
+_EARLY_FRACTION = 0.25
+"""A motion that ended by itself with more than this part of its way left was ended by somebody else, or the device was restarted."""
 
 
 def _stage_target_um(state: EngineState) -> tuple[float, float]:
@@ -95,6 +101,10 @@ def set_out(turn: Turn) -> None:
     if missing:
         turn.fault(Cause.LIMIT, f"step {step.number} needs the {missing[0].words}, but the run has none")
         return
+    unloads = unloading_problem(state) if Device.LOAD_FRAME in todo else None
+    if unloads is not None:
+        turn.fault(Cause.LIMIT, unloads, ("load_error_n", load_error_n(state)), code=FaultCode.WOULD_UNLOAD)
+        return
     problem = move_problem(state.limits, step.shift_um)
     if problem is None and step.load_n is not None and state.load is not None:
         known = state.load_at_n
@@ -115,6 +125,10 @@ def begin_step(turn: Turn) -> None:
     step = turn.state.step
     load = "load as it is" if step.load_n is None else f"{step.load_n:g} N"
     x, y = step.shift_um
+    loaded = loaded_problem(turn.state)
+    if loaded is not None:
+        turn.fault(Cause.LIMIT, loaded, code=FaultCode.LOADED_AT_START)
+        return
     turn.say(f"step {step.number} of {len(turn.state.plan.steps)}: {step.phase}, shift ({x:g}, {y:g}) um, {load}")
     set_out(turn)
 
@@ -131,8 +145,10 @@ def _order(turn: Turn) -> None:
         turn.update(shift_at_um=None)
         turn.commands.append(MoveStage(*_stage_target_um(state)))
     elif state.step.load_n is not None:
-        turn.update(load_at_n=None)
-        turn.commands.append(RampTo(state.step.load_n, state.plan.ramp_rate_n_s))
+        from_n = None if state.load is None else state.load.force_n
+        turn.update(load_at_n=None, motion=replace(state.motion, from_n=from_n))
+        tolerance_n = state.plan.hold.load_tolerance(state.step.load_n)
+        turn.commands.append(RampTo(state.step.load_n, state.plan.ramp_rate_n_s, tolerance_n))
 
 
 def advance(turn: Turn) -> None:
@@ -170,6 +186,10 @@ def _astray(turn: Turn) -> None:
     if state.seconds_since(motion.astray_since_ns) < state.plan.hold.settle_s:
         return
     guards = (("load_error_n", load_error_n(state)), ("stage_error_um", stage_error_um(state)), ("approaches", motion.approaches))
+    early = _stopped_early(state)
+    if early is not None:
+        turn.fault(Cause.NOT_REACHED, early, *guards, code=FaultCode.STOPPED_EARLY)
+        return
     if motion.approaches >= MAX_APPROACHES:
         reason = f"step {state.step.number} is not reached after {MAX_APPROACHES} approaches: {unrest(state)}"
         turn.fault(Cause.NOT_REACHED, reason, *guards)
@@ -179,11 +199,56 @@ def _astray(turn: Turn) -> None:
     set_out(turn)
 
 
+def _stopped_early(state: EngineState) -> str | None:
+    """Why the ramp that ended by itself was not ended by the device's own control, as a sentence, or None."""
+    frame, load, target_n, from_n = state.load_frame, state.load, state.step.load_n, state.motion.from_n
+    if frame is None or load is None or target_n is None or from_n is None or frame.control is ControlMode.MANUAL:
+        return None
+    left_n = math.copysign(1.0, target_n - from_n) * (target_n - load.force_n)
+    tolerance_n = state.plan.hold.load_tolerance(target_n)
+    if left_n <= max(3.0 * tolerance_n, _EARLY_FRACTION * abs(target_n - from_n)):
+        return None
+    what = f"the load frame ended its motion at {load.force_n:.1f} N, far from the ordered {target_n:g} N"
+    return f"{what}: was it stopped at the machine, or restarted? Check its zero, position and settings"
+
+
+def rest_fault(turn: Turn) -> bool:
+    """Where no motion is ordered: FAULT if a device is not at rest as it was left; True if so.
+
+    A load frame that a person moves is not judged: a load that left its tolerance is asked for again, never downwards.
+    """
+    found = _load_frame_moved(turn.state) or _stage_moved(turn.state)
+    if found is None:
+        return False
+    code, reason = found
+    guards = (("load_error_n", load_error_n(turn.state)), ("stage_error_um", stage_error_um(turn.state)))
+    turn.fault(Cause.DEVICE_FAULT, reason, *guards, code=code)
+    return True
+
+
+def _load_frame_moved(state: EngineState) -> tuple[FaultCode, str] | None:
+    if state.load is None or state.load_frame is None or state.load_frame.control is ControlMode.MANUAL:
+        return None
+    held = state.at in (State.HOLDING, State.IMAGING)
+    kept_n = _load_target_n(state) if held else state.load_at_n if state.at in (State.JUDGING, State.WARMING) else None
+    tolerance_n = state.plan.hold.load_tolerance(kept_n or 0.0)
+    return state.rest.problem(state.load, kept_n, tolerance_n, ramp_sign(state) if held else 0.0)
+
+
+def _stage_moved(state: EngineState) -> tuple[FaultCode, str] | None:
+    if state.stage is None or state.at not in (State.HOLDING, State.IMAGING) or _stage_within(state):
+        return None
+    what = f"the stage is {stage_error_um(state):.1f} um from its target while nothing was ordered"
+    return FaultCode.MOVED_AT_REST, f"{what}: check who moved it, or whether it slipped"
+
+
 def settle(turn: Turn) -> None:
     """In SETTLING: go on when everything has been within tolerance, at rest and fresh, for the settle time."""
     state = turn.state
     if state.stale:
         turn.update(steady_since_ns=None)
+        return
+    if rest_fault(turn):
         return
     if state.anchor_n is None and state.load is not None:
         turn.update(anchor_n=state.load.force_n)
@@ -206,7 +271,7 @@ def settle(turn: Turn) -> None:
 def hold(turn: Turn) -> None:
     """In HOLDING: go on when the hold is over; a disturbance begins settling again."""
     state = turn.state
-    if state.stale or disturbed(turn):
+    if state.stale or rest_fault(turn) or disturbed(turn):
         return
     if state.time_ns >= state.since_ns + round(state.plan.hold.hold_s * 1e9):
         reason = not_yet(state)

@@ -96,6 +96,8 @@ class Cause(StrEnum):
 FINAL_STATES = frozenset({State.COMPLETE, State.ABORTED})
 
 _STEP_STATES = (State.RAMPING, State.SETTLING, State.HOLDING, State.IMAGING)
+AT_REST_STATES = (State.SETTLING, State.HOLDING, State.IMAGING, State.STEP_DONE, State.JUDGING, State.WARMING)
+"""States of a step in which no motion is ordered."""
 _GATES = (State.JUDGING, State.WARMING)
 _WATCHED_STATES = (State.CONNECTING, State.READY, *_STEP_STATES, State.STEP_DONE, *_GATES, State.PAUSED, State.RECOVER)
 _OPEN_STATES = tuple(state for state in State if state not in FINAL_STATES)

@@ -3,17 +3,34 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any
 
 from semlive.data.experiment import Limits, Plan, Step
+from semlive.data.faults import FaultCode
 from semlive.data.frame import FrameInfo
 from semlive.data.loading import DeviceIdentity, LoadSample, StageSample
 from semlive.engine.commands import Announce, Command, Finish, Guard, RefuseFrame, StopMotion, Transition
 from semlive.engine.events import CalibrationJudged, Device, DriftForeseen, DriftSeen, FieldSeen
 from semlive.engine.history import LoadHistory
 from semlive.engine.recover import Interrupted
+from semlive.engine.rest import NO_REST, Rest
 from semlive.engine.states import FINAL_STATES, TRANSITIONS, Cause, State, next_state
 from semlive.engine.watch import NOTHING_YET, LoadWatch
+
+FAULT_OF_CAUSE = MappingProxyType(
+    {
+        Cause.LIMIT: FaultCode.LIMIT,
+        Cause.LINK_LOST: FaultCode.LINK_LOST,
+        Cause.DEVICE_FAULT: FaultCode.DEVICE_FAULT,
+        Cause.DEVICE_STOPPED: FaultCode.DEVICE_FAULT,
+        Cause.NOT_REACHED: FaultCode.NOT_REACHED,
+        Cause.MOTION_TIMEOUT: FaultCode.MOTION_TIMEOUT,
+        Cause.FRAME_TIMEOUT: FaultCode.FRAME_TIMEOUT,
+        Cause.EMERGENCY: FaultCode.EMERGENCY_STOP,
+    }
+)
+"""The kind of fault that a cause means where nothing more special is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +51,7 @@ class Motion:
         taken_ns: when the device took the command; a sample read before that says nothing.
         astray_since_ns: since when everything rests out of tolerance, or None.
         approaches: how often the target was approached again.
+        from_n: the load when the load frame was last ordered to move, or None.
     """
 
     began_ns: int = 0
@@ -41,6 +59,7 @@ class Motion:
     taken_ns: int | None = None
     astray_since_ns: int | None = None
     approaches: int = 0
+    from_n: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +87,7 @@ class EngineState:
         hold_end_ns: when the hold is over or was over; frames count from here.
         history: load samples.
         watch: what the next load sample is compared with.
+        rest: how the load frame rests while no motion is ordered.
         waiting: frames to be judged.
         first: the first frame of the pair.
         reference: the first frame accepted in the run; later ones must be of its kind.
@@ -94,6 +114,7 @@ class EngineState:
     since_ns: int
     history: LoadHistory
     watch: LoadWatch = NOTHING_YET
+    rest: Rest = NO_REST
     load_frame: DeviceIdentity | None = None
     stage: DeviceIdentity | None = None
     load: LoadSample | None = None
@@ -164,15 +185,15 @@ class Turn:
         """Whether the table lists `cause` here."""
         return (self.state.at, cause) in TRANSITIONS
 
-    def go(self, cause: Cause, *guards: Guard) -> None:
-        """Change state by the table.
+    def go(self, cause: Cause, *guards: Guard, code: FaultCode | None = None) -> None:
+        """Change state by the table; `code` names the fault, if it is one.
 
         Raises:
             ImpossibleTransition: if the table does not list it.
         """
         now = self.state
         after = next_state(now.at, cause)
-        self.commands.append(Transition(now.time_ns, now.at, cause, after, now.step_index, guards))
+        self.commands.append(Transition(now.time_ns, now.at, cause, after, now.step_index, guards, code))
         self.state = replace(now, at=after, since_ns=now.time_ns)
 
     def say(self, text: str) -> None:
@@ -186,19 +207,19 @@ class Turn:
         self.commands.extend(RefuseFrame(info.export, f"{info.name} is not used: {why}") for info in held)
         self.update(first=None, waiting=())
 
-    def stop_and_go(self, cause: Cause, reason: str, *guards: Guard) -> None:
+    def stop_and_go(self, cause: Cause, reason: str, *guards: Guard, code: FaultCode | None = None) -> None:
         """Stop everything first, then change state; where a device is then is no longer known."""
         self.commands.append(StopMotion(reason))
         self.drop_frames(reason)
         under_way = Device.STAGE in self.state.motion.todo[:1]
         self.update(motion=Motion(), load_at_n=None, steady_since_ns=None, shift_at_um=None if under_way else self.state.shift_at_um)
-        self.go(cause, *guards)
+        self.go(cause, *guards, code=code)
         self.say(reason)
 
-    def fault(self, cause: Cause, reason: str, *guards: Guard) -> None:
-        """Stop and go to FAULT, if the table says so here; else only tell."""
+    def fault(self, cause: Cause, reason: str, *guards: Guard, code: FaultCode | None = None) -> None:
+        """Stop and go to FAULT, if the table says so here; else only tell. Without a `code` the cause names the fault."""
         if self.allows(cause):
-            self.stop_and_go(cause, reason, *guards)
+            self.stop_and_go(cause, reason, *guards, code=code or FAULT_OF_CAUSE[cause])
         elif self.state.at not in FINAL_STATES and reason != self.state.message:
             self.say(reason)
 

@@ -146,6 +146,7 @@ class Control:
         self._closed = False
         self.pairs_done = 0 if earlier is None else len(earlier.before.done)
         self._log_behind = False
+        self._fault_code = ""
         self.failure: str | None = None
         # Pairs that turned out to be of no use when every step was done already.
         self.unusable: tuple[str, ...] = ()
@@ -232,11 +233,13 @@ class Control:
         """Keep the reason of a trouble for the last sentence; whoever resumes is done with it."""
         at = self._state.at
         asks = self._state.asks_of_calibration
-        if (at in _TROUBLE and before not in _TROUBLE) or (asks and before is State.JUDGING):
+        if (at in _TROUBLE and before is not at) or (asks and before is State.JUDGING):
             self.why = progress(self._state).message
             self.troubled.set()
             if not isinstance(event, _WARNED):
                 self._warn(self.why)
+                if at in _TROUBLE:
+                    self._journal.fault(self._clock.now_ns(), self.why, "protocol", "stopped motion", self._fault_code)
         elif not asks and at not in (*_TROUBLE, *_ENDING):
             self.why = None
         if at is State.RECOVER is not before:
@@ -334,6 +337,7 @@ class Control:
         now_ns = self._clock.now_ns()
         if isinstance(command, Transition):
             self._journal.transition(command)
+            self._fault_code = "" if command.code is None else command.code
         elif isinstance(command, RampTo):
             self._journal.command(now_ns, "ramp_to", {"force_n": command.force_n, "rate_n_s": command.rate_n_s}, "sent")
             self._links[Device.LOAD_FRAME].send(command)

@@ -2,6 +2,10 @@
 
 Order of precedence in every turn: the dead-man, a stop that is owed, commands, the next reading. A device call blocks for at most
 the driver's timeout, so a stop waits for at most one answer. The thread never begins a motion by itself.
+
+After a stop the device is pursued until its readings show that it rests (`stop_pursuit`). When a request fails while the device may
+move, the stop is first written without waiting for an answer, on the old connection and on a fresh one, again and again until a link is
+open; only then is anything read: a device may execute what it cannot answer.
 """
 
 from __future__ import annotations
@@ -13,11 +17,10 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
 
 from semlive.data.experiment import Limits
+from semlive.data.faults import FaultCode
 from semlive.data.loading import DeviceIdentity, LoadSample, MotionState, StageKind, StageSample
-from semlive.engine.commands import MoveStage, RampTo
 from semlive.engine.events import (
     CommandTaken,
     Device,
@@ -27,77 +30,18 @@ from semlive.engine.events import (
     LinkBack,
     LinkLost,
     LinkStale,
-    LoadReading,
-    StageReading,
 )
-from semlive.engine.limits import sample_problem, tightened
-from semlive.engine.watch import LoadWatch
+from semlive.engine.supervision import Finding
 from semlive.errors import LinkError, LinkRefused
-from semlive.ports import ClockSource, LoadFrame, Stage
-
-Order = RampTo | MoveStage
+from semlive.ports import BlindStop, ClockSource, LoadFrame, Stage
+from semlive.service.link_ports import Order, Port, port_of
+from semlive.service.stop_pursuit import StopPursuit, begin_pursuit
 
 _BACKOFF_S = (0.0, 0.1, 0.2, 0.5, 1.0)
 _LONGEST_SLEEP_S = 0.05
-# How often the last stop is tried, and the rest between: with a driver's timeouts of 0.3 s it stays within `close`.
-_LAST_STOPS = 5
-_LAST_STOP_REST_S = 0.2
-
-
-class _Port(Protocol):
-    """A load frame or a stage, seen alike."""
-
-    def read(self) -> LoadSample | StageSample: ...
-
-    def event(self, sample: LoadSample | StageSample) -> Event: ...
-
-    def problem(self, sample: LoadSample | StageSample) -> str | None: ...
-
-    def obey(self, order: Order) -> None: ...
-
-
-class _LoadFramePort:
-    def __init__(self, device: LoadFrame, limits: Limits) -> None:
-        self._device = device
-        self._limits = tightened(limits, device.identity)
-        self._watch = LoadWatch()
-
-    def read(self) -> LoadSample:
-        return self._device.read()
-
-    def event(self, sample: LoadSample | StageSample) -> Event:
-        assert isinstance(sample, LoadSample)
-        return LoadReading(sample.time_ns, sample)
-
-    def problem(self, sample: LoadSample | StageSample) -> str | None:
-        assert isinstance(sample, LoadSample)
-        self._watch, sudden = self._watch.with_sample(self._limits, sample)
-        return sample_problem(self._limits, sample) or sudden
-
-    def obey(self, order: Order) -> None:
-        if not isinstance(order, RampTo):
-            raise LinkError(f"a load frame cannot do {order}")
-        self._device.ramp_to(order.force_n, order.rate_n_s)
-
-
-class _StagePort:
-    def __init__(self, device: Stage) -> None:
-        self._device = device
-
-    def read(self) -> StageSample:
-        return self._device.read()
-
-    def event(self, sample: LoadSample | StageSample) -> Event:
-        assert isinstance(sample, StageSample)
-        return StageReading(sample.time_ns, sample)
-
-    def problem(self, sample: LoadSample | StageSample) -> str | None:
-        return None
-
-    def obey(self, order: Order) -> None:
-        if not isinstance(order, MoveStage):
-            raise LinkError(f"a stage cannot do {order}")
-        self._device.move_to(order.x_um, order.y_um)
+# How long closing pursues a device that does not rest, and how often it looks meanwhile.
+_LAST_PURSUIT_S = 4.0
+_LAST_LOOK_S = 0.05
 
 
 class LinkThread:
@@ -144,7 +88,9 @@ class LinkThread:
         self._identity: DeviceIdentity | None = None
         self._moves: StageKind | None = None
         self._link: LoadFrame | Stage | None = None
-        self._port: _Port | None = None
+        self._port: Port | None = None
+        self._failed_link: LoadFrame | Stage | None = None
+        self._pursuit: StopPursuit | None = None
         self._stop_owed = False
         self._may_move = False
         self._beyond_limit = False
@@ -220,11 +166,11 @@ class LinkThread:
             self._stop_asked = True
             self._wake.notify_all()
 
-    def close(self, timeout_s: float = 5.0) -> bool:
+    def close(self, timeout_s: float = 8.0) -> bool:
         """Stop motion, close the link, end the thread; never raises, any number of times.
 
         Returns:
-            True if the device took the last stop, or never was ours to move; False if nobody knows whether it rests.
+            True if the device was seen to rest after the last stop, or never was ours to move; False if nobody knows whether it rests.
         """
         with self._wake:
             self._orders.clear()
@@ -262,18 +208,21 @@ class LinkThread:
             mistaken, self._mistaken = self._mistaken, True
             reason = f"its link thread made a mistake: {error!r}"
             with contextlib.suppress(Exception):
-                None if mistaken else self._emit(DeviceFault(self._clock.now_ns(), self._device, reason))
+                event = DeviceFault(self._clock.now_ns(), self._device, reason, code=FaultCode.INTERNAL_ERROR)
+                None if mistaken else self._emit(event)
             time.sleep(_LONGEST_SLEEP_S)
 
     def _turn(self) -> None:
         now = self._turned_mono_ns = self._clock.mono_ns()
         self._check_dead_man(now)
-        if self._link is None and now >= self._next_open_mono_ns:
-            self._attempt("opening the link again", self._open)
         with self._wake:
             self._stop_owed, self._stop_asked = self._stop_owed or self._stop_asked, False
+        if self._link is None:
+            self._reopen(now)
         if self._stop_owed:
             self._stop_device()
+        elif self._pursuit is not None:
+            self._pursue(self._pursuit)
         elif self._link is not None:
             self._obey_next()
         if self._link is not None and not self._stop_asked and self._clock.mono_ns() >= self._next_poll_mono_ns:
@@ -281,10 +230,17 @@ class LinkThread:
             self._attempt("reading", self._poll)
         self._check_age()
 
+    def _reopen(self, now_mono_ns: int) -> None:
+        """A stop that is owed is written before anything is asked of the device."""
+        if self._stop_owed:
+            self._stop_device()
+        if now_mono_ns >= self._next_open_mono_ns:
+            self._attempt("opening the link again", self._open)
+
     def _sleep(self) -> None:
         """Until the next reading is due, or control wants something."""
         with self._wake:
-            if self._stop_asked or self._closing or (self._orders and self._link is not None):
+            if self._stop_asked or self._closing or (self._orders and self._link is not None and self._pursuit is None):
                 return
             until_s = (self._next_poll_mono_ns - self._clock.mono_ns()) / 1e9 if self._link is not None else _LONGEST_SLEEP_S
             if until_s > 0:
@@ -311,8 +267,8 @@ class LinkThread:
             with contextlib.suppress(Exception):
                 link.close()
             raise
-        self._port = _LoadFramePort(link, self._limits) if isinstance(link, LoadFrame) else _StagePort(link)
-        self._link, self._identity = link, identity
+        self._port = port_of(link, self._limits)
+        self._link, self._identity, self._failed_link = link, identity, None
         self._moves = None if isinstance(link, LoadFrame) else link.kind
         if self._may_move:
             self._stop_owed = True
@@ -326,24 +282,32 @@ class LinkThread:
         sample = port.read()
         sample = replace(sample, rtt_s=(time.monotonic_ns() - asked_ns) / 1e9)
         problem = port.problem(sample)
-        stopped_for = None
+        stopped_for: Finding | None = None
         if problem is not None and not self._beyond_limit:
             stopped_for = problem
         elif first and sample.motion is MotionState.MOVING:
-            stopped_for = "it moved before it was told to"
+            stopped_for = Finding(FaultCode.UNORDERED_MOTION, "it moved before a motion was ordered")
         self._beyond_limit = problem is not None
         if stopped_for is not None:
             self._stop_device()
+        elif self._pursuit is not None:
+            self._pursuit = self._pursuit.with_sample(sample)
         self._failures = 0
         self._sampled_mono_ns = sample.mono_ns
-        self._may_move = sample.motion is MotionState.MOVING
+        self._may_move = sample.motion is MotionState.MOVING or self._pursuit is not None
         if self._lost:
             self._emit(LinkBack(sample.time_ns, self._device))
         self._stale = self._lost = False
         self._emit(port.event(sample))
         if stopped_for is not None:
-            self._emit(DeviceStopped(sample.time_ns, self._device, stopped_for))
+            self._emit_stop(sample, stopped_for)
         self._check_restart(sample)
+
+    def _emit_stop(self, sample: LoadSample | StageSample, finding: Finding) -> None:
+        """Limits are judged by the engine, too, from the reading itself; everything else only this thread has seen."""
+        own = finding.code in (FaultCode.LIMIT, FaultCode.UNORDERED_MOTION)
+        event = DeviceStopped if own else DeviceFault
+        self._emit(event(sample.time_ns, self._device, finding.reason, code=finding.code))
 
     def _check_restart(self, sample: LoadSample | StageSample) -> None:
         """A device that was switched off and on has forgotten its orders, and perhaps where it is; the link alone does not show it."""
@@ -353,7 +317,7 @@ class LinkThread:
         before, self._counted = self._counted, count
         if before is not None and (count - before) % begins_anew > begins_anew // 2:
             what = f"it was restarted: its counter of readings went from {before} to {count}; check its zero, position and settings"
-            self._emit(DeviceFault(sample.time_ns, self._device, what))
+            self._emit(DeviceFault(sample.time_ns, self._device, what, code=FaultCode.DEVICE_RESTARTED))
 
     def _obey_next(self) -> None:
         with self._wake:
@@ -361,7 +325,11 @@ class LinkThread:
         if order is None or self._port is None:
             return
         if self._unfed:
-            self._emit(DeviceFault(self._clock.now_ns(), self._device, "a command came while control was not feeding the link"))
+            self._emit(
+                DeviceFault(
+                    self._clock.now_ns(), self._device, "a command came while control was not feeding the link", code=FaultCode.CONTROL_LOST
+                )
+            )
             return
         self._may_move, self._beyond_limit = True, False
         self._turned_mono_ns = self._clock.mono_ns()
@@ -369,31 +337,83 @@ class LinkThread:
             self._port.obey(order)
         except Exception as error:
             self._stop_owed = True
-            self._emit(DeviceFault(self._clock.now_ns(), self._device, str(error)))
+            self._emit(DeviceFault(self._clock.now_ns(), self._device, str(error), code=FaultCode.ORDER_REFUSED))
             return
         self._emit(CommandTaken(self._clock.now_ns(), self._device))
 
     def _stop_device(self) -> None:
-        """Stop; if that fails it stays owed, and comes first when the link is open again."""
+        """Stop, and pursue until it rests; a stop that fails stays owed, and comes first when the link is open again."""
         self._stop_owed = True
-        link = self._link
-        if link is not None and self._attempt("stopping", link.stop):
+        now = self._clock.mono_ns()
+        pursuit = self._pursuit or begin_pursuit(now)
+        port = self._port
+        if port is None:
+            self._stop_blind(pursuit)
+            return
+        self._pursuit = pursuit.sent_again(now)
+        if self._attempt("stopping", port.stop):
             self._stop_owed = False
+
+    def _pursue(self, pursuit: StopPursuit) -> None:
+        """Send the stop again while the device moves; the pursuit ends when it rests."""
+        now, still = self._clock.mono_ns(), None if self._port is None else self._port.still()
+        if pursuit.rests(still):
+            self._pursuit = None
+        elif pursuit.due(now, still):
+            self._alarm(pursuit, moves=pursuit.moves(still))
+            self._stop_device()
+
+    def _stop_blind(self, pursuit: StopPursuit) -> None:
+        """Without a link: write the stop where the failed link led, if it is due."""
+        now = self._clock.mono_ns()
+        if now < pursuit.next_mono_ns:
+            self._pursuit = pursuit
+            return
+        self._pursuit = pursuit.sent_again(now)
+        self._alarm(pursuit, moves=False)
+        self._turned_mono_ns = now
+        self._write_stop(self._failed_link)
+
+    @staticmethod
+    def _write_stop(link: LoadFrame | Stage | None) -> None:
+        with contextlib.suppress(Exception):  # a port's blind stop never raises, but a driver may
+            if isinstance(link, BlindStop):
+                link.stop_blind()
+            elif link is not None:
+                link.stop()
+
+    def _alarm(self, pursuit: StopPursuit, *, moves: bool) -> None:
+        """The machine does not obey, or cannot be reached: said again and again, because only a person can stop it now."""
+        now = self._clock.mono_ns()
+        if now < pursuit.alarm_mono_ns:
+            return
+        self._pursuit = (self._pursuit or pursuit).alarmed(now)
+        since_s = (now - pursuit.began_mono_ns) / 1e9
+        if moves:
+            what = f"it still moves {since_s:.1f} s after the first of {pursuit.sent} stop orders"
+        else:
+            what = f"no stop order was confirmed for {since_s:.1f} s, and it may move"
+        reason = f"{what}: press the emergency stop of the machine"
+        self._emit(DeviceFault(self._clock.now_ns(), self._device, reason, code=FaultCode.STOP_NOT_OBEYED))
 
     def _fail(self, reason: str) -> None:
         """This link is no good any more."""
         self._trouble = reason
-        if self._link is not None:
+        link = self._link
+        if link is not None:
+            if self._may_move or self._stop_owed:
+                # What is read may be nonsense while orders are still taken; on a link that is down this fails at once.
+                self._write_stop(link)
+                now = self._clock.mono_ns()
+                self._pursuit = (self._pursuit or begin_pursuit(now)).sent_again(now)
             if self._may_move and not self._stop_owed:
                 self._stop_owed = True
-                # What is read may be nonsense while orders are still taken; on a link that is down this fails at once.
-                with contextlib.suppress(Exception):
-                    self._link.stop()
-                    self._stop_owed = False
-                self._emit(DeviceStopped(self._clock.now_ns(), self._device, f"the link failed while it may have moved: {reason}"))
+                what = f"the link failed while it may have moved: {reason}"
+                self._emit(DeviceStopped(self._clock.now_ns(), self._device, what, code=FaultCode.LINK_LOST))
             # A port's close never raises, but who wrote the driver may not have read that.
             with contextlib.suppress(Exception):
-                self._link.close()
+                link.close()
+            self._failed_link = link
         self._link = self._port = None
         self._next_open_mono_ns = self._clock.mono_ns() + round(_BACKOFF_S[min(self._failures, len(_BACKOFF_S) - 1)] * 1e9)
         self._failures += 1
@@ -408,7 +428,7 @@ class LinkThread:
                 self._orders.clear()
             self._stop_device()
             reason = f"control has not been heard of for {unfed_ns / 1e9:.1f} s"
-            self._emit(DeviceStopped(self._clock.now_ns(), self._device, reason))
+            self._emit(DeviceStopped(self._clock.now_ns(), self._device, reason, code=FaultCode.CONTROL_LOST))
 
     def _check_age(self) -> None:
         age_s = self.sample_age_s
@@ -428,16 +448,30 @@ class LinkThread:
             self._stop_owed = True
 
     def _shut(self) -> None:
-        """Stop and close; a stop that is not taken, or a link that is down, is tried again a few times."""
-        for rest_s in (_LAST_STOP_REST_S,) * _LAST_STOPS:
-            if self._link is None:
-                self._attempt("opening the link to stop", self._open)
-            self._stop_device()
-            if not self._stop_owed:
+        """Stop and close; the device is pursued, and the link opened again if need be, until it rests or the time is over."""
+        self._stop_owed = True
+        end_mono_ns = self._clock.mono_ns() + round(_LAST_PURSUIT_S * 1e9)
+        while self._stop_owed or self._pursuit is not None:
+            self._last_look()
+            if self._clock.mono_ns() > end_mono_ns:
                 break
-            time.sleep(rest_s)
-        self._rests = not self._stop_owed
+            time.sleep(_LAST_LOOK_S)
+        self._rests = not self._stop_owed and self._pursuit is None
         if self._link is not None:
             with contextlib.suppress(Exception):
                 self._link.close()
             self._link = None
+
+    def _last_look(self) -> None:
+        """One turn of the end: open, stop, read, judge."""
+        if self._link is None and self._clock.mono_ns() >= self._next_open_mono_ns:
+            self._attempt("opening the link to stop", self._open)
+        if self._stop_owed:
+            self._stop_device()
+        port = self._port
+        if port is not None and self._pursuit is not None and self._attempt("reading", lambda: self._look(port)):
+            self._pursue(self._pursuit)
+
+    def _look(self, port: Port) -> None:
+        if self._pursuit is not None:
+            self._pursuit = self._pursuit.with_sample(port.read())

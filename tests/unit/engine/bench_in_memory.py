@@ -82,6 +82,8 @@ class Run:
     target_n: float = 0.0
     exports: int = 0
     deaf: bool = False
+    crosshead_mm: float = 0.0
+    """Moves with ordered ramps only: a force that is set by hand is a load that relaxed."""
 
     def __post_init__(self) -> None:
         self.state = start(self.plan, self.now_ns)
@@ -121,7 +123,7 @@ class Run:
     def load_sample(self) -> LoadSample:
         """What the load frame says now."""
         moving = MotionState.STOPPED if self.load_goal_n is None else MotionState.MOVING
-        return LoadSample(0, self.now_ns, 0, self.force_n, self.force_n / 5000, moving, self.target_n)
+        return LoadSample(0, self.now_ns, 0, self.force_n, self.crosshead_mm, moving, self.target_n)
 
     def wait(self, seconds: float, until: State | None = None) -> None:
         """Let time pass (devices move at 50 N/s, the stage arrives at the next poll), or only until a state is reached."""
@@ -130,7 +132,8 @@ class Run:
             self.now_ns += round(self.poll_s * S)
             if self.load_goal_n is not None:
                 most = 50.0 * self.poll_s
-                self.force_n += max(-most, min(most, self.load_goal_n - self.force_n))
+                step_n = max(-most, min(most, self.load_goal_n - self.force_n))
+                self.force_n, self.crosshead_mm = self.force_n + step_n, self.crosshead_mm + step_n / 5000
                 if self.force_n == self.load_goal_n:
                     self.load_goal_n = None
             if self.stage_goal_um is not None:

@@ -1,0 +1,74 @@
+"""Noise and resolution of a device's readings, estimated from the readings themselves."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+from statistics import median
+
+_KEPT = 33
+_FEWEST = 8
+# Second differences of white noise have 6 times its variance; the median of absolute values is 0.6745 standard deviations.
+_SIGMA_PER_MEDIAN = 1.0 / (0.6745 * math.sqrt(6.0))
+
+
+@dataclass(frozen=True, slots=True)
+class ReadingNoise:
+    """What the latest readings of one channel show of its noise.
+
+    Second differences remove a constant rate, so a ramp does not count as noise; their median ignores single jumps.
+
+    Attributes:
+        resolution: smallest change that the channel can show, as declared, in its unit; 0 if none is declared.
+        recent: the latest readings, oldest first.
+        smallest_step: smallest change between two readings ever seen; infinite before the first change.
+    """
+
+    resolution: float = 0.0
+    recent: tuple[float, ...] = ()
+    smallest_step: float = math.inf
+
+    def with_reading(self, value: float) -> ReadingNoise:
+        """One reading more; a value that is not finite is ignored."""
+        if not math.isfinite(value):
+            return self
+        step = abs(value - self.recent[-1]) if self.recent else 0.0
+        smallest = min(self.smallest_step, step) if step > 0.0 else self.smallest_step
+        return replace(self, recent=(*self.recent, value)[-_KEPT:], smallest_step=smallest)
+
+    def mean(self, count: int) -> float:
+        """Mean of the latest readings, at most `count`; NaN before the first."""
+        latest = self.recent[-count:]
+        return sum(latest) / len(latest) if latest else math.nan
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of one reading; 0 while fewer than 8 readings are known."""
+        values = self.recent
+        if len(values) < _FEWEST:
+            return 0.0
+        return _SIGMA_PER_MEDIAN * median(abs(a - 2.0 * b + c) for a, b, c in zip(values, values[1:], values[2:], strict=False))
+
+    @property
+    def least_step(self) -> float:
+        """Smallest change that the channel shows: as declared, or a quantisation step that the readings suggest.
+
+        The smallest step seen counts only where readings repeat exactly: a channel with noise and a fine format shows any step.
+        """
+        values = self.recent
+        repeats = sum(a == b for a, b in itertools.pairwise(values))
+        quantised = math.isfinite(self.smallest_step) and 4 * repeats >= len(values)
+        return max(self.resolution, self.smallest_step if quantised else 0.0)
+
+    def noticeable(self, step_max: float = math.inf) -> float:
+        """A change larger than this is no noise: six standard deviations, or two steps of the channel.
+
+        Args:
+            step_max: a quantisation step that the readings suggest counts up to this. A fast ramp without noise suggests one, too.
+        """
+        return max(6.0 * self.sigma, 2.0 * self.resolution, min(2.0 * self.least_step, step_max))
+
+
+NO_READINGS = ReadingNoise()
+"""A channel of unknown resolution before its first reading."""

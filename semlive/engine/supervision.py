@@ -1,0 +1,377 @@
+"""Supervision of an ordered ramp: do the readings answer the motion, and as it was ordered?
+
+Theory of operation
+-------------------
+A reading that stands still looks like a load that stands still. Nothing in a single reading shows that it is wrong: a frozen value, a
+saturated amplifier with noise on it or a reversed sign are all finite numbers inside the limits. But semlive knows what it ordered. A ramp
+of rate r must change the load by r t, so the load change that was ordered and has not been seen in the readings (the *unverified load*)
+bounds how wrong they can be. Every rule below limits that quantity, so its consequence in newtons is known before the run
+(`stop_distances`), whatever is wrong.
+
+For each reading of a ramp, in this order:
+
+- LOAD_JUMP: two successive readings differ by more than the ramp and the noise explain (wrong sign, spike, slip, fracture). Always on.
+- OVERSHOOT: the load is past the target by more than the tolerance.
+- RATE_NOT_KEPT: within half a second, or since the ramp began, it changed by more than 1.5 times the ordered rate.
+- WRONG_DIRECTION: it went away from the target by more than the tolerance.
+- NO_RESPONSE: since the load last moved noticeably towards the target (the *anchor*), more was ordered than `_verified_within` allows; or
+  more than the headroom below the force limit; or the crosshead moved so far that the load should have changed (`stiffness`).
+- FROZEN_READING: the load changes and the extension, which has to follow it, does not.
+- MOTION_OVERDUE: the load is at its target and the device still reports motion, so perhaps it goes on and the reading does not show it.
+
+A displacement drive may take up slack before the load rises, and a yielding specimen lengthens at a constant load. There NO_RESPONSE uses
+the crosshead's travel and the force limit alone: the load that the travel would have made at the stated stiffness must stay below the
+limit. `limits.slack_max_mm`, if it is set, replaces that bound.
+
+The first 1 s after an order is not judged for progress: devices need it to start.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from semlive.data.experiment import Limits
+from semlive.data.faults import FaultCode
+from semlive.data.loading import ControlMode, DeviceIdentity, LoadSample, MotionState
+from semlive.engine.reading_noise import ReadingNoise
+
+START_S = 1.0
+"""A device may take this long to begin a motion and to report it."""
+MOST_UNSEEN_S = 10.0
+"""No ramp may run for longer than this without a noticeable change of load, unless the cell's noise or resolution hides it for longer."""
+RATE_FACTOR = 1.5
+"""A load that changes faster than this times the ordered rate does not keep it."""
+_RATE_WINDOW_NS = 500_000_000
+_FEWEST_READINGS = 5
+_AVERAGED = 5
+_ARRIVED_AND_MOVING_S = 10.0
+"""A device may report motion near its target for this long without progress: closed loops creep into their dead band."""
+_JUMP_OF_RANGE = 0.05
+"""Successive readings that differ by more than this part of the force limit are a jump: EMI spikes, a lost sign, a slip."""
+_HEADROOM = 1.02
+"""The unverified load may come up to this times the force limit; the bar for the true load is 1.05."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Why the device must stop.
+
+    Attributes:
+        code: kind of fault.
+        reason: one sentence.
+    """
+
+    code: FaultCode
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class OrderedRamp:
+    """A ramp that was ordered.
+
+    Attributes:
+        target_n: where to.
+        rate_n_s: how fast, > 0.
+        tolerance_n: allowed distance of the load from its target.
+        start: the last sample before the order.
+        anchor: the sample at which the load last moved noticeably towards the target.
+        anchor_n: mean of the latest readings then: a single high one would hide the progress that follows.
+        since_anchor: readings since.
+        window: samples of the last half second, oldest first.
+    """
+
+    target_n: float
+    rate_n_s: float
+    tolerance_n: float
+    start: LoadSample
+    anchor: LoadSample
+    anchor_n: float
+    since_anchor: int = 0
+    window: tuple[LoadSample, ...] = ()
+
+    @property
+    def sign(self) -> float:
+        """+1 for a ramp upwards, -1 downwards."""
+        return math.copysign(1.0, self.target_n - self.start.force_n)
+
+
+@dataclass(frozen=True, slots=True)
+class Supervision:
+    """What is known of the readings and of the ramp under way.
+
+    Attributes:
+        limits: of the run.
+        identity: of the device.
+        force_noise: of the load cell.
+        extension_noise: of the crosshead.
+        stiffness_n_mm: load change per travel as learned from ramps; None before the first.
+        last: the sample before.
+        ramp: the ramp under way; None if none was ordered or it was stopped.
+    """
+
+    limits: Limits
+    identity: DeviceIdentity
+    force_noise: ReadingNoise
+    extension_noise: ReadingNoise
+    stiffness_n_mm: float | None = None
+    last: LoadSample | None = None
+    ramp: OrderedRamp | None = None
+
+    def ordered(self, target_n: float, rate_n_s: float, tolerance_n: float) -> Supervision:
+        """A ramp was ordered now; before the first sample there is nothing to compare with."""
+        if self.last is None:
+            return self
+        rate = max(rate_n_s, self.identity.rate_min_n_s)
+        return replace(
+            self, ramp=OrderedRamp(target_n, rate, tolerance_n, self.last, self.last, self.force_noise.mean(_AVERAGED), window=(self.last,))
+        )
+
+    def stopped(self) -> Supervision:
+        """The device was ordered to stop: no ramp is under way."""
+        return replace(self, ramp=None)
+
+    def with_sample(self, sample: LoadSample) -> tuple[Supervision, Finding | None]:
+        """One reading more.
+
+        Returns:
+            The supervision, and why the device must stop, or None. A device that a person moves is not supervised.
+        """
+        if self.identity.control is ControlMode.MANUAL:
+            return self, None
+        finding = _jump(self, sample)
+        seen = replace(
+            self,
+            last=sample,
+            force_noise=self.force_noise.with_reading(sample.force_n),
+            extension_noise=self.extension_noise.with_reading(sample.extension_mm),
+        )
+        if seen.ramp is None:
+            return seen, finding
+        ramp = _followed(seen, seen.ramp, sample)
+        seen = replace(seen, ramp=ramp, stiffness_n_mm=_learned_stiffness(seen, ramp, sample))
+        return seen, finding or _judged(seen, ramp, sample)
+
+
+def supervise(limits: Limits, identity: DeviceIdentity) -> Supervision:
+    """The supervision of a device before its first sample."""
+    return Supervision(limits, identity, ReadingNoise(identity.force_resolution_n), ReadingNoise(identity.extension_resolution_mm))
+
+
+def verified_within(rate_n_s: float, tolerance_n: float, noticeable_n: float) -> float:
+    """Largest ordered change of load, N, that may stay unseen in the readings of a load-controlled ramp.
+
+    Args:
+        rate_n_s: of the ramp.
+        tolerance_n: allowed distance of the load from its target.
+        noticeable_n: change of the reading that is no noise.
+
+    Four noticeable changes, so that a device at a quarter of the ordered rate is still seen to move; the tolerance, but not for longer
+    than `MOST_UNSEEN_S`; and what is ordered while the device starts.
+    """
+    return max(4.0 * noticeable_n, min(tolerance_n, rate_n_s * MOST_UNSEEN_S), 1.5 * rate_n_s * START_S)
+
+
+def stop_distances(limits: Limits, rate_n_s: float, tolerance_n: float, noticeable_n: float, poll_s: float) -> dict[FaultCode, float]:
+    """How far the true load can go, N, before a ramp is stopped, by what is wrong.
+
+    Args:
+        limits: of the run.
+        rate_n_s: of the ramp.
+        tolerance_n: allowed distance of the load from its target.
+        noticeable_n: change of the reading that is no noise (`ReadingNoise.noticeable`).
+        poll_s: from one reading to the next.
+
+    Returns:
+        For NO_RESPONSE beyond the load at which the reading froze, for OVERSHOOT beyond the target, for RATE_NOT_KEPT beyond what the
+        ordered rate explains, for LOAD_JUMP between two readings.
+    """
+    late_n = rate_n_s * 2.0 * poll_s
+    averaged_n = rate_n_s * _AVERAGED * poll_s
+    return {
+        FaultCode.NO_RESPONSE: verified_within(rate_n_s, tolerance_n, noticeable_n) + averaged_n + late_n,
+        FaultCode.OVERSHOOT: max(tolerance_n, noticeable_n) + late_n,
+        FaultCode.RATE_NOT_KEPT: max(tolerance_n, 1.5 * noticeable_n) + RATE_FACTOR * late_n,
+        FaultCode.LOAD_JUMP: _jump_n(limits, tolerance_n, noticeable_n) + RATE_FACTOR * late_n,
+    }
+
+
+def _jump_n(limits: Limits, tolerance_n: float, noticeable_n: float) -> float:
+    return max(_JUMP_OF_RANGE * max(abs(limits.force_max_n), abs(limits.force_min_n)), tolerance_n, 2.0 * noticeable_n)
+
+
+def _jump(before: Supervision, sample: LoadSample) -> Finding | None:
+    last, ramp = before.last, before.ramp
+    if last is None or sample.time_ns <= last.time_ns:
+        return None
+    limits, apart_s = before.limits, (sample.time_ns - last.time_ns) / 1e9
+    rate = limits.force_rate_max_n_s if ramp is None else ramp.rate_n_s
+    tolerance_n = 0.0 if ramp is None else ramp.tolerance_n
+    allowed_n = _jump_n(limits, tolerance_n, before.force_noise.noticeable(0.01 * abs(limits.force_max_n))) + 2.0 * rate * (
+        apart_s + _jitter_s(last, sample)
+    )
+    change_n = sample.force_n - last.force_n
+    if limits.force_drop_max_n is not None and abs(sample.force_n) < abs(last.force_n) and sample.force_n * last.force_n >= 0:
+        allowed_n = max(allowed_n, limits.force_drop_max_n)  # the run's own bound of a sudden fall, looked at by `LoadWatch`
+    if abs(change_n) <= allowed_n:
+        return None
+    what = f"the load reading jumped from {last.force_n:.1f} to {sample.force_n:.1f} N within {apart_s:.2f} s"
+    return Finding(FaultCode.LOAD_JUMP, f"{what}: check the load cell and its cable, the grips and the specimen")
+
+
+def _jitter_s(first: LoadSample, second: LoadSample) -> float:
+    """How much further apart than their times say two readings may have been taken: answers take a while, simulators lag."""
+    wall_ns = second.mono_ns - first.mono_ns
+    clock_rate = (second.time_ns - first.time_ns) / wall_ns if wall_ns > 0 else 1.0
+    answers_s = ((first.rtt_s or 0.0) + (second.rtt_s or 0.0)) * max(clock_rate, 1.0)
+    return answers_s + abs(first.simulator_lag_s or 0.0) + abs(second.simulator_lag_s or 0.0)
+
+
+def _followed(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> OrderedRamp:
+    """The ramp one reading later."""
+    recent = tuple(one for one in ramp.window if one.time_ns > sample.time_ns - _RATE_WINDOW_NS)
+    window = (*(recent or ramp.window[-1:]), sample)
+    mean_n = seen.force_noise.mean(_AVERAGED)
+    progress_n = ramp.sign * (mean_n - ramp.anchor_n)
+    anchored = progress_n > 0.0 and progress_n >= _noticeable_n(seen, ramp)
+    waiting = sample.motion is not MotionState.MOVING  # a device at rest owes no progress; it owes it from where it starts
+    if anchored or waiting:
+        return replace(ramp, window=window, anchor=sample, anchor_n=mean_n, since_anchor=0)
+    return replace(ramp, window=window, since_anchor=ramp.since_anchor + 1)
+
+
+def _noticeable_n(seen: Supervision, ramp: OrderedRamp) -> float:
+    """A change of load that is no noise; a cell coarser than the tolerance could not be used."""
+    return seen.force_noise.noticeable(ramp.tolerance_n)
+
+
+def _near_n(seen: Supervision, ramp: OrderedRamp) -> float:
+    """Distance from the target within which a device may creep instead of keeping its rate."""
+    return max(ramp.tolerance_n, verified_within(ramp.rate_n_s, ramp.tolerance_n, _noticeable_n(seen, ramp)))
+
+
+def _learned_stiffness(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> float | None:
+    """Load change per travel since the ramp began, once both are well beyond their noise; the largest seen is kept."""
+    force_n = ramp.sign * (sample.force_n - ramp.start.force_n)
+    travel_mm = abs(sample.extension_mm - ramp.start.extension_mm)
+    if force_n < 5.0 * _noticeable_n(seen, ramp) or travel_mm < 5.0 * seen.extension_noise.noticeable() or travel_mm <= 0.0:
+        return seen.stiffness_n_mm
+    return max(seen.stiffness_n_mm or 0.0, force_n / travel_mm)
+
+
+def _judged(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
+    return (
+        _overshoot(seen, ramp, sample)
+        or _too_fast(seen, ramp, sample)
+        or _wrong_direction(seen, ramp, sample)
+        or _no_response(seen, ramp, sample)
+        or _extension_frozen(seen, ramp, sample)
+        or _overdue(seen, ramp, sample)
+    )
+
+
+def _overshoot(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
+    beyond_n = ramp.sign * (sample.force_n - ramp.target_n)
+    if beyond_n <= max(ramp.tolerance_n, _noticeable_n(seen, ramp)):
+        return None
+    what = (
+        f"the load is {sample.force_n:.1f} N, beyond the ordered {ramp.target_n:g} N by more than the tolerance of {ramp.tolerance_n:g} N"
+    )
+    return Finding(FaultCode.OVERSHOOT, f"{what}: check the device's control and its load cell")
+
+
+def _too_fast(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
+    allowance_n = max(ramp.tolerance_n, 1.5 * _noticeable_n(seen, ramp))
+    for first, late_s in ((ramp.window[0], 0.0), (ramp.start, START_S)):
+        apart_s = (sample.time_ns - first.time_ns) / 1e9
+        if apart_s <= 0.0:
+            continue
+        change_n = ramp.sign * (sample.force_n - first.force_n)
+        explained_n = RATE_FACTOR * ramp.rate_n_s * (apart_s + _jitter_s(first, sample) + late_s)
+        if change_n > explained_n + allowance_n:
+            what = f"the load changed by {change_n:.1f} N within {apart_s:.2f} s, but {ramp.rate_n_s:g} N/s was ordered"
+            return Finding(FaultCode.RATE_NOT_KEPT, f"{what}: check the device's rate, its limits and stiffness_n_mm")
+    return None
+
+
+def _wrong_direction(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
+    back_n = -ramp.sign * (sample.force_n - ramp.start.force_n)
+    if back_n <= max(ramp.tolerance_n, 1.5 * _noticeable_n(seen, ramp)):
+        return None
+    what = f"the load went from {ramp.start.force_n:.1f} to {sample.force_n:.1f} N on its way to {ramp.target_n:g} N"
+    return Finding(FaultCode.WRONG_DIRECTION, f"{what}: check the sign of the load cell and the direction of the drive")
+
+
+def _no_response(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
+    unseen_s = (sample.time_ns - ramp.anchor.time_ns) / 1e9
+    if ramp.since_anchor < _FEWEST_READINGS or unseen_s <= START_S:
+        return None
+    travel_mm = abs(sample.extension_mm - ramp.anchor.extension_mm)
+    near = abs(ramp.target_n - sample.force_n) <= _near_n(seen, ramp)
+    reason = f"the load reading stays at {sample.force_n:.1f} N for {unseen_s:.1f} s although the device moves"
+    advice = "check the load cell, its amplifier and the grips"
+    if seen.identity.control is ControlMode.DISPLACEMENT:
+        return _travel_without_load(seen, ramp, sample, travel_mm, unseen_s)
+    if not near and ramp.rate_n_s * unseen_s > verified_within(ramp.rate_n_s, ramp.tolerance_n, _noticeable_n(seen, ramp)):
+        return Finding(FaultCode.NO_RESPONSE, f"{reason}: {advice}")
+    stiffness = seen.stiffness_n_mm
+    if stiffness is not None and travel_mm > seen.extension_noise.noticeable():
+        hidden_n = stiffness * travel_mm
+        if hidden_n > max(2.0 * ramp.tolerance_n, 4.0 * _noticeable_n(seen, ramp)):
+            return Finding(FaultCode.NO_RESPONSE, f"{reason} by {travel_mm:.4f} mm, which is {hidden_n:.0f} N of load: {advice}")
+    return None
+
+
+def _travel_without_load(seen: Supervision, ramp: OrderedRamp, sample: LoadSample, travel_mm: float, unseen_s: float) -> Finding | None:
+    """A displacement drive: the load that the travel since the anchor would make must stay below the force limit."""
+    limits, stiffness = seen.limits, seen.identity.stiffness_n_mm
+    if limits.slack_max_mm is not None or stiffness is None:
+        return None  # `LoadWatch` looks at the travel
+    hidden_n = stiffness * travel_mm if seen.identity.measures_extension else ramp.rate_n_s * unseen_s
+    # An extension that is frozen as well does not hide the motion: what was ordered counts.
+    if travel_mm <= seen.extension_noise.noticeable() and unseen_s > MOST_UNSEEN_S:
+        return Finding(FaultCode.NO_RESPONSE, f"load and extension have not changed for {unseen_s:.0f} s although the device moves")
+    limit_n = limits.force_max_n if ramp.sign > 0 else -limits.force_min_n
+    if ramp.sign * ramp.anchor.force_n + hidden_n <= limit_n:
+        return None
+    what = f"the crosshead moved {travel_mm:.4f} mm while the load reading stayed at {sample.force_n:.1f} N"
+    meaning = f"at stiffness_n_mm that is {hidden_n:.0f} N, which would reach the limit of {limit_n:g} N"
+    return Finding(
+        FaultCode.TRAVEL_WITHOUT_LOAD, f"{what}; {meaning}: check cell and grips, or set limits.slack_max_mm where slack is taken up"
+    )
+
+
+def _extension_frozen(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
+    """At the stated stiffness, the largest possible, the travel of a load change is the smallest possible."""
+    stiffness = seen.identity.stiffness_n_mm
+    if stiffness is None or not seen.identity.measures_extension:
+        return None
+    change_n = abs(sample.force_n - ramp.start.force_n)
+    least_mm, travel_mm = change_n / stiffness, abs(sample.extension_mm - ramp.start.extension_mm)
+    if (
+        change_n <= max(5.0 * _noticeable_n(seen, ramp), ramp.tolerance_n)
+        or least_mm <= 5.0 * seen.extension_noise.noticeable()
+        or travel_mm > 0.1 * least_mm
+    ):
+        return None
+    what = f"the load changed by {change_n:.0f} N but the extension by {travel_mm:.4f} mm only, at least {least_mm:.4f} mm are due"
+    return Finding(FaultCode.FROZEN_READING, f"{what}: check the extension sensor and stiffness_n_mm")
+
+
+def _overdue(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
+    """Near its target and moving: without a travel that is seen to stand still, nobody knows that the load does."""
+    near = abs(ramp.target_n - sample.force_n) <= _near_n(seen, ramp)
+    if not near or ramp.since_anchor < _FEWEST_READINGS or seen.identity.control is ControlMode.DISPLACEMENT:
+        return None
+    unseen_s = (sample.time_ns - ramp.anchor.time_ns) / 1e9
+    limit_n = _HEADROOM * (seen.limits.force_max_n if ramp.sign > 0 else -seen.limits.force_min_n)
+    headroom_s = max((limit_n - ramp.sign * sample.force_n) / ramp.rate_n_s, START_S)
+    longest_s = max(_ARRIVED_AND_MOVING_S, _near_n(seen, ramp) / ramp.rate_n_s)
+    travel_mm = abs(sample.extension_mm - ramp.anchor.extension_mm)
+    stands = seen.identity.measures_extension and seen.stiffness_n_mm is not None and travel_mm <= seen.extension_noise.noticeable()
+    if unseen_s <= (3.0 * longest_s if stands else min(longest_s, headroom_s)):
+        return None
+    what = (
+        f"the load reading stays at {sample.force_n:.1f} N, near its target, but the device has reported motion for {unseen_s:.1f} s more"
+    )
+    return Finding(FaultCode.MOTION_OVERDUE, f"{what}: check whether the load cell still answers")

@@ -1,0 +1,238 @@
+"""A ramp whose readings do not answer is stopped before the load can be far; one whose readings do is let go on, whatever the cell."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import pytest
+
+from semlive.data.experiment import Limits
+from semlive.data.faults import FaultCode
+from semlive.data.loading import ControlMode, DeviceIdentity, LoadSample, MotionState, StopOnLinkLoss
+from semlive.engine.supervision import Finding, stop_distances, supervise, verified_within
+
+S = 1_000_000_000
+LIMITS = Limits(-50.0, 400.0, -0.5, 2.0, 200.0, 500.0, 100.0)
+LOAD = DeviceIdentity("machine", simulated=True, stop_on_link_loss=StopOnLinkLoss.ABSENT)
+DRIVE = replace(LOAD, control=ControlMode.DISPLACEMENT, stiffness_n_mm=20_000.0)
+STIFFNESS = 20_000.0
+
+
+@dataclass
+class Machine:
+    """A specimen of 20000 N/mm and what a sensor makes of it; independent of the supervision."""
+
+    rate_n_s: float = 30.0
+    target_n: float = 300.0
+    force_n: float = 0.0
+    ends: bool = True
+    delay_s: float = 0.0
+    shown: Callable[[float, float], float] = lambda force_n, t_s: force_n
+    shown_mm: Callable[[float], float] = lambda mm: mm
+    reports: Callable[[bool, float], bool] = lambda moving, t_s: moving
+
+    def samples(self, seconds: float, poll_s: float = 0.05, rest_s: float = 2.0) -> Iterator[tuple[float, LoadSample, bool]]:
+        """(true force, sample, whether the order comes after it); the order comes after `rest_s`."""
+        count, moving, t_order = 0, False, None
+        t = 0.0
+        while t < seconds + rest_s:
+            if t_order is not None and moving and t - t_order >= self.delay_s:
+                step = self.rate_n_s * poll_s
+                left = self.target_n - self.force_n
+                if self.ends and abs(left) <= step:
+                    self.force_n, moving = self.target_n, False
+                else:
+                    self.force_n += math.copysign(step, self.target_n - self.force_n) if self.ends else step
+            order = t_order is None and t >= rest_s
+            since = 0.0 if t_order is None else t - t_order
+            force = self.shown(self.force_n, since)
+            motion = MotionState.MOVING if self.reports(moving, since) else MotionState.STOPPED
+            now = 1_000 * S + round(t * S)
+            yield self.force_n, LoadSample(count, now, now, force, self.shown_mm(self.force_n / STIFFNESS), motion, 0.0), order
+            if order:
+                t_order, moving = t, True
+            count, t = count + 1, t + poll_s
+
+
+def first_finding(
+    machine: Machine,
+    identity: DeviceIdentity = LOAD,
+    *,
+    seconds: float = 60.0,
+    ordered_n: float = 300.0,
+    ordered_n_s: float = 30.0,
+    tolerance_n: float = 3.0,
+    limits: Limits = LIMITS,
+    poll_s: float = 0.05,
+) -> tuple[Finding | None, float]:
+    """The first finding, and the true force at which it was made (or the last)."""
+    supervision, true_n = supervise(limits, identity), 0.0
+    for true_n, sample, order in machine.samples(seconds, poll_s):
+        supervision, finding = supervision.with_sample(sample)
+        if finding is not None:
+            return finding, true_n
+        if order:
+            supervision = supervision.ordered(ordered_n, ordered_n_s, tolerance_n)
+    return None, true_n
+
+
+def frozen_from(t0_s: float) -> Callable[[float, float], float]:
+    """A reading that stands still from `t0_s` after the order."""
+    kept: list[float] = []
+
+    def shown(force_n: float, t_s: float) -> float:
+        if t_s < t0_s:
+            return force_n
+        kept.append(force_n)
+        return kept[0]
+
+    return shown
+
+
+@pytest.mark.parametrize("t0_s", [0.2, 2.0, 6.0])
+def test_a_frozen_reading_stops_the_ramp_within_two_seconds_of_its_rate(t0_s: float) -> None:
+    finding, true_n = first_finding(Machine(ends=False, shown=frozen_from(t0_s)))
+    assert finding is not None
+    assert finding.code is FaultCode.NO_RESPONSE
+    assert true_n - 30.0 * t0_s <= 2.0 * 30.0
+    allowed = stop_distances(LIMITS, 30.0, 3.0, 0.0, 0.05)[FaultCode.NO_RESPONSE]
+    assert true_n - 30.0 * t0_s <= allowed + 30.0 * 0.05
+
+
+@pytest.mark.parametrize("sigma_n", [0.0, 0.5, 2.0])
+def test_a_saturated_amplifier_with_noise_on_it_stops_the_ramp(sigma_n: float) -> None:
+    rng = random.Random(7)
+    clipped = Machine(ends=False, shown=lambda force_n, t_s: min(force_n, 250.0) + rng.gauss(0.0, sigma_n))
+    finding, true_n = first_finding(clipped)
+    assert finding is not None
+    assert finding.code in (FaultCode.NO_RESPONSE, FaultCode.MOTION_OVERDUE)
+    assert true_n <= 250.0 + 4.0 * max(6.0 * sigma_n, 15.0)
+    assert true_n <= 1.05 * LIMITS.force_max_n
+
+
+def test_a_reading_that_freezes_at_the_target_is_found_by_the_travel() -> None:
+    finding, true_n = first_finding(Machine(ends=False, shown=lambda force_n, t_s: min(force_n, 299.0)))
+    assert finding is not None
+    assert finding.code is FaultCode.NO_RESPONSE
+    assert true_n <= 1.05 * LIMITS.force_max_n
+
+
+def test_a_runaway_is_stopped_at_the_tolerance_beyond_the_target() -> None:
+    finding, true_n = first_finding(Machine(ends=False))
+    assert finding is not None
+    assert finding.code is FaultCode.OVERSHOOT
+    assert true_n <= 303.0 + 2 * 1.5
+
+
+@pytest.mark.parametrize("factor", [2.0, 3.0, 20.0])
+def test_a_rate_that_is_not_kept_stops_the_ramp(factor: float) -> None:
+    finding, true_n = first_finding(Machine(rate_n_s=30.0 * factor))
+    assert finding is not None
+    assert finding.code in (FaultCode.RATE_NOT_KEPT, FaultCode.LOAD_JUMP)
+    assert true_n <= 105.0
+
+
+def test_a_slow_ramp_that_is_three_times_too_fast_is_found_over_a_longer_time() -> None:
+    finding, _ = first_finding(Machine(rate_n_s=3.0), ordered_n_s=1.0, seconds=30.0)
+    assert finding is not None
+    assert finding.code is FaultCode.RATE_NOT_KEPT
+
+
+def test_a_reversed_sign_stops_at_once_or_as_soon_as_it_shows() -> None:
+    finding, true_n = first_finding(Machine(ends=False, shown=lambda force_n, t_s: -force_n if t_s > 4.0 else force_n))
+    assert finding is not None
+    assert finding.code is FaultCode.LOAD_JUMP
+    assert true_n <= 125.0
+    finding, true_n = first_finding(Machine(ends=False, shown=lambda force_n, t_s: -force_n))
+    assert finding is not None
+    assert finding.code is FaultCode.WRONG_DIRECTION
+    assert true_n <= 6.0
+
+
+def test_a_displacement_drive_with_a_frozen_cell_stops_before_the_limit() -> None:
+    finding, true_n = first_finding(Machine(ends=False, shown=frozen_from(2.0)), DRIVE)
+    assert finding is not None
+    assert finding.code is FaultCode.TRAVEL_WITHOUT_LOAD
+    assert true_n <= 1.02 * LIMITS.force_max_n
+
+
+def test_a_displacement_drive_with_both_readings_frozen_stops() -> None:
+    frozen = Machine(ends=False, shown=frozen_from(2.0), shown_mm=lambda mm: min(mm, 60.0 / STIFFNESS))
+    finding, true_n = first_finding(frozen, DRIVE)
+    assert finding is not None
+    assert true_n <= 1.05 * LIMITS.force_max_n
+
+
+def test_a_frozen_extension_is_found_where_the_load_goes_on() -> None:
+    finding, true_n = first_finding(Machine(shown_mm=lambda mm: 0.0), DRIVE)
+    assert finding is not None
+    assert finding.code is FaultCode.FROZEN_READING
+    assert true_n < 300.0
+
+
+def test_a_device_that_reports_motion_for_ever_at_its_target_is_stopped() -> None:
+    finding, _ = first_finding(Machine(reports=lambda moving, t_s: t_s > 0.0), seconds=80.0)
+    assert finding is not None
+    assert finding.code is FaultCode.MOTION_OVERDUE
+
+
+def test_taking_up_slack_is_allowed_where_the_configuration_says_so() -> None:
+    slack = Machine(shown=lambda force_n, t_s: max(force_n - 500.0, 0.0), target_n=800.0)
+    assert first_finding(slack, DRIVE, ordered_n=300.0, ordered_n_s=30.0)[0] is not None
+    slack.force_n = 0.0
+    assert first_finding(slack, DRIVE, limits=replace(LIMITS, slack_max_mm=0.05))[0] is None
+
+
+def test_a_device_that_a_person_moves_is_not_supervised() -> None:
+    manual = replace(LOAD, control=ControlMode.MANUAL)
+    assert first_finding(Machine(rate_n_s=3000.0, ends=False), manual)[0] is None
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("identity", [LOAD, DRIVE], ids=["load", "displacement"])
+def test_healthy_ramps_are_never_stopped(seed: int, identity: DeviceIdentity) -> None:
+    rng = random.Random(seed)
+    rate = rng.choice([0.2, 1.0, 5.0, 30.0])
+    target = 300.0 if rate >= 1.0 else 30.0
+    sigma, step = rng.choice([0.0, 0.05, 0.5, 1.0]), rng.choice([0.0, 0.1, 0.5])
+    slower = rng.choice([1.0, 0.9, 0.5])
+    drift_n_s = rng.uniform(-1.0, 1.0) * rate * slower / target
+
+    def shown(force_n: float, t_s: float) -> float:
+        force = force_n + drift_n_s * t_s + rng.gauss(0.0, sigma)
+        return step * round(force / step) if step else force
+
+    machine = Machine(rate_n_s=rate * slower, target_n=target, delay_s=rng.choice([0.0, 0.3, 0.8]), shown=shown)
+    tolerance = max(3.0, 6.0 * sigma)
+    finding, true_n = first_finding(
+        machine,
+        replace(identity, force_resolution_n=step),
+        seconds=1.2 * target / (rate * slower) + 5.0,
+        ordered_n=target,
+        ordered_n_s=rate,
+        tolerance_n=tolerance,
+        poll_s=rng.choice([0.05, 0.2]),
+    )
+    assert finding is None
+    assert true_n == target
+
+
+def test_unloading_by_plan_is_supervised_alike() -> None:
+    down = Machine(target_n=100.0)
+    down.force_n = 300.0
+    assert first_finding(down, ordered_n=100.0)[0] is None
+    frozen = Machine(target_n=100.0, shown=frozen_from(1.0))
+    frozen.force_n = 300.0
+    finding, true_n = first_finding(frozen, ordered_n=100.0)
+    assert finding is not None
+    assert true_n >= 200.0
+
+
+def test_more_noise_or_a_higher_rate_leaves_more_load_unseen() -> None:
+    assert verified_within(30.0, 3.0, 0.0) == 45.0
+    assert verified_within(1.0, 3.0, 0.0) == 3.0
+    assert verified_within(0.1, 3.0, 0.0) == 1.0
+    assert verified_within(1.0, 3.0, 5.0) == 20.0
