@@ -10,8 +10,8 @@ from pydantic import BaseModel, ConfigDict
 from semlive.data.loading import DeviceIdentity, LoadSample, MotionState, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError
 from semlive.ports import ClockSource
-from semlive_drivers.approach import Approach, ApproachSettings, begin, step
-from semlive_drivers.parts import MOTIONS, Do, Part, Said
+from semlive_drivers.approach import Approach, ApproachSettings, begin, speed_problem, step
+from semlive_drivers.parts import MOTIONS, DevicePart, Do, Part, Said
 
 
 class FrameSettings(BaseModel):
@@ -123,6 +123,23 @@ class PartsLoadFrame:
         self._ordered_mono_ns = self._clock.mono_ns()
         self._go_on()
 
+    def order_problem(self, force_n: float, rate_n_s: float) -> str | None:
+        """Why a ramp cannot be ordered as it is meant, or None; sends nothing, as `semlive.ports.OrderCheck`."""
+        if isinstance(self._takes_loads, DevicePart):
+            return self._takes_loads.order_problem(Do.RAMP, {"force_n": force_n, "rate_n_s": rate_n_s})
+        settings, drive = self._settings.approach, self._drive
+        if settings is None or not isinstance(drive, DevicePart):
+            return None
+        problem = speed_problem(settings, rate_n_s, drive.step_of("speed_mm_s"))
+        if problem is not None:
+            return f"{drive.where}: {problem}"
+        # The shortest way of a ramp: what is missing when the load is just not within arrived_n of its target.
+        travel = max(settings.arrived_n / settings.stiffness_n_mm, drive.step_of("travel_mm"))
+        speed = max(rate_n_s / settings.stiffness_n_mm, settings.speed_min_mm_s)
+        values = {"travel_mm": min(travel, settings.travel_max_mm), "speed_mm_s": speed}
+        orders = [what for what in (Do.PULL, Do.PUSH) if what in drive.can]
+        return next((found for what in orders if (found := drive.order_problem(what, values))), None)
+
     def stop(self) -> None:
         """Stop motion and hold position; returns when every part that moves has taken it.
 
@@ -168,7 +185,8 @@ class PartsLoadFrame:
         now = self._clock.mono_ns()
         since_s = (now - self._ordered_mono_ns) / 1e9
         self._ordered_mono_ns = now
-        ramp, go = step(self._ramp, settings, self._said.force_n, self._said.extension_mm or 0.0, since_s)
+        least_mm = drive.step_of("travel_mm") if isinstance(drive, DevicePart) else 0.0
+        ramp, go = step(self._ramp, settings, self._said.force_n, self._said.extension_mm or 0.0, since_s, least_mm)
         if self._said.motion is MotionState.FAULT:
             go, self._ramp = None, None
         if go is not None:

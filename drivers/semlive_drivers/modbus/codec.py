@@ -138,11 +138,3 @@ def encode(point: Point, value: float) -> tuple[int, ...]:
         raise LinkError(f"{value:g} cannot be commanded (register {point.address})")
     registers = struct.unpack(f"{'>' if point.byte_order is Words.HIGH_FIRST else '<'}{len(raw) // 2}H", raw)
     return registers if point.words is Words.HIGH_FIRST else registers[::-1]
-
-
-def encode_block(block: Block, values: Mapping[Point, float]) -> tuple[int, ...]:
-    """All registers of a block that is written in one request; gaps between points are zero."""
-    registers = [0] * block.count
-    for point, value in values.items():
-        registers[block.slice(point)] = encode(point, value)
-    return tuple(registers)

@@ -206,10 +206,19 @@ class DeviceMap(_Described):
             raise ValueError(f"every_turn must hold {', '.join(sorted(told - every))}, which is told or needed with every reading")
         for what, writes in self.orders.items():
             for write in writes:
-                for value in write.set.values():
-                    if isinstance(value, str) and value.removeprefix("-") not in ORDERED:
-                        raise ValueError(f"orders.{what} writes {value!r}; an order can write numbers and {', '.join(ORDERED)}")
+                self._check_write(f"orders.{what}", write)
         return self
+
+    def _check_write(self, where: str, write: Write) -> None:
+        """Refuse what an order cannot write exactly."""
+        for name, value in write.set.items():
+            if isinstance(value, str) and value.removeprefix("-") not in ORDERED:
+                raise ValueError(f"{where} writes {value!r}; an order can write numbers and {', '.join(ORDERED)}")
+            text = self.points[name]
+            if text.kind in (Kind.INPUT, Kind.DISCRETE):
+                raise ValueError(f"{where} writes {name}, which is read-only ({text.kind}); write holding registers or coils")
+            if text.bits or text.sign or text.factors or text.decimals:
+                raise ValueError(f"{where} writes {name}, whose value depends on other bits or registers; write a plain number")
 
     def _told(self) -> set[str]:
         tells = self.tells

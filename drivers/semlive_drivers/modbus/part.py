@@ -10,9 +10,10 @@ from semlive.errors import LinkError, LinkRefused, SemliveError
 from semlive.ports import ClockSource
 from semlive_drivers.maps import UNCONFIRMED
 from semlive_drivers.modbus.client import Link, ModbusLink, RtuLink, write_verified
-from semlive_drivers.modbus.codec import Block, block_of, decode, encode, encode_block, number_in
+from semlive_drivers.modbus.codec import Block, block_of, decode, encode, number_in
 from semlive_drivers.modbus.device import FrozenCheck
-from semlive_drivers.modbus.device_map import Condition, DeviceMap, Write, load_map, number
+from semlive_drivers.modbus.device_map import Condition, DeviceMap, load_map
+from semlive_drivers.modbus.orders import Request, named, requests_of, runs_of
 from semlive_drivers.modbus.registers import Point, overridden_points
 from semlive_drivers.modbus.rtu_line import NoAnswer
 from semlive_drivers.modbus.settings import ModbusSettings, PartSettings, checked
@@ -25,6 +26,8 @@ from semlive_drivers.units import factor
 class ModbusPart:
     """The Part over one Modbus link; opened by `open_part`."""
 
+    manual = False
+
     def __init__(self, link: Link, device: DeviceMap, points: Mapping[str, Point], settings: PartSettings, clock: ClockSource) -> None:
         self._link, self._device, self._points, self._settings, self._clock = link, device, points, settings, clock
         self._blocks = [(names, block_of((points[name] for name in names), device.max_block)) for names in device.every_turn]
@@ -32,7 +35,7 @@ class ModbusPart:
         self._gage = None if gage is None else (gage, block_of((points[gage],)))
         for writes in device.orders.values():
             for write in writes:
-                block_of((points[name] for name in write.set), device.max_block)
+                runs_of({name: points[name] for name in write.set}, device.max_block)
         self._frozen = FrozenCheck(link, settings.frozen_after_s)
         self._nonce = clock.mono_ns() // 1_000_000 % 65_536
         self._beat = 0
@@ -98,19 +101,32 @@ class ModbusPart:
                 f"{self.where}: the description of {self._device.name} is {UNCONFIRMED}; "
                 "check it with `semlive frame check`, move the machine by its own panel and watch the values, then set confirmed: true"
             )
+        # Everything is encoded and checked before anything is written.
+        requests = self._requests(what, values)
         self._last.update(values)
-        for write in self._device.orders[what]:
-            block, registers = self._request(write)
-            if write.verify:
-                write_verified(self._link, block, registers, single=write.single)
-            else:
-                self._link.write(block.address, registers, block.kind, single=write.single)
+        if what is Do.STOP:
+            self._write_all(requests)
+            return
+        for request in requests:
+            self._write(request)
+
+    def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
+        """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""
+        try:
+            self._requests(what, values)
+        except LinkError as error:
+            return f"{self.where}: {error}"
+        return None
+
+    def step_of(self, value: str) -> float:
+        """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull, in that unit; 0 where the number format sets none."""
+        points = [self._points[name] for write in self._device.orders.get(Do.PULL, ()) for name in named(write, value)]
+        return max((abs(point.scale) for point in points if not point.dtype.is_float), default=0.0)
 
     def shout_stop(self) -> None:
         """Say stop without waiting, where the link can; never raises."""
-        for write in self._device.orders.get(Do.STOP, ()):
-            block, registers = self._request(write)
-            self._link.write_blind(block.address, registers, block.kind, single=write.single)
+        for request in self._requests(Do.STOP, {}):
+            self._link.write_blind(request.block.address, request.registers, request.block.kind, single=request.single)
 
     def close(self) -> None:
         """Close the link."""
@@ -173,16 +189,30 @@ class ModbusPart:
         again, self._recovered = not self._recovered, True
         return again and self._link.recover()
 
-    def _request(self, write: Write) -> tuple[Block, tuple[int, ...]]:
+    def _requests(self, what: Do, values: Mapping[str, float]) -> list[Request]:
+        """The requests of an order; raises LinkError where the device would not take what is meant."""
         self._nonce = (self._nonce + 1) % 65_536
-        values = {**self._last, "nonce": float(self._nonce), "watchdog_s": self._settings.watchdog_s}
-        points = {self._points[name]: number(value, values) for name, value in write.set.items()}
-        block = block_of(points, self._device.max_block)
-        registers = encode_block(block, points)
-        for point, value in points.items():
-            if value == values["speed_mm_s"] > 0 and not any(registers[block.slice(point)]):
-                raise LinkError(f"{value:g} mm/s is less than one count of register {point.address}; give approach: speed_min_mm_s")
-        return block, registers
+        known = {**self._last, **values, "nonce": float(self._nonce), "watchdog_s": self._settings.watchdog_s}
+        most, exact = self._device.max_block, what is not Do.STOP
+        writes = self._device.orders.get(what, ())
+        return [request for write in writes for request in requests_of(write, self._points, known, most, exact=exact)]
+
+    def _write(self, request: Request) -> None:
+        if request.verify:
+            write_verified(self._link, request.block, request.registers, single=request.single)
+        else:
+            self._link.write(request.block.address, request.registers, request.block.kind, single=request.single)
+
+    def _write_all(self, requests: Sequence[Request]) -> None:
+        """Write every request of a stop, also after one that failed: the command may be in a later one."""
+        failures = []
+        for request in requests:
+            try:
+                self._write(request)
+            except LinkError as error:
+                failures.append(error)
+        if failures:
+            raise failures[0]
 
     def _word(self, name: str, words: Mapping[str, Sequence[int]]) -> int:
         return int(number_in(self._points[name], words[name]))

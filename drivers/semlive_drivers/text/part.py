@@ -17,7 +17,7 @@ from semlive_drivers.modbus.settings import SerialLine, checked
 from semlive_drivers.modbus.shared_line import is_shared
 from semlive_drivers.parts import MOTIONS, Do, Said
 from semlive_drivers.serial_port import SerialSettings
-from semlive_drivers.text.codec import filled, understood, with_check, without_check
+from semlive_drivers.text.codec import filled, step_of, understood, with_check, without_check
 from semlive_drivers.text.dialogue import Dialogue, Step, load_dialogue
 from semlive_drivers.text.line import TextLine
 from semlive_drivers.units import factor
@@ -50,6 +50,7 @@ class TextPart:
 
     simulated = False
     stops_by_itself = False
+    manual = False
 
     def __init__(self, line: TextLine, dialogue: Dialogue, settings: TextSettings) -> None:
         self._line, self.dialogue, self._settings = line, dialogue, settings
@@ -129,9 +130,30 @@ class TextPart:
                 f"{self.where}: the description of {self.dialogue.name} is {UNCONFIRMED}; "
                 "check it with `semlive frame check`, move the machine by its own panel and watch the values, then set confirmed: true"
             )
-        self._values.update(self._derived(what, values))
+        known = {**self._values, **self._derived(what, values)}
+        if what is not Do.STOP:  # every number is checked before anything is sent
+            self._require_exact(what, known)
+        self._values = known
         for step in self.dialogue.orders[what]:
             self._do(step)
+
+    def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
+        """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""
+        try:
+            self._require_exact(what, {**self._values, **self._derived(what, values)})
+        except LinkError as error:
+            return f"{self.where}: {error}"
+        return None
+
+    def step_of(self, value: str) -> float:
+        """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull, in that unit; 0 where a way is ordered by its end."""
+        steps = self.dialogue.orders.get(Do.PULL, ())
+        per_minute = value.replace("_mm_s", "_mm_min")
+        return max((max(step_of(step.send, value), step_of(step.send, per_minute) / 60.0) for step in steps), default=0.0)
+
+    def _require_exact(self, what: Do, values: Mapping[str, float]) -> None:
+        for step in self.dialogue.orders.get(what, ()):
+            filled(step.send, values)
 
     def shout_stop(self) -> None:
         """Say stop without waiting for an answer; never raises."""
@@ -149,7 +171,7 @@ class TextPart:
         return any("{station" in ask.send for ask in self.dialogue.asks.values())
 
     def _request(self, template: str) -> bytes:
-        return with_check(filled(template.rstrip("\r\n"), self._values), self.dialogue.check) + _tail(template)
+        return with_check(filled(template.rstrip("\r\n"), self._values, exact=False), self.dialogue.check) + _tail(template)
 
     def _derived(self, what: Do, values: Mapping[str, float]) -> dict[str, float]:
         """The values of an order in all the ways in which a dialogue may want them."""

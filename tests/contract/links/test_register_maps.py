@@ -12,7 +12,7 @@ import pytest
 from semlive.data.frame_check import Verdict
 from semlive.data.loading import MotionState, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError, LinkRefused
-from semlive.ports import LoadFrame
+from semlive.ports import LoadFrame, OrderCheck
 from semlive_drivers.assembled import open_load_frame
 from semlive_drivers.maps import UNCONFIRMED, known_maps, map_content
 from semlive_drivers.modbus.check import check_modbus
@@ -134,7 +134,9 @@ def test_a_way_without_an_end_has_one() -> None:
 def test_a_speed_that_the_drive_cannot_say_is_refused() -> None:
     spring = Spring()
     with pulled("leadshine_rs", leadshine(spring), spring, speed_min_mm_s=0.0) as frame:
-        with pytest.raises(LinkError, match="mm/s is less than one count of register 25091; give approach: speed_min_mm_s"):
+        with pytest.raises(
+            LinkError, match=r"mm/s is less than one count of speed \(holding register 25091\); give approach: speed_min_mm_s"
+        ):
             frame.ramp_to(400.0, 1.0)
         assert spring.look()[0] == 0.0
 
@@ -276,3 +278,30 @@ def test_a_map_that_does_not_exist() -> None:
         load_map("laumas")
     with pytest.raises(BadConfig, match=r"none\.yaml: cannot be read"):
         load_map("none.yaml")
+
+
+def test_an_order_that_a_drive_or_a_frame_cannot_hold_is_named_before_anything_is_sent() -> None:
+    spring = Spring()
+    drive = leadshine(spring)
+    with pulled("leadshine_rs", drive, spring, speed_min_mm_s=0.0) as frame:
+        assert isinstance(frame, OrderCheck)
+        assert frame.order_problem(400.0, 120.0) is None
+        assert "the drive takes 0.01 mm/s" in str(frame.order_problem(400.0, 20.0))
+        assert "faster than speed_max_mm_s 0.5; order at most 600 N/s" in str(frame.order_problem(400.0, 700.0))
+        assert not drive.writes
+    bare = Device(dict.fromkeys(range(20), 0))
+    with tcp(bare) as (port,):
+        points = {"target": {"dtype": "i16", "scale": 0.1, "address": 10}, "rate": {"dtype": "u16", "scale": 0.1, "address": 12}}
+        frame = open_one({"map": "generic", "port": port, "registers": points, "confirmed": True}, CLOCK)
+        assert isinstance(frame, OrderCheck)
+        assert frame.order_problem(300.0, 30.0) is None
+        assert "is less than one count of rate (holding register 12)" in str(frame.order_problem(300.0, 0.04))
+        assert "3500 does not fit into register 10" in str(frame.order_problem(3500.0, 30.0))
+        with pytest.raises(LinkError, match="less than one count of rate"):
+            frame.ramp_to(300.0, 0.04)
+        assert not bare.writes
+        bare.words.update({11: 777, 13: 5000})
+        frame.ramp_to(300.0, 30.0)
+        frame.stop()
+        assert [bare.words[address] for address in (10, 11, 12, 13, 4)] == [3000, 777, 300, 5000, 2]
+        frame.close()
