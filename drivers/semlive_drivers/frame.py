@@ -158,6 +158,12 @@ class PartsLoadFrame:
             raise failures[0]
         self._stopped, self._may_move = True, False
 
+    def stop_blind(self) -> bool:
+        """Write a stop to every part that moves without waiting for an answer, as `semlive.ports.BlindStop`; never raises."""
+        self._ramp = None
+        movers = [part for part in self._parts if Do.STOP in part.can]
+        return any([part.stop_blind() for part in movers if isinstance(part, DevicePart)])
+
     def close(self) -> None:
         """Close the links; a device that was stopped is told not to expect us any more, one that may move is told to stop.
 

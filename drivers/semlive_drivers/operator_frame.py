@@ -103,6 +103,11 @@ class OperatorDrive:
         del value
         return 0.0
 
+    def stop_blind(self) -> bool:
+        """Ask to stop."""
+        self.tell(Do.STOP, {})
+        return True
+
     def shout_stop(self) -> None:
         """Ask to stop."""
         self.tell(Do.STOP, {})

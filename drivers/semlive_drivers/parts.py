@@ -116,6 +116,10 @@ class DevicePart(Part, Protocol):
         """Whether a person moves it."""
         ...
 
+    def stop_blind(self) -> bool:
+        """Write a stop without waiting for an answer, as `semlive.ports.BlindStop`; never raises."""
+        ...
+
     def step_of(self, value: str) -> float:
         """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull, in that unit; 0 where the number format sets none."""
         ...

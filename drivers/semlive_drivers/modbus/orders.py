@@ -11,6 +11,7 @@ from semlive_drivers.exactness import is_rounded_down, require_exact, towards_ze
 from semlive_drivers.modbus.codec import Block, block_of, decode, encode
 from semlive_drivers.modbus.device_map import Write, number
 from semlive_drivers.modbus.registers import MAX_BLOCK, Point
+from semlive_drivers.modbus.rtu import writing
 
 _WORDS = {"holding": "holding register", "coil": "coil", "input": "input register", "discrete": "discrete input"}
 
@@ -59,6 +60,15 @@ def runs_of(points: Mapping[str, Point], max_block: int = MAX_BLOCK) -> list[tup
     for run in runs:
         block_of((points[name] for name in run), max_block)
     return [tuple(run) for run in sorted(runs, key=lambda run: max(listed[name] for name in run))]
+
+
+def blind_pdus(requests: Sequence[Request]) -> list[bytes]:
+    """The requests of a stop as PDUs to write without waiting for answers.
+
+    A device that answers late works on them one after the other, so the last request, which has the command, is written first as well.
+    """
+    pdus = [writing(request.block.kind, request.block.address, request.registers, request.single) for request in requests]
+    return [pdus[-1], *pdus] if len(pdus) > 1 else pdus
 
 
 def named(write: Write, value: str) -> list[str]:

@@ -13,7 +13,7 @@ from semlive_drivers.modbus.client import Link, ModbusLink, RtuLink, write_verif
 from semlive_drivers.modbus.codec import Block, block_of, decode, encode, number_in
 from semlive_drivers.modbus.device import FrozenCheck
 from semlive_drivers.modbus.device_map import Condition, DeviceMap, load_map
-from semlive_drivers.modbus.orders import Request, named, requests_of, runs_of
+from semlive_drivers.modbus.orders import Request, blind_pdus, named, requests_of, runs_of
 from semlive_drivers.modbus.registers import Point, overridden_points
 from semlive_drivers.modbus.rtu_line import NoAnswer
 from semlive_drivers.modbus.settings import ModbusSettings, PartSettings, checked
@@ -123,10 +123,15 @@ class ModbusPart:
         points = [self._points[name] for write in self._device.orders.get(Do.PULL, ()) for name in named(write, value)]
         return max((abs(point.scale) for point in points if not point.dtype.is_float), default=0.0)
 
+    def stop_blind(self) -> bool:
+        """Write a stop without waiting for an answer, as `semlive.ports.BlindStop`."""
+        by_entry = self._by_entry(Do.STOP, {})
+        pdus = [pdu for requests in by_entry for pdu in blind_pdus(requests)]
+        return bool(pdus) and self._link.write_blind(pdus)
+
     def shout_stop(self) -> None:
-        """Say stop without waiting, where the link can; never raises."""
-        for request in self._requests(Do.STOP, {}):
-            self._link.write_blind(request.block.address, request.registers, request.block.kind, single=request.single)
+        """The same, as `Part.shout_stop`."""
+        self.stop_blind()
 
     def close(self) -> None:
         """Close the link."""
@@ -190,12 +195,15 @@ class ModbusPart:
         return again and self._link.recover()
 
     def _requests(self, what: Do, values: Mapping[str, float]) -> list[Request]:
-        """The requests of an order; raises LinkError where the device would not take what is meant."""
+        return [request for requests in self._by_entry(what, values) for request in requests]
+
+    def _by_entry(self, what: Do, values: Mapping[str, float]) -> list[list[Request]]:
+        """The requests of an order, by entry; raises LinkError where the device would not take what is meant."""
         self._nonce = (self._nonce + 1) % 65_536
         known = {**self._last, **values, "nonce": float(self._nonce), "watchdog_s": self._settings.watchdog_s}
         most, exact = self._device.max_block, what is not Do.STOP
         writes = self._device.orders.get(what, ())
-        return [request for write in writes for request in requests_of(write, self._points, known, most, exact=exact)]
+        return [requests_of(write, self._points, known, most, exact=exact) for write in writes]
 
     def _write(self, request: Request) -> None:
         if request.verify:
@@ -275,9 +283,10 @@ def open_link(settings: ModbusSettings, device: DeviceMap | None, probes: Sequen
     if settings.serial is None:
         return ModbusLink(settings.host, settings.port, settings.unit, settings.timeout_s)
     given = settings.serial.over(device.serial) if device else settings.serial.model_dump(exclude_none=True)
-    line = join_line(SerialSettings.model_validate(given), settings.timeout_s, device.name if device else "modbus")
+    serial, who = SerialSettings.model_validate(given), device.name if device else "modbus"
+    line = join_line(serial, settings.timeout_s, who)
     try:
-        return RtuLink(line, settings.unit, probes)
+        return RtuLink(line, settings.unit, probes, lambda: join_line(serial, settings.timeout_s, who))
     except LinkError:
         line.close()
         raise

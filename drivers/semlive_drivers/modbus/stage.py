@@ -10,7 +10,7 @@ from semlive.ports import ClockSource
 from semlive_drivers.modbus.client import Link, write_verified
 from semlive_drivers.modbus.codec import block_of, decode, decode_int, encode
 from semlive_drivers.modbus.device import FrozenCheck, greet, motion_state
-from semlive_drivers.modbus.orders import Request, runs_of
+from semlive_drivers.modbus.orders import Request, blind_pdus, runs_of
 from semlive_drivers.modbus.part import open_link
 from semlive_drivers.modbus.registers import StageMap, overridden, stage_at
 from semlive_drivers.modbus.settings import StageSettings, checked
@@ -85,6 +85,10 @@ class ModbusStage:
             LinkError: if the device did not take it.
         """
         self._command(STOP)
+
+    def stop_blind(self) -> bool:
+        """Write a stop without waiting for an answer, as `semlive.ports.BlindStop`."""
+        return self._link.write_blind(blind_pdus(self._requests(STOP)))
 
     def close(self) -> None:
         """Close the link."""

@@ -155,12 +155,19 @@ class TextPart:
         for step in self.dialogue.orders.get(what, ()):
             filled(step.send, values)
 
-    def shout_stop(self) -> None:
-        """Say stop without waiting for an answer; never raises."""
+    def stop_blind(self) -> bool:
+        """Send a stop without waiting for an answer, as `semlive.ports.BlindStop`."""
+        sent = False
         for step in self.dialogue.orders.get(Do.STOP, ()):
             if step.send:
-                with contextlib.suppress(LinkError):
+                with contextlib.suppress(LinkError, LinkRefused):
                     self._line.shout(self._request(step.send))
+                    sent = True
+        return sent
+
+    def shout_stop(self) -> None:
+        """The same, as `Part.shout_stop`."""
+        self.stop_blind()
 
     def close(self) -> None:
         """Close the line."""
