@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from pydantic import BaseModel, ConfigDict
 
-from semlive.data.loading import DeviceIdentity, LoadSample, MotionState, StopOnLinkLoss
+from semlive.data.loading import ControlMode, DeviceIdentity, LoadSample, MotionState, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError
 from semlive.ports import ClockSource
 from semlive_drivers.approach import Approach, ApproachSettings, begin, speed_problem, step
@@ -59,15 +59,22 @@ class PartsLoadFrame:
         self._drive = drives[0] if drives else None
         if self._takes_loads is None and self._drive is not None and settings.approach is None:
             raise BadConfig(f"{self._drive.where} knows no load; give approach: {{stiffness_n_mm: ..., speed_max_mm_s: ...}}")
-        said = merged([part.look() for part in self._parts])
+        each = [part.look() for part in self._parts]
+        said = merged(each)
         if said.force_n is None:
             raise BadConfig(f"{self._where}: nobody tells the load; name a part that does (cell)")
         self._said = said
+        force_step, extension_step = self._resolution(each)
         self._identity = DeviceIdentity(
             name=f"load frame at {self._where}",
             simulated=bool(self._parts) and all(part.simulated for part in self._parts),
             stop_on_link_loss=self._statement(),
             force_max_n=said.force_max_n,
+            control=self._control(),
+            force_resolution_n=force_step,
+            extension_resolution_mm=extension_step,
+            measures_extension=said.extension_mm is not None,
+            stiffness_n_mm=None if settings.approach is None else settings.approach.stiffness_n_mm,
         )
 
     @property
@@ -209,6 +216,20 @@ class PartsLoadFrame:
         if self._ramp is not None or said.motion is MotionState.MOVING:
             return MotionState.MOVING
         return MotionState.STOPPED
+
+    def _control(self) -> ControlMode:
+        mover = self._takes_loads or self._drive
+        if mover is None or (isinstance(mover, DevicePart) and mover.manual):
+            return ControlMode.MANUAL
+        return ControlMode.LOAD if mover is self._takes_loads else ControlMode.DISPLACEMENT
+
+    def _resolution(self, each: Sequence[Said]) -> tuple[float, float]:
+        """Steps of force and extension, each of the part that tells it; 0 where no number format sets one."""
+        told = [
+            (part.resolution() if isinstance(part, DevicePart) else (0.0, 0.0), said) for part, said in zip(self._parts, each, strict=True)
+        ]
+        force = next((steps[0] for steps, said in told if said.force_n is not None), 0.0)
+        return force, next((steps[1] for steps, said in told if said.extension_mm is not None), 0.0)
 
     def _statement(self) -> StopOnLinkLoss:
         """What is known of the machine's own stop: what was found out at it, else its own word, else the short ways that it is sent."""

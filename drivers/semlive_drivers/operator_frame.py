@@ -93,6 +93,10 @@ class OperatorDrive:
         wanted = Wanted.CONFIRMATION if self._has_file else Wanted.LOAD_N
         self._console.ask(f"in {self._settings.program}, bring the load to {values['force_n']:g} N {rate}; {answer}", self._heard, wanted)
 
+    def resolution(self) -> tuple[float, float]:
+        """0: a person may type any number."""
+        return 0.0, 0.0
+
     def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
         """None: a person is asked for any load that is a number."""
         del what

@@ -124,6 +124,10 @@ class DevicePart(Part, Protocol):
         """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull, in that unit; 0 where the number format sets none."""
         ...
 
+    def resolution(self) -> tuple[float, float]:
+        """Smallest change of force, N, and of extension, mm, in the last reading; 0 where the number format sets none."""
+        ...
+
     def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
         """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""
         ...

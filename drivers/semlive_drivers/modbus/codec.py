@@ -110,6 +110,19 @@ def _told_by(point: Point, others: Mapping[str, Sequence[int]]) -> float:
     return factor
 
 
+def count_of(point: Point, others: Mapping[str, Sequence[int]] | None = None) -> float:
+    """Value of one count of a point, always positive; 0 for floats, whose number format sets no step.
+
+    Args:
+        point: which.
+        others: registers of the points that say its sign and size, by name.
+
+    Raises:
+        LinkError: if these say something that the map does not know.
+    """
+    return 0.0 if point.dtype.is_float else abs(point.scale * _told_by(point, others or {}))
+
+
 def decode_or_none(point: Point, registers: Sequence[int]) -> float | None:
     """The value of a point that may have none: a broken wire or an amplifier that is off reads as no number."""
     try:

@@ -10,7 +10,7 @@ from semlive.errors import LinkError, LinkRefused, SemliveError
 from semlive.ports import ClockSource
 from semlive_drivers.maps import UNCONFIRMED
 from semlive_drivers.modbus.client import Link, ModbusLink, RtuLink, write_verified
-from semlive_drivers.modbus.codec import Block, block_of, decode, encode, number_in
+from semlive_drivers.modbus.codec import Block, block_of, count_of, decode, encode, number_in
 from semlive_drivers.modbus.device import FrozenCheck
 from semlive_drivers.modbus.device_map import Condition, DeviceMap, load_map
 from semlive_drivers.modbus.orders import Request, blind_pdus, named, requests_of, runs_of
@@ -38,6 +38,7 @@ class ModbusPart:
                 runs_of({name: points[name] for name in write.set}, device.max_block)
         self._frozen = FrozenCheck(link, settings.frozen_after_s)
         self._nonce = clock.mono_ns() // 1_000_000 % 65_536
+        self._words: Mapping[str, Sequence[int]] = {}
         self._beat = 0
         self._recovered = False
         # A stop repeats the last target: a target of zero would wait in the device for the next spurious "go".
@@ -88,6 +89,7 @@ class ModbusPart:
         for condition in self._device.valid:
             if not condition.holds(self._word(condition.point, words)):
                 raise LinkError(f"{self.where} gives no reading: {condition.says or f'{condition.point} is not as it must be'}")
+        self._words = words
         return self._said(words, raw, gage_strain)
 
     def tell(self, what: Do, values: Mapping[str, float]) -> None:
@@ -109,6 +111,13 @@ class ModbusPart:
             return
         for request in requests:
             self._write(request)
+
+    def resolution(self) -> tuple[float, float]:
+        """Smallest change of force, N, and of extension, mm, in the last reading; 0 for floats."""
+        tells, told = self._device.tells, self._words
+        named = ((tells.force, tells.force_unit), (tells.extension, tells.extension_unit))
+        force, extension = (0.0 if name is None else count_of(self._points[name], told) * factor(unit, name) for name, unit in named)
+        return force, extension
 
     def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
         """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""

@@ -15,6 +15,8 @@ from semlive_drivers.units import factor
 
 _PLACE = re.compile(r"\{(?P<name>[a-z_0-9]+)(?::(?P<sign>\+?)(?P<digits>\d+)(?:\.(?P<decimals>\d+))?(?P<outward>!?))?\}")
 
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?")
+
 
 class CheckKind(StrEnum):
     """How a checksum is made: all bytes exclusive-or, their sum modulo 256, or the CRC-16 of Modbus, low byte first."""
@@ -137,6 +139,16 @@ def understood(pattern: re.Pattern[str], text: str, units: Mapping[str, str], wh
         if not math.isfinite(number):
             raise LinkError(f"{where} said {value} for {name}, which is no reading; check the sensor")
     return said
+
+
+def resolutions(pattern: re.Pattern[str], text: str, units: Mapping[str, str], where: str) -> dict[str, float]:
+    """The step of each number in a reply by its last decimal, in N, mm and s; arguments as for `understood`, whose replies these are."""
+    found, steps = pattern.fullmatch(text), dict[str, float]()
+    for name, value in (found.groupdict() if found else {}).items():
+        if value is not None and _NUMBER.fullmatch(value):
+            unit = found[f"{name}_unit"] if found and f"{name}_unit" in pattern.groupindex else units.get(name, "1")
+            steps[name] = 10.0 ** -len(value.partition(".")[2]) * factor(unit or "1", f"{where}: {name}")
+    return steps
 
 
 def shown(line: bytes) -> str:

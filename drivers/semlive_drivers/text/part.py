@@ -17,7 +17,7 @@ from semlive_drivers.modbus.settings import SerialLine, checked
 from semlive_drivers.modbus.shared_line import is_shared
 from semlive_drivers.parts import MOTIONS, Do, Said
 from semlive_drivers.serial_port import SerialSettings
-from semlive_drivers.text.codec import filled, step_of, understood, with_check, without_check
+from semlive_drivers.text.codec import filled, resolutions, step_of, understood, with_check, without_check
 from semlive_drivers.text.dialogue import Dialogue, Step, load_dialogue
 from semlive_drivers.text.line import TextLine
 from semlive_drivers.units import factor
@@ -58,6 +58,7 @@ class TextPart:
         self._patterns = {name: re.compile(ask.reply) for name, ask in dialogue.asks.items()}
         self._values: dict[str, float] = {"station": float(settings.station)}
         self._extension_mm = 0.0
+        self._steps: dict[str, float] = {}
         self._wrong_since_s: dict[str, float] = {}
         self.where = f"{line.where} station {settings.station}" if self._has_stations else line.where
         for step in dialogue.identity:
@@ -112,6 +113,7 @@ class TextPart:
         text = "\n".join(line.decode("ascii", errors="replace") for line in lines)
         if self.dialogue.refused and text == self.dialogue.refused:
             raise LinkError(f"{self.where} does not understand {ask.send.strip()!r}; check the description and the device's settings")
+        self._steps |= resolutions(self._patterns[name], text, self._units, self.where)
         return understood(self._patterns[name], text, self._units, self.where)
 
     def recover(self) -> None:
@@ -136,6 +138,10 @@ class TextPart:
         self._values = known
         for step in self.dialogue.orders[what]:
             self._do(step)
+
+    def resolution(self) -> tuple[float, float]:
+        """Smallest change of force, N, and of extension, mm, by the last decimal that the device tells."""
+        return self._steps.get("force", 0.0), self._steps.get("extension", 0.0)
 
     def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
         """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""

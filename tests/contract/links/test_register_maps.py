@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from semlive.data.frame_check import Verdict
-from semlive.data.loading import MotionState, StopOnLinkLoss
+from semlive.data.loading import ControlMode, MotionState, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError, LinkRefused
 from semlive.ports import LoadFrame, OrderCheck
 from semlive_drivers.assembled import open_load_frame
@@ -304,4 +304,25 @@ def test_an_order_that_a_drive_or_a_frame_cannot_hold_is_named_before_anything_i
         frame.ramp_to(300.0, 30.0)
         frame.stop()
         assert [bare.words[address] for address in (10, 11, 12, 13, 4)] == [3000, 777, 300, 5000, 2]
+        frame.close()
+
+
+def test_a_frame_tells_how_it_is_moved_and_how_fine_its_readings_are() -> None:
+    spring = Spring()
+    with pulled("oriental_az", oriental_az(spring), spring) as frame:
+        told = frame.identity
+        assert told.control is ControlMode.DISPLACEMENT
+        assert told.force_resolution_n == pytest.approx(0.1)
+        assert told.extension_resolution_mm == pytest.approx(1e-4)
+        assert told.measures_extension
+        assert told.stiffness_n_mm == APPROACH["stiffness_n_mm"]
+    cell = laumas_tlb(spring)
+    cell.words[13] = 0 << 8 | 13  # kg with three decimals
+    with tcp(cell) as (port,):
+        frame = open_one({"map": "laumas_tlb", "port": port}, CLOCK)
+        told = frame.identity
+        assert told.control is ControlMode.MANUAL
+        assert told.force_resolution_n == pytest.approx(9.80665e-3)
+        assert not told.measures_extension
+        assert told.stiffness_n_mm is None
         frame.close()
