@@ -49,6 +49,7 @@ class PartsLoadFrame:
 
     def __init__(self, parts: Sequence[Part], settings: FrameSettings, clock: ClockSource) -> None:
         self._parts, self._settings, self._clock = tuple(parts), settings, clock
+        self._devices = [part for part in self._parts if isinstance(part, DevicePart)]
         self._sequence = 0
         self._target_n = 0.0
         self._ramp: Approach | None = None
@@ -88,6 +89,9 @@ class PartsLoadFrame:
         Raises:
             LinkError: if nothing sensible comes back, the reading is frozen, or a ramp had to be given up (the machine is then stopped).
         """
+        changed = next((found for part in self._devices if (found := part.order_changed()) is not None), None)
+        if changed is not None:
+            self._ramp = None  # nothing more is ordered while somebody else commands the machine
         self._go_on()
         said = self._said = merged([part.read() for part in self._parts])
         if said.force_n is None:
@@ -105,6 +109,7 @@ class PartsLoadFrame:
             gage_strain=said.gage_strain,
             trouble=said.trouble,
             counted=said.counted,
+            order_changed=changed,
         )
         self._sequence += 1
         return sample

@@ -93,6 +93,10 @@ class OperatorDrive:
         wanted = Wanted.CONFIRMATION if self._has_file else Wanted.LOAD_N
         self._console.ask(f"in {self._settings.program}, bring the load to {values['force_n']:g} N {rate}; {answer}", self._heard, wanted)
 
+    def order_changed(self) -> str | None:
+        """None: a person has no registers."""
+        return None
+
     def resolution(self) -> tuple[float, float]:
         """0: a person may type any number."""
         return 0.0, 0.0

@@ -124,6 +124,10 @@ class DevicePart(Part, Protocol):
         """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull, in that unit; 0 where the number format sets none."""
         ...
 
+    def order_changed(self) -> str | None:
+        """How the device's own orders differ from what was given last, as a sentence, or None; asked for before each `read`."""
+        ...
+
     def resolution(self) -> tuple[float, float]:
         """Smallest change of force, N, and of extension, mm, in the last reading; 0 where the number format sets none."""
         ...

@@ -39,6 +39,24 @@ _EXCEPTIONS = {
 _WORDS = {Kind.INPUT: "input register", Kind.HOLDING: "holding register", Kind.COIL: "coil", Kind.DISCRETE: "discrete input"}
 
 
+class Refused(LinkError):
+    """The device answered a request with an exception.
+
+    Args:
+        sentence: for a person.
+        code: of the exception.
+    """
+
+    def __init__(self, sentence: str, code: int) -> None:
+        super().__init__(sentence)
+        self.code = code
+
+    @property
+    def is_final(self) -> bool:
+        """The device will never answer this request otherwise: no such function, register or value."""
+        return self.code in (1, 2, 3)
+
+
 class Link(Protocol):
     """A connection to one unit. Not thread-safe: one thread owns it."""
 
@@ -270,5 +288,5 @@ class RtuLink:
         return reply
 
 
-def _refusal(where: str, doing: str, code: int) -> LinkError:
-    return LinkError(f"{where} refused {doing}: {_EXCEPTIONS.get(code, f'exception {code}')}")
+def _refusal(where: str, doing: str, code: int) -> Refused:
+    return Refused(f"{where} refused {doing}: {_EXCEPTIONS.get(code, f'exception {code}')}", code)

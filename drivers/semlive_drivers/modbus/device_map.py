@@ -190,6 +190,8 @@ class DeviceMap(_Described):
     valid: list[Condition] = []
     """What must be true of every reading; otherwise it is none."""
     orders: dict[Do, list[Write]] = {}
+    changes_by_itself: list[str] = []
+    """Points that orders write and the device changes on its own afterwards; they are not compared with what was written."""
     heartbeat: Heartbeat | None = None
 
     @model_validator(mode="after")
@@ -239,6 +241,7 @@ class DeviceMap(_Described):
             "identity or valid": {condition.point for condition in conditions},
             "plausible": set(self.plausible),
             "orders": {name for writes in self.orders.values() for write in writes for name in write.set},
+            "changes_by_itself": set(self.changes_by_itself),
             "heartbeat": {self.heartbeat.point} if self.heartbeat else set(),
         }
 

@@ -8,17 +8,17 @@ from collections.abc import Mapping, Sequence
 from semlive.data.loading import MotionState, Trouble
 from semlive.errors import LinkError, LinkRefused, SemliveError
 from semlive.ports import ClockSource
-from semlive_drivers.maps import UNCONFIRMED
-from semlive_drivers.modbus.client import Link, ModbusLink, RtuLink, write_verified
+from semlive_drivers.modbus.client import Link, ModbusLink, RtuLink
 from semlive_drivers.modbus.codec import Block, block_of, count_of, decode, encode, number_in
+from semlive_drivers.modbus.commander import Commander
 from semlive_drivers.modbus.device import FrozenCheck
 from semlive_drivers.modbus.device_map import Condition, DeviceMap, load_map
-from semlive_drivers.modbus.orders import Request, blind_pdus, named, requests_of, runs_of
+from semlive_drivers.modbus.read_back import TargetWatch
 from semlive_drivers.modbus.registers import Point, overridden_points
 from semlive_drivers.modbus.rtu_line import NoAnswer
 from semlive_drivers.modbus.settings import ModbusSettings, PartSettings, checked
 from semlive_drivers.modbus.shared_line import join_line
-from semlive_drivers.parts import MOTIONS, Do, Said
+from semlive_drivers.parts import Do, Said
 from semlive_drivers.serial_port import SerialSettings
 from semlive_drivers.units import factor
 
@@ -33,16 +33,14 @@ class ModbusPart:
         self._blocks = [(names, block_of((points[name] for name in names), device.max_block)) for names in device.every_turn]
         gage = device.tells.strain_gage if settings.strain_gage else None
         self._gage = None if gage is None else (gage, block_of((points[gage],)))
-        for writes in device.orders.values():
-            for write in writes:
-                runs_of({name: points[name] for name in write.set}, device.max_block)
         self._frozen = FrozenCheck(link, settings.frozen_after_s)
-        self._nonce = clock.mono_ns() // 1_000_000 % 65_536
+        self._commander = Commander(link, device, points, settings, self._again, clock.mono_ns() // 1_000_000 % 65_536)
+        self._target = TargetWatch()
+        self._target_jump: str | None = None
+        self._in_turn = False
         self._words: Mapping[str, Sequence[int]] = {}
         self._beat = 0
         self._recovered = False
-        # A stop repeats the last target: a target of zero would wait in the device for the next spurious "go".
-        self._last: dict[str, float] = dict.fromkeys(("force_n", "rate_n_s", "travel_mm", "speed_mm_s"), 0.0)
         self._greet()
         checked_identity = settings.identity is not None
         self.simulated = checked_identity and self._true(device.simulated)
@@ -58,7 +56,7 @@ class ModbusPart:
     @property
     def can(self) -> frozenset[Do]:
         """What it can be told."""
-        return frozenset(self._device.orders)
+        return self._commander.can
 
     def read(self) -> Said:
         """A fresh reading, after feeding the device's watchdog.
@@ -66,9 +64,26 @@ class ModbusPart:
         Raises:
             LinkError: if nothing sensible comes back, the reading is frozen, or the device says that it is none.
         """
-        self._recovered = False
+        self._begin_turn()
+        self._in_turn = False
         self._feed()
         return self.look()
+
+    def order_changed(self) -> str | None:
+        """How the device's own orders differ from what was given last, as a sentence, or None; begins a turn that `read` ends.
+
+        Raises:
+            LinkError: if the device does not answer.
+        """
+        self._begin_turn()
+        found = self._commander.difference() or self._target_jump
+        return None if found is None else f"{self.where}: {found}"
+
+    def _begin_turn(self) -> None:
+        """A link is recovered at most once in a turn, so that a turn stays short."""
+        if not self._in_turn:
+            self._recovered = False
+        self._in_turn = True
 
     def look(self) -> Said:
         """A fresh reading, without writing anything; raises as `read`."""
@@ -98,19 +113,9 @@ class ModbusPart:
         Raises:
             LinkError: if the device did not take it, or its description is not confirmed and it would move.
         """
-        if what in MOTIONS and not (self._device.confirmed or self._settings.confirmed):
-            raise LinkError(
-                f"{self.where}: the description of {self._device.name} is {UNCONFIRMED}; "
-                "check it with `semlive frame check`, move the machine by its own panel and watch the values, then set confirmed: true"
-            )
-        # Everything is encoded and checked before anything is written.
-        requests = self._requests(what, values)
-        self._last.update(values)
-        if what is Do.STOP:
-            self._write_all(requests)
-            return
-        for request in requests:
-            self._write(request)
+        self._commander.give(what, values)
+        if what in (Do.RAMP, Do.STOP):
+            self._target, self._target_jump = self._target.after_order(values.get("force_n"), self._now_s), None
 
     def resolution(self) -> tuple[float, float]:
         """Smallest change of force, N, and of extension, mm, in the last reading; 0 for floats."""
@@ -121,22 +126,15 @@ class ModbusPart:
 
     def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
         """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""
-        try:
-            self._requests(what, values)
-        except LinkError as error:
-            return f"{self.where}: {error}"
-        return None
+        return self._commander.problem(what, values)
 
     def step_of(self, value: str) -> float:
-        """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull, in that unit; 0 where the number format sets none."""
-        points = [self._points[name] for write in self._device.orders.get(Do.PULL, ()) for name in named(write, value)]
-        return max((abs(point.scale) for point in points if not point.dtype.is_float), default=0.0)
+        """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull; 0 where the number format sets none."""
+        return self._commander.step_of(value)
 
     def stop_blind(self) -> bool:
         """Write a stop without waiting for an answer, as `semlive.ports.BlindStop`."""
-        by_entry = self._by_entry(Do.STOP, {})
-        pdus = [pdu for requests in by_entry for pdu in blind_pdus(requests)]
-        return bool(pdus) and self._link.write_blind(pdus)
+        return self._commander.stop_blind()
 
     def shout_stop(self) -> None:
         """The same, as `Part.shout_stop`."""
@@ -203,34 +201,6 @@ class ModbusPart:
         again, self._recovered = not self._recovered, True
         return again and self._link.recover()
 
-    def _requests(self, what: Do, values: Mapping[str, float]) -> list[Request]:
-        return [request for requests in self._by_entry(what, values) for request in requests]
-
-    def _by_entry(self, what: Do, values: Mapping[str, float]) -> list[list[Request]]:
-        """The requests of an order, by entry; raises LinkError where the device would not take what is meant."""
-        self._nonce = (self._nonce + 1) % 65_536
-        known = {**self._last, **values, "nonce": float(self._nonce), "watchdog_s": self._settings.watchdog_s}
-        most, exact = self._device.max_block, what is not Do.STOP
-        writes = self._device.orders.get(what, ())
-        return [requests_of(write, self._points, known, most, exact=exact) for write in writes]
-
-    def _write(self, request: Request) -> None:
-        if request.verify:
-            write_verified(self._link, request.block, request.registers, single=request.single)
-        else:
-            self._link.write(request.block.address, request.registers, request.block.kind, single=request.single)
-
-    def _write_all(self, requests: Sequence[Request]) -> None:
-        """Write every request of a stop, also after one that failed: the command may be in a later one."""
-        failures = []
-        for request in requests:
-            try:
-                self._write(request)
-            except LinkError as error:
-                failures.append(error)
-        if failures:
-            raise failures[0]
-
     def _word(self, name: str, words: Mapping[str, Sequence[int]]) -> int:
         return int(number_in(self._points[name], words[name]))
 
@@ -242,12 +212,13 @@ class ModbusPart:
         if tells.counter is not None:
             counted = self._word(tells.counter, words), 1 << 16 * self._points[tells.counter].dtype.registers
             self._frozen.check(counted[0], self._clock.mono_ns())
-        motion = self._motion(words)
+        motion, target_n = self._motion(words), self._value(tells.target, words, tells.force_unit)
+        self._watch_target(motion, target_n, words)
         return Said(
             force_n=self._value(tells.force, words, tells.force_unit),
             extension_mm=self._value(tells.extension, words, tells.extension_unit),
             motion=motion,
-            target_n=self._value(tells.target, words, tells.force_unit),
+            target_n=target_n,
             lag_s=self._value(tells.lag, words) if self.simulated else None,
             force_max_n=self._value(tells.force_limit, words, tells.force_unit),
             gage_strain=gage_strain,
@@ -255,6 +226,20 @@ class ModbusPart:
             trouble=self._trouble() if motion is MotionState.FAULT else None,
             counted=counted,
         )
+
+    def _watch_target(self, motion: MotionState | None, target_n: float | None, words: Mapping[str, Sequence[int]]) -> None:
+        """Hold the device's own target against the load that was ordered; in a fault a device may forget it."""
+        name, unit = self._device.tells.target, self._device.tells.force_unit
+        if motion is MotionState.FAULT:
+            self._target = self._target.after_order(None, self._now_s)
+        elif name is not None and target_n is not None:
+            count_n = count_of(self._points[name], words) * factor(unit, name)
+            self._target, jump = self._target.after_reading(target_n, self._now_s, count_n)
+            self._target_jump = None if jump is None else f"{jump}: another program or a person commands it, or it was restarted"
+
+    @property
+    def _now_s(self) -> float:
+        return self._clock.mono_ns() / 1e9
 
     def _trouble(self) -> Trouble | None:
         """Why it is in fault; a word that is not known tells nothing."""

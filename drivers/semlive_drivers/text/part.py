@@ -139,6 +139,10 @@ class TextPart:
         for step in self.dialogue.orders[what]:
             self._do(step)
 
+    def order_changed(self) -> str | None:
+        """None: an order is read back where its dialogue asks for it."""
+        return None
+
     def resolution(self) -> tuple[float, float]:
         """Smallest change of force, N, and of extension, mm, by the last decimal that the device tells."""
         return self._steps.get("force", 0.0), self._steps.get("extension", 0.0)

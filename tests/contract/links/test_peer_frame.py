@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from semlive.data.loading import LoadSample, MotionState
 from semlive.errors import LinkError
 from semlive.ports import BlindStop, OrderCheck
 from semlive_drivers.frame import PartsLoadFrame
@@ -134,3 +135,65 @@ def test_a_stop_finds_nobody(frame_peer: Path, tmp_path: Path) -> None:
     assert not frame.stop_blind()
     assert time.monotonic() - began_s < 0.5
     frame.close()
+
+
+def until_it_rests(frame: PartsLoadFrame) -> list[LoadSample]:
+    """All readings until the frame says that it is at rest."""
+    seen = [frame.read()]
+    wait_until(lambda: (seen.append(frame.read()), seen[-1].motion is MotionState.STOPPED)[1])
+    return seen
+
+
+@pytest.mark.parametrize("name", ["f32", "f32c", "i16", "disp"])
+def test_a_healthy_frame_raises_no_alarm(peer: Peer, opened: Opened, name: str) -> None:
+    approach = {"approach": {"stiffness_n_mm": 20000, "speed_max_mm_s": 0.05}} if name == "disp" else {}
+    frame = opened(name, **approach)
+    seen = [frame.read()]
+    for target_n in (60.0, 20.0):
+        frame.ramp_to(target_n, 100.0)
+        seen += until_it_rests(frame)
+        assert seen[-1].force_n == pytest.approx(target_n, abs=1.5)
+        frame.stop()
+        seen += [frame.read() for _ in range(3)]
+    assert {sample.order_changed for sample in seen} == {None}
+
+
+@pytest.mark.parametrize("name", ["f32", "i16"])
+@pytest.mark.parametrize(("restart", "holds"), [("reboot 380", "0 N"), ("reboot 0", "0 N")])
+def test_a_frame_that_was_restarted_holds_other_orders(peer: Peer, opened: Opened, name: str, restart: str, holds: str) -> None:
+    frame = opened(name)
+    frame.ramp_to(300.0, 30.0)
+    assert frame.read().order_changed is None
+    peer.switch(restart)
+    changed = frame.read().order_changed
+    assert changed is not None
+    assert f"holds {holds}, 300 N was written: another program or a person commands it, or it was restarted" in changed
+    frame.stop()
+
+
+def test_a_second_master_is_noticed_at_the_next_reading(frame_peer: Path, tmp_path: Path) -> None:
+    with running(frame_peer, tmp_path, clients=2) as peer:
+        first, second = (open_load_frame({"map": peer.map("f32"), "port": peer.port, "confirmed": True}, CLOCK) for _ in range(2))
+        first.ramp_to(100.0, 50.0)
+        assert first.read().order_changed is None
+        second.ramp_to(20.0, 50.0)
+        assert "target (holding register 0) holds 20 N, 100 N was written" in str(first.read().order_changed)
+        assert second.read().order_changed is None
+        first.close()
+        second.close()
+
+
+def test_a_second_master_of_a_displacement_drive_ends_the_ramp(frame_peer: Path, tmp_path: Path) -> None:
+    with running(frame_peer, tmp_path, clients=2) as peer:
+        settings = {"map": peer.map("disp"), "port": peer.port, "confirmed": True}
+        approach = {"approach": {"stiffness_n_mm": 20000, "speed_max_mm_s": 0.05}}
+        first, second = (open_load_frame({**settings, **approach}, CLOCK) for _ in range(2))
+        first.ramp_to(300.0, 20.0)
+        assert first.read().order_changed is None
+        second.ramp_to(-300.0, 60.0)
+        assert "travel (holding register 32) holds" in str(first.read().order_changed)
+        moves = peer.text().count("MOVE dir=1")
+        first.read()
+        assert peer.text().count("MOVE dir=1") == moves
+        first.close()
+        second.close()
