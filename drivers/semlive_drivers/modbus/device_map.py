@@ -46,6 +46,14 @@ class PointText(_Described):
     decimals: tuple[str, int, int] | None = None
     """Point, lowest bit and number of bits that hold the number of decimals."""
     factors: list[FactorText] = []
+    range: tuple[float, float] | None = None
+    """Values at or beyond which a reading is none, in the unit of the value: the ends of the sensor."""
+
+    @model_validator(mode="after")
+    def _range_rises(self) -> PointText:
+        if self.range is not None and not self.range[0] < self.range[1]:
+            raise ValueError(f"range {list(self.range)} must give the low end first")
+        return self
 
     def point(self) -> Point:
         """The value of it."""
@@ -64,6 +72,7 @@ class PointText(_Described):
             self.sentinels,
             None if self.sign is None else Bits(self.sign[0], self.sign[1], 1),
             factors,
+            self.range,
         )
 
 

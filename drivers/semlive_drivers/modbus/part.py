@@ -9,7 +9,7 @@ from semlive.data.loading import MotionState, Trouble
 from semlive.errors import LinkError, LinkRefused, SemliveError
 from semlive.ports import ClockSource
 from semlive_drivers.modbus.client import Link, ModbusLink, RtuLink
-from semlive_drivers.modbus.codec import Block, block_of, count_of, decode, encode, number_in
+from semlive_drivers.modbus.codec import Block, block_of, count_of, decode, encode, number_in, require_in_range
 from semlive_drivers.modbus.commander import Commander
 from semlive_drivers.modbus.device import FrozenCheck
 from semlive_drivers.modbus.device_map import Condition, DeviceMap, load_map
@@ -205,7 +205,16 @@ class ModbusPart:
         return int(number_in(self._points[name], words[name]))
 
     def _value(self, name: str | None, words: Mapping[str, Sequence[int]], unit: str = "1") -> float | None:
-        return None if name is None else decode(self._points[name], words[name], words) * factor(unit, name)
+        if name is None:
+            return None
+        point, own = self._points[name], words[name]
+        value = decode(point, own, words)
+        if name in (self._device.tells.force, self._device.tells.extension):
+            try:
+                require_in_range(name, point, own, value, unsigned=name == self._device.tells.force)
+            except LinkError as error:
+                raise LinkError(f"{self.where}: {error}") from error
+        return value * factor(unit, name)
 
     def _said(self, words: Mapping[str, Sequence[int]], raw: tuple[int, ...], gage_strain: float | None) -> Said:
         tells, counted = self._device.tells, None

@@ -91,6 +91,11 @@ class TextPart:
                 self._wrong_since_s.pop(rule.says, None)
             elif now_s - self._wrong_since_s.setdefault(rule.says, now_s) >= rule.for_s:
                 raise LinkError(f"{self.where} gives no reading: {rule.says}")
+        for group, (low, high) in self.dialogue.ranges.items():
+            value = _number(reply, group)
+            if value is not None and not low < value < high:
+                saturated = "the sensor is saturated or not connected; check sensor, cable and amplifier"
+                raise LinkError(f"{self.where}: {group} is at the end of its range ({value:g}): {saturated}")
         extension_mm = _number(reply, "extension")
         self._extension_mm = self._extension_mm if extension_mm is None else extension_mm
         return Said(

@@ -368,3 +368,22 @@ def test_registers_between_the_orders_that_do_not_exist_are_not_read(tmp_path: P
         device.words[10] = 200
         assert any("target (holding register 10) holds 20 N, 300 N was written" in str(frame.read().order_changed) for _ in range(2))
         frame.close()
+
+
+def test_a_saturated_cell_is_no_reading() -> None:
+    spring = Spring()
+    cell = laumas_tlb(spring)
+    with tcp(cell) as (port,):
+        limits = {"gross": {"range": [-500, 500]}}
+        frame = open_one({"map": "laumas_tlb", "port": port, "registers": limits}, CLOCK)
+        spring.move(0.6, 1e6)
+        with pytest.raises(LinkError, match=r"gross \(register 7\) is at the end of its range \(600\): the sensor is saturated"):
+            frame.read()
+        cell.before_read = lambda: cell.set32(7, 0xFFFFFFFF)
+        with pytest.raises(LinkError, match=r"is at the end of its range \(4294967295\)"):
+            frame.read()
+        frame.close()
+        said = {finding.what: finding for finding in check_modbus("laumas_tlb", {"port": port}).findings}
+        assert said["gross"].verdict is Verdict.BAD
+    with pytest.raises(BadConfig, match=r"range is \[5, 1\], which is no range"):
+        open_one({"map": "laumas_tlb", "registers": {"gross": {"range": [5, 1]}}}, CLOCK)
