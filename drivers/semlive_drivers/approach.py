@@ -10,6 +10,11 @@ from dataclasses import dataclass, replace
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from semlive_drivers.exactness import towards_zero
+
+SPEED_TOLERANCE = 0.1
+"""Relative difference of a speed from the one that the rate asks for; the stiffness is known no better."""
+
 
 class ApproachSettings(BaseModel):
     """How a load is approached in displacement control."""
@@ -76,7 +81,9 @@ def begin(target_n: float, rate_n_s: float, force_n: float, extension_mm: float)
     return Approach(target_n, rate_n_s, target_n > force_n, force_n, 0.0, extension_mm)
 
 
-def step(ramp: Approach, settings: ApproachSettings, force_n: float, extension_mm: float, since_s: float) -> tuple[Approach, Go | None]:
+def step(
+    ramp: Approach, settings: ApproachSettings, force_n: float, extension_mm: float, since_s: float, least_mm: float = 0.0
+) -> tuple[Approach, Go | None]:
     """One reading later.
 
     Args:
@@ -85,6 +92,7 @@ def step(ramp: Approach, settings: ApproachSettings, force_n: float, extension_m
         force_n: load now.
         extension_mm: crosshead now.
         since_s: time since the last order, for machines that do not tell their extension.
+        least_mm: the shortest way that the drive can be ordered; a target nearer than that is reached.
 
     Returns:
         The ramp, and what to order; None with a ramp that is over means stop.
@@ -97,13 +105,13 @@ def step(ramp: Approach, settings: ApproachSettings, force_n: float, extension_m
     best_n = max(ramp.best_n * sign, force_n * sign) * sign
     now = replace(ramp, best_n=best_n, travelled_mm=ramp.travelled_mm + moved_mm, extension_mm=extension_mm)
     missing_n = sign * (ramp.target_n - force_n)
-    if missing_n <= settings.arrived_n:
+    if missing_n <= max(settings.arrived_n, least_mm * settings.stiffness_n_mm):
         return replace(now, over=True), None
     if sign * (best_n - force_n) > settings.wrong_way_n:
         what = f"the load went from {best_n:.1f} to {force_n:.1f} N on its way to {ramp.target_n:g} N"
         return replace(now, over=True, trouble=f"{what}; check sign and direction, grips and specimen"), None
     left_mm = settings.travel_max_mm - now.travelled_mm
-    if left_mm <= 0:
+    if left_mm <= least_mm:
         what = f"{now.travelled_mm:.3f} mm of travel brought the load to {force_n:.1f} N only, not to {ramp.target_n:g} N"
         return replace(now, over=True, trouble=f"{what}; check grips, specimen, stiffness_n_mm and travel_max_mm"), None
     return now, Go(ramp.pull, min(left_mm, speed * settings.ahead_s, missing_n / settings.stiffness_n_mm), speed)
@@ -114,3 +122,25 @@ def _speed(ramp: Approach, settings: ApproachSettings, force_n: float) -> float:
     wanted = ramp.rate_n_s / settings.stiffness_n_mm
     gap = abs(ramp.target_n - force_n) / settings.stiffness_n_mm / settings.ahead_s
     return max(min(wanted, gap, settings.speed_max_mm_s), settings.speed_min_mm_s)
+
+
+def speed_problem(settings: ApproachSettings, rate_n_s: float, step_mm_s: float = 0.0) -> str | None:
+    """Why a rate cannot be kept in displacement control, or None: its speed must be one of the drive's, to 10 %.
+
+    Args:
+        settings: how to approach.
+        rate_n_s: the wanted rate.
+        step_mm_s: smallest step of the drive's speed; speeds are rounded down to whole steps.
+    """
+    speed, stiffness = rate_n_s / settings.stiffness_n_mm, settings.stiffness_n_mm
+    said = f"{rate_n_s:g} N/s is {speed:.3g} mm/s at stiffness_n_mm {stiffness:g}"
+    if speed * (1 + SPEED_TOLERANCE) < settings.speed_min_mm_s:
+        least = f"order at least {settings.speed_min_mm_s * stiffness:.3g} N/s, or correct stiffness_n_mm"
+        return f"{said}, slower than speed_min_mm_s {settings.speed_min_mm_s:g}; {least}"
+    if speed > settings.speed_max_mm_s * (1 + SPEED_TOLERANCE):
+        most = f"order at most {settings.speed_max_mm_s * stiffness:.3g} N/s, or correct stiffness_n_mm"
+        return f"{said}, faster than speed_max_mm_s {settings.speed_max_mm_s:g}; {most}"
+    taken = towards_zero(speed / step_mm_s) * step_mm_s if step_mm_s else speed
+    if speed - taken > SPEED_TOLERANCE * speed:
+        return f"{said}, but the drive takes {taken:.3g} mm/s; order a rate that is a multiple of {step_mm_s * stiffness:.3g} N/s"
+    return None

@@ -122,7 +122,10 @@ def a_load_is_reached_and_held(rig: Rig) -> None:
         first = frame.read()
         assert first.motion is MotionState.MOVING, "a ramp under way must say moving"
         assert abs(first.target_n - rig.reachable_n) < 1e-3 * abs(rig.reachable_n), "target_n must be the load that was asked for"
-        _until(lambda: frame.read().motion is MotionState.STOPPED, "the ramp did not end")
+        seen = [first]
+        _until(lambda: (seen.append(frame.read()), seen[-1].motion is MotionState.STOPPED)[1], "the ramp did not end")
+        changed = next((sample.order_changed for sample in seen if sample.order_changed), None)
+        assert changed is None, f"nobody else commands it, and it says: {changed}"
         assert abs(frame.read().force_n - rig.reachable_n) <= rig.tolerance_n, "the ramp ended away from its target"
         assert not rig.moves(), "it says stopped and moves"
 

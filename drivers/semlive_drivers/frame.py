@@ -7,11 +7,11 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from pydantic import BaseModel, ConfigDict
 
-from semlive.data.loading import DeviceIdentity, LoadSample, MotionState, StopOnLinkLoss
+from semlive.data.loading import ControlMode, DeviceIdentity, LoadSample, MotionState, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError
 from semlive.ports import ClockSource
-from semlive_drivers.approach import Approach, ApproachSettings, begin, step
-from semlive_drivers.parts import MOTIONS, Do, Part, Said
+from semlive_drivers.approach import Approach, ApproachSettings, begin, speed_problem, step
+from semlive_drivers.parts import MOTIONS, DevicePart, Do, Part, Said
 
 
 class FrameSettings(BaseModel):
@@ -49,6 +49,7 @@ class PartsLoadFrame:
 
     def __init__(self, parts: Sequence[Part], settings: FrameSettings, clock: ClockSource) -> None:
         self._parts, self._settings, self._clock = tuple(parts), settings, clock
+        self._devices = [part for part in self._parts if isinstance(part, DevicePart)]
         self._sequence = 0
         self._target_n = 0.0
         self._ramp: Approach | None = None
@@ -59,15 +60,22 @@ class PartsLoadFrame:
         self._drive = drives[0] if drives else None
         if self._takes_loads is None and self._drive is not None and settings.approach is None:
             raise BadConfig(f"{self._drive.where} knows no load; give approach: {{stiffness_n_mm: ..., speed_max_mm_s: ...}}")
-        said = merged([part.look() for part in self._parts])
+        each = [part.look() for part in self._parts]
+        said = merged(each)
         if said.force_n is None:
             raise BadConfig(f"{self._where}: nobody tells the load; name a part that does (cell)")
         self._said = said
+        force_step, extension_step = self._resolution(each)
         self._identity = DeviceIdentity(
             name=f"load frame at {self._where}",
             simulated=bool(self._parts) and all(part.simulated for part in self._parts),
             stop_on_link_loss=self._statement(),
             force_max_n=said.force_max_n,
+            control=self._control(),
+            force_resolution_n=force_step,
+            extension_resolution_mm=extension_step,
+            measures_extension=said.extension_mm is not None,
+            stiffness_n_mm=None if settings.approach is None else settings.approach.stiffness_n_mm,
         )
 
     @property
@@ -81,6 +89,9 @@ class PartsLoadFrame:
         Raises:
             LinkError: if nothing sensible comes back, the reading is frozen, or a ramp had to be given up (the machine is then stopped).
         """
+        changed = next((found for part in self._devices if (found := part.order_changed()) is not None), None)
+        if changed is not None:
+            self._ramp = None  # nothing more is ordered while somebody else commands the machine
         self._go_on()
         said = self._said = merged([part.read() for part in self._parts])
         if said.force_n is None:
@@ -98,6 +109,7 @@ class PartsLoadFrame:
             gage_strain=said.gage_strain,
             trouble=said.trouble,
             counted=said.counted,
+            order_changed=changed,
         )
         self._sequence += 1
         return sample
@@ -123,6 +135,23 @@ class PartsLoadFrame:
         self._ordered_mono_ns = self._clock.mono_ns()
         self._go_on()
 
+    def order_problem(self, force_n: float, rate_n_s: float) -> str | None:
+        """Why a ramp cannot be ordered as it is meant, or None; sends nothing, as `semlive.ports.OrderCheck`."""
+        if isinstance(self._takes_loads, DevicePart):
+            return self._takes_loads.order_problem(Do.RAMP, {"force_n": force_n, "rate_n_s": rate_n_s})
+        settings, drive = self._settings.approach, self._drive
+        if settings is None or not isinstance(drive, DevicePart):
+            return None
+        problem = speed_problem(settings, rate_n_s, drive.step_of("speed_mm_s"))
+        if problem is not None:
+            return f"{drive.where}: {problem}"
+        # The shortest way of a ramp: what is missing when the load is just not within arrived_n of its target.
+        travel = max(settings.arrived_n / settings.stiffness_n_mm, drive.step_of("travel_mm"))
+        speed = max(rate_n_s / settings.stiffness_n_mm, settings.speed_min_mm_s)
+        values = {"travel_mm": min(travel, settings.travel_max_mm), "speed_mm_s": speed}
+        orders = [what for what in (Do.PULL, Do.PUSH) if what in drive.can]
+        return next((found for what in orders if (found := drive.order_problem(what, values))), None)
+
     def stop(self) -> None:
         """Stop motion and hold position; returns when every part that moves has taken it.
 
@@ -140,6 +169,12 @@ class PartsLoadFrame:
         if failures:
             raise failures[0]
         self._stopped, self._may_move = True, False
+
+    def stop_blind(self) -> bool:
+        """Write a stop to every part that moves without waiting for an answer, as `semlive.ports.BlindStop`; never raises."""
+        self._ramp = None
+        movers = [part for part in self._parts if Do.STOP in part.can]
+        return any([part.stop_blind() for part in movers if isinstance(part, DevicePart)])
 
     def close(self) -> None:
         """Close the links; a device that was stopped is told not to expect us any more, one that may move is told to stop.
@@ -168,7 +203,8 @@ class PartsLoadFrame:
         now = self._clock.mono_ns()
         since_s = (now - self._ordered_mono_ns) / 1e9
         self._ordered_mono_ns = now
-        ramp, go = step(self._ramp, settings, self._said.force_n, self._said.extension_mm or 0.0, since_s)
+        least_mm = drive.step_of("travel_mm") if isinstance(drive, DevicePart) else 0.0
+        ramp, go = step(self._ramp, settings, self._said.force_n, self._said.extension_mm or 0.0, since_s, least_mm)
         if self._said.motion is MotionState.FAULT:
             go, self._ramp = None, None
         if go is not None:
@@ -185,6 +221,20 @@ class PartsLoadFrame:
         if self._ramp is not None or said.motion is MotionState.MOVING:
             return MotionState.MOVING
         return MotionState.STOPPED
+
+    def _control(self) -> ControlMode:
+        mover = self._takes_loads or self._drive
+        if mover is None or (isinstance(mover, DevicePart) and mover.manual):
+            return ControlMode.MANUAL
+        return ControlMode.LOAD if mover is self._takes_loads else ControlMode.DISPLACEMENT
+
+    def _resolution(self, each: Sequence[Said]) -> tuple[float, float]:
+        """Steps of force and extension, each of the part that tells it; 0 where no number format sets one."""
+        told = [
+            (part.resolution() if isinstance(part, DevicePart) else (0.0, 0.0), said) for part, said in zip(self._parts, each, strict=True)
+        ]
+        force = next((steps[0] for steps, said in told if said.force_n is not None), 0.0)
+        return force, next((steps[1] for steps, said in told if said.extension_mm is not None), 0.0)
 
     def _statement(self) -> StopOnLinkLoss:
         """What is known of the machine's own stop: what was found out at it, else its own word, else the short ways that it is sent."""

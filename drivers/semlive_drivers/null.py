@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from semlive.data.loading import DeviceIdentity, LoadSample, MotionState, StageKind, StageSample, StopOnLinkLoss
+from semlive.data.loading import ControlMode, DeviceIdentity, LoadSample, MotionState, StageKind, StageSample, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError
 from semlive.ports import ClockSource
 
@@ -19,7 +19,13 @@ class NullLoadFrame:
     @property
     def identity(self) -> DeviceIdentity:
         """Nobody: what does not move cannot fail to stop."""
-        return DeviceIdentity("no load frame", simulated=False, stop_on_link_loss=StopOnLinkLoss.VERIFIED)
+        return DeviceIdentity(
+            "no load frame",
+            simulated=False,
+            stop_on_link_loss=StopOnLinkLoss.VERIFIED,
+            control=ControlMode.MANUAL,
+            measures_extension=False,
+        )
 
     def read(self) -> LoadSample:
         """Zero."""

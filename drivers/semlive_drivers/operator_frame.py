@@ -41,6 +41,7 @@ class OperatorDrive:
     """
 
     simulated = False
+    manual = True
     stops_by_itself = True  # a hand stops when it is not asked on
     can = frozenset({Do.RAMP, Do.STOP})
 
@@ -91,6 +92,29 @@ class OperatorDrive:
         rate = f"at {values['rate_n_s']:g} N/s, then hold"
         wanted = Wanted.CONFIRMATION if self._has_file else Wanted.LOAD_N
         self._console.ask(f"in {self._settings.program}, bring the load to {values['force_n']:g} N {rate}; {answer}", self._heard, wanted)
+
+    def order_changed(self) -> str | None:
+        """None: a person has no registers."""
+        return None
+
+    def resolution(self) -> tuple[float, float]:
+        """0: a person may type any number."""
+        return 0.0, 0.0
+
+    def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
+        """None: a person is asked for any load that is a number."""
+        del what
+        return None if all(abs(value) < float("inf") for value in values.values()) else "a load that is no number cannot be asked for"
+
+    def step_of(self, value: str) -> float:
+        """0: a person is not asked to travel."""
+        del value
+        return 0.0
+
+    def stop_blind(self) -> bool:
+        """Ask to stop."""
+        self.tell(Do.STOP, {})
+        return True
 
     def shout_stop(self) -> None:
         """Ask to stop."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from semlive.data.loading import MotionState, Trouble
 from semlive.ports import ClockSource
@@ -104,6 +104,36 @@ class Part(Protocol):
 
     def close(self) -> None:
         """Close the link; never raises."""
+        ...
+
+
+@runtime_checkable
+class DevicePart(Part, Protocol):
+    """A part behind a link that can carry orders, or a person who takes them. Methods may raise LinkError unless stated."""
+
+    @property
+    def manual(self) -> bool:
+        """Whether a person moves it."""
+        ...
+
+    def stop_blind(self) -> bool:
+        """Write a stop without waiting for an answer, as `semlive.ports.BlindStop`; never raises."""
+        ...
+
+    def step_of(self, value: str) -> float:
+        """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull, in that unit; 0 where the number format sets none."""
+        ...
+
+    def order_changed(self) -> str | None:
+        """How the device's own orders differ from what was given last, as a sentence, or None; asked for before each `read`."""
+        ...
+
+    def resolution(self) -> tuple[float, float]:
+        """Smallest change of force, N, and of extension, mm, in the last reading; 0 where the number format sets none."""
+        ...
+
+    def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
+        """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""
         ...
 
 

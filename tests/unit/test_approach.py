@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from semlive.errors import LinkError
-from semlive_drivers.approach import Approach, ApproachSettings, Go, begin, step
+from semlive_drivers.approach import Approach, ApproachSettings, Go, begin, speed_problem, step
 from semlive_drivers.modbus.codec import decode, encode
 from semlive_drivers.modbus.registers import Bits, DType, Factor, Kind, Point, Words
 
@@ -82,3 +82,19 @@ def test_numbers_as_devices_keep_them() -> None:
     with pytest.raises(LinkError, match="holds inf"):
         decode(Point(Kind.INPUT, 9, DType.F32), (0x7F80, 0))
     assert math.isclose(decode(Point(Kind.INPUT, 0, DType.F32), encode(Point(Kind.INPUT, 0, DType.F32), 1e-3)), 1e-3, rel_tol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("rate_n_s", "step_mm_s", "sentence"),
+    [
+        (50.0, 0.0, None),
+        (50.0, 0.005, None),
+        (0.5, 0.0, "slower than speed_min_mm_s 0.0001; order at least 1 N/s"),
+        (1000.0, 0.0, "faster than speed_max_mm_s 0.05; order at most 500 N/s"),
+        (50.0, 0.003, "but the drive takes 0.003 mm/s; order a rate that is a multiple of 30 N/s"),
+        (20.0, 0.003, "but the drive takes 0 mm/s"),
+    ],
+)
+def test_a_rate_that_the_drive_cannot_keep_is_refused(rate_n_s: float, step_mm_s: float, sentence: str | None) -> None:
+    problem = speed_problem(SETTINGS, rate_n_s, step_mm_s)
+    assert problem is None if sentence is None else problem is not None and sentence in problem

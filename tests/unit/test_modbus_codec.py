@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from semlive.errors import BadConfig, LinkError
-from semlive_drivers.modbus.codec import Block, block_of, decode, decode_int, decode_or_none, encode, encode_block
+from semlive_drivers.modbus.codec import Block, block_of, decode, decode_int, decode_or_none, encode, require_in_range
 from semlive_drivers.modbus.registers import DType, Kind, Point, StageMap, Words, overridden
 
 
@@ -74,11 +74,10 @@ def test_a_counter_survives_the_wire(value: int) -> None:
     assert decode_int(point, encode(point, value)) == value
 
 
-def test_a_block_holds_its_points_and_zero_between_them() -> None:
+def test_a_block_holds_its_points() -> None:
     a, b = Point(Kind.HOLDING, 10), Point(Kind.HOLDING, 13, DType.F32)
     block = block_of((b, a))
     assert block == Block(Kind.HOLDING, 10, 5)
-    assert encode_block(block, {a: 7, b: 99.25}) == (7, 0, 0, 0x42C6, 0x8000)
     assert block.slice(b) == slice(3, 5)
 
 
@@ -91,3 +90,29 @@ def test_an_override_changes_only_what_it_names() -> None:
     changed = overridden(StageMap(), {"x": {"address": 300, "words": "low_first", "scale": "0.001"}}, "stage")
     assert changed.x == Point(Kind.INPUT, 300, DType.F32, Words.LOW_FIRST, 0.001)
     assert changed.y == StageMap().y
+
+
+@pytest.mark.parametrize(
+    ("point", "counts", "unsigned", "at_the_end"),
+    [
+        (Point(Kind.INPUT, 4, DType.I16, scale=0.1), 32_767, True, True),
+        (Point(Kind.INPUT, 4, DType.I16, scale=0.1), -32_768, False, True),
+        (Point(Kind.INPUT, 4, DType.I16), -1, True, False),
+        (Point(Kind.INPUT, 4, DType.I32), 2**31 - 1, False, True),
+        (Point(Kind.INPUT, 4, DType.U16), 65_535, True, True),
+        (Point(Kind.INPUT, 4, DType.U16), 65_535, False, False),
+        (Point(Kind.INPUT, 4, DType.U16), 0x8000, True, False),
+        (Point(Kind.INPUT, 4, first_bit=0, bit_count=12), 0xFFF, True, True),
+        (Point(Kind.INPUT, 4, first_bit=0, bit_count=12), 0xFFE, True, False),
+        (Point(Kind.INPUT, 4, DType.I16, scale=0.1, range=(-400.0, 400.0)), 4_000, True, True),
+        (Point(Kind.INPUT, 4, DType.I16, scale=0.1, range=(-400.0, 400.0)), 3_999, True, False),
+    ],
+)
+def test_a_reading_at_the_end_of_its_range_is_none(point: Point, counts: int, unsigned: bool, at_the_end: bool) -> None:
+    whole = Point(point.kind, point.address, point.dtype)
+    registers = encode(whole, counts)
+    if not at_the_end:
+        require_in_range("force", point, registers, decode(point, registers), unsigned=unsigned)
+        return
+    with pytest.raises(LinkError, match=r"force \(register 4\) is at the end of its range .*: the sensor is saturated or not connected"):
+        require_in_range("force", point, registers, decode(point, registers), unsigned=unsigned)

@@ -9,7 +9,7 @@ from dataclasses import replace
 from semlive.data.frame_check import Finding, FrameCheck, Verdict
 from semlive.errors import LinkError, LinkRefused
 from semlive_drivers.modbus.client import Link
-from semlive_drivers.modbus.codec import block_of, decode, number_in
+from semlive_drivers.modbus.codec import block_of, decode, number_in, require_in_range
 from semlive_drivers.modbus.device_map import DeviceMap, load_map
 from semlive_drivers.modbus.part import open_link, probes_of
 from semlive_drivers.modbus.registers import Point, Words, overridden_points
@@ -95,6 +95,8 @@ def _values(device: DeviceMap, points: Mapping[str, Point], read: Registers) -> 
             continue
         try:
             value = decode(points[name], registers, read)
+            if name in (device.tells.force, device.tells.extension):
+                require_in_range(name, points[name], registers, value, unsigned=name == device.tells.force)
         except (LinkError, KeyError) as error:
             yield Finding(name, str(error), Verdict.BAD, "check the sensor and the description")
             continue

@@ -1,20 +1,23 @@
 """Modbus links to one unit: over TCP a thin door to pymodbus, over a serial line our own master. All that goes wrong is a LinkError.
 
-After any trouble a TCP socket is closed and stays closed: the owner opens a new link, identity check included. pymodbus would
-reconnect by itself inside the next request, to whoever answers then. Its own retries are off, because a request that is repeated
-behind our back makes the time to an answer (retries + 1) times the timeout.
+After any trouble a TCP link takes no more requests: the owner opens a new one, identity check included; only a stop is still written on
+the old connection, without waiting for an answer (`semlive_drivers.modbus.blind`). pymodbus would reconnect by itself inside the next
+request, to whoever answers then. Its own retries are off, because a request that is repeated behind our back makes the time to an answer
+(retries + 1) times the timeout.
 """
 
 from __future__ import annotations
 
 import logging
+import socket
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
-from semlive.errors import LinkError, LinkRefused
+from semlive.errors import LinkError, LinkRefused, SemliveError
+from semlive_drivers.modbus.blind import BlindWriter, exchange, owe, owed, settle
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.registers import Kind
 from semlive_drivers.modbus.rtu import reading, values_in, writing
@@ -36,6 +39,24 @@ _EXCEPTIONS = {
 _WORDS = {Kind.INPUT: "input register", Kind.HOLDING: "holding register", Kind.COIL: "coil", Kind.DISCRETE: "discrete input"}
 
 
+class Refused(LinkError):
+    """The device answered a request with an exception.
+
+    Args:
+        sentence: for a person.
+        code: of the exception.
+    """
+
+    def __init__(self, sentence: str, code: int) -> None:
+        super().__init__(sentence)
+        self.code = code
+
+    @property
+    def is_final(self) -> bool:
+        """The device will never answer this request otherwise: no such function, register or value."""
+        return self.code in (1, 2, 3)
+
+
 class Link(Protocol):
     """A connection to one unit. Not thread-safe: one thread owns it."""
 
@@ -49,8 +70,14 @@ class Link(Protocol):
         """Write in one request; raises LinkError on no or a wrong answer."""
         ...
 
-    def write_blind(self, address: int, registers: Sequence[int], kind: Kind = Kind.HOLDING, *, single: bool = False) -> None:
-        """Write without waiting for an answer, where that is possible; never raises."""
+    def write_blind(self, pdus: Sequence[bytes]) -> bool:
+        """Write requests without waiting for an answer, also after a failure and after `close`; never raises.
+
+        The link cannot be used for anything else afterwards. What was written is written again first when the unit is opened anew.
+
+        Returns:
+            Whether anything was written.
+        """
         ...
 
     def recover(self) -> bool:
@@ -95,8 +122,26 @@ class ModbusLink:
         self._unit = unit
         self._timeout_s = timeout_s
         self._client = ModbusTcpClient(host, port=port, timeout=timeout_s, retries=0, reconnect_delay_max=1.0, name=self.where)
-        if not self._client.connect():
+        sock = self._client.socket if self._client.connect() else None
+        if sock is None:
             raise LinkRefused(f"nobody answers at {host}:{port}; check that the device is on and that host and port are right")
+        self._key = (host, port, unit)
+        try:
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            # pymodbus closes its socket after any trouble; the connection behind it stays open for a last stop.
+            self._blind = BlindWriter(sock.dup(), sock.getpeername(), unit)
+        except OSError as error:
+            self._client.close()
+            raise LinkRefused(f"{host}:{port} closed the connection at once ({error}); check who else uses the device") from error
+        self._say_owed(sock)
+
+    def _say_owed(self, sock: socket.socket) -> None:
+        """Begin with the stops that were never answered; raises LinkRefused if they are not answered now."""
+        pdus = owed(self._key)
+        if pdus and not exchange(sock, self._unit, pdus, self._timeout_s):
+            self.close()
+            raise LinkRefused(f"{self.where} did not answer the stop that was sent first within {self._timeout_s:g} s; check the device")
+        settle(self._key)
 
     def read(self, block: Block) -> tuple[int, ...]:
         """The registers of a block, as `Link.read`.
@@ -113,7 +158,7 @@ class ModbusLink:
         answer = self._ask(f"reading {_WORDS[block.kind]} {block.address}", call, block.address, count=block.count)
         values = [int(bit) for bit in answer.bits[: block.count]] if block.kind.bits else answer.registers
         if len(values) != block.count:
-            self.close()
+            self._client.close()
             raise LinkError(
                 f"{self.where} answered {len(values)} registers instead of {block.count} from {block.address}; "
                 "check the device and the network"
@@ -136,16 +181,20 @@ class ModbusLink:
         else:
             self._ask(doing, self._client.write_registers, address, list(registers))
 
-    def write_blind(self, address: int, registers: Sequence[int], kind: Kind = Kind.HOLDING, *, single: bool = False) -> None:
-        """Nothing: a socket in trouble is closed already, and the next one begins with a stop."""
+    def write_blind(self, pdus: Sequence[bytes]) -> bool:
+        """Write on the old connection and on a fresh one, as `Link.write_blind`."""
+        self._client.close()
+        owe(self._key, pdus)
+        return self._blind.write(pdus)
 
     def recover(self) -> bool:
         """Never: another socket is opened."""
         return False
 
     def close(self) -> None:
-        """Close the socket; further calls fail at once."""
+        """Close the connection; further requests fail at once."""
         self._client.close()
+        self._blind.close()
 
     def _ask(self, doing: str, call: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
         if not self._client.connected:
@@ -153,7 +202,7 @@ class ModbusLink:
         try:
             answer = call(*args, device_id=self._unit, **kwargs)
         except (ModbusException, OSError) as error:
-            self.close()
+            self._client.close()
             raise LinkError(f"{self.where} gave no answer within {self._timeout_s:g} s while {doing}; check cable and device") from error
         if answer.isError():
             raise _refusal(self.where, doing, int(getattr(answer, "exception_code", 0)))
@@ -167,12 +216,16 @@ class RtuLink:
         line: open, owned by the same thread; or a share of one.
         unit: Modbus unit.
         probes: blocks that can be read without harm, to settle the line with after trouble.
+        reopen: opens the line again for a stop that cannot be written otherwise.
 
     Raises:
         LinkError: if an answer is still owed from before and the unit does not settle.
     """
 
-    def __init__(self, line: RtuLine | LineShare, unit: int, probes: Sequence[Block]) -> None:
+    def __init__(
+        self, line: RtuLine | LineShare, unit: int, probes: Sequence[Block], reopen: Callable[[], RtuLine | LineShare] | None = None
+    ) -> None:
+        self._reopen = reopen
         self.where = f"{line.where} unit {unit}"
         self._line, self._unit, self._probes = line, unit, tuple(probes)
         if isinstance(line, LineShare):
@@ -196,12 +249,25 @@ class RtuLink:
         """
         self._ask(writing(kind, address, registers, single), f"writing {_WORDS[kind]} {address}")
 
-    def write_blind(self, address: int, registers: Sequence[int], kind: Kind = Kind.HOLDING, *, single: bool = False) -> None:
-        """Say it without waiting, and again first thing when the line is opened anew; never raises."""
+    def write_blind(self, pdus: Sequence[bytes]) -> bool:
+        """Write on the line, or on the line opened again where it is closed, as `Link.write_blind`."""
         try:
-            self._line.shout(self._unit, writing(kind, address, registers, single))
+            self._line.shout(self._unit, pdus)
+            return True
         except LinkError:
-            return
+            if self._reopen is None:
+                return False
+        try:
+            line = self._reopen()
+        except SemliveError:
+            return False
+        try:
+            line.shout(self._unit, pdus)
+        except LinkError:
+            return False
+        finally:
+            line.close()
+        return True
 
     def recover(self) -> bool:
         """Settle the unit, with one probe: a stop that is owed waits no longer than that. False if it does not answer."""
@@ -222,5 +288,5 @@ class RtuLink:
         return reply
 
 
-def _refusal(where: str, doing: str, code: int) -> LinkError:
-    return LinkError(f"{where} refused {doing}: {_EXCEPTIONS.get(code, f'exception {code}')}")
+def _refusal(where: str, doing: str, code: int) -> Refused:
+    return Refused(f"{where} refused {doing}: {_EXCEPTIONS.get(code, f'exception {code}')}", code)

@@ -110,6 +110,45 @@ def _told_by(point: Point, others: Mapping[str, Sequence[int]]) -> float:
     return factor
 
 
+def count_of(point: Point, others: Mapping[str, Sequence[int]] | None = None) -> float:
+    """Value of one count of a point, always positive; 0 for floats, whose number format sets no step.
+
+    Args:
+        point: which.
+        others: registers of the points that say its sign and size, by name.
+
+    Raises:
+        LinkError: if these say something that the map does not know.
+    """
+    return 0.0 if point.dtype.is_float else abs(point.scale * _told_by(point, others or {}))
+
+
+def require_in_range(name: str, point: Point, registers: Sequence[int], value: float, *, unsigned: bool) -> None:
+    """Refuse a reading at the end of what its number or its sensor can tell: such a sensor is saturated or not connected.
+
+    Args:
+        name: of the point.
+        point: which.
+        registers: its own, as read.
+        value: decoded from them, in the unit of the point's value.
+        unsigned: the largest unsigned number is an end as well; a counter or an encoder may pass it.
+
+    Raises:
+        LinkError: if it is there.
+    """
+    if not point.dtype.is_float:
+        bits = point.bit_count or 16 * point.dtype.registers
+        signed = point.dtype.value.startswith("i") and not point.bit_count
+        ends = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else ((1 << bits) - 1,) if unsigned and bits > 1 else ()
+        if (number := number_in(point, registers)) in ends:
+            raise LinkError(f"{name} (register {point.address}) is at the end of its range ({number}): {_SATURATED}")
+    if point.range is not None and not point.range[0] < value < point.range[1]:
+        raise LinkError(f"{name} (register {point.address}) is at the end of its range ({value:g}): {_SATURATED}")
+
+
+_SATURATED = "the sensor is saturated or not connected; check sensor, cable and amplifier"
+
+
 def decode_or_none(point: Point, registers: Sequence[int]) -> float | None:
     """The value of a point that may have none: a broken wire or an amplifier that is off reads as no number."""
     try:
@@ -138,11 +177,3 @@ def encode(point: Point, value: float) -> tuple[int, ...]:
         raise LinkError(f"{value:g} cannot be commanded (register {point.address})")
     registers = struct.unpack(f"{'>' if point.byte_order is Words.HIGH_FIRST else '<'}{len(raw) // 2}H", raw)
     return registers if point.words is Words.HIGH_FIRST else registers[::-1]
-
-
-def encode_block(block: Block, values: Mapping[Point, float]) -> tuple[int, ...]:
-    """All registers of a block that is written in one request; gaps between points are zero."""
-    registers = [0] * block.count
-    for point, value in values.items():
-        registers[block.slice(point)] = encode(point, value)
-    return tuple(registers)

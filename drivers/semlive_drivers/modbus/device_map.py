@@ -46,6 +46,14 @@ class PointText(_Described):
     decimals: tuple[str, int, int] | None = None
     """Point, lowest bit and number of bits that hold the number of decimals."""
     factors: list[FactorText] = []
+    range: tuple[float, float] | None = None
+    """Values at or beyond which a reading is none, in the unit of the value: the ends of the sensor."""
+
+    @model_validator(mode="after")
+    def _range_rises(self) -> PointText:
+        if self.range is not None and not self.range[0] < self.range[1]:
+            raise ValueError(f"range {list(self.range)} must give the low end first")
+        return self
 
     def point(self) -> Point:
         """The value of it."""
@@ -64,6 +72,7 @@ class PointText(_Described):
             self.sentinels,
             None if self.sign is None else Bits(self.sign[0], self.sign[1], 1),
             factors,
+            self.range,
         )
 
 
@@ -190,6 +199,8 @@ class DeviceMap(_Described):
     valid: list[Condition] = []
     """What must be true of every reading; otherwise it is none."""
     orders: dict[Do, list[Write]] = {}
+    changes_by_itself: list[str] = []
+    """Points that orders write and the device changes on its own afterwards; they are not compared with what was written."""
     heartbeat: Heartbeat | None = None
 
     @model_validator(mode="after")
@@ -206,10 +217,19 @@ class DeviceMap(_Described):
             raise ValueError(f"every_turn must hold {', '.join(sorted(told - every))}, which is told or needed with every reading")
         for what, writes in self.orders.items():
             for write in writes:
-                for value in write.set.values():
-                    if isinstance(value, str) and value.removeprefix("-") not in ORDERED:
-                        raise ValueError(f"orders.{what} writes {value!r}; an order can write numbers and {', '.join(ORDERED)}")
+                self._check_write(f"orders.{what}", write)
         return self
+
+    def _check_write(self, where: str, write: Write) -> None:
+        """Refuse what an order cannot write exactly."""
+        for name, value in write.set.items():
+            if isinstance(value, str) and value.removeprefix("-") not in ORDERED:
+                raise ValueError(f"{where} writes {value!r}; an order can write numbers and {', '.join(ORDERED)}")
+            text = self.points[name]
+            if text.kind in (Kind.INPUT, Kind.DISCRETE):
+                raise ValueError(f"{where} writes {name}, which is read-only ({text.kind}); write holding registers or coils")
+            if text.bits or text.sign or text.factors or text.decimals:
+                raise ValueError(f"{where} writes {name}, whose value depends on other bits or registers; write a plain number")
 
     def _told(self) -> set[str]:
         tells = self.tells
@@ -230,6 +250,7 @@ class DeviceMap(_Described):
             "identity or valid": {condition.point for condition in conditions},
             "plausible": set(self.plausible),
             "orders": {name for writes in self.orders.values() for write in writes for name in write.set},
+            "changes_by_itself": set(self.changes_by_itself),
             "heartbeat": {self.heartbeat.point} if self.heartbeat else set(),
         }
 

@@ -8,16 +8,17 @@ from collections.abc import Mapping, Sequence
 from semlive.data.loading import MotionState, Trouble
 from semlive.errors import LinkError, LinkRefused, SemliveError
 from semlive.ports import ClockSource
-from semlive_drivers.maps import UNCONFIRMED
-from semlive_drivers.modbus.client import Link, ModbusLink, RtuLink, write_verified
-from semlive_drivers.modbus.codec import Block, block_of, decode, encode, encode_block, number_in
+from semlive_drivers.modbus.client import Link, ModbusLink, RtuLink
+from semlive_drivers.modbus.codec import Block, block_of, count_of, decode, encode, number_in, require_in_range
+from semlive_drivers.modbus.commander import Commander
 from semlive_drivers.modbus.device import FrozenCheck
-from semlive_drivers.modbus.device_map import Condition, DeviceMap, Write, load_map, number
+from semlive_drivers.modbus.device_map import Condition, DeviceMap, load_map
+from semlive_drivers.modbus.read_back import TargetWatch
 from semlive_drivers.modbus.registers import Point, overridden_points
 from semlive_drivers.modbus.rtu_line import NoAnswer
 from semlive_drivers.modbus.settings import ModbusSettings, PartSettings, checked
 from semlive_drivers.modbus.shared_line import join_line
-from semlive_drivers.parts import MOTIONS, Do, Said
+from semlive_drivers.parts import Do, Said
 from semlive_drivers.serial_port import SerialSettings
 from semlive_drivers.units import factor
 
@@ -25,20 +26,21 @@ from semlive_drivers.units import factor
 class ModbusPart:
     """The Part over one Modbus link; opened by `open_part`."""
 
+    manual = False
+
     def __init__(self, link: Link, device: DeviceMap, points: Mapping[str, Point], settings: PartSettings, clock: ClockSource) -> None:
         self._link, self._device, self._points, self._settings, self._clock = link, device, points, settings, clock
         self._blocks = [(names, block_of((points[name] for name in names), device.max_block)) for names in device.every_turn]
         gage = device.tells.strain_gage if settings.strain_gage else None
         self._gage = None if gage is None else (gage, block_of((points[gage],)))
-        for writes in device.orders.values():
-            for write in writes:
-                block_of((points[name] for name in write.set), device.max_block)
         self._frozen = FrozenCheck(link, settings.frozen_after_s)
-        self._nonce = clock.mono_ns() // 1_000_000 % 65_536
+        self._commander = Commander(link, device, points, settings, self._again, clock.mono_ns() // 1_000_000 % 65_536)
+        self._target = TargetWatch()
+        self._target_jump: str | None = None
+        self._in_turn = False
+        self._words: Mapping[str, Sequence[int]] = {}
         self._beat = 0
         self._recovered = False
-        # A stop repeats the last target: a target of zero would wait in the device for the next spurious "go".
-        self._last: dict[str, float] = dict.fromkeys(("force_n", "rate_n_s", "travel_mm", "speed_mm_s"), 0.0)
         self._greet()
         checked_identity = settings.identity is not None
         self.simulated = checked_identity and self._true(device.simulated)
@@ -54,7 +56,7 @@ class ModbusPart:
     @property
     def can(self) -> frozenset[Do]:
         """What it can be told."""
-        return frozenset(self._device.orders)
+        return self._commander.can
 
     def read(self) -> Said:
         """A fresh reading, after feeding the device's watchdog.
@@ -62,9 +64,26 @@ class ModbusPart:
         Raises:
             LinkError: if nothing sensible comes back, the reading is frozen, or the device says that it is none.
         """
-        self._recovered = False
+        self._begin_turn()
+        self._in_turn = False
         self._feed()
         return self.look()
+
+    def order_changed(self) -> str | None:
+        """How the device's own orders differ from what was given last, as a sentence, or None; begins a turn that `read` ends.
+
+        Raises:
+            LinkError: if the device does not answer.
+        """
+        self._begin_turn()
+        found = self._commander.difference() or self._target_jump
+        return None if found is None else f"{self.where}: {found}"
+
+    def _begin_turn(self) -> None:
+        """A link is recovered at most once in a turn, so that a turn stays short."""
+        if not self._in_turn:
+            self._recovered = False
+        self._in_turn = True
 
     def look(self) -> Said:
         """A fresh reading, without writing anything; raises as `read`."""
@@ -85,6 +104,7 @@ class ModbusPart:
         for condition in self._device.valid:
             if not condition.holds(self._word(condition.point, words)):
                 raise LinkError(f"{self.where} gives no reading: {condition.says or f'{condition.point} is not as it must be'}")
+        self._words = words
         return self._said(words, raw, gage_strain)
 
     def tell(self, what: Do, values: Mapping[str, float]) -> None:
@@ -93,24 +113,32 @@ class ModbusPart:
         Raises:
             LinkError: if the device did not take it, or its description is not confirmed and it would move.
         """
-        if what in MOTIONS and not (self._device.confirmed or self._settings.confirmed):
-            raise LinkError(
-                f"{self.where}: the description of {self._device.name} is {UNCONFIRMED}; "
-                "check it with `semlive frame check`, move the machine by its own panel and watch the values, then set confirmed: true"
-            )
-        self._last.update(values)
-        for write in self._device.orders[what]:
-            block, registers = self._request(write)
-            if write.verify:
-                write_verified(self._link, block, registers, single=write.single)
-            else:
-                self._link.write(block.address, registers, block.kind, single=write.single)
+        self._commander.give(what, values)
+        if what in (Do.RAMP, Do.STOP):
+            self._target, self._target_jump = self._target.after_order(values.get("force_n"), self._now_s), None
+
+    def resolution(self) -> tuple[float, float]:
+        """Smallest change of force, N, and of extension, mm, in the last reading; 0 for floats."""
+        tells, told = self._device.tells, self._words
+        named = ((tells.force, tells.force_unit), (tells.extension, tells.extension_unit))
+        force, extension = (0.0 if name is None else count_of(self._points[name], told) * factor(unit, name) for name, unit in named)
+        return force, extension
+
+    def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
+        """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""
+        return self._commander.problem(what, values)
+
+    def step_of(self, value: str) -> float:
+        """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull; 0 where the number format sets none."""
+        return self._commander.step_of(value)
+
+    def stop_blind(self) -> bool:
+        """Write a stop without waiting for an answer, as `semlive.ports.BlindStop`."""
+        return self._commander.stop_blind()
 
     def shout_stop(self) -> None:
-        """Say stop without waiting, where the link can; never raises."""
-        for write in self._device.orders.get(Do.STOP, ()):
-            block, registers = self._request(write)
-            self._link.write_blind(block.address, registers, block.kind, single=write.single)
+        """The same, as `Part.shout_stop`."""
+        self.stop_blind()
 
     def close(self) -> None:
         """Close the link."""
@@ -173,34 +201,33 @@ class ModbusPart:
         again, self._recovered = not self._recovered, True
         return again and self._link.recover()
 
-    def _request(self, write: Write) -> tuple[Block, tuple[int, ...]]:
-        self._nonce = (self._nonce + 1) % 65_536
-        values = {**self._last, "nonce": float(self._nonce), "watchdog_s": self._settings.watchdog_s}
-        points = {self._points[name]: number(value, values) for name, value in write.set.items()}
-        block = block_of(points, self._device.max_block)
-        registers = encode_block(block, points)
-        for point, value in points.items():
-            if value == values["speed_mm_s"] > 0 and not any(registers[block.slice(point)]):
-                raise LinkError(f"{value:g} mm/s is less than one count of register {point.address}; give approach: speed_min_mm_s")
-        return block, registers
-
     def _word(self, name: str, words: Mapping[str, Sequence[int]]) -> int:
         return int(number_in(self._points[name], words[name]))
 
     def _value(self, name: str | None, words: Mapping[str, Sequence[int]], unit: str = "1") -> float | None:
-        return None if name is None else decode(self._points[name], words[name], words) * factor(unit, name)
+        if name is None:
+            return None
+        point, own = self._points[name], words[name]
+        value = decode(point, own, words)
+        if name in (self._device.tells.force, self._device.tells.extension):
+            try:
+                require_in_range(name, point, own, value, unsigned=name == self._device.tells.force)
+            except LinkError as error:
+                raise LinkError(f"{self.where}: {error}") from error
+        return value * factor(unit, name)
 
     def _said(self, words: Mapping[str, Sequence[int]], raw: tuple[int, ...], gage_strain: float | None) -> Said:
         tells, counted = self._device.tells, None
         if tells.counter is not None:
             counted = self._word(tells.counter, words), 1 << 16 * self._points[tells.counter].dtype.registers
             self._frozen.check(counted[0], self._clock.mono_ns())
-        motion = self._motion(words)
+        motion, target_n = self._motion(words), self._value(tells.target, words, tells.force_unit)
+        self._watch_target(motion, target_n, words)
         return Said(
             force_n=self._value(tells.force, words, tells.force_unit),
             extension_mm=self._value(tells.extension, words, tells.extension_unit),
             motion=motion,
-            target_n=self._value(tells.target, words, tells.force_unit),
+            target_n=target_n,
             lag_s=self._value(tells.lag, words) if self.simulated else None,
             force_max_n=self._value(tells.force_limit, words, tells.force_unit),
             gage_strain=gage_strain,
@@ -208,6 +235,20 @@ class ModbusPart:
             trouble=self._trouble() if motion is MotionState.FAULT else None,
             counted=counted,
         )
+
+    def _watch_target(self, motion: MotionState | None, target_n: float | None, words: Mapping[str, Sequence[int]]) -> None:
+        """Hold the device's own target against the load that was ordered; in a fault a device may forget it."""
+        name, unit = self._device.tells.target, self._device.tells.force_unit
+        if motion is MotionState.FAULT:
+            self._target = self._target.after_order(None, self._now_s)
+        elif name is not None and target_n is not None:
+            count_n = count_of(self._points[name], words) * factor(unit, name)
+            self._target, jump = self._target.after_reading(target_n, self._now_s, count_n)
+            self._target_jump = None if jump is None else f"{jump}: another program or a person commands it, or it was restarted"
+
+    @property
+    def _now_s(self) -> float:
+        return self._clock.mono_ns() / 1e9
 
     def _trouble(self) -> Trouble | None:
         """Why it is in fault; a word that is not known tells nothing."""
@@ -245,9 +286,10 @@ def open_link(settings: ModbusSettings, device: DeviceMap | None, probes: Sequen
     if settings.serial is None:
         return ModbusLink(settings.host, settings.port, settings.unit, settings.timeout_s)
     given = settings.serial.over(device.serial) if device else settings.serial.model_dump(exclude_none=True)
-    line = join_line(SerialSettings.model_validate(given), settings.timeout_s, device.name if device else "modbus")
+    serial, who = SerialSettings.model_validate(given), device.name if device else "modbus"
+    line = join_line(serial, settings.timeout_s, who)
     try:
-        return RtuLink(line, settings.unit, probes)
+        return RtuLink(line, settings.unit, probes, lambda: join_line(serial, settings.timeout_s, who))
     except LinkError:
         line.close()
         raise

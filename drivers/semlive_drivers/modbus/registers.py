@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Any, TypeVar
@@ -106,6 +106,7 @@ class Point:
         sentinels: numbers that mean "no reading".
         sign: a bit that is set when the number is negative.
         factors: what other points say of its size (decimals, division, unit).
+        range: values at or beyond which a reading is none, in the unit of the value; None where the map states none.
     """
 
     kind: Kind
@@ -120,6 +121,7 @@ class Point:
     sentinels: tuple[int, ...] = ()
     sign: Bits | None = None
     factors: tuple[Factor, ...] = ()
+    range: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.address <= 65_536 - self.dtype.registers:
@@ -199,8 +201,15 @@ def overridden_points(points: Mapping[str, Point], overrides: Mapping[str, Mappi
     return changed
 
 
+def _range(given: Any) -> tuple[float, float]:
+    low, high = (float(end) for end in given)
+    if not low < high:
+        raise ValueError("low end first")
+    return low, high
+
+
 def _changed(point: Point, values: Mapping[str, Any], where: str) -> Point:
-    parsers: dict[str, type] = {
+    parsers: dict[str, Callable[[Any], Any]] = {
         "address": int,
         "dtype": DType,
         "words": Words,
@@ -208,6 +217,7 @@ def _changed(point: Point, values: Mapping[str, Any], where: str) -> Point:
         "scale": float,
         "offset": float,
         "kind": Kind,
+        "range": _range,
     }
     parsed: dict[str, Any] = {}
     for key, value in values.items():
@@ -216,5 +226,5 @@ def _changed(point: Point, values: Mapping[str, Any], where: str) -> Point:
         try:
             parsed[key] = parsers[key](value)
         except (TypeError, ValueError):
-            raise BadConfig(f"{where}.{key} is {value!r}, which is no {parsers[key].__name__}; correct it") from None
+            raise BadConfig(f"{where}.{key} is {value!r}, which is no {parsers[key].__name__.strip('_')}; correct it") from None
     return replace(point, **parsed)

@@ -17,6 +17,8 @@ from semlive_drivers.serial_port import SerialPort, SerialSettings
 
 _LONGEST_S = 1.5
 """A link thread that is away for 4 s is taken for lost, so opening a line must not take longer."""
+_BETWEEN_S = 0.03
+"""Time for the answer to a request that nobody waits for, before the next one."""
 READS = 4
 """The functions that read are 1 to 4."""
 
@@ -109,11 +111,22 @@ class RtuLine:
                 return
         raise NoAnswer(f"{self.where} unit {unit} gave no answer within {self.timeout_s:g} s while it was probed; check cable and device")
 
-    def shout(self, unit: int, pdu: bytes) -> None:
-        """Say something without waiting for an answer: a stop on a line that is not believed any more."""
-        self._owed(unit).append(pdu)
-        self._port.past.first.append(framed(unit, pdu))
-        self._port.say(framed(unit, pdu))
+    def shout(self, unit: int, pdus: Sequence[bytes]) -> None:
+        """Write requests without waiting for an answer: a stop on a line that is not believed any more.
+
+        They take the place of what this line was to say first to this unit for the same registers.
+
+        Raises:
+            LinkError: if the line is gone.
+        """
+        heads, owed = {framed(unit, pdu)[:4] for pdu in pdus}, self._owed(unit)
+        owed += [pdu for pdu in pdus if not any(alike(pdu, other) for other in owed)]
+        self._port.past.first[:] = [stop for stop in self._port.past.first if stop[:4] not in heads]
+        self._port.past.first += [framed(unit, pdu) for pdu in pdus]
+        for place, pdu in enumerate(pdus):
+            if place:  # on two wires an answer and the next request would collide
+                self._port.hear_for(_BETWEEN_S)
+            self._port.say(framed(unit, pdu))
 
     def say_first(self, unit: int) -> None:
         """Say again, without waiting, what a unit was told and never confirmed; `__init__` does so for all units."""

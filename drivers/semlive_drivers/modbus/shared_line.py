@@ -107,10 +107,10 @@ class LineShare:
                 if time.monotonic() >= end_s:
                     raise
 
-    def shout(self, unit: int, pdu: bytes) -> None:
-        """Say something without waiting for an answer, as `RtuLine.shout`."""
+    def shout(self, unit: int, pdus: Sequence[bytes]) -> None:
+        """Write requests without waiting for an answer, as `RtuLine.shout`."""
         with self._turn(urgent=True) as line:
-            line.shout(unit, pdu)
+            line.shout(unit, pdus)
 
     def say_first(self, unit: int) -> None:
         """Say what a unit was told and never confirmed, if opening the line has not done so."""

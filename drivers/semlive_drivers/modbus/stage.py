@@ -8,8 +8,9 @@ from semlive.data.loading import DeviceIdentity, StageKind, StageSample, StopOnL
 from semlive.errors import SemliveError
 from semlive.ports import ClockSource
 from semlive_drivers.modbus.client import Link, write_verified
-from semlive_drivers.modbus.codec import block_of, decode, decode_int, encode_block
+from semlive_drivers.modbus.codec import block_of, decode, decode_int, encode
 from semlive_drivers.modbus.device import FrozenCheck, greet, motion_state
+from semlive_drivers.modbus.orders import Request, blind_pdus, runs_of
 from semlive_drivers.modbus.part import open_link
 from semlive_drivers.modbus.registers import StageMap, overridden, stage_at
 from semlive_drivers.modbus.settings import StageSettings, checked
@@ -26,7 +27,8 @@ class ModbusStage:
         self._link, self._map, self._clock = link, registers, clock
         self._kind = settings.kind
         self._status = block_of((r.motion, r.x, r.y, r.counter))
-        self._order = block_of((r.target_x, r.target_y, r.command, r.nonce))
+        self._order = {name: getattr(r, name) for name in ("target_x", "target_y", "command", "nonce")}
+        self._runs = runs_of(self._order)
         self._frozen = FrozenCheck(link, settings.frozen_after_s)
         self._sequence = 0
         self._last_um = (0.0, 0.0)
@@ -84,15 +86,27 @@ class ModbusStage:
         """
         self._command(STOP)
 
+    def stop_blind(self) -> bool:
+        """Write a stop without waiting for an answer, as `semlive.ports.BlindStop`."""
+        return self._link.write_blind(blind_pdus(self._requests(STOP)))
+
     def close(self) -> None:
         """Close the link."""
         self._link.close()
 
     def _command(self, word: int) -> None:
-        r = self._map
+        for request in self._requests(word):
+            write_verified(self._link, request.block, request.registers)
+
+    def _requests(self, word: int) -> list[Request]:
+        """The requests of a command: one for each group of adjacent registers, the command last."""
         self._nonce = (self._nonce + 1) % 65_536
-        values = {r.target_x: self._last_um[0], r.target_y: self._last_um[1], r.command: word, r.nonce: self._nonce}
-        write_verified(self._link, self._order, encode_block(self._order, values))
+        values = {"target_x": self._last_um[0], "target_y": self._last_um[1], "command": word, "nonce": self._nonce}
+        requests = []
+        for run in self._runs:
+            words = tuple(register for name in run for register in encode(self._order[name], values[name]))
+            requests.append(Request(block_of(self._order[name] for name in run), words, run))
+        return requests
 
 
 def open_stage(settings: Mapping[str, object], clock: ClockSource) -> ModbusStage:

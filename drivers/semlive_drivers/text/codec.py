@@ -9,10 +9,13 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from semlive.errors import LinkError
+from semlive_drivers.exactness import is_rounded_down, require_exact, towards_zero, unit_of
 from semlive_drivers.modbus.rtu import crc16
 from semlive_drivers.units import factor
 
 _PLACE = re.compile(r"\{(?P<name>[a-z_0-9]+)(?::(?P<sign>\+?)(?P<digits>\d+)(?:\.(?P<decimals>\d+))?(?P<outward>!?))?\}")
+
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?")
 
 
 class CheckKind(StrEnum):
@@ -49,16 +52,22 @@ def places(template: str) -> set[str]:
     return {place["name"] for place in _PLACE.finditer(template)}
 
 
-def filled(template: str, values: Mapping[str, float]) -> bytes:
+def step_of(template: str, name: str) -> float:
+    """Smallest step of a value in a request; 0 if the request does not hold it."""
+    return next((10.0 ** -int(place["decimals"] or 0) for place in _PLACE.finditer(template) if place["name"] == name), 0.0)
+
+
+def filled(template: str, values: Mapping[str, float], *, exact: bool = True) -> bytes:
     """A request.
 
     Args:
         template: text with places ``{name:+D.d!}``: D digits before the point at least, with leading zeros, d after it, a plus sign if
-            wanted, and with ``!`` rounded away from zero.
+            wanted, and with ``!`` rounded away from zero. Speeds and travels are rounded towards zero.
         values: by name.
+        exact: refuse values that the format does not hold as they are meant (`require_exact`).
 
     Raises:
-        LinkError: if a value does not fit.
+        LinkError: if a value does not fit, or is refused.
     """
 
     def put(place: re.Match[str]) -> str:
@@ -66,7 +75,12 @@ def filled(template: str, values: Mapping[str, float]) -> bytes:
         counts = abs(value) * 10**decimals
         if not math.isfinite(counts):
             raise LinkError(f"{value:g} cannot be commanded ({place['name']})")
-        whole = math.ceil(round(counts, 6)) if place["outward"] else round(counts)
+        whole = (
+            math.ceil(round(counts, 6)) if place["outward"] else towards_zero(counts) if is_rounded_down(place["name"]) else round(counts)
+        )
+        if exact:
+            taken, where = math.copysign(whole / 10**decimals, value), f"the {decimals} decimals of {place['name']} in {template!r}"
+            require_exact(place["name"], value, taken, where, unit_of(place["name"]))
         text = f"{whole / 10**decimals:0{digits + (decimals + 1 if decimals else 0)}.{decimals}f}"
         if len(text.partition(".")[0]) > digits > 1:
             raise LinkError(f"{value:g} does not fit into {digits} digits ({place['name']})")
@@ -125,6 +139,16 @@ def understood(pattern: re.Pattern[str], text: str, units: Mapping[str, str], wh
         if not math.isfinite(number):
             raise LinkError(f"{where} said {value} for {name}, which is no reading; check the sensor")
     return said
+
+
+def resolutions(pattern: re.Pattern[str], text: str, units: Mapping[str, str], where: str) -> dict[str, float]:
+    """The step of each number in a reply by its last decimal, in N, mm and s; arguments as for `understood`, whose replies these are."""
+    found, steps = pattern.fullmatch(text), dict[str, float]()
+    for name, value in (found.groupdict() if found else {}).items():
+        if value is not None and _NUMBER.fullmatch(value):
+            unit = found[f"{name}_unit"] if found and f"{name}_unit" in pattern.groupindex else units.get(name, "1")
+            steps[name] = 10.0 ** -len(value.partition(".")[2]) * factor(unit or "1", f"{where}: {name}")
+    return steps
 
 
 def shown(line: bytes) -> str:

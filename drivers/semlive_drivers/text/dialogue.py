@@ -96,6 +96,8 @@ class Dialogue(_Described):
     identity: list[Step] = []
     plausible: dict[str, tuple[float, float]] = {}
     """Between which values a group lies at rest."""
+    ranges: dict[str, tuple[float, float]] = {}
+    """By group, the values at or beyond which a reading is none: the ends of the sensor."""
     motion: dict[str, MotionState] = {}
     """What the words of the group ``motion`` mean."""
     valid: list[BitRule] = []
@@ -126,6 +128,11 @@ class Dialogue(_Described):
                 raise ValueError(f"a step compares with {', '.join(sorted(unknown))}; there are {', '.join(ORDERED)}")
         for unit in self.units.values():
             factor(unit, "units")
+        for group, (low, high) in self.ranges.items():
+            if group not in self.groups():
+                raise ValueError(f"ranges needs {group!r}, which no question of every_turn asks")
+            if not low < high:
+                raise ValueError(f"ranges.{group} must give the low end first")
         for group in {*(rule.group for rule in self.valid)} - self.groups():
             raise ValueError(f"valid needs {group!r}, which no question of every_turn asks")
         return self

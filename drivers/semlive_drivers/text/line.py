@@ -25,7 +25,7 @@ class TextLine:
     """
 
     def __init__(self, settings: SerialSettings, timeout_s: float, who: str) -> None:
-        self._port = SerialPort(settings, who)
+        self._port, self._who = SerialPort(settings, who), who
         self._timeout_s = timeout_s
         self.where = settings.port
         for stop in self._port.past.first:
@@ -45,12 +45,23 @@ class TextLine:
     def shout(self, request: bytes) -> None:
         """Send something whatever the state of the line, and again first thing when it is opened anew.
 
+        A line that is closed or gone is opened for this request alone.
+
         Raises:
             LinkError: if the line is gone.
+            LinkRefused: if it cannot be opened.
         """
-        self._owed.append(request)
-        self._port.past.first.append(request)
-        self._port.say(request)
+        for remembered in (self._owed, self._port.past.first):
+            if request not in remembered:
+                remembered.append(request)
+        try:
+            self._port.say(request)
+        except LinkError:
+            again = SerialPort(self._port.settings, self._who)
+            try:
+                again.say(request)
+            finally:
+                again.close()
 
     def ask(self, request: bytes, ends: bytes, lines: int) -> list[bytes]:
         """The lines of a reply, without their ends.

@@ -17,7 +17,7 @@ from semlive_drivers.modbus.settings import SerialLine, checked
 from semlive_drivers.modbus.shared_line import is_shared
 from semlive_drivers.parts import MOTIONS, Do, Said
 from semlive_drivers.serial_port import SerialSettings
-from semlive_drivers.text.codec import filled, understood, with_check, without_check
+from semlive_drivers.text.codec import filled, resolutions, step_of, understood, with_check, without_check
 from semlive_drivers.text.dialogue import Dialogue, Step, load_dialogue
 from semlive_drivers.text.line import TextLine
 from semlive_drivers.units import factor
@@ -50,6 +50,7 @@ class TextPart:
 
     simulated = False
     stops_by_itself = False
+    manual = False
 
     def __init__(self, line: TextLine, dialogue: Dialogue, settings: TextSettings) -> None:
         self._line, self.dialogue, self._settings = line, dialogue, settings
@@ -57,6 +58,7 @@ class TextPart:
         self._patterns = {name: re.compile(ask.reply) for name, ask in dialogue.asks.items()}
         self._values: dict[str, float] = {"station": float(settings.station)}
         self._extension_mm = 0.0
+        self._steps: dict[str, float] = {}
         self._wrong_since_s: dict[str, float] = {}
         self.where = f"{line.where} station {settings.station}" if self._has_stations else line.where
         for step in dialogue.identity:
@@ -89,6 +91,11 @@ class TextPart:
                 self._wrong_since_s.pop(rule.says, None)
             elif now_s - self._wrong_since_s.setdefault(rule.says, now_s) >= rule.for_s:
                 raise LinkError(f"{self.where} gives no reading: {rule.says}")
+        for group, (low, high) in self.dialogue.ranges.items():
+            value = _number(reply, group)
+            if value is not None and not low < value < high:
+                saturated = "the sensor is saturated or not connected; check sensor, cable and amplifier"
+                raise LinkError(f"{self.where}: {group} is at the end of its range ({value:g}): {saturated}")
         extension_mm = _number(reply, "extension")
         self._extension_mm = self._extension_mm if extension_mm is None else extension_mm
         return Said(
@@ -111,6 +118,7 @@ class TextPart:
         text = "\n".join(line.decode("ascii", errors="replace") for line in lines)
         if self.dialogue.refused and text == self.dialogue.refused:
             raise LinkError(f"{self.where} does not understand {ask.send.strip()!r}; check the description and the device's settings")
+        self._steps |= resolutions(self._patterns[name], text, self._units, self.where)
         return understood(self._patterns[name], text, self._units, self.where)
 
     def recover(self) -> None:
@@ -129,16 +137,52 @@ class TextPart:
                 f"{self.where}: the description of {self.dialogue.name} is {UNCONFIRMED}; "
                 "check it with `semlive frame check`, move the machine by its own panel and watch the values, then set confirmed: true"
             )
-        self._values.update(self._derived(what, values))
+        known = {**self._values, **self._derived(what, values)}
+        if what is not Do.STOP:  # every number is checked before anything is sent
+            self._require_exact(what, known)
+        self._values = known
         for step in self.dialogue.orders[what]:
             self._do(step)
 
-    def shout_stop(self) -> None:
-        """Say stop without waiting for an answer; never raises."""
+    def order_changed(self) -> str | None:
+        """None: an order is read back where its dialogue asks for it."""
+        return None
+
+    def resolution(self) -> tuple[float, float]:
+        """Smallest change of force, N, and of extension, mm, by the last decimal that the device tells."""
+        return self._steps.get("force", 0.0), self._steps.get("extension", 0.0)
+
+    def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
+        """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""
+        try:
+            self._require_exact(what, {**self._values, **self._derived(what, values)})
+        except LinkError as error:
+            return f"{self.where}: {error}"
+        return None
+
+    def step_of(self, value: str) -> float:
+        """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull, in that unit; 0 where a way is ordered by its end."""
+        steps = self.dialogue.orders.get(Do.PULL, ())
+        per_minute = value.replace("_mm_s", "_mm_min")
+        return max((max(step_of(step.send, value), step_of(step.send, per_minute) / 60.0) for step in steps), default=0.0)
+
+    def _require_exact(self, what: Do, values: Mapping[str, float]) -> None:
+        for step in self.dialogue.orders.get(what, ()):
+            filled(step.send, values)
+
+    def stop_blind(self) -> bool:
+        """Send a stop without waiting for an answer, as `semlive.ports.BlindStop`."""
+        sent = False
         for step in self.dialogue.orders.get(Do.STOP, ()):
             if step.send:
-                with contextlib.suppress(LinkError):
+                with contextlib.suppress(LinkError, LinkRefused):
                     self._line.shout(self._request(step.send))
+                    sent = True
+        return sent
+
+    def shout_stop(self) -> None:
+        """The same, as `Part.shout_stop`."""
+        self.stop_blind()
 
     def close(self) -> None:
         """Close the line."""
@@ -149,7 +193,7 @@ class TextPart:
         return any("{station" in ask.send for ask in self.dialogue.asks.values())
 
     def _request(self, template: str) -> bytes:
-        return with_check(filled(template.rstrip("\r\n"), self._values), self.dialogue.check) + _tail(template)
+        return with_check(filled(template.rstrip("\r\n"), self._values, exact=False), self.dialogue.check) + _tail(template)
 
     def _derived(self, what: Do, values: Mapping[str, float]) -> dict[str, float]:
         """The values of an order in all the ways in which a dialogue may want them."""

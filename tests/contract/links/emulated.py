@@ -37,6 +37,8 @@ class Device:
     after_write: Callable[[int, list[int]], None] = lambda address, values: None
     requests: list[bytes] = field(default_factory=list)
     silent: bool = False
+    refuses: Callable[[bytes], int] = lambda pdu: 0
+    """The exception with which a request is answered; 0 for none."""
 
     def set32(self, address: int, value: int) -> None:
         self.words[address], self.words[address + 1] = value >> 16 & 0xFFFF, value & 0xFFFF
@@ -52,6 +54,8 @@ class Device:
     def answer(self, pdu: bytes) -> bytes:
         self.requests.append(pdu)
         function, address = pdu[0], int.from_bytes(pdu[1:3])
+        if exception := self.refuses(pdu):
+            return bytes([function | 0x80, exception])
         if function in (3, 4):
             span = range(address, address + int.from_bytes(pdu[3:5]))
             if any(word not in self.words for word in span):

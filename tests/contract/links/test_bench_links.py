@@ -62,7 +62,6 @@ def test_a_load_frame_that_is_left_alone_in_a_ramp_stops_by_itself(ready: dict[s
     assert (sample.motion, sample.target_n) == (MotionState.MOVING, 400.0)
     time.sleep(0.3)
     assert device.read().force_n > sample.force_n - 5.0
-    device.close()
 
     with closing(ModbusTcpClient("127.0.0.1", port=int(str(ready["port"])), timeout=20, retries=0)) as looking:
         assert looking.connect()
@@ -77,7 +76,9 @@ def test_a_load_frame_that_is_left_alone_in_a_ramp_stops_by_itself(ready: dict[s
         again.ramp_to(5000.0, 10.0)
     again.stop()
     assert again.read().motion is MotionState.STOPPED
-    # A device that may be moving keeps its watchdog when the link closes, and that would stop the stage of the next test.
+    # A device that may be moving is told to stop when its link closes, and keeps its watchdog, which would stop the stage of the next test.
+    device.close()
+    again.stop()
     again.close()
 
 

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from semlive.data.frame_check import Verdict
-from semlive.data.loading import MotionState, StopOnLinkLoss
+from semlive.data.loading import ControlMode, MotionState, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError, LinkRefused
-from semlive.ports import LoadFrame
+from semlive.ports import LoadFrame, OrderCheck
 from semlive_drivers.assembled import open_load_frame
-from semlive_drivers.maps import UNCONFIRMED, known_maps, map_content
+from semlive_drivers.maps import UNCONFIRMED, known_maps, map_content, map_text
 from semlive_drivers.modbus.check import check_modbus
 from semlive_drivers.modbus.device_map import load_map
 from semlive_drivers.modbus.load_frame import open_load_frame as open_one
@@ -134,7 +134,9 @@ def test_a_way_without_an_end_has_one() -> None:
 def test_a_speed_that_the_drive_cannot_say_is_refused() -> None:
     spring = Spring()
     with pulled("leadshine_rs", leadshine(spring), spring, speed_min_mm_s=0.0) as frame:
-        with pytest.raises(LinkError, match="mm/s is less than one count of register 25091; give approach: speed_min_mm_s"):
+        with pytest.raises(
+            LinkError, match=r"mm/s is less than one count of speed \(holding register 25091\); give approach: speed_min_mm_s"
+        ):
             frame.ramp_to(400.0, 1.0)
         assert spring.look()[0] == 0.0
 
@@ -276,3 +278,112 @@ def test_a_map_that_does_not_exist() -> None:
         load_map("laumas")
     with pytest.raises(BadConfig, match=r"none\.yaml: cannot be read"):
         load_map("none.yaml")
+
+
+def test_an_order_that_a_drive_or_a_frame_cannot_hold_is_named_before_anything_is_sent() -> None:
+    spring = Spring()
+    drive = leadshine(spring)
+    with pulled("leadshine_rs", drive, spring, speed_min_mm_s=0.0) as frame:
+        assert isinstance(frame, OrderCheck)
+        assert frame.order_problem(400.0, 120.0) is None
+        assert "the drive takes 0.01 mm/s" in str(frame.order_problem(400.0, 20.0))
+        assert "faster than speed_max_mm_s 0.5; order at most 600 N/s" in str(frame.order_problem(400.0, 700.0))
+        assert not drive.writes
+    bare = Device(dict.fromkeys(range(20), 0))
+    with tcp(bare) as (port,):
+        points = {"target": {"dtype": "i16", "scale": 0.1, "address": 10}, "rate": {"dtype": "u16", "scale": 0.1, "address": 12}}
+        frame = open_one({"map": "generic", "port": port, "registers": points, "confirmed": True}, CLOCK)
+        assert isinstance(frame, OrderCheck)
+        assert frame.order_problem(300.0, 30.0) is None
+        assert "is less than one count of rate (holding register 12)" in str(frame.order_problem(300.0, 0.04))
+        assert "3500 does not fit into register 10" in str(frame.order_problem(3500.0, 30.0))
+        with pytest.raises(LinkError, match="less than one count of rate"):
+            frame.ramp_to(300.0, 0.04)
+        assert not bare.writes
+        bare.words.update({11: 777, 13: 5000})
+        frame.ramp_to(300.0, 30.0)
+        frame.stop()
+        assert [bare.words[address] for address in (10, 11, 12, 13, 4)] == [3000, 777, 300, 5000, 2]
+        frame.close()
+
+
+def test_a_frame_tells_how_it_is_moved_and_how_fine_its_readings_are() -> None:
+    spring = Spring()
+    with pulled("oriental_az", oriental_az(spring), spring) as frame:
+        told = frame.identity
+        assert told.control is ControlMode.DISPLACEMENT
+        assert told.force_resolution_n == pytest.approx(0.1)
+        assert told.extension_resolution_mm == pytest.approx(1e-4)
+        assert told.measures_extension
+        assert told.stiffness_n_mm == APPROACH["stiffness_n_mm"]
+    cell = laumas_tlb(spring)
+    cell.words[13] = 0 << 8 | 13  # kg with three decimals
+    with tcp(cell) as (port,):
+        frame = open_one({"map": "laumas_tlb", "port": port}, CLOCK)
+        told = frame.identity
+        assert told.control is ControlMode.MANUAL
+        assert told.force_resolution_n == pytest.approx(9.80665e-3)
+        assert not told.measures_extension
+        assert told.stiffness_n_mm is None
+        frame.close()
+
+
+def unverified(folder: Path) -> str:
+    """The map `generic` without read-backs of its own."""
+    path = folder / "unverified.yaml"
+    path.write_text(map_text("generic").replace(", verify: true", ""), encoding="utf-8")
+    return str(path)
+
+
+SCALED = {"target": {"dtype": "i16", "scale": 0.1, "address": 10}, "rate": {"dtype": "u16", "scale": 0.1, "address": 12}}
+
+
+def test_a_value_that_a_device_does_not_take_is_an_error_of_the_order(tmp_path: Path) -> None:
+    device = Device(dict.fromkeys(range(20), 0))
+    device.after_write = lambda address, values: device.words.update({12: 100})  # its own rate, whatever is ordered
+    with tcp(device) as (port,):
+        frame = open_one({"map": unverified(tmp_path), "port": port, "registers": SCALED, "confirmed": True}, CLOCK)
+        with pytest.raises(LinkError, match=r"did not take the command: its rate \(holding register 12\) holds 10 N/s, 30 N/s was written"):
+            frame.ramp_to(300.0, 30.0)
+        frame.close()
+
+
+@pytest.mark.parametrize("exception", [1, 2, 3])
+def test_registers_that_cannot_be_read_are_left_out(tmp_path: Path, exception: int) -> None:
+    device = Device(dict.fromkeys(range(20), 0), refuses=lambda pdu: exception if pdu[0] == 3 else 0)
+    with tcp(device) as (port,):
+        frame = open_one({"map": unverified(tmp_path), "port": port, "confirmed": True}, CLOCK)
+        frame.ramp_to(300.0, 30.0)
+        assert [frame.read().order_changed for _ in range(3)] == [None] * 3
+        assert [pdu[0] for pdu in device.requests].count(3) == 1
+        frame.close()
+
+
+def test_registers_between_the_orders_that_do_not_exist_are_not_read(tmp_path: Path) -> None:
+    device = Device(dict.fromkeys((*range(11), 12, 14), 0))
+    with tcp(device) as (port,):
+        frame = open_one({"map": unverified(tmp_path), "port": port, "registers": SCALED, "confirmed": True}, CLOCK)
+        frame.ramp_to(300.0, 30.0)
+        assert [frame.read().order_changed for _ in range(3)] == [None] * 3
+        device.words[10] = 200
+        assert any("target (holding register 10) holds 20 N, 300 N was written" in str(frame.read().order_changed) for _ in range(2))
+        frame.close()
+
+
+def test_a_saturated_cell_is_no_reading() -> None:
+    spring = Spring()
+    cell = laumas_tlb(spring)
+    with tcp(cell) as (port,):
+        limits = {"gross": {"range": [-500, 500]}}
+        frame = open_one({"map": "laumas_tlb", "port": port, "registers": limits}, CLOCK)
+        spring.move(0.6, 1e6)
+        with pytest.raises(LinkError, match=r"gross \(register 7\) is at the end of its range \(600\): the sensor is saturated"):
+            frame.read()
+        cell.before_read = lambda: cell.set32(7, 0xFFFFFFFF)
+        with pytest.raises(LinkError, match=r"is at the end of its range \(4294967295\)"):
+            frame.read()
+        frame.close()
+        said = {finding.what: finding for finding in check_modbus("laumas_tlb", {"port": port}).findings}
+        assert said["gross"].verdict is Verdict.BAD
+    with pytest.raises(BadConfig, match=r"range is \[5, 1\], which is no range"):
+        open_one({"map": "laumas_tlb", "registers": {"gross": {"range": [5, 1]}}}, CLOCK)

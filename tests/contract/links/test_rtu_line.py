@@ -99,7 +99,7 @@ def test_a_stop_is_said_on_a_line_that_is_not_believed_and_first_when_it_is_open
     lateness.planned = [0.8]
     with pytest.raises(NoAnswer):
         link.read(Block(Kind.HOLDING, 10, 4))
-    link.write_blind(5, [2])
+    assert link.write_blind([writing(Kind.HOLDING, 5, [2], False)])
     link.close()
     again = opened()
     assert [int.from_bytes(pdu[6:]) for pdu in device.writes] == [2, 2]

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from semlive.data.frame_check import Verdict
-from semlive.data.loading import MotionState, StopOnLinkLoss
+from semlive.data.loading import ControlMode, MotionState, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError, LinkRefused
-from semlive.ports import LoadFrame
+from semlive.ports import BlindStop, LoadFrame, OrderCheck
 from semlive_drivers.check import check_frame
 from semlive_drivers.text.codec import CheckKind, Checksum, filled, with_check, without_check
 from semlive_drivers.text.load_frame import open_load_frame
@@ -112,6 +112,34 @@ def test_a_late_answer_is_refused_and_the_next_ones_are_right(stand: Stand) -> N
     again = open_load_frame(stand.settings(serial={"port": stand.path, "slowest_s": 0.8}), CLOCK)
     assert [again.read().motion for _ in range(5)] == [MotionState.STOPPED] * 5
     again.close()
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_a_stop_is_sent_although_answers_do_not_come_or_the_line_is_closed(stand: Stand, closed: bool) -> None:
+    frame = open_load_frame(stand.settings(timeout_s=0.3), CLOCK)
+    assert isinstance(frame, BlindStop)
+    frame.ramp_to(150.0, 100.0)
+    stand.troubles.order(Trouble.LOST, [Line.SERIAL], 1, 0.0)
+    with pytest.raises(LinkError):
+        wait_until(lambda: frame.read().force_n > 1e6)
+    if closed:
+        frame.close()
+        stand.machine.travel_to(1.0, 0.01)
+    for _ in range(2):
+        assert frame.stop_blind()
+    wait_until(lambda: not stand.machine.read(stand.clock.now_ns()).load_frame_moving)
+    frame.close()
+    open_load_frame(stand.settings(timeout_s=0.3), CLOCK).close()
+
+
+def test_a_stand_tells_how_fine_its_readings_are_and_which_orders_it_cannot_hold(frame: LoadFrame) -> None:
+    assert isinstance(frame, OrderCheck)
+    assert frame.identity.control is ControlMode.DISPLACEMENT
+    assert frame.identity.force_resolution_n == pytest.approx(0.01)
+    assert frame.identity.extension_resolution_mm == pytest.approx(0.001)
+    assert frame.order_problem(150.0, 100.0) is None
+    assert "slower than speed_min_mm_s 0.0084; order at least 67.2 N/s" in str(frame.order_problem(150.0, 10.0))
+    assert "but the drive takes" in str(frame.order_problem(150.0, 79.0))
 
 
 def read_three_times(frame: LoadFrame) -> None:

@@ -1,0 +1,199 @@
+"""Orders over Modbus TCP that wait for no answer: a stop for a device whose answers come late, garbled or not at all.
+
+A stop is written on the connection that failed and on a fresh one, because either may be the one that still reaches the device: a device
+that serves one client at a time drops the older one, another refuses the newer one. What was written so and not answered yet is owed: the
+next connection to the same unit begins with it, before anything is read, because opening that connection may have displaced the one that
+carried the stop.
+"""
+
+from __future__ import annotations
+
+import itertools
+import select
+import socket
+import struct
+import threading
+import time
+from collections.abc import Sequence
+
+CONNECT_S = 0.3
+"""Longest wait for a fresh connection."""
+_PATIENCE_S = 1.0
+"""A connection on which a stop was not answered for so long is given up, and the next stop opens another."""
+_LINGER_S = 0.05
+"""Wait for an answer after everything is written, so that a connection that has served is closed before another is opened."""
+_FIRST_NUMBER = 0xB000
+
+_Address = tuple[str, int] | tuple[str, int, int, int]
+Unit = tuple[str, int, int]
+"""Host, port and unit."""
+
+_REMEMBERED_S = 60.0
+"""A stop that was written longer ago is not owed any more: another one was written since, or nobody waits for it."""
+
+_owed: dict[Unit, dict[bytes, tuple[float, tuple[bytes, ...]]]] = {}
+"""Stops without an answer: by unit, and there by head (function and address) of their first request; when, and as PDUs."""
+_lock = threading.Lock()
+
+
+def owe(unit: Unit, pdus: Sequence[bytes]) -> None:
+    """Remember a stop that was written without an answer."""
+    with _lock:
+        _owed.setdefault(unit, {})[pdus[0][:3]] = time.monotonic(), tuple(pdus)
+
+
+def owed(unit: Unit) -> tuple[bytes, ...]:
+    """The requests of all stops that are owed to a unit."""
+    since_s = time.monotonic() - _REMEMBERED_S
+    with _lock:
+        return tuple(pdu for written_s, pdus in _owed.get(unit, {}).values() if written_s > since_s for pdu in pdus)
+
+
+def settle(unit: Unit) -> None:
+    """Nothing is owed to a unit any more: it answered."""
+    with _lock:
+        _owed.pop(unit, None)
+
+
+def framed(number: int, unit: int, pdu: bytes) -> bytes:
+    """A request with its head on TCP (MBAP)."""
+    return struct.pack(">HHHB", number & 0xFFFF, 0, len(pdu) + 1, unit) + pdu
+
+
+def exchange(sock: socket.socket, unit: int, pdus: Sequence[bytes], timeout_s: float) -> bool:
+    """Write requests on a connection and wait until each was answered, with whatever answer.
+
+    Returns:
+        False if not all answers came within the time; the connection must not be used any more then.
+    """
+    waiting, heard, end_s = {_FIRST_NUMBER + place for place in range(len(pdus))}, b"", time.monotonic() + timeout_s
+    try:
+        for place, pdu in enumerate(pdus):
+            sock.sendall(framed(_FIRST_NUMBER + place, unit, pdu))
+        while waiting:
+            if not select.select([sock], [], [], max(0.0, end_s - time.monotonic()))[0]:
+                return False
+            more = sock.recv(4096)
+            if not more:
+                return False
+            heard += more
+            while len(heard) >= 6 and len(heard) >= (length := 6 + int.from_bytes(heard[4:6])):
+                waiting.discard(int.from_bytes(heard[:2]))
+                heard = heard[length:]
+    except OSError:
+        return False
+    return not heard
+
+
+class _Connection:
+    """One connection on which is written without waiting."""
+
+    def __init__(self, sock: socket.socket) -> None:
+        self._sock = sock
+        self._since_s: float | None = None
+        self._answered = False
+        sock.setblocking(False)
+
+    def send(self, data: bytes) -> bool:
+        try:
+            whole = self._sock.send(data) == len(data)
+        except OSError:
+            return False
+        self._answered = False
+        self._since_s = self._since_s or time.monotonic()
+        return whole
+
+    def listen(self, wait_s: float) -> None:
+        """Throw away what has come since something was written; whatever came is an answer."""
+        if self._since_s is None:
+            return
+        try:
+            while select.select([self._sock], [], [], wait_s)[0]:
+                self._answered = True
+                if not self._sock.recv(4096):
+                    return
+                wait_s = 0.0
+        except OSError:
+            self._answered = True
+
+    @property
+    def over(self) -> bool:
+        """It was answered, or ended, or never will be."""
+        return self._answered or (self._since_s is not None and time.monotonic() - self._since_s > _PATIENCE_S)
+
+    def close(self) -> None:
+        self._sock.close()
+
+
+class BlindWriter:
+    """Writes requests to a unit on an existing connection and on fresh ones, and waits for no answer. Never raises.
+
+    Args:
+        sock: a connection to the unit, or a duplicate of one; closed with the writer.
+        address: its other end.
+        unit: Modbus unit.
+    """
+
+    def __init__(self, sock: socket.socket, address: _Address, unit: int) -> None:
+        self._old: _Connection | None = _Connection(sock)
+        self._fresh: _Connection | None = None
+        self._family, self._address, self._unit = sock.family, address, unit
+        self._numbers = itertools.count(_FIRST_NUMBER)
+
+    def write(self, pdus: Sequence[bytes]) -> bool:
+        """Write on both connections, at most `CONNECT_S` and a few hundredths of a second long.
+
+        Returns:
+            Whether anything was written.
+        """
+        written = False
+        self._old = self._sweep(self._old)
+        if self._old is not None:
+            written = self._send(self._old, pdus)
+        self._fresh = self._sweep(self._fresh) or self._connected()
+        if self._fresh is not None:
+            written |= self._send(self._fresh, pdus)
+        end_s = time.monotonic() + _LINGER_S
+        for connection in (self._fresh, self._old):
+            if connection is not None:
+                connection.listen(max(0.0, end_s - time.monotonic()))
+        self._old, self._fresh = self._sweep(self._old), self._sweep(self._fresh)
+        return written
+
+    def __del__(self) -> None:
+        """A fresh connection that `write` opened after `close` is closed at the latest here."""
+        self.close()
+
+    def close(self) -> None:
+        """Close both connections; `write` opens a fresh one again."""
+        for connection in (self._old, self._fresh):
+            if connection is not None:
+                connection.listen(0.0)
+                connection.close()
+        self._old = self._fresh = None
+
+    def _send(self, connection: _Connection, pdus: Sequence[bytes]) -> bool:
+        # One segment each: simple devices take no more than one request out of a segment.
+        return any([connection.send(framed(next(self._numbers), self._unit, pdu)) for pdu in pdus])
+
+    def _connected(self) -> _Connection | None:
+        sock = socket.socket(self._family, socket.SOCK_STREAM)
+        try:
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            sock.settimeout(CONNECT_S)
+            sock.connect(self._address)
+        except OSError:
+            sock.close()
+            return None
+        return _Connection(sock)
+
+    @staticmethod
+    def _sweep(connection: _Connection | None) -> _Connection | None:
+        """Close a connection that has served."""
+        if connection is None:
+            return None
+        connection.listen(0.0)
+        if connection.over:
+            connection.close()
+            return None
+        return connection
