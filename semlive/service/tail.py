@@ -22,6 +22,10 @@ from semlive.formats.segment import Piece, pieces
 from semlive.service.log_files import PART, opened, segments
 
 
+class LogReplaced(BadLog):
+    """Another log lies where the one was that is being read."""
+
+
 class Tail:
     """Gives each message of a growing log once, in order, over renames, recoveries and new segments.
 
@@ -36,6 +40,7 @@ class Tail:
         self._log, self._tell = log, on_damage
         self._name: str | None = None
         self._identity: tuple[int, int] | None = None
+        self._first: LogMessage | None = None
         self._at = self._given = 0
         self._ended = self._continued = False
         self._channels: dict[int, str] = {}
@@ -53,6 +58,7 @@ class Tail:
 
         Raises:
             BadLog: a file of the log cannot be read or is not MCAP.
+            LogReplaced: what was read so far is not this log any more.
         """
         while True:
             while self._waiting:
@@ -75,9 +81,12 @@ class Tail:
         except BadLog:
             return None, True
         names = [path.name.removesuffix(PART) for path in found]
-        if self._name is None or self._name not in names:
+        if self._name is None:
             self._begin(names[0])
-        place = names.index(self._name or names[0])
+        if self._name not in names:
+            # Never back to the first segment: it would be that of another run whose folder was put here.
+            return None, True
+        place = names.index(self._name)
         return found[place], place == len(found) - 1
 
     def _next_after(self, path: Path) -> None:
@@ -87,7 +96,7 @@ class Tail:
             self._begin(names[place])
 
     def _begin(self, name: str) -> None:
-        self._name, self._identity = name, None
+        self._name, self._identity, self._first = name, None, None
         self._ended = self._continued = False
         self._at = self._given = 0
         self._channels = {}
@@ -95,7 +104,7 @@ class Tail:
     def _read(self, path: Path, is_newest: bool) -> Iterator[LogMessage]:
         try:
             with opened(path) as stream:
-                self._look(stream)
+                self._look(path, stream)
                 for piece in [] if self._ended else pieces(stream, self._at):
                     if is_newest and self._may_still_come(piece, stream):
                         return
@@ -106,10 +115,12 @@ class Tail:
             return
         except OSError as exc:
             raise BadLog(f"{path}: cannot be read ({exc.strerror}); check the file and its permissions.") from exc
+        except LogReplaced:
+            raise
         except BadLog as exc:
             raise BadLog(f"{path}: {exc}") from exc
 
-    def _look(self, stream: BinaryIO) -> None:
+    def _look(self, path: Path, stream: BinaryIO) -> None:
         """A segment that was recovered is another file: what was given of the old one is passed over."""
         identity = _identity(stream)
         if self._identity not in (None, identity):
@@ -118,6 +129,7 @@ class Tail:
             for piece in pieces(stream):
                 self._at = piece.end
                 told = self._messages(piece)
+                self._check_first(path, told)
                 self._waiting.extend(islice(told, max(0, given - self._given), None))
                 self._given += len(told)
                 if self._given >= given or piece.torn:
@@ -132,11 +144,20 @@ class Tail:
     def _take(self, path: Path, piece: Piece) -> None:
         self._at = piece.end
         told = self._messages(piece)
+        self._check_first(path, told)
         self._given += len(told)
         self._waiting.extend(told)
         self._ended = bool(piece.records) and isinstance(piece.records[0], Footer)
         if piece.damage and self._tell is not None:
             self._tell(f"{path.name}: {piece.damage}.")
+
+    def _check_first(self, path: Path, messages: list[LogMessage]) -> None:
+        """A segment that is read from its begin again begins as it did; by content, as some shares give a file a new identity at will."""
+        if self._given or not messages:
+            return
+        if self._first not in (None, messages[0]):
+            raise LogReplaced(f"{path}: was replaced by the log of another run while it was read; look at what became of the folder.")
+        self._first = messages[0]
 
     def _messages(self, piece: Piece) -> list[LogMessage]:
         told = []

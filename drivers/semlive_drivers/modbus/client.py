@@ -15,6 +15,7 @@ from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
 from semlive.errors import LinkError, LinkRefused
+from semlive_drivers.endpoint_lock import reserve_tcp
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.registers import Kind
 from semlive_drivers.modbus.rtu import reading, values_in, writing
@@ -87,15 +88,17 @@ class ModbusLink:
         timeout_s: longest wait for one answer, wall time.
 
     Raises:
-        LinkRefused: if nobody accepts the connection.
+        LinkRefused: if nobody accepts the connection, or another process drives this unit.
     """
 
     def __init__(self, host: str, port: int, unit: int, timeout_s: float) -> None:
         self.where = f"{host}:{port} unit {unit}"
+        self._endpoint = reserve_tcp(host, port, unit)
         self._unit = unit
         self._timeout_s = timeout_s
         self._client = ModbusTcpClient(host, port=port, timeout=timeout_s, retries=0, reconnect_delay_max=1.0, name=self.where)
         if not self._client.connect():
+            self._endpoint.release()
             raise LinkRefused(f"nobody answers at {host}:{port}; check that the device is on and that host and port are right")
 
     def read(self, block: Block) -> tuple[int, ...]:
@@ -146,6 +149,7 @@ class ModbusLink:
     def close(self) -> None:
         """Close the socket; further calls fail at once."""
         self._client.close()
+        self._endpoint.release()
 
     def _ask(self, doing: str, call: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
         if not self._client.connected:
