@@ -21,6 +21,8 @@ from semlive.formats.log import CONTINUED_METADATA, LogMessage
 from semlive.formats.segment import Piece, pieces
 from semlive.service.log_files import PART, opened, segments
 
+_MARK_BYTES = 48
+
 
 class LogReplaced(BadLog):
     """Another log lies where the one was that is being read."""
@@ -41,6 +43,7 @@ class Tail:
         self._name: str | None = None
         self._identity: tuple[int, int] | None = None
         self._first: LogMessage | None = None
+        self._mark: tuple[int, bytes] | None = None
         self._at = self._given = 0
         self._ended = self._continued = False
         self._channels: dict[int, str] = {}
@@ -96,7 +99,7 @@ class Tail:
             self._begin(names[place])
 
     def _begin(self, name: str) -> None:
-        self._name, self._identity, self._first = name, None, None
+        self._name, self._identity, self._first, self._mark = name, None, None, None
         self._ended = self._continued = False
         self._at = self._given = 0
         self._channels = {}
@@ -108,7 +111,7 @@ class Tail:
                 for piece in [] if self._ended else pieces(stream, self._at):
                     if is_newest and self._may_still_come(piece, stream):
                         return
-                    self._take(path, piece)
+                    self._take(path, piece, stream)
                     while self._waiting:
                         yield self._waiting.popleft()
         except FileNotFoundError:
@@ -123,13 +126,13 @@ class Tail:
     def _look(self, path: Path, stream: BinaryIO) -> None:
         """A segment that was recovered is another file: what was given of the old one is passed over."""
         identity = _identity(stream)
-        if self._identity not in (None, identity):
+        if self._identity not in (None, identity) or self._is_other(stream):
             given, self._given = self._given, 0
-            self._at, self._channels, self._ended = 0, {}, False
+            self._at, self._channels, self._ended, self._mark = 0, {}, False, None
             for piece in pieces(stream):
                 self._at = piece.end
                 told = self._messages(piece)
-                self._check_first(path, told)
+                self._check_first(path, piece, told, stream)
                 self._waiting.extend(islice(told, max(0, given - self._given), None))
                 self._given += len(told)
                 if self._given >= given or piece.torn:
@@ -141,23 +144,33 @@ class Tail:
         # On a share a chunk's length may be seen before its content is.
         return piece.torn or (piece.damage != "" and piece.end >= stream.seek(0, os.SEEK_END))
 
-    def _take(self, path: Path, piece: Piece) -> None:
+    def _is_other(self, stream: BinaryIO) -> bool:
+        """Whether the chunk that was read first is not there any more: the number of a deleted file is soon given to another."""
+        if self._mark is None:
+            return False
+        stream.seek(self._mark[0])
+        return stream.read(_MARK_BYTES) != self._mark[1]
+
+    def _take(self, path: Path, piece: Piece, stream: BinaryIO) -> None:
         self._at = piece.end
         told = self._messages(piece)
-        self._check_first(path, told)
+        self._check_first(path, piece, told, stream)
         self._given += len(told)
         self._waiting.extend(told)
         self._ended = bool(piece.records) and isinstance(piece.records[0], Footer)
         if piece.damage and self._tell is not None:
             self._tell(f"{path.name}: {piece.damage}.")
 
-    def _check_first(self, path: Path, messages: list[LogMessage]) -> None:
+    def _check_first(self, path: Path, piece: Piece, messages: list[LogMessage], stream: BinaryIO) -> None:
         """A segment that is read from its begin again begins as it did; by content, as some shares give a file a new identity at will."""
         if self._given or not messages:
             return
         if self._first not in (None, messages[0]):
             raise LogReplaced(f"{path}: was replaced by the log of another run while it was read; look at what became of the folder.")
         self._first = messages[0]
+        # A whole chunk: its times and checksum stand in its first bytes.
+        stream.seek(piece.start)
+        self._mark = piece.start, stream.read(_MARK_BYTES)
 
     def _messages(self, piece: Piece) -> list[LogMessage]:
         told = []
