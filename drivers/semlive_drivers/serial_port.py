@@ -6,6 +6,7 @@ was not answered is remembered by the line's path for as long as the process liv
 
 from __future__ import annotations
 
+import contextlib
 import time
 from dataclasses import dataclass, field
 from typing import Literal
@@ -14,6 +15,7 @@ import serial
 from pydantic import BaseModel, ConfigDict, Field
 
 from semlive.errors import LinkError, LinkRefused
+from semlive_drivers.endpoint_lock import reserve_serial
 
 _BITS = 11
 """Start, eight data, parity or a second stop, stop: what the standard counts for a character."""
@@ -72,23 +74,19 @@ class SerialPort:
         who: is spoken to, as the descriptions call it.
 
     Raises:
-        LinkRefused: if it cannot be opened.
+        LinkRefused: if it cannot be opened, or another process uses it.
     """
 
     def __init__(self, settings: SerialSettings, who: str) -> None:
         self.settings = settings
         self.where = settings.port
         self._closed = False
-        parity = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}[settings.parity]
+        self._endpoint = reserve_serial(settings.port)
         try:
-            self._port = serial.Serial(settings.port, settings.baud, parity=parity, stopbits=settings.stop_bits, timeout=0, exclusive=True)
-        except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            raise LinkRefused(f"{settings.port} cannot be opened ({reason}); check the cable, the path and who else uses it") from error
-        except Exception as error:  # termios.error, where parity or speed cannot be set: no OSError
-            raise LinkRefused(
-                f"{settings.port} cannot be set to {settings.baud} baud, parity {settings.parity} ({error}); check both"
-            ) from error
+            self._port = _opened(settings)
+        except LinkRefused:
+            self._endpoint.release()
+            raise
         self._byte_s = _BITS / settings.baud
         character = 3.5 * self._byte_s if settings.baud <= 19_200 else _FASTEST_SILENCE_S
         self._silence_s = max(character, settings.silence_s)
@@ -169,10 +167,27 @@ class SerialPort:
     def close(self) -> None:
         """Close the line; never raises."""
         self._closed = True
-        try:
+        with contextlib.suppress(OSError, serial.SerialException):
             self._port.close()
-        except (OSError, serial.SerialException):
-            return
+        self._endpoint.release()
 
     def _gone(self, error: Exception) -> LineGone:
         return LineGone(f"the serial line {self.where} is gone ({error}); check cable and adapter")
+
+
+def _opened(settings: SerialSettings) -> serial.Serial:
+    """The line, exclusively where the system can.
+
+    Raises:
+        LinkRefused: if it cannot be opened or set.
+    """
+    parity = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}[settings.parity]
+    try:
+        return serial.Serial(settings.port, settings.baud, parity=parity, stopbits=settings.stop_bits, timeout=0, exclusive=True)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise LinkRefused(f"{settings.port} cannot be opened ({reason}); check the cable, the path and who else uses it") from error
+    except Exception as error:  # termios.error, where parity or speed cannot be set: no OSError
+        raise LinkRefused(
+            f"{settings.port} cannot be set to {settings.baud} baud, parity {settings.parity} ({error}); check both"
+        ) from error

@@ -59,9 +59,11 @@ from semlive.service.map_store import beside_memory
 from semlive.service.memory import give_back
 from semlive.service.pipe import read_counts
 from semlive.service.result_json import result_json
-from semlive.service.tail import Tail
+from semlive.service.tail import LogReplaced, Tail
 from semlive.service.warned import newly_warned
 
+LOG_REPLACED = 4
+"""Exit status of the process when another run's log lies where its own was."""
 INPUT_TOPICS = frozenset({"/run", "/sem/file", SEM_SIDECAR, SEM_ORIGINAL, "/pair", "/state"})
 READY = "analysis is ready"
 _MODEL = "a model is fitted to the maps and taken out of them: "
@@ -383,13 +385,24 @@ def main() -> None:
     parser.add_argument("--log", type=Path, required=True, help="the growing log")
     parser.add_argument("--inputs", type=int, default=0, help="how many input messages stand in it already")
     parser.add_argument("--skip", type=int, default=0, help="how many outputs stand in it already")
+    parser.add_argument("--began-ns", type=int, default=None, help="log time of the log's first message, if there is one already")
     parser.add_argument("--beat", action="store_true", help="also say every second that this process lives")
     arguments = parser.parse_args()
     stand_back()
     one_blas_thread()
-    state, skip, archive = AnalysisState(), arguments.skip, Archive()
-    with Voice(sys.stdout.buffer, arguments.beat) as voice:
-        for message in _inputs(arguments.log, chain((arguments.inputs,), read_counts(sys.stdin.buffer))):
+    counts = chain((arguments.inputs,), read_counts(sys.stdin.buffer))
+    try:
+        _follow(_inputs(arguments.log, counts, arguments.began_ns), arguments.skip, arguments.beat)
+    except LogReplaced as error:
+        sys.stderr.write(f"{error}\n")
+        sys.exit(LOG_REPLACED)
+
+
+def _follow(inputs: Iterable[LogMessage], skip: int, beat: bool) -> None:
+    """Write to standard output what follows from the inputs, without the first so many outputs."""
+    state, archive = AnalysisState(), Archive()
+    with Voice(sys.stdout.buffer, beat) as voice:
+        for message in inputs:
             with voice.at_work():
                 before = state.begun
                 state, outputs = feed(state, message)
@@ -410,12 +423,19 @@ def _say(voice: Voice, outputs: Iterable[LogMessage], skip: int) -> int:
     return skip
 
 
-def _inputs(log: Path, counts: Iterable[int]) -> Iterator[LogMessage]:
-    """Input messages of a growing log; each count says how many there are by now, and they are waited for."""
+def _inputs(log: Path, counts: Iterable[int], began_ns: int | None = None) -> Iterator[LogMessage]:
+    """Input messages of a growing log; each count says how many there are by now, and they are waited for.
+
+    Raises:
+        LogReplaced: the log does not begin at `began_ns`, or not any more where it began.
+    """
     tail, taken = Tail(log), 0
     for count in counts:
         while taken < count:
             for message in tail.poll():
+                if began_ns not in (None, message.log_time_ns):
+                    raise LogReplaced(f"{log}: is not the log of this run any more; look at what became of the folder.")
+                began_ns = None
                 if message.topic in INPUT_TOPICS:
                     taken += 1
                     yield message

@@ -11,7 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from semlive.formats.log import LogMessage
-from semlive.service.analysis import INPUT_TOPICS
+from semlive.service.analysis import INPUT_TOPICS, LOG_REPLACED
+from semlive.service.log_files import messages
 from semlive.service.pipe import BEAT, read_message, write_count
 from semlive.service.process import start_apart
 
@@ -51,6 +52,8 @@ class AnalysisLink:
         """
         self._log, self._log_refused, self._on_output, self._on_trouble = log, log_refused, on_output, on_trouble
         self._given, self._taken = before
+        # A child that is started again must find the log that the first one read.
+        self._began_ns = next((one.log_time_ns for one in messages(log)), None) if self._given else None
         self._restarts = 0
         self._closing = self._killed = self._finished = False
         self._heard_s = time.monotonic()
@@ -62,6 +65,8 @@ class AnalysisLink:
 
     def give(self, message: LogMessage) -> None:
         """A message was recorded; those that analysis does not read are passed over. Never blocks."""
+        if self._began_ns is None:
+            self._began_ns = message.log_time_ns
         if message.topic in INPUT_TOPICS and not self._over.is_set():
             with self._changed:
                 self._given += 1
@@ -117,6 +122,7 @@ class AnalysisLink:
 
     def _start(self) -> None:
         place = ["--log", str(self._log), "--inputs", str(self._given), "--skip", str(self._taken)]
+        place += [] if self._began_ns is None else ["--began-ns", str(self._began_ns)]
         process = start_apart([sys.executable, "-m", "semlive.service.analysis", "--beat", *place], stdout=subprocess.PIPE)
         self._process = process
         self._silent_s, self._has_spoken = 0.0, False
@@ -177,8 +183,10 @@ class AnalysisLink:
 
     def _again(self, code: int) -> None:
         self._restarts += 1
-        lost = self._restarts > _MAX_RESTARTS
+        lost = self._restarts > _MAX_RESTARTS or code == LOG_REPLACED
         what = f"hung: it was silent for {self._silent_s:.0f} s" if self._is_hung() else f"died (exit code {code})"
+        if code == LOG_REPLACED:
+            what = f"ended: {self._log} was replaced by the log of another run"
         with contextlib.suppress(RuntimeError):
             # The loop may be closed by now.
             self._on_trouble(f"the analysis process {what}; {'it is given up' if lost else 'it is started again'}", lost)

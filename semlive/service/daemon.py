@@ -30,7 +30,7 @@ from semlive.service.door import Address, Door
 from semlive.service.file_clocks import probe_share
 from semlive.service.journal import Journal
 from semlive.service.link import LinkThread
-from semlive.service.lock import only_one
+from semlive.service.lock import held_itself, only_one, only_one_at
 from semlive.service.log_files import segment_path
 from semlive.service.paced import Paced
 from semlive.service.process import boot_id
@@ -301,9 +301,13 @@ class _Daemon:
         return Journal(recorder), recorder
 
     def _make_folder(self, stack: contextlib.ExitStack) -> None:
-        """A new run's folder, held by us."""
+        """A new run's folder, held by us from before it is made: its place may still be another's whose folder was deleted."""
         try:
-            self._folder.mkdir(parents=True)
+            # A parent that is a file makes mkdir fail below.
+            with contextlib.suppress(FileExistsError):
+                self._folder.parent.mkdir(parents=True)
+            stack.enter_context(only_one_at(self._folder))
+            self._folder.mkdir()
         except FileExistsError:
             raise BadConfig(
                 f"{self._folder}: this run exists already; give run.name another name, or --resume to take it up again"
@@ -311,7 +315,7 @@ class _Daemon:
         except OSError as error:
             raise BadConfig(f"{self._folder}: cannot be created ({error.strerror}); correct run.folder") from error
         stack.push(self._forget_what_was_refused)
-        stack.enter_context(only_one(self._folder))
+        stack.enter_context(held_itself(self._folder))
 
     def _forget_what_was_refused(
         self, _kind: type[BaseException] | None, error: BaseException | None, _trace: TracebackType | None

@@ -21,6 +21,12 @@ from semlive.formats.log import CONTINUED_METADATA, LogMessage
 from semlive.formats.segment import Piece, pieces
 from semlive.service.log_files import PART, opened, segments
 
+_MARK_BYTES = 48
+
+
+class LogReplaced(BadLog):
+    """Another log lies where the one was that is being read."""
+
 
 class Tail:
     """Gives each message of a growing log once, in order, over renames, recoveries and new segments.
@@ -36,6 +42,8 @@ class Tail:
         self._log, self._tell = log, on_damage
         self._name: str | None = None
         self._identity: tuple[int, int] | None = None
+        self._first: LogMessage | None = None
+        self._mark: tuple[int, bytes] | None = None
         self._at = self._given = 0
         self._ended = self._continued = False
         self._channels: dict[int, str] = {}
@@ -53,6 +61,7 @@ class Tail:
 
         Raises:
             BadLog: a file of the log cannot be read or is not MCAP.
+            LogReplaced: what was read so far is not this log any more.
         """
         while True:
             while self._waiting:
@@ -75,9 +84,12 @@ class Tail:
         except BadLog:
             return None, True
         names = [path.name.removesuffix(PART) for path in found]
-        if self._name is None or self._name not in names:
+        if self._name is None:
             self._begin(names[0])
-        place = names.index(self._name or names[0])
+        if self._name not in names:
+            # Never back to the first segment: it would be that of another run whose folder was put here.
+            return None, True
+        place = names.index(self._name)
         return found[place], place == len(found) - 1
 
     def _next_after(self, path: Path) -> None:
@@ -87,7 +99,7 @@ class Tail:
             self._begin(names[place])
 
     def _begin(self, name: str) -> None:
-        self._name, self._identity = name, None
+        self._name, self._identity, self._first, self._mark = name, None, None, None
         self._ended = self._continued = False
         self._at = self._given = 0
         self._channels = {}
@@ -95,29 +107,32 @@ class Tail:
     def _read(self, path: Path, is_newest: bool) -> Iterator[LogMessage]:
         try:
             with opened(path) as stream:
-                self._look(stream)
+                self._look(path, stream)
                 for piece in [] if self._ended else pieces(stream, self._at):
                     if is_newest and self._may_still_come(piece, stream):
                         return
-                    self._take(path, piece)
+                    self._take(path, piece, stream)
                     while self._waiting:
                         yield self._waiting.popleft()
         except FileNotFoundError:
             return
         except OSError as exc:
             raise BadLog(f"{path}: cannot be read ({exc.strerror}); check the file and its permissions.") from exc
+        except LogReplaced:
+            raise
         except BadLog as exc:
             raise BadLog(f"{path}: {exc}") from exc
 
-    def _look(self, stream: BinaryIO) -> None:
+    def _look(self, path: Path, stream: BinaryIO) -> None:
         """A segment that was recovered is another file: what was given of the old one is passed over."""
         identity = _identity(stream)
-        if self._identity not in (None, identity):
+        if self._identity not in (None, identity) or self._is_other(stream):
             given, self._given = self._given, 0
-            self._at, self._channels, self._ended = 0, {}, False
+            self._at, self._channels, self._ended, self._mark = 0, {}, False, None
             for piece in pieces(stream):
                 self._at = piece.end
                 told = self._messages(piece)
+                self._check_first(path, piece, told, stream)
                 self._waiting.extend(islice(told, max(0, given - self._given), None))
                 self._given += len(told)
                 if self._given >= given or piece.torn:
@@ -129,14 +144,33 @@ class Tail:
         # On a share a chunk's length may be seen before its content is.
         return piece.torn or (piece.damage != "" and piece.end >= stream.seek(0, os.SEEK_END))
 
-    def _take(self, path: Path, piece: Piece) -> None:
+    def _is_other(self, stream: BinaryIO) -> bool:
+        """Whether the chunk that was read first is not there any more: the number of a deleted file is soon given to another."""
+        if self._mark is None:
+            return False
+        stream.seek(self._mark[0])
+        return stream.read(_MARK_BYTES) != self._mark[1]
+
+    def _take(self, path: Path, piece: Piece, stream: BinaryIO) -> None:
         self._at = piece.end
         told = self._messages(piece)
+        self._check_first(path, piece, told, stream)
         self._given += len(told)
         self._waiting.extend(told)
         self._ended = bool(piece.records) and isinstance(piece.records[0], Footer)
         if piece.damage and self._tell is not None:
             self._tell(f"{path.name}: {piece.damage}.")
+
+    def _check_first(self, path: Path, piece: Piece, messages: list[LogMessage], stream: BinaryIO) -> None:
+        """A segment that is read from its begin again begins as it did; by content, as some shares give a file a new identity at will."""
+        if self._given or not messages:
+            return
+        if self._first not in (None, messages[0]):
+            raise LogReplaced(f"{path}: was replaced by the log of another run while it was read; look at what became of the folder.")
+        self._first = messages[0]
+        # A whole chunk: its times and checksum stand in its first bytes.
+        stream.seek(piece.start)
+        self._mark = piece.start, stream.read(_MARK_BYTES)
 
     def _messages(self, piece: Piece) -> list[LogMessage]:
         told = []

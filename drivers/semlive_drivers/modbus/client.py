@@ -17,6 +17,7 @@ from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
 from semlive.errors import LinkError, LinkRefused, SemliveError
+from semlive_drivers.endpoint_lock import reserve_tcp
 from semlive_drivers.modbus.blind import BlindWriter, exchange, owe, owed, settle
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.registers import Kind
@@ -114,16 +115,18 @@ class ModbusLink:
         timeout_s: longest wait for one answer, wall time.
 
     Raises:
-        LinkRefused: if nobody accepts the connection.
+        LinkRefused: if nobody accepts the connection, or another process drives this unit.
     """
 
     def __init__(self, host: str, port: int, unit: int, timeout_s: float) -> None:
         self.where = f"{host}:{port} unit {unit}"
+        self._endpoint = reserve_tcp(host, port, unit)
         self._unit = unit
         self._timeout_s = timeout_s
         self._client = ModbusTcpClient(host, port=port, timeout=timeout_s, retries=0, reconnect_delay_max=1.0, name=self.where)
         sock = self._client.socket if self._client.connect() else None
         if sock is None:
+            self._endpoint.release()
             raise LinkRefused(f"nobody answers at {host}:{port}; check that the device is on and that host and port are right")
         self._key = (host, port, unit)
         try:
@@ -132,6 +135,7 @@ class ModbusLink:
             self._blind = BlindWriter(sock.dup(), sock.getpeername(), unit)
         except OSError as error:
             self._client.close()
+            self._endpoint.release()
             raise LinkRefused(f"{host}:{port} closed the connection at once ({error}); check who else uses the device") from error
         self._say_owed(sock)
 
@@ -195,6 +199,7 @@ class ModbusLink:
         """Close the connection; further requests fail at once."""
         self._client.close()
         self._blind.close()
+        self._endpoint.release()
 
     def _ask(self, doing: str, call: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
         if not self._client.connected:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from semlive.errors import SemliveError
 from semlive.ports import ClockSource
+from semlive_drivers.endpoint_lock import reserve_serial, reserve_tcp
 from semlive_drivers.modbus.client import Link
 from semlive_drivers.modbus.codec import block_of, encode
 from semlive_drivers.modbus.part import open_link
@@ -17,7 +19,14 @@ class ModbusTrigger:
 
     def __init__(self, registers: TriggerMap, settings: ModbusSettings) -> None:
         self._map, self._settings = registers, settings
-        self._link().close()
+        # Held between two requests as well: no other process shall come between.
+        serial = settings.serial
+        self._endpoint = reserve_tcp(settings.host, settings.port, settings.unit) if serial is None else reserve_serial(serial.port)
+        try:
+            self._link().close()
+        except SemliveError:
+            self.close()
+            raise
 
     def scan_once(self) -> None:
         """Ask for one frame; returns when the request was taken.
@@ -32,7 +41,8 @@ class ModbusTrigger:
             link.close()
 
     def close(self) -> None:
-        """Nothing stays open."""
+        """Release the device; no link stays open between requests."""
+        self._endpoint.release()
 
     def _link(self) -> Link:
         return open_link(self._settings, None, (block_of((self._map.scan,)),))
