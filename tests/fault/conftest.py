@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -134,6 +135,18 @@ def patient(tmp_path: Path) -> Any:
         if process.poll() is None:
             process.send_signal(signal.SIGKILL)
             process.communicate()
+
+
+@pytest.fixture(scope="session")
+def disk_peer(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A library that makes a disk fail, compiled here."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("a C compiler is not installed")
+    library = tmp_path_factory.mktemp("disk") / "sick_disk.so"
+    source = Path(__file__).with_name("sick") / "sick_disk.c"
+    subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-o", library, source], check=True, timeout=120)
+    return library
 
 
 @pytest.fixture(scope="session", name="wait_until")

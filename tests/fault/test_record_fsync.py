@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -58,18 +57,6 @@ followed += [one.sequence for one in tail.poll() if one.topic == "/sem/original"
 print(json.dumps(dict(said=said, behind=[one for one in behind if one], whole=whole, ended_in_s=time.monotonic() - began_s,
                       unacknowledged=recorder.unacknowledged, followed=followed)))
 """
-
-
-@pytest.fixture(scope="session")
-def disk_peer(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A library that makes a disk fail, compiled here."""
-    compiler = shutil.which("cc")
-    if compiler is None:
-        pytest.skip("a C compiler is not installed")
-    library = tmp_path_factory.mktemp("disk") / "sick_disk.so"
-    source = Path(__file__).with_name("sick") / "sick_disk.c"
-    subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-o", library, source], check=True, timeout=120)
-    return library
 
 
 @pytest.fixture
