@@ -30,6 +30,7 @@ from semlive.ports import ClockSource
 from semlive.service.log_files import PART, next_segment
 from semlive.service.log_segment import Segment, close, cut_back, give_name, open_segment, rewritten, scratch
 from semlive.service.log_stream import OpenRaw, open_new
+from semlive.service.pause import pause
 from semlive.service.unacknowledged import described, is_repeatable, remedy
 
 SYNCED = frozenset({"/run", "/snapshot", "/state", "/pair", "/fault", "/result", SEM_ORIGINAL, SEM_SIDECAR})
@@ -311,7 +312,7 @@ class Recorder:
                     self._on_fault(f"{self.part}: the log cannot be written ({exc.strerror or exc}); {remedy(exc)}.")
                 told = True
                 self._refuse(exc)
-                time.sleep(self._retry_after_s)
+                pause(self._retry_after_s)
             else:
                 break
         self._refused = ""
@@ -372,7 +373,7 @@ class Recorder:
                 if not path.parent.is_dir():
                     raise
                 self._refuse(exc)
-                time.sleep(self._retry_after_s)
+                pause(self._retry_after_s)
             else:
                 break
         self._segment, self.path, self.part = new, new.path, new.part
@@ -412,7 +413,7 @@ class Recorder:
                     what = f"the log's next segment cannot be created ({exc.strerror or exc})"
                     self._on_fault(f"{self.part}: {what}; {remedy(exc)}.")
                 self._refuse(exc)
-                time.sleep(self._retry_after_s)
+                pause(self._retry_after_s)
             else:
                 break
         if self._refused:
