@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from semlive.service.process import start_apart
+from semlive.service.process import start_child
 
 PORT = 8765
 # As long as the page itself waits for those who still look, and some time to end.
@@ -50,10 +49,10 @@ class PageProcess:
 
     def __init__(self, log: Path, place: Place, ready: Callable[[str | None, str], object], control: int | None = None) -> None:
         self._place, self._ready = place, ready
-        command = [sys.executable, "-m", "semlive.web", str(log), "--host", place.host, "--port", str(place.port), "--or-any"]
-        command += ["--exit-with-stdin", *(part for name in place.names for part in ("--name", name))]
-        command += [] if control is None else ["--control", str(control)]
-        self._process = start_apart(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        arguments = [str(log), "--host", place.host, "--port", str(place.port), "--or-any"]
+        arguments += ["--exit-with-stdin", *(part for name in place.names for part in ("--name", name))]
+        arguments += [] if control is None else ["--control", str(control)]
+        self._process = start_child("semlive.web", arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         threading.Thread(target=self._wait_ready, name="page", daemon=True).start()
 
     def close(self) -> None:

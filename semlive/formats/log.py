@@ -15,9 +15,10 @@ import contextlib
 import json
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from io import RawIOBase
+from itertools import islice
 from typing import IO, Any
 
 from mcap.data_stream import RecordBuilder
@@ -46,8 +47,12 @@ LIBRARY = "semlive"
 RUN_METADATA = "semlive.run"
 # Stands at the end of a segment that its writer ended to go on in the next.
 CONTINUED_METADATA = "semlive.continued"
+# Stands at the beginning of a segment that repeats messages of the one before, whose disk did not acknowledge them.
+REWRITTEN_METADATA = "semlive.rewritten"
 _CHUNK_BYTES = 64 * 1024
 _SCHEMA_COPIES = 2
+# The header, what the run is, what is rewritten.
+_HEAD_PIECES = 4
 _MESSAGE = struct.Struct("<BQHIQQ")
 
 
@@ -118,12 +123,46 @@ class _Index:
             del self._waiting[:written]
             self._length += written
 
+    @property
+    def length(self) -> int:
+        """Bytes of all records."""
+        return self._length + len(self._waiting)
+
+    def cut(self, records: int, length: int) -> None:
+        """Forget the records behind the first so many."""
+        self.records = records
+        del self._waiting[max(0, length - self._length) :]
+        self._length = min(self._length, length)
+
     def pieces(self) -> Iterator[bytes]:
         if self._aside is not None:
             self._aside.seek(0)
             for at in range(0, self._length, _CHUNK_BYTES):
                 yield self._aside.read(min(_CHUNK_BYTES, self._length - at)) or b""
         yield bytes(self._waiting)
+
+
+@dataclass(frozen=True, slots=True)
+class LogMark:
+    """State of a `LogWriter` between two chunks, so that it can return to it.
+
+    Attributes:
+        position: bytes of the segment so far.
+        channels: messages and chunks of each topic so far.
+        index_records: records of the index so far.
+        index_bytes: bytes of these records.
+        metadata: metadata records so far.
+        first_ns: log time of the first message, ns.
+        last_ns: log time of the last message, ns.
+    """
+
+    position: int
+    channels: Mapping[str, tuple[int, int]]
+    index_records: int
+    index_bytes: int
+    metadata: int
+    first_ns: int
+    last_ns: int
 
 
 class LogWriter:
@@ -194,6 +233,28 @@ class LogWriter:
         texts = {name: value if isinstance(value, str) else json.dumps(value, sort_keys=True) for name, value in told.items()}
         self._close_chunk()
         self._add_metadata(RUN_METADATA, texts)
+
+    def tell_rewritten(self, after_log_time_ns: int) -> None:
+        """State that this segment repeats all messages of the preceding one that are later than a log time, ns."""
+        self._close_chunk()
+        self._add_metadata(REWRITTEN_METADATA, {"after_log_time_ns": str(after_log_time_ns)})
+
+    def mark(self) -> LogMark:
+        """The present state; only directly after `flush`."""
+        channels = {topic: (one.messages, one.chunks) for topic, one in self._channels.items()}
+        index, metadata = self._index, len(self._metadata_indexes)
+        return LogMark(self._stream.tell(), channels, index.records, index.length, metadata, self._first_ns, self._last_ns)
+
+    def rewind(self, mark: LogMark) -> None:
+        """Return to an earlier state; the caller cuts the stream to `mark.position` bytes."""
+        self._chunk = _OpenChunk()
+        self._channels = {topic: one for topic, one in self._channels.items() if topic in mark.channels}
+        for topic, one in self._channels.items():
+            one.messages, one.chunks = mark.channels[topic]
+        self._schemas = sum(one.schema is not None for one in self._channels.values())
+        self._index.cut(mark.index_records, mark.index_bytes)
+        del self._metadata_indexes[mark.metadata :]
+        self._first_ns, self._last_ns = mark.first_ns, mark.last_ns
 
     def finish(self, continued: bool = False) -> None:
         """Write index and footer; the stream stays open.
@@ -324,6 +385,21 @@ def read_messages(stream: IO[bytes], on_damage: Callable[[str], None] | None = N
                     tell(f"a message of the unknown channel {record.channel_id}")
                     continue
                 yield LogMessage(topic, record.log_time, record.publish_time, record.sequence, record.data)
+
+
+def rewritten_after(stream: IO[bytes]) -> int | None:
+    """Log time, ns, after which a segment repeats the messages of the preceding one; None if it repeats none."""
+    for piece in islice(pieces(stream), _HEAD_PIECES):
+        for record in piece.records:
+            if isinstance(record, Metadata) and (after := rewritten_in(record)) is not None:
+                return after
+    return None
+
+
+def rewritten_in(record: Metadata) -> int | None:
+    """What `LogWriter.tell_rewritten` stated, if this is its record, ns."""
+    told = record.metadata.get("after_log_time_ns", "") if record.name == REWRITTEN_METADATA else ""
+    return int(told) if told.isdecimal() else None
 
 
 def _packed(record: McapRecord) -> bytes:

@@ -57,6 +57,7 @@ from semlive.service.display import pictures
 from semlive.service.file_clocks import FileClocks
 from semlive.service.map_store import beside_memory
 from semlive.service.memory import give_back
+from semlive.service.pause import pause
 from semlive.service.pipe import read_counts
 from semlive.service.result_json import result_json
 from semlive.service.tail import LogReplaced, Tail
@@ -440,7 +441,7 @@ def _inputs(log: Path, counts: Iterable[int], began_ns: int | None = None) -> It
                     taken += 1
                     yield message
             if taken < count:
-                time.sleep(_POLL_S)
+                pause(_POLL_S)
 
 
 def _lighter(state: AnalysisState, before: pipeline.Begun | None, archive: Archive) -> AnalysisState:

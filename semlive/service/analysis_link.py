@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -14,7 +13,7 @@ from semlive.formats.log import LogMessage
 from semlive.service.analysis import INPUT_TOPICS, LOG_REPLACED
 from semlive.service.log_files import messages
 from semlive.service.pipe import BEAT, read_message, write_count
-from semlive.service.process import start_apart
+from semlive.service.process import start_child
 
 # In a row, without a new output in between: what it dies of is in the log then, and it would die of it again.
 _MAX_RESTARTS = 3
@@ -23,7 +22,10 @@ _LOOK_S = 1.0
 # first beat: seconds, on a busy computer a minute.
 _SILENT_S = 60.0
 _SILENT_AT_FIRST_S = 300.0
-_REFUSED_S = 10.0
+_REFUSED_S = 3.0
+# A run that was stopped is not kept from its end by a child that stands still.
+_SILENT_STOPPED_S = 8.0
+_SILENT_STOPPED_AT_FIRST_S = 12.0
 
 
 class AnalysisLink:
@@ -78,10 +80,15 @@ class AnalysisLink:
         self._end()
         self._process.kill()
 
-    def drain(self, quiet_s: float) -> bool:
+    def drain(self, quiet_s: float, stopped: bool = False) -> bool:
         """Let the child finish what it has, however long that takes while it keeps saying something, then end it; never raises.
 
         A disk that refuses is not waited for: what the child misses is not in the log then.
+
+        Args:
+            quiet_s: wall seconds without a new output after which it is ended.
+            stopped: the run was stopped before its end: a child that does not even say that it lives is ended after some seconds, and
+                none is started in its place.
 
         Returns:
             True if everything that it was given is analysed.
@@ -89,6 +96,8 @@ class AnalysisLink:
         now_s = self._heard_s = taken_s = time.monotonic()
         self._let_end()
         while not self._over.wait(0.1) and now_s < self._heard_s + quiet_s and now_s < taken_s + _REFUSED_S:
+            if stopped and self._silent_s > (_SILENT_STOPPED_S if self._has_spoken else _SILENT_STOPPED_AT_FIRST_S):
+                break
             now_s = time.monotonic()
             taken_s = taken_s if self._log_refused() else now_s
         return self.close(0.0)
@@ -123,7 +132,7 @@ class AnalysisLink:
     def _start(self) -> None:
         place = ["--log", str(self._log), "--inputs", str(self._given), "--skip", str(self._taken)]
         place += [] if self._began_ns is None else ["--began-ns", str(self._began_ns)]
-        process = start_apart([sys.executable, "-m", "semlive.service.analysis", "--beat", *place], stdout=subprocess.PIPE)
+        process = start_child("semlive.service.analysis", ["--beat", *place], stdout=subprocess.PIPE)
         self._process = process
         self._silent_s, self._has_spoken = 0.0, False
         self._reader = threading.Thread(target=self._read, args=(process,), name="analysis-reader", daemon=True)

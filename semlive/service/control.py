@@ -255,9 +255,9 @@ class Control:
         self._journal.line(self._clock.now_ns(), what, "warning")
         self._warn(what)
 
-    def trouble(self, what: str, where: str, action: str) -> None:
-        """Something of ours went wrong."""
-        self._journal.fault(self._clock.now_ns(), what, where, action)
+    def trouble(self, what: str, where: str, action: str, code: str = "") -> None:
+        """Something of ours went wrong; `code` is a `FaultCode`."""
+        self._journal.fault(self._clock.now_ns(), what, where, action, code)
         self._warn(what)
 
     def output(self, message: LogMessage) -> None:
@@ -377,7 +377,7 @@ class Control:
             return
         self._log_behind = behind is not None
         if behind is not None:
-            self.trouble(behind, "log", "paused the run; what is told meanwhile is kept in memory")
+            self.trouble(behind, "log", "paused the run; what is told meanwhile is kept in memory", FaultCode.LOG)
             self.handle(Operator(self._clock.now_ns(), Verb.PAUSE, behind))
             self.troubled.set()
         else:

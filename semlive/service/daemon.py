@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 
+from semlive.data.faults import FaultCode
 from semlive.data.loading import DeviceIdentity
 from semlive.engine import Device, DeviceFault, Finish, State, Verb, start
 from semlive.errors import BadConfig, BadInput, SemliveError
@@ -45,6 +46,8 @@ from semlive.service.watch import FolderWatcher, WatchSettings
 _TICK_S = 0.05
 _OPEN_TIMEOUT_S = 10.0
 _LOG_TIMEOUT_S = 10.0
+# A disk that still refuses when the run ends is not waited for as long as one that is slow.
+_LOG_REFUSED_S = 3.0
 # Pairs may still wait for their analysis when the protocol ends, so it has the time it needs while results keep coming. Between
 # two of them lie seconds, or what a new child needs to catch up; the conclusion of 22 pairs took two minutes on a busy computer.
 _ANALYSIS_QUIET_S = 300.0
@@ -192,14 +195,17 @@ class _Daemon:
         texts = [control.failure or (f"{control.why}: {finish.text}" if control.why else finish.text)]
         texts += await loop.run_in_executor(None, _close_links, links)
         watcher.close()
-        if not await self._analysed(control, analysis):
+        if not await self._analysed(control, analysis, stopped=finish.outcome is not State.COMPLETE):
             texts.append(f"the last pairs are not analysed; semlive replay {self._folder} does it")
         texts += control.unusable
         for text in texts[1:]:
             control.trouble(text, "end of the run", "told the operator")
         self._log_ended = True
-        if not await loop.run_in_executor(None, recorder.close, _LOG_TIMEOUT_S):
-            raise SemliveError(f"{recorder.part}: the log could not be finished; make room on the disk, what was written is in it")
+        if not await loop.run_in_executor(None, recorder.close, _LOG_TIMEOUT_S, _LOG_REFUSED_S):
+            raise SemliveError(
+                f"{recorder.part}: the log could not be finished ({recorder.behind or 'the disk takes too long'}); "
+                f"what was written is in it; not confirmed by the disk: {recorder.unacknowledged}"
+            )
         return Outcome(self._folder, finish.outcome is State.COMPLETE and len(texts) == 1 and not control.failure, "; ".join(texts))
 
     async def _open_door(self, stack: contextlib.ExitStack, control: Control, clock: SystemClock | FileClock, journal: Journal) -> None:
@@ -252,9 +258,9 @@ class _Daemon:
             await asyncio.sleep(_TICK_S)
         return control.finished.result()
 
-    async def _analysed(self, control: Control, analysis: AnalysisLink) -> bool:
+    async def _analysed(self, control: Control, analysis: AnalysisLink, stopped: bool) -> bool:
         """Wait for the last pairs, but not longer than the operator does."""
-        closing = asyncio.get_running_loop().run_in_executor(None, analysis.drain, _ANALYSIS_QUIET_S)
+        closing = asyncio.get_running_loop().run_in_executor(None, analysis.drain, _ANALYSIS_QUIET_S, stopped)
         while not closing.done():
             control.tick()
             if self._impatient:
@@ -297,7 +303,7 @@ class _Daemon:
             segment_bytes=round(self._config.run.segment_gb * 1e9),
         )
         # A disk that still refused when the run ended is not waited for a second time.
-        stack.callback(lambda: recorder.close(0.0 if self._log_ended else _LOG_TIMEOUT_S))
+        stack.callback(lambda: recorder.close(0.0 if self._log_ended else _LOG_TIMEOUT_S, _LOG_REFUSED_S))
         return Journal(recorder), recorder
 
     def _make_folder(self, stack: contextlib.ExitStack) -> None:
@@ -327,7 +333,7 @@ class _Daemon:
     def _disk_trouble(self, what: str) -> None:
         """In the recorder's thread."""
         if self._control is not None:
-            self._control.soon(self._control.trouble, what, "log", "kept in memory and tried again")
+            self._control.soon(self._control.trouble, what, "log", "kept in memory and tried again", FaultCode.LOG)
 
     def _links(self, control: Control, clock: SystemClock | FileClock) -> dict[Device, LinkThread]:
         frame, stage, plan = self._config.load_frame, self._config.stage, self._config.plan()

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import heapq
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 from semlive.errors import BadLog
-from semlive.formats.log import LogMessage, read_messages
+from semlive.formats.log import LogMessage, read_messages, rewritten_after
 
 SUFFIX = ".mcap"
 PART = ".part"
@@ -74,6 +75,9 @@ def _listed(folder: Path) -> dict[str, Path]:
 def messages(log: Path, on_damage: Callable[[str], None] | None = None) -> Iterator[LogMessage]:
     """All messages of a log in the order in which they were written.
 
+    Messages that a segment repeats, because the disk had not acknowledged them in the preceding one, are given once, from whichever of the
+    two has them.
+
     Args:
         log: one MCAP file, or a run folder.
         on_damage: told one sentence for each damage that was passed over.
@@ -81,8 +85,36 @@ def messages(log: Path, on_damage: Callable[[str], None] | None = None) -> Itera
     Raises:
         BadLog: there is no such log, or a file of it cannot be read or is not MCAP.
     """
-    for path in segments(log):
-        yield from _segment(path, on_damage)
+    found, held = segments(log), list[LogMessage]()
+    for place, path in enumerate(found):
+        repeated_after = _repeated_after(found[place + 1]) if place + 1 < len(found) else None
+        given, held = _merged(held, _segment(path, on_damage)), []
+        for message in given:
+            if repeated_after is not None and message.log_time_ns > repeated_after:
+                held.append(message)
+            else:
+                yield message
+    yield from held
+
+
+def _repeated_after(path: Path) -> int | None:
+    try:
+        with opened(path) as stream:
+            return rewritten_after(stream)
+    except (OSError, BadLog):
+        return None  # whoever reads the segment itself reports it
+
+
+def _merged(held: list[LogMessage], segment: Iterable[LogMessage]) -> Iterator[LogMessage]:
+    """Messages of a segment with those held from the preceding one, each log time once."""
+    if not held:
+        yield from segment
+        return
+    newest = -1
+    for message in heapq.merge(held, segment, key=lambda one: one.log_time_ns):
+        if message.log_time_ns > newest:
+            yield message
+        newest = max(newest, message.log_time_ns)
 
 
 def _segment(path: Path, on_damage: Callable[[str], None] | None) -> Iterator[LogMessage]:

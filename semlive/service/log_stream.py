@@ -116,6 +116,17 @@ class PatientStream:
             os.fsync(self._raw.fileno())
             self._safe = taken
 
+    def cut(self, position: int) -> None:
+        """Cut the file to its first bytes and forget what waits; what is taken next goes behind them.
+
+        Raises:
+            OSError: the disk refused.
+        """
+        self._waiting.clear()
+        self._raw.truncate(position)
+        self._raw.seek(position)
+        self._taken = self._safe = position
+
     def close(self) -> None:
         """Close the file as it is."""
         self._raw.close()

@@ -15,10 +15,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.records import Channel, Message, MessageIndex, Schema, Statistics
+from mcap.records import Channel, Message, MessageIndex, Metadata, Schema, Statistics
 
 from semlive.errors import BadLog, SemliveError
-from semlive.formats.log import LogWriter
+from semlive.formats.log import LogWriter, rewritten_in
 from semlive.formats.messages import RAW_TOPICS, TOPICS
 from semlive.formats.segment import Piece, channels_and_schemas, pieces, summary
 from semlive.service.log_files import PART, SUFFIX, segments
@@ -241,6 +241,8 @@ def _recover(stream: BinaryIO, out: BinaryIO, read: Callable[[int], object]) -> 
         for record in piece.records:
             if isinstance(record, MessageIndex):
                 account.indexed(record)
+            elif isinstance(record, Metadata) and (after_ns := rewritten_in(record)) is not None:
+                writer.tell_rewritten(after_ns)
             elif isinstance(record, Message):
                 channel = channels.get(record.channel_id)
                 if channel is None:

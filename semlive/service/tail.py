@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
@@ -17,11 +17,13 @@ from typing import BinaryIO
 from mcap.records import Channel, Footer, Message, Metadata
 
 from semlive.errors import BadLog
-from semlive.formats.log import CONTINUED_METADATA, LogMessage
+from semlive.formats.log import CONTINUED_METADATA, LogMessage, rewritten_in
 from semlive.formats.segment import Piece, pieces
 from semlive.service.log_files import PART, opened, segments
 
 _MARK_BYTES = 48
+# A recorder repeats at most what waits for an acknowledgement of the disk; by default no more messages than these.
+_RECENT = 100_000
 
 
 class LogReplaced(BadLog):
@@ -48,6 +50,8 @@ class Tail:
         self._ended = self._continued = False
         self._channels: dict[int, str] = {}
         self._waiting: deque[LogMessage] = deque()
+        self._recent: deque[int] = deque(maxlen=_RECENT)
+        self._repeated: frozenset[int] = frozenset()
 
     @property
     def finished(self) -> bool:
@@ -103,6 +107,7 @@ class Tail:
         self._ended = self._continued = False
         self._at = self._given = 0
         self._channels = {}
+        self._repeated = frozenset()
 
     def _read(self, path: Path, is_newest: bool) -> Iterator[LogMessage]:
         try:
@@ -133,7 +138,7 @@ class Tail:
                 self._at = piece.end
                 told = self._messages(piece)
                 self._check_first(path, piece, told, stream)
-                self._waiting.extend(islice(told, max(0, given - self._given), None))
+                self._give(islice(told, max(0, given - self._given), None))
                 self._given += len(told)
                 if self._given >= given or piece.torn:
                     break
@@ -156,7 +161,7 @@ class Tail:
         told = self._messages(piece)
         self._check_first(path, piece, told, stream)
         self._given += len(told)
-        self._waiting.extend(told)
+        self._give(told)
         self._ended = bool(piece.records) and isinstance(piece.records[0], Footer)
         if piece.damage and self._tell is not None:
             self._tell(f"{path.name}: {piece.damage}.")
@@ -172,6 +177,12 @@ class Tail:
         stream.seek(piece.start)
         self._mark = piece.start, stream.read(_MARK_BYTES)
 
+    def _give(self, told: Iterable[LogMessage]) -> None:
+        """Without those that this segment repeats and that were given from the preceding one."""
+        new = [one for one in told if one.log_time_ns not in self._repeated]
+        self._recent.extend(one.log_time_ns for one in new)
+        self._waiting.extend(new)
+
     def _messages(self, piece: Piece) -> list[LogMessage]:
         told = []
         for record in piece.records:
@@ -179,6 +190,8 @@ class Tail:
                 self._channels[record.id] = record.topic
             elif isinstance(record, Metadata):
                 self._continued = self._continued or record.name == CONTINUED_METADATA
+                if (after_ns := rewritten_in(record)) is not None:
+                    self._repeated = frozenset(time_ns for time_ns in self._recent if time_ns > after_ns)
             elif isinstance(record, Message) and record.channel_id in self._channels:
                 topic = self._channels[record.channel_id]
                 told.append(LogMessage(topic, record.log_time, record.publish_time, record.sequence, record.data))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -134,6 +135,36 @@ def patient(tmp_path: Path) -> Any:
         if process.poll() is None:
             process.send_signal(signal.SIGKILL)
             process.communicate()
+
+
+@pytest.fixture(scope="session")
+def preloaded_peer(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Libraries that make the system fail for a process into which they are preloaded, compiled here from the folder `sick`."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("a C compiler is not installed")
+    folder = tmp_path_factory.mktemp("preloaded")
+
+    def compiled(name: str) -> Path:
+        library = folder / f"{name}.so"
+        if not library.exists():
+            source = Path(__file__).with_name("sick") / f"{name}.c"
+            subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-o", library, source], check=True, timeout=120)
+        return library
+
+    return compiled
+
+
+@pytest.fixture(scope="session")
+def disk_peer(preloaded_peer: Callable[[str], Path]) -> Path:
+    """A library that makes a disk fail."""
+    return preloaded_peer("sick_disk")
+
+
+@pytest.fixture(scope="session")
+def clock_peer(preloaded_peer: Callable[[str], Path]) -> Path:
+    """A library that steps the wall clock."""
+    return preloaded_peer("sick_clock")
 
 
 @pytest.fixture(scope="session", name="wait_until")

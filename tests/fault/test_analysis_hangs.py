@@ -82,3 +82,30 @@ def test_what_is_not_in_the_log_is_not_waited_for(tmp_path: Path) -> None:
     assert not link.close(0.2)
     assert time.monotonic() - began_s < 10.0
     assert recorder.close()
+
+
+def test_steps_of_the_wall_clock_do_not_end_analysis(
+    tmp_path: Path, clock_peer: Path, wait_until: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorder, said, troubles = Recorder(tmp_path / "run.000.mcap", Now(), pytest.fail), list[LogMessage](), list[str]()
+    offset = tmp_path / "offset"
+    offset.write_text("0")
+    with monkeypatch.context() as environment:
+        environment.setenv("LD_PRELOAD", str(clock_peer))
+        environment.setenv("SICK_CLOCK", str(offset))
+        link = AnalysisLink(tmp_path, lambda: recorder.refused, said.append, lambda what, _lost: troubles.append(what))
+    journal = Journal(recorder)
+    journal.follow(link.give)
+    config = parse_config(CONFIG, "here").model_dump(mode="json")
+    # It sleeps between two looks at the log for as long as what it was promised is not there.
+    link.give(LogMessage("/run", 1, 1, 0, b""))
+    for seconds in (3600, -7200, 86400, 0):
+        time.sleep(4.0 if seconds == 3600 else 0.3)
+        offset.write_text(str(seconds))
+    time.sleep(0.5)
+    journal.note(RunMessage(run="run", started_time_ns=1, host="here", versions={}, config=config))
+    wait_until(lambda: bool(said), 120.0)
+    assert troubles == []
+    link.kill()
+    link.close(0.0)
+    assert recorder.close()
