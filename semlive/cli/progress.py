@@ -14,12 +14,16 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from semlive.data.text import printable
 from semlive.engine import FINAL_STATES, State
+from semlive.service.alarms import PRESS_STOP, Alarm
 from semlive.service.control import Snapshot
 
 _MAX_WAITING = 200
 _TIDY_S = 2.0
 _BEGUN_S = 5.0
+# An alarm that the machine does not obey is shown again after so long, for as long as nobody acknowledges it.
+_LOUD_EVERY_S = 5.0
 
 
 class ProgressView:
@@ -35,6 +39,7 @@ class ProgressView:
         self._shown: tuple[object, ...] = ()
         self._pace = Pace()
         self._warnings: tuple[str, ...] = ()
+        self._loud_s = float("-inf")
         self._snapshots: queue.Queue[Snapshot | str | None] = queue.Queue(_MAX_WAITING)
         self._thread = threading.Thread(target=self._run, name="progress", daemon=True)
 
@@ -84,6 +89,7 @@ class ProgressView:
         for warning in _new(self._warnings, snapshot.warnings):
             self._line(f"! {warning}", "yellow")
         self._warnings = snapshot.warnings
+        self._loud(disobeyed(snapshot.alarms), time.monotonic())
         left_s = self._pace.left_s(snapshot.progress.step, snapshot.progress.steps, time.monotonic())
         if self._live is not None:
             self._live.update(_panel(snapshot, left_s))
@@ -93,13 +99,27 @@ class ProgressView:
             if self._live is None or snapshot.progress.state is State.STEP_DONE:
                 self._line(progress_line(snapshot, left_s))
 
+    def _loud(self, alarm: Alarm | None, now_s: float) -> None:
+        """The one thing that cannot wait: again and again, until a person acknowledges it."""
+        if alarm is None:
+            self._loud_s = float("-inf")
+        elif now_s >= self._loud_s + _LOUD_EVERY_S:
+            self._loud_s = now_s
+            self._line(f"!!! {PRESS_STOP} ({alarm.text}). When it rests, type acknowledge and press Enter.", "bold white on red")
+
     def _line(self, text: str, style: str = "") -> None:
         """One line, as it is: a journal breaks lines itself, and rich remembers the width of the last 4,096 that it broke."""
+        text = printable(text)
         if self._live is not None:
             self._console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
         else:
             self._console.file.write(f"{text}\n")
             self._console.file.flush()
+
+
+def disobeyed(alarms: tuple[Alarm, ...]) -> Alarm | None:
+    """The newest open alarm that says that the machine does not obey its stop."""
+    return next((alarm for alarm in reversed(alarms) if alarm.disobeyed and not alarm.acknowledged), None)
 
 
 def _new(before: tuple[str, ...], now: tuple[str, ...]) -> tuple[str, ...]:
@@ -174,5 +194,8 @@ def _panel(snapshot: Snapshot, left_s: float | None) -> Table:
         ProgressBar(total=progress.steps, completed=progress.steps if progress.state is State.COMPLETE else progress.step, width=60)
     )
     table.add_row(Text(progress_line(snapshot, left_s), style="bold"))
-    table.add_row(Text(snapshot.progress.message or "", style="dim"))
+    table.add_row(Text(printable(snapshot.progress.message or ""), style="dim"))
+    if open_alarms := [alarm for alarm in snapshot.alarms if not alarm.acknowledged]:
+        newest = f"{len(open_alarms)} not acknowledged, newest: {open_alarms[-1].text}; type acknowledge and press Enter"
+        table.add_row(Text(f"alarms: {newest}", style="bold red"))
     return table

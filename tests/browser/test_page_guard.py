@@ -25,7 +25,7 @@ from semlive.engine import Verb
 from semlive.formats.maps import encode_map
 from semlive.formats.messages import DIC_MAP, SEM_ORIGINAL, FileMessage, OperatorMessage, RunMessage, StateMessage
 from semlive.service.clock import SystemClock
-from semlive.service.door import Address, Door
+from semlive.service.door import Address, Door, token_digest
 from semlive.service.log_files import segment_path
 from semlive.service.record import Recorder
 
@@ -80,7 +80,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     clock = SystemClock()
     recorder = Recorder(segment_path(folder, "run", 0), clock, lambda _: None)
     recorder.write("/run", RunMessage(run="run", started_time_ns=clock.now_ns(), host="lab", versions={}, config={}))
-    process = page_of(folder, "--control", str(control.port))
+    process = page_of(folder, "--control", str(control.port), "--token-sha256", token_digest(control.token))
     assert process.stdout is not None
     one = Run(int(process.stdout.readline()), control, recorder, clock, heard)
     one.enter("holding")
@@ -93,7 +93,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
 
 async def listen(heard: list[tuple[Verb, str]], opened: Callable[[tuple[Address, Callable[[], object]]], object]) -> None:
     """A door, until it is left."""
-    door = Door(lambda verb, by: heard.append((verb, by)), lambda question, line: (question, line) == ("terminal.1", "5"))
+    door = Door(
+        lambda verb, by: heard.append((verb, by)),
+        lambda question, line: (question, line) == ("terminal.1", "5"),
+        lambda alarm, _: alarm == "5",
+    )
     loop, over = asyncio.get_running_loop(), asyncio.Event()
     opened((await door.open(), lambda: loop.call_soon_threadsafe(over.set)))
     await over.wait()
@@ -109,6 +113,8 @@ def test_the_page_and_the_token_steer(run: Run) -> None:
     assert run.say({"say": "pause"})[0] == 200
     assert run.heard.pop() == (Verb.PAUSE, "page at 127.0.0.1")
     assert run.say({"question": "terminal.1", "answer": "5"})[0] == 200
+    assert run.say({"acknowledge": "5"})[0] == 200
+    assert run.say({"acknowledge": "6"}) == (409, '{"text":"this alarm is acknowledged already, or unknown"}')
     assert run.say({"question": "terminal.2", "answer": "5"}) == (409, '{"text":"this question is not open any more"}')
 
 
@@ -127,6 +133,8 @@ def test_the_page_and_the_token_steer(run: Run) -> None:
         (411, {"say": "abort"}, {"transfer_encoding": "chunked", "content_length": ""}),
         (400, {"say": "abort", "question": "terminal.1"}, {}),
         (400, {"say": "jump"}, {}),
+        (400, {"say": "abort", "acknowledge": "5"}, {}),
+        (400, {"acknowledge": "all"}, {}),
         (400, {"say": "abort", "token": 5, "more": 1}, {}),
         (400, ["abort"], {}),
         (400, {"question": "terminal.1", "answer": "5\n6"}, {}),
