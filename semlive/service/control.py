@@ -14,6 +14,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ParamSpec
 
+from pydantic import JsonValue
+
 from semlive.data.experiment import Plan
 from semlive.data.faults import FaultCode
 from semlive.data.loading import DeviceIdentity
@@ -182,8 +184,8 @@ class Control:
         """The operator has read an alarm, or every alarm (None): it is written down, and nothing moves; says whether any was open."""
         alarms = {one.identity for one in self._journal.alarms.open if alarm in (None, one.identity)}
         for identity in sorted(alarms):
-            note = OperatorMessage(time_ns=self._clock.now_ns(), what=ACKNOWLEDGE, args={"alarm": identity} | ({"by": by} if by else {}))
-            self._journal.note(note)
+            args: dict[str, JsonValue] = {"alarm": identity, "by": by} if by else {"alarm": identity}
+            self._journal.note(OperatorMessage(time_ns=self._clock.now_ns(), what=ACKNOWLEDGE, args=args))
         return bool(alarms)
 
     def tick(self) -> None:
