@@ -39,7 +39,7 @@ class ProgressView:
         self._shown: tuple[object, ...] = ()
         self._pace = Pace()
         self._warnings: tuple[str, ...] = ()
-        self._loud_s = float("-inf")
+        self._repeat = Repeat(_LOUD_EVERY_S)
         self._snapshots: queue.Queue[Snapshot | str | None] = queue.Queue(_MAX_WAITING)
         self._thread = threading.Thread(target=self._run, name="progress", daemon=True)
 
@@ -89,7 +89,9 @@ class ProgressView:
         for warning in _new(self._warnings, snapshot.warnings):
             self._line(f"! {warning}", "yellow")
         self._warnings = snapshot.warnings
-        self._loud(disobeyed(snapshot.alarms), time.monotonic())
+        alarm = disobeyed(snapshot.alarms)
+        if self._repeat.due(alarm is not None, time.monotonic()) and alarm is not None:
+            self._line(f"!!! {PRESS_STOP} ({alarm.text}). When it rests, type acknowledge and press Enter.", "bold white on red")
         left_s = self._pace.left_s(snapshot.progress.step, snapshot.progress.steps, time.monotonic())
         if self._live is not None:
             self._live.update(_panel(snapshot, left_s))
@@ -98,14 +100,6 @@ class ProgressView:
             self._shown = key
             if self._live is None or snapshot.progress.state is State.STEP_DONE:
                 self._line(progress_line(snapshot, left_s))
-
-    def _loud(self, alarm: Alarm | None, now_s: float) -> None:
-        """The one thing that cannot wait: again and again, until a person acknowledges it."""
-        if alarm is None:
-            self._loud_s = float("-inf")
-        elif now_s >= self._loud_s + _LOUD_EVERY_S:
-            self._loud_s = now_s
-            self._line(f"!!! {PRESS_STOP} ({alarm.text}). When it rests, type acknowledge and press Enter.", "bold white on red")
 
     def _line(self, text: str, style: str = "") -> None:
         """One line, as it is: a journal breaks lines itself, and rich remembers the width of the last 4,096 that it broke."""
@@ -128,6 +122,27 @@ def _new(before: tuple[str, ...], now: tuple[str, ...]) -> tuple[str, ...]:
         if before[-known:] == now[:known]:
             return now[known:]
     return now
+
+
+class Repeat:
+    """When a line is due that is shown again and again while something lasts.
+
+    Args:
+        every_s: of this computer's time.
+    """
+
+    def __init__(self, every_s: float) -> None:
+        self._every_s, self._next_s = every_s, float("-inf")
+
+    def due(self, lasts: bool, now_s: float) -> bool:
+        """Whether the line is to be shown now: at once when it begins to last, then again after each interval."""
+        if not lasts:
+            self._next_s = float("-inf")
+            return False
+        if now_s < self._next_s:
+            return False
+        self._next_s = now_s + self._every_s
+        return True
 
 
 class Pace:
