@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from semlive.data.asking import Asking, Wanted, Word
+from semlive.data.text import printable
 
 Heard = Callable[[str], bool]
 """Takes a line; True if that was the answer, False to go on waiting."""
@@ -116,7 +117,7 @@ class Console:
 
 
 def _show(line: str) -> None:
-    sys.stdout.write(line + "\n")
+    sys.stdout.write(printable(line) + "\n")
     sys.stdout.flush()
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import sys
+import threading
 from typing import Annotated
 
 import typer
 
 from semlive.cli.lazy import Entry, group_of
+from semlive.data.text import printable
 from semlive.errors import BadInput, SemliveError
 
 _HELP = """Live drift- and distortion-corrected strain measurement inside a scanning electron microscope.
@@ -43,7 +46,12 @@ COMMANDS = (
         BEGIN,
     ),
     Entry("frame", "semlive.cli.frame:frame", "Look at a load frame, without moving it.", BEGIN),
-    Entry("run", "semlive.cli.run:run", "Run an experiment; type pause, resume, stop or abort and press Enter, or Ctrl-C to stop.", RUN),
+    Entry(
+        "run",
+        "semlive.cli.run:run",
+        "Run an experiment; type pause, resume, stop, abort or acknowledge and press Enter, or Ctrl-C to stop.",
+        RUN,
+    ),
     Entry("serve", "semlive.cli.serve:serve", "Show a log on the live page until Ctrl-C; nothing can be steered there.", RUN),
     Entry(
         "recover",
@@ -124,12 +132,33 @@ def _semlive(
 
 
 def run_app() -> int:
-    """Run the command that the arguments name and give its exit code."""
+    """Run the command that the arguments name and give its exit code.
+
+    Nobody at an instrument reads a traceback: an error is one line, and `SEMLIVE_TRACEBACK=1` shows where it arose.
+    """
+    traced = bool(os.environ.get("SEMLIVE_TRACEBACK"))
+    if not traced:
+        threading.excepthook = _thread_failed
     try:
         app()
     except SystemExit as ended:
         return ended.code if isinstance(ended.code, int) else 1
     except SemliveError as error:
-        sys.stderr.write(f"{error}\n")
+        sys.stderr.write(f"{printable(str(error))}\n")
         return 2 if isinstance(error, BadInput) else 1
+    except Exception as error:
+        if traced:
+            raise
+        sys.stderr.write(f"{_unexpected(error)}\n")
+        return 1
     return 0
+
+
+def _unexpected(error: BaseException | None) -> str:
+    what = printable(" ".join(str(error).split()))
+    return f"semlive itself failed ({type(error).__name__}: {what}); set SEMLIVE_TRACEBACK=1 and run it again to see where, and report it"
+
+
+def _thread_failed(failed: threading.ExceptHookArgs) -> None:
+    if failed.exc_value is not None and not isinstance(failed.exc_value, SystemExit):
+        sys.stderr.write(f"{_unexpected(failed.exc_value)}\n")

@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from semlive import dic as engine
+from semlive.cli.terminal import echo
 from semlive.cli.track import warmed
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.settings import DicSettings
@@ -58,7 +59,7 @@ def dic(
     files = _output_files(out, cur)
     warmed(settings)
     for warning in _poor(image, settings, used):
-        typer.echo(f"{ref}: {warning}", err=True)
+        echo(f"{ref}: {warning}", err=True)
     start = time.perf_counter()
     reference = None if engine.is_large(image.shape, grid) else engine.prepare(image, grid, settings, used)
     prepared_s = time.perf_counter() - start
@@ -76,7 +77,7 @@ def dic(
             _write(files[number - 1], disparity)
         figures.append(_figures(disparity, settings, wall_s))
         if not as_json:
-            typer.echo(_sentence(path, disparity, wall_s))
+            echo(_sentence(path, disparity, wall_s))
     if as_json:
         typer.echo(json.dumps(figures[0] if len(figures) == 1 else figures))
 
@@ -105,7 +106,7 @@ def _with_progress(paths: list[Path]) -> Iterator[Path]:
             yield from progress.track(paths, description="correlating")
         return
     for number, path in enumerate(paths, start=1):
-        typer.echo(f"correlating {number} of {len(paths)}: {path.name}", err=True)
+        echo(f"correlating {number} of {len(paths)}: {path.name}", err=True)
         yield path
 
 

@@ -12,6 +12,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from semlive.cli.terminal import cell
 from semlive.cli.track import warmed
 from semlive.data.frame_check import Finding, Verdict
 from semlive.data.settings import DicSettings
@@ -49,5 +50,5 @@ def _table(findings: tuple[Finding, ...]) -> Table:
     table.add_column("do", overflow="fold")
     for one in findings:
         colour = _COLOURS[one.verdict]
-        table.add_row(one.what, f"[{colour}]{one.verdict}[/{colour}]", one.said, one.advice)
+        table.add_row(cell(one.what), f"[{colour}]{one.verdict}[/{colour}]", cell(one.said), cell(one.advice))
     return table

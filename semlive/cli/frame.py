@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from semlive.cli.terminal import cell
 from semlive.data.frame_check import FrameCheck, Verdict
 from semlive.errors import BadConfig, SemliveError
 from semlive.ports import FrameChecker
@@ -66,10 +67,10 @@ def _checker() -> FrameChecker:
 
 
 def _show(found: FrameCheck) -> None:
-    table = Table(title=f"{found.device} at {found.where}", title_justify="left", caption=found.source, caption_justify="left")
+    table = Table(title=cell(f"{found.device} at {found.where}"), title_justify="left", caption=cell(found.source), caption_justify="left")
     for column in ("what", "says", "is", "do"):
         table.add_column(column)
     for finding in found.findings:
         colour = _COLOURS[finding.verdict]
-        table.add_row(finding.what, finding.said, f"[{colour}]{finding.verdict}[/{colour}]", finding.advice)
+        table.add_row(cell(finding.what), cell(finding.said), f"[{colour}]{finding.verdict}[/{colour}]", cell(finding.advice))
     Console().print(table)

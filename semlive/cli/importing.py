@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from semlive.cli.terminal import echo
 from semlive.cli.track import tracked
 from semlive.data.settings import SpecimenSettings
 from semlive.errors import BadInput
@@ -53,12 +54,12 @@ def bring(
     with tracked("importing", "pair") as progress:
         done = import_folder(asked, progress)
     for name in done.left_out:
-        typer.echo(f"{name}: left out, it starts from neither frame 0 nor its own pair, or its frames are not in frames.csv", err=True)
+        echo(f"{name}: left out, it starts from neither frame 0 nor its own pair, or its frames are not in frames.csv", err=True)
     if json_asked:
         typer.echo(json.dumps(as_json(asked, done)))
         return
     grid = done.grid
-    typer.echo(
+    echo(
         f"{out}: {done.pairs} pairs, {done.maps} maps of {grid.nx} x {grid.ny} "
         f"points {grid.step_px} px apart, from {', '.join(done.engines)}"
     )

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
+from semlive.cli.terminal import cell
 from semlive.data.scan import Provenance, Sourced
 from semlive.formats.inspection import Inspection
 
@@ -32,7 +32,7 @@ _WORDS = {
 def print_inspection(console: Console, path: Path, one: Inspection) -> None:
     """A table of one file: what, value, where it comes from; below it what is wrong or unusual."""
     state = "complete" if one.complete else "not complete"
-    table = Table(title=escape(f"{path}: {one.vendor}, {state}"), box=SIMPLE_HEAD, padding=0, title_justify="left")
+    table = Table(title=cell(f"{path}: {one.vendor}, {state}"), box=SIMPLE_HEAD, padding=0, title_justify="left")
     for name in ("quantity", "value", "from"):
         table.add_column(name, no_wrap=True)
     size = "unknown" if one.width_px is None else f"{one.width_px} x {one.height_px} px"
@@ -45,19 +45,19 @@ def print_inspection(console: Console, path: Path, one: Inspection) -> None:
         table.add_row(word, _text(value, scale, unit), value.source.value, style="dim" if missing else None)
     for name, text in _arithmetic(one):
         table.add_row(name, text, "derived")
-    table.add_row("time in the file", escape(str(one.acquired.value or "")), one.acquired.source.value)
+    table.add_row("time in the file", cell(str(one.acquired.value or "")), one.acquired.source.value)
     console.print(table)
     for problem in one.problems:
-        console.print(f"  [bold]![/bold] {escape(problem)}", highlight=False)
+        console.print(f"  [bold]![/bold] {cell(problem)}", highlight=False)
     for note in one.notes:
-        console.print(f"  - {escape(note)}", highlight=False)
+        console.print(f"  - {cell(note)}", highlight=False)
     console.print()
 
 
 def _text(value: Sourced[float] | Sourced[int] | Sourced[str] | Sourced[None], scale: float, unit: str) -> str:
     if value.value is None:
         return ""
-    shown = escape(value.value) if isinstance(value.value, str) else f"{value.value * scale:.6g}"
+    shown = cell(value.value) if isinstance(value.value, str) else f"{value.value * scale:.6g}"
     return f"{shown} {unit}".strip()
 
 

@@ -11,6 +11,7 @@ from typing import Annotated
 
 import typer
 
+from semlive.service.door import Address, token_digest
 from semlive.service.process import start_child
 
 PORT = 8765
@@ -44,14 +45,16 @@ class PageProcess:
         log: what it reads.
         place: where it listens.
         ready: told its address when it listens, or None and its last words if it does not come up; in a thread of ours.
-        control: port on loopback at which the run can be spoken to; None for a page that only shows.
+        control: where on loopback the run can be spoken to; None for a page that only shows. The page gets a digest of the token, not
+            the token itself.
     """
 
-    def __init__(self, log: Path, place: Place, ready: Callable[[str | None, str], object], control: int | None = None) -> None:
+    def __init__(self, log: Path, place: Place, ready: Callable[[str | None, str], object], control: Address | None = None) -> None:
         self._place, self._ready = place, ready
         arguments = [str(log), "--host", place.host, "--port", str(place.port), "--or-any"]
         arguments += ["--exit-with-stdin", *(part for name in place.names for part in ("--name", name))]
-        arguments += [] if control is None else ["--control", str(control)]
+        if control is not None:
+            arguments += ["--control", str(control.port), "--token-sha256", token_digest(control.token)]
         self._process = start_child("semlive.web", arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         threading.Thread(target=self._wait_ready, name="page", daemon=True).start()
 

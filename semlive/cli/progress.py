@@ -14,12 +14,16 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from semlive.data.text import printable
 from semlive.engine import FINAL_STATES, State
+from semlive.service.alarms import PRESS_STOP, Alarm
 from semlive.service.control import Snapshot
 
 _MAX_WAITING = 200
 _TIDY_S = 2.0
 _BEGUN_S = 5.0
+# An alarm that the machine does not obey is shown again after so long, for as long as nobody acknowledges it.
+_LOUD_EVERY_S = 5.0
 
 
 class ProgressView:
@@ -35,6 +39,7 @@ class ProgressView:
         self._shown: tuple[object, ...] = ()
         self._pace = Pace()
         self._warnings: tuple[str, ...] = ()
+        self._repeat = Repeat(_LOUD_EVERY_S)
         self._snapshots: queue.Queue[Snapshot | str | None] = queue.Queue(_MAX_WAITING)
         self._thread = threading.Thread(target=self._run, name="progress", daemon=True)
 
@@ -84,6 +89,9 @@ class ProgressView:
         for warning in _new(self._warnings, snapshot.warnings):
             self._line(f"! {warning}", "yellow")
         self._warnings = snapshot.warnings
+        alarm = disobeyed(snapshot.alarms)
+        if self._repeat.due(alarm is not None, time.monotonic()) and alarm is not None:
+            self._line(f"!!! {PRESS_STOP} ({alarm.text}). When it rests, type acknowledge and press Enter.", "bold white on red")
         left_s = self._pace.left_s(snapshot.progress.step, snapshot.progress.steps, time.monotonic())
         if self._live is not None:
             self._live.update(_panel(snapshot, left_s))
@@ -95,11 +103,17 @@ class ProgressView:
 
     def _line(self, text: str, style: str = "") -> None:
         """One line, as it is: a journal breaks lines itself, and rich remembers the width of the last 4,096 that it broke."""
+        text = printable(text)
         if self._live is not None:
             self._console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
         else:
             self._console.file.write(f"{text}\n")
             self._console.file.flush()
+
+
+def disobeyed(alarms: tuple[Alarm, ...]) -> Alarm | None:
+    """The newest open alarm that says that the machine does not obey its stop."""
+    return next((alarm for alarm in reversed(alarms) if alarm.disobeyed and not alarm.acknowledged), None)
 
 
 def _new(before: tuple[str, ...], now: tuple[str, ...]) -> tuple[str, ...]:
@@ -108,6 +122,27 @@ def _new(before: tuple[str, ...], now: tuple[str, ...]) -> tuple[str, ...]:
         if before[-known:] == now[:known]:
             return now[known:]
     return now
+
+
+class Repeat:
+    """When a line is due that is shown again and again while something lasts.
+
+    Args:
+        every_s: of this computer's time.
+    """
+
+    def __init__(self, every_s: float) -> None:
+        self._every_s, self._next_s = every_s, float("-inf")
+
+    def due(self, lasts: bool, now_s: float) -> bool:
+        """Whether the line is to be shown now: at once when it begins to last, then again after each interval."""
+        if not lasts:
+            self._next_s = float("-inf")
+            return False
+        if now_s < self._next_s:
+            return False
+        self._next_s = now_s + self._every_s
+        return True
 
 
 class Pace:
@@ -174,5 +209,8 @@ def _panel(snapshot: Snapshot, left_s: float | None) -> Table:
         ProgressBar(total=progress.steps, completed=progress.steps if progress.state is State.COMPLETE else progress.step, width=60)
     )
     table.add_row(Text(progress_line(snapshot, left_s), style="bold"))
-    table.add_row(Text(snapshot.progress.message or "", style="dim"))
+    table.add_row(Text(printable(snapshot.progress.message or ""), style="dim"))
+    if open_alarms := [alarm for alarm in snapshot.alarms if not alarm.acknowledged]:
+        newest = f"{len(open_alarms)} not acknowledged, newest: {open_alarms[-1].text}; type acknowledge and press Enter"
+        table.add_row(Text(f"alarms: {newest}", style="bold red"))
     return table

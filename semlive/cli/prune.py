@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from semlive.cli.terminal import echo
 from semlive.errors import BadConfig, SemliveError
 from semlive.service.retention import OldRun, Retention, delete, finish_deleting, free_bytes, looked_over
 
@@ -40,8 +41,8 @@ def prune(
         typer.echo(json.dumps({"runs": [_as_json(run, run.folder in deleted) for run in runs], "free_bytes": free_bytes(folder)}))
     else:
         for run in runs:
-            typer.echo(_line(run, run.folder in deleted))
-        typer.echo(_sum(runs, deleted, do_delete))
+            echo(_line(run, run.folder in deleted))
+        echo(_sum(runs, deleted, do_delete))
     if refused:
         raise SemliveError("; ".join(refused))
 

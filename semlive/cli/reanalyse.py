@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from semlive.cli.replay import EstimationMethod
+from semlive.cli.terminal import cell, echo
 from semlive.cli.track import tracked
 from semlive.errors import BadInput, SemliveError
 from semlive.report.campaign import LogDone, all_cores, cluster
@@ -50,8 +51,8 @@ def reanalyse(
         Console().print(_table(done))
         for one in done:
             if one.error is not None:
-                typer.echo(f"{one.name}: {one.error}")
-        typer.echo(f"{out / 'combined.h5'}: {len(done) - failed} of {len(done)} logs")
+                echo(f"{one.name}: {one.error}")
+        echo(f"{out / 'combined.h5'}: {len(done) - failed} of {len(done)} logs")
     if failed:
         log, error = next((str(one.log), one.error) for one in done if one.error is not None)
         said = error if error.startswith(log) else f"{log}: {error}"  # most name it
@@ -65,8 +66,8 @@ def _table(done: tuple[LogDone, ...]) -> Table:
     for one in done:
         row = one.row()
         if one.error is not None:
-            table.add_row(one.name, "", "failed", style="bold red")
+            table.add_row(cell(one.name), "", "failed", style="bold red")
             continue
         found = ("-" if row[name] is None else f"{row[name]:.4g} ± {row[name + '_sigma']:.2g}" for name in ("e_gpa", "poisson"))
-        table.add_row(one.name, str(row["pairs"]), *found, f"{row['noise_floor_px']:.3g}", f"{one.wall_s:.1f}")
+        table.add_row(cell(one.name), str(row["pairs"]), *found, f"{row['noise_floor_px']:.3g}", f"{one.wall_s:.1f}")
     return table

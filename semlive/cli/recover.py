@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from semlive.cli.terminal import echo
 from semlive.cli.track import tracked
 from semlive.service.recover import Damage, Recovered, recover_log
 
@@ -29,7 +30,7 @@ def recover(
         return
     for one in recovered:
         for line in _lines(one):
-            typer.echo(line)
+            echo(line)
 
 
 def _as_json(recovered: tuple[Recovered, ...]) -> dict[str, Any]:

@@ -15,8 +15,10 @@ from rich.console import Console
 
 from semlive.cli.page import PORT, Host, Name, PageProcess, Place, Port
 from semlive.cli.progress import ProgressView
+from semlive.data.text import printable
 from semlive.engine import Verb
 from semlive.errors import BadConfig, SemliveError
+from semlive.service.alarms import ACKNOWLEDGE, AcknowledgeAll
 from semlive.service.config import load_config
 from semlive.service.daemon import Faces, run_experiment
 from semlive.service.door import Address
@@ -42,12 +44,12 @@ def run(
     page_port: Port = PORT,
     page_name: Name = None,
 ) -> None:
-    """Run an experiment; type pause, resume, stop or abort and press Enter, or Ctrl-C to stop."""
+    """Run an experiment; type pause, resume, stop, abort or acknowledge and press Enter, or Ctrl-C to stop."""
     lean_heap()
     checked = run_with_model(load_config(config), model, resume)
     if yes and not resume:
         raise BadConfig("--yes answers what --resume asks; give both, or leave --yes out")
-    verbs: queue.SimpleQueue[Verb] = queue.SimpleQueue()
+    verbs: queue.SimpleQueue[Verb | AcknowledgeAll] = queue.SimpleQueue()
     by_hand = any(
         section is not None and section.driver == "operator" for section in (checked.load_frame, checked.stage, checked.sem.trigger)
     )
@@ -62,7 +64,8 @@ def run(
         with ProgressView(console) as view:
             door = None if no_page else partial(_open_page, stack, view, checked.run.folder / checked.run.name, place)
             outcome = run_experiment(checked, Faces(view.show, verbs, attended, stop_on_fault, resume, yes, door))
-        console.print(f"{outcome.text}\nlog: {outcome.log}")
+        for line in (outcome.text, f"log: {outcome.log}"):
+            console.print(printable(line), markup=False)
         if stay and not no_page:
             console.print("the live page stays until Ctrl-C")
             with contextlib.suppress(KeyboardInterrupt):
@@ -81,19 +84,22 @@ def _open_page(stack: contextlib.ExitStack, view: ProgressView, log: Path, place
             else f"live page: {page}#token={address.token}"
         )
 
-    stack.callback(PageProcess(log, place, ready, address.port).close)
+    stack.callback(PageProcess(log, place, ready, address).close)
 
 
-def _listen(verbs: queue.SimpleQueue[Verb]) -> None:
+def _listen(verbs: queue.SimpleQueue[Verb | AcknowledgeAll]) -> None:
     """What the operator types, as verbs."""
     for line in sys.stdin:
         if not _taken(verbs, line) and line.strip():
-            sys.stderr.write(f"{line.strip()}: say one of {', '.join(Verb)}\n")
+            sys.stderr.write(f"{printable(line.strip())}: say one of {', '.join((*Verb, ACKNOWLEDGE))}\n")
 
 
-def _taken(verbs: queue.SimpleQueue[Verb], line: str) -> bool:
+def _taken(verbs: queue.SimpleQueue[Verb | AcknowledgeAll], line: str) -> bool:
     """Whether a line is a verb; a stage that a hand moves would take "stop" for the word that it is done."""
     word = line.strip().lower()
+    if word == ACKNOWLEDGE:
+        verbs.put(AcknowledgeAll("terminal"))
+        return True
     if word not in list(Verb):
         return False
     verbs.put(Verb(word))

@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 
 from semlive.cli.page import PORT, Host, Name, PageProcess, Place, Port
+from semlive.data.text import printable
 from semlive.errors import SemliveError
 from semlive.service.log_files import segments
 
@@ -27,7 +28,7 @@ def serve(
         if address is not None:
             console.print(f"live page: {address}", highlight=False, soft_wrap=True)
         else:
-            console.print(why, highlight=False, soft_wrap=True)
+            console.print(printable(why), highlight=False, markup=False, soft_wrap=True)
 
     page = PageProcess(log, Place(host, port, tuple(name or ())), ready)
     try:

@@ -17,6 +17,7 @@ from semlive.data.results import RunResult
 from semlive.data.series import LoadSeries
 from semlive.data.settings import MEASURES, AnalysisSettings
 from semlive.report import figures
+from semlive.report.alarms import alarms_html
 from semlive.report.budget import uncertainty_budget
 from semlive.report.sections import sections
 from semlive.service.log_facts import LogFacts
@@ -36,7 +37,8 @@ h1 { font-size: 1.5rem; margin-bottom: 0; } h2 { font-size: 1.1rem; margin-top: 
 img { max-width: 100%; border-radius: .5rem; } table { border-collapse: collapse; font-variant-numeric: tabular-nums; width: 100%; }
 th, td { text-align: right; padding: .2rem .6rem; border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child { text-align: left; }
-.scroll { overflow-x: auto; } pre { overflow-x: auto; font-size: .85rem; } details { margin: .6rem 0; }
+.scroll { overflow-x: auto; } .words th, .words td { text-align: left; vertical-align: top; }
+pre { overflow-x: auto; font-size: .85rem; } details { margin: .6rem 0; }
 """
 
 
@@ -72,6 +74,8 @@ def report_html(
         _table(("what", "standard uncertainty", "from"), uncertainty_budget(result, settings)),
         "<h2>Frames</h2>",
         _frames_table(result),
+        "<h2>Alarms</h2>",
+        alarms_html(facts.alarms),
         "<h2>Refused frames</h2>",
         refused_html(facts),
         "<h2>Notes</h2>",

@@ -14,6 +14,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ParamSpec
 
+from pydantic import JsonValue
+
 from semlive.data.experiment import Plan
 from semlive.data.faults import FaultCode
 from semlive.data.loading import DeviceIdentity
@@ -68,6 +70,7 @@ from semlive.formats.messages import (
     ScanMessage,
     from_json,
 )
+from semlive.service.alarms import ACKNOWLEDGE, Alarm
 from semlive.service.analysis import READY, is_doubt
 from semlive.service.clock import FileClock, SystemClock
 from semlive.service.journal import Journal
@@ -98,6 +101,7 @@ class Snapshot:
         elastic: elastic constants so far.
         pairs_analysed: pairs whose result is in the log.
         warnings: sentences since the run began, newest last.
+        alarms: of the log so far, acknowledged or not, newest last.
     """
 
     time_ns: int
@@ -106,6 +110,7 @@ class Snapshot:
     elastic: ElasticMessage | None
     pairs_analysed: int
     warnings: tuple[str, ...]
+    alarms: tuple[Alarm, ...] = ()
 
 
 class Control:
@@ -175,6 +180,14 @@ class Control:
             self._warn(f"cannot {verb}: the log does not keep up")
             return
         self.handle(Operator(now_ns, verb))
+
+    def acknowledge(self, alarm: str | None, by: str = "") -> bool:
+        """The operator has read an alarm, or every alarm (None): it is written down, and nothing moves; says whether any was open."""
+        alarms = {one.identity for one in self._journal.alarms.open if alarm in (None, one.identity)}
+        for identity in sorted(alarms):
+            args: dict[str, JsonValue] = {"alarm": identity, "by": by} if by else {"alarm": identity}
+            self._journal.note(OperatorMessage(time_ns=self._clock.now_ns(), what=ACKNOWLEDGE, args=args))
+        return bool(alarms)
 
     def tick(self) -> None:
         """Time passes: feed the links, look at the clock, let the engine decide."""
@@ -415,4 +428,5 @@ class Control:
 
     def _snapshot(self) -> Snapshot:
         now_ns = self._clock.now_ns()
-        return Snapshot(now_ns, progress(self._state), self._drift_rate_px_s, self._elastic, self._pairs_analysed, self._warnings)
+        alarms, rate = self._journal.alarms.known, self._drift_rate_px_s
+        return Snapshot(now_ns, progress(self._state), rate, self._elastic, self._pairs_analysed, self._warnings, alarms)

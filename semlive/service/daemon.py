@@ -10,10 +10,12 @@ import shutil
 import signal
 import socket
 import time
+import traceback
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 from semlive.data.faults import FaultCode
 from semlive.data.loading import DeviceIdentity
@@ -22,6 +24,7 @@ from semlive.errors import BadConfig, BadInput, SemliveError
 from semlive.formats import message_values as values
 from semlive.formats.messages import RunMessage
 from semlive.service import drivers
+from semlive.service.alarms import AcknowledgeAll
 from semlive.service.analysis_link import AnalysisLink
 from semlive.service.clock import FileClock, SystemClock, open_clock
 from semlive.service.config import Config
@@ -90,7 +93,7 @@ class Faces:
     """
 
     observe: Callable[[Snapshot], None]
-    verbs: queue.SimpleQueue[Verb]
+    verbs: queue.SimpleQueue[Verb | AcknowledgeAll]
     attended: bool = False
     stop_on_fault: bool = False
     resume: bool = False
@@ -137,6 +140,7 @@ class _Daemon:
             journal, recorder = self._open_log(stack, clock, earlier)
             self._control = control = Control(self._config.plan(), clock, journal, self._faces.observe, earlier, self._faces.go_on)
             stack.callback(control.close)
+            asyncio.get_running_loop().set_exception_handler(lambda _, told: control.soon(_unexpected, journal, clock, told))
             if self._signals:  # heard while there was nobody yet to carry it out
                 control.soon(control.operator, Verb.STOP)
             try:
@@ -213,7 +217,7 @@ class _Daemon:
         desks = OperatorDesks(drivers.desks(), clock, lambda told: control.soon(journal.note, told))
         stack.callback(desks.close)
         if self._faces.door is not None:
-            door = Door(lambda verb, by: control.soon(control.operator, verb, by), desks.answer)
+            door = Door(lambda verb, by: control.soon(control.operator, verb, by), desks.answer, control.acknowledge)
             self._faces.door(await door.open())
             stack.callback(door.close)
 
@@ -240,7 +244,8 @@ class _Daemon:
         ready_by = time.monotonic() + ready_in_s
         while not control.finished.done():
             while not self._faces.verbs.empty():
-                control.operator(self._faces.verbs.get())
+                said = self._faces.verbs.get()
+                control.operator(said) if isinstance(said, Verb) else control.acknowledge(None, said.by)
             if not started and control.analysis_ready.is_set():
                 started = self._began = True
                 self._supervisor.ready(f"run {self._config.run.name}")
@@ -304,7 +309,7 @@ class _Daemon:
         )
         # A disk that still refused when the run ended is not waited for a second time.
         stack.callback(lambda: recorder.close(0.0 if self._log_ended else _LOG_TIMEOUT_S, _LOG_REFUSED_S))
-        return Journal(recorder), recorder
+        return Journal(recorder, None if earlier is None else earlier.alarms), recorder
 
     def _make_folder(self, stack: contextlib.ExitStack) -> None:
         """A new run's folder, held by us from before it is made: its place may still be another's whose folder was deleted."""
@@ -402,6 +407,13 @@ class _Daemon:
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+
+def _unexpected(journal: Journal, clock: SystemClock | FileClock, told: dict[str, Any]) -> None:
+    """What asyncio would print goes into the log: a terminal is for sentences that say what to do."""
+    error = told.get("exception")
+    trace = "".join(traceback.format_exception(error)) if isinstance(error, BaseException) else ""
+    journal.line(clock.now_ns(), f"{trace}{told.get('message', '')}", "error")
 
 
 def _analysis_trouble(control: Control, clock: SystemClock | FileClock, what: str, lost: bool) -> None:

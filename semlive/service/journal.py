@@ -29,6 +29,8 @@ from semlive.formats.messages import (
     StateMessage,
     topic_of,
 )
+from semlive.service import alarms as alarm_rules
+from semlive.service.alarms import Alarms
 from semlive.service.boot import boot_id
 from semlive.service.record import Recorder
 
@@ -41,10 +43,13 @@ class Journal:
 
     Attributes:
         recorder: who writes it all; its `behind` says whether it keeps up.
+        alarms: those of the log so far.
     """
 
-    def __init__(self, recorder: Recorder) -> None:
+    def __init__(self, recorder: Recorder, alarms: Alarms | None = None) -> None:
+        """A journal of a run that begins, or with the alarms of its earlier segments."""
         self.recorder = recorder
+        self.alarms = alarms or Alarms()
         self._boot_id = boot_id()
         self._follower: Callable[[LogMessage], None] | None = None
 
@@ -123,5 +128,9 @@ class Journal:
             stamp = {"mono_ns": time.monotonic_ns()} if isinstance(payload, Stamped) else {}
             payload = payload.model_copy(update={**stamp, "boot_id": self._boot_id})
         message = self.recorder.write(topic, payload, publish_time_ns, sequence)
+        if not isinstance(payload, bytes):
+            self.alarms = alarm_rules.after(self.alarms, payload)
+        elif topic == "/fault":
+            self.alarms = alarm_rules.after_message(self.alarms, message)
         if self._follower is not None:
             self._follower(message)

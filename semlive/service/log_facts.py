@@ -1,4 +1,4 @@
-"""What a log tells of its run besides measurements: refused frames, versions, configuration."""
+"""What a log tells of its run besides measurements: alarms, refused frames, versions, configuration."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from semlive.formats.messages import FileMessage, RunMessage, from_json
+from semlive.service.alarms import TOPICS as ALARM_TOPICS
+from semlive.service.alarms import Alarms, after
 from semlive.service.log_files import messages
 
 
@@ -36,6 +38,7 @@ class LogFacts:
         config: the checked configuration.
         files: exported files that arrived.
         refused: those that were not used, in order.
+        alarms: what went wrong; None if the log was not read for it.
     """
 
     host: str = ""
@@ -44,6 +47,7 @@ class LogFacts:
     config: dict[str, Any] | None = None
     files: int = 0
     refused: tuple[RefusedFile, ...] = ()
+    alarms: Alarms | None = None
 
 
 def log_facts(log: Path) -> LogFacts:
@@ -55,10 +59,12 @@ def log_facts(log: Path) -> LogFacts:
     runs: list[RunMessage] = []
     names: dict[int, str] = {}
     refused: list[RefusedFile] = []
+    alarms = Alarms()
     for message in messages(log):
-        if message.topic not in ("/run", "/sem/file"):
+        if message.topic not in ("/run", "/sem/file", *ALARM_TOPICS):
             continue
         told = from_json(message.topic, message.payload)
+        alarms = after(alarms, told)
         if isinstance(told, RunMessage):
             runs.append(told)
         elif isinstance(told, FileMessage):
@@ -68,6 +74,6 @@ def log_facts(log: Path) -> LogFacts:
                 name = told.name or ("" if told.export is None else names.get(told.export, ""))
                 refused.append(RefusedFile(told.export, name, told.reason))
     if not runs:
-        return LogFacts(files=len(names), refused=tuple(refused))
+        return LogFacts(files=len(names), refused=tuple(refused), alarms=alarms)
     first = runs[0]
-    return LogFacts(first.host, len(runs), dict(first.versions), dict(first.config), len(names), tuple(refused))
+    return LogFacts(first.host, len(runs), dict(first.versions), dict(first.config), len(names), tuple(refused), alarms)

@@ -33,6 +33,8 @@ from semlive.formats.messages import (
     StateMessage,
     from_json,
 )
+from semlive.service.alarms import TOPICS as ALARM_TOPICS
+from semlive.service.alarms import Alarms, after_message
 from semlive.service.analysis import INPUT_TOPICS, fault_place, is_output
 from semlive.service.config import Config, parse_config
 from semlive.service.log_files import PART, SUFFIX, messages, segments
@@ -60,6 +62,7 @@ class Earlier:
         revision: of the last estimate in the log, 0 if there is none.
         pairs_analysed: how many pairs it is from.
         damage: what could not be read, one sentence each.
+        alarms: those of the earlier segments.
     """
 
     segment: int
@@ -74,6 +77,7 @@ class Earlier:
     revision: int
     pairs_analysed: int
     damage: tuple[str, ...]
+    alarms: Alarms = field(default_factory=Alarms)
 
     def line(self, boot_id: str) -> Clock | None:
         """The line of experiment time to go on with: the same while the computer was not started anew, else none."""
@@ -149,12 +153,15 @@ class _Reading:
     inputs: int = 0
     outputs: int = 0
     last_log_time_ns: int = 0
+    alarms: Alarms = field(default_factory=Alarms)
 
     def take(self, message: LogMessage) -> None:
         """One message of the log."""
         self.inputs += message.topic in INPUT_TOPICS
         self.outputs += is_output(message)
         self.last_log_time_ns = max(self.last_log_time_ns, message.log_time_ns)
+        if message.topic in ALARM_TOPICS:
+            self.alarms = after_message(self.alarms, message)
         if message.topic == "/load_frame/sample":
             self.load = message.payload
         elif message.topic == "/stage/sample":
@@ -240,6 +247,7 @@ class _Reading:
             self.revision,
             self.pairs_analysed,
             damage,
+            self.alarms,
         )
 
 

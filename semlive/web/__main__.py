@@ -13,10 +13,14 @@ from pathlib import Path
 
 import uvicorn
 
+from semlive.web.admission import Admission
 from semlive.web.app import Control, make_app
+from semlive.web.connection import bounded
 from semlive.web.hub import Hub
 
 _ENDING_S = 1
+_BACKLOG = 64
+_KEEP_ALIVE_S = 15
 _LAST_WORDS_S = 2.0
 _SHOWN_S = 0.5
 _FETCHED_S = 1.5
@@ -32,30 +36,46 @@ def main() -> None:
     parser.add_argument("--or-any", action="store_true")
     parser.add_argument("--name", action="append", default=[], help="further name of this computer")
     parser.add_argument("--control", type=int, help="port on loopback where the run listens")
+    parser.add_argument("--token-sha256", help="of the run's token, in hexadecimal; needed with --control")
     parser.add_argument("--exit-with-stdin", action="store_true")
     arguments = parser.parse_args()
+    if (arguments.control is None) != (arguments.token_sha256 is None):
+        parser.error("give --control and --token-sha256 together")
     if hasattr(os, "nice"):
         # Whoever looks on comes after control and its links, and before correlation.
         os.nice(5)
-    control = None if arguments.control is None else Control("127.0.0.1", arguments.control)
+    control = None if arguments.control is None else Control("127.0.0.1", arguments.control, arguments.token_sha256)
     hub = Hub(arguments.log)
     listening = _listen(arguments.host, arguments.port, arguments.or_any)
+    admission = Admission()
     config = uvicorn.Config(
-        make_app(hub, control, [arguments.host, *arguments.name]),
+        make_app(hub, control, [arguments.host, *arguments.name], admission),
+        http=bounded(admission),
         log_level="critical",
         access_log=False,
         ws="none",
         server_header=False,
-        limit_concurrency=300,
-        timeout_keep_alive=30,
+        # So many connections are accepted before any is read: less than are kept, so that none is closed before its request was seen.
+        backlog=_BACKLOG,
+        timeout_keep_alive=_KEEP_ALIVE_S,
         timeout_graceful_shutdown=_ENDING_S,
     )
-    server = uvicorn.Server(config)
+    server = _Server(config)
     if arguments.exit_with_stdin:
         threading.Thread(target=_end_with_stdin, args=(hub, server), daemon=True).start()
     sys.stdout.write(f"{listening.getsockname()[1]}\n")
     sys.stdout.flush()
     server.run(sockets=[listening])
+
+
+class _Server(uvicorn.Server):
+    """uvicorn's server; more connections may wait in the system than are accepted at once."""
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to listen."""
+        await super().startup(sockets)
+        for one in sockets or ():
+            one.listen(socket.SOMAXCONN)
 
 
 def _listen(host: str, port: int, or_any: bool) -> socket.socket:

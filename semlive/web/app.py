@@ -1,10 +1,12 @@
-"""The page's addresses. All but two only show; those two pass on what the operator says, with the operator's token, which is not kept."""
+"""The page's addresses. All but one only show; `/say` passes on what the operator says, with the operator's token, which is not kept."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Iterable
+import hmac
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,31 +15,60 @@ from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
+from starlette.requests import ClientDisconnect
 from starlette.requests import Request as Asked
 from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
+from starlette.types import Receive, Scope, Send
 
 from semlive.errors import SemliveError
-from semlive.service.door import Heard, Request, knock
+from semlive.service.door import Asked as Said
+from semlive.service.door import Heard, Request, knock, token_digest
+from semlive.web.admission import Admission, Stage, is_loopback
 from semlive.web.guard import Guard
 from semlive.web.hub import Hub
 from semlive.web.picture import newest_picture
 
 STATIC = Path(__file__).with_name("static")
 MAX_VIEWERS = 100
+MAX_VIEWERS_OF_AN_ADDRESS = 24
+"""Of another computer; those of this one may come through a tunnel or a proxy."""
 _BEAT_S = 2.0
-# What waits for control at once: who tries tokens must not keep the operator's Stop waiting behind a crowd.
-_CALLS_AT_ONCE = 8
+_BODY_S = 5.0
+# A token has 128 bits, so this keeps nobody from guessing it; it slows down those who try.
+_WRONG_TOKEN_S = 0.25
 _STATUS = {Heard.TAKEN: 200, Heard.NO_TOKEN: 403, Heard.NO_REQUEST: 400, Heard.NOT_OPEN: 409}
 
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """Where the run listens."""
+    """Where the run listens, and what its token is checked by.
+
+    Attributes:
+        host: of this computer.
+        port: TCP.
+        token_sha256: of the run's token, in hexadecimal: enough to check a token, not to know it.
+    """
 
     host: str
     port: int
+    token_sha256: str
+
+
+class Viewing(StreamingResponse):
+    """A stream that is counted from the moment its request is accepted until it ends, however it ends."""
+
+    def __init__(self, content: AsyncIterator[str], ended: Callable[[], object], headers: dict[str, str]) -> None:
+        super().__init__(content, media_type="text/event-stream", headers=headers)
+        self._ended = ended
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send it."""
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            self._ended()
 
 
 class Page:
@@ -46,12 +77,12 @@ class Page:
     Args:
         hub: reader of the log.
         control: where the run listens; None for a page that only shows.
+        admission: the connections of the server, of which this tells what they are doing.
     """
 
-    def __init__(self, hub: Hub, control: Control | None) -> None:
-        self._hub, self._control = hub, control
-        self._viewers = 0
-        self._calls = asyncio.Semaphore(_CALLS_AT_ONCE)
+    def __init__(self, hub: Hub, control: Control | None, admission: Admission) -> None:
+        self._hub, self._control, self._admission = hub, control, admission
+        self._viewers: Counter[str] = Counter()
 
     async def index(self, _: Asked) -> Response:
         """The page itself."""
@@ -61,12 +92,16 @@ class Page:
         """Whether anything can be said here."""
         return JSONResponse({"controls": self._control is not None}, headers={"cache-control": "no-store"})
 
-    async def events(self, _: Asked) -> Response:
+    async def events(self, asked: Asked) -> Response:
         """What changes, for as long as somebody looks."""
-        if self._viewers >= MAX_VIEWERS:
+        host = "" if asked.client is None else asked.client.host
+        of_address = MAX_VIEWERS if is_loopback(host) else MAX_VIEWERS_OF_AN_ADDRESS
+        if self._viewers.total() >= MAX_VIEWERS or self._viewers[host] >= of_address:
             return Response("too many look on already", 503, headers={"retry-after": "30"})
-        headers = {"cache-control": "no-store", "x-accel-buffering": "no"}
-        return StreamingResponse(self._events(), media_type="text/event-stream", headers=headers)
+        # Counted here, before anything is awaited: of many requests at once none passes uncounted.
+        self._viewers[host] += 1
+        self._enter(asked, Stage.VIEWING)
+        return Viewing(self._events(), lambda: self._leave(host), {"cache-control": "no-store", "x-accel-buffering": "no"})
 
     async def field(self, asked: Asked) -> Response:
         """A map as float32."""
@@ -88,48 +123,72 @@ class Page:
         return Response(png, media_type="image/png", headers=headers)
 
     async def say(self, asked: Asked) -> Response:
-        """A verb or an answer of the operator's, passed on to the run."""
+        """A verb, an answer or an acknowledgement of the operator's, passed on to the run."""
         if self._control is None:
-            return JSONResponse({"text": "this page only shows; steer from the page that semlive run opens"}, 405)
+            return _told("this page only shows; steer from the page that semlive run opens", 405)
         kind, _, token = asked.headers.get("authorization", "").partition(" ")
+        known = kind == "Bearer" and hmac.compare_digest(token_digest(token), self._control.token_sha256)
+        if known:
+            self._enter(asked, Stage.AUTHENTICATED)
+        try:
+            async with asyncio.timeout(_BODY_S):
+                body = await asked.body()
+            said = Said.model_validate_json(body)
+        except (TimeoutError, ClientDisconnect):
+            return _told("the request did not come in time", 408)
+        except ValidationError:
+            return _told("not understood", 400)
+        if not known:
+            await asyncio.sleep(_WRONG_TOKEN_S)
+            return _told("the token is not that of this run; open the address that semlive run shows", 403)
         by = f"page at {asked.client.host}" if asked.client is not None else "page"
+        return await self._passed_on(Request(**said.model_dump(), token=token, by=by), self._control)
+
+    async def _passed_on(self, request: Request, control: Control) -> Response:
         try:
-            told = await asked.json()
-            request = Request.model_validate({**told, "token": token if kind == "Bearer" else "", "by": by})
-        except (ValueError, TypeError, ValidationError):
-            return JSONResponse({"text": "not understood"}, 400)
-        try:
-            async with self._calls:
-                reply = await knock(self._control.host, self._control.port, request)
+            reply = await knock(control.host, control.port, request)
         except (OSError, TimeoutError):
-            return JSONResponse({"text": "the run does not answer; it is over, or look at its terminal"}, 502)
-        return JSONResponse({"text": reply.text}, _STATUS[reply.heard])
+            return _told("the run does not answer; it is over, or look at its terminal", 502)
+        return _told(reply.text, _STATUS[reply.heard])
+
+    def _enter(self, asked: Asked, stage: Stage) -> None:
+        if asked.client is not None:
+            self._admission.enter((asked.client.host, asked.client.port), stage)
+
+    def _leave(self, host: str) -> None:
+        self._viewers[host] -= 1
+        if not self._viewers[host]:
+            del self._viewers[host]
 
     async def _events(self) -> AsyncIterator[str]:
-        self._viewers += 1
-        try:
-            version = -1
-            yield "retry: 1000\n\n"
-            while True:
-                version, texts = await self._hub.changes(version, _BEAT_S)
-                yield "".join(f"data: {text}\n\n" for text in texts) or f"data: {self._hub.beat()}\n\n"
-        finally:
-            self._viewers -= 1
+        version = -1
+        yield "retry: 1000\n\n"
+        while True:
+            version, texts = await self._hub.changes(version, _BEAT_S)
+            yield "".join(f"data: {text}\n\n" for text in texts) or f"data: {self._hub.beat()}\n\n"
 
 
-def make_app(hub: Hub, control: Control | None, names: Iterable[str] = ()) -> Starlette:
+def _told(text: str, status: int) -> JSONResponse:
+    return JSONResponse({"text": text}, status)
+
+
+def make_app(hub: Hub, control: Control | None, names: Iterable[str] = (), admission: Admission | None = None) -> Starlette:
     """The application over a hub.
 
     Args:
         hub: reader of the log; begun and closed with the application.
         control: where the run listens; None for a page that only shows.
         names: further names of this computer.
+        admission: the connections of the server; None where nothing bounds them.
     """
-    page = Page(hub, control)
+    page = Page(hub, control, admission or Admission())
 
     @contextlib.asynccontextmanager
     async def life(_: Starlette) -> AsyncIterator[None]:
-        hub.begin(asyncio.get_running_loop())
+        loop = asyncio.get_running_loop()
+        # What goes wrong with one connection is not for the terminal of the run.
+        loop.set_exception_handler(lambda _loop, _context: None)
+        hub.begin(loop)
         try:
             yield
         finally:

@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from semlive.data.asking import Asking
+from semlive.data.text import printable
 from semlive.engine import FINAL_STATES, Cause, State, Verb
 from semlive.errors import BadInput
 from semlive.formats import message_values as values
@@ -15,7 +16,6 @@ from semlive.formats.messages import (
     TOPICS,
     ClockMessage,
     ClockOffsetMessage,
-    FaultMessage,
     FileMessage,
     LoadSampleMessage,
     LogLineMessage,
@@ -26,14 +26,17 @@ from semlive.formats.messages import (
     StateMessage,
     from_json,
 )
+from semlive.service import alarms as alarm_rules
+from semlive.service.alarms import Alarm
 from semlive.service.config import parse_config
 from semlive.web.fields import Fields
 from semlive.web.results import FOLLOWED as RESULTS
 from semlive.web.trace import LoadRow, added
-from semlive.web.view import Alarm, MappedFrame, Question, Refused, Run, View
+from semlive.web.view import MappedFrame, Notice, Question, Refused, Run, View
 from semlive.web.words import ASKING, advice, advice_for
 
-_KEPT_ALARMS = 100
+_KEPT_WARNINGS = 100
+_SHOWN_ALARMS = 200
 _KEPT_REFUSED = 100
 _KEPT_QUALITY = 4000
 
@@ -48,7 +51,9 @@ def after(view: View, message: LogMessage) -> View:
     if message.topic not in _FOLLOWED or message.topic not in TOPICS:
         return view
     payload = from_json(message.topic, message.payload)
-    return _FOLLOWED[message.topic](view, payload)
+    view = _FOLLOWED[message.topic](view, payload)
+    raised = alarm_rules.after(view.raised, payload)
+    return view if raised is view.raised else _with_notices(replace(view, raised=raised))
 
 
 def with_fields(view: View, fields: Fields) -> View:
@@ -166,30 +171,55 @@ def _stage(view: View, told: StageSampleMessage) -> View:
 
 def _line(view: View, told: LogLineMessage) -> View:
     if told.level == "info":
-        return replace(view, protocol=replace(view.protocol, message=told.text))
-    return _alarm(view, told.time_ns, told.level, told.text.strip().splitlines()[-1] if told.text.strip() else "", "")
-
-
-def _fault(view: View, told: FaultMessage) -> View:
-    return _alarm(view, told.time_ns, "error", f"{told.where}: {told.what}", advice_for(told.where) or f"semlive: {told.action}.")
+        return replace(view, protocol=replace(view.protocol, message=printable(told.text)))
+    lines = told.text.strip().splitlines()
+    # An error's text can be a trace, of which the last line says what it is about.
+    return _warned(view, told.time_ns, told.level, lines[-1] if lines and told.level == "error" else told.text.strip(), "")
 
 
 def _offset(view: View, told: ClockOffsetMessage) -> View:
-    return _alarm(view, view.last_ns, "warning", told.reason, told.advice) if told.advice else view
+    return _warned(view, view.last_ns, "warning", told.reason, told.advice) if told.advice else view
 
 
-def _alarm(view: View, time_ns: int, level: str, text: str, what_to_do: str) -> View:
-    alarm = Alarm(seconds(view, time_ns), level, text, what_to_do)
-    return replace(view, alarms=(*view.alarms, alarm)[-_KEPT_ALARMS:])
+def _warned(view: View, time_ns: int, level: str, text: str, what_to_do: str) -> View:
+    notice = Notice(seconds(view, time_ns), level, printable(text), what_to_do)
+    return _with_notices(replace(view, warnings=(*view.warnings, notice)[-_KEPT_WARNINGS:]))
+
+
+def _with_notices(view: View) -> View:
+    """Alarms and warnings as one list; an open alarm that the machine does not obey is shown however many came later."""
+    known = view.raised.known
+    shown = (*(one for one in known[:-_SHOWN_ALARMS] if one.disobeyed and not one.acknowledged), *known[-_SHOWN_ALARMS:])
+    notices = sorted((*view.warnings, *(_notice(view, alarm) for alarm in shown)), key=lambda one: one.time_s)
+    return replace(view, alarms=tuple(notices))
+
+
+def _notice(view: View, alarm: Alarm) -> Notice:
+    return Notice(
+        seconds(view, alarm.time_ns),
+        "error",
+        alarm.text if alarm.where in ("", "run") else f"{alarm.where}: {alarm.text}",
+        advice_for(alarm.where, alarm.code) or f"semlive: {alarm.action}.",
+        alarm.identity,
+        alarm.code,
+        None if alarm.acknowledged_ns is None else seconds(view, alarm.acknowledged_ns),
+        alarm.acknowledged_by,
+        alarm.disobeyed and not alarm.acknowledged,
+    )
+
+
+def _only_alarms(view: View, _: object) -> View:
+    return view
 
 
 def _file(view: View, told: FileMessage) -> View:
     frames, time_s = view.frames, seconds(view, view.last_ns)
+    name = printable(told.name)
     if told.decision == "arrived":
-        return replace(view, frames=replace(frames, newest=told.export, name=told.name, time_s=time_s, arrived=frames.arrived + 1))
+        return replace(view, frames=replace(frames, newest=told.export, name=name, time_s=time_s, arrived=frames.arrived + 1))
     if told.decision != "refused":
         return view
-    refused = Refused(time_s, told.name, told.reason)
+    refused = Refused(time_s, name, printable(told.reason))
     kept = (refused, *frames.refused)[:_KEPT_REFUSED]
     return replace(view, frames=replace(frames, refused=kept, refused_count=frames.refused_count + 1))
 
@@ -225,7 +255,7 @@ _FOLLOWED: Mapping[str, Callable[[View, Any], View]] = {
     "/load_frame/sample": _load,
     "/stage/sample": _stage,
     "/log": _line,
-    "/fault": _fault,
+    "/fault": _only_alarms,
     "/sem/file": _file,
     "/pair": _pair,
     "/operator": _operator,

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 from semlive.data.clock import Clock
 from semlive.data.experiment import Step
+from semlive.service.alarms import Alarms
 from semlive.web.trace import Trace
 
 
@@ -175,13 +176,30 @@ class Strength:
 
 
 @dataclass(frozen=True, slots=True)
-class Alarm:
-    """Something that went wrong, in words."""
+class Notice:
+    """Something that went wrong, in words: an alarm, or a warning that nobody has to acknowledge.
+
+    Attributes:
+        time_s: when.
+        level: ``error`` or ``warning``.
+        text: what went wrong.
+        advice: what to do; empty if nothing.
+        identity: by which an alarm is acknowledged; empty for a warning.
+        code: `FaultCode` of an alarm, empty if the log has none.
+        acknowledged_s: when a person acknowledged it, None as long as nobody did.
+        acknowledged_by: where that request came from.
+        disobeyed: an open alarm: the machine moves on after every stop that was ordered.
+    """
 
     time_s: float
     level: str
     text: str
     advice: str
+    identity: str = ""
+    code: str = ""
+    acknowledged_s: float | None = None
+    acknowledged_by: str = ""
+    disobeyed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,6 +279,9 @@ class View:
         clock: line of experiment time in force.
         boot_id: boot of the computer that its monotonic clock belongs to.
         last_ns: when the last message was recorded.
+        alarms: alarms and warnings as they are shown, oldest first.
+        raised: the alarms that they are made of.
+        warnings: the warnings that they are made of.
     """
 
     run: Run | None = None
@@ -271,7 +292,7 @@ class View:
     drift: Drift = Drift()
     quality: tuple[MapQuality, ...] = ()
     strength: Strength = Strength()
-    alarms: tuple[Alarm, ...] = ()
+    alarms: tuple[Notice, ...] = ()
     desk: AtDesk = AtDesk()
     frames: Frames = Frames()
     maps: Maps = Maps()
@@ -279,3 +300,5 @@ class View:
     clock: Clock | None = None
     boot_id: str = ""
     last_ns: int = 0
+    raised: Alarms = field(default_factory=Alarms)
+    warnings: tuple[Notice, ...] = ()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from semlive.data.faults import FaultCode
 from semlive.engine import Cause, Device, State
 
 _AGAIN = "press Resume, which asks once more before anything moves"
@@ -40,13 +41,15 @@ def advice(state: str, cause: str) -> str:
     return _STATES.get(state, "")
 
 
-def advice_for(where: str) -> str:
-    """What to do about a fault, by where it arose."""
+def advice_for(where: str, code: str = "") -> str:
+    """What to do about a fault, by where it arose and its `FaultCode`; empty if there is nothing to say but what semlive did."""
+    if code == FaultCode.STOP_NOT_OBEYED:
+        return "Press the machine's own emergency stop now. Acknowledge when it rests."
     if where == "log":
         return "Make room on the disk; when the log keeps up again, Resume."
     if where == "export folder":
         return "See to the share that holds the export folder."
-    if where in _DEVICES:
+    if where in _DEVICES or where == "run":
         return "Where the run waits for you, the bar above says what to do."
     if where == "analysis":
         return "Nothing: recording goes on, and results catch up."

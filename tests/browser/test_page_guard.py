@@ -23,9 +23,9 @@ from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.grid import Grid
 from semlive.engine import Verb
 from semlive.formats.maps import encode_map
-from semlive.formats.messages import DIC_MAP, SEM_ORIGINAL, FileMessage, OperatorMessage, RunMessage, StateMessage
+from semlive.formats.messages import DIC_MAP, SEM_ORIGINAL, FaultMessage, FileMessage, OperatorMessage, RunMessage, StateMessage
 from semlive.service.clock import SystemClock
-from semlive.service.door import Address, Door
+from semlive.service.door import Address, Door, token_digest
 from semlive.service.log_files import segment_path
 from semlive.service.record import Recorder
 
@@ -38,7 +38,7 @@ class Run:
     control: Address
     recorder: Recorder
     clock: SystemClock
-    heard: list[tuple[Verb, str]] = field(default_factory=list)
+    heard: list[tuple[Verb | str, str]] = field(default_factory=list)
 
     def ask(self, method: str, path: str, body: bytes = b"", **headers: str) -> tuple[int, str]:
         line = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
@@ -72,7 +72,7 @@ class Run:
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     folder = tmp_path_factory.mktemp("run")
-    heard: list[tuple[Verb, str]] = []
+    heard: list[tuple[Verb | str, str]] = []
     opened: queue.Queue[tuple[Address, Callable[[], object]]] = queue.Queue()
     listening = threading.Thread(target=lambda: asyncio.run(listen(heard, opened.put)))
     listening.start()
@@ -80,7 +80,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     clock = SystemClock()
     recorder = Recorder(segment_path(folder, "run", 0), clock, lambda _: None)
     recorder.write("/run", RunMessage(run="run", started_time_ns=clock.now_ns(), host="lab", versions={}, config={}))
-    process = page_of(folder, "--control", str(control.port))
+    process = page_of(folder, "--control", str(control.port), "--token-sha256", token_digest(control.token))
     assert process.stdout is not None
     one = Run(int(process.stdout.readline()), control, recorder, clock, heard)
     one.enter("holding")
@@ -91,9 +91,13 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     listening.join()
 
 
-async def listen(heard: list[tuple[Verb, str]], opened: Callable[[tuple[Address, Callable[[], object]]], object]) -> None:
+async def listen(heard: list[tuple[Verb | str, str]], opened: Callable[[tuple[Address, Callable[[], object]]], object]) -> None:
     """A door, until it is left."""
-    door = Door(lambda verb, by: heard.append((verb, by)), lambda question, line: (question, line) == ("terminal.1", "5"))
+    door = Door(
+        lambda verb, by: heard.append((verb, by)),
+        lambda question, line: (question, line) == ("terminal.1", "5"),
+        lambda alarm, by: alarm != "6" and not heard.append((alarm, by)),
+    )
     loop, over = asyncio.get_running_loop(), asyncio.Event()
     opened((await door.open(), lambda: loop.call_soon_threadsafe(over.set)))
     await over.wait()
@@ -109,6 +113,9 @@ def test_the_page_and_the_token_steer(run: Run) -> None:
     assert run.say({"say": "pause"})[0] == 200
     assert run.heard.pop() == (Verb.PAUSE, "page at 127.0.0.1")
     assert run.say({"question": "terminal.1", "answer": "5"})[0] == 200
+    assert run.say({"acknowledge": "5"})[0] == 200
+    assert run.heard.pop() == ("5", "page at 127.0.0.1")
+    assert run.say({"acknowledge": "6"}) == (409, '{"text":"this alarm is acknowledged already, or unknown"}')
     assert run.say({"question": "terminal.2", "answer": "5"}) == (409, '{"text":"this question is not open any more"}')
 
 
@@ -127,6 +134,8 @@ def test_the_page_and_the_token_steer(run: Run) -> None:
         (411, {"say": "abort"}, {"transfer_encoding": "chunked", "content_length": ""}),
         (400, {"say": "abort", "question": "terminal.1"}, {}),
         (400, {"say": "jump"}, {}),
+        (400, {"say": "abort", "acknowledge": "5"}, {}),
+        (400, {"acknowledge": "all"}, {}),
         (400, {"say": "abort", "token": 5, "more": 1}, {}),
         (400, ["abort"], {}),
         (400, {"question": "terminal.1", "answer": "5\n6"}, {}),
@@ -358,6 +367,49 @@ def test_readers_of_screens_are_told_of_a_map_on_its_way(run: Run, tab: Callable
     held[0].continue_()
     expect(page.locator("#map-now")).to_contain_text("mean 0.500 px")
     readable(page)
+
+
+def raised(run: Run, code: str, what: str) -> str:
+    """An alarm is written; gives its identity."""
+    now_ns = run.clock.now_ns()
+    run.recorder.write("/fault", FaultMessage(time_ns=now_ns, what=what, where="load frame", action="stopped", code=code))
+    run.recorder.flush_wait()
+    return str(now_ns)
+
+
+def acknowledged(run: Run, identity: str) -> None:
+    """The run has taken an acknowledgement, and writes it down."""
+    assert run.heard.pop() == (identity, "page at 127.0.0.1")
+    args = {"alarm": identity, "by": "page at 127.0.0.1"}
+    run.recorder.write("/operator", OperatorMessage(time_ns=run.clock.now_ns(), what="acknowledge", args=args))
+    run.recorder.flush_wait()
+
+
+def test_an_alarm_is_shown_to_everybody_until_it_is_acknowledged(
+    run: Run, tab: Callable[..., Page], readable: Callable[[Page], None]
+) -> None:
+    first, second = raised(run, "limit", "the load is beyond its limit"), raised(run, "stop_not_obeyed", "it moves on after 12 stops")
+    page = tab()
+    page.goto(f"http://127.0.0.1:{run.port}/#token={run.control.token}")
+    banner, bar, listed = page.locator("#disobeyed"), page.locator("#open-alarms"), page.locator("#alarms li")
+    for _ in range(2):
+        expect(banner).to_contain_text("press the machine's own emergency stop now")
+        expect(bar).to_contain_text("2 alarms are not acknowledged, the newest: ")
+        expect(listed.first).to_contain_text("stop_not_obeyed")
+        readable(page)
+        page.reload()
+    with page.expect_response("**/say"):
+        page.get_by_role("button", name="Acknowledge", exact=True).click()
+    expect(banner).to_be_visible()
+    acknowledged(run, second)
+    expect(banner).to_be_hidden()
+    expect(bar).to_contain_text("the load is beyond its limit")
+    with page.expect_response("**/say"):
+        page.get_by_role("button", name="Acknowledge", exact=True).click()
+    acknowledged(run, first)
+    expect(bar).to_be_hidden()
+    expect(listed.first).to_contain_text("page at 127.0.0.1")
+    assert not run.heard
 
 
 def test_a_page_sees_a_transition_at_once(run: Run, tab: Callable[..., Page]) -> None:

@@ -174,8 +174,22 @@ def test_a_person_enters_loads_on_the_page_and_a_limit_stops_all(
     page.keyboard.press("Enter")
     state(page, "FAULT")
     expect(page.get_by_role("alert")).to_contain_text("Look at specimen and load frame")
+    alarm = page.locator("#open-alarms")
+    expect(alarm).to_contain_text("Alarm: ")
     shoot(page, "fault")
     readable(page)
+    page.reload()
+    expect(alarm).to_be_visible()
+    page.get_by_role("button", name="Acknowledge", exact=True).click()
+    expect(alarm).to_be_hidden()
+    expect(page.locator("#alarms")).to_contain_text("page at 127.0.0.1")
+    state(page, "FAULT")
     page.get_by_role("button", name="Stop").click()
     assert run.end() == 1
     assert run.logged("/state")[-1]["after"] == "aborted"
+    (told,) = [one["args"] for one in run.logged("/operator") if one["what"] == "acknowledge"]
+    assert told["by"] == "page at 127.0.0.1"
+    with served(run.log) as shows:
+        page.goto(shows)
+        expect(page.locator("#alarms")).to_contain_text("page at 127.0.0.1")
+        expect(page.get_by_role("button", name="Acknowledge", exact=True)).to_be_hidden()

@@ -97,3 +97,22 @@ def test_bad_input_is_one_line_and_code_2(folder: Path, tmp_path: Path) -> None:
     for name in (tmp_path / "none.tif", tmp_path):
         with pytest.raises(BadImage, match="give an exported image file"):
             inspect([name], True, None)
+
+
+@pytest.mark.parametrize("json_too", [False, True])
+def test_names_with_control_characters_are_printed_escaped(folder: Path, tmp_path: Path, json_too: bool) -> None:
+    name = "a\x1b[2J\n[red]\u202eb.tif"
+    (tmp_path / name).write_bytes((folder / "half.tif").read_bytes())
+    code, out, err = semlive(tmp_path / name, *(["--json"] if json_too else []))
+    assert (code, err) == (0, "")
+    assert "\x1b" not in out
+    assert "\u202e" not in out
+    if json_too:
+        assert json.loads(out)["files"][0]["file"] == str(tmp_path / name)
+    else:
+        assert "a\\x1b[2J" in out
+        assert "[red]\\u202eb.tif" in "".join(out.split())
+    code, out, err = semlive(tmp_path / f"no-{name}")
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert "no-a\\x1b[2J\\n[red]\\u202eb.tif: cannot be read" in err

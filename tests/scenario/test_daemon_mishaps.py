@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
 import pytest
 from pymodbus.client import ModbusTcpClient
 
+from semlive.service.alarms import Alarms, after_message
 from semlive.service.log_files import messages
 
 EMERGENCY_STOP, LIMIT_SWITCH, FRACTURE = 101, 102, 104
@@ -66,6 +68,8 @@ def test_a_machine_that_fails_in_the_hold_is_stopped_and_loads_nothing_more(
     assert at["before"] in ("holding", "settling")
     assert all(command["what"] == "stop" for command in commands if command["time_ns"] >= at["time_ns"])
     assert any(command["what"] == "stop" for command in commands)
+    alarms = reduce(after_message, messages(one.log), Alarms()).open
+    assert any(words in alarm.text and alarm.code for alarm in alarms), alarms
     time.sleep(0.3)
     assert one.load_frame_status() != 1
     wait_until(lambda: free(one.bench))

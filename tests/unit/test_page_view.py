@@ -55,6 +55,9 @@ CONFIG: dict[str, Any] = {
 }
 
 
+FILE: dict[str, Any] = {"size": 1, "sha256": "", "mtime_ns": 0, "arrival_time_ns": 0}
+
+
 def at(seconds: float) -> int:
     return START_NS + round(1e9 * seconds)
 
@@ -146,11 +149,43 @@ def test_a_fault_comes_with_what_to_do() -> None:
     told = views()[-2]
     assert (told.protocol.state, told.protocol.message, told.protocol.asks) == ("fault", "the load is beyond its limit", True)
     assert "Look at specimen and load frame" in told.protocol.advice
-    assert (told.alarms[-1].text, told.alarms[-1].advice) == (
-        "log: it is full",
-        "Make room on the disk; when the log keeps up again, Resume.",
-    )
+    full, limit = told.alarms
+    assert (full.text, full.code, full.advice) == ("log: it is full", "log", "Make room on the disk; when the log keeps up again, Resume.")
+    assert (limit.text, limit.code, limit.time_s) == ("the load is beyond its limit", "limit", 7.0)
     assert told.frames.refused[0].reason == "a.tif came too early"
+
+
+def test_an_alarm_stays_until_it_is_acknowledged() -> None:
+    view = after(
+        views()[-1], message(FaultMessage(time_ns=at(9), what="it moves on", where="load frame", action="", code="stop_not_obeyed"), 99)
+    )
+    assert [one.disobeyed for one in view.alarms] == [False, False, True]
+    assert "own emergency stop" in view.alarms[-1].advice
+    assert {one.acknowledged_s for one in view.alarms} == {None}
+    for number in range(300):
+        view = after(view, message(LogLineMessage(time_ns=at(10 + number), level="warning", text="slow"), 100 + number))
+        view = after(
+            view, message(FaultMessage(time_ns=at(10 + number), what="no points", where="pair 3", action="left out"), 100 + number)
+        )
+    assert len(view.alarms) <= 301
+    assert view.alarms[0].disobeyed
+    args = {"alarm": view.alarms[0].identity, "by": "terminal"}
+    view = after(view, message(OperatorMessage(time_ns=at(400), what="acknowledge", args=args), 999))
+    assert not any(one.disobeyed for one in view.alarms)
+    newest = view.alarms[-1]
+    args = {"alarm": newest.identity, "by": "terminal"}
+    view = after(view, message(OperatorMessage(time_ns=at(401), what="acknowledge", args=args), 1000))
+    assert (view.alarms[-1].acknowledged_s, view.alarms[-1].acknowledged_by) == (401.0, "terminal")
+
+
+def test_names_from_outside_are_shown_without_control_characters() -> None:
+    name = "a\x1b[2J\n\u202eb.tif"
+    view = after(views()[-1], message(FileMessage(**FILE, export=2, name=name, decision="arrived", reason=""), 99))
+    view = after(view, message(FileMessage(**FILE, export=2, name=name, decision="refused", reason=f"{name} is torn"), 99))
+    view = after(view, message(LogLineMessage(time_ns=at(9), level="warning", text=f"seen: {name}"), 99))
+    shown = "a\\x1b[2J\\n\\u202eb.tif"
+    assert (view.frames.name, view.frames.refused[0].name, view.frames.refused[0].reason) == (shown, shown, f"{shown} is torn")
+    assert view.alarms[-1].text == f"seen: {shown}"
 
 
 def test_the_hold_s_end_is_known_only_while_it_lasts() -> None:

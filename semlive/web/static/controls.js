@@ -2,6 +2,7 @@
 
 import { byId, make, say } from "./dom.js";
 import { panel } from "./stream.js";
+import { timeOfDay } from "./words.js";
 
 const KEY = "semlive token";
 const CAN = {
@@ -9,6 +10,7 @@ const CAN = {
 };
 const OVER = ["complete", "aborted"];
 let here = true;
+let open = [];
 
 const token = () => sessionStorage.getItem(KEY) ?? "";
 
@@ -78,6 +80,25 @@ function drawButtons({ protocol }) {
   byId("start").hidden = protocol.state !== "ready";
 }
 
+/** Alarms stay here until a person acknowledges them; a machine that does not obey its stop is shown above everything else. */
+function drawAlarms({ alarms, now }) {
+  if (!alarms) return;
+  open = alarms.filter((one) => one.identity && one.acknowledged_s === null);
+  const worst = open.findLast((one) => one.disobeyed), newest = open.at(-1);
+  byId("disobeyed").hidden = !worst;
+  say(byId("disobeyed"), worst ? `THE MACHINE DOES NOT OBEY ITS STOP: press the machine's own emergency stop now. ${worst.text}` : "");
+  byId("open-alarms").hidden = !newest;
+  const many = open.length > 1 ? `${open.length} alarms are not acknowledged, the newest: ` : "Alarm: ";
+  say(byId("open-alarm"), newest ? `${many}${timeOfDay(now.start_ms, newest.time_s)} ${newest.text}` : "");
+  byId("acknowledge").hidden = !here;
+  byId("acknowledge-all").hidden = !here || open.length < 2;
+}
+
+/** Acknowledge alarms one by one; the first that is refused ends it. Alarms of the same instant are acknowledged together. */
+async function acknowledge(alarms) {
+  for (const identity of new Set(alarms.map((one) => one.identity))) if (!(await ask({ acknowledge: identity }))) return;
+}
+
 /** One form for each open question; a form stays the same element while its question is open, so that what is typed is kept. */
 function drawDesk({ desk }) {
   if (!desk) return;
@@ -113,6 +134,9 @@ export async function control() {
   addEventListener("hashchange", takeToken);
   panel(["protocol"], drawButtons);
   panel(["desk"], drawDesk);
+  panel(["alarms", "now"], drawAlarms);
+  byId("acknowledge").addEventListener("click", () => acknowledge(open.slice(-1)));
+  byId("acknowledge-all").addEventListener("click", () => acknowledge(open));
   for (const button of document.querySelectorAll("[data-say]")) {
     button.addEventListener("click", () => (button.dataset.say === "abort" ? byId("ask-abort").showModal() : ask({ say: button.dataset.say })));
   }
@@ -121,6 +145,6 @@ export async function control() {
   byId("token").addEventListener("click", askToken);
   takeAnswers();
   here = await fetch("about").then((reply) => reply.json()).then((told) => told.controls).catch(() => true);
-  byId("controls").hidden = !here;
+  byId("controls").hidden = byId("acknowledge").hidden = byId("acknowledge-all").hidden = !here;
   for (const one of byId("desk").querySelectorAll("input, button")) one.disabled = !here;
 }

@@ -82,7 +82,11 @@ function fill(id, all, now, one, none) {
 
 const stamp = (now, seconds) => make("time", {}, timeOfDay(now.start_ms, seconds));
 
-const alarm = (one, now) => make("li", { class: one.level }, stamp(now, one.time_s), make("b", {}, one.text), one.advice ? make("span", { class: "advice" }, one.advice) : null);
+const alarm = (one, now) => make("li", { class: one.level }, stamp(now, one.time_s), make("b", {}, one.text), one.code ? make("code", {}, one.code) : null,
+  one.advice ? make("span", { class: "advice" }, one.advice) : null, one.identity ? make("span", { class: "advice" }, acknowledged(one, now)) : null);
+
+const acknowledged = (one, now) => one.acknowledged_s === null ? "not acknowledged"
+  : `acknowledged ${timeOfDay(now.start_ms, one.acknowledged_s)}${one.acknowledged_by ? `, ${one.acknowledged_by}` : ""}`;
 
 function refused({ frames, now }) {
   say(byId("refused-now"), `${frames.arrived} files came, ${frames.paired} frames are in pairs, ${frames.refused_count} are not used`);

@@ -10,8 +10,10 @@ from pathlib import Path
 import h5py
 import pytest
 
+from semlive.report.alarms import alarms_html
 from semlive.report.page import refused_html, settings_html
 from semlive.report.sections import sections, write_section
+from semlive.service.alarms import Alarm, Alarms
 from semlive.service.log_facts import LogFacts, RefusedFile
 from semlive.service.replay import Replay, Replayed, Source, replay
 from semlive.service.settings_changes import changed, parse_changes
@@ -36,7 +38,9 @@ def test_the_page_tells_all_and_needs_nothing(semlive: Callable[..., tuple[int, 
     assert (code, said) == (0, f"{tmp_path / 'page.html'}\n"), err
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     headings = re.findall(r"<h2>(.*?)</h2>", page)
-    assert {"Uncertainty budget", "Frames", "Refused frames", "Settings", "Versions", "False strain", "Translation path"} <= set(headings)
+    assert {"Uncertainty budget", "Frames", "Alarms", "Refused frames", "Settings", "Versions", "False strain", "Translation path"} <= set(
+        headings
+    )
     assert page.count('src="data:image/png;base64,') == page.count("<img ") > 10
     assert not re.search(r'(?:src|href)="(?!data:)|url\(|<script', page)
     assert "dic.subset_px" in page
@@ -80,6 +84,19 @@ def test_refused_frames_are_counted_by_reason_and_listed() -> None:
     assert "3 of 9 files were not used" in page
     assert "<td>is not used: its scan began # s before the hold ended</td><td>3<" in page
     assert "&lt;a2&gt;.tif</td><td>&lt;a2&gt;.tif is not used: its scan began 2 s" in page
+
+
+def test_alarms_are_listed_and_none_is_said_only_of_a_log_without_any() -> None:
+    open_one = Alarm(1_800_000_000_123_456_789, "emergency_stop", "<emergency stop>", "load frame", "stopped")
+    done_one = Alarm(1_800_000_001_999_999_999, "limit", "beyond", "run", "stopped", 1_800_000_002_000_000_000, "page at 127.0.0.1")
+    page = alarms_html(Alarms((open_one, done_one)))
+    assert "2 alarms, 1 of them not acknowledged" in page
+    assert "<td>2027-01-15 08:00:00.123</td><td>emergency_stop</td><td>load frame</td><td>&lt;emergency stop&gt;</td>" in page
+    assert "<td>stopped</td><td>no</td>" in page
+    assert "<td>2027-01-15 08:00:01.999</td><td>limit</td>" in page
+    assert "<td>2027-01-15 08:00:02.000 page at 127.0.0.1</td>" in page
+    assert alarms_html(Alarms()) == "<p>None.</p>"
+    assert "None" not in alarms_html(None)
 
 
 def test_a_figure_is_written_for_a_journal(done: Replayed, tmp_path: Path) -> None:

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-import pytest
+import io
 
-from semlive.cli.progress import Pace
+import pytest
+from rich.console import Console
+
+from semlive.cli.progress import Pace, ProgressView, Repeat, disobeyed
+from semlive.data.experiment import Phase
+from semlive.engine import Progress, State
+from semlive.service.alarms import Alarm
+from semlive.service.control import Snapshot
 
 
 def test_a_run_takes_as_long_for_each_step_as_before() -> None:
@@ -21,3 +28,47 @@ def test_a_run_that_was_taken_up_again_knows_only_its_own_steps() -> None:
     pace = Pace()
     assert pace.left_s(7, 10, 0.0) is None
     assert pace.left_s(8, 10, 20.0) == pytest.approx(40.0)
+
+
+DISOBEYED = Alarm(5, "stop_not_obeyed", "it moves on after 12 stops", "load frame", "orders the stop again")
+NAME = "a\x1b[2J\nb.tif"
+
+
+def snapshot(*alarms: Alarm, warnings: tuple[str, ...] = ()) -> Snapshot:
+    at = Progress(State.FAULT, 0, 3, Phase.TENSION, None, 10.0, 100.0, (0.0, 0.0), 0, f"{NAME} is torn")
+    return Snapshot(5, at, None, None, 0, warnings, alarms)
+
+
+def shown(*snapshots: Snapshot, terminal: bool) -> str:
+    """What a view of these snapshots writes."""
+    console = Console(file=io.StringIO(), force_terminal=terminal, width=200, color_system="standard" if terminal else None)
+    with ProgressView(console) as view:
+        for one in snapshots:
+            view.show(one)
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_a_machine_that_does_not_obey_is_told_at_once_and_loudly(terminal: bool) -> None:
+    said = shown(snapshot(), snapshot(DISOBEYED), snapshot(DISOBEYED), terminal=terminal)
+    (line,) = [line for line in said.splitlines() if "own emergency stop" in line and "!!!" in line]
+    assert "it moves on after 12 stops" in line
+    assert ("\x1b[1;37;41m" in line) == terminal
+
+
+def test_it_is_told_again_every_few_seconds_until_it_is_acknowledged() -> None:
+    repeat = Repeat(5.0)
+    assert [repeat.due(True, 100.0 + second) for second in range(12)] == [second in (0, 5, 10) for second in range(12)]
+    assert not repeat.due(False, 112.0)
+    assert repeat.due(True, 112.5)
+    assert disobeyed((DISOBEYED,)) is DISOBEYED
+    assert disobeyed((Alarm(5, "stop_not_obeyed", "", "", "", acknowledged_ns=6), Alarm(7, "limit", "", "", ""))) is None
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_names_from_outside_reach_no_terminal_raw(terminal: bool) -> None:
+    said = shown(snapshot(warnings=(f"{NAME} is torn",)), terminal=terminal)
+    assert "a\\x1b[2J\\nb.tif is torn" in said
+    assert NAME not in said
+    assert "\x1b[2J" not in said

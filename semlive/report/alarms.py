@@ -1,0 +1,38 @@
+"""The report's section on alarms."""
+
+from __future__ import annotations
+
+import html
+from datetime import UTC, datetime
+
+from semlive.service.alarms import Alarm, Alarms
+
+_HEADINGS = ("time (UTC)", "code", "where", "what", "action", "acknowledged")
+
+
+def alarms_html(alarms: Alarms | None) -> str:
+    """Every alarm of a run, in order.
+
+    Args:
+        alarms: of the log; None if the log was not read for them, which is not the same as none.
+    """
+    if alarms is None:
+        return "<p>Not known: the log was not read for alarms.</p>"
+    if not alarms.known:
+        return "<p>None.</p>"
+    left = f" The {alarms.forgotten} oldest acknowledged or repeated ones are not listed." if alarms.forgotten else ""
+    found = f"<p>{len(alarms.known) + alarms.forgotten} alarms, {len(alarms.open)} of them not acknowledged.{left}</p>"
+    head = "".join(f"<th>{heading}</th>" for heading in _HEADINGS)
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in _cells(alarm)) + "</tr>" for alarm in alarms.known)
+    return f'{found}<div class="scroll"><table class="words"><tr>{head}</tr>{body}</table></div>'
+
+
+def _cells(alarm: Alarm) -> tuple[str, ...]:
+    acknowledged = "no" if alarm.acknowledged_ns is None else f"{_utc(alarm.acknowledged_ns)} {alarm.acknowledged_by}".strip()
+    return _utc(alarm.time_ns), alarm.code, alarm.where, alarm.text, alarm.action, acknowledged
+
+
+def _utc(time_ns: int) -> str:
+    # Whole milliseconds in integers: a float of ns since 1970 is known to a quarter of a microsecond only, and rounds.
+    seconds, rest_ns = divmod(time_ns, 1_000_000_000)
+    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S}.{rest_ns // 1_000_000:03d}"
