@@ -17,6 +17,7 @@ from semlive.errors import BadConfig
 from semlive.inputs.files import read_regular
 from semlive.inputs.kinds import Place, changed_kind
 from semlive.inputs.yaml_text import MOST_BYTES, YamlText, read_yaml
+from semlive.service.config_checks import contradictions
 from semlive.service.folder import WatchSettings
 from semlive.service.model_section import ModelSection
 
@@ -265,6 +266,8 @@ def checked_text(text: YamlText, where: str) -> Config:
     if changed is not None:
         raise BadConfig(f"{where}: {_at(text, changed[0])}{'.'.join(map(str, changed[0]))}: {changed[1]}")
     _readings_stay_fresh(config, where)
+    for one in contradictions(config):
+        raise BadConfig(f"{where}: {_at(text, one.place)}{'.'.join(map(str, one.place))}: {one.what}")
     return config
 
 
