@@ -12,6 +12,9 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
+MOST_IMAGE_BYTES = 2_000_000_000
+"""Size of an image file that is still read: 32768 x 24576 px at 16 bit are 1.6e9 bytes."""
+
 _FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 _BLOCK_BYTES = 2**20
 
