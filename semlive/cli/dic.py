@@ -22,6 +22,7 @@ from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.settings import DicSettings
 from semlive.errors import BadInput
 from semlive.formats.pictures import read_picture
+from semlive.inputs.files import MOST_IMAGE_BYTES, read_regular
 
 JUDGED_PX = 2048  # edge of the part of the reference whose pattern is judged
 HEADER = "x,y,u,v,sigma_u,sigma_v,zncc,status"
@@ -140,7 +141,7 @@ def _settings(subset: int, step: int, roi: str | None, interpolation: str, shape
 
 def _read(path: Path) -> Image:
     try:
-        data = path.read_bytes()
+        data = read_regular(path, MOST_IMAGE_BYTES)
     except OSError as error:
         raise BadInput(f"{path}: cannot be read ({error.strerror}); give an image file that exists.") from error
     return read_picture(data, str(path))

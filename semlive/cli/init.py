@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Annotated, get_args
 
 import typer
-import yaml
 
 from semlive.errors import BadConfig
-from semlive.service.config import parse_config
+from semlive.inputs.yaml_text import read_yaml
+from semlive.service.config import checked_text
 from semlive.service.config_text import LABS, FrameKind, Lab, Vendor, configuration_text
 
 _QUESTIONS = {
@@ -54,7 +54,7 @@ def init(
     given = {key: options[key] for key in _QUESTIONS if options[key] is not None}
     answers = _answered(LABS[lab], given, ask=not yes)
     text = configuration_text(answers)
-    parse_config(yaml.safe_load(text), str(out))  # what is written can be run
+    checked_text(read_yaml(text, str(out)), str(out))  # what is written can be run
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(text, encoding="utf-8")
     typer.echo(f"{out} is written; next: semlive doctor {out}, then semlive plan {out} --test-frame FILE")

@@ -42,6 +42,7 @@ from mcap.records import (
 from semlive.formats.checksum import crc32
 from semlive.formats.messages import RAW_TOPICS, TOPICS, Payload, schema_of, to_json, topic_of
 from semlive.formats.segment import CHUNK_HEAD, MAGIC, channels_and_schemas, pieces
+from semlive.inputs.json_text import parse_json
 
 LIBRARY = "semlive"
 RUN_METADATA = "semlive.run"
@@ -227,8 +228,8 @@ class LogWriter:
     def tell_run(self, payload: bytes) -> None:
         """What a run is, by its message, where every MCAP tool shows it."""
         try:
-            told: dict[str, Any] = dict(json.loads(payload))
-        except ValueError:
+            told: dict[str, Any] = dict(parse_json(payload))
+        except (ValueError, TypeError):  # of a damaged log that is being recovered
             return
         texts = {name: value if isinstance(value, str) else json.dumps(value, sort_keys=True) for name, value in told.items()}
         self._close_chunk()

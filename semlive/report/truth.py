@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,9 +13,12 @@ from scipy.interpolate import CubicSpline, RectBivariateSpline
 
 from semlive.data.frame import FrameInfo
 from semlive.errors import BadInput
+from semlive.inputs.files import read_regular
+from semlive.inputs.json_text import parse_json
 
 Field = NDArray[np.float64]
 _VISITS = 64  # samples of a frame's drift; between them a cubic is exact to 1e-9 px for drift that bends over minutes
+_MOST_BYTES = 500_000_000  # of a truth file; that of a week has some MB
 _REFINEMENTS = 5  # each gains a factor of 100, the slope of distortion and drift
 
 
@@ -161,7 +163,7 @@ def load_truth(path: Path) -> dict[str, Any]:
         BadInput: the file is missing or is not a truth file.
     """
     try:
-        truth = json.loads(path.read_text(encoding="utf-8"))
+        truth = parse_json(read_regular(path, _MOST_BYTES))
     except (OSError, ValueError) as error:
         raise BadInput(f"{path}: is not a truth file ({error}); give the truth.json that the simulator wrote") from error
     if not isinstance(truth, dict) or truth.get("version") != 1:

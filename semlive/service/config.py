@@ -7,7 +7,6 @@ import difflib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
@@ -15,6 +14,10 @@ from semlive.data.diagnosis import NO_MODEL
 from semlive.data.experiment import AdaptiveHold, HoldRule, Limits, Phase, Plan, Recentre, Step, WarmUp
 from semlive.data.settings import AnalysisSettings, DicSettings, EstimateSettings, ScanProfile, ScanSpeed, SpecimenSettings
 from semlive.errors import BadConfig
+from semlive.inputs.files import read_regular
+from semlive.inputs.kinds import Place, changed_kind
+from semlive.inputs.yaml_text import MOST_BYTES, YamlText, read_yaml
+from semlive.service.config_checks import contradictions
 from semlive.service.folder import WatchSettings
 from semlive.service.model_section import ModelSection
 
@@ -242,17 +245,30 @@ def load_config(path: Path) -> Config:
         BadConfig: the file is missing, is not YAML, or says something semlive does not understand.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        data = read_regular(path, MOST_BYTES)
+    except OSError as error:
         raise BadConfig(f"{path}: cannot be read ({_reason(error)}); give the path of a YAML configuration file") from error
-    try:
-        given = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        line = getattr(getattr(error, "problem_mark", None), "line", 0) + 1
-        raise BadConfig(f"{path}: line {line} is not YAML; check its indentation and colons") from error
-    config = parse_config(given, str(path))
-    _readings_stay_fresh(config, str(path))
-    return resolve(config, path.parent)
+    return resolve(checked_text(read_yaml(data, str(path)), str(path)), path.parent)
+
+
+def checked_text(text: YamlText, where: str) -> Config:
+    """The configuration that a YAML text holds, checked more strictly than that of an earlier run's log.
+
+    Args:
+        text: as it was read.
+        where: what error messages begin with, the file's name.
+
+    Raises:
+        BadConfig: naming line and key of the first thing that is wrong.
+    """
+    config = parse_config(text.value, where, text)
+    changed = changed_kind(text.value, config)
+    if changed is not None:
+        raise BadConfig(f"{where}: {_at(text, changed[0])}{'.'.join(map(str, changed[0]))}: {changed[1]}")
+    _readings_stay_fresh(config, where)
+    for one in contradictions(config):
+        raise BadConfig(f"{where}: {_at(text, one.place)}{'.'.join(map(str, one.place))}: {one.what}")
+    return config
 
 
 def _readings_stay_fresh(config: Config, where: str) -> None:
@@ -266,8 +282,13 @@ def _readings_stay_fresh(config: Config, where: str) -> None:
             )
 
 
-def parse_config(given: object, where: str) -> Config:
+def parse_config(given: object, where: str, text: YamlText | None = None) -> Config:
     """Check what a YAML file said.
+
+    Args:
+        given: the file's content as dictionaries, lists and values.
+        where: what error messages begin with, the file's name.
+        text: of the file, which knows the lines; None where there is no file.
 
     Raises:
         BadConfig: naming the first key that is wrong, and where.
@@ -277,7 +298,10 @@ def parse_config(given: object, where: str) -> Config:
     try:
         return Config.model_validate(given)
     except ValidationError as error:
-        raise BadConfig(f"{where}: {_sentence(error.errors()[0])}") from error
+        first = error.errors()[0]
+        key = (first.get("ctx") or {}).get("key")
+        line = "" if text is None else _at(text, first["loc"] if key is None else (*first["loc"], str(key)))
+        raise BadConfig(f"{where}: {line}{_sentence(first)}") from error
 
 
 def resolve(config: Config, base: Path) -> Config:
@@ -288,6 +312,11 @@ def resolve(config: Config, base: Path) -> Config:
     )
     sem = config.sem.model_copy(update={"folder": (base / config.sem.folder).resolve()})
     return config.model_copy(update={"run": run, "sem": sem})
+
+
+def _at(text: YamlText, place: Place) -> str:
+    line = text.line(place)
+    return "" if line is None else f"line {line}: "
 
 
 def _sentence(detail: ErrorDetails) -> str:

@@ -10,6 +10,7 @@ from typing import BinaryIO
 
 from semlive.errors import BadLog
 from semlive.formats.log import LogMessage, read_messages, rewritten_after
+from semlive.inputs.files import open_regular
 
 SUFFIX = ".mcap"
 PART = ".part"
@@ -134,6 +135,6 @@ def _segment(path: Path, on_damage: Callable[[str], None] | None) -> Iterator[Lo
 def opened(path: Path) -> BinaryIO:
     """The segment, under its finished name if it was finished since it was listed."""
     try:
-        return path.open("rb")
+        return open_regular(path)
     except FileNotFoundError:
-        return path.with_name(path.name.removesuffix(PART)).open("rb")
+        return open_regular(path.with_name(path.name.removesuffix(PART)))

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
+from mcap.records import Channel, Statistics
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.pair import PairDecision
@@ -28,7 +27,8 @@ from semlive.formats.messages import (
     RunMessage,
     from_json,
 )
-from semlive.service.log_files import messages, segments
+from semlive.formats.segment import summary
+from semlive.service.log_files import messages, opened, segments
 from semlive.service.log_settings import settings_of
 
 Maps = tuple[DisparityMap, ...]
@@ -154,15 +154,16 @@ def topic_counts(log: Path) -> dict[str, int] | None:
     found: dict[str, int] = {}
     for path in segments(log):
         try:
-            with path.open("rb") as stream:
-                summary = make_reader(stream).get_summary()
-        except (McapError, OSError, ValueError):
+            with opened(path) as stream:
+                records = summary(stream)
+        except OSError:
             return None
-        if summary is None or summary.statistics is None:
+        topics = {one.id: one.topic for one in records if isinstance(one, Channel)}
+        counts = next((one.channel_message_counts for one in records if isinstance(one, Statistics)), None)
+        if counts is None or not counts.keys() <= topics.keys():
             return None
-        for channel, count in summary.statistics.channel_message_counts.items():
-            topic = summary.channels[channel].topic
-            found[topic] = found.get(topic, 0) + count
+        for channel, count in counts.items():
+            found[topics[channel]] = found.get(topics[channel], 0) + count
     return found
 
 

@@ -18,6 +18,8 @@ from semlive.diagnose.taken_out import MOST_PAIRS, unfit
 from semlive.errors import BadConfig, BadInput
 from semlive.formats.message_values import pair_decision
 from semlive.formats.messages import PairMessage, from_json
+from semlive.inputs.files import open_regular, read_regular
+from semlive.inputs.json_text import parse_json
 from semlive.model.move_effects import beside_maps
 from semlive.model.row_effects import RowFamily
 from semlive.service.config import Config, parse_config
@@ -27,6 +29,8 @@ from semlive.service.log_pairs import first_run
 from semlive.service.model_section import ModelEffect, ModelRun, ModelSection
 
 MODEL_VERSION = 1
+MOST_MODEL_BYTES = 20_000_000
+"""Size of a model that is still read; an effect takes some kB."""
 _BLOCK = 2**20
 SAME_SIZE = 0.02  # pixels whose sizes differ by more are of another magnification
 
@@ -65,8 +69,8 @@ def read_model(path: Path) -> Model:
         BadConfig: the file cannot be read, is not a model, or has an effect that has no name here.
     """
     try:
-        raw = path.read_bytes()
-        plain = json.loads(raw)
+        raw = read_regular(path, MOST_MODEL_BYTES)
+        plain = parse_json(raw)
         version = plain.get("version") if isinstance(plain, dict) else None
         if isinstance(version, int) and version != MODEL_VERSION:
             raise BadConfig(f"--model {path}: is of version {version}, this program reads version {MODEL_VERSION}; diagnose again.")
@@ -221,7 +225,7 @@ def pixel_size_um(log: Path) -> float | None:
 def _hash(log: Path) -> str:
     total = hashlib.sha256()
     for path in segments(log):
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             while block := stream.read(_BLOCK):
                 total.update(block)
     return total.hexdigest()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -11,7 +10,9 @@ from typing import Any
 import yaml
 
 from semlive.errors import BadConfig
-from semlive.service.model_file import read_model
+from semlive.inputs.files import read_regular
+from semlive.inputs.json_text import parse_json
+from semlive.service.model_file import MOST_MODEL_BYTES, read_model
 
 WANDERS_S = 3600.0
 """Time constant of what wanders slowly: a model has its change over the run, the simulator an exponential approach."""
@@ -35,7 +36,7 @@ def scenario_yaml(model: Path, scenario: str) -> str:
         BadConfig: the file is no model, or has an effect that cannot be simulated from what it says.
     """
     read_model(model)
-    plain = json.loads(model.read_text(encoding="utf-8"))
+    plain = parse_json(read_regular(model, MOST_MODEL_BYTES))
     run = plain.get("run", {})
     effects = {}
     for one in plain["effects"]:

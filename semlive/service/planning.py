@@ -18,6 +18,7 @@ from semlive.engine import start
 from semlive.engine.schedule import Pace, Schedule, schedule
 from semlive.errors import BadImage, BadInput
 from semlive.formats import read_frame
+from semlive.inputs.files import MOST_IMAGE_BYTES, read_regular
 from semlive.service.advice import advice
 from semlive.service.config import Config
 from semlive.service.model_file import Model, require_fit
@@ -158,11 +159,11 @@ def plan_experiment(config: Config, test_frame: Path | None = None, log: Path | 
 
 def _test_frame(path: Path, config: Config) -> Frame:
     try:
-        data, mtime_ns = path.read_bytes(), path.stat().st_mtime_ns
+        data, mtime_ns = read_regular(path, MOST_IMAGE_BYTES), path.stat().st_mtime_ns
     except OSError as error:
         raise BadImage(f"{path}: cannot be read ({error.strerror}); give one frame as the SEM exported it") from error
     beside = sidecar_of(path)
-    sidecar = None if beside is None else beside.read_bytes()
+    sidecar = None if beside is None else read_regular(beside, MOST_IMAGE_BYTES)
     return read_frame(ExportedFile(0, path.name, data, "", mtime_ns, mtime_ns, sidecar), config.sem.whole_profile)
 
 

@@ -21,6 +21,7 @@ from semlive.errors import BadLog, SemliveError
 from semlive.formats.log import LogWriter, rewritten_in
 from semlive.formats.messages import RAW_TOPICS, TOPICS
 from semlive.formats.segment import Piece, channels_and_schemas, pieces, summary
+from semlive.inputs.files import open_regular
 from semlive.service.log_files import PART, SUFFIX, segments
 from semlive.service.log_stream import is_being_written, sync_folder
 
@@ -132,7 +133,7 @@ def recover_segment(path: Path, out: Path | None = None, read: Callable[[int], o
     target = out or path.with_name(path.name.removesuffix(PART))
     growing = target.with_name(target.name + _GROWING)
     try:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             if is_being_written(stream):
                 raise BadLog(f"{path}: is being written by a running semlive; stop that run first.")
             with growing.open("wb") as written:

@@ -6,7 +6,6 @@ log means something to somebody, one that is at work or damaged is nobody's to j
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shutil
@@ -19,6 +18,8 @@ from mcap.records import Channel, ChunkIndex, Message
 from semlive.engine import State
 from semlive.errors import BadConfig, BadInput, SemliveError
 from semlive.formats.segment import pieces, summary
+from semlive.inputs.files import open_regular
+from semlive.inputs.json_text import parse_json
 from semlive.service.lock import only_one
 from semlive.service.log_files import PART, SUFFIX, segments
 from semlive.service.log_stream import sync_folder
@@ -144,7 +145,7 @@ def _must_be_kept(folder: Path, ended_s: float, now_s: float, held: bool) -> str
             return "semlive is at work on it"
     try:
         state, result_after = _end_of(folder)
-    except (OSError, SemliveError, ValueError):
+    except (OSError, SemliveError, ValueError, KeyError, TypeError):
         return "its log is damaged"
     if state != State.COMPLETE or not result_after:
         return "it did not get to its end and can be taken up again"
@@ -155,7 +156,7 @@ def _end_of(folder: Path) -> tuple[str, bool]:
     """The protocol's last state, and whether the result was written after it; from the ends of the segments, by their indexes."""
     result_ns = -1
     for path in reversed(segments(folder)):
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             records = summary(stream)
             if not records:
                 raise BadInput(f"{path}: has no index")
@@ -171,7 +172,7 @@ def _end_of(folder: Path) -> tuple[str, bool]:
                     if topic == "/result":
                         result_ns = max(result_ns, message.log_time)
                     elif topic == "/state":
-                        return str(json.loads(message.data)["after"]), result_ns > message.log_time
+                        return str(parse_json(message.data)["after"]), result_ns > message.log_time
     return "", False
 
 

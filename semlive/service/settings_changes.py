@@ -9,11 +9,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import yaml
 from pydantic import TypeAdapter, ValidationError
 
 from semlive.data.settings import AnalysisSettings
 from semlive.errors import BadConfig
+from semlive.inputs.kinds import changed_kind
+from semlive.inputs.yaml_text import read_yaml
 
 _UNITS = ("_px", "_points", "_s", "_m", "_mm2")
 _OF_IMAGES = ("dic.", "scan.")
@@ -99,11 +100,18 @@ def _change(word: str, known: Mapping[str, Any]) -> Change:
         close = difflib.get_close_matches(key, known, n=1, cutoff=0.4)
         hint = f"did you mean {close[0]}?" if close else f"known keys are {', '.join(known)}"
         raise BadConfig(f"--set {word}: unknown key {key}; {hint}")
+    # On a command line a list is written without spaces.
+    items = text.strip().removeprefix("[").removesuffix("]")
     try:
-        given = yaml.safe_load(f"[{text}]" if "," in text and not text.strip().startswith("[") else text)
-        return Change(whole, TypeAdapter(known[whole]).validate_python(given))
-    except yaml.YAMLError:
+        given = read_yaml(f"[{', '.join(items.split(','))}]" if "," in text else text, "").value
+    except BadConfig:
         raise BadConfig(f"--set {word}: {text!r} is no value; write a number, a word or a list a,b,c.") from None
+    try:
+        value = TypeAdapter(known[whole]).validate_python(given)
+        changed = changed_kind(given, value)
+        if changed is not None:
+            raise BadConfig(f"--set {word}: {changed[1]}.")
+        return Change(whole, value)
     except ValidationError as error:
         raise BadConfig(f"--set {word}: {error.errors()[0]['msg'].lower()}; correct the value of {whole}.") from None
 

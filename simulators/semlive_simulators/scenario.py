@@ -6,9 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-import yaml
 from pydantic import BeforeValidator, ConfigDict, InstanceOf, TypeAdapter, ValidationError
 
+from semlive.errors import BadConfig
+from semlive.inputs.files import read_regular
+from semlive.inputs.yaml_text import MOST_BYTES, read_yaml
 from semlive_simulators.column import Column, Detector, Scan, build_column
 from semlive_simulators.effects.composition import Effects
 from semlive_simulators.effects.distortion import Distortion
@@ -131,11 +133,13 @@ def names() -> list[str]:
 def _read(name: str, depth: int = 0) -> dict[str, Any]:
     path = Path(name) if name.endswith(".yaml") else FOLDER / f"{name}.yaml"
     try:
-        fields = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
+        fields = read_yaml(read_regular(path, MOST_BYTES), path.name).value
+    except FileNotFoundError as error:
         raise BadScenario(f"scenario {name} does not exist; choose {', '.join(names())} or give a path ending in .yaml") from error
-    except yaml.YAMLError as error:
-        raise BadScenario(f"scenario {name} is not YAML; correct {path.name}") from error
+    except OSError as error:
+        raise BadScenario(f"scenario {name} cannot be read ({error.strerror}); give a path ending in .yaml") from error
+    except BadConfig as error:
+        raise BadScenario(f"scenario {error}") from error
     if not isinstance(fields, dict):
         raise BadScenario(f"scenario {name} holds no keys; correct {path.name}")
     fields.setdefault("name", path.stem)

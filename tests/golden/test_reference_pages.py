@@ -117,6 +117,19 @@ ELSEWHERE = {
 """Words for keys whose own docstring stands with the noun that they become, or that say it all by their name."""
 
 
+STRICT = (
+    "## How the file is read\n",
+    "By the rules of YAML 1.2 and strictly; what is refused is named with its line and key. The same holds for device descriptions",
+    "and scenarios.\n",
+    "- A key that is there twice, a second document, a tag (`!!float`), `<<` and indentation by tabs are refused.",
+    "- A number is written without quotes, with a decimal point: `300`, `0.5`, `1e-5`. Refused are a leading zero (`0300`, which older",
+    "  readers take for 192), underscores (`3_0`), numbers to base 60 (`1:30`), a comma between digits (`30,5`, also in `[30,5]`; a list",
+    "  has a space behind the comma: `[30, 5]`), `.inf` and `.nan`. Text such as a serial number `0012` is put in quotes.",
+    "- A truth value is `true` or `false`. `yes`, `no`, `on` and `off` are refused; as text they are put in quotes.",
+    "- The file is a regular file of at most 1 MB in UTF-8, with at most 32 lists and sections within each other.\n",
+)
+
+
 def cli_page() -> str:
     """Every command with its arguments and options, as it tells them itself."""
     parts = [
@@ -181,6 +194,7 @@ def configuration_page() -> str:
         "[method.md](method.md#words).\n",
         "Needed are `sem` and `protocol`; `load_frame` where there are `loads_n`, `limits` where there is a `load_frame`, and `stage`",
         "where a shift is not (0, 0) or the field of view is brought back (`recentre_beyond_px`).\n",
+        *STRICT,
     ]
     for heading, cls in SECTIONS:
         parts += [f"## `{heading}`\n", f"{_cell(_first_line(cls))}\n", *_table(cls)]
@@ -248,7 +262,7 @@ def _type(hint: Any) -> str:
         )
     if typing.get_origin(hint) is dict or (inspect.isclass(hint) and (issubclass(hint, BaseModel) or dataclasses.is_dataclass(hint))):
         return "section"
-    return {float: "number", int: "whole number", str: "text", bool: "yes or no", Path: "path"}.get(hint, "section")
+    return {float: "number", int: "whole number", str: "text", bool: "true or false", Path: "path"}.get(hint, "section")
 
 
 def _attribute_words(cls: type) -> dict[str, str]:

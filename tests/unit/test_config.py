@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -119,3 +120,38 @@ def test_the_example_is_a_configuration() -> None:
     config = load_config(Path(__file__).parents[2] / "deploy" / "example.yaml")
     assert len(config.plan().steps) == 19
     assert config.plan().hold.hold_s == 30.0
+
+
+def refused_file(tmp_path: Path, text: str) -> str:
+    path = tmp_path / "run.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(BadConfig) as error:
+        load_config(path)
+    said = str(error.value)
+    assert said.startswith(f"{path}: ")
+    assert "\n" not in said
+    return said
+
+
+def test_the_line_of_what_is_wrong_is_named(tmp_path: Path) -> None:
+    text = yaml.safe_dump(given(), sort_keys=False)
+    lines = text.splitlines()
+    line = next(n for n, row in enumerate(lines, 1) if row.startswith("  force_max_n:"))
+    assert f"line {line}: limits.force_max_n: '1000' is no number" in refused_file(tmp_path, text.replace("n: 1000", "n: '1000'"))
+    assert f"line {line}: unknown key limits.force_most_n" in refused_file(tmp_path, text.replace("force_max_n", "force_most_n"))
+    assert f"line {line}: limits.force_max_n: Input should be a valid number" in refused_file(
+        tmp_path, text.replace("n: 1000", "n: [1000]")
+    )
+    assert f"line {line + 1}: limits.force_max_n: is there already" in refused_file(
+        tmp_path, text.replace("force_max_n: 1000", "force_max_n: 1000\n  force_max_n: 40000")
+    )
+    # What an earlier run's log holds stays readable.
+    parse_config({**given(), "protocol": {**given()["protocol"], "hold_s": "30"}}, "log")
+
+
+@pytest.mark.timeout(20)
+def test_only_a_regular_file_is_a_configuration(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "fifo.yaml")
+    for path in (tmp_path / "fifo.yaml", Path("/dev/zero"), tmp_path):
+        with pytest.raises(BadConfig, match="cannot be read"):
+            load_config(path)

@@ -6,10 +6,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
 from pydantic import BaseModel, ValidationError
 
 from semlive.errors import BadConfig
+from semlive.inputs.files import read_regular
+from semlive.inputs.kinds import changed_kind
+from semlive.inputs.yaml_text import MOST_BYTES, YamlText, read_yaml
 
 UNCONFIRMED = "from public documents, confirm before motion"
 """What a description says of itself that nobody has held beside the machine."""
@@ -30,7 +32,7 @@ def map_text(name: str) -> str:
     """
     if name.endswith((".yaml", ".yml")) or "/" in name or "\\" in name:
         try:
-            return Path(name).read_text(encoding="utf-8")
+            return read_regular(Path(name), MOST_BYTES).decode("utf-8-sig")
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or type(error).__name__
             raise BadConfig(f"{name}: cannot be read ({reason}); give the path of a device description") from error
@@ -43,16 +45,17 @@ def map_content(name: str) -> dict[str, Any]:
     """A description as YAML gives it.
 
     Raises:
-        BadConfig: if there is none, or it is no YAML.
+        BadConfig: if there is none, it is no YAML, or it has a key twice or a value that can be misread.
     """
-    try:
-        content = yaml.safe_load(map_text(name))
-    except yaml.YAMLError as error:
-        line = getattr(getattr(error, "problem_mark", None), "line", 0) + 1
-        raise BadConfig(f"{name}: line {line} is not YAML; check its indentation and colons") from error
+    return _description(name)[0]
+
+
+def _description(name: str) -> tuple[dict[str, Any], YamlText]:
+    text = read_yaml(map_text(name), name)
+    content = text.value
     if not isinstance(content, dict) or content.get("protocol") not in ("modbus", "ascii"):
         raise BadConfig(f"{name}: does not say what it is; a device description begins with protocol: modbus, or protocol: ascii")
-    return content
+    return content, text
 
 
 def checked_map(model: type[M], name: str) -> M:
@@ -61,10 +64,19 @@ def checked_map(model: type[M], name: str) -> M:
     Raises:
         BadConfig: naming the first thing that is wrong in it.
     """
-    content = map_content(name)
+    content, text = _description(name)
     try:
-        return model.model_validate(content)
+        found = model.model_validate(content)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
-        raise BadConfig(f"{name}: {key}: {first['msg']}; correct the description") from None
+        raise BadConfig(f"{name}: {_at(text, first['loc'])}{key}: {first['msg']}; correct the description") from None
+    changed = changed_kind(content, found)
+    if changed is not None:
+        raise BadConfig(f"{name}: {_at(text, changed[0])}{'.'.join(map(str, changed[0]))}: {changed[1]}")
+    return found
+
+
+def _at(text: YamlText, place: tuple[str | int, ...]) -> str:
+    line = text.line(place)
+    return "" if line is None else f"line {line}: "

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from semlive.data.loading import StageKind
 from semlive.errors import BadConfig
+from semlive.inputs.kinds import changed_kind
 
 
 class SerialLine(BaseModel):
@@ -90,9 +91,13 @@ def checked(model: type[S], settings: Mapping[str, object], driver: str) -> S:
         BadConfig: for the first key or value that is wrong.
     """
     try:
-        return model.model_validate(dict(settings))
+        known = model.model_validate(dict(settings))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"]) or "settings"
         allowed = f"; it has {', '.join(model.model_fields)}" if first["type"] == "extra_forbidden" else ""
         raise BadConfig(f"{driver}: {key}: {first['msg'][0].lower()}{first['msg'][1:]}{allowed}") from None
+    changed = changed_kind(settings, known)
+    if changed is not None:
+        raise BadConfig(f"{driver}: {'.'.join(map(str, changed[0]))}: {changed[1]}")
+    return known

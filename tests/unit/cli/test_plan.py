@@ -177,7 +177,7 @@ def test_a_picture_that_is_left_out_is_told(tmp_path: Path, roi_px: list[int] | 
 
 
 def test_a_plan_beyond_its_limits_is_refused_as_the_run_would(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="limits in step 14"):
+    with pytest.raises(BadInput, match=r"line \d+: protocol\.loads_n\.1: a load of 9000 N is outside"):
         told(tmp_path, config(loads_n=[100, 9000]))
 
 
