@@ -1,0 +1,52 @@
+"""Choosing scenarios, and carrying each out beside its device."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+
+from .building import build
+from .catalogue import ALL
+from .laboratory import carry_out
+from .scenario import Peer, Scenario
+from .verdict import Verdict, judge
+
+
+def chosen(only: Sequence[str], short: bool, healthy: int | None) -> tuple[Scenario, ...]:
+    """The scenarios that are asked for.
+
+    Args:
+        only: begins of names; empty: all.
+        short: those of the short campaign.
+        healthy: how many healthy runs; None: as many as fit the choice.
+    """
+    faults = [one for one in ALL if (not short or one.short) and (not only or one.name.startswith(tuple(only)))]
+    return tuple(faults)
+
+
+class Campaign:
+    """Builds the devices once, and carries out scenarios.
+
+    Raises:
+        CannotBuild: the independent frame cannot be built.
+    """
+
+    def __init__(self, peers: Path, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._peers, self._folder = peers, folder
+        self._frame = build(peers, folder)
+
+    def judged(self, scenario: Scenario) -> Verdict:
+        """Carry out a scenario and judge it; a trial that cannot be carried out is a failed one."""
+
+        def command(port: int, log: Path) -> list[str]:
+            return [str(self._frame), str(port), str(log), str(scenario.clients)]
+
+        assert scenario.peer is Peer.C
+        try:
+            return judge(scenario, carry_out(scenario, command, self._folder / scenario.name, self._peers))
+        except Exception as error:
+            sys.stderr.write("".join(traceback.format_exception(error)))
+            return Verdict(scenario, None, (f"the trial was not carried out: {type(error).__name__}: {error}",))

@@ -1,0 +1,287 @@
+"""One trial: the device, the real daemon as a process, an operator at its terminal, and a microscope that exports frames."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import pty
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from semlive.errors import SemliveError
+from semlive.service.tail import Tail
+
+from .building import ROOT
+from .configuration import configuration
+from .device import Device, running
+from .frames import FrameWriter
+from .observation import observe
+from .scenario import Act, Ending, Fault, Observed, Scenario, When
+
+_FRAME_EVERY_S = 0.45
+_TRIAL_MAX_S = 150.0
+_ENDS_WITHIN_S = 25.0
+_LATE_ACT_S = 10.0
+_WAITING = {"fault", "estopped"}
+_PATHS = os.pathsep.join(str(ROOT / part) for part in ("", "drivers", "simulators"))
+
+
+@dataclass
+class Daemon:
+    """`semlive run` with its terminal; its output goes into a file."""
+
+    process: subprocess.Popen[bytes]
+    terminal: int
+    output: Path
+    started_s: float
+
+    def say(self, word: str) -> None:
+        """Type a line at its terminal."""
+        os.write(self.terminal, f"{word}\n".encode())
+
+    def signal(self, number: int) -> None:
+        """Send a signal, if it still runs."""
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+
+    def end(self) -> int | None:
+        """Terminate it; its exit code, or None if it had to be killed."""
+        self.signal(signal.SIGCONT)
+        self.signal(signal.SIGTERM)
+        code: int | None = None
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            code = self.process.wait(_ENDS_WITHIN_S)
+        if code is None:
+            os.killpg(self.process.pid, signal.SIGKILL)
+            self.process.wait()
+        os.close(self.terminal)
+        return code
+
+    def said(self) -> str:
+        """What it printed so far, on one line, without control sequences."""
+        text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self.output.read_text(encoding="utf-8", errors="replace"))
+        return " ".join(text.split())
+
+
+@dataclass
+class Follower:
+    """What the run's log tells while it grows; instants are those of reading, CLOCK_MONOTONIC in s."""
+
+    tail: Tail
+    states: list[tuple[str, int | None, float]] = field(default_factory=list)
+    faults: list[Fault] = field(default_factory=list)
+    loaded_pairs: int = 0
+
+    def follow(self) -> None:
+        """Read what is new."""
+        try:
+            for message in self.tail.poll():
+                if message.topic == "/state":
+                    told = json.loads(message.payload)
+                    self.states.append((told["after"], told["step"], time.monotonic()))
+                elif message.topic == "/fault":
+                    told = json.loads(message.payload)
+                    self.faults.append(Fault(told["time_ns"], told.get("code", ""), told["what"], told["action"]))
+                elif message.topic == "/pair":
+                    self.loaded_pairs += json.loads(message.payload)["step"]["phase"] == "tension"
+        except SemliveError:
+            return  # a segment that is being renamed is read at the next call
+
+    @property
+    def state(self) -> str:
+        """The present state, empty before the first."""
+        return self.states[-1][0] if self.states else ""
+
+
+class Trial:
+    """A scenario while it is carried out."""
+
+    def __init__(self, scenario: Scenario, device: Device, folder: Path, peers: Path) -> None:
+        self.scenario, self.device = scenario, device
+        self._folder, self._peers = folder, peers
+        self._export = folder / "export"
+        self._export.mkdir()
+        self.log = folder / "log" / "run"
+        self.follower = Follower(Tail(self.log))
+        self._writer, self._frame_s = FrameWriter(self._export), 0.0
+        self.fault_s: float | None = None
+        self.daemons = list[Daemon]()
+        self._started = 0
+        self.second: Daemon | None = None
+        self.begun_s = time.monotonic()
+
+    # ---- actions on the daemon
+
+    def start(self, *options: str, name: str = "run", loads_n: list[float] | None = None) -> Daemon:
+        """Start a daemon on the scenario's configuration."""
+        path = self._folder / f"{name}.yaml"
+        path.write_text(configuration(self.scenario, self._peers, self.device.port, name, loads_n), encoding="utf-8")
+        ours, theirs = pty.openpty()
+        self._started += 1
+        output = self._folder / f"{name}.{self._started}.txt"
+        command = [sys.executable, "-m", "semlive", "run", str(path), "--attended", "--no-page", *options]
+        environment = {**os.environ, "PYTHONPATH": _PATHS, "COLUMNS": "600"}
+        with output.open("wb") as file:
+            process = subprocess.Popen(
+                command, stdin=theirs, stdout=file, stderr=subprocess.STDOUT, cwd=self._folder, env=environment, start_new_session=True
+            )
+        os.close(theirs)
+        return Daemon(process, ours, output, time.monotonic())
+
+    @property
+    def daemon(self) -> Daemon:
+        """The daemon of the run, started last."""
+        return self.daemons[-1]
+
+    def _act(self, command: str) -> None:
+        if not command.startswith("!"):
+            self.device.switch(command)
+            return
+        word, _, rest = command[1:].partition(" ")
+        ACTIONS[word](self, rest)
+
+    # ---- the course of the trial
+
+    def carry_out(self) -> Observed:
+        """Run it to its end."""
+        acts = list(self.scenario.acts)
+        while acts and not acts[0].when.state:
+            self._perform(acts.pop(0))
+        self.daemons.append(self.start())
+        last_act_s, fault_seen_s = time.monotonic(), None
+        watch_s = math.inf if self.scenario.expected.ending is Ending.COMPLETE else self.scenario.watch_s
+        while True:
+            self.follower.follow()
+            self._expose()
+            now_s = time.monotonic()
+            if acts and self._is_due(acts[0].when):
+                self._perform(acts.pop(0))
+                last_act_s, fault_seen_s = now_s, None
+            if self.follower.state in _WAITING and fault_seen_s is None:
+                fault_seen_s = now_s
+            ended = self.daemon.process.poll() is not None
+            watched = fault_seen_s is not None and now_s > fault_seen_s + self.scenario.linger_s
+            watched |= self.fault_s is not None and now_s > last_act_s + watch_s
+            if ended or (watched and not acts) or now_s > self.begun_s + _TRIAL_MAX_S:
+                break
+            if acts and fault_seen_s is not None and now_s > fault_seen_s + self.scenario.linger_s + _LATE_ACT_S:
+                break  # a fault came before an act whose instant cannot come any more
+            time.sleep(0.005)
+        return self._observed()
+
+    def _perform(self, act: Act) -> None:
+        if act.is_fault and self.fault_s is None:
+            self.fault_s = time.monotonic()
+        for command in act.commands:
+            self._act(command)
+
+    def _is_due(self, when: When) -> bool:
+        reached = [at_s for state, step, at_s in self.follower.states if state == when.state and when.step in (None, step)]
+        if not reached:
+            return False
+        since_s = reached[0]
+        if when.force_n is not None:
+            passed = [one.at_s for one in self.device.samples if one.at_s >= since_s and one.force_n >= when.force_n]
+            if not passed:
+                return False
+            since_s = passed[0]
+        return time.monotonic() >= since_s + when.after_s
+
+    def _expose(self) -> None:
+        if self.follower.state != "imaging" or self.daemon.process.poll() is not None:
+            return
+        now_s = time.monotonic()
+        if now_s > self.follower.states[-1][2] + self.scenario.frames_after_s and now_s > self._frame_s + _FRAME_EVERY_S:
+            self._writer.write()
+            self._frame_s = now_s
+
+    def _observed(self) -> Observed:
+        ended_s, by_itself = time.monotonic(), self.daemon.process.poll() is not None
+        waits = self.follower.state in {"recover", "paused"}
+        second = ""
+        if self.second is not None:
+            code = self.second.end()
+            second = f"second run: exit status {code}: {self.second.said()}"
+        exit_code = self.daemon.end()
+        self.follower.follow()
+        return observe(self, ended_s, by_itself, exit_code, waits, second)
+
+    def close(self) -> None:
+        """Kill whatever still runs."""
+        for one in (*self.daemons, *([self.second] if self.second else [])):
+            if one.process.poll() is None:
+                os.killpg(one.process.pid, signal.SIGKILL)
+                one.process.wait()
+
+
+def _signal(trial: Trial, name: str) -> None:
+    trial.daemon.signal(getattr(signal, f"SIG{name}"))
+
+
+def _say(trial: Trial, word: str) -> None:
+    trial.daemon.say(word)
+
+
+def _restart(trial: Trial, options: str) -> None:
+    """Kill the daemon if it runs, and start it again with options such as ``--resume``."""
+    if trial.daemon.process.poll() is None:
+        trial.daemon.process.kill()
+        trial.daemon.process.wait()
+    trial.daemons.append(trial.start(*options.split()))
+
+
+def _second(trial: Trial, loads: str) -> None:
+    """Start a run with another name on the same device, with these loads."""
+    trial.second = trial.start(name="second", loads_n=[float(load) for load in loads.split()])
+
+
+def _same(trial: Trial, options: str) -> None:
+    """Start the same run again beside the first."""
+    trial.second = trial.start(*options.split())
+
+
+def _delete(trial: Trial, _: str) -> None:
+    """Delete the folder of the run, and start the same configuration again beside it."""
+    shutil.rmtree(trial.log)
+    trial.second = trial.start()
+
+
+ACTIONS: dict[str, Callable[[Trial, str], None]] = {
+    "signal": _signal,
+    "say": _say,
+    "restart": _restart,
+    "second": _second,
+    "same": _same,
+    "delete": _delete,
+}
+"""Actions on the daemon, by the first word of a command that begins with ``!``."""
+
+
+def carry_out(scenario: Scenario, command: Callable[[int, Path], list[str]], folder: Path, peers: Path) -> Observed:
+    """Carry out a scenario in a folder of its own.
+
+    Args:
+        scenario: which.
+        command: makes the command line of its device from port and log.
+        folder: empty.
+        peers: folder of the independent frame.
+
+    Raises:
+        RuntimeError: the device did not start.
+    """
+    folder.mkdir(parents=True)
+    with running(command, folder) as device:
+        trial = Trial(scenario, device, folder, peers)
+        try:
+            return trial.carry_out()
+        finally:
+            trial.close()
