@@ -9,9 +9,13 @@ from pathlib import Path
 
 from .building import build
 from .catalogue import ALL
+from .healthy import healthy_runs
 from .laboratory import carry_out
 from .scenario import Peer, Scenario
 from .verdict import Verdict, judge
+
+HEALTHY = 100
+SECOND = Path(__file__).with_name("second_frame.py")
 
 
 def chosen(only: Sequence[str], short: bool, healthy: int | None) -> tuple[Scenario, ...]:
@@ -23,7 +27,10 @@ def chosen(only: Sequence[str], short: bool, healthy: int | None) -> tuple[Scena
         healthy: how many healthy runs; None: as many as fit the choice.
     """
     faults = [one for one in ALL if (not short or one.short) and (not only or one.name.startswith(tuple(only)))]
-    return tuple(faults)
+    if healthy is None:
+        healthy = 3 if short else 0 if only and faults else HEALTHY
+    runs = [one for one in healthy_runs(healthy) if not only or faults or one.name.startswith(tuple(only))]
+    return (*faults, *runs)
 
 
 class Campaign:
@@ -42,9 +49,10 @@ class Campaign:
         """Carry out a scenario and judge it; a trial that cannot be carried out is a failed one."""
 
         def command(port: int, log: Path) -> list[str]:
-            return [str(self._frame), str(port), str(log), str(scenario.clients)]
+            if scenario.peer is Peer.C:
+                return [str(self._frame), str(port), str(log), str(scenario.clients)]
+            return [sys.executable, str(SECOND), str(port), str(log), *(f"{name}={value}" for name, value in scenario.device.items())]
 
-        assert scenario.peer is Peer.C
         try:
             return judge(scenario, carry_out(scenario, command, self._folder / scenario.name, self._peers))
         except Exception as error:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import yaml
 
-from .scenario import FORCE_MAX_N, TOLERANCE_N, Peer, Scenario
+from .scenario import FORCE_MAX_N, TOLERANCE_N, Scenario
 
 MAPS = Path(__file__).with_name("maps")
 _APPROACH = {"stiffness_n_mm": 20000, "speed_max_mm_s": 0.05}
@@ -29,8 +29,6 @@ def configuration(scenario: Scenario, peers: Path, port: int, name: str = "run",
         loads_n: in place of the scenario's loads, N.
     """
     settings: dict[str, object] = {"map": str(map_path(scenario, peers)), "host": "127.0.0.1", "port": port, "confirmed": True}
-    if scenario.peer is Peer.C:
-        settings["watchdog_s"] = 2.0
     if scenario.map.startswith("map_disp"):
         settings["approach"] = dict(_APPROACH)
     config: dict[str, object] = {

@@ -10,6 +10,8 @@ import pty
 import re
 import shutil
 import signal
+import socket
+import struct
 import subprocess
 import sys
 import time
@@ -249,6 +251,16 @@ def _same(trial: Trial, options: str) -> None:
     trial.second = trial.start(*options.split())
 
 
+def _order(trial: Trial, words: str) -> None:
+    """Another master orders the independent frame: ``1 TARGET RATE`` a ramp, ``2`` a stop."""
+    command, target_n, rate_n_s = (float(word) for word in [*words.split(), "0", "0"][:3])
+    floats = [half for value in (target_n, rate_n_s) for half in reversed(struct.unpack(">HH", struct.pack(">f", value)))]
+    pdu = struct.pack(">BBHHB5H", 1, 16, 0, 5, 10, *floats, int(command))
+    with socket.create_connection(("127.0.0.1", trial.device.port), 2.0) as link:
+        link.sendall(struct.pack(">HHH", 4711, 0, len(pdu)) + pdu)
+        link.recv(100)
+
+
 def _delete(trial: Trial, _: str) -> None:
     """Delete the folder of the run, and start the same configuration again beside it."""
     shutil.rmtree(trial.log)
@@ -261,6 +273,7 @@ ACTIONS: dict[str, Callable[[Trial, str], None]] = {
     "restart": _restart,
     "second": _second,
     "same": _same,
+    "order": _order,
     "delete": _delete,
 }
 """Actions on the daemon, by the first word of a command that begins with ``!``."""

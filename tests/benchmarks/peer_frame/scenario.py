@@ -33,6 +33,8 @@ class Ending(StrEnum):
     """No motion before the operator answered."""
     STOPPED = "stopped"
     """Stop, and an exit status that is not 0; where there is no log left to hold a fault."""
+    RECOVERED = "recovered"
+    """Stop and a fault; after the operator resumed, the run completes."""
     SAFE = "safe"
     """Any way, as long as the load stays within its bounds."""
 

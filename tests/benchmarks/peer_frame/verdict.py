@@ -11,6 +11,7 @@ from .scenario import STOP_BAR_S, Ending, Observed, Scenario
 
 REPEAT_S = 1.5
 """Stop orders to a device that moves on follow one another at least this fast."""
+_STOPS = (Ending.FAULT, Ending.STOPPED, Ending.RECOVERED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +67,11 @@ def _ending(scenario: Scenario, seen: Observed) -> Iterator[str]:
         case Ending.ASKED:
             if not (seen.asked or seen.faults or seen.exit_code == 2):
                 yield "the operator was not asked"
+        case Ending.RECOVERED:
+            if not seen.faults:
+                yield "no /fault"
+            if seen.exit_code != 0:
+                yield f"did not complete after the operator resumed (exit status {seen.exit_code})"
         case Ending.STOPPED:
             if seen.exit_code == 0:
                 yield "run complete, exit status 0"
@@ -79,7 +85,7 @@ def _ending(scenario: Scenario, seen: Observed) -> Iterator[str]:
 
 def _stop(scenario: Scenario, seen: Observed) -> Iterator[str]:
     must = scenario.expected
-    if must.stop_within_s is not None and must.ending in (Ending.FAULT, Ending.STOPPED) and seen.instant_s is not None:
+    if must.stop_within_s is not None and must.ending in _STOPS and seen.instant_s is not None:
         if seen.stop_after_s is None:
             yield "no stop order"
         elif seen.stop_after_s > must.stop_within_s:
@@ -177,7 +183,7 @@ def figures(verdicts: Sequence[Verdict]) -> Bars:
         worst_peak_n=max((found.peak_n for _, found in bounded), default=0.0),
         over_peak=tuple(scenario.name for scenario, found in bounded if found.peak_n > (scenario.expected.peak_n or math.inf)),
         unloading=tuple(scenario.name for scenario, found in seen if found.unloadings and not scenario.expected.unloads),
-        silent=tuple(scenario.name for scenario, found in seen if scenario.expected.ending is Ending.FAULT and not found.faults),
+        silent=tuple(scenario.name for scenario, found in seen if scenario.expected.ending in (Ending.FAULT, Ending.RECOVERED) and not found.faults),
         stops=len(times),
         p50_s=_quantile(times, 0.5),
         p99_s=_quantile(times, 0.99),
