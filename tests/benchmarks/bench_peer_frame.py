@@ -1,11 +1,12 @@
 """The campaign against load frames that misbehave: the real daemon beside an independent frame and a second one.
 
-    python tests/benchmarks/bench_peer_frame.py [--write] [--short] [--only NAME ...] [--healthy N] [--jobs 2] [--peers DIR]
+    python tests/benchmarks/bench_peer_frame.py [--write] [--short] [--only NAME ...] [--healthy N] [--jobs 2] [--peers DIR] [--found FILE]
 
 The independent frame is built from DIR/frame.c (by default `../shared/peers` beside the repository; needs gcc and libmodbus); the second
 frame is a program of tests/benchmarks/peer_frame. Each scenario is a run of `semlive run CONFIG --attended` with an operator's terminal and
 exported frames; the device's own record tells true force, orders and stops. NAME is a scenario or the begin of some; `--list` shows all.
-One line a scenario; `--write` writes docs/safety-campaign.md. The exit status is 1 if a scenario or a bar failed.
+One line a scenario; `--write` writes docs/safety-campaign.md. What was observed is added to FILE, and what stands there is judged without
+being run again, so the campaign can be broken off and taken up. The exit status is 1 if a scenario or a bar failed.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ def main() -> int:
     parser.add_argument("--healthy", type=int, default=None, metavar="N", help="healthy runs (100; 3 with --short, 0 with --only)")
     parser.add_argument("--jobs", type=int, default=2, help="trials at the same time")
     parser.add_argument("--peers", type=Path, default=PEERS, help="folder of the independent frame")
+    parser.add_argument("--found", type=Path, default=None, metavar="FILE", help="where what was observed is kept")
     parser.add_argument("--keep", type=Path, default=None, metavar="FOLDER", help="keep logs and outputs there")
     parser.add_argument("--list", action="store_true", help="show names and end")
     options = parser.parse_args()
@@ -42,7 +44,7 @@ def main() -> int:
         return 0
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         try:
-            campaign = Campaign(options.peers.resolve(), (options.keep or Path(name)).resolve())
+            campaign = Campaign(options.peers.resolve(), (options.keep or Path(name)).resolve(), options.found)
         except CannotBuild as error:
             sys.stderr.write(f"{error}.\n")
             return 2

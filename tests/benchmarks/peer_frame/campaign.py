@@ -10,6 +10,7 @@ from pathlib import Path
 from .building import build
 from .catalogue import ALL
 from .healthy import healthy_runs
+from .kept import keep, kept
 from .laboratory import carry_out
 from .scenario import Peer, Scenario
 from .verdict import Verdict, judge
@@ -36,17 +37,25 @@ def chosen(only: Sequence[str], short: bool, healthy: int | None) -> tuple[Scena
 class Campaign:
     """Builds the devices once, and carries out scenarios.
 
+    Args:
+        peers: folder of the independent frame.
+        folder: where trials are carried out.
+        found: file in which what was observed is kept.
+
     Raises:
         CannotBuild: the independent frame cannot be built.
     """
 
-    def __init__(self, peers: Path, folder: Path) -> None:
+    def __init__(self, peers: Path, folder: Path, found: Path | None = None) -> None:
         folder.mkdir(parents=True, exist_ok=True)
+        self._found, self._known = found, kept(found)
         self._peers, self._folder = peers, folder
         self._frame = build(peers, folder)
 
     def judged(self, scenario: Scenario) -> Verdict:
-        """Carry out a scenario and judge it; a trial that cannot be carried out is a failed one."""
+        """Carry out a scenario, unless it stands in the file, and judge it; a trial that cannot be carried out is a failed one."""
+        if scenario.name in self._known:
+            return judge(scenario, self._known[scenario.name])
 
         def command(port: int, log: Path) -> list[str]:
             if scenario.peer is Peer.C:
@@ -54,7 +63,10 @@ class Campaign:
             return [sys.executable, str(SECOND), str(port), str(log), *(f"{name}={value}" for name, value in scenario.device.items())]
 
         try:
-            return judge(scenario, carry_out(scenario, command, self._folder / scenario.name, self._peers))
+            seen = carry_out(scenario, command, self._folder / scenario.name, self._peers)
+            if self._found is not None:
+                keep(self._found, scenario.name, seen)
+            return judge(scenario, seen)
         except Exception as error:
             sys.stderr.write("".join(traceback.format_exception(error)))
             return Verdict(scenario, None, (f"the trial was not carried out: {type(error).__name__}: {error}",))

@@ -40,7 +40,8 @@ class Device:
         self.log = folder / "device.log"
         self.samples = list[Reading]()
         self._over = threading.Event()
-        self._process = subprocess.Popen(command(self.port, self.log), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        with (folder / "device.txt").open("wb") as output:
+            self._process = subprocess.Popen(command(self.port, self.log), stdin=subprocess.DEVNULL, stdout=output, stderr=output)
         self._thread = threading.Thread(target=self._sample, daemon=True)
         end_s = time.monotonic() + _STARTED_WITHIN_S
         while self.state() is None:
@@ -78,9 +79,10 @@ class Device:
         return Reading(float(words[0]), float(words[1]), float(words[2]), int(words[3]) != 0)
 
     def registers(self) -> dict[str, str]:
-        """Values that the device tells by name after its state."""
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
-            udp.settimeout(1.0)
+        """Values that the device tells by name after its state; none if it does not answer within 5 s."""
+        words = list[str]()
+        with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+            udp.settimeout(5.0)
             udp.connect(("127.0.0.1", self.port))
             udp.send(b"?")
             words = udp.recv(500).decode().split()

@@ -18,11 +18,20 @@ def _drawn(kind: str, chance: random.Random, disp: bool) -> dict[str, object]:
         case "noisy":
             return {"noise_n": round(u(0.2, 0.8), 3), "extension_noise_mm": round(u(0.0, 5e-5), 7)}
         case "coarse":
-            return {"lsb_n": chance.choice([0.1, 0.5, 1.0, 2.0]), "extension_lsb_mm": chance.choice([1e-5, 1e-4, 1e-3]), "cell_s": round(u(0, 0.2), 3)}
+            return {
+                "lsb_n": chance.choice([0.1, 0.5, 1.0, 2.0]),
+                "extension_lsb_mm": chance.choice([1e-5, 1e-4, 1e-3]),
+                "cell_s": round(u(0, 0.2), 3),
+            }
         case "drifting":
             return {"drift_n_s": round(u(-0.04, 0.04), 4), "noise_n": round(u(0.02, 0.2), 3)}
         case "slow":
-            return {"latency_s": round(u(0.04, 0.12), 3), "jitter_s": round(u(0.0, 0.03), 3), "cell_s": round(u(0.05, 0.3), 3), "pieces": chance.choice([0, 1])}
+            return {
+                "latency_s": round(u(0.04, 0.12), 3),
+                "jitter_s": round(u(0.0, 0.03), 3),
+                "cell_s": round(u(0.05, 0.3), 3),
+                "pieces": chance.choice([0, 1]),
+            }
         case "late start":
             return {"start_s": round(u(0.1, 0.25 if disp else 0.8), 2)}
         case "overshoot":
@@ -30,7 +39,12 @@ def _drawn(kind: str, chance: random.Random, disp: bool) -> dict[str, object]:
         case "relaxing":
             return {"relax": round(u(0.001, 0.006), 4), "relax_s": round(u(3, 15), 1), "hold_force": chance.choice([0, 1])}
         case "compliant":
-            return {"toe_n": round(u(10, 60), 1), "toe_part": round(u(0.25, 0.6), 2), "slack_mm": round(u(0.0, 0.0015), 5), "stiffness_n_mm": round(u(5e3, 2e4))}
+            return {
+                "toe_n": round(u(10, 60), 1),
+                "toe_part": round(u(0.25, 0.6), 2),
+                "slack_mm": round(u(0.0, 0.0015), 5),
+                "stiffness_n_mm": round(u(5e3, 2e4)),
+            }
         case "hunting":
             return {"hunt_n": round(u(0.3, 1.2), 2), "hunt_hz": round(u(0.3, 3.0), 2), "noise_n": round(u(0.02, 0.2), 3)}
         case _:

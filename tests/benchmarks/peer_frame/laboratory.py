@@ -27,13 +27,17 @@ from .configuration import configuration
 from .device import Device, running
 from .frames import FrameWriter
 from .observation import observe
-from .scenario import Act, Ending, Fault, Observed, Scenario, When
+from .scenario import Act, Ending, Fault, Observed, Peer, Scenario, When
 
 _FRAME_EVERY_S = 0.45
 _TRIAL_MAX_S = 150.0
 _ENDS_WITHIN_S = 25.0
 _LATE_ACT_S = 10.0
 _WAITING = {"fault", "estopped"}
+_OVER = {"complete", "aborted"}
+_UNHARMED = {"ratex": 1.0, "targx": 1.0, "fneglim": 1e9, "sat": 1e9}
+"""Values of the independent frame's switches that are not off at 0."""
+_NO_SWITCHES = {"F", "E", "K", "cnt", "goto", "reboot", "drop", "settarget", "press", "break", "slip"}
 _PATHS = os.pathsep.join(str(ROOT / part) for part in ("", "drivers", "simulators"))
 
 
@@ -173,11 +177,12 @@ class Trial:
             ended = self.daemon.process.poll() is not None
             watched = fault_seen_s is not None and now_s > fault_seen_s + self.scenario.linger_s
             watched |= self.fault_s is not None and now_s > last_act_s + watch_s
+            watched &= self.follower.state not in _OVER
             if ended or (watched and not acts) or now_s > self.begun_s + _TRIAL_MAX_S:
                 break
             if acts and fault_seen_s is not None and now_s > fault_seen_s + self.scenario.linger_s + _LATE_ACT_S:
                 break  # a fault came before an act whose instant cannot come any more
-            time.sleep(0.005)
+            time.sleep(0.01)
         return self._observed()
 
     def _perform(self, act: Act) -> None:
@@ -213,9 +218,17 @@ class Trial:
         if self.second is not None:
             code = self.second.end()
             second = f"second run: exit status {code}: {self.second.said()}"
+        self._end_faults()
         exit_code = self.daemon.end()
         self.follower.follow()
         return observe(self, ended_s, by_itself, exit_code, waits, second)
+
+    def _end_faults(self) -> None:
+        """Switch off what the scenario switched on, so that the end of the run does not wait for a device that cannot rest."""
+        names = {command.split()[0] for act in self.scenario.acts for command in act.commands if not command.startswith("!")}
+        for name in names - _NO_SWITCHES:
+            default = _UNHARMED.get(name, 0.0) if self.scenario.peer is Peer.C else 0.0
+            self.device.switch(f"{name} {default:g}")
 
     def close(self) -> None:
         """Kill whatever still runs."""

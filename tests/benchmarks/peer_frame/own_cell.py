@@ -11,7 +11,9 @@ from .scenario import Act, Ending, Expected, Peer, Scenario, When
 
 _STANDS = (Code.NO_RESPONSE, Code.FROZEN_READING, Code.TRAVEL_WITHOUT_LOAD, Code.SENSOR_RANGE, Code.RATE_NOT_KEPT)
 _FLAT = Expected(stop_within_s=2.0, codes=_STANDS)
-_AT_ONCE = Expected(stop_within_s=0.6, timed=True, codes=(Code.LIMIT, Code.LOAD_JUMP, Code.SENSOR_RANGE, Code.WRONG_DIRECTION, Code.LINK_LOST))
+_AT_ONCE = Expected(
+    stop_within_s=0.6, timed=True, codes=(Code.LIMIT, Code.LOAD_JUMP, Code.SENSOR_RANGE, Code.WRONG_DIRECTION, Code.LINK_LOST)
+)
 _WITHIN_2 = "stop within 2 s, fault"
 _SAFE = Expected(Ending.SAFE, stop_within_s=None, loaded_pairs=None, no_orders=False)
 LOAD, COUNT, DISP = "second_load.yaml", "second_count.yaml", "map_disp_second.yaml"
@@ -51,16 +53,22 @@ FORCE = (
     second(
         "cell-sign-turns-within-5-s", "stop, fault", replace(_FLAT, stop_within_s=3.0, codes=()), "flip 5", device=_SENSED, force_n=120.0
     ),
-    second("cell-sign-turns-within-1-s", "stop, fault", replace(_FLAT, stop_within_s=1.5, codes=()), "flip 1", device=_SENSED, force_n=120.0),
+    second(
+        "cell-sign-turns-within-1-s", "stop, fault", replace(_FLAT, stop_within_s=1.5, codes=()), "flip 1", device=_SENSED, force_n=120.0
+    ),
     second("cell-fades-within-4-s", "stop, fault", replace(_FLAT, stop_within_s=3.0), "fade 4", device=_SENSED, force_n=120.0),
     second("cell-half-gain", "stop at the jump of the reading", replace(_FLAT, codes=()), "gain 0.5", device=_SENSED, force_n=150.0),
     second("cell-jumps-up", "stop at the jump of the reading", replace(_FLAT, codes=(Code.LOAD_JUMP, Code.LIMIT)), "jump 150"),
-    second("cell-jumps-down", "stop at the jump of the reading", replace(_FLAT, codes=(Code.LOAD_JUMP, Code.LIMIT)), "jump -100", force_n=150.0),
+    second(
+        "cell-jumps-down", "stop at the jump of the reading", replace(_FLAT, codes=(Code.LOAD_JUMP, Code.LIMIT)), "jump -100", force_n=150.0
+    ),
     second("cell-one-spike", "stop at the reading beyond the limit", _AT_ONCE, "spike 1"),
     second("cell-not-a-number", "stop, fault", _AT_ONCE, "nan 1"),
     second("cell-infinite", "stop, fault", _AT_ONCE, "inf 1"),
     second("cell-2-s-late", "true load within its bounds", _SAFE, "late 2"),
-    second("cell-2-s-late-runaway", "stop", Expected(since_force_n=303.0, stop_within_s=2.7, codes=()), "late 2", "runaway 1", force_n=10.0),
+    second(
+        "cell-2-s-late-runaway", "stop", Expected(since_force_n=303.0, stop_within_s=2.7, codes=()), "late 2", "runaway 1", force_n=10.0
+    ),
     second("cell-tenth-gain", "stop, fault", replace(_FLAT, stop_within_s=2.5), "gain 0.1", device=_SENSED, force_n=2.0),
     second("cell-tenfold-gain", "true load within its bounds", _SAFE, "gain 10", device=_SENSED, force_n=2.0),
     second("specimen-breaks", "stop, fault", replace(_FLAT, codes=(Code.LOAD_JUMP, Code.LIMIT, *_STANDS)), "break 1", force_n=200.0),
@@ -78,13 +86,31 @@ STATES = (
         Expected(stop_within_s=15.0, since_force_n=297.0, codes=(Code.MOTION_OVERDUE, Code.MOTION_TIMEOUT)),
         "stuckmoving 1",
     ),
-    second("state-stuck-at-still", "fault: the load changes although the device says that it is still", replace(_FLAT, codes=()), "stuckstill 1"),
+    second(
+        "state-stuck-at-still",
+        "fault: the load changes although the device says that it is still",
+        replace(_FLAT, codes=()),
+        "stuckstill 1",
+    ),
     second("state-stuck-at-still-runaway", "stop, fault", replace(_FLAT, codes=()), "stuckstill 1", "runaway 1"),
     second("machine-in-fault", "stop, fault", replace(_FLAT, codes=(Code.DEVICE_FAULT,), stop_within_s=0.6), "trip 1"),
-    second("counter-runs-backwards", "stop, fault", replace(_FLAT, codes=(Code.DEVICE_RESTARTED, Code.FROZEN_READING)), "countback 1", map=COUNT),
+    second(
+        "counter-runs-backwards",
+        "stop, fault",
+        replace(_FLAT, codes=(Code.DEVICE_RESTARTED, Code.FROZEN_READING)),
+        "countback 1",
+        map=COUNT,
+    ),
     second("counter-stops", "stop, fault", replace(_FLAT, codes=(Code.FROZEN_READING,)), "countstop 1", map=COUNT),
     second("words-swapped-in-ramp", "stop, fault", _AT_ONCE, "swap 1"),
-    second("restart-with-swapped-words", "stop, fault", replace(_FLAT, codes=(Code.DEVICE_RESTARTED, Code.LIMIT)), "reboot 0", "swap 1", map=COUNT),
+    second(
+        "restart-with-swapped-words",
+        "stop, fault",
+        replace(_FLAT, codes=(Code.DEVICE_RESTARTED, Code.LIMIT)),
+        "reboot 0",
+        "swap 1",
+        map=COUNT,
+    ),
     second("restart-second-frame", "stop, fault", replace(_FLAT, codes=(Code.DEVICE_RESTARTED, Code.FOREIGN_ORDER)), "reboot 0"),
     second("stop-button-in-ramp", "no motion of its own; fault", replace(_FLAT, codes=()), "press 1", force_n=150.0),
 )
@@ -92,7 +118,9 @@ STATES = (
 DISPLACEMENT = (
     second("disp-cell-freezes", _WITHIN_2, replace(_FLAT, stop_within_s=4.0), "freeze 1", map=DISP),
     second("disp-cell-freezes-late", _WITHIN_2, replace(_FLAT, stop_within_s=3.0), "freeze 1", map=DISP, force_n=270.0),
-    second("disp-cell-freezes-with-noise", _WITHIN_2, replace(_FLAT, stop_within_s=4.0), "noisyfreeze 1", map=DISP, device={"noise_n": 0.5}),
+    second(
+        "disp-cell-freezes-with-noise", _WITHIN_2, replace(_FLAT, stop_within_s=4.0), "noisyfreeze 1", map=DISP, device={"noise_n": 0.5}
+    ),
     second("disp-cell-clipped", _WITHIN_2, replace(_FLAT, since_force_n=250.0, stop_within_s=4.0), "clip 250", map=DISP),
     second("disp-sign-turns", "stop, fault", replace(_FLAT, stop_within_s=3.0, codes=()), "flip 3", map=DISP, force_n=120.0),
     second("disp-cell-fades", "stop, fault", replace(_FLAT, stop_within_s=4.0), "fade 4", map=DISP, force_n=120.0),
@@ -102,7 +130,13 @@ DISPLACEMENT = (
     second("disp-both-freeze", _WITHIN_2, replace(_FLAT, stop_within_s=4.0), "efreeze 1", "freeze 1", map=DISP),
     second("disp-jammed", "stop, fault", replace(_FLAT, stop_within_s=6.0, codes=()), "jam 1", map=DISP),
     second("disp-3-times-as-fast", "true load within its bounds", _SAFE, "ratex 3", map=DISP),
-    second("disp-travel-does-not-end", "stop beyond the target", Expected(since_force_n=303.0, stop_within_s=0.6, codes=()), "runaway 1", map=DISP),
+    second(
+        "disp-travel-does-not-end",
+        "stop beyond the target",
+        Expected(since_force_n=303.0, stop_within_s=0.6, codes=()),
+        "runaway 1",
+        map=DISP,
+    ),
     second("disp-wrong-direction", "stop, fault", replace(_FLAT, codes=(Code.WRONG_DIRECTION,)), "wrongway 1", map=DISP),
     second("disp-not-a-number", "stop, fault", _AT_ONCE, "nan 1", map=DISP),
     second("disp-specimen-breaks", "stop, fault", replace(_FLAT, codes=(), stop_within_s=4.0), "break 1", map=DISP, force_n=200.0),

@@ -22,7 +22,9 @@ _IN_RAMP = When("ramping", force_n=60.0)
 _RESUMES = (Act(When("fault", after_s=1.5), ("freeze 0", "runaway 0", "!say resume")), Act(When("recover", after_s=0.5), ("!say resume",)))
 
 
-def _start(name: str, what: str, *commands: str, must: str = _ASK_FIRST, expected: Expected = _ASKED, map: str = "map_f32.yaml") -> Scenario:
+def _start(
+    name: str, what: str, *commands: str, must: str = _ASK_FIRST, expected: Expected = _ASKED, map: str = "map_f32.yaml"
+) -> Scenario:
     """Something is so before the run begins."""
     return Scenario(f"start-{name}", what, must, expected, (Act(When(), commands),), map, watch_s=12.0)
 
@@ -41,9 +43,7 @@ STARTS = (
     ),
     _start("beyond-limit", "F = 410 N at the start", "F 410", "E 0.0205", expected=_ASKED),
 )
-_MOVING = replace(
-    STARTS[4], acts=(Act(When(), ("goto 395",)), Act(When("connecting"), ("F 0", "goto 395"), is_fault=False)), clients=1
-)
+_MOVING = replace(STARTS[4], acts=(Act(When(), ("goto 395",)), Act(When("connecting"), ("F 0", "goto 395"), is_fault=False)), clients=1)
 
 COURSES = (
     Scenario(
@@ -159,7 +159,9 @@ COURSES = (
 
 def _master(name: str, what: str, when: When, *commands: str, **changes: object) -> Scenario:
     """Another master on another computer orders the independent frame."""
-    one = Scenario(f"master-{name}", what, "stop, fault, nothing ordered again", _FOREIGN, (Act(when, commands),), unloaded=0, clients=8, watch_s=9.0)
+    one = Scenario(
+        f"master-{name}", what, "stop, fault, nothing ordered again", _FOREIGN, (Act(when, commands),), unloaded=0, clients=8, watch_s=9.0
+    )
     return replace(one, **changes)
 
 
@@ -168,8 +170,20 @@ MASTERS = (
     _master("rate-in-ramp", "another master orders the same load at 150 N/s", _IN_RAMP, "!order 1 300 150"),
     _master("down-in-ramp", "another master orders 20 N in the ramp", _IN_RAMP, "!order 1 20 30"),
     _master("stops-the-ramp", "another master stops the ramp", _IN_RAMP, "!order 2"),
-    _master("target-in-hold", "another master orders 150 N in the hold", When("holding", after_s=0.5), "!order 1 150 30", protocol={"hold_s": 5.0}),
-    _master("target-in-imaging", "another master orders 380 N while frames are waited for", When("imaging", after_s=0.5), "!order 1 380 30", frames_after_s=6.0),
+    _master(
+        "target-in-hold",
+        "another master orders 150 N in the hold",
+        When("holding", after_s=0.5),
+        "!order 1 150 30",
+        protocol={"hold_s": 5.0},
+    ),
+    _master(
+        "target-in-imaging",
+        "another master orders 380 N while frames are waited for",
+        When("imaging", after_s=0.5),
+        "!order 1 380 30",
+        frames_after_s=6.0,
+    ),
 )
 
 
@@ -177,7 +191,16 @@ def _creeping(name: str, what: str, *commands: str, map: str = LOAD) -> Scenario
     """A slow change at rest, on the second frame."""
     acts = (Act(When("holding", after_s=0.3), commands),)
     return Scenario(
-        f"rest-{name}", what, "fault, never driven back", _MOVED, acts, map, peer=Peer.SECOND, unloaded=0, protocol={"hold_s": 8.0}, watch_s=12.0
+        f"rest-{name}",
+        what,
+        "fault, never driven back",
+        _MOVED,
+        acts,
+        map,
+        peer=Peer.SECOND,
+        unloaded=0,
+        protocol={"hold_s": 8.0},
+        watch_s=12.0,
     )
 
 

@@ -21,7 +21,9 @@ _RATE_MUST = "stop: the measured rate is not the ordered one"
 
 def _near_limit(one: Scenario, name: str, load_n: float = 390.0) -> Scenario:
     """The same with a target close to the limit of 400 N."""
-    return replace(one, name=name, what=f"{one.what}; target {load_n:g} N", protocol={"loads_n": [load_n]}, limits={"force_step_max_n": 400})
+    return replace(
+        one, name=name, what=f"{one.what}; target {load_n:g} N", protocol={"loads_n": [load_n]}, limits={"force_step_max_n": 400}
+    )
 
 
 _RUNAWAY = second("drive-runs-away", "stop beyond the target", _BEYOND, "runaway 1")
@@ -44,7 +46,9 @@ DRIVES = (
     second("target-changed-hidden", "stop beyond the target", _BEYOND, "hiddentarget 390"),
     second("stop-3-s-late", "stop orders as long as it moves", replace(_BEYOND, repeats=True, peak_n=430.0), "runaway 1", "stopdelay 3"),
     second("stop-coasts-1-s", "stop", replace(_BEYOND, peak_n=360.0), "runaway 1", "coast 1"),
-    second("stop-ignored-5-times", "stop orders as long as it moves", replace(_BEYOND, repeats=True, peak_n=400.0), "runaway 1", "ignorestop 5"),
+    second(
+        "stop-ignored-5-times", "stop orders as long as it moves", replace(_BEYOND, repeats=True, peak_n=400.0), "runaway 1", "ignorestop 5"
+    ),
     second(
         "stop-never-obeyed",
         "stop orders as long as it moves; report it at once",
@@ -52,12 +56,20 @@ DRIVES = (
         "runaway 1",
         "ignorestop 100000",
     ),
-    second("stop-writes-not-taken", "stop orders as long as it moves; report it", replace(_BEYOND, peak_n=None, says=_OBEYS_NOT), "runaway 1", "wignore 1"),
+    second(
+        "stop-writes-not-taken",
+        "stop orders as long as it moves; report it",
+        replace(_BEYOND, peak_n=None, says=_OBEYS_NOT),
+        "runaway 1",
+        "wignore 1",
+    ),
 )
 
 START = (
     replace(
-        second("target-rounded", "refused or fault: the device takes another target", Expected(stop_within_s=None, no_orders=False), "ratex 1"),
+        second(
+            "target-rounded", "refused or fault: the device takes another target", Expected(stop_within_s=None, no_orders=False), "ratex 1"
+        ),
         acts=(Act(When(), ("roundtarget 40",)),),
         what="targets are rounded to 40 N",
     ),
@@ -83,7 +95,9 @@ START = (
         device={"sensed": 1},
     ),
     replace(
-        second("wrong-sign-from-start", "stop, fault", Expected(stop_within_s=2.0, since_force_n=5.0, codes=(Code.WRONG_DIRECTION,)), "ratex 1"),
+        second(
+            "wrong-sign-from-start", "stop, fault", Expected(stop_within_s=2.0, since_force_n=5.0, codes=(Code.WRONG_DIRECTION,)), "ratex 1"
+        ),
         acts=(Act(When(), ("gain -1",)),),
         what="the cell is wired the wrong way",
     ),

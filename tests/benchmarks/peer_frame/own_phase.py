@@ -21,7 +21,9 @@ _SAFE = Expected(Ending.SAFE, stop_within_s=None, loaded_pairs=None, no_orders=F
 F32, F32C, I16, DISP = "map_f32.yaml", "map_f32c.yaml", "map_i16.yaml", "map_disp.yaml"
 
 
-def _ramp(name: str, must: str, expected: Expected, *commands: str, force_n: float, map: str = F32, load_n: float = 300.0, rate: float = 30.0) -> Scenario:
+def _ramp(
+    name: str, must: str, expected: Expected, *commands: str, force_n: float, map: str = F32, load_n: float = 300.0, rate: float = 30.0
+) -> Scenario:
     acts = (Act(When("ramping", force_n=force_n), commands),)
     what = f"at {force_n:g} N of {load_n:g} N, {rate:g} N/s: {', '.join(commands)}"
     return Scenario(name, what, must, expected, acts, map, unloaded=0, protocol={"loads_n": [load_n], "ramp_rate_n_s": rate})
@@ -38,7 +40,9 @@ _CALIBRATION = (When("holding", step=0, after_s=0.5), {"protocol": {"hold_s": 5.
 def _rest(phase: str, name: str, must: str, expected: Expected, *commands: str, map: str = F32) -> Scenario:
     """At rest in a phase under load."""
     when, changes = _PHASES[phase]
-    one = Scenario(f"{phase}-{name}", f"{phase}: {', '.join(commands)}", must, expected, (Act(when, commands),), map, unloaded=0, watch_s=9.0)
+    one = Scenario(
+        f"{phase}-{name}", f"{phase}: {', '.join(commands)}", must, expected, (Act(when, commands),), map, unloaded=0, watch_s=9.0
+    )
     return replace(one, **changes)
 
 
@@ -56,15 +60,44 @@ RAMPS = (
     _ramp("late-freeze", "stop within 2 s", _FLAT, "freeze 1", "runaway 1", force_n=285.0),
     _ramp("near-limit-freeze", "true load within its bounds", _FLAT, "freeze 1", "runaway 1", force_n=375.0, load_n=390.0),
     _ramp("fast-freeze", "true load within its bounds", _FLAT, "freeze 1", "runaway 1", force_n=250.0, load_n=390.0, rate=100.0),
-    _ramp("slow-freeze", "stop within 20 N", replace(_FLAT, stop_within_s=10.0), "freeze 1", "runaway 1", force_n=10.0, rate=2.0, load_n=20.0),
-    _ramp("near-limit-runaway", "stop beyond the target", replace(_BEYOND, since_force_n=393.0, peak_n=420.0), "runaway 1", force_n=370.0, load_n=390.0),
+    _ramp(
+        "slow-freeze", "stop within 20 N", replace(_FLAT, stop_within_s=10.0), "freeze 1", "runaway 1", force_n=10.0, rate=2.0, load_n=20.0
+    ),
+    _ramp(
+        "near-limit-runaway",
+        "stop beyond the target",
+        replace(_BEYOND, since_force_n=393.0, peak_n=420.0),
+        "runaway 1",
+        force_n=370.0,
+        load_n=390.0,
+    ),
     _ramp("fast-runaway", "stop beyond the target", replace(_BEYOND, peak_n=370.0), "runaway 1", force_n=100.0, rate=100.0),
-    _ramp("near-limit-saturated", "true load within its bounds", replace(_FLAT, since_force_n=370.0), "sat 370", "runaway 1", force_n=300.0, load_n=390.0),
+    _ramp(
+        "near-limit-saturated",
+        "true load within its bounds",
+        replace(_FLAT, since_force_n=370.0),
+        "sat 370",
+        "runaway 1",
+        force_n=300.0,
+        load_n=390.0,
+    ),
     _ramp("saturated-at-target", "true load within its bounds", replace(_FLAT, since_force_n=300.0), "sat 299", "runaway 1", force_n=200.0),
     _ramp("slightly-fast", "stop or complete: the load stays within its bounds", _SAFE, "ratex 1.3", force_n=20.0),
     _ramp("twice-as-fast", "stop: the rate is not kept", Expected(stop_within_s=3.0, codes=(Code.RATE_NOT_KEPT,)), "ratex 2", force_n=20.0),
-    _ramp("rate-falls-to-tenth", "stop: the rate is not kept", Expected(stop_within_s=6.0, codes=(Code.RATE_NOT_KEPT, Code.NO_RESPONSE)), "ratex 0.1", force_n=60.0),
-    _ramp("ramp-stands", "stop: nothing moves", Expected(stop_within_s=4.0, codes=(Code.NO_RESPONSE, Code.RATE_NOT_KEPT)), "ratex 0", force_n=60.0),
+    _ramp(
+        "rate-falls-to-tenth",
+        "stop: the rate is not kept",
+        Expected(stop_within_s=6.0, codes=(Code.RATE_NOT_KEPT, Code.NO_RESPONSE)),
+        "ratex 0.1",
+        force_n=60.0,
+    ),
+    _ramp(
+        "ramp-stands",
+        "stop: nothing moves",
+        Expected(stop_within_s=4.0, codes=(Code.NO_RESPONSE, Code.RATE_NOT_KEPT)),
+        "ratex 0",
+        force_n=60.0,
+    ),
     _ramp("panel-down-in-ramp", "stop, fault, never ordered again", replace(_MOVED, codes=()), "goto 20", force_n=150.0),
     _ramp("panel-up-in-ramp", "stop, fault", replace(_MOVED, codes=(), since_force_n=303.0), "goto 395", force_n=150.0),
     _ramp("i16-freeze", "stop within 2 s", _FLAT, "freeze 1", "runaway 1", force_n=60.0, map=I16),
@@ -77,7 +110,15 @@ RAMPS = (
     _ramp("f32c-saturated", "stop within 2 s", replace(_FLAT, since_force_n=250.0), "sat 250", "runaway 1", force_n=60.0, map=F32C),
     _ramp("disp-early-freeze", "bounded travel", replace(_FLAT, stop_within_s=4.0), "freeze 1", force_n=8.0, map=DISP),
     _ramp("disp-late-freeze", "bounded travel", replace(_FLAT, stop_within_s=4.0), "freeze 1", force_n=270.0, map=DISP),
-    _ramp("disp-near-limit-freeze", "true load within its bounds", replace(_FLAT, stop_within_s=4.0), "freeze 1", force_n=375.0, load_n=390.0, map=DISP),
+    _ramp(
+        "disp-near-limit-freeze",
+        "true load within its bounds",
+        replace(_FLAT, stop_within_s=4.0),
+        "freeze 1",
+        force_n=375.0,
+        load_n=390.0,
+        map=DISP,
+    ),
     _ramp("disp-saturated", "bounded travel", replace(_FLAT, stop_within_s=4.0, since_force_n=250.0), "sat 250", force_n=200.0, map=DISP),
     _ramp("disp-wrong-sign", "stop at the jump of the reading", _AT_ONCE, "neg 1", force_n=120.0, map=DISP),
     _ramp("disp-wrong-sign-early", "stop at the jump of the reading", replace(_FLAT, codes=()), "neg 1", force_n=20.0, map=DISP),

@@ -35,7 +35,9 @@ _DISP = _ramp(
     map="map_disp.yaml",
     short=True,
 )
-_TOO_FAST = _ramp("too-fast", "stop: the measured rate is far above the ordered one, by default", _RATE, "ratex 20", force_n=2.0, short=True)
+_TOO_FAST = _ramp(
+    "too-fast", "stop: the measured rate is far above the ordered one, by default", _RATE, "ratex 20", force_n=2.0, short=True
+)
 _NEGATIVE = _ramp("wrong-sign-30", "stop at the jump of the reading", _SIGN, "neg 1", "runaway 1", force_n=30.0)
 
 SCENARIOS = (
@@ -65,7 +67,9 @@ SCENARIOS = (
     _ramp("runaway", _SOON, _BEYOND, "runaway 1", short=True),
     _ramp("overshoot", _SOON, _BEYOND, "targx 1.25"),
     _TOO_FAST,
-    replace(_TOO_FAST, name="too-fast-with-limit", what=f"{_TOO_FAST.what}; force_slope_max_n_s 100", limits={"force_slope_max_n_s": 100.0}),
+    replace(
+        _TOO_FAST, name="too-fast-with-limit", what=f"{_TOO_FAST.what}; force_slope_max_n_s 100", limits={"force_slope_max_n_s": 100.0}
+    ),
     _ramp("stop-ignored-once", f"{_SOON}; a second stop order", _BEYOND, "runaway 1", "ignorestop 1"),
     replace(
         _ramp("every-stop-ignored", "stop orders as long as it moves; report it at once", _UNBOUNDED, "runaway 1", "ignorestop 100000"),

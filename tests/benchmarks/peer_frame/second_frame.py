@@ -7,8 +7,8 @@ clients, commands `NAME VALUE` over UDP at the same port, `?` is answered with t
 form of the independent frame's. Only the standard library is used.
 
 Input registers, high word first: 0 state (0 still, 1 moving, 2 fault), 1 force f32, 3 extension f32, 5 active target f32, 7 counter u32.
-Holding registers: 100 target f32, 102 rate f32, 104 command (1 ramp, 2 stop), 105 drive enable, 106 heartbeat; 110 travel f32, 112 speed f32,
-114 command (1 pull, 2 push, 3 stop).
+Holding registers: 100 target f32, 102 rate f32, 104 command (1 ramp, 2 stop), 105 drive enable, 106 heartbeat; 110 travel f32,
+112 speed f32, 114 command (1 pull, 2 push, 3 stop).
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import asyncio
 import struct
 import sys
 import time
+from typing import cast
 
 sys.path.insert(0, __file__.rpartition("/")[0])
 
@@ -184,8 +185,7 @@ class Control(asyncio.DatagramProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Keep the way back."""
-        assert isinstance(transport, asyncio.DatagramTransport)
-        self._transport = transport
+        self._transport = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: tuple[str | int, int]) -> None:
         """A command, or the question for the true state."""

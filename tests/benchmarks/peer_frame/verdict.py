@@ -183,7 +183,9 @@ def figures(verdicts: Sequence[Verdict]) -> Bars:
         worst_peak_n=max((found.peak_n for _, found in bounded), default=0.0),
         over_peak=tuple(scenario.name for scenario, found in bounded if found.peak_n > (scenario.expected.peak_n or math.inf)),
         unloading=tuple(scenario.name for scenario, found in seen if found.unloadings and not scenario.expected.unloads),
-        silent=tuple(scenario.name for scenario, found in seen if scenario.expected.ending in (Ending.FAULT, Ending.RECOVERED) and not found.faults),
+        silent=tuple(
+            scenario.name for scenario, found in seen if scenario.expected.ending in (Ending.FAULT, Ending.RECOVERED) and not found.faults
+        ),
         stops=len(times),
         p50_s=_quantile(times, 0.5),
         p99_s=_quantile(times, 0.99),
