@@ -31,8 +31,10 @@ from .scenario import Act, Ending, Fault, Observed, Peer, Scenario, When
 
 _FRAME_EVERY_S = 0.45
 _TRIAL_MAX_S = 150.0
+_REFUSES_WITHIN_S = 45.0
 _ENDS_WITHIN_S = 25.0
 _LATE_ACT_S = 10.0
+_STARTS_WITHIN_S = 40.0
 _WAITING = {"fault", "estopped"}
 _OVER = {"complete", "aborted"}
 _UNHARMED = {"ratex": 1.0, "targx": 1.0, "fneglim": 1e9, "sat": 1e9}
@@ -121,7 +123,7 @@ class Trial:
         self._writer, self._frame_s = FrameWriter(self._export), 0.0
         self.fault_s: float | None = None
         self.daemons = list[Daemon]()
-        self._started = 0
+        self._started = self._states_before = 0
         self.second: Daemon | None = None
         self.begun_s = time.monotonic()
 
@@ -143,6 +145,12 @@ class Trial:
         os.close(theirs)
         return Daemon(process, ours, output, time.monotonic())
 
+    def restart(self, *options: str) -> None:
+        """Start the daemon of the run, again after one that ended."""
+        self.follower.follow()
+        self._states_before = len(self.follower.states)
+        self.daemons.append(self.start(*options))
+
     @property
     def daemon(self) -> Daemon:
         """The daemon of the run, started last."""
@@ -162,13 +170,16 @@ class Trial:
         acts = list(self.scenario.acts)
         while acts and not acts[0].when.state:
             self._perform(acts.pop(0))
-        self.daemons.append(self.start())
+        self.restart()
         last_act_s, fault_seen_s = time.monotonic(), None
+        longest_s = _REFUSES_WITHIN_S if self.scenario.expected.ending is Ending.REFUSED else _TRIAL_MAX_S
         watch_s = math.inf if self.scenario.expected.ending is Ending.COMPLETE else self.scenario.watch_s
         while True:
             self.follower.follow()
             self._expose()
             now_s = time.monotonic()
+            if self._is_starting(now_s):
+                last_act_s = now_s
             if acts and self._is_due(acts[0].when):
                 self._perform(acts.pop(0))
                 last_act_s, fault_seen_s = now_s, None
@@ -178,12 +189,17 @@ class Trial:
             watched = fault_seen_s is not None and now_s > fault_seen_s + self.scenario.linger_s
             watched |= self.fault_s is not None and now_s > last_act_s + watch_s
             watched &= self.follower.state not in _OVER
-            if ended or (watched and not acts) or now_s > self.begun_s + _TRIAL_MAX_S:
+            if ended or (watched and not acts) or now_s > self.begun_s + longest_s:
                 break
             if acts and fault_seen_s is not None and now_s > fault_seen_s + self.scenario.linger_s + _LATE_ACT_S:
                 break  # a fault came before an act whose instant cannot come any more
             time.sleep(0.01)
         return self._observed()
+
+    def _is_starting(self, now_s: float) -> bool:
+        """The daemon has not come to its first decision yet; on a busy computer that takes as long as a whole scenario."""
+        new = self.follower.states[self._states_before :]
+        return now_s < self.daemon.started_s + _STARTS_WITHIN_S and all(state == "connecting" for state, _, _ in new)
 
     def _perform(self, act: Act) -> None:
         if act.is_fault and self.fault_s is None:
@@ -251,7 +267,7 @@ def _restart(trial: Trial, options: str) -> None:
     if trial.daemon.process.poll() is None:
         trial.daemon.process.kill()
         trial.daemon.process.wait()
-    trial.daemons.append(trial.start(*options.split()))
+    trial.restart(*options.split())
 
 
 def _second(trial: Trial, loads: str) -> None:

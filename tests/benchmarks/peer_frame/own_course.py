@@ -231,7 +231,11 @@ CONFIGURATIONS = (
     _config("negative-rate", "ramp_rate_n_s -30", protocol={"ramp_rate_n_s": -30}),
     _config("rate-beyond-limit", "ramp_rate_n_s 500, limit 200", protocol={"ramp_rate_n_s": 500}),
     _config("load-beyond-limit", "loads_n [300, 500], limit 400", protocol={"loads_n": [300.0, 500.0]}),
-    _config("hex", "loads_n [0x12C]", ("loads_n:\n  - 300", "loads_n: [0x12C]")),
+    replace(
+        _config("hex", "loads_n [0x12C], which is 300", ("loads_n:\n  - 300", "loads_n: [0x12C]")),
+        must="refused, or 300 N as written",
+        expected=replace(_SAFE, final_n=(0.0, 300.0)),
+    ),
     _config("tolerance-beyond-load", "load_tolerance_n 350, load 300", protocol={"load_tolerance_n": 350.0}),
     _config("limits-inverted", "force_min_n 500", limits={"force_min_n": 500.0}),
     _config("poll-key-twice", "poll_s twice", ("poll_s: 0.05\n  settings", "poll_s: 0.05\n  poll_s: 5.0\n  settings")),

@@ -102,6 +102,7 @@ class Expected:
         loaded_pairs: pairs under load that are accepted.
         unloads: the plan takes load off.
         no_orders: no motion may be ordered after the fault.
+        final_n: loads at which it may be at the end, within `TOLERANCE_N`; empty: anywhere.
         registers: values that the device must tell at the end, such as ``r11``.
     """
 
@@ -116,6 +117,7 @@ class Expected:
     loaded_pairs: int | None = 0
     unloads: bool = False
     no_orders: bool = True
+    final_n: tuple[float, ...] = ()
     registers: Mapping[str, str] = field(default_factory=dict)
 
 

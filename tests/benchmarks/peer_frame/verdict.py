@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from .scenario import STOP_BAR_S, Ending, Observed, Scenario
+from .scenario import STOP_BAR_S, TOLERANCE_N, Ending, Observed, Scenario
 
 REPEAT_S = 1.5
 """Stop orders to a device that moves on follow one another at least this fast."""
@@ -64,6 +64,8 @@ def _ending(scenario: Scenario, seen: Observed) -> Iterator[str]:
                 yield f"not refused (exit status {seen.exit_code})"
             elif seen.exit_code == 1 and not seen.faults:
                 yield "ended without a /fault"
+            elif seen.exit_code == 1 and not seen.faults[0].code:
+                yield "/fault without a code"
         case Ending.ASKED:
             if not (seen.asked or seen.faults or seen.exit_code == 2):
                 yield "the operator was not asked"
@@ -81,6 +83,8 @@ def _ending(scenario: Scenario, seen: Observed) -> Iterator[str]:
         yield "had to be killed"
     if "Traceback" in seen.said:
         yield "a traceback reached the terminal"
+    if "semlive itself failed" in seen.said:
+        yield "ended with an internal error"
 
 
 def _stop(scenario: Scenario, seen: Observed) -> Iterator[str]:
@@ -109,6 +113,8 @@ def _load(scenario: Scenario, seen: Observed) -> Iterator[str]:
         yield f"ordered to unload: {seen.unloadings[0]}"
     if must.loaded_pairs is not None and seen.loaded_pairs != must.loaded_pairs:
         yield f"{seen.loaded_pairs} pairs under load accepted, {must.loaded_pairs} expected"
+    if must.final_n and not any(abs(seen.final_n - load_n) <= TOLERANCE_N for load_n in must.final_n):
+        yield f"{seen.final_n:.0f} N at the end, {' or '.join(f'{load_n:g}' for load_n in must.final_n)} N expected"
     wrong = {name: seen.registers.get(name) for name, value in must.registers.items() if seen.registers.get(name) != value}
     if wrong:
         yield f"registers of the maker changed: {wrong}"
