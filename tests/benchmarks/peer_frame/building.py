@@ -10,7 +10,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[3]
 PEERS = ROOT.parent / "shared" / "peers"
 """Where the source of the independent frame lies, beside the repository."""
-_INSTALL = "on Debian: apt install gcc pkg-config libmodbus-dev"
+_INSTALL = "on Debian: apt install gcc libmodbus-dev"
+_HEADERS = Path("/usr/include/modbus")
 
 
 class CannotBuild(Exception):
@@ -23,11 +24,18 @@ def missing_tool(peers: Path) -> str | None:
         return f"{peers / 'frame.c'} does not exist; give the folder of the independent load frame with --peers"
     if shutil.which("gcc") is None:
         return f"gcc is not installed, so frame.c cannot be built; {_INSTALL}"
-    if shutil.which("pkg-config") is None:
-        return f"pkg-config is not installed, so frame.c cannot be built; {_INSTALL}"
-    if subprocess.run(["pkg-config", "--exists", "libmodbus"], capture_output=True, check=False).returncode:
+    if _flags() is None:
         return f"libmodbus is not installed, so frame.c cannot be built; {_INSTALL}"
     return None
+
+
+def _flags() -> list[str] | None:
+    """What the compiler needs for libmodbus; None where it is not installed."""
+    if shutil.which("pkg-config") is not None:
+        found = subprocess.run(["pkg-config", "--cflags", "--libs", "libmodbus"], capture_output=True, text=True, check=False)
+        if found.returncode == 0:
+            return shlex.split(found.stdout)
+    return [f"-I{_HEADERS}", "-lmodbus"] if (_HEADERS / "modbus.h").is_file() else None
 
 
 def build(peers: Path, folder: Path) -> Path:
@@ -41,9 +49,8 @@ def build(peers: Path, folder: Path) -> Path:
     """
     if why := missing_tool(peers):
         raise CannotBuild(why)
-    flags = subprocess.run(["pkg-config", "--cflags", "--libs", "libmodbus"], capture_output=True, text=True, check=True).stdout
     executable = folder / "frame"
-    command = ["gcc", "-O2", "-o", str(executable), str(peers / "frame.c"), *shlex.split(flags), "-lm"]
+    command = ["gcc", "-O2", "-o", str(executable), str(peers / "frame.c"), *(_flags() or []), "-lm"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise CannotBuild(f"gcc cannot compile {peers / 'frame.c'}: {' '.join(done.stderr.split())[-200:]}")

@@ -230,6 +230,8 @@ class Trial:
     def _observed(self) -> Observed:
         ended_s, by_itself = time.monotonic(), self.daemon.process.poll() is not None
         waits = self.follower.state in {"recover", "paused"}
+        self.follower.follow()
+        counted = None if by_itself else len(self.follower.faults)
         second = ""
         if self.second is not None:
             code = self.second.end()
@@ -237,7 +239,7 @@ class Trial:
         self._end_faults()
         exit_code = self.daemon.end()
         self.follower.follow()
-        return observe(self, ended_s, by_itself, exit_code, waits, second)
+        return observe(self, ended_s, by_itself, exit_code, waits, second, counted)
 
     def _end_faults(self) -> None:
         """Switch off what the scenario switched on, so that the end of the run does not wait for a device that cannot rest."""

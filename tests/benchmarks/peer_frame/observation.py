@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 STIFFNESS_N_MM = 20_000.0
 
 
-def observe(trial: Trial, ended_s: float, by_itself: bool, exit_code: int | None, waits: bool, second: str) -> Observed:
+def observe(
+    trial: Trial, ended_s: float, by_itself: bool, exit_code: int | None, waits: bool, second: str, counted: int | None
+) -> Observed:
     """Collect what was seen; to be called while the device still runs.
 
     Args:
@@ -24,6 +26,7 @@ def observe(trial: Trial, ended_s: float, by_itself: bool, exit_code: int | None
         exit_code: of the daemon.
         waits: it waited for the operator, paused or in recover.
         second: what a second daemon printed.
+        counted: how many faults were found before it was ended; None: all count.
     """
     must, fault_s = trial.scenario.expected, trial.fault_s
     entries = trial.device.entries()
@@ -43,7 +46,7 @@ def observe(trial: Trial, ended_s: float, by_itself: bool, exit_code: int | None
         by_itself=by_itself,
         exit_code=exit_code,
         said=" ".join(one.said() for one in trial.daemons),
-        faults=tuple(follower.faults),
+        faults=tuple(follower.faults[:counted]),
         states=tuple(state for state, _, _ in follower.states),
         loaded_pairs=follower.loaded_pairs,
         peak_n=peak(readings),

@@ -36,7 +36,7 @@ DRIVES = (
     second("drive-goes-beyond-target", "stop beyond the target", _BEYOND, "targetx 1.2"),
     second("drive-goes-slightly-beyond", "fault; never driven back", replace(_BEYOND, timed=False, stop_within_s=2.0), "targetx 1.03"),
     second("drive-3-times-as-fast", _RATE_MUST, _RATE, "ratex 3"),
-    second("drive-10-times-as-fast", _RATE_MUST, _RATE, "ratex 10", force_n=5.0, short=True),
+    second("drive-10-times-as-fast", _RATE_MUST, _RATE, "ratex 10", force_n=5.0),
     second("drive-at-tenth-rate", "stop or complete: the load stays within its bounds", _SAFE, "ratex 0.5"),
     second("drive-hangs", "stop, fault", Expected(stop_within_s=3.0, codes=(Code.NO_RESPONSE, Code.RATE_NOT_KEPT)), "jam 1"),
     second("drive-hangs-then-jumps", "stop", Expected(stop_within_s=4.0, codes=()), "jam 1"),
@@ -110,7 +110,7 @@ START = (
 )
 
 LINKS = (
-    second("link-executes-without-answer", "write the stop without waiting for answers", _LOST, "mute 1", short=True),
+    second("link-executes-without-answer", "write the stop without waiting for answers", _LOST, "mute 1"),
     second("link-1-s-late", "write the stop without waiting for answers", _LOST, "delay 1000"),
     second("link-200-ms-late", "the run completes", _COMPLETE, "delay 200"),
     second("link-wrong-unit", "stop, fault", _LOST, "wrongunit 1"),

@@ -55,7 +55,6 @@ SCENARIOS = (
         (Act(When("holding", step=1, after_s=0.5), ("freeze 1", "goto 395")),),
         group=Group.README,
         protocol={"hold_s": 4.0},
-        short=True,
     ),
     _ramp(
         "saturated",
@@ -68,7 +67,11 @@ SCENARIOS = (
     _ramp("overshoot", _SOON, _BEYOND, "targx 1.25"),
     _TOO_FAST,
     replace(
-        _TOO_FAST, name="too-fast-with-limit", what=f"{_TOO_FAST.what}; force_slope_max_n_s 100", limits={"force_slope_max_n_s": 100.0}
+        _TOO_FAST,
+        name="too-fast-with-limit",
+        short=False,
+        what=f"{_TOO_FAST.what}; force_slope_max_n_s 100",
+        limits={"force_slope_max_n_s": 100.0},
     ),
     _ramp("stop-ignored-once", f"{_SOON}; a second stop order", _BEYOND, "runaway 1", "ignorestop 1"),
     replace(
