@@ -1,6 +1,6 @@
 """The decisive part of the campaign against load frames that misbehave (docs/safety-campaign.md).
 
-All of it is `python tests/benchmarks/bench_peer_frame.py`. Needs the source of the independent frame beside the repository, gcc and libmodbus.
+All of it is `python tests/benchmarks/bench_peer_frame.py`. The source of the independent frame, gcc and libmodbus are needed.
 """
 
 from __future__ import annotations

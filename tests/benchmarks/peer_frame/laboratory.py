@@ -125,6 +125,7 @@ class Trial:
         self.daemons = list[Daemon]()
         self._started = self._states_before = 0
         self.second: Daemon | None = None
+        self.foreign = list[tuple[float, int]]()
         self.begun_s = time.monotonic()
 
     # ---- actions on the daemon
@@ -173,7 +174,7 @@ class Trial:
         self.restart()
         last_act_s, fault_seen_s = time.monotonic(), None
         longest_s = _REFUSES_WITHIN_S if self.scenario.expected.ending is Ending.REFUSED else _TRIAL_MAX_S
-        watch_s = math.inf if self.scenario.expected.ending is Ending.COMPLETE else self.scenario.watch_s
+        watch_s = math.inf if self.scenario.expected.ending in (Ending.COMPLETE, Ending.RECOVERED) else self.scenario.watch_s
         while True:
             self.follower.follow()
             self._expose()
@@ -287,6 +288,7 @@ def _order(trial: Trial, words: str) -> None:
     command, target_n, rate_n_s = (float(word) for word in [*words.split(), "0", "0"][:3])
     floats = [half for value in (target_n, rate_n_s) for half in reversed(struct.unpack(">HH", struct.pack(">f", value)))]
     pdu = struct.pack(">BBHHB5H", 1, 16, 0, 5, 10, *floats, int(command))
+    trial.foreign.append((time.monotonic(), int(command)))
     with socket.create_connection(("127.0.0.1", trial.device.port), 2.0) as link:
         link.sendall(struct.pack(">HHH", 4711, 0, len(pdu)) + pdu)
         link.recv(100)

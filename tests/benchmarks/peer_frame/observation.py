@@ -6,7 +6,7 @@ import time
 from typing import TYPE_CHECKING
 
 from .scenario import TOLERANCE_N, Observed
-from .truth import longest_silence, merged, motion_orders, peak, stop_requests, unloadings, when_force_passes
+from .truth import longest_silence, merged, motion_orders, peak, stop_requests, unloadings, when_force_passes, without_foreign
 
 if TYPE_CHECKING:
     from .laboratory import Trial
@@ -29,7 +29,7 @@ def observe(
         counted: how many faults were found before it was ended; None: all count.
     """
     must, fault_s = trial.scenario.expected, trial.fault_s
-    entries = trial.device.entries()
+    entries = without_foreign(trial.device.entries(), trial.foreign)
     readings = merged(entries, list(trial.device.samples))
     instant_s = fault_s
     if must.since_force_n is not None and fault_s is not None:

@@ -153,6 +153,7 @@ COURSES = (
         replace(_STOPPED, repeats=True, peak_n=None, says="does not (obey|stop)|moves on|own (emergency )?stop|emergency stop|not confirm"),
         (Act(_IN_RAMP, ("runaway 1", "ignorestop 100000", "!signal INT")),),
         unloaded=0,
+        watch_s=30.0,
     ),
 )
 
@@ -236,7 +237,7 @@ CONFIGURATIONS = (
         must="refused, or 300 N as written",
         expected=replace(_SAFE, final_n=(0.0, 300.0)),
     ),
-    _config("tolerance-beyond-load", "load_tolerance_n 350, load 300", protocol={"load_tolerance_n": 350.0}),
+    _config("tolerance-fraction", "load_tolerance_fraction 2", protocol={"load_tolerance_fraction": 2.0}),
     _config("limits-inverted", "force_min_n 500", limits={"force_min_n": 500.0}),
     _config("poll-key-twice", "poll_s twice", ("poll_s: 0.05\n  settings", "poll_s: 0.05\n  poll_s: 5.0\n  settings")),
     _config("infinite-rate", "ramp_rate_n_s .inf", ("ramp_rate_n_s: 30", "ramp_rate_n_s: .inf")),

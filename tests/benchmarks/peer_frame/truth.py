@@ -84,6 +84,16 @@ def unloadings(entries: list[Entry], stiffness_n_mm: float, tolerance_n: float) 
     return found
 
 
+def without_foreign(entries: list[Entry], foreign: list[tuple[float, int]]) -> list[Entry]:
+    """The log without what another master ordered: instants, and 1 for a ramp, 2 for a stop."""
+    kept = list(entries)
+    for at_s, command in foreign:
+        found = (one for one in kept if one.at_s >= at_s and (one.is_stop_request if command == 2 else _RAMP.match(one.what)))
+        if (own := next(found, None)) is not None:
+            kept.remove(own)
+    return kept
+
+
 def motion_orders(entries: list[Entry], since_s: float) -> list[Entry]:
     """Orders to move that the device took after an instant."""
     return [one for one in entries if one.at_s > since_s and (_RAMP.match(one.what) or _MOVE.match(one.what))]
