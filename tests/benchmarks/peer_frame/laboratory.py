@@ -36,6 +36,7 @@ _ENDS_WITHIN_S = 25.0
 _LATE_ACT_S = 10.0
 _STARTS_WITHIN_S = 40.0
 _WAITING = {"fault", "estopped"}
+_RUNS_ON = {Ending.COMPLETE, Ending.RECOVERED, Ending.SAFE}
 _OVER = {"complete", "aborted"}
 _UNHARMED = {"ratex": 1.0, "targx": 1.0, "fneglim": 1e9, "sat": 1e9}
 """Values of the independent frame's switches that are not off at 0."""
@@ -174,7 +175,7 @@ class Trial:
         self.restart()
         last_act_s, fault_seen_s = time.monotonic(), None
         longest_s = _REFUSES_WITHIN_S if self.scenario.expected.ending is Ending.REFUSED else _TRIAL_MAX_S
-        watch_s = math.inf if self.scenario.expected.ending in (Ending.COMPLETE, Ending.RECOVERED) else self.scenario.watch_s
+        watch_s = math.inf if self.scenario.expected.ending in _RUNS_ON else self.scenario.watch_s
         while True:
             self.follower.follow()
             self._expose()
