@@ -1,0 +1,65 @@
+"""The campaign against load frames that misbehave: the real daemon beside an independent frame and a second one.
+
+    python tests/benchmarks/bench_peer_frame.py [--write] [--short] [--only NAME ...] [--healthy N] [--jobs 2] [--peers DIR] [--found FILE]
+
+The independent frame is built from DIR/frame.c (by default `../shared/peers` beside the repository; needs gcc and libmodbus); the second
+frame is a program of tests/benchmarks/peer_frame. Each scenario is a run of `semlive run CONFIG --attended` with an operator's terminal and
+exported frames; the device's own record tells true force, orders and stops. NAME is a scenario or the begin of some; `--list` shows all.
+One line a scenario; `--write` writes docs/safety-campaign.md. What was observed is added to FILE, and what stands there is judged without
+being run again, so the campaign can be broken off and taken up. The exit status is 1 if a scenario or a bar failed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from peer_frame.building import PEERS, CannotBuild
+from peer_frame.campaign import Campaign, chosen
+from peer_frame.page import line, summary, write
+from peer_frame.verdict import figures
+
+
+def main() -> int:
+    """Run what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true", help="write docs/safety-campaign.md")
+    parser.add_argument("--short", action="store_true", help="only the scenarios that the tests run, and 3 healthy runs")
+    parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="scenarios whose name begins so")
+    parser.add_argument("--healthy", type=int, default=None, metavar="N", help="healthy runs (100; 3 with --short, 0 with --only)")
+    parser.add_argument("--jobs", type=int, default=2, help="trials at the same time")
+    parser.add_argument("--peers", type=Path, default=PEERS, help="folder of the independent frame")
+    parser.add_argument("--found", type=Path, default=None, metavar="FILE", help="where what was observed is kept")
+    parser.add_argument("--keep", type=Path, default=None, metavar="FOLDER", help="keep logs and outputs there")
+    parser.add_argument("--list", action="store_true", help="show names and end")
+    options = parser.parse_args()
+    scenarios = chosen(options.only, options.short, options.healthy)
+    if options.list:
+        sys.stdout.writelines(f"{one.name:34} {one.what}\n" for one in scenarios)
+        return 0
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
+        try:
+            campaign = Campaign(options.peers.resolve(), (options.keep or Path(name)).resolve(), options.found)
+        except CannotBuild as error:
+            sys.stderr.write(f"{error}.\n")
+            return 2
+        verdicts = []
+        with ThreadPoolExecutor(options.jobs) as pool:
+            for verdict in pool.map(campaign.judged, scenarios):
+                verdicts.append(verdict)
+                sys.stdout.write(line(verdict) + "\n")
+                sys.stdout.flush()
+    bars = figures(verdicts)
+    sys.stdout.write(summary(bars) + "\n")
+    if options.write:
+        write(verdicts, bars, sys.argv[1:])
+    return int(not (bars.hold and bars.passed == bars.trials))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,72 @@
+"""Choosing scenarios, and carrying each out beside its device."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+
+from .building import build
+from .catalogue import ALL
+from .healthy import healthy_runs
+from .kept import keep, kept
+from .laboratory import carry_out
+from .scenario import Peer, Scenario
+from .verdict import Verdict, judge
+
+HEALTHY = 100
+SECOND = Path(__file__).with_name("second_frame.py")
+
+
+def chosen(only: Sequence[str], short: bool, healthy: int | None) -> tuple[Scenario, ...]:
+    """The scenarios that are asked for.
+
+    Args:
+        only: begins of names; empty: all.
+        short: those of the short campaign.
+        healthy: how many healthy runs; None: as many as fit the choice.
+    """
+    faults = [one for one in ALL if (not short or one.short) and (not only or one.name.startswith(tuple(only)))]
+    if healthy is None:
+        healthy = 3 if short else 0 if only and faults else HEALTHY
+    runs = [one for one in healthy_runs(healthy) if not only or faults or one.name.startswith(tuple(only))]
+    return (*faults, *runs)
+
+
+class Campaign:
+    """Builds the devices once, and carries out scenarios.
+
+    Args:
+        peers: folder of the independent frame.
+        folder: where trials are carried out.
+        found: file in which what was observed is kept.
+
+    Raises:
+        CannotBuild: the independent frame cannot be built.
+    """
+
+    def __init__(self, peers: Path, folder: Path, found: Path | None = None) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._found, self._known = found, kept(found)
+        self._peers, self._folder = peers, folder
+        self._frame = build(peers, folder)
+
+    def judged(self, scenario: Scenario) -> Verdict:
+        """Carry out a scenario, unless it stands in the file, and judge it; a trial that cannot be carried out is a failed one."""
+        if scenario.name in self._known:
+            return judge(scenario, self._known[scenario.name])
+
+        def command(port: int, log: Path) -> list[str]:
+            if scenario.peer is Peer.C:
+                return [str(self._frame), str(port), str(log), str(scenario.clients)]
+            return [sys.executable, str(SECOND), str(port), str(log), *(f"{name}={value}" for name, value in scenario.device.items())]
+
+        try:
+            seen = carry_out(scenario, command, self._folder / scenario.name, self._peers)
+            if self._found is not None:
+                keep(self._found, scenario.name, seen)
+            return judge(scenario, seen)
+        except Exception as error:
+            sys.stderr.write("".join(traceback.format_exception(error)))
+            return Verdict(scenario, None, (f"the trial was not carried out: {type(error).__name__}: {error}",))

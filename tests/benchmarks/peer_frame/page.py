@@ -1,0 +1,125 @@
+"""Lines for the terminal, and the page docs/safety-campaign.md."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+
+from .building import ROOT
+from .scenario import PEAK_MAX_N, STOP_BAR_S, Group
+from .verdict import Bars, Verdict
+
+PAGE = ROOT / "docs" / "safety-campaign.md"
+_COLUMNS = ("scenario", "what happened", "must", "true peak, N", "stop on the wire", "fault code", "what the operator saw", "verdict")
+
+
+def line(verdict: Verdict) -> str:
+    """A scenario in a line of the terminal."""
+    seen, name = verdict.observed, verdict.scenario.name
+    mark = "pass" if verdict.passed else "FAIL"
+    if seen is None:
+        return f"{mark} {name:34} {verdict.failings[0]}"
+    why = "; ".join((*verdict.failings, *(f"note: {note}" for note in verdict.notes)))
+    figures = f"peak {seen.peak_n:6.1f} N, stop {stop_time(verdict):>7}, {len(seen.stops_s):3} stops, code {_code(verdict)}"
+    ending = f"exit {seen.exit_code}, pairs {seen.loaded_pairs}, {seen.wall_s:4.1f} s"
+    return f"{mark} {name:34} {figures}, {ending} | {why or 'as it must be'} | {operator_text(verdict)[:200]}"
+
+
+def stop_time(verdict: Verdict) -> str:
+    """From the violation, the loss or the fault to the first stop order on the wire; ``-`` where none is needed."""
+    seen, must = verdict.observed, verdict.scenario.expected
+    if seen is None or seen.instant_s is None or must.stop_within_s is None:
+        return "-"
+    return "none" if seen.stop_after_s is None else f"{seen.stop_after_s:.2f} s"
+
+
+def _code(verdict: Verdict) -> str:
+    seen = verdict.observed
+    return "-" if seen is None or not seen.faults else seen.faults[0].code or "empty"
+
+
+def operator_text(verdict: Verdict) -> str:
+    """What the operator was told: the first fault, or else what was printed last; paths and addresses are shortened."""
+    seen = verdict.observed
+    if seen is None:
+        return ""
+    text = seen.faults[0].what if seen.faults else seen.said[-220:]
+    if not seen.faults and (seen.exit_code == 2 or "second run" in seen.second):
+        text = seen.second or seen.said[-300:]
+    text = re.sub(r"/\S*/", "", text)
+    return " ".join(re.sub(r"127\.0\.0\.1:\d+", "the device", text).split())
+
+
+def _listed(names: Sequence[str]) -> str:
+    return f"{len(names)}{': ' + ', '.join(names) if names else ''}"
+
+
+def summary(bars: Bars) -> str:
+    """The bars, one a line."""
+    times = f"n {bars.stops}, median {bars.p50_s:.3f} s, p99 {bars.p99_s:.3f} s, worst {bars.worst_s:.3f} s"
+    peak = f"{bars.worst_peak_n:.1f} N (bar {PEAK_MAX_N:g} N)"
+    return "\n".join(
+        (
+            f"scenarios with a fault: {bars.passed} of {bars.trials} as they must be, {bars.broken} not carried out",
+            f"largest true force where orders can bound it: {peak}; beyond: {_listed(bars.over_peak)}",
+            f"orders to unload that no plan asked for: {_listed(bars.unloading)}",
+            f"scenarios without a /fault: {_listed(bars.silent)}",
+            f"violation or loss to stop on the wire: {times} (bar for p99 {STOP_BAR_S:g} s); without a stop: {_listed(bars.missed)}",
+            f"healthy runs: {bars.healthy}, false stops: {_listed(bars.false_stops)}",
+        )
+    )
+
+
+def _cell(text: str) -> str:
+    """Text that does not break a table."""
+    return " ".join(text.replace("|", "/").replace("<", "&lt;").split())
+
+
+def _row(verdict: Verdict) -> str:
+    one, seen = verdict.scenario, verdict.observed
+    peak = "" if seen is None else f"{seen.peak_n:.0f}"
+    found = "as it must be" if verdict.passed else f"**failed**: {'; '.join(verdict.failings)}"
+    cells = (one.name, one.what, one.must, peak, stop_time(verdict), _code(verdict), operator_text(verdict)[:220], found)
+    return f"| {' | '.join(_cell(cell) for cell in cells)} |"
+
+
+def _healthy(verdicts: Sequence[Verdict]) -> Iterator[str]:
+    yield "| kind | runs | completed | in displacement control | false stops |"
+    yield "|---|---|---|---|---|"
+    kinds: dict[str, list[Verdict]] = {}
+    for one in verdicts:
+        kinds.setdefault(one.scenario.what.partition(":")[0], []).append(one)
+    for kind, runs in kinds.items():
+        disp = sum(one.scenario.map.startswith("map_disp") for one in runs)
+        wrong = [f"{one.scenario.name}: {'; '.join(one.failings)}" for one in runs if not one.passed]
+        yield f"| {kind} | {len(runs)} | {sum(one.passed for one in runs)} | {disp} | {_cell('; '.join(wrong)) or 0} |"
+
+
+def _between(text: str, mark: str, new: str) -> str:
+    """Replace what stands between two marks."""
+    head, begin, rest = text.partition(f"<!-- {mark} -->\n")
+    _, end, tail = rest.partition(f"\n<!-- end of {mark} -->")
+    if not (begin and end):
+        raise ValueError(f"{PAGE} has no marks around {mark}; restore the page from the repository")
+    return head + begin + new + end + tail
+
+
+def write(verdicts: Sequence[Verdict], bars: Bars, options: Sequence[str]) -> None:
+    """Write figures and tables into the page.
+
+    Raises:
+        ValueError: the page has lost its marks.
+    """
+    text = PAGE.read_text(encoding="utf-8")
+    command = " ".join(("python tests/benchmarks/bench_peer_frame.py", *options))
+    text = _between(
+        text, "figures", "\n".join([f"Written by `{command}`.", "", *(f"- {_cell(one)}" for one in summary(bars).splitlines())])
+    )
+    for group, mark in ((Group.README, "list"), (Group.OWN, "own")):
+        rows = [_row(one) for one in verdicts if one.scenario.group is group]
+        text = _between(
+            text, mark, "\n".join((f"| {' | '.join(_COLUMNS)} |", "|---" * len(_COLUMNS) + "|", *rows)) if rows else "None was run."
+        )
+    runs = [one for one in verdicts if one.scenario.group is Group.HEALTHY]
+    text = _between(text, "healthy", "\n".join(_healthy(runs)) if runs else "None was run.")
+    PAGE.write_text(text, encoding="utf-8")

@@ -1,0 +1,413 @@
+"""The machine of the second load frame: specimen, servo, cell and the faults of each. Standard library only; times are monotonic s."""
+
+from __future__ import annotations
+
+import math
+import random
+import time
+from collections import deque
+from dataclasses import dataclass
+
+STILL, MOVING, FAULT = 0, 1, 2
+
+
+@dataclass
+class Character:
+    """What a healthy machine is like.
+
+    Attributes:
+        seed: of everything drawn.
+        stiffness_n_mm: specimen, grips and machine in series, N/mm.
+        toe_n: below this load the stiffness is smaller, N.
+        toe_part: by this factor.
+        slack_mm: travel before any load.
+        noise_n, lsb_n, drift_n_s: standard deviation, step and drift of the cell.
+        cell_s: the cell gives a new value so often, s; 0: always.
+        lag_s: time constant of the cell's filter, s.
+        extension_noise_mm, extension_lsb_mm: of the extension.
+        latency_s, jitter_s: of a reply: at least, and the mean of what is added.
+        start_s: from an order to the begin of motion, s.
+        servo_rad_s, damping: of the closed loop in load control.
+        speed_mm_s: fastest motion in load control.
+        hold_force: the servo holds the load after arrival; else the position is held.
+        relax, relax_s: part of the load that relaxes at a constant position, and its time constant, s.
+        hunt_n, hunt_hz: amplitude and frequency of the servo at rest.
+        sensed: the servo acts on the cell's reading, so a fault of the cell moves the machine; else on the true load.
+        pieces: replies are sent byte by byte.
+    """
+
+    seed: float = 0
+    stiffness_n_mm: float = 20_000.0
+    toe_n: float = 0.0
+    toe_part: float = 1.0
+    slack_mm: float = 0.0
+    noise_n: float = 0.05
+    lsb_n: float = 0.0
+    drift_n_s: float = 0.0
+    cell_s: float = 0.0
+    lag_s: float = 0.0
+    extension_noise_mm: float = 0.0
+    extension_lsb_mm: float = 1e-6
+    latency_s: float = 0.001
+    jitter_s: float = 0.0
+    start_s: float = 0.0
+    servo_rad_s: float = 25.0
+    damping: float = 0.9
+    speed_mm_s: float = 0.006
+    hold_force: float = 0.0
+    relax: float = 0.0
+    relax_s: float = 10.0
+    hunt_n: float = 0.0
+    hunt_hz: float = 1.0
+    sensed: float = 0.0
+    pieces: float = 0.0
+
+
+@dataclass
+class Switches:
+    """Faults; 0 is off. Forces in N, times in s.
+
+    Attributes:
+        freeze: the reading of the force stands still, without noise.
+        freezeat: the same from this true force on.
+        noisyfreeze: it stands still with its noise on top.
+        clip: the true force is clipped there, noise is added after.
+        sticky: the reading is cut down to a multiple of this.
+        flip: the sign of the reading turns within this time.
+        fade: the gain of the reading falls to 0 within this time.
+        gain: of the reading.
+        jump: is added to the reading.
+        spike: so many readings are 10,000 N.
+        nan, inf: the reading is none.
+        late: the register tells the force as it was so long ago.
+        efreeze: the extension stands still.
+        ejump: is added to the extension, mm.
+        stuckmoving, stuckstill: what the state says whatever happens.
+        ratex: motion is so many times as fast.
+        targetx: a ramp goes to so many times its target.
+        runaway: a ramp does not end.
+        wrongway: motion in the other direction.
+        jam: no motion, although the state says so.
+        roundtarget: targets are rounded to a multiple of this.
+        hiddentarget: the machine goes to this load, and the registers do not show it.
+        countback, countstop: the counter of readings goes back, or stands.
+        swap: bytes of input registers are swapped.
+        stopdelay: a stop is obeyed so much later.
+        ignorestop: so many stop orders are not obeyed.
+        coast: after a stop it comes to rest within this time.
+        creep: the load changes at rest, N/s.
+        trip: the machine is in fault and rests.
+        hole, mute: nothing is executed and answered; executed, not answered.
+        delay: replies come so much later, ms.
+        busy: so many reads are answered with exception 6.
+        excw: writes but stops are answered with this exception.
+        wignore: writes are acknowledged and not taken.
+        badtid, wrongunit, wrongfunc, trunc: replies that are not valid.
+        enable: only switching the drive off stops it.
+    """
+
+    freeze: float = 0
+    freezeat: float = 0
+    noisyfreeze: float = 0
+    clip: float = 0
+    sticky: float = 0
+    flip: float = 0
+    fade: float = 0
+    gain: float = 0
+    jump: float = 0
+    spike: int = 0
+    nan: float = 0
+    inf: float = 0
+    late: float = 0
+    efreeze: float = 0
+    ejump: float = 0
+    stuckmoving: float = 0
+    stuckstill: float = 0
+    ratex: float = 0
+    targetx: float = 0
+    runaway: float = 0
+    wrongway: float = 0
+    jam: float = 0
+    roundtarget: float = 0
+    hiddentarget: float = 0
+    countback: float = 0
+    countstop: float = 0
+    swap: float = 0
+    stopdelay: float = 0
+    ignorestop: int = 0
+    coast: float = 0
+    creep: float = 0
+    trip: float = 0
+    hole: float = 0
+    mute: float = 0
+    delay: float = 0
+    busy: int = 0
+    excw: int = 0
+    wignore: float = 0
+    badtid: float = 0
+    wrongunit: float = 0
+    wrongfunc: float = 0
+    trunc: float = 0
+    enable: float = 0
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What the registers tell."""
+
+    state: int
+    force_n: float
+    extension_mm: float
+    target_n: float
+    counter: int
+
+
+class Machine:
+    """Specimen, drive, servo and cell; `force_n` and `extension_mm` are true."""
+
+    def __init__(self, character: Character, switches: Switches) -> None:
+        self.character, self.switches = character, switches
+        self._chance = random.Random(int(character.seed))
+        self._now_s = self._born_s = time.monotonic()
+        self.extension_mm = self.force_n = self.target_n = self.rate_n_s = self.relaxed_n = 0.0
+        self.moving = False
+        self._setpoint_n = self._speed_mm_s = self._travel_left_mm = self._travel_speed_mm_s = 0.0
+        self._mode, self._starts_s, self._in_reach_s = "rest", 0.0, 0.0
+        self._stop_at_s: float | None = None
+        self._count, self._filtered_n, self._offset_n = 0.0, 0.0, 0.0
+        self._frozen_n: float | None = None
+        self._frozen_mm: float | None = None
+        self._since: dict[str, float] = {}
+        self._history: deque[tuple[float, float]] = deque(maxlen=5000)
+        self._value: tuple[float, float] = (0.0, 0.0)
+
+    # ---- orders
+
+    def ramp(self, target_n: float, rate_n_s: float) -> float:
+        """Go to a load; gives the target that it takes."""
+        if self.switches.roundtarget:
+            target_n = round(target_n / self.switches.roundtarget) * self.switches.roundtarget
+        self.target_n, self.rate_n_s = target_n, rate_n_s
+        if self._mode != "ramp":
+            self._setpoint_n, self._starts_s = self._sensed(), self._now_s + self.character.start_s
+        self._begin("ramp")
+        return target_n
+
+    def travel(self, travel_mm: float, speed_mm_s: float) -> None:
+        """Go a way."""
+        if self._mode != "travel":
+            self._starts_s = self._now_s + self.character.start_s
+        self._travel_left_mm, self._travel_speed_mm_s = travel_mm, speed_mm_s
+        self._begin("travel")
+
+    def _begin(self, mode: str) -> None:
+        self._mode, self.moving, self._in_reach_s, self._stop_at_s = mode, True, 0.0, None
+
+    def change_target(self, target_n: float) -> None:
+        """Another program or a person gives another target."""
+        self.target_n, self.rate_n_s = target_n, self.rate_n_s or 20.0
+        if self._mode != "ramp":
+            self._setpoint_n = self._sensed()
+        self._begin("ramp")
+
+    def stop(self) -> bool:
+        """A stop order; whether it is taken."""
+        if self.switches.enable or self.switches.ignorestop > 0:
+            self.switches.ignorestop = max(0, self.switches.ignorestop - 1)
+            return False
+        self._stop_at_s = self._stop_at_s or self._now_s + self.switches.stopdelay
+        if self.switches.stopdelay == 0 and self.switches.coast == 0:
+            self._rest()
+        return True
+
+    def drive_off(self) -> bool:
+        """The drive is switched off, which always stops it; whether it moved."""
+        moved, _ = self.moving, self._rest()
+        return moved
+
+    def _rest(self) -> None:
+        self._mode, self.moving, self._stop_at_s, self._speed_mm_s = "rest", False, None, 0.0
+
+    def reboot(self) -> None:
+        """Power off and on: motion ends, orders and counter are forgotten."""
+        self._rest()
+        self.target_n = self.rate_n_s = self._count = 0.0
+
+    def command(self, name: str, value: float) -> None:
+        """Set a switch, or ``F``, ``press`` (its own stop button), ``break`` (the specimen breaks), ``slip`` (N that are lost)."""
+        self._since[name] = time.monotonic()
+        if name == "F":
+            self.extension_mm = self._inverse(value)
+            self._load()
+        elif name == "press":
+            self._rest()
+        elif name == "break":
+            self.relaxed_n = self.force_n + self.relaxed_n
+            self.character.stiffness_n_mm = 1e-6
+        elif name == "slip":
+            self.relaxed_n += value
+        elif name == "goto":
+            self.change_target(value)
+        elif hasattr(self.switches, name):
+            kind = int if name in ("spike", "ignorestop", "busy", "excw") else float
+            setattr(self.switches, name, kind(value))
+        else:
+            raise ValueError(f"{name} is no switch of the second frame")
+
+    # ---- time
+
+    def advance(self) -> str | None:
+        """Let the time pass that has passed; gives what is to be noted."""
+        now_s = time.monotonic()
+        passed_s, self._now_s = min(now_s - self._now_s, 0.1), now_s
+        noted, count = None, max(1, math.ceil(passed_s / 0.004))
+        for _ in range(count):
+            noted = self._step(passed_s / count) or noted
+        self._history.append((now_s, self.force_n))
+        self._count += passed_s * 100 * (-1 if self.switches.countback else 0 if self.switches.countstop else 1)
+        share = 1.0 if self.character.lag_s == 0 else min(1.0, passed_s / self.character.lag_s)
+        self._filtered_n += share * (self.force_n - self._filtered_n)
+        return noted
+
+    def _step(self, dt: float) -> str | None:
+        noted = None
+        if self.switches.trip and self.moving:
+            self._rest()
+            noted = "TRIPPED"
+        if self._stop_at_s is not None and self._now_s >= self._stop_at_s + self.switches.coast:
+            self._rest()
+            noted = "RESTS"
+        if self.moving and self._now_s >= self._starts_s and not self.switches.jam:
+            noted = (self._ramped(dt) if self._mode == "ramp" else self._travelled(dt)) or noted
+        elif not self.moving:
+            self._at_rest(dt)
+        self._load()
+        return noted
+
+    def _ramped(self, dt: float) -> str | None:
+        one, rate = self.character, self.rate_n_s * (self.switches.ratex or 1.0)
+        target = self.switches.hiddentarget or self.target_n * (self.switches.targetx or 1.0)
+        gap = target - self._setpoint_n
+        arrived = abs(gap) <= rate * dt and not self.switches.runaway
+        slope = 0.0 if arrived else math.copysign(rate, 1.0 if self.switches.runaway else gap)
+        self._setpoint_n = target if arrived else self._setpoint_n + slope * dt
+        force_n, stiffness = self._sensed(), max(self._stiffness(), 1.0)
+        way = -1.0 if self.switches.wrongway else 1.0
+        pull = one.servo_rad_s**2 * (self._setpoint_n - force_n) / stiffness
+        self._speed_mm_s += dt * (way * pull - 2.0 * one.damping * one.servo_rad_s * (self._speed_mm_s - way * slope / stiffness))
+        fastest = one.speed_mm_s * (self.switches.ratex or 1.0)
+        self._speed_mm_s = min(max(self._speed_mm_s, -fastest), fastest)
+        slowed = 1.0
+        if self._stop_at_s is not None and self.switches.coast:
+            slowed = max(0.0, 1.0 - max(0.0, self._now_s - self._stop_at_s) / self.switches.coast)
+        self.extension_mm += self._speed_mm_s * dt * slowed
+        in_reach = arrived and abs(force_n - target) < 0.4
+        self._in_reach_s = self._in_reach_s + dt if in_reach else 0.0
+        if self._in_reach_s < 0.15:
+            return None
+        self._rest()
+        return "ARRIVED"
+
+    def _travelled(self, dt: float) -> str | None:
+        speed = self._travel_speed_mm_s * (self.switches.ratex or 1.0)
+        way = min(abs(self._travel_left_mm), speed * dt)
+        sign = math.copysign(1.0, self._travel_left_mm) * (-1.0 if self.switches.wrongway else 1.0)
+        self._travel_left_mm -= math.copysign(0.0 if self.switches.runaway else way, self._travel_left_mm)
+        self.extension_mm += sign * way
+        if abs(self._travel_left_mm) < 1e-12:
+            self._rest()
+        return None
+
+    def _at_rest(self, dt: float) -> None:
+        one, stiffness = self.character, max(self._stiffness(), 1.0)
+        bound = one.relax * (self.force_n + self.relaxed_n)
+        if one.relax and self.relaxed_n < bound:
+            self.relaxed_n += dt / one.relax_s * (bound - self.relaxed_n)
+            if one.hold_force:
+                self.extension_mm += dt / one.relax_s * (bound - self.relaxed_n) / stiffness
+        self.extension_mm += dt * self.switches.creep / stiffness
+        if one.hunt_n and self.force_n > 20.0:
+            turn = 2.0 * math.pi * one.hunt_hz
+            self.extension_mm += dt * turn * one.hunt_n * math.cos(turn * self._now_s) / stiffness
+
+    # ---- the specimen
+
+    def _stiffness(self) -> float:
+        return self.character.stiffness_n_mm * (self.character.toe_part if self.force_n < self.character.toe_n else 1.0)
+
+    def _load(self) -> None:
+        one = self.character
+        way, soft = max(0.0, self.extension_mm - one.slack_mm), one.stiffness_n_mm * one.toe_part
+        bend = one.toe_n / soft if one.toe_n else 0.0
+        elastic = soft * min(way, bend) + one.stiffness_n_mm * max(0.0, way - bend)
+        if self.extension_mm < 0.0:
+            elastic = one.stiffness_n_mm * self.extension_mm
+        self.force_n = elastic - self.relaxed_n if elastic > 0.0 else elastic
+
+    def _inverse(self, force_n: float) -> float:
+        one = self.character
+        soft = one.stiffness_n_mm * one.toe_part
+        bend = min(force_n, one.toe_n)
+        return one.slack_mm + bend / soft + (force_n - bend) / one.stiffness_n_mm
+
+    # ---- the cell
+
+    def _sensed(self) -> float:
+        """What the servo acts on."""
+        return self._spoilt(self.force_n) if self.character.sensed else self.force_n
+
+    def _part(self, name: str, within_s: float) -> float:
+        return min(1.0, (time.monotonic() - self._since.get(name, self._born_s)) / within_s)
+
+    def _spoilt(self, force_n: float) -> float:
+        """The reading without noise."""
+        s = self.switches
+        if s.late:
+            then_s = time.monotonic() - s.late
+            force_n = next((value for at_s, value in reversed(self._history) if at_s <= then_s), 0.0)
+        frozen = s.freeze or s.noisyfreeze or (s.freezeat and self.force_n >= s.freezeat)
+        if not frozen:
+            self._frozen_n = None
+        elif self._frozen_n is None:
+            self._frozen_n = force_n
+        force_n = force_n if self._frozen_n is None else self._frozen_n
+        force_n = min(force_n, s.clip) if s.clip else force_n
+        force_n *= s.gain or 1.0
+        force_n *= 1.0 - 2.0 * self._part("flip", s.flip) if s.flip else 1.0
+        force_n *= 1.0 - self._part("fade", s.fade) if s.fade else 1.0
+        return force_n + s.jump
+
+    def shown(self) -> Shown:
+        """What the registers tell now."""
+        s, one, now_s = self.switches, self.character, time.monotonic()
+        if now_s >= self._value[0] + one.cell_s:
+            force_n = self._spoilt(self._filtered_n) + one.drift_n_s * (now_s - self._born_s)
+            if not (s.freeze or (s.freezeat and self._frozen_n is not None)):
+                force_n += self._chance.gauss(0.0, one.noise_n)
+            force_n = round(force_n / one.lsb_n) * one.lsb_n if one.lsb_n else force_n
+            self._value = (now_s, math.floor(force_n / s.sticky) * s.sticky if s.sticky else force_n)
+        force_n = self._value[1]
+        if s.spike > 0:
+            s.spike -= 1
+            force_n = 10_000.0
+        force_n = math.nan if s.nan else math.inf if s.inf else force_n
+        return Shown(self._state(), force_n, self._extension(), self.target_n, int(self._count) % 2**32)
+
+    def _extension(self) -> float:
+        s, one = self.switches, self.character
+        self._frozen_mm = None if not s.efreeze else self.extension_mm if self._frozen_mm is None else self._frozen_mm
+        value = self.extension_mm if self._frozen_mm is None else self._frozen_mm
+        value += self._chance.gauss(0.0, one.extension_noise_mm) if self._frozen_mm is None else 0.0
+        return round(value / one.extension_lsb_mm) * one.extension_lsb_mm + s.ejump
+
+    def _state(self) -> int:
+        s = self.switches
+        if s.trip:
+            return FAULT
+        return MOVING if s.stuckmoving else STILL if s.stuckstill else int(self.moving)
+
+    def reply_latency_s(self) -> float:
+        """How long the next reply takes, s."""
+        one = self.character
+        added = self._chance.expovariate(1.0 / one.jitter_s) if one.jitter_s else 0.0
+        return min(one.latency_s + added, 0.25) + self.switches.delay / 1e3

@@ -1,0 +1,123 @@
+"""What the device recorded: its log, its true force over time, its stop orders, and figures drawn from them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+_LINE = re.compile(r"^(?P<at>[\d.]+) F=(?P<force>\S+) E=(?P<extension>\S+) mv=(?P<moving>\d) (?P<what>.*)$")
+_RAMP = re.compile(r"^RAMP(?:16)? to (?P<target>\S+) at (?P<rate>\S+)")
+_MOVE = re.compile(r"^MOVE dir=(?P<direction>-?\d) travel=(?P<travel>\S+) speed=(?P<speed>\S+)")
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A line of the device's log.
+
+    Attributes:
+        at_s: CLOCK_MONOTONIC, s.
+        force_n: true force.
+        extension_mm: true extension.
+        moving: whether it moves.
+        what: what happened.
+    """
+
+    at_s: float
+    force_n: float
+    extension_mm: float
+    moving: bool
+    what: str
+
+    @property
+    def is_stop_request(self) -> bool:
+        """A stop order arrived on the wire, whatever the device made of it."""
+        return "<STOP>" in self.what
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """The true state of the device at an instant: CLOCK_MONOTONIC in s, N, mm."""
+
+    at_s: float
+    force_n: float
+    extension_mm: float
+    moving: bool
+
+
+def read_log(path: Path) -> list[Entry]:
+    """Every whole line of a device's log."""
+    text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+    found = [match for line in text.splitlines() if (match := _LINE.match(line))]
+    return [
+        Entry(float(one["at"]), float(one["force"]), float(one["extension"]), one["moving"] != "0", one["what"].strip()) for one in found
+    ]
+
+
+def merged(entries: list[Entry], sampled: list[Reading]) -> list[Reading]:
+    """The true state over time, from both sources, in order."""
+    from_log = [Reading(one.at_s, one.force_n, one.extension_mm, one.moving) for one in entries]
+    return sorted([*from_log, *sampled], key=lambda one: one.at_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Unloading:
+    """An order that would take load off: when, and from which true force to which, in N."""
+
+    at_s: float
+    from_n: float
+    to_n: float
+
+
+def unloadings(entries: list[Entry], stiffness_n_mm: float, tolerance_n: float) -> list[Unloading]:
+    """Orders to a load that is lower than the true load by more than a tolerance."""
+    found = []
+    for one in entries:
+        to_n = one.force_n
+        if ramp := _RAMP.match(one.what):
+            to_n = float(ramp["target"])
+        elif (move := _MOVE.match(one.what)) and move["direction"] not in ("0", "1"):
+            to_n = one.force_n - float(move["travel"]) * stiffness_n_mm
+        if to_n < one.force_n - tolerance_n:
+            found.append(Unloading(one.at_s, one.force_n, to_n))
+    return found
+
+
+def without_foreign(entries: list[Entry], foreign: list[tuple[float, int]]) -> list[Entry]:
+    """The log without what another master ordered: instants, and 1 for a ramp, 2 for a stop."""
+    kept = list(entries)
+    for at_s, command in foreign:
+        found = (one for one in kept if one.at_s >= at_s and (one.is_stop_request if command == 2 else _RAMP.match(one.what)))
+        if (own := next(found, None)) is not None:
+            kept.remove(own)
+    return kept
+
+
+def motion_orders(entries: list[Entry], since_s: float) -> list[Entry]:
+    """Orders to move that the device took after an instant."""
+    return [one for one in entries if one.at_s > since_s and (_RAMP.match(one.what) or _MOVE.match(one.what))]
+
+
+def stop_requests(entries: list[Entry], since_s: float, until_s: float) -> list[float]:
+    """Instants of the stop orders on the wire."""
+    return [one.at_s for one in entries if one.is_stop_request and since_s <= one.at_s <= until_s]
+
+
+def peak(readings: list[Reading], until_s: float = float("inf")) -> float:
+    """Largest true force, N."""
+    return max((one.force_n for one in readings if one.at_s <= until_s), default=0.0)
+
+
+def when_force_passes(readings: list[Reading], force_n: float, since_s: float = 0.0) -> float | None:
+    """When the true force was first at or above a value after an instant; None if it never was."""
+    return next((one.at_s for one in readings if one.at_s >= since_s and one.force_n >= force_n), None)
+
+
+def longest_silence(readings: list[Reading], stops_s: list[float], until_s: float) -> float:
+    """Longest time after the first stop order in which the device moved and no further stop order came, s; 0 if it rested at once."""
+    if not stops_s:
+        return 0.0
+    moving = [one.at_s for one in readings if stops_s[0] <= one.at_s <= until_s and one.moving]
+    marks = [*stops_s, until_s]
+    return max((max((at_s for at_s in moving if a <= at_s <= b), default=a) - a for a, b in pairwise(marks)), default=0.0)

@@ -1,0 +1,59 @@
+"""The decisive part of the campaign against load frames that misbehave (docs/safety-campaign.md).
+
+All of it is `python tests/benchmarks/bench_peer_frame.py`. The source of the independent frame, gcc and libmodbus are needed.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+from peer_frame.building import PEERS, missing_tool
+from peer_frame.campaign import Campaign, chosen
+from peer_frame.catalogue import ALL
+from peer_frame.healthy import healthy_runs
+from peer_frame.scenario import Group
+from peer_frame.verdict import Verdict, figures
+
+JOBS = 3
+"""Trials at the same time: they wait for the machine most of the time."""
+SHORT = chosen([], short=True, healthy=None)
+
+
+@pytest.fixture(scope="module")
+def frame_peer(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    """A campaign with the independent frame, built here."""
+    if why := missing_tool(PEERS):
+        pytest.skip(why)
+    return Campaign(PEERS, tmp_path_factory.mktemp("campaign"))
+
+
+@pytest.fixture(scope="module")
+def verdicts(frame_peer: Campaign) -> Mapping[str, Verdict]:
+    with ThreadPoolExecutor(JOBS) as pool:
+        return {one.scenario.name: one for one in pool.map(frame_peer.judged, SHORT)}
+
+
+@pytest.mark.parametrize("name", [one.name for one in SHORT])
+def test_what_must_happen_happens(verdicts: Mapping[str, Verdict], name: str) -> None:
+    assert verdicts[name].failings == ()
+
+
+def test_the_bars_hold(verdicts: Mapping[str, Verdict]) -> None:
+    bars = figures(list(verdicts.values()))
+    assert bars.hold, bars
+
+
+def test_there_are_twice_as_many_own_scenarios_as_listed_ones() -> None:
+    groups = [one.group for one in ALL]
+    assert groups.count(Group.OWN) >= 2 * groups.count(Group.README) >= 2 * 50
+
+
+def test_healthy_runs_are_drawn_alike_each_time() -> None:
+    assert healthy_runs(100) == healthy_runs(100)
+    assert len({one.name for one in (*ALL, *healthy_runs(100))}) == len(ALL) + 100
