@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,6 +19,20 @@ if TYPE_CHECKING:
 _SIGNED = ("force_min_n", "force_max_n", "extension_min_mm", "extension_max_mm")
 """Limits that may be negative or 0; of all others 0 is allowed only where it forbids a motion."""
 _MAY_BE_ZERO = ("force_rate_max_n_s", "force_step_max_n", "stage_travel_um")
+CONFIRMABLE = (
+    "specimen.area_mm2",
+    "specimen.yield_strength_mpa",
+    "sem.pixel_size_um",
+    "sem.profile",
+    "sem.scan_profiles",
+    "protocol.ramp_rate_n_s",
+    "load_frame.approach.stiffness_n_mm",
+    "limits.extension_min_mm",
+    "limits.extension_max_mm",
+    "limits.force_min_n",
+    "limits.force_max_n",
+)
+"""Keys whose implausible values can be confirmed (`semlive.service.unusual`)."""
 _LONGEST_STOP_S = 3600.0
 """Nobody waits longer for machines to come to rest; a larger number is a mistake of unit."""
 
@@ -40,6 +55,7 @@ def contradictions(config: Config) -> Iterator[Contradiction]:
     if config.limits is not None:
         yield from _limits(config.limits)
         yield from _loads(config, config.limits)
+    yield from _confirmed(config)
     yield from _ramps(config)
     yield from _tolerances(config)
     yield from _scan(config)
@@ -98,6 +114,14 @@ def largest_step_n(config: Config) -> float:
     """The largest change of load of the plan, in N, begun without load; 0 where nothing is loaded."""
     loads = [0.0, *config.protocol.loads_n]
     return max((abs(after - before) for before, after in pairwise(loads)), default=0.0)
+
+
+def _confirmed(config: Config) -> Iterator[Contradiction]:
+    for index, key in enumerate(config.confirmed_unusual):
+        if key not in CONFIRMABLE:
+            close = difflib.get_close_matches(key, CONFIRMABLE, n=1, cutoff=0.4)
+            hint = f"did you mean {close[0]}?" if close else f"it takes {', '.join(CONFIRMABLE)}"
+            yield Contradiction(("confirmed_unusual", index), f"{key} is no key that is asked about; {hint}")
 
 
 def _ramps(config: Config) -> Iterator[Contradiction]:
