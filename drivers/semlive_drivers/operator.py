@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from semlive.data.loading import DeviceIdentity, MotionState, StageKind, StageSample, StopOnLinkLoss
 from semlive.errors import BadConfig
+from semlive.inputs.kinds import changed_kind
 from semlive.ports import ClockSource
 from semlive_drivers.console import TERMINAL, Console
 
@@ -109,4 +110,7 @@ def open_stage(settings: Mapping[str, object], clock: ClockSource, *, console: C
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         raise BadConfig(f"operator stage: {key}: {first['msg']}; it has {', '.join(OperatorSettings.model_fields)}") from None
+    changed = changed_kind(settings, known)
+    if changed is not None:
+        raise BadConfig(f"operator stage: {'.'.join(map(str, changed[0]))}: {changed[1]}")
     return OperatorStage(known, clock, console)

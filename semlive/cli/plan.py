@@ -14,10 +14,11 @@ from rich.table import Table
 
 from semlive.cli.track import tracked_stages
 from semlive.engine.schedule import dose_c_m2
-from semlive.service.config import load_config
+from semlive.service.config import Config, load_config
 from semlive.service.model_file import run_with_model
 from semlive.service.planning import Planned, plan_experiment
 from semlive.service.replay import Watch
+from semlive.service.unusual import questions
 
 _ELECTRONS_PER_C = 1.0 / 1.602176634e-19
 
@@ -34,17 +35,21 @@ def plan(
     checked = run_with_model(load_config(config), model, resume=False)
     with tracked_stages() as progress:
         planned = plan_experiment(checked, test_frame, log, Watch(progress))
-    dose = _dose(planned, current_na)
+    dose, asked = _dose(planned, current_na), questions(checked)
     if as_json:
-        typer.echo(json.dumps(_json(planned, dose)))
+        typer.echo(json.dumps({**_json(planned, dose), "unusual": [asdict(one) for one in asked]}))
         return
     console = Console()
     console.print(_facts(planned, dose, current_na))
+    console.print(_read(checked))
     console.print(_steps(planned))
     if planned.gauges:
         console.print(_noise(planned, checked.estimate.window_points))
     if planned.false_strain:
         console.print(_false_strain(planned))
+    for one in asked:
+        refused = "" if one.confirmed else "; until then it is refused by semlive run"
+        console.print(f"? {one.key}: {one.what}; {one.advice}{refused}", style="yellow", highlight=False, markup=False)
     for number, sentence in enumerate(planned.advice, start=1):
         console.print(f"{number}. {sentence}", highlight=False)
     if not planned.advice:
@@ -99,6 +104,21 @@ def _facts(planned: Planned, dose: float | None, current_na: float) -> Table:
         rows.append(("mean strain noise", f"exx {mean.exx:.1e}, eyy {mean.eyy:.1e}, exy {mean.exy:.1e}; drift and distortion add to it"))
     for row in rows:
         table.add_row(*row)
+    return table
+
+
+def _read(config: Config) -> Table:
+    """What a slip of the pen would change, as it was read."""
+    table = Table(title="as it was read", title_justify="left", box=SIMPLE_HEAD, show_header=False, padding=(0, 1))
+    protocol, limits, area = config.protocol, config.limits, config.specimen.area_mm2
+    if protocol.loads_n:
+        tolerance = f"± {protocol.load_tolerance_n:g} N or {100 * protocol.load_tolerance_fraction:g} %"
+        table.add_row("loads", f"{', '.join(f'{one:g}' for one in protocol.loads_n)} N {tolerance}, at {protocol.ramp_rate_n_s:g} N/s")
+    if limits is not None:
+        table.add_row("force", f"{limits.force_min_n:g} to {limits.force_max_n:g} N, in steps of at most {limits.force_step_max_n:g} N")
+        table.add_row("extension", f"{limits.extension_min_mm:g} to {limits.extension_max_mm:g} mm")
+    table.add_row("cross-section", "not given" if area is None else f"{area:g} mm²")
+    table.add_row("holds", f"{protocol.hold_s:g} s, after {protocol.settle_s:g} s within tolerance")
     return table
 
 

@@ -25,6 +25,7 @@ from semlive.service.door import Address
 from semlive.service.drivers import desks
 from semlive.service.memory import lean_heap
 from semlive.service.model_file import run_with_model
+from semlive.service.unusual import refuse_unusual
 
 
 def run(
@@ -47,6 +48,7 @@ def run(
     """Run an experiment; type pause, resume, stop, abort or acknowledge and press Enter, or Ctrl-C to stop."""
     lean_heap()
     checked = run_with_model(load_config(config), model, resume)
+    refuse_unusual(checked, str(config))
     if yes and not resume:
         raise BadConfig("--yes answers what --resume asks; give both, or leave --yes out")
     verbs: queue.SimpleQueue[Verb | AcknowledgeAll] = queue.SimpleQueue()

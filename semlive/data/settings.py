@@ -125,12 +125,14 @@ class SpecimenSettings:
         area_mm2: cross-section, or None if unknown (no elastic constants then).
         loading_axis: ``x`` or ``y``, the image axis that is pulled.
         gage_factor_sigma: relative standard uncertainty of a strain gage's factor; data sheets give 0.5 to 1 %.
+        yield_strength_mpa: stress that no load of the plan shall exceed; None does not check it.
     """
 
     name: str = ""
     area_mm2: float | None = None
     loading_axis: str = "y"
     gage_factor_sigma: float = 0.005
+    yield_strength_mpa: float | None = None
 
     def __post_init__(self) -> None:
         if self.loading_axis not in ("x", "y"):
@@ -139,6 +141,8 @@ class SpecimenSettings:
             raise ValueError(f"area_mm2 must be > 0, not {self.area_mm2}")
         if not 0.0 <= self.gage_factor_sigma < 1.0:
             raise ValueError(f"gage_factor_sigma must be at least 0 and below 1, not {self.gage_factor_sigma}")
+        if self.yield_strength_mpa is not None and not self.yield_strength_mpa > 0:
+            raise ValueError(f"yield_strength_mpa must be > 0, not {self.yield_strength_mpa}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,9 @@ from typing import BinaryIO
 MOST_IMAGE_BYTES = 2_000_000_000
 """Size of an image file that is still read: 32768 x 24576 px at 16 bit are 1.6e9 bytes."""
 
-_FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+_FLAGS = os.O_RDONLY
+for _name in ("O_NONBLOCK", "O_NOCTTY", "O_CLOEXEC", "O_BINARY"):  # as far as the system has them
+    _FLAGS |= getattr(os, _name, 0)
 _BLOCK_BYTES = 2**20
 
 
@@ -25,17 +27,22 @@ def open_regular(path: Path) -> BinaryIO:
     Raises:
         OSError: it cannot be opened, or is a folder, a device, a FIFO or a socket.
     """
-    # On Windows a folder cannot be opened at all, and says only that access is denied.
-    if path.is_dir():
-        raise IsADirectoryError(errno.EISDIR, "it is a folder", str(path))
+    # Before it is opened, as opening a serial port can reset what is connected; and again, as the path may be another file by then.
+    _require_regular(path.stat().st_mode, path)
     descriptor = os.open(path, _FLAGS)
     try:
-        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            raise OSError(errno.EINVAL, "it is not a regular file", str(path))
+        _require_regular(os.fstat(descriptor).st_mode, path)
         return os.fdopen(descriptor, "rb")
     except BaseException:
         os.close(descriptor)
         raise
+
+
+def _require_regular(mode: int, path: Path) -> None:
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, "it is a folder", str(path))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
 
 
 def read_regular(path: Path, most_bytes: int) -> bytes:

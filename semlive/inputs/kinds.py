@@ -37,8 +37,8 @@ def _changes(given: object, checked: object, place: Place) -> Iterator[tuple[Pla
         if not isinstance(given, bool):
             yield place, f"{_shown(given)} is no truth value; write true or false"
     elif isinstance(checked, int | float) and isinstance(given, str | bool):
-        quotes = " without quotes" if isinstance(given, str) else ""
-        yield place, f"{_shown(given)} is no number; write a number{quotes}"
+        kind = "text" if isinstance(given, str) else "a truth value"
+        yield place, f"{_shown(given)} is {kind}, not a number; write a finite number{' without quotes' if isinstance(given, str) else ''}"
 
 
 def _inside(checked: object, key: object) -> object:

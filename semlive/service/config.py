@@ -170,6 +170,8 @@ class Config(_Section):
     estimate: Annotated[EstimateSettings, BeforeValidator(lambda v: known_keys(EstimateSettings, v))] = EstimateSettings()
     model: ModelSection | None = None
     """Effects that are taken out of the maps; `--model` puts them here."""
+    confirmed_unusual: list[str] = []
+    """Keys of implausible values that are meant (`semlive.service.unusual`)."""
 
     @model_validator(mode="after")
     def _devices_fit_protocol(self) -> Config:

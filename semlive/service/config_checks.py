@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,6 +19,22 @@ if TYPE_CHECKING:
 _SIGNED = ("force_min_n", "force_max_n", "extension_min_mm", "extension_max_mm")
 """Limits that may be negative or 0; of all others 0 is allowed only where it forbids a motion."""
 _MAY_BE_ZERO = ("force_rate_max_n_s", "force_step_max_n", "stage_travel_um")
+CONFIRMABLE = (
+    "specimen.area_mm2",
+    "specimen.yield_strength_mpa",
+    "sem.pixel_size_um",
+    "sem.profile",
+    "sem.scan_profiles",
+    "protocol.ramp_rate_n_s",
+    "load_frame.approach.stiffness_n_mm",
+    "limits.extension_min_mm",
+    "limits.extension_max_mm",
+    "limits.force_min_n",
+    "limits.force_max_n",
+)
+"""Keys whose implausible values can be confirmed (`semlive.service.unusual`)."""
+_LONGEST_S = 1e7
+"""No run lasts longer; a larger time is a mistake of unit."""
 _LONGEST_STOP_S = 3600.0
 """Nobody waits longer for machines to come to rest; a larger number is a mistake of unit."""
 
@@ -40,6 +57,8 @@ def contradictions(config: Config) -> Iterator[Contradiction]:
     if config.limits is not None:
         yield from _limits(config.limits)
         yield from _loads(config, config.limits)
+    yield from _times(config)
+    yield from _confirmed(config)
     yield from _ramps(config)
     yield from _tolerances(config)
     yield from _scan(config)
@@ -59,7 +78,7 @@ def _limits(limits: Limits) -> Iterator[Contradiction]:
             yield Contradiction(("limits", field.name), f"{value} is not a finite number; correct it")
         elif field.name in _SIGNED:
             continue
-        elif value < 0 or (value == 0 and field.name not in _MAY_BE_ZERO):
+        elif value < 0 or (value == 0 != field.default and field.name not in _MAY_BE_ZERO):
             yield Contradiction(("limits", field.name), f"{value:g} is not more than 0; correct it, or leave the key out")
     if limits.lost_after_s < limits.stale_after_s:
         yield Contradiction(
@@ -98,6 +117,36 @@ def largest_step_n(config: Config) -> float:
     """The largest change of load of the plan, in N, begun without load; 0 where nothing is loaded."""
     loads = [0.0, *config.protocol.loads_n]
     return max((abs(after - before) for before, after in pairwise(loads)), default=0.0)
+
+
+def _times(config: Config) -> Iterator[Contradiction]:
+    """No time is so long that arithmetic in nanoseconds leaves its range."""
+    protocol = config.protocol
+    sections = (
+        (("protocol",), protocol),
+        (("protocol", "warm_up"), protocol.warm_up),
+        (("protocol", "adaptive_hold"), protocol.adaptive_hold),
+        (("sem",), config.sem),
+        (("limits",), config.limits),
+    )
+    for place, section in sections:
+        for name in () if section is None else _names(section):
+            value = getattr(section, name)
+            if name.endswith("_s") and not name.endswith("_n_s") and isinstance(value, int | float) and value > _LONGEST_S:
+                yield Contradiction((*place, name), f"{value:g} s is more than {_LONGEST_S:g} s, 115 days; write less")
+
+
+def _names(section: object) -> tuple[str, ...]:
+    fields = getattr(type(section), "model_fields", None)
+    return tuple(fields) if fields is not None else tuple(getattr(type(section), "__dataclass_fields__", ()))
+
+
+def _confirmed(config: Config) -> Iterator[Contradiction]:
+    for index, key in enumerate(config.confirmed_unusual):
+        if key not in CONFIRMABLE:
+            close = difflib.get_close_matches(key, CONFIRMABLE, n=1, cutoff=0.4)
+            hint = f"did you mean {close[0]}?" if close else f"it takes {', '.join(CONFIRMABLE)}"
+            yield Contradiction(("confirmed_unusual", index), f"{key} is no key that is asked about; {hint}")
 
 
 def _ramps(config: Config) -> Iterator[Contradiction]:

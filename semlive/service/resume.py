@@ -42,7 +42,7 @@ from semlive.service.seen import DriftWord, calibration_judged, drift_foreseen, 
 
 _READ = frozenset({"/run", "/clock", "/state", "/pair", "/sem/file", "/sem/scan", "/dic/summary", "/fault", "/result"})
 # Where the log lies is known by its being found there, and into what it is cut concerns no measurement; everything else has to be the same.
-_MAY_DIFFER = frozenset({"run.folder", "run.segment_gb"})
+_MAY_DIFFER = frozenset({"run.folder", "run.segment_gb", "specimen.yield_strength_mpa", "confirmed_unusual"})
 
 
 @dataclass(frozen=True, slots=True)

@@ -83,7 +83,7 @@ def test_an_unconfirmed_stop_is_said(patient: Any) -> None:
 @pytest.mark.parametrize("ill", ["breaks in", "hangs in"])
 def test_a_broken_trigger_ends_the_run(patient: Any, ill: str) -> None:
     patient.config["sem"]["trigger"] = {"driver": "sick", "settings": {**patient.config["load_frame"]["settings"], "name": "sem"}}
-    patient.config["protocol"].update(loads_n=[2.0], frame_timeout_s=1.0)
+    patient.config["protocol"].update(loads_n=[20.0], frame_timeout_s=1.0)
     patient.falls_ill(f"sem {ill} scan_once")
     code, said = patient.start().end()
     assert code == 1

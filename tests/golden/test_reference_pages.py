@@ -26,6 +26,7 @@ from semlive.cli.lazy import load
 from semlive.data.experiment import Limits
 from semlive.data.settings import DicSettings, EstimateSettings, ScanProfile, ScanSpeed, SpecimenSettings, StrainSettings
 from semlive.service import config
+from semlive.service.config_checks import CONFIRMABLE
 from semlive.service.model_section import ModelSection
 from semlive_drivers.approach import ApproachSettings
 from semlive_drivers.assembled import AssembledSettings
@@ -130,6 +131,16 @@ STRICT = (
 )
 
 
+UNUSUAL = (
+    "## `confirmed_unusual`\n",
+    "Values that are possible but implausible, mostly in a wrong unit or with a wrong number of digits: a cross-section in cm^2 or m^2,",
+    "a stiffness in kN/mm, pixels in nm, times in us, a ramp that is over within four readings, a stress above",
+    "`specimen.yield_strength_mpa`, a force limit of 100 times the largest load. `semlive plan` and `semlive doctor` show them as",
+    "questions, and `semlive run` refuses them until they are corrected, or confirmed by their keys:",
+    "`confirmed_unusual: [specimen.area_mm2]`. Bounds and reasons are in `semlive/service/unusual.py`. These keys can be confirmed:\n",
+)
+
+
 def cli_page() -> str:
     """Every command with its arguments and options, as it tells them itself."""
     parts = [
@@ -198,6 +209,7 @@ def configuration_page() -> str:
     ]
     for heading, cls in SECTIONS:
         parts += [f"## `{heading}`\n", f"{_cell(_first_line(cls))}\n", *_table(cls)]
+    parts += [*UNUSUAL, *(f"- `{key}`" for key in CONFIRMABLE), ""]
     parts += [
         "## Settings of drivers\n",
         "What stands under `settings` of `load_frame`, `stage` and `sem.trigger`; [drivers.md](drivers.md) says which driver is for",

@@ -137,7 +137,7 @@ def test_the_line_of_what_is_wrong_is_named(tmp_path: Path) -> None:
     text = yaml.safe_dump(given(), sort_keys=False)
     lines = text.splitlines()
     line = next(n for n, row in enumerate(lines, 1) if row.startswith("  force_max_n:"))
-    assert f"line {line}: limits.force_max_n: '1000' is no number" in refused_file(tmp_path, text.replace("n: 1000", "n: '1000'"))
+    assert f"line {line}: limits.force_max_n: '1000' is text, not a number" in refused_file(tmp_path, text.replace("n: 1000", "n: '1000'"))
     assert f"line {line}: unknown key limits.force_most_n" in refused_file(tmp_path, text.replace("force_max_n", "force_most_n"))
     assert f"line {line}: limits.force_max_n: Input should be a valid number" in refused_file(
         tmp_path, text.replace("n: 1000", "n: [1000]")

@@ -10,6 +10,7 @@ from semlive.errors import BadConfig
 from semlive.service.settings_changes import parse_changes
 from semlive_drivers.maps import map_content, map_text
 from semlive_drivers.modbus.settings import PartSettings, checked
+from semlive_drivers.operator import open_stage
 from semlive_simulators.scenario import BadScenario, load_scenario
 
 
@@ -28,7 +29,7 @@ def test_a_quoted_number_or_truth_value_in_driver_settings_is_refused() -> None:
     assert checked(PartSettings, {"confirmed": True}, "modbus").confirmed
     with pytest.raises(BadConfig, match="modbus: confirmed: 'yes' is no truth value"):
         checked(PartSettings, {"confirmed": "yes"}, "modbus")
-    with pytest.raises(BadConfig, match="modbus: watchdog_s: '2' is no number"):
+    with pytest.raises(BadConfig, match="modbus: watchdog_s: '2' is text, not a number"):
         checked(PartSettings, {"watchdog_s": "2"}, "modbus")
 
 
@@ -52,3 +53,8 @@ def test_changed_settings_are_read_by_the_same_rules() -> None:
     for word in ("dic.subset_px=031", "dic.subset_px='31'", "dic.subset_px=true", "dic.tolerance_px=.inf"):
         with pytest.raises(BadConfig, match="--set dic"):
             parse_changes([word])
+
+
+def test_a_hand_moved_stage_reads_its_settings_as_strictly() -> None:
+    with pytest.raises(BadConfig, match="operator stage: um_per_px: '1' is text, not a number"):
+        open_stage({"um_per_px": "1"}, lambda: None)

@@ -9,6 +9,7 @@ from pathlib import Path
 from semlive.data.frame_check import Finding, Verdict
 from semlive.service.checkup import computer, surroundings
 from semlive.service.config import Config
+from semlive.service.unusual import questions
 
 # Before the first frame nobody knows its size, which no configuration says: room for 8 bit of 2048 x 1768 px. A pair of 1024 x 884 px,
 # with its maps, fields and pictures, takes about 10 MB.
@@ -35,3 +36,10 @@ def look(config: Config | None) -> Iterator[Finding]:
     if config is not None:
         yield from surroundings.export_folder(config)
         yield from surroundings.lines(config)
+        yield from _unusual(config)
+
+
+def _unusual(config: Config) -> Iterator[Finding]:
+    """Implausible values; a run refuses those that the file does not confirm."""
+    for one in questions(config):
+        yield Finding(one.key, one.what, Verdict.OPEN if one.confirmed else Verdict.BAD, one.advice)

@@ -39,9 +39,9 @@ def test_what_fits_is_kept() -> None:
 
 
 def test_text_and_truth_values_are_no_numbers() -> None:
-    assert kind(count="30") == (("count",), "'30' is no number; write a number without quotes")
-    assert kind(inner={"rate": True}) == (("inner", "rate"), "true is no number; write a number")
-    assert kind(pairs=[[1, 2], [1, "2"]]) == (("pairs", 1, 1), "'2' is no number; write a number without quotes")
+    assert kind(count="30") == (("count",), "'30' is text, not a number; write a finite number without quotes")
+    assert kind(inner={"rate": True}) == (("inner", "rate"), "true is a truth value, not a number; write a finite number")
+    assert kind(pairs=[[1, 2], [1, "2"]]) == (("pairs", 1, 1), "'2' is text, not a number; write a finite number without quotes")
 
 
 def test_text_and_numbers_are_no_truth_values() -> None:
