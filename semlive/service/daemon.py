@@ -195,6 +195,7 @@ class _Daemon:
         control.connect(links, trigger)
         identities = await self._open_links(links)
         self._check_attended(identities)
+        self._check_orders(links)
         finish = await self._loop(control, clock, watcher, identities)
         texts = [control.failure or (f"{control.why}: {finish.text}" if control.why else finish.text)]
         texts += await loop.run_in_executor(None, _close_links, links)
@@ -377,6 +378,14 @@ class _Daemon:
                     f"{device.words} {identity.name}: is a real machine, and unattended runs are not released yet; "
                     f"give --attended and stay at the instrument"
                 )
+
+    def _check_orders(self, links: Mapping[Device, LinkThread]) -> None:
+        """Every load of the plan must reach the device as it is meant, not rounded to zero or clipped by a scale."""
+        plan, link = self._config.plan(), links.get(Device.LOAD_FRAME)
+        ramps = [(step.load_n, plan.ramp_rate_n_s) for step in plan.steps if step.load_n is not None]
+        problem = None if link is None else link.order_problem(ramps)
+        if problem is not None:
+            raise BadConfig(f"load_frame: {problem}; correct the plan, or the scale in the device's description")
 
     def _run_message(self, clock: SystemClock | FileClock, segment: int) -> RunMessage:
         return RunMessage(

@@ -15,7 +15,7 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from semlive.data.experiment import Limits
@@ -33,7 +33,7 @@ from semlive.engine.events import (
 )
 from semlive.engine.supervision import Finding
 from semlive.errors import LinkError, LinkRefused
-from semlive.ports import BlindStop, ClockSource, LoadFrame, Stage
+from semlive.ports import BlindStop, ClockSource, LoadFrame, OrderCheck, Stage
 from semlive.service.link_ports import Order, Port, port_of
 from semlive.service.stop_pursuit import StopPursuit, begin_pursuit
 
@@ -135,6 +135,13 @@ class LinkThread:
     def moves(self) -> StageKind | None:
         """What a stage moves, the specimen or the beam; None for a load frame, and before the link was opened first."""
         return self._moves
+
+    def order_problem(self, ramps: Iterable[tuple[float, float]]) -> str | None:
+        """Why one of some ramps, (target in N, rate in N/s), cannot be ordered as meant, or None; for a link just opened, sends nothing."""
+        link = self._link
+        if not isinstance(link, OrderCheck):
+            return None
+        return next((problem for ramp in ramps if (problem := link.order_problem(*ramp))), None)
 
     @property
     def sample_age_s(self) -> float:
