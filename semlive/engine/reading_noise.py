@@ -42,6 +42,10 @@ class ReadingNoise:
         latest = self.recent[-count:]
         return sum(latest) / len(latest) if latest else math.nan
 
+    def constant(self, count: int) -> bool:
+        """Whether the latest `count` readings, at most 33, are exactly the same."""
+        return len(self.recent) >= count and len(set(self.recent[-count:])) == 1
+
     @property
     def sigma(self) -> float:
         """Standard deviation of one reading; 0 while fewer than 8 readings are known."""

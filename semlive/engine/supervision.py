@@ -21,7 +21,8 @@ For each reading of a ramp, in this order:
 
 A displacement drive may take up slack before the load rises, and a yielding specimen lengthens at a constant load. There NO_RESPONSE uses
 the crosshead's travel and the force limit alone: the load that the travel would have made at the stated stiffness must stay below the
-limit. `limits.slack_max_mm`, if it is set, replaces that bound.
+limit. `limits.slack_max_mm`, if it is set, replaces that bound. But a reading that has followed the ramp and then does not change at all, not
+even by noise, is no yielding specimen.
 
 The first 1 s after an order is not judged for progress: devices need it to start.
 """
@@ -45,6 +46,7 @@ RATE_FACTOR = 1.5
 _RATE_WINDOW_NS = 500_000_000
 _FEWEST_READINGS = 5
 _AVERAGED = 5
+_CONSTANT = 20
 _ARRIVED_AND_MOVING_S = 10.0
 """A device may report motion near its target for this long without progress: closed loops creep into their dead band."""
 _JUMP_OF_RANGE = 0.05
@@ -78,6 +80,7 @@ class OrderedRamp:
         anchor: the sample at which the load last moved noticeably towards the target.
         anchor_n: mean of the latest readings then: a single high one would hide the progress that follows.
         since_anchor: readings since.
+        responded: the load has moved noticeably towards the target since the order.
         window: samples of the last half second, oldest first.
     """
 
@@ -88,6 +91,7 @@ class OrderedRamp:
     anchor: LoadSample
     anchor_n: float
     since_anchor: int = 0
+    responded: bool = False
     window: tuple[LoadSample, ...] = ()
 
     @property
@@ -236,7 +240,8 @@ def _followed(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Order
     anchored = progress_n > 0.0 and progress_n >= _noticeable_n(seen, ramp)
     waiting = sample.motion is not MotionState.MOVING  # a device at rest owes no progress; it owes it from where it starts
     if anchored or waiting:
-        return replace(ramp, window=window, anchor=sample, anchor_n=mean_n, since_anchor=0)
+        responded = ramp.responded or anchored
+        return replace(ramp, window=window, anchor=sample, anchor_n=mean_n, since_anchor=0, responded=responded)
     return replace(ramp, window=window, since_anchor=ramp.since_anchor + 1)
 
 
@@ -325,6 +330,10 @@ def _no_response(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Fi
 def _travel_without_load(seen: Supervision, ramp: OrderedRamp, sample: LoadSample, travel_mm: float, unseen_s: float) -> Finding | None:
     """A displacement drive: the load that the travel since the anchor would make must stay below the force limit."""
     limits, stiffness = seen.limits, seen.identity.stiffness_n_mm
+    due_n = verified_within(ramp.rate_n_s, ramp.tolerance_n, _noticeable_n(seen, ramp))
+    if seen.force_noise.constant(_CONSTANT) and ramp.responded and ramp.rate_n_s * unseen_s > due_n:
+        what = f"the load reading is exactly {sample.force_n:.2f} N for {unseen_s:.1f} s although the crosshead moves"
+        return Finding(FaultCode.NO_RESPONSE, f"{what}: check the load cell and its amplifier")
     if limits.slack_max_mm is not None or stiffness is None:
         return None  # `LoadWatch` looks at the travel
     hidden_n = stiffness * travel_mm if seen.identity.measures_extension else ramp.rate_n_s * unseen_s

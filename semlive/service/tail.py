@@ -87,6 +87,8 @@ class Tail:
             found = segments(self._log) if self._log.is_dir() else (self._log,)
         except BadLog:
             return None, True
+        if self._name is None and not found[0].exists():
+            return None, True  # nothing there yet: it may become a file or a folder
         names = [path.name.removesuffix(PART) for path in found]
         if self._name is None:
             self._begin(names[0])

@@ -155,8 +155,27 @@ def test_a_reversed_sign_stops_at_once_or_as_soon_as_it_shows() -> None:
 def test_a_displacement_drive_with_a_frozen_cell_stops_before_the_limit() -> None:
     finding, true_n = first_finding(Machine(ends=False, shown=frozen_from(2.0)), DRIVE)
     assert finding is not None
+    assert finding.code is FaultCode.NO_RESPONSE
+    assert true_n <= 60.0 + 2.0 * 30.0
+
+
+def test_a_displacement_drive_whose_cell_shows_only_noise_stops_before_the_limit() -> None:
+    rng = random.Random(3)
+    clipped = Machine(ends=False, shown=lambda force_n, t_s: min(force_n, 60.0) + rng.gauss(0.0, 0.3))
+    finding, true_n = first_finding(clipped, DRIVE)
+    assert finding is not None
     assert finding.code is FaultCode.TRAVEL_WITHOUT_LOAD
     assert true_n <= 1.02 * LIMITS.force_max_n
+
+
+def test_a_specimen_that_yields_at_a_constant_load_is_pulled_on() -> None:
+    rng = random.Random(5)
+    yielding = Machine(
+        shown=lambda force_n, t_s: min(force_n, 200.0) + 0.01 * max(force_n - 200.0, 0.0) + rng.gauss(0.0, 0.2), target_n=380.0
+    )
+    finding, true_n = first_finding(yielding, DRIVE, seconds=12.0)
+    assert finding is None
+    assert true_n >= 350.0
 
 
 def test_a_displacement_drive_with_both_readings_frozen_stops() -> None:
