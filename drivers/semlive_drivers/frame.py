@@ -11,7 +11,7 @@ from semlive.data.loading import ControlMode, DeviceIdentity, LoadSample, Motion
 from semlive.errors import BadConfig, LinkError
 from semlive.ports import ClockSource
 from semlive_drivers.approach import Approach, ApproachSettings, begin, speed_problem, step
-from semlive_drivers.parts import MOTIONS, DevicePart, Do, Part, Said
+from semlive_drivers.parts import MOTIONS, WITHHELD, DevicePart, Do, Part, Said
 
 
 class FrameSettings(BaseModel):
@@ -50,6 +50,9 @@ class PartsLoadFrame:
     def __init__(self, parts: Sequence[Part], settings: FrameSettings, clock: ClockSource) -> None:
         self._parts, self._settings, self._clock = tuple(parts), settings, clock
         self._devices = [part for part in self._parts if isinstance(part, DevicePart)]
+        # A watchdog that is withheld comes last: its effect takes time, and nothing ends it before the link is opened again.
+        ways = [(part, place) for part in self._devices for place in range(len(part.stop_methods))]
+        self._ways = sorted(ways, key=lambda way: way[0].stop_methods[way[1]] == WITHHELD)
         self._sequence = 0
         self._target_n = 0.0
         self._ramp: Approach | None = None
@@ -169,6 +172,23 @@ class PartsLoadFrame:
         if failures:
             raise failures[0]
         self._stopped, self._may_move = True, False
+
+    @property
+    def stop_methods(self) -> tuple[str, ...]:
+        """Further ways to stop of all parts, in words, as `semlive.ports.StopMethods`."""
+        return tuple(part.stop_methods[place] for part, place in self._ways)
+
+    def stop_by(self, method: int) -> None:
+        """Stop by the way of this index.
+
+        Raises:
+            LinkError: if there is none, or the device did not take it.
+        """
+        self._ramp = None
+        if not 0 <= method < len(self._ways):
+            raise LinkError(f"{self._where} has no stop method {method}; it has {', '.join(self.stop_methods) or 'none'}")
+        part, place = self._ways[method]
+        part.stop_by(place)
 
     def stop_blind(self) -> bool:
         """Write a stop to every part that moves without waiting for an answer, as `semlive.ports.BlindStop`; never raises."""

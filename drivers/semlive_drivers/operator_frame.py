@@ -93,6 +93,16 @@ class OperatorDrive:
         wanted = Wanted.CONFIRMATION if self._has_file else Wanted.LOAD_N
         self._console.ask(f"in {self._settings.program}, bring the load to {values['force_n']:g} N {rate}; {answer}", self._heard, wanted)
 
+    @property
+    def stop_methods(self) -> tuple[str, ...]:
+        """None: whoever is asked to stop has the machine's own stop at hand."""
+        return ()
+
+    def stop_by(self, method: int) -> None:
+        """Ask to stop."""
+        del method
+        self.tell(Do.STOP, {})
+
     def order_changed(self) -> str | None:
         """None: a person has no registers."""
         return None

@@ -26,6 +26,9 @@ class Do(StrEnum):
     DISARM = "disarm"
 
 
+WITHHELD = "watchdog withheld"
+"""The way to stop a device with an armed watchdog that always works while the device does: it is not fed any more."""
+
 MOTIONS = frozenset({Do.RAMP, Do.PULL, Do.PUSH})
 
 
@@ -122,6 +125,15 @@ class DevicePart(Part, Protocol):
 
     def step_of(self, value: str) -> float:
         """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull, in that unit; 0 where the number format sets none."""
+        ...
+
+    @property
+    def stop_methods(self) -> tuple[str, ...]:
+        """Further ways to stop it, in words, as `semlive.ports.StopMethods`."""
+        ...
+
+    def stop_by(self, method: int) -> None:
+        """Stop by the way of this index."""
         ...
 
     def order_changed(self) -> str | None:

@@ -53,7 +53,7 @@ class Commander:
         self._together = True
         self._next_group = 0
         self._read_back: set[Do] = set()
-        for writes in device.orders.values():
+        for writes in (*device.orders.values(), *(stop.writes for stop in device.other_stops)):
             for write in writes:
                 runs_of({name: points[name] for name in write.set}, device.max_block)
 
@@ -103,6 +103,10 @@ class Commander:
         entries = self._entries(self._device.orders.get(Do.STOP, ()), {}, exact=False)
         pdus = [pdu for _, requests in entries for pdu in blind_pdus(requests)]
         return bool(pdus) and self._link.write_blind(pdus)
+
+    def stop_by(self, method: int) -> None:
+        """Write the further stop of this index; raises LinkError if the device did not take it."""
+        self._write_all(self._entries(self._device.other_stops[method].writes, {}, exact=False))
 
     def difference(self) -> str | None:
         """How the device's registers differ from what was written last, as a sentence, or None; reads at most one block.

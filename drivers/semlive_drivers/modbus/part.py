@@ -18,7 +18,7 @@ from semlive_drivers.modbus.registers import Point, overridden_points
 from semlive_drivers.modbus.rtu_line import NoAnswer
 from semlive_drivers.modbus.settings import ModbusSettings, PartSettings, checked
 from semlive_drivers.modbus.shared_line import join_line
-from semlive_drivers.parts import Do, Said
+from semlive_drivers.parts import WITHHELD, Do, Said
 from semlive_drivers.serial_port import SerialSettings
 from semlive_drivers.units import factor
 
@@ -40,6 +40,7 @@ class ModbusPart:
         self._in_turn = False
         self._words: Mapping[str, Sequence[int]] = {}
         self._beat = 0
+        self._withheld = False
         self._recovered = False
         self._greet()
         checked_identity = settings.identity is not None
@@ -132,6 +133,23 @@ class ModbusPart:
         """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull; 0 where the number format sets none."""
         return self._commander.step_of(value)
 
+    @property
+    def stop_methods(self) -> tuple[str, ...]:
+        """Further ways to stop that the map states; last, where its watchdog is armed, to feed that no more."""
+        stated = tuple(stop.says for stop in self._device.other_stops)
+        return (*stated, WITHHELD) if self.stops_by_itself and self._device.heartbeat is not None else stated
+
+    def stop_by(self, method: int) -> None:
+        """Stop by the way of this index; a watchdog stays withheld until the link is opened again.
+
+        Raises:
+            LinkError: if the device did not take it.
+        """
+        if method < len(self._device.other_stops):
+            self._commander.stop_by(method)
+        else:
+            self._withheld = True
+
     def stop_blind(self) -> bool:
         """Write a stop without waiting for an answer, as `semlive.ports.BlindStop`."""
         return self._commander.stop_blind()
@@ -185,7 +203,7 @@ class ModbusPart:
 
     def _feed(self) -> None:
         beat = self._device.heartbeat
-        if beat is None:
+        if beat is None or self._withheld:
             return
         highest = beat.value if beat.how == "counter" and beat.value > 1 else 65_535
         self._beat = {"constant": beat.value, "toggle": self._beat ^ 1, "counter": (self._beat + 1) % (highest + 1)}[beat.how]

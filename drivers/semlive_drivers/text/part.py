@@ -144,6 +144,20 @@ class TextPart:
         for step in self.dialogue.orders[what]:
             self._do(step)
 
+    @property
+    def stop_methods(self) -> tuple[str, ...]:
+        """Further ways to stop that the dialogue states."""
+        return tuple(stop.says for stop in self.dialogue.other_stops)
+
+    def stop_by(self, method: int) -> None:
+        """Stop by the way of this index.
+
+        Raises:
+            LinkError: if the device did not take it.
+        """
+        for step in self.dialogue.other_stops[method].steps:
+            self._do(step)
+
     def order_changed(self) -> str | None:
         """None: an order is read back where its dialogue asks for it."""
         return None
