@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 
 from pydantic import BaseModel, ConfigDict
@@ -12,6 +13,9 @@ from semlive.errors import BadConfig, LinkError
 from semlive.ports import ClockSource
 from semlive_drivers.approach import Approach, ApproachSettings, begin, speed_problem, step
 from semlive_drivers.parts import MOTIONS, WITHHELD, DevicePart, Do, Part, Said
+
+_AT_REST = 20
+"""Readings at rest whose differences tell the noise of the load."""
 
 
 class FrameSettings(BaseModel):
@@ -54,6 +58,7 @@ class PartsLoadFrame:
         ways = [(part, place) for part in self._devices for place in range(len(part.stop_methods))]
         self._ways = sorted(ways, key=lambda way: way[0].stop_methods[way[1]] == WITHHELD)
         self._sequence = 0
+        self._at_rest: deque[float] = deque(maxlen=_AT_REST)
         self._target_n = 0.0
         self._ramp: Approach | None = None
         self._ordered_mono_ns = 0
@@ -115,6 +120,10 @@ class PartsLoadFrame:
             order_changed=changed,
         )
         self._sequence += 1
+        if sample.motion is MotionState.STOPPED:
+            self._at_rest.append(said.force_n)
+        else:
+            self._at_rest.clear()
         return sample
 
     def ramp_to(self, force_n: float, rate_n_s: float) -> None:
@@ -134,7 +143,8 @@ class PartsLoadFrame:
         said = self._said = merged([part.read() for part in self._parts])
         if said.force_n is None:
             raise LinkError(f"{self._where} gives no load to begin from")
-        self._ramp = begin(force_n, rate_n_s, said.force_n, said.extension_mm or 0.0)
+        noise_n = max(self._at_rest) - min(self._at_rest) if self._at_rest else 0.0
+        self._ramp = begin(force_n, rate_n_s, said.force_n, said.extension_mm or 0.0, noise_n)
         self._ordered_mono_ns = self._clock.mono_ns()
         self._go_on()
 
