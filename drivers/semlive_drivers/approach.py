@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from pydantic import BaseModel, ConfigDict, Field
 
 from semlive_drivers.exactness import towards_zero
+from semlive_drivers.parts import Do, OrderBook
 
 SPEED_TOLERANCE = 0.1
 """Relative difference of a speed from the one that the rate asks for; the stiffness is known no better."""
@@ -30,7 +31,7 @@ class ApproachSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     stiffness_n_mm: float = Field(gt=0)
-    """Of specimen, grips and machine in series; the stiffest that can be meant: too large makes a ramp slow, too small makes it fast."""
+    """Of specimen, grips and machine in series, the largest that can be meant: too large makes a ramp slow, too small ends it."""
     speed_max_mm_s: float = Field(gt=0)
     speed_min_mm_s: float = Field(default=0.0, ge=0)
     """The slowest that the drive can go."""
@@ -204,3 +205,26 @@ def speed_problem(settings: ApproachSettings, rate_n_s: float, step_mm_s: float 
     if speed - taken > SPEED_TOLERANCE * speed:
         return f"{said}, but the drive takes {taken:.3g} mm/s; order a rate that is a multiple of {step_mm_s * stiffness:.3g} N/s"
     return None
+
+
+def ramp_problem(book: OrderBook, settings: ApproachSettings | None, force_n: float, rate_n_s: float) -> str | None:
+    """Why a ramp cannot be ordered as it is meant, or None.
+
+    Args:
+        book: what the machine can be ordered.
+        settings: how a load is approached by a machine that only knows displacement.
+        force_n: where to.
+        rate_n_s: how fast.
+    """
+    if Do.RAMP in book.can:
+        return book.order_problem(Do.RAMP, {"force_n": force_n, "rate_n_s": rate_n_s})
+    if settings is None:
+        return None
+    problem = speed_problem(settings, rate_n_s, book.step_of("speed_mm_s"))
+    if problem is not None:
+        return problem
+    # The shortest way of a ramp: what is missing when the load is just not within arrived_n of its target.
+    travel = max(settings.arrived_n / settings.stiffness_n_mm, book.step_of("travel_mm"))
+    speed = max(rate_n_s / settings.stiffness_n_mm, settings.speed_min_mm_s)
+    values = {"travel_mm": min(travel, settings.travel_max_mm), "speed_mm_s": speed}
+    return next((found for what in (Do.PULL, Do.PUSH) if what in book.can and (found := book.order_problem(what, values))), None)

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict
 from semlive.data.loading import ControlMode, DeviceIdentity, LoadSample, MotionState, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError
 from semlive.ports import ClockSource
-from semlive_drivers.approach import Approach, ApproachSettings, begin, speed_problem, step
+from semlive_drivers.approach import Approach, ApproachSettings, begin, ramp_problem, step
 from semlive_drivers.parts import MOTIONS, WITHHELD, DevicePart, Do, Part, Said
 
 _AT_REST = 20
@@ -150,20 +150,11 @@ class PartsLoadFrame:
 
     def order_problem(self, force_n: float, rate_n_s: float) -> str | None:
         """Why a ramp cannot be ordered as it is meant, or None; sends nothing, as `semlive.ports.OrderCheck`."""
-        if isinstance(self._takes_loads, DevicePart):
-            return self._takes_loads.order_problem(Do.RAMP, {"force_n": force_n, "rate_n_s": rate_n_s})
-        settings, drive = self._settings.approach, self._drive
-        if settings is None or not isinstance(drive, DevicePart):
+        mover = self._takes_loads or self._drive
+        if not isinstance(mover, DevicePart):
             return None
-        problem = speed_problem(settings, rate_n_s, drive.step_of("speed_mm_s"))
-        if problem is not None:
-            return f"{drive.where}: {problem}"
-        # The shortest way of a ramp: what is missing when the load is just not within arrived_n of its target.
-        travel = max(settings.arrived_n / settings.stiffness_n_mm, drive.step_of("travel_mm"))
-        speed = max(rate_n_s / settings.stiffness_n_mm, settings.speed_min_mm_s)
-        values = {"travel_mm": min(travel, settings.travel_max_mm), "speed_mm_s": speed}
-        orders = [what for what in (Do.PULL, Do.PUSH) if what in drive.can]
-        return next((found for what in orders if (found := drive.order_problem(what, values))), None)
+        found = ramp_problem(mover, self._settings.approach, force_n, rate_n_s)
+        return None if found is None else f"{mover.where}: {found}"
 
     def stop(self) -> None:
         """Stop motion and hold position; returns when every part that moves has taken it.

@@ -110,8 +110,25 @@ class Part(Protocol):
         ...
 
 
+class OrderBook(Protocol):
+    """What a machine can be ordered, and how exactly."""
+
+    @property
+    def can(self) -> frozenset[Do]:
+        """What it can be told."""
+        ...
+
+    def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
+        """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""
+        ...
+
+    def step_of(self, value: str) -> float:
+        """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull, in that unit; 0 where the number format sets none."""
+        ...
+
+
 @runtime_checkable
-class DevicePart(Part, Protocol):
+class DevicePart(Part, OrderBook, Protocol):
     """A part behind a link that can carry orders, or a person who takes them. Methods may raise LinkError unless stated."""
 
     @property
@@ -121,10 +138,6 @@ class DevicePart(Part, Protocol):
 
     def stop_blind(self) -> bool:
         """Write a stop without waiting for an answer, as `semlive.ports.BlindStop`; never raises."""
-        ...
-
-    def step_of(self, value: str) -> float:
-        """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull, in that unit; 0 where the number format sets none."""
         ...
 
     @property
@@ -142,10 +155,6 @@ class DevicePart(Part, Protocol):
 
     def resolution(self) -> tuple[float, float]:
         """Smallest change of force, N, and of extension, mm, in the last reading; 0 where the number format sets none."""
-        ...
-
-    def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
-        """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""
         ...
 
 

@@ -13,6 +13,7 @@ from semlive_drivers.modbus.codec import Block, block_of, count_of, decode, enco
 from semlive_drivers.modbus.commander import Commander
 from semlive_drivers.modbus.device import FrozenCheck
 from semlive_drivers.modbus.device_map import Condition, DeviceMap, load_map
+from semlive_drivers.modbus.orders import DescribedOrders
 from semlive_drivers.modbus.read_back import TargetWatch
 from semlive_drivers.modbus.registers import Point, overridden_points
 from semlive_drivers.modbus.rtu_line import NoAnswer
@@ -35,6 +36,7 @@ class ModbusPart:
         self._gage = None if gage is None else (gage, block_of((points[gage],)))
         self._frozen = FrozenCheck(link, settings.frozen_after_s)
         self._commander = Commander(link, device, points, settings, self._again, clock.mono_ns() // 1_000_000 % 65_536)
+        self._book = DescribedOrders(device, points)
         self._target = TargetWatch()
         self._target_jump: str | None = None
         self._in_turn = False
@@ -57,7 +59,7 @@ class ModbusPart:
     @property
     def can(self) -> frozenset[Do]:
         """What it can be told."""
-        return self._commander.can
+        return self._book.can
 
     def read(self) -> Said:
         """A fresh reading, after feeding the device's watchdog.
@@ -127,11 +129,11 @@ class ModbusPart:
 
     def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
         """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""
-        return self._commander.problem(what, values)
+        return self._book.order_problem(what, values)
 
     def step_of(self, value: str) -> float:
         """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull; 0 where the number format sets none."""
-        return self._commander.step_of(value)
+        return self._book.step_of(value)
 
     @property
     def stop_methods(self) -> tuple[str, ...]:

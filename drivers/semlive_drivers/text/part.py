@@ -171,7 +171,7 @@ class TextPart:
         try:
             self._require_exact(what, {**self._values, **self._derived(what, values)})
         except LinkError as error:
-            return f"{self.where}: {error}"
+            return str(error)
         return None
 
     def step_of(self, value: str) -> float:
