@@ -55,8 +55,7 @@ class PartsLoadFrame:
         self._parts, self._settings, self._clock = tuple(parts), settings, clock
         self._devices = [part for part in self._parts if isinstance(part, DevicePart)]
         # A watchdog that is withheld comes last: its effect takes time, and nothing ends it before the link is opened again.
-        ways = [(part, place) for part in self._devices for place in range(len(part.stop_methods))]
-        self._ways = sorted(ways, key=lambda way: way[0].stop_methods[way[1]] == WITHHELD)
+        self._ways = sorted((way for part in self._devices for way in part.stops.ways), key=lambda way: way.says == WITHHELD)
         self._sequence = 0
         self._at_rest: deque[float] = deque(maxlen=_AT_REST)
         self._target_n = 0.0
@@ -153,7 +152,7 @@ class PartsLoadFrame:
         mover = self._takes_loads or self._drive
         if not isinstance(mover, DevicePart):
             return None
-        found = ramp_problem(mover, self._settings.approach, force_n, rate_n_s)
+        found = ramp_problem(mover.book, self._settings.approach, force_n, rate_n_s)
         return None if found is None else f"{mover.where}: {found}"
 
     def stop(self) -> None:
@@ -177,7 +176,7 @@ class PartsLoadFrame:
     @property
     def stop_methods(self) -> tuple[str, ...]:
         """Further ways to stop of all parts, in words, as `semlive.ports.StopMethods`."""
-        return tuple(part.stop_methods[place] for part, place in self._ways)
+        return tuple(way.says for way in self._ways)
 
     def stop_by(self, method: int) -> None:
         """Stop by the way of this index.
@@ -188,14 +187,12 @@ class PartsLoadFrame:
         self._ramp = None
         if not 0 <= method < len(self._ways):
             raise LinkError(f"{self._where} has no stop method {method}; it has {', '.join(self.stop_methods) or 'none'}")
-        part, place = self._ways[method]
-        part.stop_by(place)
+        self._ways[method].act()
 
     def stop_blind(self) -> bool:
         """Write a stop to every part that moves without waiting for an answer, as `semlive.ports.BlindStop`; never raises."""
         self._ramp = None
-        movers = [part for part in self._parts if Do.STOP in part.can]
-        return any([part.stop_blind() for part in movers if isinstance(part, DevicePart)])
+        return any([part.stops.blind() for part in self._devices if Do.STOP in part.can])
 
     def close(self) -> None:
         """Close the links; a device that was stopped is told not to expect us any more, one that may move is told to stop.
@@ -224,7 +221,7 @@ class PartsLoadFrame:
         now = self._clock.mono_ns()
         since_s = (now - self._ordered_mono_ns) / 1e9
         self._ordered_mono_ns = now
-        least_mm = drive.step_of("travel_mm") if isinstance(drive, DevicePart) else 0.0
+        least_mm = drive.book.step_of("travel_mm") if isinstance(drive, DevicePart) else 0.0
         ramp, go = step(self._ramp, settings, self._said.force_n, self._said.extension_mm or 0.0, since_s, least_mm)
         if self._said.motion is MotionState.FAULT:
             go, self._ramp = None, None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
@@ -127,8 +127,34 @@ class OrderBook(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class Way:
+    """A further way to stop a device, tried when it does not obey its stop order.
+
+    Attributes:
+        says: what it does, for a person.
+        act: does it; raises LinkError if the device did not take it.
+    """
+
+    says: str
+    act: Callable[[], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Stops:
+    """How a part is stopped besides the plain order.
+
+    Attributes:
+        blind: writes a stop without waiting for an answer, as `semlive.ports.BlindStop.stop_blind`; never raises.
+        ways: further ways, in the order in which they are tried.
+    """
+
+    blind: Callable[[], bool]
+    ways: tuple[Way, ...] = ()
+
+
 @runtime_checkable
-class DevicePart(Part, OrderBook, Protocol):
+class DevicePart(Part, Protocol):
     """A part behind a link that can carry orders, or a person who takes them. Methods may raise LinkError unless stated."""
 
     @property
@@ -136,17 +162,14 @@ class DevicePart(Part, OrderBook, Protocol):
         """Whether a person moves it."""
         ...
 
-    def stop_blind(self) -> bool:
-        """Write a stop without waiting for an answer, as `semlive.ports.BlindStop`; never raises."""
+    @property
+    def book(self) -> OrderBook:
+        """What it can be ordered, and how exactly."""
         ...
 
     @property
-    def stop_methods(self) -> tuple[str, ...]:
-        """Further ways to stop it, in words, as `semlive.ports.StopMethods`."""
-        ...
-
-    def stop_by(self, method: int) -> None:
-        """Stop by the way of this index."""
+    def stops(self) -> Stops:
+        """How it is stopped besides the plain order."""
         ...
 
     def order_changed(self) -> str | None:

@@ -37,7 +37,7 @@ def check_text(
             part.look()
         except LinkError as error:
             findings.append(Finding("reading", str(error), Verdict.BAD, "every reading would be refused until that is mended"))
-        findings += orders(part)
+        findings += orders(part.book)
     finally:
         part.close()
     return FrameCheck(dialogue.name, part.where, dialogue.source, dialogue.confirmed, tuple(findings))
