@@ -14,7 +14,7 @@ from typing import Protocol
 
 from semlive.data.loading import DeviceIdentity, LoadSample, MotionState, StopOnLinkLoss
 from semlive.errors import LinkError
-from semlive.ports import LoadFrame
+from semlive.ports import BlindStop, LoadFrame, OrderCheck
 
 
 class Rig(Protocol):
@@ -143,6 +143,55 @@ def a_stop_stops(rig: Rig) -> None:
         assert not rig.moves(), "reading after a stop began a motion"
 
 
+def a_stop_without_an_answer_stops(rig: Rig) -> None:
+    """`stop_blind`, where the driver has it, ends a ramp, also after `close`; it says whether it wrote and raises nothing."""
+    with _opened(rig) as frame:
+        if not isinstance(frame, BlindStop):
+            return
+        if rig.reachable_n:
+            frame.ramp_to(rig.reachable_n, _RATE_N_S)
+            assert frame.stop_blind(), "nothing was written although the machine can be stopped"
+            _until(lambda: not rig.moves(), "the machine moves after a stop that waits for no answer", _A_STOP_S)
+        began_s = time.monotonic()
+        for _ in range(3):
+            frame.stop_blind()
+        assert time.monotonic() - began_s < 3.0, "a stop that waits for no answer must not take longer than a few tenths of a second"
+        frame.close()
+        frame.stop_blind()
+
+
+def a_stop_without_an_answer_raises_nothing_on_a_cut_link(rig: Rig) -> None:
+    """After a failed reading, `stop_blind` can be called again and again, also after `close`."""
+    if not rig.can_be_cut:
+        return
+    frame = rig.open()
+    rig.cut()
+    try:
+        with contextlib.suppress(LinkError):
+            frame.read()
+        if isinstance(frame, BlindStop):
+            began_s = time.monotonic()
+            frame.stop_blind()
+            frame.stop_blind()
+            frame.close()
+            frame.stop_blind()
+            assert time.monotonic() - began_s < 3.0, "a stop that waits for no answer must not take longer than a few tenths of a second"
+    finally:
+        frame.close()
+        rig.mend()
+
+
+def an_order_is_checked_without_moving(rig: Rig) -> None:
+    """`order_problem`, where the driver has it, accepts an order that is carried out, names what cannot be ordered, and moves nothing."""
+    with _opened(rig) as frame:
+        if not (isinstance(frame, OrderCheck) and rig.reachable_n):
+            return
+        assert frame.order_problem(rig.reachable_n, _RATE_N_S) is None, "an order that can be carried out must not be refused"
+        found = frame.order_problem(float("nan"), _RATE_N_S)
+        assert found is None or len(found.splitlines()) == 1, "a problem is one sentence"
+        assert not rig.moves(), "checking an order began a motion"
+
+
 def a_machine_that_cannot_move_says_so(rig: Rig) -> None:
     """A driver that only reads refuses a ramp with a LinkError."""
     if rig.reachable_n:
@@ -193,6 +242,9 @@ CHECKS: Mapping[str, Check] = {
         opening_moves_nothing,
         a_load_is_reached_and_held,
         a_stop_stops,
+        a_stop_without_an_answer_stops,
+        a_stop_without_an_answer_raises_nothing_on_a_cut_link,
+        an_order_is_checked_without_moving,
         a_machine_that_cannot_move_says_so,
         a_cut_link_is_a_link_error,
         it_can_be_opened_again,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 
 from pydantic import BaseModel, ConfigDict
@@ -10,8 +11,11 @@ from pydantic import BaseModel, ConfigDict
 from semlive.data.loading import ControlMode, DeviceIdentity, LoadSample, MotionState, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError
 from semlive.ports import ClockSource
-from semlive_drivers.approach import Approach, ApproachSettings, begin, speed_problem, step
-from semlive_drivers.parts import MOTIONS, DevicePart, Do, Part, Said
+from semlive_drivers.approach import Approach, ApproachSettings, begin, ramp_problem, step
+from semlive_drivers.parts import MOTIONS, WITHHELD, DevicePart, Do, Part, Said
+
+_AT_REST = 20
+"""Readings at rest whose differences tell the noise of the load."""
 
 
 class FrameSettings(BaseModel):
@@ -50,7 +54,10 @@ class PartsLoadFrame:
     def __init__(self, parts: Sequence[Part], settings: FrameSettings, clock: ClockSource) -> None:
         self._parts, self._settings, self._clock = tuple(parts), settings, clock
         self._devices = [part for part in self._parts if isinstance(part, DevicePart)]
+        # A watchdog that is withheld comes last: its effect takes time, and nothing ends it before the link is opened again.
+        self._ways = sorted((way for part in self._devices for way in part.stops.ways), key=lambda way: way.says == WITHHELD)
         self._sequence = 0
+        self._at_rest: deque[float] = deque(maxlen=_AT_REST)
         self._target_n = 0.0
         self._ramp: Approach | None = None
         self._ordered_mono_ns = 0
@@ -112,6 +119,10 @@ class PartsLoadFrame:
             order_changed=changed,
         )
         self._sequence += 1
+        if sample.motion is MotionState.STOPPED:
+            self._at_rest.append(said.force_n)
+        else:
+            self._at_rest.clear()
         return sample
 
     def ramp_to(self, force_n: float, rate_n_s: float) -> None:
@@ -131,26 +142,18 @@ class PartsLoadFrame:
         said = self._said = merged([part.read() for part in self._parts])
         if said.force_n is None:
             raise LinkError(f"{self._where} gives no load to begin from")
-        self._ramp = begin(force_n, rate_n_s, said.force_n, said.extension_mm or 0.0)
+        noise_n = max(self._at_rest) - min(self._at_rest) if self._at_rest else 0.0
+        self._ramp = begin(force_n, rate_n_s, said.force_n, said.extension_mm or 0.0, noise_n)
         self._ordered_mono_ns = self._clock.mono_ns()
         self._go_on()
 
     def order_problem(self, force_n: float, rate_n_s: float) -> str | None:
         """Why a ramp cannot be ordered as it is meant, or None; sends nothing, as `semlive.ports.OrderCheck`."""
-        if isinstance(self._takes_loads, DevicePart):
-            return self._takes_loads.order_problem(Do.RAMP, {"force_n": force_n, "rate_n_s": rate_n_s})
-        settings, drive = self._settings.approach, self._drive
-        if settings is None or not isinstance(drive, DevicePart):
+        mover = self._takes_loads or self._drive
+        if not isinstance(mover, DevicePart):
             return None
-        problem = speed_problem(settings, rate_n_s, drive.step_of("speed_mm_s"))
-        if problem is not None:
-            return f"{drive.where}: {problem}"
-        # The shortest way of a ramp: what is missing when the load is just not within arrived_n of its target.
-        travel = max(settings.arrived_n / settings.stiffness_n_mm, drive.step_of("travel_mm"))
-        speed = max(rate_n_s / settings.stiffness_n_mm, settings.speed_min_mm_s)
-        values = {"travel_mm": min(travel, settings.travel_max_mm), "speed_mm_s": speed}
-        orders = [what for what in (Do.PULL, Do.PUSH) if what in drive.can]
-        return next((found for what in orders if (found := drive.order_problem(what, values))), None)
+        found = ramp_problem(mover.book, self._settings.approach, force_n, rate_n_s)
+        return None if found is None else f"{mover.where}: {found}"
 
     def stop(self) -> None:
         """Stop motion and hold position; returns when every part that moves has taken it.
@@ -170,11 +173,26 @@ class PartsLoadFrame:
             raise failures[0]
         self._stopped, self._may_move = True, False
 
+    @property
+    def stop_methods(self) -> tuple[str, ...]:
+        """Further ways to stop of all parts, in words, as `semlive.ports.StopMethods`."""
+        return tuple(way.says for way in self._ways)
+
+    def stop_by(self, method: int) -> None:
+        """Stop by the way of this index.
+
+        Raises:
+            LinkError: if there is none, or the device did not take it.
+        """
+        self._ramp = None
+        if not 0 <= method < len(self._ways):
+            raise LinkError(f"{self._where} has no stop method {method}; it has {', '.join(self.stop_methods) or 'none'}")
+        self._ways[method].act()
+
     def stop_blind(self) -> bool:
         """Write a stop to every part that moves without waiting for an answer, as `semlive.ports.BlindStop`; never raises."""
         self._ramp = None
-        movers = [part for part in self._parts if Do.STOP in part.can]
-        return any([part.stop_blind() for part in movers if isinstance(part, DevicePart)])
+        return any([part.stops.blind() for part in self._devices if Do.STOP in part.can])
 
     def close(self) -> None:
         """Close the links; a device that was stopped is told not to expect us any more, one that may move is told to stop.
@@ -203,7 +221,7 @@ class PartsLoadFrame:
         now = self._clock.mono_ns()
         since_s = (now - self._ordered_mono_ns) / 1e9
         self._ordered_mono_ns = now
-        least_mm = drive.step_of("travel_mm") if isinstance(drive, DevicePart) else 0.0
+        least_mm = drive.book.step_of("travel_mm") if isinstance(drive, DevicePart) else 0.0
         ramp, go = step(self._ramp, settings, self._said.force_n, self._said.extension_mm or 0.0, since_s, least_mm)
         if self._said.motion is MotionState.FAULT:
             go, self._ramp = None, None

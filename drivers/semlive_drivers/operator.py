@@ -85,6 +85,11 @@ class OperatorStage:
         if taken_back:
             self._console.tell("do not move the specimen any more")
 
+    def stop_blind(self) -> bool:
+        """Ask not to move any more, as `semlive.ports.BlindStop`."""
+        self.stop()
+        return True
+
     def close(self) -> None:
         """Take a question back."""
         self._console.forget(self._confirmed)

@@ -15,7 +15,7 @@ from semlive_drivers.console import TERMINAL, Console
 from semlive_drivers.csv_tail import CsvSettings, CsvTail
 from semlive_drivers.frame import FrameSettings, PartsLoadFrame
 from semlive_drivers.modbus.settings import checked
-from semlive_drivers.parts import Do, Part, Said
+from semlive_drivers.parts import Do, Part, Said, Stops
 
 
 class OperatorFrameSettings(BaseModel):
@@ -29,6 +29,22 @@ class OperatorFrameSettings(BaseModel):
     """What the operator calls it."""
     arrived_n: float = Field(default=5.0, gt=0)
     """This close to the target the motion is over; with a file without a word."""
+
+
+class SpokenOrders:
+    """What a person can be asked for, as `semlive_drivers.parts.OrderBook`: any load that is a number."""
+
+    can = frozenset({Do.RAMP, Do.STOP})
+
+    def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
+        """Why a load cannot be asked for, or None."""
+        del what
+        return None if all(abs(value) < float("inf") for value in values.values()) else "a load that is no number cannot be asked for"
+
+    def step_of(self, value: str) -> float:
+        """0: a person is not asked to travel."""
+        del value
+        return 0.0
 
 
 class OperatorDrive:
@@ -52,6 +68,7 @@ class OperatorDrive:
         self._entered_n = 0.0
         self._moving = False
         self.where = "a hand"
+        self.book, self.stops = SpokenOrders(), Stops(self._ask_to_stop)
 
     def read(self) -> Said:
         """The target, the load that was entered, and whether the operator is still at it."""
@@ -101,21 +118,6 @@ class OperatorDrive:
         """0: a person may type any number."""
         return 0.0, 0.0
 
-    def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
-        """None: a person is asked for any load that is a number."""
-        del what
-        return None if all(abs(value) < float("inf") for value in values.values()) else "a load that is no number cannot be asked for"
-
-    def step_of(self, value: str) -> float:
-        """0: a person is not asked to travel."""
-        del value
-        return 0.0
-
-    def stop_blind(self) -> bool:
-        """Ask to stop."""
-        self.tell(Do.STOP, {})
-        return True
-
     def shout_stop(self) -> None:
         """Ask to stop."""
         self.tell(Do.STOP, {})
@@ -123,6 +125,10 @@ class OperatorDrive:
     def close(self) -> None:
         """Take a question back."""
         self._console.forget(self._heard)
+
+    def _ask_to_stop(self) -> bool:
+        self.tell(Do.STOP, {})
+        return True
 
     def _heard(self, line: str) -> bool:
         """What the operator typed; True when the motion is over."""

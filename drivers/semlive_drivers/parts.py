@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
@@ -25,6 +25,9 @@ class Do(StrEnum):
     ARM = "arm"
     DISARM = "disarm"
 
+
+WITHHELD = "watchdog withheld"
+"""The way to stop a device with an armed watchdog that always works while the device does: it is not fed any more."""
 
 MOTIONS = frozenset({Do.RAMP, Do.PULL, Do.PUSH})
 
@@ -107,6 +110,49 @@ class Part(Protocol):
         ...
 
 
+class OrderBook(Protocol):
+    """What a machine can be ordered, and how exactly."""
+
+    @property
+    def can(self) -> frozenset[Do]:
+        """What it can be told."""
+        ...
+
+    def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
+        """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""
+        ...
+
+    def step_of(self, value: str) -> float:
+        """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull, in that unit; 0 where the number format sets none."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """A further way to stop a device, tried when it does not obey its stop order.
+
+    Attributes:
+        says: what it does, for a person.
+        act: does it; raises LinkError if the device did not take it.
+    """
+
+    says: str
+    act: Callable[[], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Stops:
+    """How a part is stopped besides the plain order.
+
+    Attributes:
+        blind: writes a stop without waiting for an answer, as `semlive.ports.BlindStop.stop_blind`; never raises.
+        ways: further ways, in the order in which they are tried.
+    """
+
+    blind: Callable[[], bool]
+    ways: tuple[Way, ...] = ()
+
+
 @runtime_checkable
 class DevicePart(Part, Protocol):
     """A part behind a link that can carry orders, or a person who takes them. Methods may raise LinkError unless stated."""
@@ -116,12 +162,14 @@ class DevicePart(Part, Protocol):
         """Whether a person moves it."""
         ...
 
-    def stop_blind(self) -> bool:
-        """Write a stop without waiting for an answer, as `semlive.ports.BlindStop`; never raises."""
+    @property
+    def book(self) -> OrderBook:
+        """What it can be ordered, and how exactly."""
         ...
 
-    def step_of(self, value: str) -> float:
-        """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull, in that unit; 0 where the number format sets none."""
+    @property
+    def stops(self) -> Stops:
+        """How it is stopped besides the plain order."""
         ...
 
     def order_changed(self) -> str | None:
@@ -130,10 +178,6 @@ class DevicePart(Part, Protocol):
 
     def resolution(self) -> tuple[float, float]:
         """Smallest change of force, N, and of extension, mm, in the last reading; 0 where the number format sets none."""
-        ...
-
-    def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
-        """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""
         ...
 
 

@@ -22,6 +22,7 @@ _BITS = 11
 _FASTEST_SILENCE_S = 1.75e-3
 """The standard's silence at more than 19,200 baud, where 3.5 characters are shorter than computers can tell."""
 _QUIET_S = 0.02
+_WRITE_S = 0.5
 _LONGEST_NOISE_S = 0.5
 
 
@@ -182,8 +183,10 @@ def _opened(settings: SerialSettings) -> serial.Serial:
         LinkRefused: if it cannot be opened or set.
     """
     parity = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}[settings.parity]
+    # A write does not block for long either: an adapter that hangs takes no bytes, and a stop must not wait for it.
+    times = {"timeout": 0, "write_timeout": _WRITE_S}
     try:
-        return serial.Serial(settings.port, settings.baud, parity=parity, stopbits=settings.stop_bits, timeout=0, exclusive=True)
+        return serial.Serial(settings.port, settings.baud, parity=parity, stopbits=settings.stop_bits, exclusive=True, **times)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise LinkRefused(f"{settings.port} cannot be opened ({reason}); check the cable, the path and who else uses it") from error

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -17,6 +19,7 @@ from semlive.data.frame_check import FrameCheck, Verdict
 from semlive.errors import BadConfig, SemliveError
 from semlive.ports import FrameChecker
 from semlive.service.clock import open_clock
+from semlive.service.config import Config, load_config
 
 frame = typer.Typer(help="Look at a load frame, without moving it.", no_args_is_help=True)
 _COLOURS = {Verdict.GOOD: "green", Verdict.OPEN: "yellow", Verdict.BAD: "red"}
@@ -38,6 +41,15 @@ def check(
     baud: Annotated[int | None, typer.Option(help="Of a serial line; otherwise as the description says.")] = None,
     parity: Annotated[str | None, typer.Option(help="none, even or odd; otherwise as the description says.")] = None,
     timeout_s: Annotated[float, typer.Option(help="Longest wait for an answer.")] = 0.5,
+    loads_n: Annotated[
+        list[float] | None, typer.Option("--load", help="A load of the run, N; may be given several times. Needs --rate.")
+    ] = None,
+    rate_n_s: Annotated[
+        float | None, typer.Option("--rate", min=0.0, help="Rate of its ramps, N/s: can the device hold these orders as meant?")
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option("--config", help="Configuration of a run: its loads, its rate and what its load frame's settings change.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Read who answers, whether its values are plausible and in which order its words come; nothing is written or moved."""
@@ -47,6 +59,13 @@ def check(
     else:
         line = {"port": port, "baud": baud, "parity": parity}
         settings["serial"] = {key: value for key, value in line.items() if value is not None}
+    if config is not None:
+        settings |= _of_config(load_config(config), settings)
+    orders = dict(_mapping(settings.get("orders")))
+    orders |= {key: value for key, value in (("loads_n", loads_n), ("rate_n_s", rate_n_s)) if value is not None}
+    if orders.get("loads_n") and orders.get("rate_n_s") is None:
+        raise BadConfig("--load needs --rate: a load alone is no order; give the rate of the ramps, N/s")
+    settings["orders"] = orders
     found = _checker()(description, settings, open_clock(None))
     if as_json:
         sys.stdout.write(json.dumps({**asdict(found), "sound": found.sound}) + "\n")
@@ -57,6 +76,20 @@ def check(
         raise SemliveError(
             f"{found.device} at {found.where}: {len(bad)} of {len(found.findings)} findings are bad; {bad[0].what}: {bad[0].advice}"
         )
+
+
+def _of_config(config: Config, given: dict[str, object]) -> dict[str, object]:
+    """What the configuration says of the device, as far as it was not given, and the orders of the run."""
+    own = {} if config.load_frame is None else dict(config.load_frame.settings)
+    orders: dict[str, object] = {"loads_n": list(config.protocol.loads_n), "rate_n_s": config.protocol.ramp_rate_n_s}
+    if "approach" in own:
+        orders["approach"] = own["approach"]
+    kept = {key: own[key] for key in ("registers", "units", "station") if key in own and key not in given}
+    return {**kept, "orders": orders}
+
+
+def _mapping(value: object) -> Mapping[str, object]:
+    return value if isinstance(value, Mapping) else {}
 
 
 def _checker() -> FrameChecker:

@@ -21,8 +21,8 @@ For each reading of a ramp, in this order:
 
 A displacement drive may take up slack before the load rises, and a yielding specimen lengthens at a constant load. There NO_RESPONSE uses
 the crosshead's travel and the force limit alone: the load that the travel would have made at the stated stiffness must stay below the
-limit. `limits.slack_max_mm`, if it is set, replaces that bound. But a reading that has followed the ramp and then does not change at all, not
-even by noise, is no yielding specimen.
+limit. `limits.slack_max_mm`, if it is set, replaces that bound. But a reading that has followed the ramp and then does not change at all,
+not even by noise, is no yielding specimen.
 
 The first 1 s after an order is not judged for progress: devices need it to start.
 """

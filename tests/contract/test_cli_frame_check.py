@@ -12,6 +12,7 @@ import pytest
 from pymodbus.client import ModbusTcpClient
 
 from semlive.cli.app import run_app
+from semlive_drivers.maps import map_text
 from semlive_simulators.clockwork import BenchClock
 from semlive_simulators.load_frame.lines import rtu_line
 from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
@@ -109,3 +110,23 @@ def test_a_map_of_ones_own_is_given_by_path(bench: tuple[int, str], check: Check
     code, _, error = check(str(path), "--port", str(bench[0]))
     assert code == 1
     assert error.startswith("mine at 127.0.0.1")
+
+
+def test_orders_that_the_device_cannot_hold_are_refused_before_any_run(bench: tuple[int, str], check: Check, tmp_path: Path) -> None:
+    port, _ = bench
+    reach = ["--host", "127.0.0.1", "--port", str(port)]
+    code, out, error = check("bench", *reach, "--load", "100", "--load", "-20", "--rate", "5", "--json")
+    assert code == 0, error
+    said = {finding["what"]: finding for finding in json.loads(out)["findings"]}
+    assert said["100 N at 5 N/s"]["verdict"] == "good"
+    assert said["-20 N at 5 N/s"]["verdict"] == "good"
+    scaled = tmp_path / "scaled.yaml"
+    target = "target: {kind: holding, address: 0, dtype: f32}"
+    assert target in map_text("bench")
+    scaled.write_text(map_text("bench").replace(target, "target: {kind: holding, address: 0, dtype: i16, scale: 0.01}"), encoding="utf-8")
+    code, _, error = check(str(scaled), *reach, "--load", "100", "--load", "400", "--rate", "5")
+    assert code == 1
+    assert "400 N at 5 N/s: correct the load, the rate or the description" in error
+    code, _, error = check("bench", *reach, "--load", "100")
+    assert code == 2
+    assert "--load needs --rate" in error

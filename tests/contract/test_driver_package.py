@@ -37,4 +37,4 @@ def test_it_keeps_the_contract_with_its_own_tests(installed: dict[str, str]) -> 
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--import-mode=importlib", str(EXAMPLE / "tests")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=installed, cwd=EXAMPLE)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "8 passed" in done.stdout
+    assert "11 passed" in done.stdout

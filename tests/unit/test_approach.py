@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import random
 
 import pytest
 from hypothesis import given
@@ -65,7 +66,7 @@ def test_the_way_is_counted_from_time_where_the_drive_does_not_tell_it() -> None
     for _ in range(3):
         ramp, go = step(ramp, SETTINGS, 0.0, 0.0, TURN_S)
         assert isinstance(go, Go)
-    assert ramp.travelled_mm == pytest.approx(3 * TURN_S * 10.0 / 10_000.0)
+    assert ramp.travelled_mm == pytest.approx(2 * TURN_S * 10.0 / 10_000.0)  # nothing was ordered before the first reading
 
 
 def test_numbers_as_devices_keep_them() -> None:
@@ -82,6 +83,50 @@ def test_numbers_as_devices_keep_them() -> None:
     with pytest.raises(LinkError, match="holds inf"):
         decode(Point(Kind.INPUT, 9, DType.F32), (0x7F80, 0))
     assert math.isclose(decode(Point(Kind.INPUT, 0, DType.F32), encode(Point(Kind.INPUT, 0, DType.F32), 1e-3)), 1e-3, rel_tol=1e-7)
+
+
+@given(st.floats(2.0, 5000.0), st.floats(5.0, 100.0), st.floats(0.02, 0.5), st.sampled_from([1.0, -1.0]))
+def test_a_specimen_that_is_far_stiffer_than_stated_is_found_within_few_newtons(
+    stiffer: float, rate_n_s: float, turn_s: float, sign: float
+) -> None:
+    """Stiffness in kN/mm in place of N/mm is a factor of 1000; the truth stays at most 100,000 N/mm."""
+    true_n_mm = 20_000.0
+    settings = ApproachSettings(stiffness_n_mm=true_n_mm / stiffer, speed_max_mm_s=1.0)
+    at_mm, ramp = 0.0, begin(sign * 300.0, rate_n_s, 0.0, 0.0)
+    highest = 0.0
+    while not ramp.over:
+        ramp, go = step(ramp, settings, at_mm * true_n_mm, at_mm, turn_s)
+        if go is not None:
+            at_mm += sign * min(go.travel_mm, go.speed_mm_s * turn_s)
+        highest = max(highest, abs(at_mm) * true_n_mm)
+    assert "stiffer than stiffness_n_mm" in ramp.trouble
+    # One way of 0.5 um is 10 N here; what is allowed for noise is 5 N, and two readings must show it.
+    assert highest < 3 * (10.0 + 5.0) * max(1.0, 1 / (1 - 1.5 / stiffer))
+
+
+@given(st.integers(0, 1000), st.floats(0.0, 4.0))
+def test_noise_is_not_taken_for_a_stiff_specimen(seed: int, noise_n: float) -> None:
+    random_ = random.Random(seed)
+    at_mm, ramp = 0.0, begin(400.0, 50.0, random_.gauss(0.0, noise_n), 0.0, noise_n=3.0 * noise_n)
+    for _ in range(5000):
+        ramp, go = step(ramp, SETTINGS, at_mm * 9_000.0 + random_.gauss(0.0, noise_n), at_mm, TURN_S)
+        if go is None:
+            break
+        at_mm += min(go.travel_mm, go.speed_mm_s * TURN_S)
+    assert ramp.over
+    assert not ramp.trouble
+
+
+def test_the_first_way_is_short_and_each_is_at_most_twice_the_one_before() -> None:
+    at_mm, ramp, ways = 0.0, begin(400.0, 200.0, 0.0, 0.0), []
+    while not ramp.over:
+        ramp, go = step(ramp, SETTINGS, at_mm * 8_000.0, at_mm, TURN_S)
+        if go is not None:
+            ways.append(go.travel_mm)
+            at_mm += min(go.travel_mm, go.speed_mm_s * TURN_S)
+    assert ways[0] == SETTINGS.first_travel_mm
+    assert all(later <= 2.0 * earlier for earlier, later in itertools.pairwise(ways))
+    assert max(ways) == pytest.approx(200.0 / SETTINGS.stiffness_n_mm * SETTINGS.ahead_s)  # after some readings it is as ever
 
 
 @pytest.mark.parametrize(

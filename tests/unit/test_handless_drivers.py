@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from semlive.data.loading import MotionState, StageKind
+from semlive.data.loading import ControlMode, MotionState, StageKind
 from semlive.errors import BadConfig, LinkError
 from semlive.ports import LoadFrame, Stage
 from semlive_drivers import null
@@ -26,6 +26,7 @@ class Clock:
 def test_no_load_frame_holds_zero_and_refuses_everything_else() -> None:
     device = null.open_load_frame({}, Clock())
     assert isinstance(device, LoadFrame)
+    assert (device.identity.control, device.identity.measures_extension) == (ControlMode.MANUAL, False)
     device.ramp_to(0.0, 1.0)
     with pytest.raises(LinkError, match="there is no load frame to go to 5 N"):
         device.ramp_to(5.0, 1.0)

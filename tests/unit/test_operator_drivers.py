@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from semlive.data.loading import MotionState, StopOnLinkLoss
+from semlive.data.loading import ControlMode, MotionState, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError, LinkRefused
 from semlive.ports import LoadFrame, Trigger
 from semlive_drivers.assembled import open_load_frame as open_assembled
@@ -74,6 +74,9 @@ def test_a_hand_brings_a_load_and_types_it(desk: Desk) -> None:
     frame = open_load_frame({"program": "MICROTEST", "arrived_n": 2.0}, Clock(), console=desk.console)
     assert isinstance(frame, LoadFrame)
     assert frame.identity.stop_on_link_loss is StopOnLinkLoss.ASSUMED
+    assert (frame.identity.control, frame.identity.measures_extension) == (ControlMode.MANUAL, False)
+    assert frame.order_problem(100.0, 2.0) is None
+    assert "a load that is no number cannot be asked for" in str(frame.order_problem(float("nan"), 2.0))
     frame.ramp_to(100.0, 2.0)
     assert desk.shown == ["in MICROTEST, bring the load to 100 N at 2 N/s, then hold; type the load in N and press enter when it is there"]
     assert frame.read().motion is MotionState.MOVING
@@ -88,7 +91,7 @@ def test_a_hand_brings_a_load_and_types_it(desk: Desk) -> None:
     sample = frame.read()
     assert (sample.force_n, sample.target_n) == (99.2, 100.0)
     frame.ramp_to(200.0, 2.0)
-    frame.stop()
+    assert frame.stop_blind()
     assert desk.shown[-1] == "STOP the motion in MICROTEST and hold"
     assert frame.read().motion is MotionState.STOPPED
     frame.close()

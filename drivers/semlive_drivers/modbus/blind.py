@@ -14,6 +14,7 @@ import socket
 import struct
 import threading
 import time
+import weakref
 from collections.abc import Sequence
 
 CONNECT_S = 0.3
@@ -23,6 +24,7 @@ _PATIENCE_S = 1.0
 _LINGER_S = 0.05
 """Wait for an answer after everything is written, so that a connection that has served is closed before another is opened."""
 _FIRST_NUMBER = 0xB000
+_OLD, _FRESH = "old", "fresh"
 
 _Address = tuple[str, int] | tuple[str, int, int, int]
 Unit = tuple[str, int, int]
@@ -135,10 +137,11 @@ class BlindWriter:
     """
 
     def __init__(self, sock: socket.socket, address: _Address, unit: int) -> None:
-        self._old: _Connection | None = _Connection(sock)
-        self._fresh: _Connection | None = None
         self._family, self._address, self._unit = sock.family, address, unit
         self._numbers = itertools.count(_FIRST_NUMBER)
+        self._connections = {_OLD: _Connection(sock)}
+        # A fresh connection that `write` opened after `close` is closed with the writer at the latest.
+        weakref.finalize(self, _close_all, self._connections)
 
     def write(self, pdus: Sequence[bytes]) -> bool:
         """Write on both connections, at most `CONNECT_S` and a few hundredths of a second long.
@@ -146,31 +149,22 @@ class BlindWriter:
         Returns:
             Whether anything was written.
         """
-        written = False
-        self._old = self._sweep(self._old)
-        if self._old is not None:
-            written = self._send(self._old, pdus)
-        self._fresh = self._sweep(self._fresh) or self._connected()
-        if self._fresh is not None:
-            written |= self._send(self._fresh, pdus)
+        self._sweep()
+        written = _OLD in self._connections and self._send(self._connections[_OLD], pdus)
+        if _FRESH not in self._connections and (fresh := self._connected()) is not None:
+            self._connections[_FRESH] = fresh
+        if _FRESH in self._connections:
+            written |= self._send(self._connections[_FRESH], pdus)
         end_s = time.monotonic() + _LINGER_S
-        for connection in (self._fresh, self._old):
-            if connection is not None:
-                connection.listen(max(0.0, end_s - time.monotonic()))
-        self._old, self._fresh = self._sweep(self._old), self._sweep(self._fresh)
+        for name in (_FRESH, _OLD):
+            if name in self._connections:
+                self._connections[name].listen(max(0.0, end_s - time.monotonic()))
+        self._sweep()
         return written
-
-    def __del__(self) -> None:
-        """A fresh connection that `write` opened after `close` is closed at the latest here."""
-        self.close()
 
     def close(self) -> None:
         """Close both connections; `write` opens a fresh one again."""
-        for connection in (self._old, self._fresh):
-            if connection is not None:
-                connection.listen(0.0)
-                connection.close()
-        self._old = self._fresh = None
+        _close_all(self._connections)
 
     def _send(self, connection: _Connection, pdus: Sequence[bytes]) -> bool:
         # One segment each: simple devices take no more than one request out of a segment.
@@ -187,13 +181,17 @@ class BlindWriter:
             return None
         return _Connection(sock)
 
-    @staticmethod
-    def _sweep(connection: _Connection | None) -> _Connection | None:
-        """Close a connection that has served."""
-        if connection is None:
-            return None
+    def _sweep(self) -> None:
+        """Close connections that have served."""
+        for name, connection in tuple(self._connections.items()):
+            connection.listen(0.0)
+            if connection.over:
+                connection.close()
+                del self._connections[name]
+
+
+def _close_all(connections: dict[str, _Connection]) -> None:
+    for connection in connections.values():
         connection.listen(0.0)
-        if connection.over:
-            connection.close()
-            return None
-        return connection
+        connection.close()
+    connections.clear()

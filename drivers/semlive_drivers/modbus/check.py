@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from semlive.data.frame_check import Finding, FrameCheck, Verdict
@@ -11,9 +11,11 @@ from semlive.errors import LinkError, LinkRefused
 from semlive_drivers.modbus.client import Link
 from semlive_drivers.modbus.codec import block_of, decode, number_in, require_in_range
 from semlive_drivers.modbus.device_map import DeviceMap, load_map
+from semlive_drivers.modbus.orders import DescribedOrders
 from semlive_drivers.modbus.part import open_link, probes_of
 from semlive_drivers.modbus.registers import Point, Words, overridden_points
 from semlive_drivers.modbus.settings import PartSettings, checked
+from semlive_drivers.parts import OrderBook
 
 _BETWEEN_S = 0.3
 _SMALL, _LARGE = 1e-15, 1e7
@@ -27,12 +29,15 @@ _ORDERS = {
 Registers = dict[str, tuple[int, ...]]
 
 
-def check_modbus(name: str, settings: Mapping[str, object]) -> FrameCheck:
+def check_modbus(
+    name: str, settings: Mapping[str, object], orders: Callable[[OrderBook], Iterable[Finding]] = lambda book: ()
+) -> FrameCheck:
     """Read what a description names, and hold it beside it.
 
     Args:
         name: of the description, or a path.
         settings: as of the driver.
+        orders: looks at the orders that the device can hold.
 
     Raises:
         BadConfig: for settings or a description that are not understood.
@@ -49,6 +54,7 @@ def check_modbus(name: str, settings: Mapping[str, object]) -> FrameCheck:
         findings += _orders(device, points, read)
         findings += _validity(device, read)
         findings += _counting(link, device, points, read)
+        findings += orders(DescribedOrders(device, points))
     finally:
         link.close()
     return FrameCheck(device.name, link.where, device.source, device.confirmed or known.confirmed, tuple(findings))

@@ -9,7 +9,7 @@ from semlive_drivers.maps import UNCONFIRMED
 from semlive_drivers.modbus.client import Link, Refused, write_verified
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.device_map import DeviceMap, Write
-from semlive_drivers.modbus.orders import Request, blind_pdus, named, requests_of, runs_of
+from semlive_drivers.modbus.orders import Request, blind_pdus, requests_of, runs_of
 from semlive_drivers.modbus.read_back import Memory, comparable, compared, forgotten, groups_of, remembered
 from semlive_drivers.modbus.registers import Point
 from semlive_drivers.modbus.settings import PartSettings
@@ -53,14 +53,9 @@ class Commander:
         self._together = True
         self._next_group = 0
         self._read_back: set[Do] = set()
-        for writes in device.orders.values():
+        for writes in (*device.orders.values(), *(stop.writes for stop in device.other_stops)):
             for write in writes:
                 runs_of({name: points[name] for name in write.set}, device.max_block)
-
-    @property
-    def can(self) -> frozenset[Do]:
-        """What the device can be told."""
-        return frozenset(self._device.orders)
 
     def give(self, what: Do, values: Mapping[str, float]) -> None:
         """Give an order; returns when it was taken, and read back where the registers can be read.
@@ -85,24 +80,15 @@ class Commander:
         if what in MOTIONS:
             self._read_back_order(what, entries)
 
-    def problem(self, what: Do, values: Mapping[str, float]) -> str | None:
-        """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""
-        try:
-            self._entries(self._device.orders.get(what, ()), values, exact=True)
-        except LinkError as error:
-            return f"{self._link.where}: {error}"
-        return None
-
-    def step_of(self, value: str) -> float:
-        """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull; 0 where the number format sets none."""
-        points = [self._points[name] for write in self._device.orders.get(Do.PULL, ()) for name in named(write, value)]
-        return max((abs(point.scale) for point in points if not point.dtype.is_float), default=0.0)
-
     def stop_blind(self) -> bool:
         """Write a stop without waiting for an answer; never raises."""
         entries = self._entries(self._device.orders.get(Do.STOP, ()), {}, exact=False)
         pdus = [pdu for _, requests in entries for pdu in blind_pdus(requests)]
         return bool(pdus) and self._link.write_blind(pdus)
+
+    def stop_by(self, method: int) -> None:
+        """Write the further stop of this index; raises LinkError if the device did not take it."""
+        self._write_all(self._entries(self._device.other_stops[method].writes, {}, exact=False))
 
     def difference(self) -> str | None:
         """How the device's registers differ from what was written last, as a sentence, or None; reads at most one block.

@@ -154,6 +154,14 @@ class Write(_Described):
     """FC06 or FC05 in place of FC16 or FC15."""
 
 
+class OtherStop(_Described):
+    """A further way to stop the device, tried when it does not obey its stop order."""
+
+    says: str = Field(min_length=1)
+    """What it does, for a person: ``enable off``, ``speed 0``."""
+    writes: list[Write] = Field(min_length=1)
+
+
 class Heartbeat(_Described):
     """What is written with every reading to feed the device's watchdog."""
 
@@ -199,6 +207,8 @@ class DeviceMap(_Described):
     valid: list[Condition] = []
     """What must be true of every reading; otherwise it is none."""
     orders: dict[Do, list[Write]] = {}
+    other_stops: list[OtherStop] = []
+    """Further ways to stop, in the order in which they are tried; only what the device's documents state."""
     changes_by_itself: list[str] = []
     """Points that orders write and the device changes on its own afterwards; they are not compared with what was written."""
     heartbeat: Heartbeat | None = None
@@ -218,6 +228,9 @@ class DeviceMap(_Described):
         for what, writes in self.orders.items():
             for write in writes:
                 self._check_write(f"orders.{what}", write)
+        for stop in self.other_stops:
+            for write in stop.writes:
+                self._check_write(f"other_stops ({stop.says})", write)
         return self
 
     def _check_write(self, where: str, write: Write) -> None:
@@ -250,6 +263,7 @@ class DeviceMap(_Described):
             "identity or valid": {condition.point for condition in conditions},
             "plausible": set(self.plausible),
             "orders": {name for writes in self.orders.values() for write in writes for name in write.set},
+            "other_stops": {name for stop in self.other_stops for write in stop.writes for name in write.set},
             "changes_by_itself": set(self.changes_by_itself),
             "heartbeat": {self.heartbeat.point} if self.heartbeat else set(),
         }

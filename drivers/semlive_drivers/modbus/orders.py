@@ -6,12 +6,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from semlive.errors import BadConfig
+from semlive.errors import BadConfig, LinkError
 from semlive_drivers.exactness import is_rounded_down, require_exact, towards_zero, unit_of
 from semlive_drivers.modbus.codec import Block, block_of, decode, encode
-from semlive_drivers.modbus.device_map import Write, number
+from semlive_drivers.modbus.device_map import ORDERED, DeviceMap, Write, number
 from semlive_drivers.modbus.registers import MAX_BLOCK, Point
 from semlive_drivers.modbus.rtu import writing
+from semlive_drivers.parts import Do
 
 _WORDS = {"holding": "holding register", "coil": "coil", "input": "input register", "discrete": "discrete input"}
 
@@ -124,3 +125,36 @@ def encoded(name: str, point: Point, given: float | str, values: Mapping[str, fl
 def _float(point: Point, registers: Sequence[int]) -> float:
     """The value of a float that was encoded here; 0 for one too small for its format."""
     return decode(point, registers) if any(registers) else point.offset
+
+
+@dataclass(frozen=True, slots=True)
+class DescribedOrders:
+    """What a described device can be ordered, as `semlive_drivers.parts.OrderBook`; needs no link.
+
+    Attributes:
+        device: its description.
+        points: of the device, as they are here.
+    """
+
+    device: DeviceMap
+    points: Mapping[str, Point]
+
+    @property
+    def can(self) -> frozenset[Do]:
+        """What the device can be told."""
+        return frozenset(self.device.orders)
+
+    def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
+        """Why an order cannot be given as it is meant, or None."""
+        known = {**dict.fromkeys(ORDERED, 0.0), **values}
+        try:
+            for write in self.device.orders.get(what, ()):
+                requests_of(write, self.points, known, self.device.max_block)
+        except LinkError as error:
+            return str(error)
+        return None
+
+    def step_of(self, value: str) -> float:
+        """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull; 0 where the number format sets none."""
+        points = [self.points[name] for write in self.device.orders.get(Do.PULL, ()) for name in named(write, value)]
+        return max((abs(point.scale) for point in points if not point.dtype.is_float), default=0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 from collections.abc import Mapping, Sequence
 
 from semlive.data.loading import MotionState, Trouble
@@ -13,12 +14,13 @@ from semlive_drivers.modbus.codec import Block, block_of, count_of, decode, enco
 from semlive_drivers.modbus.commander import Commander
 from semlive_drivers.modbus.device import FrozenCheck
 from semlive_drivers.modbus.device_map import Condition, DeviceMap, load_map
+from semlive_drivers.modbus.orders import DescribedOrders
 from semlive_drivers.modbus.read_back import TargetWatch
 from semlive_drivers.modbus.registers import Point, overridden_points
 from semlive_drivers.modbus.rtu_line import NoAnswer
 from semlive_drivers.modbus.settings import ModbusSettings, PartSettings, checked
 from semlive_drivers.modbus.shared_line import join_line
-from semlive_drivers.parts import Do, Said
+from semlive_drivers.parts import WITHHELD, Do, Said, Stops, Way
 from semlive_drivers.serial_port import SerialSettings
 from semlive_drivers.units import factor
 
@@ -35,16 +37,19 @@ class ModbusPart:
         self._gage = None if gage is None else (gage, block_of((points[gage],)))
         self._frozen = FrozenCheck(link, settings.frozen_after_s)
         self._commander = Commander(link, device, points, settings, self._again, clock.mono_ns() // 1_000_000 % 65_536)
+        self.book = DescribedOrders(device, points)
         self._target = TargetWatch()
         self._target_jump: str | None = None
         self._in_turn = False
         self._words: Mapping[str, Sequence[int]] = {}
         self._beat = 0
+        self._withheld = False
         self._recovered = False
         self._greet()
         checked_identity = settings.identity is not None
         self.simulated = checked_identity and self._true(device.simulated)
         self.stops_by_itself = bool(checked_identity and settings.watchdog_s and self._true(device.stops_by_itself))
+        self.stops = Stops(self._commander.stop_blind, self._ways())
         if settings.watchdog_s and Do.ARM in device.orders:
             self.tell(Do.ARM, {})
 
@@ -56,7 +61,7 @@ class ModbusPart:
     @property
     def can(self) -> frozenset[Do]:
         """What it can be told."""
-        return self._commander.can
+        return self.book.can
 
     def read(self) -> Said:
         """A fresh reading, after feeding the device's watchdog.
@@ -124,25 +129,23 @@ class ModbusPart:
         force, extension = (0.0 if name is None else count_of(self._points[name], told) * factor(unit, name) for name, unit in named)
         return force, extension
 
-    def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
-        """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""
-        return self._commander.problem(what, values)
-
-    def step_of(self, value: str) -> float:
-        """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull; 0 where the number format sets none."""
-        return self._commander.step_of(value)
-
-    def stop_blind(self) -> bool:
-        """Write a stop without waiting for an answer, as `semlive.ports.BlindStop`."""
-        return self._commander.stop_blind()
-
     def shout_stop(self) -> None:
-        """The same, as `Part.shout_stop`."""
-        self.stop_blind()
+        """Write a stop without waiting for an answer."""
+        self.stops.blind()
 
     def close(self) -> None:
         """Close the link."""
         self._link.close()
+
+    def _ways(self) -> tuple[Way, ...]:
+        """Further ways to stop that the map states; last, where its watchdog is armed, to feed that no more."""
+        others = self._device.other_stops
+        stated = tuple(Way(stop.says, functools.partial(self._commander.stop_by, place)) for place, stop in enumerate(others))
+        return (*stated, Way(WITHHELD, self._withhold)) if self.stops_by_itself and self._device.heartbeat is not None else stated
+
+    def _withhold(self) -> None:
+        """Feed the watchdog no more, until the link is opened again."""
+        self._withheld = True
 
     def word(self, name: str) -> int:
         """The bare number of a point, read for itself."""
@@ -185,7 +188,7 @@ class ModbusPart:
 
     def _feed(self) -> None:
         beat = self._device.heartbeat
-        if beat is None:
+        if beat is None or self._withheld:
             return
         highest = beat.value if beat.how == "counter" and beat.value > 1 else 65_535
         self._beat = {"constant": beat.value, "toggle": self._beat ^ 1, "counter": (self._beat + 1) % (highest + 1)}[beat.how]

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from semlive.data.frame_check import Finding, FrameCheck, Verdict
 from semlive.errors import LinkError
 from semlive.ports import ClockSource
+from semlive_drivers.parts import OrderBook
 from semlive_drivers.text.part import TextPart, open_part
 
 
-def check_text(name: str, settings: Mapping[str, object], clock: ClockSource) -> FrameCheck:
+def check_text(
+    name: str,
+    settings: Mapping[str, object],
+    clock: ClockSource,
+    orders: Callable[[OrderBook], Iterable[Finding]] = lambda book: (),
+) -> FrameCheck:
     """Ask what a description asks with every reading, and hold the answers beside it.
 
     Raises:
@@ -31,6 +37,7 @@ def check_text(name: str, settings: Mapping[str, object], clock: ClockSource) ->
             part.look()
         except LinkError as error:
             findings.append(Finding("reading", str(error), Verdict.BAD, "every reading would be refused until that is mended"))
+        findings += orders(part.book)
     finally:
         part.close()
     return FrameCheck(dialogue.name, part.where, dialogue.source, dialogue.confirmed, tuple(findings))

@@ -65,6 +65,14 @@ class Step(_Described):
     """The question is asked again for so long."""
 
 
+class OtherStop(_Described):
+    """A further way to stop the device, tried when it does not obey its stop order."""
+
+    says: str = Field(min_length=1)
+    """What it does, for a person."""
+    steps: list[Step] = Field(min_length=1)
+
+
 class ChecksumText(_Described):
     """A checksum at the end of each line."""
 
@@ -102,6 +110,8 @@ class Dialogue(_Described):
     """What the words of the group ``motion`` mean."""
     valid: list[BitRule] = []
     orders: dict[Do, list[Step]] = {}
+    other_stops: list[OtherStop] = []
+    """Further ways to stop, in the order in which they are tried; only what the device's documents state."""
 
     @property
     def check(self) -> Checksum | None:
@@ -114,7 +124,7 @@ class Dialogue(_Described):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Dialogue:
-        steps = [step for steps in (*self.orders.values(), self.identity) for step in steps]
+        steps = [step for steps in (*self.orders.values(), self.identity, *(stop.steps for stop in self.other_stops)) for step in steps]
         for name in (*self.every_turn, *(step.ask for step in steps if step.ask)):
             if name not in self.asks:
                 raise ValueError(f"{name!r} is not among asks")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import re
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -15,7 +16,7 @@ from semlive.ports import ClockSource
 from semlive_drivers.maps import UNCONFIRMED
 from semlive_drivers.modbus.settings import SerialLine, checked
 from semlive_drivers.modbus.shared_line import is_shared
-from semlive_drivers.parts import MOTIONS, Do, Said
+from semlive_drivers.parts import MOTIONS, Do, Said, Stops, Way
 from semlive_drivers.serial_port import SerialSettings
 from semlive_drivers.text.codec import filled, resolutions, step_of, understood, with_check, without_check
 from semlive_drivers.text.dialogue import Dialogue, Step, load_dialogue
@@ -45,6 +46,38 @@ class TextSettings(BaseModel):
     """Somebody has held the description beside this machine; without that nothing is moved by it."""
 
 
+class TextOrders:
+    """What a device can be ordered by its dialogue, as `semlive_drivers.parts.OrderBook`.
+
+    Args:
+        dialogue: the description.
+        known: the values of an order in all the ways in which a dialogue may want them.
+    """
+
+    def __init__(self, dialogue: Dialogue, known: Callable[[Do, Mapping[str, float]], Mapping[str, float]]) -> None:
+        self._dialogue, self._known = dialogue, known
+        self.can = frozenset(dialogue.orders)
+
+    def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
+        """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""
+        try:
+            self.require_exact(what, self._known(what, values))
+        except LinkError as error:
+            return str(error)
+        return None
+
+    def require_exact(self, what: Do, values: Mapping[str, float]) -> None:
+        """Refuse an order whose numbers the requests do not hold as they are meant; raises LinkError."""
+        for step in self._dialogue.orders.get(what, ()):
+            filled(step.send, values)
+
+    def step_of(self, value: str) -> float:
+        """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull, in that unit; 0 where a way is ordered by its end."""
+        steps = self._dialogue.orders.get(Do.PULL, ())
+        per_minute = value.replace("_mm_s", "_mm_min")
+        return max((max(step_of(step.send, value), step_of(step.send, per_minute) / 60.0) for step in steps), default=0.0)
+
+
 class TextPart:
     """The Part over a serial line of text; opened by `open_part`."""
 
@@ -61,6 +94,8 @@ class TextPart:
         self._steps: dict[str, float] = {}
         self._wrong_since_s: dict[str, float] = {}
         self.where = f"{line.where} station {settings.station}" if self._has_stations else line.where
+        self.book = TextOrders(dialogue, lambda what, values: {**self._values, **self._derived(what, values)})
+        self.stops = Stops(self._stop_blind, tuple(Way(stop.says, partial(self._stop_by, stop.steps)) for stop in dialogue.other_stops))
         for step in dialogue.identity:
             try:
                 self._do(step)
@@ -139,7 +174,7 @@ class TextPart:
             )
         known = {**self._values, **self._derived(what, values)}
         if what is not Do.STOP:  # every number is checked before anything is sent
-            self._require_exact(what, known)
+            self.book.require_exact(what, known)
         self._values = known
         for step in self.dialogue.orders[what]:
             self._do(step)
@@ -152,25 +187,19 @@ class TextPart:
         """Smallest change of force, N, and of extension, mm, by the last decimal that the device tells."""
         return self._steps.get("force", 0.0), self._steps.get("extension", 0.0)
 
-    def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
-        """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""
-        try:
-            self._require_exact(what, {**self._values, **self._derived(what, values)})
-        except LinkError as error:
-            return f"{self.where}: {error}"
-        return None
+    def shout_stop(self) -> None:
+        """Send a stop without waiting for an answer."""
+        self.stops.blind()
 
-    def step_of(self, value: str) -> float:
-        """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull, in that unit; 0 where a way is ordered by its end."""
-        steps = self.dialogue.orders.get(Do.PULL, ())
-        per_minute = value.replace("_mm_s", "_mm_min")
-        return max((max(step_of(step.send, value), step_of(step.send, per_minute) / 60.0) for step in steps), default=0.0)
+    def close(self) -> None:
+        """Close the line."""
+        self._line.close()
 
-    def _require_exact(self, what: Do, values: Mapping[str, float]) -> None:
-        for step in self.dialogue.orders.get(what, ()):
-            filled(step.send, values)
+    @property
+    def _has_stations(self) -> bool:
+        return any("{station" in ask.send for ask in self.dialogue.asks.values())
 
-    def stop_blind(self) -> bool:
+    def _stop_blind(self) -> bool:
         """Send a stop without waiting for an answer, as `semlive.ports.BlindStop`."""
         sent = False
         for step in self.dialogue.orders.get(Do.STOP, ()):
@@ -180,17 +209,9 @@ class TextPart:
                     sent = True
         return sent
 
-    def shout_stop(self) -> None:
-        """The same, as `Part.shout_stop`."""
-        self.stop_blind()
-
-    def close(self) -> None:
-        """Close the line."""
-        self._line.close()
-
-    @property
-    def _has_stations(self) -> bool:
-        return any("{station" in ask.send for ask in self.dialogue.asks.values())
+    def _stop_by(self, steps: Sequence[Step]) -> None:
+        for step in steps:
+            self._do(step)
 
     def _request(self, template: str) -> bytes:
         return with_check(filled(template.rstrip("\r\n"), self._values, exact=False), self.dialogue.check) + _tail(template)

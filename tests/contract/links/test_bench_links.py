@@ -15,6 +15,7 @@ from pymodbus.client import ModbusTcpClient
 
 from semlive.data.loading import MotionState, StopOnLinkLoss
 from semlive.errors import LinkError
+from semlive.ports import StopMethods
 from semlive.service.clock import FileClock
 from semlive_drivers.modbus.load_frame import open_load_frame
 from semlive_drivers.modbus.stage import open_stage
@@ -80,6 +81,21 @@ def test_a_load_frame_that_is_left_alone_in_a_ramp_stops_by_itself(ready: dict[s
     device.close()
     again.stop()
     again.close()
+
+
+def test_a_load_frame_that_does_not_obey_its_stop_can_be_stopped_in_other_ways(ready: dict[str, object]) -> None:
+    device = open_load_frame({"port": ready["port"], "watchdog_s": 1.0}, FileClock(Path(str(ready["clock_file"]))))
+    assert isinstance(device, StopMethods)
+    assert device.stop_methods == ("stop of the displacement control", "watchdog withheld")
+    for method in range(2):
+        device.ramp_to(400.0, 1.0)
+        assert device.read().motion is MotionState.MOVING
+        device.stop_by(method)
+        wait_until(lambda: device.read().motion is not MotionState.MOVING)
+    with pytest.raises(LinkError, match="has no stop method 2; it has stop of the displacement control, watchdog withheld"):
+        device.stop_by(2)
+    device.stop()
+    device.close()
 
 
 def test_a_stage_goes_where_it_is_sent(ready: dict[str, object]) -> None:

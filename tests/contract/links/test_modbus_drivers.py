@@ -11,7 +11,7 @@ import pytest
 
 from semlive.data.loading import MotionState, StageKind, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError, LinkRefused
-from semlive.ports import LoadFrame, Stage, Trigger
+from semlive.ports import BlindStop, LoadFrame, Stage, Trigger
 from semlive_drivers.modbus.client import ModbusLink
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.load_frame import open_load_frame
@@ -169,6 +169,21 @@ def test_a_server_that_dies(bench: Peer, load_frame: LoadFrame) -> None:
         load_frame.read()
     load_frame.close()
     load_frame.close()
+
+
+def test_a_stage_stops_without_an_answer_and_its_link_must_then_be_opened_again(bench: Peer) -> None:
+    stage = open_stage({"port": bench.port}, CLOCK)
+    assert isinstance(stage, BlindStop)
+    stage.move_to(4.0, 5.0)
+    assert stage.read().motion is MotionState.MOVING
+    assert stage.stop_blind()
+    with pytest.raises(LinkError, match="is closed; it must be opened again"):
+        stage.read()
+    stage.close()
+    assert stage.stop_blind()
+    again = open_stage({"port": bench.port}, CLOCK)
+    assert again.read().motion is MotionState.STOPPED
+    again.close()
 
 
 def test_a_stage_moves_where_it_is_told(bench: Peer) -> None:

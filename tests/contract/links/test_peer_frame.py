@@ -191,9 +191,18 @@ def test_a_second_master_of_a_displacement_drive_ends_the_ramp(frame_peer: Path,
         first.ramp_to(300.0, 20.0)
         assert first.read().order_changed is None
         second.ramp_to(-300.0, 60.0)
-        assert "travel (holding register 32) holds" in str(first.read().order_changed)
+        assert "was written: another program or a person commands it" in str(first.read().order_changed)
         moves = peer.text().count("MOVE dir=1")
         first.read()
         assert peer.text().count("MOVE dir=1") == moves
         first.close()
         second.close()
+
+
+def test_a_stiffness_in_the_wrong_unit_ends_the_ramp_within_few_newtons(peer: Peer, opened: Opened) -> None:
+    frame = opened("disp", approach={"stiffness_n_mm": 20, "speed_max_mm_s": 2.0})  # kN/mm
+    frame.ramp_to(300.0, 30.0)
+    with pytest.raises(LinkError, match="the specimen is stiffer than stiffness_n_mm 20; correct it"):
+        wait_until(lambda: frame.read().motion is MotionState.STOPPED)
+    wait_until(lambda: not peer.moves)
+    assert 0 < peer.force_n < 45.0

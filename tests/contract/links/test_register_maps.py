@@ -94,10 +94,16 @@ def test_a_drive_that_is_left_alone_stops_after_the_way_that_was_ordered() -> No
     spring = Spring()
     with pulled("oriental_az", oriental_az(spring), spring) as frame:
         frame.ramp_to(400.0, 100.0)
+        time.sleep(0.1)
+        assert spring.look()[0] == pytest.approx(0.0005)  # the first way of a ramp is short
+        for _ in range(8):
+            frame.read()
+            time.sleep(0.03)
+        left_mm = spring.look()[0]
         time.sleep(0.5)
         at_mm, _, moving = spring.look()
         assert not moving
-        assert at_mm == pytest.approx(100.0 / 1200.0 * 0.2, abs=2e-3)
+        assert 0 < at_mm - left_mm < 100.0 / 1200.0 * 0.2 + 2e-3
 
 
 def test_a_stop_ends_the_ramp() -> None:
@@ -255,6 +261,10 @@ def test_nobody_answers_on_a_line_that_is_not_there(tmp_path: Path) -> None:
         ("orders: {stop: [{set: {command: now}}]}", "orders.stop writes 'now'; an order can write numbers and force_n"),
         ("tells: {force: force, force_unit: stone}", "unit 'stone' is not known; it may be 1, N, kN"),
         ("tals: {}", "tals: Extra inputs are not permitted"),
+        ("orders: {stop: [{set: {force: 0}}]}", "orders.stop writes force, which is read-only"),
+        ("other_stops: [{says: power off, writes: [{set: {enable: 0}}]}]", "other_stops names a point 'enable' that is not among points"),
+        ("other_stops: [{says: power off, writes: [{set: {command: now}}]}]", "writes 'now'; an order can write numbers and force_n"),
+        ("changes_by_itself: [target]", "changes_by_itself names a point 'target'"),
         ("orders: {hover: []}", "orders.hover.*Input should be 'ramp', 'pull', 'push', 'stop'"),
     ],
 )
@@ -387,3 +397,26 @@ def test_a_saturated_cell_is_no_reading() -> None:
         assert said["gross"].verdict is Verdict.BAD
     with pytest.raises(BadConfig, match=r"range is \[5, 1\], which is no range"):
         open_one({"map": "laumas_tlb", "registers": {"gross": {"range": [5, 1]}}}, CLOCK)
+
+
+def test_a_drive_can_be_made_free_and_a_watchdog_can_be_withheld() -> None:
+    spring = Spring()
+    drive, wago = oriental_az(spring), Device(dict.fromkeys(range(0x1000, 0x100A), 0))
+    with tcp(laumas_tlb(spring), drive, wago) as (cell, drive_port, coupler):
+        parts = {
+            "cell": {"map": "laumas_tlb", "port": cell},
+            "drive": {"map": "oriental_az", "port": drive_port, "confirmed": True},
+            "watchdog": {"map": "wago_watchdog", "port": coupler, "watchdog_s": 1.5},
+        }
+        frame = open_load_frame({**parts, "approach": APPROACH}, CLOCK)
+        assert frame.stop_methods == ("motor current off (FREE)", "watchdog withheld")
+        frame.stop_by(0)
+        assert drive.get32(0x7C) == 0x40
+        frame.stop()
+        assert drive.get32(0x7C) == 0
+        frame.read()
+        frame.stop_by(1)
+        fed = wago.words[0x1003]
+        frame.read()
+        assert wago.words[0x1003] == fed
+        frame.close()

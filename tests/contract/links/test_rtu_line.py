@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import random
 import time
+import tty
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -107,6 +109,27 @@ def test_a_stop_is_said_on_a_line_that_is_not_believed_and_first_when_it_is_open
     again.close()
     opened()
     assert len(device.writes) == 3
+
+
+def test_a_stop_does_not_hang_on_a_line_that_takes_no_bytes() -> None:
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    line = RtuLine(SerialSettings(port=os.ttyname(theirs), baud=115_200, slowest_s=0.05), 0.1)
+    took_s = []
+
+    def shout() -> None:
+        began_s = time.monotonic()
+        try:
+            line.shout(1, [writing(Kind.HOLDING, 5, [0] * 100, False)])
+        finally:
+            took_s.append(time.monotonic() - began_s)
+
+    with pytest.raises(LinkError, match="is gone"):
+        wait_until(shout)
+    assert max(took_s) < 1.5
+    line.close()
+    os.close(ours)
+    os.close(theirs)
 
 
 def test_writes_and_refusals(opened: Callable[[], RtuLink], device: Device) -> None:

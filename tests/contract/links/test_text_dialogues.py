@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from semlive.data.frame_check import Verdict
 from semlive.data.loading import ControlMode, MotionState, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError, LinkRefused
-from semlive.ports import BlindStop, LoadFrame, OrderCheck
+from semlive.ports import BlindStop, LoadFrame, OrderCheck, StopMethods
 from semlive_drivers.check import check_frame
 from semlive_drivers.text.codec import CheckKind, Checksum, filled, with_check, without_check
 from semlive_drivers.text.load_frame import open_load_frame
@@ -283,6 +283,9 @@ def test_a_checksum_finds_a_changed_byte(text: bytes, kind: CheckKind) -> None:
         ("orders: {stop: [{send: s, ask: load}]}", "a step either sends or asks"),
         ("orders: {pull: [{send: 'e{speed:3}'}]}", "wants speed; there are force_n"),
         ("asks: {load: {send: n, reply: '(?P<force'}}", "is no regular expression"),
+        ("other_stops: [{says: power off, steps: [{send: 'o{speed:3}'}]}]", "wants speed; there are force_n"),
+        ("ranges: {stat: [0, 1]}", "ranges needs 'stat', which no question of every_turn asks"),
+        ("ranges: {force: [1, 0]}", "ranges.force must give the low end first"),
         ("valid: [{group: stat, bit: 3, says: bad}]", "valid needs 'stat', which no question of every_turn asks"),
     ],
 )
@@ -293,3 +296,27 @@ def test_what_is_wrong_in_a_dialogue_is_said(tmp_path: Path, change: str, senten
     path.write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(BadConfig, match=sentence):
         open_load_frame({"map": str(path), "serial": {"port": "none"}}, CLOCK)
+
+
+def test_a_dialogue_may_state_further_stops_and_the_ends_of_a_sensor(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    more = ["ranges: {force: [-500, 500]}", 'other_stops: [{says: power off, steps: [{send: "o\\r"}]}]']
+    text = ["protocol: ascii", "name: mine", "source: mine", "asks: {load: {send: \"f\\r\", reply: '(?P<force>[-+]?[0-9.]+)'}}"]
+    path.write_text("\n".join([*text, "every_turn: [load]", *more]), encoding="utf-8")
+    heard, load = [], ["+500.0\r\n"]
+
+    def answer(line: str) -> str:
+        heard.append(line)
+        return load[0] if line == "f" else ""
+
+    with over_text(answer) as line:
+        settings = {"map": str(path), "serial": {"port": line, "slowest_s": 0.05}}
+        with pytest.raises(LinkError, match=r"force is at the end of its range \(500\): the sensor is saturated"):
+            open_load_frame(settings, CLOCK)
+        load[0] = "+499.9\r\n"
+        frame = open_load_frame(settings, CLOCK)
+        assert isinstance(frame, StopMethods)
+        assert frame.stop_methods == ("power off",)
+        frame.stop_by(0)
+        wait_until(lambda: "o" in heard)
+        frame.close()

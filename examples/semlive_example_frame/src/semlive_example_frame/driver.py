@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import socket
 from collections.abc import Mapping
 from typing import Any
 
-from semlive.data.loading import DeviceIdentity, LoadSample, MotionState, StopOnLinkLoss
+from semlive.data.loading import ControlMode, DeviceIdentity, LoadSample, MotionState, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError, LinkRefused
 from semlive.ports import ClockSource
 
 _TIMEOUT_S = 0.5
+_CONNECT_S = 0.3
 _SETTINGS = {"host", "port"}
 
 
@@ -24,8 +26,9 @@ class ExampleLoadFrame:
     """
 
     def __init__(self, host: str, port: int, clock: ClockSource) -> None:
-        self._where, self._clock = f"{host}:{port}", clock
+        self._where, self._address, self._clock = f"{host}:{port}", (host, port), clock
         self._sequence = 0
+        self._failed = False
         try:
             self._socket = socket.create_connection((host, port), _TIMEOUT_S)
         except OSError as error:
@@ -41,6 +44,7 @@ class ExampleLoadFrame:
             simulated=bool(who["simulated"]),
             stop_on_link_loss=StopOnLinkLoss.ABSENT,  # say VERIFIED only after the cable was pulled and the machine stopped
             force_max_n=float(who["force_max_n"]),
+            control=ControlMode.LOAD,
         )
 
     @property
@@ -76,19 +80,37 @@ class ExampleLoadFrame:
         """Stop and hold."""
         self._ask({"do": "stop"})
 
+    def stop_blind(self) -> bool:
+        """Write a stop on the old connection and on a fresh one, wait for no answer, never raise; semlive calls it when a link failed."""
+        request, written = b'{"do": "stop"}\n', False
+        self._failed = True  # an answer to this must never be taken for the next one
+        with contextlib.suppress(OSError):
+            self._socket.sendall(request)
+            written = True
+        with contextlib.suppress(OSError), socket.create_connection(self._address, _CONNECT_S) as fresh:
+            fresh.sendall(request)
+            written = True
+        return written
+
+    def order_problem(self, force_n: float, rate_n_s: float) -> str | None:
+        """Why a ramp cannot be ordered as it is meant; JSON holds any number, so only what is no number."""
+        return None if math.isfinite(force_n) and 0 < rate_n_s < math.inf else f"{force_n:g} N at {rate_n_s:g} N/s cannot be ordered"
+
     def close(self) -> None:
         """Close the socket; never raises."""
         self._stream.close()
         self._socket.close()
 
     def _ask(self, request: dict[str, Any]) -> dict[str, Any]:
+        if self._failed:
+            raise LinkError(f"the link to {self._where} failed; it must be opened again")
         try:
             self._socket.sendall(json.dumps(request).encode() + b"\n")
             line = self._stream.readline()
             answer = json.loads(line)
         except (OSError, ValueError) as error:
-            # A late answer must never be taken for the next one: this link is done, semlive opens another.
-            self.close()
+            # A late answer must never be taken for the next one: this link takes only a last stop, semlive opens another.
+            self._failed = True
             raise LinkError(f"{self._where} gave no answer within {_TIMEOUT_S:g} s; check cable and machine") from error
         if "error" in answer:
             raise LinkError(f"{self._where} refused: {answer['error']}")
