@@ -146,6 +146,9 @@ class Control:
         self._closed = False
         self.pairs_done = 0 if earlier is None else len(earlier.before.done)
         self._log_behind = False
+        self._folder_replaced = False
+        # What lets the watcher take files from an export folder that stands in the place of another.
+        self.accept_folder: Callable[[], None] = lambda: None
         self.failure: str | None = None
         # Pairs that turned out to be of no use when every step was done already.
         self.unusable: tuple[str, ...] = ()
@@ -173,6 +176,9 @@ class Control:
         if self._log_behind and verb in (Verb.START, Verb.RESUME):
             self._warn(f"cannot {verb}: the log does not keep up")
             return
+        if self._folder_replaced and verb in (Verb.START, Verb.RESUME):
+            self._folder_replaced = False
+            self.accept_folder()
         self.handle(Operator(now_ns, verb))
 
     def tick(self) -> None:
@@ -256,6 +262,13 @@ class Control:
         """Something of ours went wrong; `code` is a `FaultCode`."""
         self._journal.fault(self._clock.now_ns(), what, where, action, code)
         self._warn(what)
+
+    def folder_replaced(self, what: str) -> None:
+        """Another folder stands in the place of the export folder: the run pauses until the operator resumes."""
+        self._folder_replaced = True
+        self.trouble(what, "export folder", "paused the run; nothing is taken from this folder", FaultCode.EXPORT_FOLDER)
+        self.handle(Operator(self._clock.now_ns(), Verb.PAUSE, what))
+        self.troubled.set()
 
     def output(self, message: LogMessage) -> None:
         """Something analysis said."""

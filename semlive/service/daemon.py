@@ -179,7 +179,9 @@ class _Daemon:
             lambda refused: control.soon(control.refused, refused.name, refused.reason),
             lambda what: control.soon(control.trouble, what, "export folder", "kept trying"),
             lambda what: control.soon(control.notice, what),
+            lambda what: control.soon(control.folder_replaced, what),
         )
+        control.accept_folder = watcher.accept
         stack.callback(watcher.close)
         if self._config.sem.probe_share and (offset := probe_share(watch.folder, clock.now_ns)) is not None:
             journal.note(offset)
