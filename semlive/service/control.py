@@ -146,8 +146,7 @@ class Control:
         self._closed = False
         self.pairs_done = 0 if earlier is None else len(earlier.before.done)
         self._log_behind = False
-        self._folder_replaced = False
-        # What lets the watcher take files from an export folder that stands in the place of another.
+        # Lets the watcher take files from an export folder that stands in the place of another; nothing if there is none such.
         self.accept_folder: Callable[[], None] = lambda: None
         self.failure: str | None = None
         # Pairs that turned out to be of no use when every step was done already.
@@ -176,8 +175,7 @@ class Control:
         if self._log_behind and verb in (Verb.START, Verb.RESUME):
             self._warn(f"cannot {verb}: the log does not keep up")
             return
-        if self._folder_replaced and verb in (Verb.START, Verb.RESUME):
-            self._folder_replaced = False
+        if verb in (Verb.START, Verb.RESUME):
             self.accept_folder()
         self.handle(Operator(now_ns, verb))
 
@@ -262,13 +260,6 @@ class Control:
         """Something of ours went wrong; `code` is a `FaultCode`."""
         self._journal.fault(self._clock.now_ns(), what, where, action, code)
         self._warn(what)
-
-    def folder_replaced(self, what: str) -> None:
-        """Another folder stands in the place of the export folder: the run pauses until the operator resumes."""
-        self._folder_replaced = True
-        self.trouble(what, "export folder", "paused the run; nothing is taken from this folder", FaultCode.EXPORT_FOLDER)
-        self.handle(Operator(self._clock.now_ns(), Verb.PAUSE, what))
-        self.troubled.set()
 
     def output(self, message: LogMessage) -> None:
         """Something analysis said."""

@@ -17,7 +17,7 @@ from types import TracebackType
 
 from semlive.data.faults import FaultCode
 from semlive.data.loading import DeviceIdentity
-from semlive.engine import Device, DeviceFault, Finish, State, Verb, start
+from semlive.engine import Device, DeviceFault, Finish, Operator, State, Verb, start
 from semlive.errors import BadConfig, BadInput, SemliveError
 from semlive.formats import message_values as values
 from semlive.formats.messages import RunMessage
@@ -172,16 +172,7 @@ class _Daemon:
             journal.note(earlier.snapshot(clock.now_ns()))
         journal.note(values.clock_message(clock.current(), "start of the run" if earlier is None else "the run is taken up again"))
         await self._open_door(stack, control, clock, journal)
-        watcher = FolderWatcher(
-            watch,
-            clock,
-            lambda file: control.soon(journal.file, file),
-            lambda refused: control.soon(control.refused, refused.name, refused.reason),
-            lambda what: control.soon(control.trouble, what, "export folder", "kept trying"),
-            lambda what: control.soon(control.notice, what),
-            lambda what: control.soon(control.folder_replaced, what),
-        )
-        control.accept_folder = watcher.accept
+        watcher = _watcher(control, clock, watch, journal)
         stack.callback(watcher.close)
         if self._config.sem.probe_share and (offset := probe_share(watch.folder, clock.now_ns)) is not None:
             journal.note(offset)
@@ -400,6 +391,27 @@ class _Daemon:
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+
+def _watcher(control: Control, clock: SystemClock | FileClock, watch: WatchSettings, journal: Journal) -> FolderWatcher:
+    watcher = FolderWatcher(
+        watch,
+        clock,
+        lambda file: control.soon(journal.file, file),
+        lambda refused: control.soon(control.refused, refused.name, refused.reason),
+        lambda what: control.soon(control.trouble, what, "export folder", "kept trying"),
+        lambda what: control.soon(control.notice, what),
+        lambda what: control.soon(_folder_replaced, control, clock, what),
+    )
+    control.accept_folder = watcher.accept
+    return watcher
+
+
+def _folder_replaced(control: Control, clock: SystemClock | FileClock, what: str) -> None:
+    """Another folder stands in the place of the export folder: the run pauses until the operator resumes."""
+    control.trouble(what, "export folder", "paused the run; nothing is taken from this folder", FaultCode.EXPORT_FOLDER)
+    control.handle(Operator(clock.now_ns(), Verb.PAUSE, what))
+    control.troubled.set()
 
 
 def _analysis_trouble(control: Control, clock: SystemClock | FileClock, what: str, lost: bool) -> None:
