@@ -98,7 +98,8 @@ class Patient:
 
     def child(self) -> int:
         """The analysis process."""
-        (one,) = Path(f"/proc/{self.daemon.pid}/task/{self.daemon.pid}/children").read_text().split()
+        tasks = Path(f"/proc/{self.daemon.pid}/task").iterdir()
+        (one,) = (pid for task in tasks for pid in (task / "children").read_text().split())
         return int(one)
 
     def end(self, timeout_s: float = 45.0) -> tuple[int, str]:
