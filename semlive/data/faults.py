@@ -45,3 +45,4 @@ class FaultCode(StrEnum):
     FRAME_TIMEOUT = "frame_timeout"
     ANALYSIS = "analysis"
     LOG = "log"
+    EXPORT_FOLDER = "export_folder"

@@ -152,6 +152,8 @@ class Control:
         self.pairs_done = 0 if earlier is None else len(earlier.before.done)
         self._log_behind = False
         self._fault_code = ""
+        # Lets the watcher take files from an export folder that stands in the place of another; nothing if there is none such.
+        self.accept_folder: Callable[[], None] = lambda: None
         self.failure: str | None = None
         # Pairs that turned out to be of no use when every step was done already.
         self.unusable: tuple[str, ...] = ()
@@ -179,6 +181,8 @@ class Control:
         if self._log_behind and verb in (Verb.START, Verb.RESUME):
             self._warn(f"cannot {verb}: the log does not keep up")
             return
+        if verb in (Verb.START, Verb.RESUME):
+            self.accept_folder()
         self.handle(Operator(now_ns, verb))
 
     def acknowledge(self, alarm: str | None, by: str = "") -> bool:

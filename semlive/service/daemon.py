@@ -19,7 +19,7 @@ from typing import Any
 
 from semlive.data.faults import FaultCode
 from semlive.data.loading import DeviceIdentity
-from semlive.engine import Device, DeviceFault, Finish, State, Verb, start
+from semlive.engine import Device, DeviceFault, Finish, Operator, State, Verb, start
 from semlive.errors import BadConfig, BadInput, SemliveError
 from semlive.formats import message_values as values
 from semlive.formats.messages import RunMessage
@@ -176,14 +176,7 @@ class _Daemon:
             journal.note(earlier.snapshot(clock.now_ns()))
         journal.note(values.clock_message(clock.current(), "start of the run" if earlier is None else "the run is taken up again"))
         await self._open_door(stack, control, clock, journal)
-        watcher = FolderWatcher(
-            watch,
-            clock,
-            lambda file: control.soon(journal.file, file),
-            lambda refused: control.soon(control.refused, refused.name, refused.reason),
-            lambda what: control.soon(control.trouble, what, "export folder", "kept trying"),
-            lambda what: control.soon(control.notice, what),
-        )
+        watcher = _watcher(control, clock, watch, journal)
         stack.callback(watcher.close)
         if self._config.sem.probe_share and (offset := probe_share(watch.folder, clock.now_ns)) is not None:
             journal.note(offset)
@@ -423,6 +416,27 @@ def _unexpected(journal: Journal, clock: SystemClock | FileClock, told: dict[str
     error = told.get("exception")
     trace = "".join(traceback.format_exception(error)) if isinstance(error, BaseException) else ""
     journal.line(clock.now_ns(), f"{trace}{told.get('message', '')}", "error")
+
+
+def _watcher(control: Control, clock: SystemClock | FileClock, watch: WatchSettings, journal: Journal) -> FolderWatcher:
+    watcher = FolderWatcher(
+        watch,
+        clock,
+        lambda file: control.soon(journal.file, file),
+        lambda refused: control.soon(control.refused, refused.name, refused.reason),
+        lambda what: control.soon(control.trouble, what, "export folder", "kept trying"),
+        lambda what: control.soon(control.notice, what),
+        lambda what: control.soon(_folder_replaced, control, clock, what),
+    )
+    control.accept_folder = watcher.accept
+    return watcher
+
+
+def _folder_replaced(control: Control, clock: SystemClock | FileClock, what: str) -> None:
+    """Another folder stands in the place of the export folder: the run pauses until the operator resumes."""
+    control.trouble(what, "export folder", "paused the run; nothing is taken from this folder", FaultCode.EXPORT_FOLDER)
+    control.handle(Operator(clock.now_ns(), Verb.PAUSE, what))
+    control.troubled.set()
 
 
 def _analysis_trouble(control: Control, clock: SystemClock | FileClock, what: str, lost: bool) -> None:

@@ -20,12 +20,14 @@ from semlive.data.settings import ScanProfile
 from semlive.errors import BadConfig
 from semlive.formats import SIDECAR_VENDORS, check_complete, check_finished, may_be_unfinished
 from semlive.ports import ClockSource
+from semlive.service.file_reader import FileReader, StillReading
 from semlive.service.known_files import BEFORE, COPY, KnownFile, KnownFiles
 from semlive.service.names import NameCount
 from semlive.service.open_elsewhere import held_back, open_elsewhere
 from semlive.service.sidecars import IMAGE_SUFFIXES, sidecar_names
 
 _LATELY = 3.0  # looks
+_MAX_IRREGULAR = 1000
 Key = tuple[int, int, int, int]
 """Size, modification time, change time (0 where there is none) and file id."""
 
@@ -99,6 +101,7 @@ class _Candidate:
     missing_since_ns: int | None = None
     held_since_ns: int | None = None
     held_told: bool = False
+    reading_since_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +132,9 @@ class Folder:
         on_refused: given each refused file once.
         on_trouble: told one sentence when the folder goes away and when it is back.
         on_notice: told one sentence of what is unusual but no trouble: gaps in numbers, late text files.
+        on_replaced: told one sentence when another folder stands in its place; nothing is taken from that before `accept`.
         in_use: whether another program still writes a file, where the system tells.
+        reader: reads the files.
     """
 
     settings: WatchSettings
@@ -139,6 +144,8 @@ class Folder:
     on_trouble: Callable[[str], None]
     on_notice: Callable[[str], None] = silent
     in_use: Callable[[Path], bool] = open_elsewhere
+    on_replaced: Callable[[str], None] = silent
+    reader: FileReader = field(default_factory=FileReader)
     _candidates: dict[str, _Candidate] = field(default_factory=dict)
     _known: KnownFiles = field(default_factory=KnownFiles)
     _alone: dict[str, int] = field(default_factory=dict)
@@ -147,6 +154,9 @@ class Folder:
     _names: NameCount = field(default_factory=NameCount)
     _export: int = 0
     _gone: bool = False
+    _identity: tuple[int, int] = (0, 0)
+    _replaced: bool = False
+    _irregular: set[str] = field(default_factory=set)
     _looked_ns: int | None = None
     _looked_lately: bool = False
 
@@ -158,6 +168,7 @@ class Folder:
         """
         self._export = self.settings.first_export
         try:
+            self._identity = _identity(self.settings.folder)
             for name, key in self._images():
                 if not self.settings.adopt:
                     self._known.put(name, KnownFile(key[:3], BEFORE))
@@ -169,6 +180,8 @@ class Folder:
     def poll(self) -> None:
         """Look once; files that became complete are delivered before it returns."""
         try:
+            if self._is_replaced():
+                return
             there = self._list()
         except OSError as exc:
             if not self._gone:
@@ -196,6 +209,46 @@ class Folder:
         for name in sorted(ready, key=lambda one: (self._candidates[one].key[1], one)):
             self._try(name, now_ns)
 
+    def accept(self) -> None:
+        """Go on with the folder that is there now; the files in it are none of this run.
+
+        Raises:
+            OSError: it cannot be read.
+        """
+        if not self._replaced:
+            return
+        self._identity = _identity(self.settings.folder)
+        for name, key in self._images():
+            known = self._known.get(name)
+            self._known.put(name, KnownFile(key[:3], BEFORE) if known is None else replace(known, state=key[:3]))
+        self._candidates.clear()
+        self._replaced = False
+
+    def _is_replaced(self) -> bool:
+        """Whether another folder stands in the place of the one that was opened.
+
+        A share that was mounted again has another identity and still holds the files that are known, or none.
+
+        Raises:
+            OSError: it cannot be read.
+        """
+        identity = _identity(self.settings.folder)
+        if identity == self._identity:
+            self._replaced = False
+            return False
+        if not self._replaced:
+            there = dict(self._images())
+            known = ((key, self._known.get(name)) for name, key in there.items())
+            if not there or any(one is not None and one.state[:2] == key[:2] for key, one in known):
+                self._identity = identity
+                return False
+            self._replaced = True
+            self.on_replaced(
+                f"{self.settings.folder}: the export folder is another one than before, with {len(there)} images of other runs; "
+                f"nothing is taken from it: put the old folder back, or resume to go on with what comes into this one"
+            )
+        return True
+
     def _images(self) -> Iterator[tuple[str, Key]]:
         """Image files that are there, one by one: a list of a month's would take more memory than what is known of them."""
         with os.scandir(self.settings.folder) as entries:
@@ -203,8 +256,13 @@ class Folder:
                 name = entry.name.lower()
                 ours = name.endswith(self.settings.suffixes) and not name.endswith(self.settings.ignore_suffixes) and name[0] != "."
                 # scandir's own state may be stale on shares and has no file id on Windows
-                if ours and (key := _key_of(entry.path)) is not None:
+                if ours and (key := _key_of(entry.path, lambda: self._skip_irregular(entry.name))) is not None:  # noqa: B023  # used at once
                     yield entry.name, key
+
+    def _skip_irregular(self, name: str) -> None:
+        if name not in self._irregular and len(self._irregular) < _MAX_IRREGULAR:
+            self._irregular.add(name)
+            self._refuse(name, (0, 0, 0, 0), "is not a regular file, so it is not read; export into a folder of its own")
 
     def _list(self) -> _Listing:
         found = _Listing({}, {})
@@ -268,8 +326,8 @@ class Folder:
         same = known.state[:2] == key[:2]
         if same and known.sha256 and not known.overwritten:
             try:
-                same = hashlib.sha256((self.settings.folder / name).read_bytes()).hexdigest() == known.sha256
-            except OSError:
+                same = hashlib.sha256(self.reader.read(self.settings.folder / name, key[0])).hexdigest() == known.sha256
+            except (OSError, StillReading):
                 return  # the next scan asks again
         self._known.put(name, replace(known, state=key[:3], overwritten=known.overwritten or not same))
         if same:
@@ -304,12 +362,17 @@ class Folder:
         try:
             data = self._read_still(name, candidate.key)
             sidecar = None if candidate.beside is None else self._read_still(*candidate.beside)
+        except StillReading:
+            self._wait_for_read(name, candidate, now_ns)
+            return
         except OSError as exc:
+            candidate.reading_since_ns = None
             if held_back(exc):
                 self._hold_back(name, candidate, now_ns)
                 return
             self._wait(name, candidate, now_ns, f"cannot be read ({exc.strerror})")
             return
+        candidate.reading_since_ns = None
         if data is None or (sidecar is None and candidate.beside is not None):
             candidate.since_ns, candidate.polls = now_ns, 0
             return
@@ -328,9 +391,17 @@ class Folder:
     def _read_still(self, name: str, key: Key) -> bytes | None:
         """The bytes of a file, or None if it was not the same before and after."""
         path = self.settings.folder / name
-        data = path.read_bytes()
-        state = path.stat()
-        return data if _key(state)[:3] == key[:3] and len(data) == state.st_size else None
+        # What says that it is empty is not opened: so do kernel files, which may block.
+        data = self.reader.read(path, key[0]) if key[0] else b""
+        return data if _key(path.stat())[:3] == key[:3] else None
+
+    def _wait_for_read(self, name: str, candidate: _Candidate, now_ns: int) -> None:
+        """Reading takes long, or never ends; others go on meanwhile."""
+        since_ns = candidate.reading_since_ns = now_ns if candidate.reading_since_ns is None else candidate.reading_since_ns
+        if now_ns - since_ns >= self.settings.give_up_after_s * 1e9:
+            waited_s = (now_ns - since_ns) / 1e9
+            self.reader.forget(self.settings.folder / name)
+            self._give_up(name, candidate, f"could not be read within {waited_s:.0f} s; check what it links to, and the share")
 
     def _hold_back(self, name: str, candidate: _Candidate, now_ns: int) -> None:
         """Another program has it: that is no reason to refuse it, however long it takes; that it takes long is told once."""
@@ -391,13 +462,22 @@ def _same_text(one: tuple[str, Key] | None, other: tuple[str, Key] | None, chang
     return one[0] == other[0] and one[1][:changed] == other[1][:changed]
 
 
-def _key_of(path: str) -> Key | None:
+def _identity(folder: Path) -> tuple[int, int]:
+    state = os.stat(folder)
+    return state.st_dev, state.st_ino
+
+
+def _key_of(path: str, on_irregular: Callable[[], None] = lambda: None) -> Key | None:
     """Of a file; None for what is none, is gone since, or is not yet ours to see: the next scan tells."""
     try:
         state = os.stat(path)
     except OSError:
         return None
-    return _key(state) if stat.S_ISREG(state.st_mode) else None
+    if stat.S_ISREG(state.st_mode):
+        return _key(state)
+    if not stat.S_ISDIR(state.st_mode):
+        on_irregular()
+    return None
 
 
 def _key(state: os.stat_result) -> Key:

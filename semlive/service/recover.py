@@ -23,6 +23,7 @@ from semlive.formats.messages import RAW_TOPICS, TOPICS
 from semlive.formats.segment import Piece, channels_and_schemas, pieces, summary
 from semlive.inputs.files import open_regular
 from semlive.service.log_files import PART, SUFFIX, segments
+from semlive.service.log_segment import REWRITING
 from semlive.service.log_stream import is_being_written, sync_folder
 
 ORIGINAL = ".original"
@@ -90,6 +91,8 @@ def recover_log(log: Path, out: Path | None = None, progress: Callable[[int, int
         BadLog: there is no such log, it is no MCAP file, it is being written, or `out` exists.
         SemliveError: it cannot be read or written.
     """
+    if out is None and log.is_dir():
+        _adopt_rewriting(log)
     found = segments(log)
     sizes = {path: path.stat().st_size for path in found}
 
@@ -114,8 +117,27 @@ def recover_leftovers(folder: Path) -> tuple[Recovered, ...]:
         BadLog: a segment is being written by another semlive.
         SemliveError: a segment cannot be read or written.
     """
+    _adopt_rewriting(folder)
     parts = sorted(folder.glob(f"*{SUFFIX}{PART}"))
     return tuple(recover_segment(path) for path in parts if not path.with_name(path.name.removesuffix(PART)).exists())
+
+
+def _adopt_rewriting(folder: Path) -> None:
+    """Make a segment that was being written again when the daemon was killed part of the log: it may hold what the disk lost elsewhere.
+
+    Raises:
+        SemliveError: it cannot be read or renamed.
+    """
+    for path in sorted(folder.glob(f"*{SUFFIX}{REWRITING}")):
+        finished = path.with_name(path.name.removesuffix(REWRITING))
+        part = finished.with_name(finished.name + PART)
+        try:
+            with path.open("rb") as stream:
+                busy = is_being_written(stream)
+            if not (busy or finished.exists() or part.exists()):
+                path.rename(part)
+        except OSError as exc:
+            raise SemliveError(f"{path}: cannot be recovered ({exc.strerror or exc}); check the disk and try again.") from exc
 
 
 def recover_segment(path: Path, out: Path | None = None, read: Callable[[int], object] = lambda _: None) -> Recovered:

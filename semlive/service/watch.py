@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable
@@ -28,6 +29,7 @@ class FolderWatcher:
         on_refused: given each refused file once.
         on_trouble: told one sentence when the folder goes away, is back, or the watch itself fails.
         on_notice: told one sentence of what is unusual but no trouble.
+        on_replaced: told one sentence when another folder stands in its place; nothing is taken from that before `accept`.
 
     Raises:
         BadConfig: the folder does not exist or cannot be read.
@@ -41,10 +43,12 @@ class FolderWatcher:
         on_refused: Callable[[FileRefused], None],
         on_trouble: Callable[[str], None],
         on_notice: Callable[[str], None] = silent,
+        on_replaced: Callable[[str], None] = silent,
     ) -> None:
-        self._folder = Folder(settings, clock, on_file, on_refused, on_trouble, on_notice)
+        self._folder = Folder(settings, clock, on_file, on_refused, on_trouble, on_notice, on_replaced=on_replaced)
         self._poll_s, self._on_trouble = settings.poll_s, on_trouble
         self._wake = threading.Event()
+        self._accepts = threading.Event()
         self._stop = threading.Event()
         self._failed = threading.Event()
         self._folder.open()
@@ -63,6 +67,11 @@ class FolderWatcher:
         """Scan now."""
         self._wake.set()
 
+    def accept(self) -> None:
+        """Go on with the folder that stands in the place of another one; from any thread."""
+        self._accepts.set()
+        self._wake.set()
+
     def close(self, timeout_s: float = 5.0) -> None:
         """Stop scanning; any number of times, started or not."""
         self._stop.set()
@@ -74,6 +83,10 @@ class FolderWatcher:
         given_back_s = time.monotonic()
         try:
             while not self._stop.is_set():
+                if self._accepts.is_set():
+                    self._accepts.clear()
+                    with contextlib.suppress(OSError):  # it is gone again, which `poll` reports
+                        self._folder.accept()
                 self._folder.poll()
                 if time.monotonic() - given_back_s > _GIVE_BACK_EVERY_S:  # this thread is the one that nobody waits for
                     give_back()

@@ -1,9 +1,10 @@
-"""What tests of the watched folder have in common: a clock that is moved by hand, and images."""
+"""What tests have in common: a clock that is moved by hand, images, and whether a process lives."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from io import BytesIO
+from pathlib import Path
 
 import numpy as np
 import tifffile
@@ -26,3 +27,12 @@ def image(seed: int) -> bytes:
     stream = BytesIO()
     tifffile.imwrite(stream, np.random.default_rng(seed).integers(0, 255, (40, 50), dtype=np.uint8), metadata=None)
     return stream.getvalue()
+
+
+def lives(pid: int) -> bool:
+    """Whether a process runs or is stopped; one that has ended and whose end nobody took notice of does not."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state not in "ZX"

@@ -62,7 +62,8 @@ class Patient:
         (packages / "sick-1.0.dist-info" / "entry_points.txt").write_text(ENTRY_POINTS)
         path = self.folder / "run.yaml"
         path.write_text(yaml.safe_dump(self.config), encoding="utf-8")
-        where = os.pathsep.join([str(packages), str(Path(__file__).with_name("sick"))])
+        given = os.environ.get("PYTHONPATH", "")
+        where = os.pathsep.join([str(packages), str(Path(__file__).with_name("sick")), *([given] if given else [])])
         command = [sys.executable, "-m", "semlive", "run", str(path), "--no-page", *([] if operator else ["--stop-on-fault"]), *options]
         environment = {**os.environ, "PYTHONPATH": where}
         self.process = subprocess.Popen(
@@ -97,7 +98,8 @@ class Patient:
 
     def child(self) -> int:
         """The analysis process."""
-        (one,) = Path(f"/proc/{self.daemon.pid}/task/{self.daemon.pid}/children").read_text().split()
+        tasks = Path(f"/proc/{self.daemon.pid}/task").iterdir()
+        (one,) = (pid for task in tasks for pid in (task / "children").read_text().split())
         return int(one)
 
     def end(self, timeout_s: float = 45.0) -> tuple[int, str]:

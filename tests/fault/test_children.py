@@ -10,6 +10,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from .by_hand import lives
+
 # Starts analysis and page on a log that does not exist, and analysis once more from a thread that ends.
 PARENT = """
 import subprocess, sys, threading, time
@@ -25,14 +27,6 @@ thread.join()
 print(*(one.pid for one in started), flush=True)
 time.sleep(600)
 """
-
-
-def lives(pid: int) -> bool:
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
-    except FileNotFoundError:
-        return False
-    return state not in "ZX"
 
 
 def test_children_end_within_two_seconds_of_the_parents_death(tmp_path: Path, wait_until: Callable[..., None]) -> None:

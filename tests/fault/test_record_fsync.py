@@ -17,7 +17,8 @@ from mcap.reader import make_reader
 from semlive.formats.log import LogMessage, LogWriter
 from semlive.formats.messages import SEM_ORIGINAL, LogLineMessage, to_json
 from semlive.service.log_files import messages
-from semlive.service.recover import recover_log
+from semlive.service.log_segment import REWRITING
+from semlive.service.recover import recover_leftovers, recover_log
 from semlive.service.tail import Tail
 
 ORIGINALS = 30
@@ -191,6 +192,16 @@ def test_messages_that_stand_in_two_segments_are_given_once(tmp_path: Path) -> N
     assert list(messages(tmp_path)) == [line(number) for number in range(1, 31)]
     recover_log(tmp_path)
     assert list(messages(tmp_path)) == [line(number) for number in range(1, 31)]
+
+
+def test_a_segment_that_was_being_written_again_when_its_writer_was_killed_belongs_to_the_log(tmp_path: Path) -> None:
+    first, second = tmp_path / "run.000.mcap.part", tmp_path / f"run.001.mcap{REWRITING}"
+    grown(first, range(1, 21), lost=12)
+    grown(second, range(11, 15), after_ns=10)
+    assert [one.log_time_ns for one in messages(tmp_path)] == [*range(1, 12), *range(13, 21)]
+    recover_leftovers(tmp_path)
+    assert list(messages(tmp_path)) == [line(number) for number in range(1, 21)]
+    assert names(tmp_path) == ["run.000.mcap", "run.000.original", "run.001.mcap", "run.001.original"]
 
 
 def test_a_writer_that_returns_to_a_mark_continues_as_if_nothing_had_been_written_since(tmp_path: Path) -> None:

@@ -88,7 +88,11 @@ class Run:
         helpers = self.folder / "helpers"
         helpers.mkdir(exist_ok=True)
         (helpers / "sitecustomize.py").write_text(HELPERS, encoding="utf-8")
-        environment = {**os.environ, "PYTHONPATH": str(helpers), "SEMLIVE_TEST_SIGNALS": "1"}
+        environment = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join([str(helpers), *filter(None, [os.environ.get("PYTHONPATH")])]),
+            "SEMLIVE_TEST_SIGNALS": "1",
+        }
         theirs: int = subprocess.DEVNULL
         if asks:
             self.operator, theirs = pty.openpty()
