@@ -27,6 +27,7 @@ from semlive.formats.text_table import (
     LONGEST_LINE,
     SEPARATORS,
     Column,
+    Convention,
     Layout,
     is_blank,
     key_of,
@@ -129,7 +130,8 @@ def read_disparity_table(data: bytes, where: str, dialect: str | None = None) ->
         BadInput: naming file, line and column, and what to do.
     """
     lines = lines_of(text_of(data, where))
-    layout = layout_of(lines, where, lambda columns: _places(columns, dialect))
+    # No displacement is thousands of pixels long, and no coordinate has decimals.
+    layout = layout_of(lines, where, lambda columns: _places(columns, dialect), Convention(no_thousands=True))
     kind = _dialect(layout.columns, dialect)
     at = _at(layout.columns, kind)
     columns, numbers = _numbers(lines, layout, at, kind)

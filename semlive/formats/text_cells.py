@@ -18,11 +18,14 @@ _TOLD = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 _TOKEN = re.compile(r'"(?:[^"]|"")*"|\S+')
 _BRACKET = re.compile(r"(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]")
 _SLASH = re.compile(r"(.+?)\s+/\s+(\S+)")
+_AFTER_COMMA = re.compile(r"(.+?)\s*,\s*(\S+)")
 _UNIT_WORDS = """
 n kn mn µn un nn kg g t lbf lb lbs kgf gf newton nm um µm μm mm cm m in inch s ms us min h hz v mv % ustrain strain 1 - px pixel pixels pix
 mpa gpa pa °c c deg ° mm/s um/s µm/s n/s mm/min n/min
 """
 _UNITS = frozenset(_UNIT_WORDS.split())
+_NAMES_AS_WELL = frozenset(("t", "v", "c", "h", "strain"))
+_COMMENT = re.compile(r"\s*#(?!n/?a|nv|wert|value|div|ref|name|num|zahl)", re.IGNORECASE)
 _NUMERIC = re.compile(r"[-+0-9.,eE\s]*[0-9][-+0-9.,eE\s]*")
 
 
@@ -105,17 +108,27 @@ def separator_told(line: str) -> str:
 
 def is_remark(line: str) -> bool:
     """Whether a line above the names is none of the table: a comment, or a ``sep=`` line."""
-    return line.startswith(("***", "#")) or separator_told(line) != ""
+    return line.startswith("***") or is_comment(line) or separator_told(line) != ""
 
 
 def is_blank(line: str) -> bool:
     """Whether a line says nothing: it is empty or a comment, or a spreadsheet's row of empty cells."""
-    return not line.strip(" \t;,\r") or line.startswith("#")
+    return not line.strip(" \t;,\r") or is_comment(line)
+
+
+def is_comment(line: str) -> bool:
+    """Whether a line begins with ``#``, and that not as a spreadsheet's ``#N/A``."""
+    return _COMMENT.match(line) is not None
 
 
 def is_unit(cell: str) -> bool:
     """Whether a cell is a bare unit."""
     return cell.strip("[]() ").casefold() in _UNITS
+
+
+def is_no_name(cell: str) -> bool:
+    """Whether a cell of a line of names is a bare unit, and hardly the name of a column."""
+    return is_unit(cell) and cell.casefold() not in _NAMES_AS_WELL
 
 
 def is_line_of_units(cells: Sequence[str]) -> bool:
@@ -126,6 +139,8 @@ def is_line_of_units(cells: Sequence[str]) -> bool:
 def is_line_of_numbers(cells: Sequence[str]) -> bool:
     """Whether a line holds numbers under some convention, among perhaps some text: it is none of names."""
     filled = [cell for cell in cells if cell]
+    if filled and all(map(is_lost, filled)):
+        return True
     numeric = sum(_NUMERIC.fullmatch(cell) is not None for cell in filled)
     return numeric > 0 and len(filled) <= 2 * (numeric + sum(is_lost(cell) for cell in filled))
 
@@ -136,10 +151,10 @@ def columns_of(names: Sequence[str], separator: str) -> tuple[Column, ...]:
 
 
 def _joined_units(names: Sequence[str]) -> list[str]:
-    """``Force (N)`` in a line that is split at blanks."""
+    """``Force (N)`` and ``Force / N`` in a line that is split at blanks."""
     joined: list[str] = []
     for name in names:
-        if joined and re.fullmatch(r"[\[(].*[\])]", name):
+        if joined and (re.fullmatch(r"[\[(].*[\])]|/", name) or joined[-1].endswith(" /")):
             joined[-1] += f" {name}"
         else:
             joined.append(name)
@@ -151,4 +166,7 @@ def _column(raw: str) -> Column:
         found = pattern.fullmatch(raw)
         if found is not None and found[1]:
             return Column(raw, found[1].strip(), found[2].strip())
+    found = _AFTER_COMMA.fullmatch(raw)
+    if found is not None and is_unit(found[2]):
+        return Column(raw, found[1], found[2])
     return Column(raw, raw, "")

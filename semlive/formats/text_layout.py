@@ -24,10 +24,12 @@ class Convention:
     Attributes:
         separator: between cells; more than one character is taken literally.
         decimal: ``.`` or ``,``.
+        no_thousands: thousands cannot be separated, as no value is that large: ``1.500`` is one and a half.
     """
 
     separator: str = ""
     decimal: str = ""
+    no_thousands: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,10 +19,11 @@ from semlive.formats.text_cells import (
     columns_of,
     encoding_of,
     is_blank,
+    is_comment,
     is_line_of_numbers,
     is_line_of_units,
+    is_no_name,
     is_remark,
-    is_unit,
     key_of,
     lines_of,
     separator_told,
@@ -57,6 +58,9 @@ Wanted = Callable[[tuple[Column, ...]], tuple[int, ...]]
 SEPARATORS = ("\t", ";", ",", " ")
 """Those that are found out; a blank stands for any run of blanks."""
 _NOT_QUOTED = re.compile(r'"(?:[^"]|"")*"|\([^)]*\)|\[[^\]]*\]')
+_NUMBER_AND_MORE = re.compile(r"[+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?\s+\S")
+_FIRST_GROUP = re.compile(r"[+-]?[1-9][0-9]{0,2}")
+_NEXT_GROUP = re.compile(r"[0-9]{3}(?![0-9])")
 _DEFINITE = 10**6
 """Weight of what is wrong with a reading that fits the head in all else."""
 _Rows = list[tuple[int, list[str]]]
@@ -97,7 +101,10 @@ def layout_of(lines: Sequence[str], where: str, wanted: Wanted, given: Conventio
     """
     known = _with_told(lines, given or Convention())
     refused: list[tuple[int, BadInput]] = []
+    in_numbers = False
     for start in _starts(lines, searched):
+        if in_numbers and not _needs_names(wanted):
+            break  # the first line of numbers did not fit: no later one is taken for the first
         readings, here = list[_Reading](), list[tuple[int, BadInput]]()
         for separator in (known.separator,) if known.separator else SEPARATORS:
             try:
@@ -105,14 +112,31 @@ def layout_of(lines: Sequence[str], where: str, wanted: Wanted, given: Conventio
             except _Misfit as misfit:
                 here.append((misfit.weight, misfit.error))
         doubt = [error for weight, error in here if weight >= _DEFINITE]
-        if doubt and not any(one.is_numeric for one in readings):
+        if doubt:
             raise doubt[0]
         if readings:
             return _only_one(readings, where)
         refused += here
+        in_numbers = in_numbers or any(_is_line_of_numbers(lines[start], separator) for separator in SEPARATORS)
     if not refused:
         raise BadInput(f"{where}: line 1: holds no header; the first line must name the columns.")
     raise max(refused, key=lambda one: one[0])[1]
+
+
+def _needs_names(wanted: Wanted) -> bool:
+    """Whether columns are wanted by their names, which only the right line of a table can have."""
+    try:
+        wanted((Column("", "", ""),) * 1000)
+    except BadInput:
+        return True
+    return False
+
+
+def _is_line_of_numbers(line: str, separator: str) -> bool:
+    try:
+        return _is_used(separator, line) and is_line_of_numbers(split(line, separator))
+    except ValueError:
+        return False
 
 
 def _with_told(lines: Sequence[str], given: Convention) -> Convention:
@@ -136,6 +160,8 @@ def _readings(lines: Sequence[str], start: int, separator: str, wanted: Wanted, 
     """The table under one separator, its head beginning at a line; nothing where that separator does not occur."""
     if not given.separator and not _is_used(separator, lines[start]):
         return
+    if not given.separator and separator == "," and given.decimal == "," and '"' not in lines[start]:
+        return
     at = f"{where}: line {start + 1}"
     if len(lines[start]) > LONGEST_LINE:
         raise _Misfit(0, BadInput(f"{at}: is longer than {LONGEST_LINE} characters; export the table as lines of numbers."))
@@ -156,27 +182,33 @@ def _readings(lines: Sequence[str], start: int, separator: str, wanted: Wanted, 
         raise _Misfit(len(columns), BadInput(f"{where}: {str(error).replace('{head}', f'line {head_line or start + 1}')}")) from error
     layout = Layout(where, separator, given.decimal, columns, places, head_line, data_from + 1)
     _check_counts(layout, rows)
-    if not head_line and not given.separator:
+    if not head_line and given.separator != " ":
         _check_above(lines, start, layout)
-    if not given.separator:
-        _check_pairs(layout, rows)
-    layout = replace(layout, decimal=given.decimal or _decimal(layout, rows))
+    if not given.decimal:
+        _check_pairs(layout, rows, _needs_names(wanted))
+        _check_groups(layout, rows)
+    layout = replace(layout, decimal=given.decimal or _decimal(layout, rows, given.no_thousands))
     yield _Reading(layout, tuple(tuple(_value(cells[place], layout.decimal) for place in places) for _, cells in rows))
 
 
 def _is_used(separator: str, line: str) -> bool:
-    """Whether a line's columns may be separated so: blanks separate nothing beside other signs, and stand for a single column, too."""
-    bare = _NOT_QUOTED.sub("", line).strip()
+    """Whether a line's columns may be separated so: the first of tab, semicolon and comma that occurs outside quotes and brackets.
+
+    Blanks separate nothing beside these, but numbers with decimal commas; they stand for a single column, too.
+    """
+    bare = _NOT_QUOTED.sub("", line.strip(" \r"))
     if separator != " ":
-        return separator in (line if separator == "\t" else bare)
+        return next((sign for sign in SEPARATORS[:-1] if sign in bare), "") == separator
     return not any(sign in bare for sign in "\t;") and ("," not in bare or is_line_of_numbers(split(bare, " ")))
 
 
 def _names_above(lines: Sequence[str], start: int, separator: str, cells: int) -> tuple[list[str], int]:
-    """The names in the last comment above the numbers, and the number of its line; nothing if it is no line of names."""
+    """The names in the comment above the numbers, and the number of its line; nothing if it is no line of names."""
     for place in range(start - 1, -1, -1):
-        if lines[place].startswith("#"):
-            line = lines[place].lstrip("# ").strip()
+        if lines[place].strip() and not is_remark(lines[place]):
+            break
+        if is_comment(lines[place]):
+            line = lines[place].strip().lstrip("#").strip()
             try:
                 names = split(line, separator)
             except ValueError:
@@ -243,29 +275,53 @@ def _check_above(lines: Sequence[str], start: int, layout: Layout) -> None:
         names = []
     if len(names) > 1:
         error = miscounted(f"{layout.where}: line {start + 1}", ["?"] * len(layout.columns), len(names), layout.separator, True)
-        raise _Misfit(500, error)
+        raise _Misfit(1, error)
 
 
-def _check_pairs(layout: Layout, rows: _Rows) -> None:
+def _check_pairs(layout: Layout, rows: _Rows, by_name: bool) -> None:
     """Whole numbers between commas may be numbers with decimal commas, where the names do not exclude it.
 
-    Without names they can always be; with names only if a comma stands before each unit: ``Time, s,Force, N``.
+    Without names they can always be; with names only if a comma stands before units: ``Time, s,Force, N``.
     """
     if layout.separator != "," or len(layout.columns) < 2 or not rows:
         return
-    if not all(is_whole(cell) or is_lost(cell) for _, cells in rows for cell in cells):
-        return
-    if layout.head_line:
-        units = [is_unit(column.raw) for column in layout.columns]
-        if len(units) % 2 or not all(units[1::2]) or all(units[place] for place in layout.wanted):
-            return
     line, cells = rows[0]
-    both = f"{cells[0]} and {cells[1]}, or {cells[0]}.{cells[1]}"
-    said = f"{layout.where}: line {line}: may mean {both}; say which sign separates the columns, or write decimal points."
-    raise _Misfit(_DEFINITE, AmbiguousTable(said))
+    numeric = [place for place in range(len(layout.columns)) if all(_may_be_number(cells[place]) for _, cells in rows)]
+    if any(sign_of(cells[place]) is Sign.POINT for place in numeric for _, cells in rows):
+        doubtful = False
+    elif layout.head_line:
+        units = [is_no_name(column.raw) for column in layout.columns] + [False]
+        doubtful = any(units[place + 1] for place in layout.wanted) if by_name else any(units)
+        doubtful = doubtful or any(_NUMBER_AND_MORE.match(cell) for cell in cells)
+    else:
+        doubtful = True
+    if doubtful:
+        place = min(layout.wanted[0], len(cells) - 2)
+        both = f"{cells[place]!r} and {cells[place + 1]!r}, or '{cells[place]},{cells[place + 1]}'"
+        said = f"{layout.where}: line {line}: may mean {both}; write decimal points, or say the decimal sign."
+        raise _Misfit(_DEFINITE, AmbiguousTable(said))
 
 
-def _decimal(layout: Layout, rows: _Rows) -> str:
+def _check_groups(layout: Layout, rows: _Rows) -> None:
+    """Cells such as 91 and 205.5 may be one number whose thousands are separated as the columns are, where no names exclude it."""
+    if layout.separator not in (",", " ") or not rows:
+        return
+    if layout.separator == "," and layout.head_line and not any(is_no_name(column.raw) for column in layout.columns):
+        return
+    rule = all if layout.head_line or layout.separator == " " else any
+    for place in range(len(layout.columns) - 1):
+        if rule(_FIRST_GROUP.fullmatch(cells[place]) and _NEXT_GROUP.match(cells[place + 1]) for _, cells in rows):
+            line, cells = rows[0]
+            both = " and ".join(cells[place : place + 2])
+            said = f"{layout.where}: line {line}: {both} may be one number; write no sign between thousands, and names above the columns."
+            raise _Misfit(_DEFINITE, AmbiguousTable(said))
+
+
+def _may_be_number(cell: str) -> bool:
+    return is_lost(cell) or is_whole(cell) or sign_of(cell) is not Sign.NONE
+
+
+def _decimal(layout: Layout, rows: _Rows, no_thousands: bool) -> str:
     """The decimal sign that the head shows: by the wanted cells, or else by the others; empty if nothing shows it.
 
     Raises:
@@ -287,9 +343,8 @@ def _decimal(layout: Layout, rows: _Rows) -> str:
         if (Sign.POINT in signs) != (Sign.COMMA in signs):
             return "." if Sign.POINT in signs else ","
     doubtful = [one for one in (Sign.POINT_OR_THOUSANDS, Sign.COMMA_OR_THOUSANDS) if one in found]
-    if doubtful == [Sign.POINT_OR_THOUSANDS] and layout.separator == ",":
-        # Points between thousands go with decimal commas, and a comma is the separator here.
-        return "."
+    if no_thousands and len(doubtful) == 1:
+        return "." if doubtful == [Sign.POINT_OR_THOUSANDS] else ","
     if doubtful:
         line, cell = found[doubtful[0]]
         small, large = cell.replace(",", "."), re.sub("[.,]", "", cell)

@@ -41,6 +41,9 @@ BREAKS = [
     ("drivers", "drivers/semlive_drivers/broken.py", "import semlive.formats"),
     ("drivers", "drivers/semlive_drivers/modbus/broken.py", "import semlive.service"),
     ("drivers", "drivers/semlive_drivers/broken.py", "import semlive_simulators"),
+    ("drivers", "drivers/semlive_drivers/broken.py", "import semlive.process_lock"),
+    ("drivers", "drivers/semlive_drivers/csv_tail.py", "import semlive.formats.frames"),
+    ("layers", "semlive/process_lock.py", "import semlive.ports"),
     ("pure", "semlive/engine/broken.py", "import time"),
     ("pure", "semlive/dic/broken.py", "import os.path"),
     ("pure", "semlive/estimate/broken.py", "import logging"),
@@ -56,6 +59,8 @@ BREAKS = [
 ALLOWED = [
     ("simulators/semlive_simulators/broken.py", "import semlive.errors, semlive.data.grid, semlive.formats"),
     ("drivers/semlive_drivers/broken.py", "import semlive.errors, semlive.data.grid, semlive.ports, socket, time"),
+    ("drivers/semlive_drivers/endpoint_lock.py", "import semlive.process_lock"),
+    ("drivers/semlive_drivers/growing_table.py", "import semlive.formats.text_table, semlive.formats.regular_file"),
     ("semlive/kernels/broken.py", "import numba"),
     ("simulators/semlive_simulators/kernels/broken.py", "import numba"),
     ("semlive/service/broken.py", "import asyncio, os, socket, time, logging, mcap, semlive.pipeline, semlive.ports"),
