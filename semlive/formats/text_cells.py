@@ -20,11 +20,11 @@ _BRACKET = re.compile(r"(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]")
 _SLASH = re.compile(r"(.+?)\s+/\s+(\S+)")
 _AFTER_COMMA = re.compile(r"(.+?)\s*,\s*(\S+)")
 _UNIT_WORDS = """
-n kn mn µn un nn kg g t lbf lb lbs kgf gf newton nm um µm μm mm cm m in inch s ms us min h hz v mv % ustrain strain 1 - px pixel pixels pix
+n kn mn µn un nn kg g t lbf lb lbs kgf gf newton nm um µm μm mm cm m in inch s ms us min h hz v mv % ustrain 1 - px pixel pixels pix
 mpa gpa pa °c c deg ° mm/s um/s µm/s n/s mm/min n/min
 """
 _UNITS = frozenset(_UNIT_WORDS.split())
-_NAMES_AS_WELL = frozenset(("t", "v", "c", "h", "strain"))
+_NAMES_AS_WELL = frozenset(("t", "v", "c", "h"))
 _COMMENT = re.compile(r"\s*#(?!n/?a|nv|wert|value|div|ref|name|num|zahl)", re.IGNORECASE)
 _NUMERIC = re.compile(r"[-+0-9.,eE\s]*[0-9][-+0-9.,eE\s]*")
 

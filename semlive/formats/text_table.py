@@ -149,7 +149,7 @@ def _starts(lines: Sequence[str], searched: int) -> Iterator[int]:
     """Places of the lines that may be the line of names, or the first of numbers."""
     found = 0
     for place, line in enumerate(lines):
-        if line.strip() and not is_remark(line):
+        if not is_blank(line) and not is_remark(line):
             yield place
             found += 1
             if found == searched:

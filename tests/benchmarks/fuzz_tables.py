@@ -105,13 +105,15 @@ def written(seed: int) -> Written:
     """A table of its own for each seed."""
     rng = random.Random(seed)
     style = a_style(rng)
+    blanks = not style.separator.strip(" ")
     count, lines_count = rng.randint(1, 6), rng.choice((1, 2, 3, 8, 30))
     if count == 1 or style.head == "none":
         style = replace(style, torn=0.0)  # the first line alone says how many cells there are
+    if style.separator.strip() == style.decimal and style.quotes == "none":
+        style = replace(style, torn=0.0)  # a lost cell and a decimal comma make up for each other
     if style.torn:
         style = replace(style, trailing=False)  # a lost cell and one more separator make up for each other
-    blanks = not style.separator.strip(" ")
-    names = rng.sample(NAMES, count)
+    names = [name.replace(" ", "_") if blanks else name for name in rng.sample(NAMES, count)]
     scales = [10 ** rng.uniform(-2, 6) for _ in names]
     text_at = rng.randrange(count + 1) if style.text_column else None
     units = [rng.choice(UNITS) for _ in names]
