@@ -201,7 +201,9 @@ def _command(pid: int) -> str:
     except OSError:
         return ""
     words = [Path(word).name if place < 2 and "/" in word else word for place, word in enumerate(words) if word]
-    return _printable(" ".join(words[1:] if len(words) > 1 and words[0].startswith("python") else words))
+    if len(words) > 1 and words[0].startswith("python"):
+        words = words[2:] if words[1] == "-m" else words[1:]
+    return _printable(" ".join(words))
 
 
 def _printable(text: str) -> str:

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from semlive.errors import LinkError, LinkRefused
+from semlive.errors import BadInput, LinkError, LinkRefused
+from semlive.formats.text_table import AmbiguousTable, Convention, key_of, number_in
+from semlive.formats.text_table import Column as HeadColumn
 from semlive.ports import ClockSource
+from semlive_drivers.growing_table import GrowingTable, Newest
 from semlive_drivers.modbus.settings import checked
 from semlive_drivers.parts import Do, Said
-from semlive_drivers.units import factor
+from semlive_drivers.units import factor, unit_named
 
-_TAIL_BYTES = 65_536
+_KINDS = {"force": ("N", "kN", "mN", "kg", "g", "t", "lbF"), "extension": ("mm", "um", "m", "in"), "gage": ("ustrain", "%", "1")}
 
 
 class Column(BaseModel):
@@ -23,8 +27,9 @@ class Column(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     column: int | str
-    """Number from 1, or the name in the file's head."""
+    """Number from 1, or the name in the file's head; letter case, blanks, underscores and a unit in brackets do not count."""
     unit: str = "1"
+    """Where it is left out, the unit in the file's head counts: ``Force (kN)``."""
     scale: float = 1.0
     """-1 turns the sign."""
 
@@ -38,8 +43,10 @@ class CsvSettings(BaseModel):
     """A name may hold ``*`` and ``?``: then the file that was written last is read."""
     delimiter: str = Field(default="", max_length=4)
     """Nothing finds out: tab, semicolon, comma, or blanks."""
-    decimal_comma: bool = False
+    decimal_comma: bool | None = None
+    """Left out, the file's head decides; say it where that can be read in two ways."""
     encoding: str = "utf-8"
+    """Of a file without a byte order mark."""
     force: Column | None = None
     extension: Column | None = None
     gage: Column | None = None
@@ -57,11 +64,28 @@ class CsvSettings(BaseModel):
         return self
 
 
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """A column of the settings in a file's head.
+
+    Attributes:
+        kind: force, extension or gage.
+        column: as in the settings.
+        place: of the cell.
+        factor: from a number of the file to N, mm or strain.
+    """
+
+    kind: str
+    column: Column
+    place: int
+    factor: float
+
+
 class CsvTail:
     """The Part over a growing file; it tells and cannot be told.
 
     Raises:
-        LinkRefused: if there is no such file.
+        LinkRefused: if there is no such file, or its head does not fit the settings.
     """
 
     simulated = False
@@ -71,40 +95,33 @@ class CsvTail:
     def __init__(self, settings: CsvSettings, clock: ClockSource) -> None:
         self._settings, self._clock = settings, clock
         self.where = str(settings.file)
-        self._path = self._newest()
+        decimal = {None: "", True: ",", False: "."}[settings.decimal_comma]
+        self._table = GrowingTable(self._places, Convention(settings.delimiter, decimal), settings.encoding)
         self._seen: tuple[Path, int] | None = None
         self._grew_mono_ns = clock.mono_ns()
-        self._names = self._head()
+        try:
+            self._newest_line()
+        except LinkError as error:
+            raise LinkRefused(str(error)) from error
 
     def read(self) -> Said:
         """The newest whole line.
 
         Raises:
-            LinkError: if the file is gone, does not grow, or its line holds no number where one must be.
+            LinkError: if the file is gone, does not grow, or its line does not fit its head or holds no number where one must be.
         """
         now = self._clock.mono_ns()
-        try:
-            path = self._newest()
-            size = path.stat().st_size
-            with path.open("rb") as stream:
-                stream.seek(max(0, size - _TAIL_BYTES))
-                data = stream.read(_TAIL_BYTES)
-        except OSError as error:
-            raise LinkError(f"{self.where} cannot be read ({error.strerror}); check the program that writes it") from error
-        end = data.rfind(b"\n") + 1
-        seen = (path, size - len(data) + end)
-        if path != self._path:
-            self._path = path
-            self._names = self._head()
+        newest = self._newest_line()
+        if newest is None:
+            raise LinkError(f"{self.where} holds no whole line of numbers yet; start the recording")
+        seen = (newest.path, newest.end)
         if seen != self._seen:
             self._seen, self._grew_mono_ns = seen, now
         elif now - self._grew_mono_ns > self._settings.frozen_after_s * 1e9:
             still_s = (now - self._grew_mono_ns) / 1e9
-            raise LinkError(f"{path} has not grown for {still_s:.1f} s; check that the program that writes it is recording")
-        lines = data[:end].splitlines()
-        if not lines:
-            raise LinkError(f"{path} holds no whole line yet; start the recording")
-        return self._said(lines[-1].decode(self._settings.encoding, errors="replace"))
+            raise LinkError(f"{newest.path} has not grown for {still_s:.1f} s; check that the program that writes it is recording")
+        values = {one.kind: _value(one, newest) for one in self._wanted(newest.layout.columns)}
+        return Said(force_n=values.get("force"), extension_mm=values.get("extension"), gage_strain=values.get("gage"))
 
     def look(self) -> Said:
         """The same: reading writes nothing."""
@@ -136,39 +153,84 @@ class CsvTail:
             raise LinkRefused(f"{file}: no file has such a name; start the recording, or correct the path")
         return found[-1]
 
-    def _head(self) -> dict[str, int]:
-        """Numbers of columns by their names in the first line."""
-        with self._path.open(encoding=self._settings.encoding, errors="replace") as stream:
-            return {name.strip().strip('"'): place for place, name in enumerate(self._split(stream.readline().strip()), 1)}
+    def _newest_line(self) -> Newest | None:
+        """The newest whole line of numbers, if there is one yet.
 
-    def _split(self, line: str) -> list[str]:
-        delimiter = self._settings.delimiter or next((d for d in "\t;" if d in line), "" if self._settings.decimal_comma else ",")
-        return line.split(delimiter) if delimiter and delimiter in line else line.split()
-
-    def _said(self, line: str) -> Said:
-        fields = self._split(line)
-        s = self._settings
-        return Said(force_n=self._number(s.force, fields), extension_mm=self._number(s.extension, fields), gage_strain=self._strain(fields))
-
-    def _strain(self, fields: list[str]) -> float | None:
-        """A gage may say nothing for a while; its load goes on."""
+        Raises:
+            LinkError: the file cannot be read, or not be understood.
+        """
         try:
-            return self._number(self._settings.gage, fields)
+            return self._table.newest(self._newest())
+        except OSError as error:
+            raise LinkError(f"{self.where} cannot be read ({error.strerror}); check the program that writes it") from error
+        except AmbiguousTable as error:
+            raise LinkError(f"{str(error).rstrip('.')} with delimiter and decimal_comma") from error
         except LinkError:
-            return None
+            raise
+        except BadInput as error:
+            raise LinkError(str(error).rstrip(".")) from error
 
-    def _number(self, column: Column | None, fields: list[str]) -> float | None:
-        if column is None:
-            return None
-        place = self._names.get(column.column) if isinstance(column.column, str) else column.column
-        text = fields[place - 1].strip().strip('"') if place is not None and 0 < place <= len(fields) else ""
-        try:
-            number = float(text.replace(",", ".") if self._settings.decimal_comma else text)
-        except ValueError:
-            number = math.nan
-        if not math.isfinite(number):
-            raise LinkError(f"{self._path} holds {text!r} in column {column.column}, which is no reading; check columns and delimiter")
-        return number * column.scale * factor(column.unit, "csv column")
+    def _places(self, columns: tuple[HeadColumn, ...]) -> tuple[int, ...]:
+        # A gage may say in words that it has no value.
+        return tuple(one.place for one in self._wanted(columns) if one.kind != "gage") or tuple(one.place for one in self._wanted(columns))
+
+    def _wanted(self, columns: tuple[HeadColumn, ...]) -> list[_Wanted]:
+        """The columns of the settings in the file's head; errors begin with ``{head}``, its line.
+
+        Raises:
+            BadInput: one is not there, there twice, or in another unit than the settings say.
+        """
+        found: list[_Wanted] = []
+        for kind in _KINDS:
+            column: Column | None = getattr(self._settings, kind)
+            if column is not None:
+                place = _place_of(column, columns)
+                found.append(_Wanted(kind, column, place, column.scale * _factor(kind, column, columns[place])))
+        return found
+
+
+def _place_of(column: Column, columns: tuple[HeadColumn, ...]) -> int:
+    wanted = column.column
+    if isinstance(wanted, int):
+        if not 0 < wanted <= len(columns):
+            raise BadInput(f"{{head}}: there is no column {wanted} among {len(columns)}; check columns and delimiter.")
+        return wanted - 1
+    exact = [place for place, one in enumerate(columns) if one.raw == wanted]
+    alike = [place for place, one in enumerate(columns) if key_of(wanted) in (one.key, key_of(one.raw))]
+    places = exact or alike
+    if len(places) != 1:
+        names = ", ".join(one.raw for one in columns if one.raw) or "no names"
+        said = f"there is no column {wanted!r}" if not places else f"column {wanted!r} stands there {len(places)} times"
+        raise BadInput(f"{{head}}: {said} (it has {names[:200]}); check columns and delimiter.")
+    return places[0]
+
+
+def _factor(kind: str, column: Column, head: HeadColumn) -> float:
+    """Value of one of the column's unit, by the settings or else by the file's head."""
+    told = unit_named(head.unit)
+    if told and told not in _KINDS[kind]:
+        raise BadInput(f"{{head}}: column {head.raw!r} is in {head.unit}, which is no unit of {kind}; check columns and delimiter.")
+    if "unit" not in column.model_fields_set:
+        return factor(told or "1", "csv column")
+    if told and column.unit != "1" and factor(column.unit, "csv column") != factor(told, "csv column"):
+        raise BadInput(f"{{head}}: column {head.raw!r} is in {head.unit}, but the settings say {column.unit}; correct one of them.")
+    return factor(column.unit, "csv column")
+
+
+def _value(wanted: _Wanted, newest: Newest) -> float | None:
+    """The number in a cell; None where a gage says that it has none.
+
+    Raises:
+        LinkError: it is no number.
+    """
+    text = newest.cells[wanted.place]
+    number = number_in(text, newest.layout.decimal)
+    if number is not None and math.isfinite(number):
+        return number * wanted.factor
+    if wanted.kind == "gage" and (number is not None or not any(letter.isdigit() for letter in text)):
+        return None
+    where = f"{newest.path} holds {text[:40]!r} in column {wanted.column.column}"
+    raise LinkError(f"{where}, which is no reading; check columns, delimiter and decimal_comma")
 
 
 def open_part(settings: Mapping[str, object], clock: ClockSource, where: str = "csv") -> CsvTail:
@@ -176,6 +238,6 @@ def open_part(settings: Mapping[str, object], clock: ClockSource, where: str = "
 
     Raises:
         BadConfig: for settings that are not understood.
-        LinkRefused: if there is no such file.
+        LinkRefused: if there is no such file, or its head does not fit the settings.
     """
     return CsvTail(checked(CsvSettings, settings, where), clock)

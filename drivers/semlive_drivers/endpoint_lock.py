@@ -13,20 +13,15 @@ Other computers, and devices that are reached under two addresses or answer to s
 
 from __future__ import annotations
 
-import ipaddress
-import os
-import socket
-import stat
 import threading
 import weakref
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from semlive import process_lock
+from semlive.endpoints import serial_name, tcp_names
 from semlive.errors import LinkRefused
 from semlive.process_lock import Holder, ProcessLock
-
-_LOCAL = "localhost"
 
 
 @dataclass(slots=True)
@@ -80,7 +75,7 @@ def reserve_tcp(host: str, port: int, unit: int | None = None) -> Reservation:
         LinkRefused: another process of this computer holds it.
     """
     where = f"{host}:{port}" if unit is None else f"{host}:{port} unit {unit}"
-    return _reserve([f"tcp {address} {port} {unit}" for address in addresses_of(host)], where)
+    return _reserve(tcp_names(host, port, unit), where)
 
 
 def reserve_serial(path: str) -> Reservation:
@@ -92,52 +87,7 @@ def reserve_serial(path: str) -> Reservation:
     Raises:
         LinkRefused: another process of this computer holds it.
     """
-    return _reserve([f"serial {line_of(path)}"], path)
-
-
-def addresses_of(host: str) -> list[str]:
-    """What a host is called in locks: its numeric addresses, or one word for all addresses of this computer.
-
-    A name that cannot be resolved stands for itself.
-    """
-    try:
-        found = {str(entry[4][0]) for entry in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)}
-    except (OSError, UnicodeError):
-        return [host.strip().rstrip(".").lower()]
-    return sorted({_LOCAL if _is_local(address) else _plain(address) for address in found})
-
-
-def line_of(path: str) -> str:
-    """What a serial line is called in locks: the device's own number, so that links and copies of its node are one; else its real path."""
-    if os.name == "nt":
-        return path.upper().removeprefix("\\\\.\\").removesuffix(":")
-    real = os.path.realpath(path)
-    try:
-        status = os.stat(real)
-    except OSError:
-        return real
-    return f"{os.major(status.st_rdev)}:{os.minor(status.st_rdev)}" if stat.S_ISCHR(status.st_mode) else real
-
-
-def _plain(address: str) -> str:
-    """IPv4 also where it is written as IPv6."""
-    parsed = ipaddress.ip_address(address)
-    mapped = parsed.ipv4_mapped if isinstance(parsed, ipaddress.IPv6Address) else None
-    return str(mapped or parsed)
-
-
-def _is_local(address: str) -> bool:
-    """Whether a packet to this address stays on this computer: only its own addresses can be bound to."""
-    plain = _plain(address)
-    parsed = ipaddress.ip_address(plain)
-    if parsed.is_loopback or parsed.is_unspecified:
-        return True
-    with socket.socket(socket.AF_INET6 if parsed.version == 6 else socket.AF_INET, socket.SOCK_DGRAM) as trial:
-        try:
-            trial.bind((plain, 0))
-        except OSError:
-            return False
-    return True
+    return _reserve([serial_name(path)], path)
 
 
 def _reserve(keys: list[str], where: str) -> Reservation:

@@ -46,3 +46,17 @@ def factor(unit: str, where: str) -> float:
     if not name:
         raise BadConfig(f"{where}: unit {unit!r} is not known; it may be {', '.join(FACTORS)}")
     return FACTORS[name]
+
+
+_SPELLINGS = {"µm": "um", "μm": "um", "micron": "um", "µe": "ustrain", "µstrain": "ustrain", "microstrain": "ustrain", "µε": "ustrain"}
+
+
+def unit_named(text: str) -> str:
+    """The unit that a file's head names, as in `FACTORS`; empty if it is none of these, or could be two."""
+    if text in FACTORS:
+        return text
+    lower = text.casefold()
+    # MN is not mN, and a capital M, G or T is no metre, gram or tonne.
+    if lower == "mn" or len(text) == 1:
+        return "N" if text == "n" else ""
+    return _SPELLINGS.get(lower, _WORDS.get(lower, ""))

@@ -23,11 +23,25 @@ from numpy.typing import NDArray
 
 from semlive.data.disparity import PoiStatus
 from semlive.errors import BadInput
+from semlive.formats.text_table import (
+    LONGEST_LINE,
+    SEPARATORS,
+    Column,
+    Convention,
+    Layout,
+    is_blank,
+    key_of,
+    layout_of,
+    lines_of,
+    number_in,
+    text_of,
+)
 
-Column = NDArray[np.float64]
+Values = NDArray[np.float64]
 PIXELS = ("px", "pixel", "pixels", "pix")
-_UNIT = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]\s*$")
-_SUBSET = re.compile(rb"^\*{3}\s*Subset size:\s*(\d+)", re.MULTILINE)
+_IN_PIXELS = ("x", "y", "u", "v", "sigma", "sigmau", "sigmav")
+_WORDED = ("status", "converged")
+_SUBSET = re.compile(r"^\*{3}\s*Subset size:\s*(\d+)", re.MULTILINE)
 _STATUS_WORDS = sorted(PoiStatus, key=lambda status: -len(status.word))
 
 
@@ -88,12 +102,12 @@ class DisparityTable:
     where: str
     dialect: Dialect
     first_line: int
-    x_px: Column
-    y_px: Column
-    u_px: Column
-    v_px: Column
-    sigma_u_px: Column | None
-    sigma_v_px: Column | None
+    x_px: Values
+    y_px: Values
+    u_px: Values
+    v_px: Values
+    sigma_u_px: Values | None
+    sigma_v_px: Values | None
     valid: NDArray[np.bool_]
     subset_px: int
     lines: NDArray[np.int64] | None = None
@@ -115,79 +129,66 @@ def read_disparity_table(data: bytes, where: str, dialect: str | None = None) ->
     Raises:
         BadInput: naming file, line and column, and what to do.
     """
-    begin, first_line = _header(data, where)
-    end = data.find(b"\n", begin)
-    end = len(data) if end < 0 else end
-    try:
-        head = data[begin:end].decode("utf-8-sig" if begin == 0 else "utf-8").strip()
-        body = data[end + 1 :].decode("ascii")
-    except UnicodeDecodeError as error:
-        raise BadInput(f"{where}: is not plain text (byte {error.start}); export the map as CSV.") from error
-    delimiter = next((one for one in (",", ";", "\t") if one in head), None)
-    names = _names(head, delimiter, where, first_line)
-    kind = _dialect(names, where, first_line, dialect)
-    wanted = [*kind.place, *(kind.sigma or ()), kind.mark]
-    at = {name: names.index(name) for name in wanted if name in names}
-    columns, lines = _numbers(_words_to_numbers(body, kind), delimiter, at, kind, where, first_line + 1)
+    lines = lines_of(text_of(data, where))
+    # No displacement is thousands of pixels long, and no coordinate has decimals.
+    layout = layout_of(lines, where, lambda columns: _places(columns, dialect), Convention(no_thousands=True))
+    kind = _dialect(layout.columns, dialect)
+    at = _at(layout.columns, kind)
+    columns, numbers = _numbers(lines, layout, at, kind)
     if len(columns) == 0:
-        raise BadInput(f"{where}: line {first_line + 1}: holds no point; export the map's points below its header.")
+        raise BadInput(f"{where}: line {layout.first_line}: holds no point; export the map's points below its header.")
     values = dict(zip(at, columns.T, strict=True))
-    subset = _SUBSET.search(data[:begin])
-    return _table(values, kind, where, first_line + 1, min(int(subset.group(1)), 10**6) if subset else 0, lines)
+    subset = _SUBSET.search("\n".join(lines[: layout.first_line]))
+    return _table(values, kind, where, layout.first_line, min(int(subset.group(1)), 10**6) if subset else 0, numbers)
 
 
-def _header(data: bytes, where: str) -> tuple[int, int]:
-    """Where the line of column names begins, and its number; lines above that begin with *** or # are an engine's own words."""
-    begin, line = 0, 1
-    while begin < len(data):
-        end = data.find(b"\n", begin)
-        text = data[begin : end if end >= 0 else len(data)].strip()
-        if text and not text.startswith((b"***", b"#")):
-            return begin, line
-        if end < 0:
-            break
-        begin, line = end + 1, line + 1
-    raise BadInput(f"{where}: line 1: holds no header; the first line must name the columns x,y,u,v.")
+def _places(columns: tuple[Column, ...], dialect: str | None) -> tuple[int, ...]:
+    """Places of the columns that hold numbers; a status may be a word.
+
+    Raises:
+        BadInput: one that is needed is missing, there twice, or in another unit.
+    """
+    kind = _dialect(columns, dialect)
+    return tuple(place for name, place in _at(columns, kind).items() if name not in _WORDED)
 
 
-def _names(head: str, delimiter: str | None, where: str, line: int) -> list[str]:
-    names = []
-    for cell in head.split(delimiter):
-        name = cell.strip().strip('"').strip()
-        unit = _UNIT.search(name)
-        if unit is not None:
-            name = name[: unit.start()].strip()
-            if name.lower() in ("x", "y", "u", "v", "sigma", "sigma_u", "sigma_v") and unit.group(1).lower() not in PIXELS:
-                raise BadInput(f"{where}: line {line}, column {name}: is in {unit.group(1)[:20]!r}; export it in pixels.")
-        names.append(name.lower())
-    return names
+def _at(columns: tuple[Column, ...], kind: Dialect) -> dict[str, int]:
+    """Places of the columns of a dialect that are there, by its names."""
+    keys = [column.key for column in columns]
+    wanted = [*kind.place, *(kind.sigma or ()), kind.mark]
+    return {name: keys.index(key_of(name)) for name in wanted if key_of(name) in keys}
 
 
-def _dialect(names: list[str], where: str, line: int, asked: str | None) -> Dialect:
-    kind = DIALECTS[asked] if asked else DIALECTS[_sniffed(names)]
+def _dialect(columns: tuple[Column, ...], asked: str | None) -> Dialect:
+    """Who wrote the map; errors begin with ``{head}``, the line of names."""
+    for column in columns:
+        if column.key in _IN_PIXELS and column.unit and column.unit.casefold() not in PIXELS:
+            raise BadInput(f"{{head}}, column {column.name}: is in {column.unit[:20]!r}; export it in pixels.")
+    keys = [column.key for column in columns]
+    kind = DIALECTS[asked] if asked else DIALECTS[_sniffed(keys)]
     required = [*kind.place, *([kind.mark] if kind.mark != "valid" else [])]
     for name in required:
-        if name not in names:
-            raise BadInput(f"{where}: line {line}: column {name} is missing; a map of {kind.name} has {', '.join(required)}.")
+        if key_of(name) not in keys:
+            raise BadInput(f"{{head}}: column {name} is missing; a map of {kind.name} has {', '.join(required)}.")
     for name in (*required, *(kind.sigma or ()), kind.mark):
-        if names.count(name) > 1:
-            raise BadInput(f"{where}: line {line}: column {name} stands there twice; keep one.")
-    if kind.sigma is not None and (kind.sigma[0] in names) != (kind.sigma[1] in names):
-        missing = kind.sigma[0] if kind.sigma[0] not in names else kind.sigma[1]
-        raise BadInput(f"{where}: line {line}: column {missing} is missing; give sigma_u and sigma_v, or neither.")
+        if keys.count(key_of(name)) > 1:
+            raise BadInput(f"{{head}}: column {name} stands there twice; keep one.")
+    if kind.sigma is not None and (key_of(kind.sigma[0]) in keys) != (key_of(kind.sigma[1]) in keys):
+        missing = kind.sigma[0] if key_of(kind.sigma[0]) not in keys else kind.sigma[1]
+        raise BadInput(f"{{head}}: column {missing} is missing; give sigma_u and sigma_v, or neither.")
     return kind
 
 
-def _sniffed(names: list[str]) -> str:
-    if "coordinate_x" in names:
+def _sniffed(keys: list[str]) -> str:
+    if "coordinatex" in keys:
         return "dice"
-    if "subset_x" in names:
+    if "subsetx" in keys:
         return "pyvale"
-    if "zncc" in names and "status" in names:
+    if "zncc" in keys and "status" in keys:
         return "semlive-dic"
-    if "zncc" in names and "convergence" in names:
+    if "zncc" in keys and "convergence" in keys:
         return "opencorr"
-    return "vic2d" if "sigma" in names and "sigma_u" not in names else "semlive"
+    return "vic2d" if "sigma" in keys and "sigmau" not in keys else "semlive"
 
 
 def _words_to_numbers(body: str, kind: Dialect) -> str:
@@ -199,55 +200,68 @@ def _words_to_numbers(body: str, kind: Dialect) -> str:
     return body
 
 
-def _numbers(
-    body: str, delimiter: str | None, at: dict[str, int], kind: Dialect, where: str, first_line: int
-) -> tuple[NDArray[np.float64], NDArray[np.int64] | None]:
-    """(points, columns) of the wanted columns, and line numbers if blank lines lie between."""
-    if not body.strip():
-        return np.zeros((0, len(at))), None
-    body = body.rstrip()
-    plain = "\n\n" not in body and "\n\r\n" not in body and '"' not in body and "\r\r" not in body and body.lstrip("\r\n") == body
-    if plain:
-        try:
-            found = np.loadtxt(io.StringIO(body), delimiter=delimiter, usecols=tuple(at.values()), comments=None, ndmin=2)
-        except (ValueError, OverflowError):
-            pass  # something is wrong with a line: the slow way finds which
-        else:
-            return found, None
-    rows, lines = [], []
-    for line, text in enumerate(body.split("\n"), start=first_line):
-        if not text.strip():
+def _numbers(lines: list[str], layout: Layout, at: dict[str, int], kind: Dialect) -> tuple[Values, NDArray[np.int64] | None]:
+    """(points, columns) of the wanted columns, and line numbers if blank lines lie between.
+
+    Raises:
+        BadInput: a line has another number of cells than the head, or a cell is no number.
+    """
+    first = layout.first_line - 1
+    last = max((place for place in range(first, len(lines)) if not is_blank(lines[place])), default=first - 1)
+    body = lines[first : last + 1]
+    if (found := _at_once(body, layout, at, kind)) is not None:
+        return found, None
+    rows, numbers = [], []
+    for number, line in enumerate(body, layout.first_line):
+        if is_blank(line):
             continue
-        cells = text.rstrip("\r").split(delimiter)
-        rows.append([_number(cells, index, name, kind, at, where, line) for name, index in at.items()])
-        lines.append(line)
-    return np.array(rows).reshape(-1, len(at)), np.array(lines)
+        cells = layout.cells(_words_to_numbers(line, kind), number)
+        layout = layout.after(cells)
+        rows.append([_number(cells, index, name, kind, at, layout, number) for name, index in at.items()])
+        numbers.append(number)
+    return np.array(rows).reshape(-1, len(at)), np.array(numbers)
 
 
-def _number(cells: list[str], index: int, name: str, kind: Dialect, at: dict[str, int], where: str, line: int) -> float:
-    place = f"{where}: line {line}, column {name}"
-    if index >= len(cells):
-        raise BadInput(f"{place}: the line ends before it; every line needs all columns.")
-    text = cells[index].strip().strip('"').strip()
+def _at_once(body: list[str], layout: Layout, at: dict[str, int], kind: Dialect) -> Values | None:
+    """The same for lines that are all alike, a hundred times faster; None if something is not as usual, and has to be looked at."""
+    separator, text = layout.separator, "\n".join(body)
+    if not body or separator not in SEPARATORS or '"' in text or "\r" in text or max(map(len, body)) > LONGEST_LINE:
+        return None
+    counts = {len(line.split()) for line in body} if separator == " " else {line.count(separator) + 1 for line in body}
+    if counts != {len(layout.columns)} or any(map(is_blank, body)):
+        return None
+    if separator != "," and "," in text and (layout.decimal != "," or "." in text):
+        return None
+    if "." in text and not layout.decimal:
+        return None
+    text = _words_to_numbers(text, kind)
+    text = text if separator == "," else text.replace(",", ".")
+    delimiter = None if separator == " " else separator
+    try:
+        return np.loadtxt(io.StringIO(text), delimiter=delimiter, usecols=tuple(at.values()), comments=None, ndmin=2)
+    except (ValueError, OverflowError):
+        return None  # something is wrong with a line: the slow way finds which
+
+
+def _number(cells: list[str], index: int, name: str, kind: Dialect, at: dict[str, int], layout: Layout, line: int) -> float:
+    place, text = f"{layout.where}: line {line}, column {name}", cells[index]
     if not text:
-        if name not in kind.place[:2] and kind.mark != name and _not_found(cells, kind, at):
+        if name not in kind.place[:2] and kind.mark != name and _not_found(cells, kind, at, layout.decimal):
             return 0.0
         raise BadInput(f"{place}: is empty; give a number, or say with the column valid that the point was not found.")
-    try:
-        return float(text)
-    except ValueError:
-        raise BadInput(f"{place}: {text[:40]!r} is no number; write a number with a decimal point.") from None
+    value = number_in(text, layout.decimal)
+    if value is None:
+        raise BadInput(f"{place}: {text[:40]!r} is no number; write a number with a decimal point, and none between thousands.")
+    return value
 
 
-def _not_found(cells: list[str], kind: Dialect, at: dict[str, int]) -> bool:
-    try:
-        return float(cells[at[kind.mark]]) < kind.at_least
-    except (KeyError, IndexError, ValueError):
-        return False
+def _not_found(cells: list[str], kind: Dialect, at: dict[str, int], decimal: str) -> bool:
+    mark = number_in(cells[at[kind.mark]], decimal) if kind.mark in at else None
+    return mark is not None and mark < kind.at_least
 
 
 def _table(
-    values: dict[str, Column], kind: Dialect, where: str, first_line: int, subset_px: int, lines: NDArray[np.int64] | None
+    values: dict[str, Values], kind: Dialect, where: str, first_line: int, subset_px: int, lines: NDArray[np.int64] | None
 ) -> DisparityTable:  # fmt: skip
     x, y, u, v = (values[name] for name in kind.place)
     mark = values.get(kind.mark)
@@ -263,7 +277,7 @@ def _table(
     return table
 
 
-def _check_finite(table: DisparityTable, mark: Column | None) -> None:
+def _check_finite(table: DisparityTable, mark: Values | None) -> None:
     for column, values in enumerate((table.x_px, table.y_px, table.u_px, table.v_px)):
         bad = ~(np.abs(values) < 1e6)
         if bad.any():

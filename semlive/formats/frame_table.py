@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import itertools
 import math
 from collections.abc import Iterator, Mapping
@@ -11,6 +9,7 @@ from dataclasses import dataclass
 
 from semlive.data.experiment import Phase
 from semlive.errors import BadInput
+from semlive.formats.text_table import Column, is_blank, key_of, layout_of, lines_of, number_in, text_of
 
 FORMAT_VERSION = 1
 NEEDED = (
@@ -84,35 +83,41 @@ def read_frame_table(data: bytes, where: str) -> tuple[FrameRow, ...]:
     Raises:
         BadInput: naming file, line and column, and what to do.
     """
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise BadInput(f"{where}: is not text (byte {error.start}); save it as CSV in UTF-8.") from error
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
-    try:
-        header = [name.strip() for name in next(reader, [])]
-        _check_header(header, where)
-        rows = [_row(dict(zip(header, cells, strict=False)), reader.line_num, where) for cells in reader if any(map(str.strip, cells))]
-    except csv.Error as error:
-        raise BadInput(f"{where}: line {reader.line_num}: is not CSV ({error}); separate the columns with commas.") from error
+    lines = lines_of(text_of(data, where))
+    layout = layout_of(lines, where, _numeric_places)
+    keys = [column.key for column in layout.columns]
+    at = {name: keys.index(key_of(name)) for name in (*NEEDED, *OPTIONAL) if key_of(name) in keys}
+    rows: list[FrameRow] = []
+    for number, line in enumerate(lines[layout.first_line - 1 :], layout.first_line):
+        if not is_blank(line):
+            cells = layout.cells(line, number)
+            layout = layout.after(cells)
+            rows.append(_row({name: cells[place] for name, place in at.items()}, number, where, layout.decimal))
     if not rows:
-        raise BadInput(f"{where}: line 2: holds no frame; write one line for each frame.")
+        raise BadInput(f"{where}: line {layout.first_line}: holds no frame; write one line for each frame.")
     rows.sort(key=lambda one: (one.frame, one.line))
     _check_together(rows, where)
     return tuple(rows)
 
 
-def _check_header(header: list[str], where: str) -> None:
+def _numeric_places(columns: tuple[Column, ...]) -> tuple[int, ...]:
+    """Places of the columns that hold numbers; errors begin with ``{head}``, the line of names.
+
+    Raises:
+        BadInput: one is missing, or there twice.
+    """
+    keys = [column.key for column in columns]
     for name in NEEDED:
-        if name not in header:
-            raise BadInput(f"{where}: line 1: column {name} is missing; add it (the columns are {', '.join(NEEDED)}).")
-    for name in header:
-        if header.count(name) > 1:
-            raise BadInput(f"{where}: line 1: column {name} stands there twice; keep one.")
+        if key_of(name) not in keys:
+            raise BadInput(f"{{head}}: column {name} is missing; add it (the columns are {', '.join(NEEDED)}).")
+    for column in columns:
+        if column.key and keys.count(column.key) > 1:
+            raise BadInput(f"{{head}}: column {column.name} stands there twice; keep one.")
+    return tuple(keys.index(key_of(name)) for name in (*NEEDED, *OPTIONAL) if key_of(name) in keys and name != "phase")
 
 
-def _row(cells: Mapping[str, str], line: int, where: str) -> FrameRow:
-    at = _Line(cells, line, where)
+def _row(cells: Mapping[str, str], line: int, where: str, decimal: str) -> FrameRow:
+    at = _Line(cells, line, where, decimal)
     words = ", ".join(Phase)
     phase = at.text("phase").lower()
     if phase not in list(Phase):
@@ -153,6 +158,7 @@ class _Line:
     cells: Mapping[str, str]
     line: int
     where: str
+    decimal: str
 
     def wrong(self, column: str, what: str, do: str) -> BadInput:
         return BadInput(f"{self.where}: line {self.line}, column {column}: {what}; {do}.")
@@ -165,10 +171,9 @@ class _Line:
 
     def number(self, column: str) -> float:
         found = self.text(column)
-        try:
-            value = float(found)
-        except ValueError:
-            raise self.wrong(column, f"{found[:40]!r} is no number", "write a number with a decimal point") from None
+        value = number_in(found, self.decimal)
+        if value is None:
+            raise self.wrong(column, f"{found[:40]!r} is no number", "write a number with a decimal point, and none between thousands")
         if not math.isfinite(value):
             raise self.wrong(column, f"is {found[:40]}", "give a finite number, or leave out this frame's pair")
         if abs(value) > _LONGEST.get(column, 1e12):

@@ -25,6 +25,7 @@ from semlive.formats.frame_table import FrameRow, read_frame_table
 from semlive.formats.log import LogWriter
 from semlive.formats.maps import encode_map
 from semlive.formats.messages import DIC_MAP, DicMessage, RunMessage
+from semlive.formats.regular_file import read_regular
 from semlive.service.log_files import PART, messages
 from semlive.service.log_settings import ImportConfig, ImportSection, is_imported
 from semlive.service.versions import versions
@@ -33,6 +34,8 @@ FRAMES = "frames.csv"
 ZERO_NS = 946_684_800_000_000_000
 """Begin of the user's time axis, which has no date: 2000-01-01, UTC ns."""
 _NAME = re.compile(r"disparity_(\d{1,9})_(\d{1,9})\.(?:csv|txt|dat)", re.IGNORECASE)
+_MOST_BYTES = 10**9
+"""Ten million points, the most that a map may have, take less."""
 _DAMAGED = "cannot be {0} ({1}); check the path and its permissions."
 
 
@@ -170,7 +173,7 @@ def _map_files(folder: Path) -> dict[tuple[int, int], Path]:
 
 def _read(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_regular(path, _MOST_BYTES)
     except FileNotFoundError:
         raise BadInput(f"{path}: is missing; write it as docs/import.md shows.") from None
     except OSError as error:

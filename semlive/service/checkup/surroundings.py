@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import time
@@ -10,7 +11,10 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
+from semlive import process_lock
 from semlive.data.frame_check import Finding, Verdict
+from semlive.endpoints import tcp_names
+from semlive.process_lock import Holder
 from semlive.service.config import Config, DriverSection
 from semlive.service.file_clocks import probe_share
 
@@ -105,12 +109,12 @@ def lines(config: Config) -> Iterator[Finding]:
             yield Finding(key, f"driver {section.driver} names no line to look at", Verdict.GOOD)
 
 
-def ends_of(settings: Mapping[str, Any]) -> Iterator[tuple[str, int] | str]:
-    """TCP addresses and paths of serial ports that settings hold, however deep; each once."""
-    seen: list[tuple[str, int] | str] = []
-    found: list[tuple[str, int] | str] = []
+def ends_of(settings: Mapping[str, Any]) -> Iterator[tuple[str, int, int] | str]:
+    """TCP addresses (host, port, unit) and paths of serial ports that settings hold, however deep; each once."""
+    seen: list[tuple[str, int, int] | str] = []
+    found: list[tuple[str, int, int] | str] = []
     if isinstance(host := settings.get("host"), str):
-        found.append((host, int(settings.get("port", MODBUS_PORT))))
+        found.append((host, int(settings.get("port", MODBUS_PORT)), int(settings.get("unit", 1))))
     serial = settings.get("serial")
     if isinstance(serial, Mapping) and isinstance(port := serial.get("port"), str):
         found.append(port)
@@ -133,7 +137,23 @@ def page_port(port: int = PAGE_PORT) -> Finding:
     return Finding("live page", f"port {port} is free", Verdict.GOOD)
 
 
-def _tcp(key: str, host: str, port: int) -> Finding:
+def _tcp(key: str, host: str, port: int, unit: int) -> Finding:
+    """Whether a port listens; a device that another run drives is left alone, as many drop one connection for the next."""
+    with contextlib.ExitStack() as stack:
+        for name in tcp_names(host, port, unit):
+            try:
+                lock = process_lock.acquire(name)
+            except OSError as error:
+                said = f"no device can be reserved for a run ({error.strerror or error})"
+                return Finding(key, said, Verdict.BAD, "allow semlive unix sockets (AF_UNIX), see docs/deploy.md")
+            if isinstance(lock, Holder):
+                said = f"{host}:{port} unit {unit} is driven by another semlive already, {lock}"
+                return Finding(key, said, Verdict.BAD, "stop that run first, or correct the endpoint")
+            stack.callback(lock.release)
+        return _listens(key, host, port)
+
+
+def _listens(key: str, host: str, port: int) -> Finding:
     try:
         with socket.create_connection((host, port), _CONNECT_S):
             return Finding(key, f"{host}:{port} listens", Verdict.GOOD, "semlive frame check MAP asks who answers")

@@ -71,7 +71,7 @@ def test_what_is_wrong_is_said_with_what_to_do(tmp_path: Path) -> None:
 
 def test_ends_are_found_however_deep() -> None:
     settings = {"cell": {"host": "a", "port": 1}, "drive": {"link": {"serial": {"port": "COM3"}}}, "host": "b", "gage": {"host": "b"}}
-    assert list(surroundings.ends_of(settings)) == [("b", 502), ("a", 1), "COM3"]
+    assert list(surroundings.ends_of(settings)) == [("b", 502, 1), ("a", 1, 1), "COM3"]
 
 
 def test_a_share_is_known_by_its_mount(tmp_path: Path) -> None:

@@ -107,7 +107,7 @@ WRONG = {
     "infinite": (changed(5, 3, "inf"), "line 5, column v: is inf"),
     "word": (changed(6, 3, "lost"), "line 6, column v: 'lost' is no number"),
     "empty cell": (changed(6, 3, ""), "line 6, column v: is empty"),
-    "line too short": (changed(6, 3, "1").replace(good()[8], "20,30"), "line 9, column u: the line ends before it"),
+    "line too short": (changed(6, 3, "1").replace(good()[8], "20,30"), "line 9: has 2 cells under 4 names, separated by commas"),
     "half a pixel": (changed(4, 0, "40.5"), "line 4, column x: 40.5 is no whole pixel"),
     "millimetres": ("\n".join(["x,y,u,v", *IN_MM]), "is no whole pixel"),
     "off the grid": (changed(4, 0, "43"), "line 4, column x: 43 is not on the grid of the first map (20, 30, ... 60)"),

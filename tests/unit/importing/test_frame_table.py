@@ -55,7 +55,7 @@ WRONG = {
     "nan": (HEADER, [GOOD[0], GOOD[1].replace("10.0", "nan"), *GOOD[2:]], "line 3, column start_s: is nan"),
     "word": (HEADER, [GOOD[0], GOOD[1].replace("10.0", "ten"), *GOOD[2:]], "line 3, column start_s: 'ten' is no number"),
     "empty": (HEADER, [GOOD[0], GOOD[1].replace("10.0", ""), *GOOD[2:]], "line 3, column start_s: is empty"),
-    "short line": (HEADER, [*GOOD[:3], "3,1,tension,40.0"], "line 5, column dwell_s: is empty"),
+    "short line": (HEADER, [*GOOD[:3], "3,1,tension,40.0"], "line 5: has 4 cells under 12 names, separated by commas"),
     "microseconds": (
         HEADER,
         [GOOD[0].replace("1e-5", "10"), *GOOD[1:]],

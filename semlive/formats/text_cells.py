@@ -1,0 +1,172 @@
+"""Lines of a text table as cells, and the cells of its head as columns with units."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from semlive.errors import BadInput
+from semlive.formats.text_number import is_lost
+
+LONGEST_LINE = 100_000
+"""Characters."""
+_MARKS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
+_TOLD = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
+_TOKEN = re.compile(r'"(?:[^"]|"")*"|\S+')
+_BRACKET = re.compile(r"(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]")
+_SLASH = re.compile(r"(.+?)\s+/\s+(\S+)")
+_AFTER_COMMA = re.compile(r"(.+?)\s*,\s*(\S+)")
+_UNIT_WORDS = """
+n kn mn µn un nn kg g t lbf lb lbs kgf gf newton nm um µm μm mm cm m in inch s ms us min h hz v mv % ustrain 1 - px pixel pixels pix
+mpa gpa pa °c c deg ° mm/s um/s µm/s n/s mm/min n/min
+"""
+_UNITS = frozenset(_UNIT_WORDS.split())
+_NAMES_AS_WELL = frozenset(("t", "v", "c", "h"))
+_COMMENT = re.compile(r"\s*#(?!n/?a|nv|wert|value|div|ref|name|num|zahl)", re.IGNORECASE)
+_NUMERIC = re.compile(r"[-+0-9.,eE\s]*[0-9][-+0-9.,eE\s]*")
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One name of the head.
+
+    Attributes:
+        raw: as written; empty in a table without names.
+        name: without its unit.
+        unit: from brackets behind the name, after a slash, or from a line of units; empty if not given.
+    """
+
+    raw: str
+    name: str
+    unit: str
+
+    @property
+    def key(self) -> str:
+        """The name, to be compared: letter case, blanks and underscores do not count."""
+        return key_of(self.name)
+
+
+def text_of(data: bytes, where: str, encoding: str = "utf-8") -> str:
+    """The text of a table, by its byte order mark or else as told.
+
+    Raises:
+        BadInput: it is no plain text.
+    """
+    start, encoding = encoding_of(data, encoding)
+    try:
+        text = data[start:].decode(encoding)
+    except UnicodeDecodeError as error:
+        raise BadInput(f"{where}: is not plain text (byte {start + error.start}); export the table as CSV in UTF-8.") from error
+    if "\0" in text:
+        raise BadInput(f"{where}: is not plain text (it holds zero bytes); export the table as CSV in UTF-8.")
+    return text
+
+
+def encoding_of(data: bytes, encoding: str = "utf-8") -> tuple[int, str]:
+    """Length of the byte order mark at the beginning of a file, and the encoding: the mark's, or the one given."""
+    for mark, name in _MARKS:
+        if data.startswith(mark):
+            return len(mark), name
+    return 0, encoding
+
+
+def lines_of(text: str) -> list[str]:
+    """Lines without their ends; only line feeds and carriage returns end a line."""
+    return [line.removesuffix("\r") for line in text.split("\n")]
+
+
+def key_of(name: str) -> str:
+    """A name, to be compared."""
+    return re.sub(r"[\s_]+", "", name).casefold()
+
+
+def split(line: str, separator: str) -> list[str]:
+    """The cells of a line, without quotes and the blanks around them.
+
+    Raises:
+        ValueError: the quotes are broken.
+    """
+    if separator == " ":
+        return [cell[1:-1].replace('""', '"').strip() if cell.startswith('"') and len(cell) > 1 else cell for cell in _TOKEN.findall(line)]
+    if '"' not in line or len(separator) > 1:
+        return [cell.strip() for cell in line.split(separator)]
+    try:
+        (cells,) = csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True)
+    except csv.Error as error:
+        raise ValueError(str(error)) from error
+    return [cell.strip() for cell in cells]
+
+
+def separator_told(line: str) -> str:
+    """The separator in a ``sep=;`` line, which spreadsheets write; empty in any other."""
+    found = _TOLD.fullmatch(line.strip(" \ufeff"))
+    return "" if found is None else found[1]
+
+
+def is_remark(line: str) -> bool:
+    """Whether a line above the names is none of the table: a comment, or a ``sep=`` line."""
+    return line.startswith("***") or is_comment(line) or separator_told(line) != ""
+
+
+def is_blank(line: str) -> bool:
+    """Whether a line says nothing: it is empty or a comment, or a spreadsheet's row of empty cells."""
+    return not line.strip(" \t;,\r") or is_comment(line)
+
+
+def is_comment(line: str) -> bool:
+    """Whether a line begins with ``#``, and that not as a spreadsheet's ``#N/A``."""
+    return _COMMENT.match(line) is not None
+
+
+def is_unit(cell: str) -> bool:
+    """Whether a cell is a bare unit."""
+    return cell.strip("[]() ").casefold() in _UNITS
+
+
+def is_no_name(cell: str) -> bool:
+    """Whether a cell of a line of names is a bare unit, and hardly the name of a column."""
+    return is_unit(cell) and cell.casefold() not in _NAMES_AS_WELL
+
+
+def is_line_of_units(cells: Sequence[str]) -> bool:
+    """Whether all cells are units, or empty."""
+    return any(cells) and all(not cell or (is_unit(cell) and cell != "1") for cell in cells)
+
+
+def is_line_of_numbers(cells: Sequence[str]) -> bool:
+    """Whether a line holds numbers under some convention, among perhaps some text: it is none of names."""
+    filled = [cell for cell in cells if cell]
+    if filled and all(map(is_lost, filled)):
+        return True
+    numeric = sum(_NUMERIC.fullmatch(cell) is not None for cell in filled)
+    return numeric > 0 and len(filled) <= 2 * (numeric + sum(is_lost(cell) for cell in filled))
+
+
+def columns_of(names: Sequence[str], separator: str) -> tuple[Column, ...]:
+    """The columns that a line of names tells."""
+    return tuple(_column(name) for name in (_joined_units(names) if separator == " " else names))
+
+
+def _joined_units(names: Sequence[str]) -> list[str]:
+    """``Force (N)`` and ``Force / N`` in a line that is split at blanks."""
+    joined: list[str] = []
+    for name in names:
+        if joined and (re.fullmatch(r"[\[(].*[\])]|/", name) or joined[-1].endswith(" /")):
+            joined[-1] += f" {name}"
+        else:
+            joined.append(name)
+    return joined
+
+
+def _column(raw: str) -> Column:
+    for pattern in (_BRACKET, _SLASH):
+        found = pattern.fullmatch(raw)
+        if found is not None and found[1]:
+            return Column(raw, found[1].strip(), found[2].strip())
+    found = _AFTER_COMMA.fullmatch(raw)
+    if found is not None and is_unit(found[2]):
+        return Column(raw, found[1], found[2])
+    return Column(raw, raw, "")

@@ -1,0 +1,81 @@
+"""One cell of a text table: a number under a stated decimal sign, a lost value, or neither. Nothing is guessed."""
+
+from __future__ import annotations
+
+import math
+import re
+from enum import Enum, auto
+
+_NUMBER = {
+    ".": re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"),
+    ",": re.compile(r"[+-]?(?:[0-9]+,?[0-9]*|,[0-9]+)(?:[eE][+-]?[0-9]+)?"),
+}
+_WHOLE = re.compile(r"[+-]?[0-9]+(?:[eE][+-]?[0-9]+)?")
+_LIKE_THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}")
+_THOUSANDS = re.compile(r"[+-]?[0-9]{1,3}(?:(?:,[0-9]{3})+\.[0-9]*|(?:\.[0-9]{3})+,[0-9]*|(?:,[0-9]{3}){2,}|(?:\.[0-9]{3}){2,})")
+_LOST = re.compile(
+    r"[+-]?nan[0-9]*(?:\(\w*\))?|[+-]?1[.,]#(?:ind|qnan|snan|nan)[0-9]*|#n/?a|#nv|#wert!|#value!|#div/0!|n/?a|null|none|-+|\.|",
+    re.IGNORECASE,
+)
+_INFINITE = re.compile(r"([+-]?)(?:inf|infinity|1[.,]#inf[0-9]*)", re.IGNORECASE)
+
+
+class Sign(Enum):
+    """What one cell says about the decimal sign of its table."""
+
+    NONE = auto()
+    """Nothing: a whole number, a lost value, text."""
+    POINT = auto()
+    COMMA = auto()
+    POINT_OR_THOUSANDS = auto()
+    """``1.500``: one and a half, or fifteen hundred."""
+    COMMA_OR_THOUSANDS = auto()
+    THOUSANDS = auto()
+    """``1,234.5``: no decimal sign makes it a number."""
+
+
+def sign_of(cell: str) -> Sign:
+    """What a cell says about the decimal sign."""
+    if "." not in cell and "," not in cell:
+        return Sign.NONE
+    if _LIKE_THOUSANDS.fullmatch(cell):
+        return Sign.POINT_OR_THOUSANDS if "." in cell else Sign.COMMA_OR_THOUSANDS
+    if _THOUSANDS.fullmatch(cell):
+        return Sign.THOUSANDS
+    for sign, said in ((".", Sign.POINT), (",", Sign.COMMA)):
+        if _NUMBER[sign].fullmatch(cell):
+            return said
+    return Sign.NONE
+
+
+def is_lost(cell: str) -> bool:
+    """Whether a cell says that there is no value: empty, ``nan``, ``-nan(ind)``, ``1.#QNAN``, ``#N/A``, ``--`` and their like."""
+    return _LOST.fullmatch(cell) is not None
+
+
+def is_whole(cell: str) -> bool:
+    """Whether a cell is a number without a decimal sign."""
+    return _WHOLE.fullmatch(cell) is not None
+
+
+def number_in(cell: str, decimal: str) -> float | None:
+    """The number in a cell.
+
+    Args:
+        cell: without blanks around it.
+        decimal: ``.`` or ``,``; empty if the table has not shown it, then a cell counts only if it shows it beyond doubt.
+
+    Returns:
+        The number; NaN for a lost value; None for anything else, thousands separators included.
+    """
+    cell = cell.replace("\N{MINUS SIGN}", "-")
+    if is_lost(cell):
+        return math.nan
+    infinite = _INFINITE.fullmatch(cell)
+    if infinite is not None:
+        return -math.inf if infinite[1] == "-" else math.inf
+    if not decimal:
+        decimal = {Sign.NONE: ".", Sign.POINT: ".", Sign.COMMA: ","}.get(sign_of(cell), "")
+    if not decimal or not _NUMBER[decimal].fullmatch(cell):
+        return None
+    return float(cell.replace(",", "."))

@@ -1,0 +1,41 @@
+"""Tables under random conventions, whose writer knows every number: read right or refused, and never wrong."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections import Counter
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+TABLES = 2000
+
+
+@pytest.fixture(scope="module")
+def fuzz() -> ModuleType:
+    path = Path(__file__).parents[1] / "benchmarks" / "fuzz_tables.py"
+    spec = importlib.util.spec_from_file_location("fuzz_tables", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_no_number_is_read_wrong(fuzz: ModuleType) -> None:
+    counts = Counter[str]()
+    for seed in range(TABLES):
+        said, table = fuzz.verdict(seed)
+        counts[said] += 1
+        assert said != "wrong", (seed, table)
+    # Neither is everything refused.
+    assert counts["right"] > TABLES / 2
+
+
+def test_what_a_careful_program_writes_is_read(fuzz: ModuleType) -> None:
+    plain = [fuzz.verdict(seed)[0] for seed in range(20_000, 40_000) if fuzz.is_plain(fuzz.written(seed))]
+    assert len(plain) > 50
+    assert plain.count("right") > 0.95 * len(plain)

@@ -1,0 +1,145 @@
+"""How text tables are written is decided from their heads, or they are refused with what they could mean."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import pytest
+
+from semlive.errors import BadInput
+from semlive.formats.text_table import (
+    AmbiguousTable,
+    Column,
+    Convention,
+    Layout,
+    is_blank,
+    key_of,
+    layout_of,
+    lines_of,
+    number_in,
+    text_of,
+)
+
+
+def read(text: str | bytes, *wanted: str | int, given: Convention | None = None, searched: int = 1) -> tuple[Layout, list[list[float]]]:
+    """The wanted numbers of every line."""
+
+    def places(columns: tuple[Column, ...]) -> tuple[int, ...]:
+        keys = [column.key for column in columns]
+        for name in wanted:
+            if (isinstance(name, str) and keys.count(key_of(name)) != 1) or (isinstance(name, int) and name > len(columns)):
+                raise BadInput(f"{{head}}: column {name} is missing.")
+        return tuple(name - 1 if isinstance(name, int) else keys.index(key_of(name)) for name in wanted)
+
+    lines = lines_of(text_of(text if isinstance(text, bytes) else text.encode(), "table"))
+    layout = layout_of(lines, "table", places, given, searched)
+    rows = []
+    for number, line in enumerate(lines[layout.first_line - 1 :], layout.first_line):
+        if not is_blank(line):
+            cells = layout.cells(line, number)
+            numbers = [number_in(cells[place], layout.decimal) for place in layout.wanted]
+            assert None not in numbers, cells
+            rows.append(numbers)
+    return layout, rows
+
+
+TRUTH = [[134.2, 0.5], [134.25, -0.5]]
+SAME = {
+    "commas": "Time,Force,Ext\n12.4,134.2,0.5\n12.5,134.25,-.5\n",
+    "semicolons": "Time;Force;Ext\n12,4;134,2;0,5\n12,5;134,25;-0,5\n",
+    "semicolons with points": "Time;Force;Ext\n12.4;134.2;0.5\n12.5;134.25;-0.5\n",
+    "tabs": "Time\tForce\tExt\r\n12,4\t134,2\t0,5\r\n12,5\t134,25\t-5,0e-1\r\n",
+    "blanks": "Time  Force   Ext\n12,4 134,2  0,5\n 12,5 134,25 -0,5 \n",
+    "blanks with units": "Time (s)  Force (N)   Ext / mm\n12.4 134.2  0.5\n 12.5 134.25 -0.5 \n",
+    "quotes": '"Time","Force","Ext"\n"12,4","134,2","0,5"\n"12,5","134,25","-0,5"\n',
+    "quoted separator": 'Time,"Force",Ext,"a, ""b"""\n12.4,134.2,0.5,"x, y"\n12.5,134.25,-0.5,z\n',
+    "comment": "# test 7\n# Time,Force,Ext\n12.4,134.2,0.5\n12.5,134.25,-0.5\n",
+    "told": "sep=;\nTime;Force;Ext\n12,4;134,2;0,5\n12,5;134,25;-0,5\n",
+    "units below": "Time;Force;Ext\ns;N;mm\n12,4;134,2;0,5\n12,5;134,25;-0,5\n",
+    "units behind commas": "Time, s;Force, N;Ext, mm\n12,4;134,2;0,5\n12,5;134,25;-0,5\n",
+    "separator at the end": "Time;Force;Ext\n12,4;134,2;0,5;\n12,5;134,25;-0,5;\n",
+    "spelling": "TIME;force_;  e x t\n12,4;134,2;0,5\n12,5;134,25;-0,5\n",
+    "words beside numbers": "Day;Force;Ext\n26.11.2026 12:00;134,2;0,5\n26.11.2026 12:01;134,25;-0,5\n",
+    "minus sign": "Time;Force;Ext\n12,4;134,2;0,5\n12,5;134,25;\N{MINUS SIGN}0,5\n",
+    "three digits, shown by another line": "Time;Force;Ext\n0,000;134,200;0,500\n0,100;134,250;-0,500\n",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SAME)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_one_table_in_many_spellings_is_one_table(name: str, encoding: str) -> None:
+    assert read(SAME[name].encode(encoding), "force", "ext")[1] == TRUTH
+
+
+@pytest.mark.parametrize("head", ["Force (kN)", "Force [kN]", "Force / kN", "Force, kN", "Force;Time\nkN;s"])
+def test_units_are_read_from_the_head(head: str) -> None:
+    layout, rows = read(f"{head if 'Time' in head else head + ';Time'}\n1,5;2,5\n", "force")
+    assert layout.columns[0].unit == "kN"
+    assert layout.columns[0].name == "Force"
+    assert rows == [[1.5]]
+
+
+@pytest.mark.parametrize("lost", ["", "nan", "-nan(ind)", "NaN", "#N/A", "1.#QNAN", "--", "#NV"])
+def test_a_lost_value_is_no_number(lost: str) -> None:
+    (row,) = read(f"a;b\n{lost};0.5\n", "a", "b")[1]
+    assert math.isnan(row[0])
+    assert row[1] == 0.5
+
+
+COMMAS = "line 2: has 6 cells under 3 names: the numbers seem to have decimal commas"
+REFUSED = {
+    "decimal commas between commas": (("Time,Force,Ext\n12,4,134,2,0,5\n", "Force"), COMMAS),
+    "by number": (("Time,Force,Ext\n12,4,134,2,0,5\n", 2), COMMAS),
+    "without names": (("12,4,134,2,0,5\n", 2), "line 1: may mean '4' and '134', or '4,134'"),
+    "units behind commas": (("Time, s,Force, N\n12,4,134,2\n", "Force"), "line 2: may mean '134' and '2', or '134,2'"),
+    "told comma": (("sep=,\nTime,Force\n12,4,134,2\n", 2), "line 3: has 4 cells under 2 names"),
+    "a cell lost": (("a;b;c\n1;2;3\n1;2\n", "a"), "line 3: has 2 cells under 3 names, separated by semicolons"),
+    "a cell more": (("a;b;c\n1;2;3\n1;2;3;4\n", "a"), "line 3: has 4 cells under 3 names"),
+    "two decimal signs": (("a;b\n1,5;2\n1.5;2\n", "a"), "line 3: both '1.5' and '1,5' are numbers"),
+    "broken quotes": (('a,b\n"1,2\n', "a"), "line 2: its quotes are broken"),
+    "missing": (("a;b\n1;2\n", "c"), "line 1: column c is missing"),
+    "no text": (("a;b\n1;\0\n", "a"), "is not plain text"),
+    "long line": (("a;b\n1;" + "2" * 100_001 + "\n", "a"), "its quotes are broken"),
+    "empty": (("\n\n", "a"), "line 1: holds no header"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_be_told_is_refused_with_the_reason(name: str) -> None:
+    arguments, said = REFUSED[name]
+    with pytest.raises(BadInput, match=re.escape(said)) as error:
+        read(*arguments)
+    assert str(error.value).startswith("table: ")
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("cell", "both"), [("1.500", "1.500 or 1500"), ("1,500", "1.500 or 1500"), ("-12,345", "-12.345 or -12345")])
+def test_one_sign_before_three_digits_is_refused_with_both_readings_unless_it_is_said(cell: str, both: str) -> None:
+    with pytest.raises(AmbiguousTable, match=re.escape(f"{cell!r} may mean {both}; say the decimal sign")):
+        read(f"a;b\n{cell};7\n", "a")
+    assert read(f"a;b\n{cell};7\n", "a", given=Convention(decimal="," if "," in cell else "."))[1] == [[float(cell.replace(",", "."))]]
+
+
+@pytest.mark.parametrize("cell", ["1,234.5", "1.234,5", "1,234,567", "1'234.5", "1 234", "1_000", "0x10", "\u0663", "1e", "1,2,3"])
+def test_thousands_and_other_words_are_no_numbers(cell: str) -> None:
+    assert number_in(cell, ".") is None
+    assert number_in(cell, ",") is None
+    assert number_in(cell, "") is None
+
+
+def test_a_decimal_sign_that_the_head_has_not_shown_is_taken_from_the_first_line_that_does() -> None:
+    layout, _ = read("a;b\n0;0\n", "a")
+    assert layout.decimal == ""
+    assert number_in("1,500", layout.decimal) is None
+    layout = layout.after(layout.cells("0,5;1"))
+    assert layout.decimal == ","
+    assert number_in("1,500", layout.decimal) == 1.5
+    assert number_in("1.5", layout.decimal) is None
+
+
+def test_a_description_above_the_names_is_passed_over() -> None:
+    text = "Test;7\nOperator: A, B\n\nTime;Force\ns;kN\n0,5;134,2\n"
+    layout, rows = read(text, "Force", searched=200)
+    assert (layout.head_line, layout.first_line, layout.columns[1].unit) == (4, 6, "kN")
+    assert rows == [[134.2]]
