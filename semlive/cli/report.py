@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from semlive.cli.track import tracked, tracked_stages
-from semlive.report.page import report_html
+from semlive.errors import BadInput
+from semlive.report.page import report_html, unanalysed_html
 from semlive.report.sections import write_figures
 from semlive.service.log_facts import log_facts
 from semlive.service.log_files import beside, log_name
@@ -25,10 +26,15 @@ def report(
     ] = None,
 ) -> None:
     """Write a run as one page: figures as in the method's paper, uncertainty budget, refused frames, settings, versions."""
-    with tracked_stages() as progress:
-        result, settings = last_result(log, Watch(progress))
-    series = load_series(log)
     page = out or beside(log, "-report.html")
+    try:
+        with tracked_stages() as progress:
+            result, settings = last_result(log, Watch(progress))
+    except BadInput as error:
+        # A run that ended at an alarm before its first pair has no results, and the alarm is what it is asked about.
+        page.write_text(unanalysed_html(log_name(log), str(error), log_facts(log)), encoding="utf-8")
+        raise BadInput(f"{str(error).rstrip('.')}; its alarms and refused frames are in {page}") from error
+    series = load_series(log)
     with tracked("drawing", "figure") as drawing:
         page.write_text(report_html(log_name(log), result, series, settings, log_facts(log), drawing), encoding="utf-8")
     typer.echo(str(page))

@@ -86,6 +86,33 @@ def report_html(
         "<h2>Versions</h2>",
         _versions(facts),
     ]
+    return _whole(name, body)
+
+
+def unanalysed_html(name: str, why: str, facts: LogFacts) -> str:
+    """What is known of a run without results: alarms, refused frames, configuration, versions.
+
+    Args:
+        name: the run's name.
+        why: one sentence on why there are no results.
+        facts: what the log tells besides.
+    """
+    body = [
+        f"<h1>{html.escape(name)}</h1>",
+        f"<p>No results: {html.escape(why)}</p>",
+        "<h2>Alarms</h2>",
+        alarms_html(facts.alarms),
+        "<h2>Refused frames</h2>",
+        refused_html(facts),
+        "<h2>Settings</h2>",
+        _configuration(facts),
+        "<h2>Versions</h2>",
+        _versions(facts),
+    ]
+    return _whole(name, body)
+
+
+def _whole(name: str, body: Sequence[str]) -> str:
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
         f"<title>{html.escape(name)} - semlive</title><style>{STYLE}</style></head>\n<body>\n" + "\n".join(body) + "\n</body></html>\n"
@@ -158,10 +185,14 @@ def refused_html(facts: LogFacts) -> str:
 def _all_settings(settings: AnalysisSettings, facts: LogFacts) -> str:
     rows = [(key, str(value)) for key, value in as_keys(settings).items()]
     found = f"<details><summary>every setting of the analysis</summary>{_table(('key', 'value'), rows)}</details>"
-    if facts.config:
-        text = html.escape(yaml.safe_dump(facts.config, sort_keys=False, allow_unicode=True))
-        found += f"<details><summary>the run's configuration</summary><pre>{text}</pre></details>"
-    return found
+    return found + _configuration(facts)
+
+
+def _configuration(facts: LogFacts) -> str:
+    if not facts.config:
+        return ""
+    text = html.escape(yaml.safe_dump(facts.config, sort_keys=False, allow_unicode=True))
+    return f"<details><summary>the run's configuration</summary><pre>{text}</pre></details>"
 
 
 def _versions(facts: LogFacts) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from pydantic import BaseModel
+from pydantic import BaseModel, JsonValue
 
 from semlive.data.faults import FaultCode
 from semlive.data.text import printable
@@ -108,6 +108,20 @@ class AcknowledgeAll:
     """The operator has read every alarm."""
 
     by: str = ""
+
+
+def acknowledgements(alarms: Alarms, identity: str | None, by: str, time_ns: int) -> tuple[OperatorMessage, ...]:
+    """The messages that acknowledge an open alarm, or every open alarm; none if there is none to acknowledge.
+
+    Args:
+        alarms: of the run so far.
+        identity: of the alarm; None for all.
+        by: where the request came from.
+        time_ns: experiment time.
+    """
+    found = dict.fromkeys(one.identity for one in alarms.open if identity in (None, one.identity))
+    source: dict[str, JsonValue] = {"by": by} if by else {}
+    return tuple(OperatorMessage(time_ns=time_ns, what=ACKNOWLEDGE, args={"alarm": one, **source}) for one in found)
 
 
 def after(alarms: Alarms, payload: BaseModel) -> Alarms:

@@ -14,8 +14,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ParamSpec
 
-from pydantic import JsonValue
-
 from semlive.data.experiment import Plan
 from semlive.data.faults import FaultCode
 from semlive.data.loading import DeviceIdentity
@@ -70,7 +68,7 @@ from semlive.formats.messages import (
     ScanMessage,
     from_json,
 )
-from semlive.service.alarms import ACKNOWLEDGE, Alarm
+from semlive.service.alarms import Alarm
 from semlive.service.analysis import READY, is_doubt
 from semlive.service.clock import FileClock, SystemClock
 from semlive.service.journal import Journal
@@ -184,14 +182,6 @@ class Control:
         if verb in (Verb.START, Verb.RESUME):
             self.accept_folder()
         self.handle(Operator(now_ns, verb))
-
-    def acknowledge(self, alarm: str | None, by: str = "") -> bool:
-        """The operator has read an alarm, or every alarm (None): it is written down, and nothing moves; says whether any was open."""
-        alarms = {one.identity for one in self._journal.alarms.open if alarm in (None, one.identity)}
-        for identity in sorted(alarms):
-            args: dict[str, JsonValue] = {"alarm": identity, "by": by} if by else {"alarm": identity}
-            self._journal.note(OperatorMessage(time_ns=self._clock.now_ns(), what=ACKNOWLEDGE, args=args))
-        return bool(alarms)
 
     def tick(self) -> None:
         """Time passes: feed the links, look at the clock, let the engine decide."""

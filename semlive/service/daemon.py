@@ -13,6 +13,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -24,7 +25,7 @@ from semlive.errors import BadConfig, BadInput, SemliveError
 from semlive.formats import message_values as values
 from semlive.formats.messages import RunMessage
 from semlive.service import drivers
-from semlive.service.alarms import AcknowledgeAll
+from semlive.service.alarms import AcknowledgeAll, acknowledgements
 from semlive.service.analysis_link import AnalysisLink
 from semlive.service.clock import FileClock, SystemClock, open_clock
 from semlive.service.config import Config
@@ -122,6 +123,7 @@ class _Daemon:
         self._log_ended = False
         self._control: Control | None = None
         self._began = False
+        self._acknowledge: Callable[[str | None, str], bool] = lambda *_: False
 
     async def run(self) -> Outcome:
         watch = self._config.watch_settings()
@@ -162,6 +164,7 @@ class _Daemon:
     ) -> Outcome:
         """From the open log to the finished one; the stack undoes in reverse, devices first."""
         control, loop = self._running(), asyncio.get_running_loop()
+        self._acknowledge = partial(_acknowledge, journal, clock)
         analysis = AnalysisLink(
             self._folder,
             lambda: recorder.refused,
@@ -211,7 +214,7 @@ class _Daemon:
         desks = OperatorDesks(drivers.desks(), clock, lambda told: control.soon(journal.note, told))
         stack.callback(desks.close)
         if self._faces.door is not None:
-            door = Door(lambda verb, by: control.soon(control.operator, verb, by), desks.answer, control.acknowledge)
+            door = Door(lambda verb, by: control.soon(control.operator, verb, by), desks.answer, self._acknowledge)
             self._faces.door(await door.open())
             stack.callback(door.close)
 
@@ -239,7 +242,7 @@ class _Daemon:
         while not control.finished.done():
             while not self._faces.verbs.empty():
                 said = self._faces.verbs.get()
-                control.operator(said) if isinstance(said, Verb) else control.acknowledge(None, said.by)
+                control.operator(said) if isinstance(said, Verb) else self._acknowledge(None, said.by)
             if not started and control.analysis_ready.is_set():
                 started = self._began = True
                 self._supervisor.ready(f"run {self._config.run.name}")
@@ -409,6 +412,14 @@ class _Daemon:
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+
+def _acknowledge(journal: Journal, clock: SystemClock | FileClock, alarm: str | None, by: str) -> bool:
+    """The operator has read an alarm, or all of them (None): it is written down, and nothing moves; says whether any was open."""
+    messages = acknowledgements(journal.alarms, alarm, by, clock.now_ns())
+    for message in messages:
+        journal.note(message)
+    return bool(messages)
 
 
 def _unexpected(journal: Journal, clock: SystemClock | FileClock, told: dict[str, Any]) -> None:

@@ -29,7 +29,9 @@ _SILENT_S = 2.0
 _MAX_UNKNOWN = 128
 # asyncio accepts so many connections before it reads from any. It is less than _MAX_UNKNOWN, so a connection whose request was sent with it
 # is read before it can have become the oldest.
-_BACKLOG = 64
+_BACKLOG = 16
+# More may wait in the system; so few that whoever opens connections without pause delays others by tenths of a second.
+_WAITING = 256
 # A token has 128 bits, so this keeps nobody from guessing it; it keeps those who try from taking the loop's time.
 _WRONG_TOKEN_S = 0.25
 # A connection can be closed in favour of others before its request was read. Requests that only stop motion are then sent again: they have
@@ -140,8 +142,7 @@ class Door:
         """Listen."""
         listening = socket.create_server((_HOST, 0), backlog=_BACKLOG)
         self._server = await asyncio.start_server(self._accepted, sock=listening, limit=LINE_BYTES, backlog=_BACKLOG)
-        # More may wait in the system than are accepted at once.
-        listening.listen(socket.SOMAXCONN)
+        listening.listen(_WAITING)
         return Address(_HOST, listening.getsockname()[1], self._token)
 
     def close(self) -> None:

@@ -19,7 +19,9 @@ from semlive.web.connection import bounded
 from semlive.web.hub import Hub
 
 _ENDING_S = 1
-_BACKLOG = 64
+_BACKLOG = 16
+# More may wait in the system; so few that whoever opens connections without pause delays others by tenths of a second.
+_WAITING = 256
 _KEEP_ALIVE_S = 15
 _LAST_WORDS_S = 2.0
 _SHOWN_S = 0.5
@@ -55,7 +57,7 @@ def main() -> None:
         access_log=False,
         ws="none",
         server_header=False,
-        # So many connections are accepted before any is read: less than are kept, so that none is closed before its request was seen.
+        # So many connections are accepted before any is read: far less than are kept, so that none is closed before its request was seen.
         backlog=_BACKLOG,
         timeout_keep_alive=_KEEP_ALIVE_S,
         timeout_graceful_shutdown=_ENDING_S,
@@ -75,7 +77,7 @@ class _Server(uvicorn.Server):
         """Begin to listen."""
         await super().startup(sockets)
         for one in sockets or ():
-            one.listen(socket.SOMAXCONN)
+            one.listen(_WAITING)
 
 
 def _listen(host: str, port: int, or_any: bool) -> socket.socket:

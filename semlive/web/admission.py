@@ -90,6 +90,11 @@ class Admission:
             clients.pop(client, None)
         self._stages[stage][client] = None
 
+    def release(self, client: Client) -> None:
+        """A request was answered: its connection is ordinary again, and closed before one that began a request later."""
+        if client in self._close and client not in self._stages[Stage.ORDINARY]:
+            self.enter(client, Stage.ORDINARY)
+
     def leave(self, client: Client, close: Callable[[], object]) -> None:
         """A connection was lost; `close` tells it from a later one of the same address and port."""
         if self._close.get(client) == close:

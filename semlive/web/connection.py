@@ -48,7 +48,7 @@ class BoundedProtocol(H11Protocol):
         """A request was answered; uvicorn waits for the next one, and closes the connection if none begins in time."""
         super().on_response_complete()
         if self._place is not None:
-            self.admission.enter(self._place, Stage.ORDINARY)
+            self.admission.release(self._place)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Give the place back."""

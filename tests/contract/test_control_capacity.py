@@ -155,6 +155,38 @@ def test_the_page_takes_stop_while_wrong_tokens_and_unsent_bodies_are_renewed(st
     assert stand.verbs == [Verb.STOP] * 20
 
 
+@contextlib.contextmanager
+def flooded(port: int, sent: bytes) -> Iterator[None]:
+    """Connections are opened as fast as they can be, and the last 300 of them are held, until the end of the context."""
+    over, held = threading.Event(), list[socket.socket]()
+
+    def flood() -> None:
+        while not over.is_set():
+            with contextlib.suppress(OSError):
+                held.append(socket.create_connection(("127.0.0.1", port), timeout=5))
+                held[-1].sendall(sent)
+            if len(held) > 300:
+                held.pop(0).close()
+
+    thread = threading.Thread(target=flood)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        for one in held:
+            one.close()
+
+
+@pytest.mark.parametrize("sent", [b"", b"GET /about HTTP/1.1\r\nhost: 127.0.0.1\r\n\r\n"])
+def test_stop_gets_through_while_connections_are_opened_without_pause(stand: Stand, sent: bytes) -> None:
+    with flooded(stand.port, sent):
+        assert [stand.stop() for _ in range(10)] == [200] * 10
+    with flooded(stand.door.port, b'{"token": "wrong", "say": "stop"}\n'):
+        assert [ask(stand, Verb.STOP) for _ in range(10)] == [Heard.TAKEN] * 10
+
+
 @pytest.mark.parametrize("sent", [b"", b'{"token": "wrong", "say": "stop"}\n', b'{"token": '])
 def test_control_takes_a_request_while_others_hold_its_socket(stand: Stand, sent: bytes) -> None:
     with renewed(stand.door.port, 40, sent), connections(stand.door.port, 200, sent):

@@ -147,7 +147,7 @@ def cli_page() -> str:
         "# Commands\n",
         "Written from the commands themselves (`tests/golden/test_reference_pages.py`), whose `--help` says the same.\n",
         "Exit codes: 0 all is well, 1 something failed or was found bad, 2 the input is wrong; the last line on standard error says",
-        "what, where and what to do.",
+        "what, where and what to do. Where semlive itself failed, `SEMLIVE_TRACEBACK=1` in the environment shows where in the code.",
         "`semlive --install-completion` makes the tab key complete commands and options (bash, zsh, fish, PowerShell).",
         "`semlive --version` says which version this is.",
         "Words that these texts take for granted are in [method.md](method.md#words).\n",

@@ -100,6 +100,7 @@ def test_a_line_that_is_too_long_is_not_read(steered: Steered) -> None:
     assert send(steered, b"x" * (4 * LINE_BYTES)) == b""
     assert steered.ask(question="terminal.7", answer="").heard is Heard.NOT_OPEN
     assert steered.ask(question="nobody.1", answer="").heard is Heard.NOT_OPEN
+    assert steered.ask(acknowledge="5").heard is Heard.NOT_OPEN
 
 
 def test_a_load_is_entered_from_elsewhere(steered: Steered) -> None:

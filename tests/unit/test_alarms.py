@@ -8,7 +8,7 @@ import pytest
 
 from semlive.data.faults import FaultCode
 from semlive.formats.messages import FaultMessage, LogLineMessage, OperatorMessage, Payload, StateMessage
-from semlive.service.alarms import Alarms, after
+from semlive.service.alarms import Alarms, acknowledgements, after
 
 START_NS = 1_800_000_000_000_000_000
 
@@ -89,6 +89,17 @@ def test_an_alarm_is_open_until_it_is_acknowledged_whatever_the_run_does(resumed
     assert [one.code for one in known.open] == ["limit"]
     first = known.known[0]
     assert (first.acknowledged_ns, first.acknowledged_by) == (at(8), "page at 127.0.0.1")
+
+
+def test_one_alarm_or_all_are_acknowledged_and_none_twice() -> None:
+    known = alarms(fault(1), fault(2, code="limit"), fault(2, code="link_lost"))
+    assert [one.args for one in acknowledgements(known, str(at(2)), "", at(3))] == [{"alarm": str(at(2))}]
+    everything = acknowledgements(known, None, "terminal", at(3))
+    assert [one.args for one in everything] == [{"alarm": str(at(1)), "by": "terminal"}, {"alarm": str(at(2)), "by": "terminal"}]
+    known = reduce(after, everything, known)
+    assert not known.open
+    assert not acknowledgements(known, None, "terminal", at(4))
+    assert not acknowledgements(known, "7", "terminal", at(4))
 
 
 def test_text_from_outside_is_shown_without_control_characters() -> None:

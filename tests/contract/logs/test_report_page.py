@@ -10,11 +10,15 @@ from pathlib import Path
 import h5py
 import pytest
 
+from semlive.formats.messages import LogLineMessage, RunMessage, StateMessage
 from semlive.report.alarms import alarms_html
 from semlive.report.page import refused_html, settings_html
 from semlive.report.sections import sections, write_section
 from semlive.service.alarms import Alarm, Alarms
+from semlive.service.clock import SystemClock
 from semlive.service.log_facts import LogFacts, RefusedFile
+from semlive.service.log_files import segment_path
+from semlive.service.record import Recorder
 from semlive.service.replay import Replay, Replayed, Source, replay
 from semlive.service.settings_changes import changed, parse_changes
 
@@ -97,6 +101,24 @@ def test_alarms_are_listed_and_none_is_said_only_of_a_log_without_any() -> None:
     assert "<td>2027-01-15 08:00:02.000 page at 127.0.0.1</td>" in page
     assert alarms_html(Alarms()) == "<p>None.</p>"
     assert "None" not in alarms_html(None)
+
+
+def test_a_run_without_results_has_a_page_of_its_alarms(semlive: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+    clock = SystemClock()
+    log, now_ns = tmp_path / "stopped", clock.now_ns()
+    log.mkdir()
+    recorder = Recorder(segment_path(log, "stopped", 0), clock, lambda _: None)
+    recorder.write("/run", RunMessage(run="stopped", started_time_ns=now_ns, host="lab", versions={}, config={"run": {"name": "stopped"}}))
+    recorder.write("/state", StateMessage(time_ns=now_ns, before="ramping", after="estopped", cause="emergency", step=0, guards={}))
+    recorder.write("/log", LogLineMessage(time_ns=now_ns, level="info", text="the load frame was stopped by its <emergency stop>"))
+    assert recorder.close(10.0)
+    code, said, err = semlive("report", str(log))
+    assert (code, said) == (2, "")
+    assert err.endswith(f"its alarms and refused frames are in {tmp_path / 'stopped-report.html'}\n")
+    page = (tmp_path / "stopped-report.html").read_text(encoding="utf-8")
+    assert "1 alarms, 1 of them not acknowledged" in page
+    assert "<td>emergency_stop</td><td>run</td><td>the load frame was stopped by its &lt;emergency stop&gt;</td>" in page
+    assert re.findall(r"<h2>(.*?)</h2>", page) == ["Alarms", "Refused frames", "Settings", "Versions"]
 
 
 def test_a_figure_is_written_for_a_journal(done: Replayed, tmp_path: Path) -> None:

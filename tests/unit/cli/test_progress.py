@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import io
+import queue
 
 import pytest
 from rich.console import Console
 
 from semlive.cli.progress import Pace, ProgressView, Repeat, disobeyed
+from semlive.cli.run import _taken
 from semlive.data.experiment import Phase
-from semlive.engine import Progress, State
-from semlive.service.alarms import Alarm
+from semlive.engine import Progress, State, Verb
+from semlive.service.alarms import AcknowledgeAll, Alarm
 from semlive.service.control import Snapshot
 
 
@@ -72,3 +74,10 @@ def test_names_from_outside_reach_no_terminal_raw(terminal: bool) -> None:
     assert "a\\x1b[2J\\nb.tif is torn" in said
     assert NAME not in said
     assert "\x1b[2J" not in said
+
+
+def test_what_is_typed_is_a_verb_or_acknowledges_every_alarm() -> None:
+    typed = queue.SimpleQueue[Verb | AcknowledgeAll]()
+    assert [_taken(typed, line) for line in (" Stop \n", "acknowledge\n", "acknowledged\n", "\n")] == [True, True, False, False]
+    assert [typed.get(), typed.get()] == [Verb.STOP, AcknowledgeAll("terminal")]
+    assert typed.empty()

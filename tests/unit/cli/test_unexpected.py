@@ -1,0 +1,71 @@
+"""What nobody expected is one sentence on the terminal, and the whole trace where somebody wants it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from semlive.formats.messages import LogLineMessage, from_json
+from semlive.service.clock import SystemClock
+from semlive.service.daemon import _unexpected
+from semlive.service.journal import Journal
+from semlive.service.log_files import messages, segment_path
+from semlive.service.record import Recorder
+
+FAILING = """
+import sys, threading
+from semlive.cli.app import app, run_app
+
+def broken():
+    raise RuntimeError("broken\\x1b[2J\\nin two lines")
+
+@app.callback()
+def fail(thread: bool = False):
+    if not thread:
+        broken()
+    other = threading.Thread(target=broken)
+    other.start()
+    other.join()
+    sys.exit(0)
+
+sys.exit(run_app())
+"""
+
+
+def failing(*arguments: str, **environment: str) -> tuple[int, str]:
+    command = [sys.executable, "-c", FAILING, *arguments, "score", "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env={**os.environ, **environment}, check=False)
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize(("options", "code"), [((), 1), (("--thread",), 0)])
+def test_an_unexpected_error_is_one_sentence(options: tuple[str, ...], code: int) -> None:
+    returned, said = failing(*options)
+    assert returned == code
+    assert said.count("\n") == 1
+    assert said.startswith("semlive itself failed (RuntimeError: broken\\x1b[2J in two lines); set SEMLIVE_TRACEBACK=1")
+
+
+def test_the_trace_is_shown_on_request() -> None:
+    returned, said = failing(SEMLIVE_TRACEBACK="1")
+    assert returned == 1
+    assert "Traceback" in said
+
+
+def test_what_the_loop_did_not_expect_goes_into_the_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    clock = SystemClock()
+    recorder = Recorder(segment_path(tmp_path, "run", 0), clock, lambda _: None)
+    try:
+        raise ValueError("a connection broke")
+    except ValueError as error:
+        _unexpected(Journal(recorder), clock, {"message": "in a task", "exception": error})
+    _unexpected(Journal(recorder), clock, {"message": "no exception at all"})
+    assert recorder.close(10.0)
+    told = [from_json(one.topic, one.payload) for one in messages(tmp_path) if one.topic == "/log"]
+    assert [one.level for one in told if isinstance(one, LogLineMessage)] == ["error", "error"]
+    assert "ValueError: a connection broke" in str(told[0])
+    assert capsys.readouterr() == ("", "")
