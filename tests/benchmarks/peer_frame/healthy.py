@@ -53,7 +53,7 @@ def _drawn(kind: str, chance: random.Random, disp: bool) -> dict[str, object]:
 
 def _run(number: int) -> Scenario:
     chance = random.Random(1000 + number)
-    disp, kind = bool(number % 2), _KINDS[number // 2 % len(_KINDS)]
+    disp, kind = bool((number + number // len(_KINDS)) % 2), _KINDS[number % len(_KINDS)]
     device: dict[str, object] = {"seed": number}
     for one in ("noisy", "slow", "relaxing", "hunting") if kind == "mixed" else (kind,):
         device |= _drawn(one, chance, disp)
