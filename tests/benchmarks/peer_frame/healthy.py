@@ -44,6 +44,7 @@ def _drawn(kind: str, chance: random.Random, disp: bool) -> dict[str, object]:
                 "toe_part": round(u(0.25, 0.6), 2),
                 "slack_mm": round(u(0.0, 0.0015), 5),
                 "stiffness_n_mm": round(u(5e3, 2e4)),
+                "speed_mm_s": 0.08,
             }
         case "hunting":
             return {"hunt_n": round(u(0.3, 1.2), 2), "hunt_hz": round(u(0.3, 3.0), 2), "noise_n": round(u(0.02, 0.2), 3)}
