@@ -85,13 +85,18 @@ class Daemon:
 class Follower:
     """What the run's log tells while it grows; instants are those of reading, CLOCK_MONOTONIC in s."""
 
-    tail: Tail
+    log: Path
+    tail: Tail | None = None
     states: list[tuple[str, int | None, float]] = field(default_factory=list)
     faults: list[Fault] = field(default_factory=list)
     loaded_pairs: int = 0
 
     def follow(self) -> None:
         """Read what is new."""
+        if self.tail is None:
+            if not self.log.is_dir():
+                return
+            self.tail = Tail(self.log)
         try:
             for message in self.tail.poll():
                 if message.topic == "/state":
@@ -120,7 +125,7 @@ class Trial:
         self._export = folder / "export"
         self._export.mkdir()
         self.log = folder / "log" / "run"
-        self.follower = Follower(Tail(self.log))
+        self.follower = Follower(self.log)
         self._writer, self._frame_s = FrameWriter(self._export), 0.0
         self.fault_s: float | None = None
         self.daemons = list[Daemon]()
