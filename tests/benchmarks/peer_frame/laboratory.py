@@ -230,6 +230,9 @@ class Trial:
         if self.follower.state != "imaging" or self.daemon.process.poll() is not None:
             return
         now_s = time.monotonic()
+        second = self.second
+        if second is not None and second.process.poll() is None and now_s < second.started_s + _STARTS_WITHIN_S:
+            return  # the first run goes on for as long as the second may take to come to its refusal
         if now_s > self.follower.states[-1][2] + self.scenario.frames_after_s and now_s > self._frame_s + _FRAME_EVERY_S:
             self._writer.write()
             self._frame_s = now_s
