@@ -12,11 +12,14 @@ being run again, so the campaign can be broken off and taken up. The exit status
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "simulators"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from peer_frame.building import PEERS, CannotBuild
@@ -38,6 +41,7 @@ def main() -> int:
     parser.add_argument("--keep", type=Path, default=None, metavar="FOLDER", help="keep logs and outputs there")
     parser.add_argument("--list", action="store_true", help="show names and end")
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # trials under way end, and take their processes with them
     scenarios = chosen(options.only, options.short, options.healthy)
     if options.list:
         sys.stdout.writelines(f"{one.name:34} {one.what}\n" for one in scenarios)

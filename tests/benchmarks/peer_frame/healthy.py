@@ -44,6 +44,7 @@ def _drawn(kind: str, chance: random.Random, disp: bool) -> dict[str, object]:
                 "toe_part": round(u(0.25, 0.6), 2),
                 "slack_mm": round(u(0.0, 0.0015), 5),
                 "stiffness_n_mm": round(u(5e3, 2e4)),
+                "speed_mm_s": 0.08,
             }
         case "hunting":
             return {"hunt_n": round(u(0.3, 1.2), 2), "hunt_hz": round(u(0.3, 3.0), 2), "noise_n": round(u(0.02, 0.2), 3)}
@@ -53,7 +54,7 @@ def _drawn(kind: str, chance: random.Random, disp: bool) -> dict[str, object]:
 
 def _run(number: int) -> Scenario:
     chance = random.Random(1000 + number)
-    disp, kind = bool(number % 2), _KINDS[number // 2 % len(_KINDS)]
+    disp, kind = bool((number + number // len(_KINDS)) % 2), _KINDS[number % len(_KINDS)]
     device: dict[str, object] = {"seed": number}
     for one in ("noisy", "slow", "relaxing", "hunting") if kind == "mixed" else (kind,):
         device |= _drawn(one, chance, disp)

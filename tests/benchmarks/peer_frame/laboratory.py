@@ -85,13 +85,18 @@ class Daemon:
 class Follower:
     """What the run's log tells while it grows; instants are those of reading, CLOCK_MONOTONIC in s."""
 
-    tail: Tail
+    log: Path
+    tail: Tail | None = None
     states: list[tuple[str, int | None, float]] = field(default_factory=list)
     faults: list[Fault] = field(default_factory=list)
     loaded_pairs: int = 0
 
     def follow(self) -> None:
         """Read what is new."""
+        if self.tail is None:
+            if not self.log.is_dir():
+                return
+            self.tail = Tail(self.log)
         try:
             for message in self.tail.poll():
                 if message.topic == "/state":
@@ -120,7 +125,7 @@ class Trial:
         self._export = folder / "export"
         self._export.mkdir()
         self.log = folder / "log" / "run"
-        self.follower = Follower(Tail(self.log))
+        self.follower = Follower(self.log)
         self._writer, self._frame_s = FrameWriter(self._export), 0.0
         self.fault_s: float | None = None
         self.daemons = list[Daemon]()
@@ -225,6 +230,9 @@ class Trial:
         if self.follower.state != "imaging" or self.daemon.process.poll() is not None:
             return
         now_s = time.monotonic()
+        second = self.second
+        if second is not None and second.process.poll() is None and now_s < second.started_s + _STARTS_WITHIN_S:
+            return  # the first run goes on for as long as the second may take to come to its refusal
         if now_s > self.follower.states[-1][2] + self.scenario.frames_after_s and now_s > self._frame_s + _FRAME_EVERY_S:
             self._writer.write()
             self._frame_s = now_s

@@ -14,6 +14,7 @@ _FLAT = Expected(stop_within_s=2.0, codes=_STANDS)
 _AT_ONCE = Expected(
     stop_within_s=0.6, timed=True, codes=(Code.LIMIT, Code.LOAD_JUMP, Code.SENSOR_RANGE, Code.WRONG_DIRECTION, Code.LINK_LOST)
 )
+_BOUNDED = "stop after a bounded travel without a change of load"
 _WITHIN_2 = "stop within 2 s, fault"
 _SAFE = Expected(Ending.SAFE, stop_within_s=None, loaded_pairs=None, no_orders=False)
 LOAD, COUNT, DISP = "second_load.yaml", "second_count.yaml", "map_disp_second.yaml"
@@ -116,18 +117,18 @@ STATES = (
 )
 
 DISPLACEMENT = (
-    second("disp-cell-freezes", _WITHIN_2, replace(_FLAT, stop_within_s=4.0), "freeze 1", map=DISP),
-    second("disp-cell-freezes-late", _WITHIN_2, replace(_FLAT, stop_within_s=3.0), "freeze 1", map=DISP, force_n=270.0),
+    second("disp-cell-freezes", _BOUNDED, replace(_FLAT, stop_within_s=15.0), "freeze 1", map=DISP),
+    second("disp-cell-freezes-late", _BOUNDED, replace(_FLAT, stop_within_s=15.0), "freeze 1", map=DISP, force_n=270.0),
     second(
-        "disp-cell-freezes-with-noise", _WITHIN_2, replace(_FLAT, stop_within_s=4.0), "noisyfreeze 1", map=DISP, device={"noise_n": 0.5}
+        "disp-cell-freezes-with-noise", _BOUNDED, replace(_FLAT, stop_within_s=15.0), "noisyfreeze 1", map=DISP, device={"noise_n": 0.5}
     ),
-    second("disp-cell-clipped", _WITHIN_2, replace(_FLAT, since_force_n=250.0, stop_within_s=4.0), "clip 250", map=DISP),
+    second("disp-cell-clipped", _BOUNDED, replace(_FLAT, since_force_n=250.0, stop_within_s=15.0), "clip 250", map=DISP),
     second("disp-sign-turns", "stop, fault", replace(_FLAT, stop_within_s=3.0, codes=()), "flip 3", map=DISP, force_n=120.0),
-    second("disp-cell-fades", "stop, fault", replace(_FLAT, stop_within_s=4.0), "fade 4", map=DISP, force_n=120.0),
+    second("disp-cell-fades", "stop, fault", replace(_FLAT, stop_within_s=15.0), "fade 4", map=DISP, force_n=120.0),
     second("disp-half-gain", "stop at the jump of the reading", replace(_FLAT, codes=()), "gain 0.5", map=DISP, force_n=150.0),
     second("disp-2-s-late", "true load within its bounds", _SAFE, "late 2", map=DISP),
     second("disp-extension-freezes", "true load within its bounds", _SAFE, "efreeze 1", map=DISP),
-    second("disp-both-freeze", _WITHIN_2, replace(_FLAT, stop_within_s=4.0), "efreeze 1", "freeze 1", map=DISP),
+    second("disp-both-freeze", _BOUNDED, replace(_FLAT, stop_within_s=15.0), "efreeze 1", "freeze 1", map=DISP),
     second("disp-jammed", "stop, fault", replace(_FLAT, stop_within_s=6.0, codes=()), "jam 1", map=DISP),
     second("disp-3-times-as-fast", "true load within its bounds", _SAFE, "ratex 3", map=DISP),
     second(
@@ -139,7 +140,7 @@ DISPLACEMENT = (
     ),
     second("disp-wrong-direction", "stop, fault", replace(_FLAT, codes=(Code.WRONG_DIRECTION,)), "wrongway 1", map=DISP),
     second("disp-not-a-number", "stop, fault", _AT_ONCE, "nan 1", map=DISP),
-    second("disp-specimen-breaks", "stop, fault", replace(_FLAT, codes=(), stop_within_s=4.0), "break 1", map=DISP, force_n=200.0),
+    second("disp-specimen-breaks", "stop, fault", replace(_FLAT, codes=(), stop_within_s=15.0), "break 1", map=DISP, force_n=200.0),
     second("disp-3-times-as-stiff", "true load within its bounds", _SAFE, "ratex 1", map=DISP, device={"stiffness_n_mm": 60000}),
     second("disp-6-times-as-stiff", "true load within its bounds", _SAFE, "ratex 1", map=DISP, device={"stiffness_n_mm": 120000}),
 )

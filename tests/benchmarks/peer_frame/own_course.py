@@ -30,8 +30,8 @@ def _start(
 
 
 STARTS = (
-    _start("at-20-n", "F = 20 N at the start, tolerance 3 N", "F 20", "E 0.001"),
-    _start("at-minus-30-n", "F = -30 N at the start", "F -30", "E -0.0015"),
+    _start("at-60-n", "F = 60 N at the start", "F 60", "E 0.003"),
+    _start("at-minus-40-n", "F = -40 N at the start", "F -40", "E -0.002"),
     _start("disp-at-150-n", "F = 150 N at the start", "F 150", "E 0.0075", map="map_disp.yaml"),
     _start("at-1-n", "F = 1 N at the start, within the tolerance", "F 1", "E 0.00005", must="the run completes", expected=_COMPLETE),
     _start(

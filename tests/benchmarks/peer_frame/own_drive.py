@@ -61,6 +61,14 @@ DRIVES = (
         "ignorestop 100000",
     ),
     second(
+        "stop-only-by-drive-off",
+        "the next way to stop that the map offers",
+        replace(_BEYOND, peak_n=420.0, repeats=True),
+        "runaway 1",
+        "enable 1",
+        map="second_stops.yaml",
+    ),
+    second(
         "stop-writes-not-taken",
         "stop orders as long as it moves; report it",
         replace(_BEYOND, peak_n=None, says=_OBEYS_NOT),

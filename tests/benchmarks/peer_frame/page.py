@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator, Sequence
+from statistics import median
 
 from .building import ROOT
 from .scenario import PEAK_MAX_N, STOP_BAR_S, Group
@@ -93,6 +95,14 @@ def _healthy(verdicts: Sequence[Verdict]) -> Iterator[str]:
         disp = sum(one.scenario.map.startswith("map_disp") for one in runs)
         wrong = [f"{one.scenario.name}: {'; '.join(one.failings)}" for one in runs if not one.passed]
         yield f"| {kind} | {len(runs)} | {sum(one.passed for one in runs)} | {disp} | {_cell('; '.join(wrong)) or 0} |"
+
+
+def _circumstances(verdicts: Sequence[Verdict]) -> str:
+    """How many processors there were, how busy they were at the end, and how long a trial took."""
+    seen = [one.observed for one in verdicts if one.observed is not None]
+    walls, starts = ([getattr(one, name) for one in seen] or [0.0] for name in ("wall_s", "start_s"))
+    computer = f"{os.cpu_count()} processors, load average {os.getloadavg()[0]:.1f}"
+    return f"({computer}; a trial took {median(walls):.0f} s, of which the start of the daemon {median(starts):.0f} s, in the median):"
 
 
 def _between(text: str, mark: str, new: str) -> str:

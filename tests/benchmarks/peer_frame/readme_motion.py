@@ -30,7 +30,7 @@ def _ramp(
 _DISP = _ramp(
     "disp-freeze",
     "stop after a bounded travel without a change of load, by default",
-    Expected(stop_within_s=4.0, codes=_STANDS),
+    Expected(stop_within_s=15.0, codes=_STANDS),
     "freeze 1",
     map="map_disp.yaml",
     short=True,

@@ -163,7 +163,7 @@ class Scenario:
     text: tuple[tuple[str, str], ...] = ()
     unloaded: int = 1
     frames_after_s: float = 0.3
-    watch_s: float = 15.0
+    watch_s: float = 20.0
     linger_s: float = 2.0
     short: bool = False
 

@@ -242,8 +242,7 @@ class Machine:
         elif name == "press":
             self._rest()
         elif name == "break":
-            self.relaxed_n = self.force_n + self.relaxed_n
-            self.character.stiffness_n_mm = 1e-6
+            self.relaxed_n, self.character.stiffness_n_mm = 0.0, 1e-6
         elif name == "slip":
             self.relaxed_n += value
         elif name == "goto":
