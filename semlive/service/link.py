@@ -390,11 +390,11 @@ class LinkThread:
                 link.stop()
 
     def _alarm(self, pursuit: StopPursuit, *, moves: bool) -> None:
-        """The machine does not obey, or cannot be reached: said again and again, because only a person can stop it now."""
+        """The machine does not obey, or cannot be reached: only a person can stop it now. The terminal and the page repeat it."""
         now = self._clock.mono_ns()
-        if now < pursuit.alarm_mono_ns:
+        if not pursuit.alarm_due(now, moves):
             return
-        self._pursuit = (self._pursuit or pursuit).alarmed(now)
+        self._pursuit = (self._pursuit or pursuit).with_alarm(moves)
         since_s = (now - pursuit.began_mono_ns) / 1e9
         if moves:
             what = f"it still moves {since_s:.1f} s after the first of {pursuit.sent} stop orders"

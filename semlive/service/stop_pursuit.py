@@ -18,7 +18,6 @@ _REST_SPAN_NS = 150_000_000
 _UNKNOWN_NS = 300_000_000
 DISOBEYED_S = 1.5
 """A device that still moves so long after its first stop does not obey; deceleration takes less."""
-_ALARM_AGAIN_S = 5.0
 _MOVED_MM = 1e-6
 
 
@@ -49,6 +48,7 @@ class StopPursuit:
         sent: how often it was sent.
         samples: what the device reported since the last one, oldest first.
         alarm_mono_ns: when the alarm is due.
+        alarmed: what was alarmed already: that it moves (True), that nobody knows (False).
     """
 
     began_mono_ns: int
@@ -56,15 +56,20 @@ class StopPursuit:
     alarm_mono_ns: int
     sent: int = 0
     samples: tuple[LoadSample | StageSample, ...] = ()
+    alarmed: frozenset[bool] = frozenset()
 
     def sent_again(self, now_mono_ns: int) -> StopPursuit:
         """A stop was sent now."""
         wait_s = _AGAIN_S[min(self.sent, len(_AGAIN_S) - 1)]
         return replace(self, sent=self.sent + 1, next_mono_ns=now_mono_ns + round(wait_s * 1e9))
 
-    def alarmed(self, now_mono_ns: int) -> StopPursuit:
-        """The alarm was raised now."""
-        return replace(self, alarm_mono_ns=now_mono_ns + round(_ALARM_AGAIN_S * 1e9))
+    def alarm_due(self, now_mono_ns: int, moves: bool) -> bool:
+        """Whether the operator is to be told to use the machine's own stop: once when nobody knows, once when it is seen to move."""
+        return now_mono_ns >= self.alarm_mono_ns and moves not in self.alarmed and True not in self.alarmed
+
+    def with_alarm(self, moves: bool) -> StopPursuit:
+        """The alarm was raised."""
+        return replace(self, alarmed=self.alarmed | {moves})
 
     def with_sample(self, sample: LoadSample | StageSample) -> StopPursuit:
         """One reading more; the latest second is kept."""

@@ -50,5 +50,10 @@ def test_without_readings_the_stop_is_repeated_and_the_alarm_comes() -> None:
     pursuit = begin_pursuit(0).sent_again(0)
     assert not pursuit.rests(STILL)
     assert pursuit.due(round(0.4 * S), STILL)
-    assert pursuit.alarm_mono_ns == round(DISOBEYED_S * S)
-    assert pursuit.alarmed(2 * S).alarm_mono_ns == 7 * S
+    assert not pursuit.alarm_due(S, moves=False)
+    after_ns = round(DISOBEYED_S * S)
+    assert pursuit.alarm_due(after_ns, moves=False)
+    unknown = pursuit.with_alarm(moves=False)
+    assert not unknown.alarm_due(after_ns, moves=False)
+    assert unknown.alarm_due(after_ns, moves=True)
+    assert not unknown.with_alarm(moves=True).alarm_due(after_ns, moves=True)
