@@ -83,6 +83,7 @@ class PartsLoadFrame:
             extension_resolution_mm=extension_step,
             measures_extension=said.extension_mm is not None,
             stiffness_n_mm=None if settings.approach is None else settings.approach.stiffness_n_mm,
+            rate_min_n_s=0.0 if settings.approach is None else settings.approach.stiffness_n_mm * settings.approach.speed_min_mm_s,
         )
 
     @property
