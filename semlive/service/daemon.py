@@ -194,13 +194,15 @@ class _Daemon:
         self._check_orders(links)
         finish = await self._loop(control, clock, watcher, identities)
         texts = [control.failure or (f"{control.why}: {finish.text}" if control.why else finish.text)]
-        texts += await loop.run_in_executor(None, _close_links, links)
+        unsure = await loop.run_in_executor(None, _close_links, links)
+        texts += unsure
         watcher.close()
         if not await self._analysed(control, analysis, stopped=finish.outcome is not State.COMPLETE):
             texts.append(f"the last pairs are not analysed; semlive replay {self._folder} does it")
         texts += control.unusable
         for text in texts[1:]:
-            control.trouble(text, "end of the run", "told the operator")
+            code = FaultCode.STOP_NOT_OBEYED if text in unsure else ""
+            control.trouble(text, "end of the run", "told the operator", code)
         self._log_ended = True
         if not await loop.run_in_executor(None, recorder.close, _LOG_TIMEOUT_S, _LOG_REFUSED_S):
             raise SemliveError(
@@ -461,4 +463,7 @@ def _close_links(links: Mapping[Device, LinkThread]) -> list[str]:
     for link in links.values():
         link.stop("the run is over")
     unsure = [device for device, link in links.items() if not link.close()]
-    return [f"the {device.words} did not confirm that it stopped: look at the machine" for device in unsure]
+    return [
+        f"the {device.words} did not confirm that it stopped: look at the machine, and press its emergency stop if it moves"
+        for device in unsure
+    ]

@@ -39,8 +39,10 @@ from semlive.service.stop_pursuit import StopPursuit, begin_pursuit
 
 _BACKOFF_S = (0.0, 0.1, 0.2, 0.5, 1.0)
 _LONGEST_SLEEP_S = 0.05
-# How long closing pursues a device that does not rest, and how often it looks meanwhile.
-_LAST_PURSUIT_S = 4.0
+# How long closing pursues a device that does not rest, at most and without any reading, and how often it looks meanwhile. A reading over a
+# slow gateway takes a second, and three of them show rest.
+_LAST_PURSUIT_S = 10.0
+_LAST_SILENCE_S = 4.0
 _LAST_LOOK_S = 0.05
 
 
@@ -99,7 +101,7 @@ class LinkThread:
         self._lost = False
         self._trouble = ""
         self._failures = 0
-        self._next_open_mono_ns = 0
+        self._next_open_mono_ns = self._last_read_mono_ns = 0
         self._next_poll_mono_ns = 0
         self._rests = self._mistaken = False
         self._counted: int | None = None
@@ -173,7 +175,7 @@ class LinkThread:
             self._stop_asked = True
             self._wake.notify_all()
 
-    def close(self, timeout_s: float = 8.0) -> bool:
+    def close(self, timeout_s: float = 12.0) -> bool:
         """Stop motion, close the link, end the thread; never raises, any number of times.
 
         Returns:
@@ -415,7 +417,7 @@ class LinkThread:
                 self._pursuit = (self._pursuit or begin_pursuit(now)).sent_again(now)
             if self._may_move and not self._stop_owed:
                 self._stop_owed = True
-                what = f"the link failed while it may have moved: {reason}"
+                what = f"the link failed while it may have moved: {reason}; if it moves on, press its emergency stop"
                 self._emit(DeviceStopped(self._clock.now_ns(), self._device, what, code=FaultCode.LINK_LOST))
             # A port's close never raises, but who wrote the driver may not have read that.
             with contextlib.suppress(Exception):
@@ -457,10 +459,11 @@ class LinkThread:
     def _shut(self) -> None:
         """Stop and close; the device is pursued, and the link opened again if need be, until it rests or the time is over."""
         self._stop_owed = True
-        end_mono_ns = self._clock.mono_ns() + round(_LAST_PURSUIT_S * 1e9)
+        began_mono_ns = self._last_read_mono_ns = self._clock.mono_ns()
         while self._stop_owed or self._pursuit is not None:
             self._last_look()
-            if self._clock.mono_ns() > end_mono_ns:
+            now = self._clock.mono_ns()
+            if now - began_mono_ns > _LAST_PURSUIT_S * 1e9 or now - self._last_read_mono_ns > _LAST_SILENCE_S * 1e9:
                 break
             time.sleep(_LAST_LOOK_S)
         self._rests = not self._stop_owed and self._pursuit is None
@@ -482,3 +485,4 @@ class LinkThread:
     def _look(self, port: Port) -> None:
         if self._pursuit is not None:
             self._pursuit = self._pursuit.with_sample(port.read())
+            self._last_read_mono_ns = self._clock.mono_ns()

@@ -72,9 +72,10 @@ class StopPursuit:
         return replace(self, alarmed=self.alarmed | {moves})
 
     def with_sample(self, sample: LoadSample | StageSample) -> StopPursuit:
-        """One reading more; the latest second is kept."""
+        """One reading more; the latest second is kept, and at least the readings that show rest: some links give one in a second."""
         recent = tuple(one for one in self.samples if one.mono_ns > sample.mono_ns - 1_000_000_000)
-        return replace(self, samples=(*recent, sample))
+        fewest = self.samples[-(_REST_READINGS - 1) :]
+        return replace(self, samples=(*(recent if len(recent) > len(fewest) else fewest), sample))
 
     def moves(self, still: Motionless | None) -> bool:
         """Whether the latest readings show motion; `still` is None for a stage, whose report of motion is believed."""

@@ -25,6 +25,14 @@ def test_a_device_that_rests_is_not_stopped_again() -> None:
     assert not pursuit.due(round(0.25 * S), STILL)
 
 
+def test_a_link_that_gives_a_reading_in_a_second_shows_rest_with_the_third() -> None:
+    pursuit = begin_pursuit(0).sent_again(0)
+    for second in (1, 2, 3):
+        assert not pursuit.rests(STILL)
+        pursuit = pursuit.with_sample(LoadSample(0, second * S, second * S, 100.0, 0.0, MotionState.STOPPED, 0.0))
+    assert pursuit.rests(STILL)
+
+
 def test_a_held_load_that_relaxes_rests() -> None:
     assert seen(begin_pursuit(0).sent_again(0), [100.0 - 0.4 * n for n in range(10)]).rests(STILL)
 

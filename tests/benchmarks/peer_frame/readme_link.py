@@ -40,11 +40,14 @@ LINKS = (
     _link("reads-refused-shortly", "stop, fault", _LOST, "excr 5", then=_later(0.3, "excr 0")),
     _link("reply-250-ms-late", "the run completes", _COMPLETE, "delay 250"),
     _link("reply-500-ms-late", _BLIND, _LOST, "delay 500"),
-    _link(
-        "reply-3-s-late",
-        f"{_BLIND}; this device takes no request while it delays one, so 3 s more are allowed",
-        replace(_LOST, stop_within_s=3.6, timed=False),
-        "delay 3000",
+    replace(
+        _link(
+            "reply-3-s-late",
+            f"{_BLIND}; this device takes no request while it delays one, so 3 s more are allowed",
+            replace(_LOST, stop_within_s=3.6, timed=False),
+            "delay 3000",
+        ),
+        linger_s=4.0,
     ),
     _link("wrong-transaction-number", _BLIND, _LOST, "badtid 1", short=True),
     _link("reset", "stop, fault", _LOST, "rst 1"),
