@@ -120,6 +120,26 @@ def test_a_reading_that_freezes_at_the_target_is_found_by_the_travel() -> None:
     assert true_n <= 1.05 * LIMITS.force_max_n
 
 
+@pytest.mark.parametrize("identity", [LOAD, replace(LOAD, measures_extension=False)], ids=["extension", "force alone"])
+@pytest.mark.parametrize(("frozen_n", "rate_n_s"), [(375.0, 30.0), (250.0, 100.0), (380.0, 5.0)])
+def test_a_reading_that_freezes_near_the_limit_leaves_less_time(identity: DeviceIdentity, frozen_n: float, rate_n_s: float) -> None:
+    no_travel = not identity.measures_extension
+    machine = Machine(rate_n_s=rate_n_s, ends=False, shown=lambda force_n, t_s: min(force_n, frozen_n))
+    machine.shown_mm = lambda mm: 0.0 if no_travel else mm
+    finding, true_n = first_finding(machine, identity, ordered_n=390.0, ordered_n_s=rate_n_s, seconds=120.0)
+    assert finding is not None
+    assert true_n <= 1.05 * LIMITS.force_max_n
+
+
+def test_a_specimen_that_yields_under_load_control_is_loaded_on() -> None:
+    rng = random.Random(11)
+    stretched = Machine(rate_n_s=0.5, target_n=60.0, shown=lambda force_n, t_s: force_n + rng.gauss(0.0, 0.3))
+    stretched.shown_mm = lambda mm: mm if mm < 30.0 / STIFFNESS else mm + 100.0 * (mm - 30.0 / STIFFNESS)
+    finding, true_n = first_finding(stretched, ordered_n=60.0, ordered_n_s=0.5, seconds=140.0)
+    assert finding is None
+    assert true_n == 60.0
+
+
 def test_a_runaway_is_stopped_at_the_tolerance_beyond_the_target() -> None:
     finding, true_n = first_finding(Machine(ends=False))
     assert finding is not None
