@@ -26,7 +26,7 @@ from semlive.formats.text_cells import (
     is_remark,
     key_of,
     lines_of,
-    separator_told,
+    separator_declared,
     split,
     text_of,
 )
@@ -99,7 +99,7 @@ def layout_of(lines: Sequence[str], where: str, wanted: Wanted, given: Conventio
     Raises:
         BadInput: no reading fits the head, or several do and differ.
     """
-    known = _with_told(lines, given or Convention())
+    known = _with_declared_separator(lines, given or Convention())
     refused: list[tuple[int, BadInput]] = []
     in_numbers = False
     for start in _starts(lines, searched):
@@ -139,10 +139,10 @@ def _is_line_of_numbers(line: str, separator: str) -> bool:
         return False
 
 
-def _with_told(lines: Sequence[str], given: Convention) -> Convention:
+def _with_declared_separator(lines: Sequence[str], given: Convention) -> Convention:
     """With the separator of a ``sep=;`` line."""
-    told = next((separator_told(line) for line in lines if line.strip()), "")
-    return replace(given, separator=told) if told and not given.separator else given
+    declared = next((separator_declared(line) for line in lines if line.strip()), "")
+    return replace(given, separator=declared) if declared and not given.separator else given
 
 
 def _starts(lines: Sequence[str], searched: int) -> Iterator[int]:
@@ -199,7 +199,10 @@ def _is_used(separator: str, line: str) -> bool:
     bare = _NOT_QUOTED.sub("", line.strip(" \r"))
     if separator != " ":
         return next((sign for sign in SEPARATORS[:-1] if sign in bare), "") == separator
-    return not any(sign in bare for sign in "\t;") and ("," not in bare or is_line_of_numbers(split(bare, " ")))
+    if any(sign in bare for sign in "\t;"):
+        return False
+    cells = split(bare, " ")
+    return "," not in bare or (is_line_of_numbers(cells) and not any(cell.endswith(",") for cell in cells))
 
 
 def _names_above(lines: Sequence[str], start: int, separator: str, cells: int) -> tuple[list[str], int]:
@@ -298,8 +301,8 @@ def _check_pairs(layout: Layout, rows: _Rows, by_name: bool) -> None:
     if doubtful:
         place = min(layout.wanted[0], len(cells) - 2)
         both = f"{cells[place]!r} and {cells[place + 1]!r}, or '{cells[place]},{cells[place + 1]}'"
-        said = f"{layout.where}: line {line}: may mean {both}; write decimal points, or say the decimal sign."
-        raise _Misfit(_DEFINITE, AmbiguousTable(said))
+        message = f"{layout.where}: line {line}: may mean {both}; write decimal points, or say the decimal sign."
+        raise _Misfit(_DEFINITE, AmbiguousTable(message))
 
 
 def _check_groups(layout: Layout, rows: _Rows) -> None:
@@ -313,8 +316,8 @@ def _check_groups(layout: Layout, rows: _Rows) -> None:
         if rule(_FIRST_GROUP.fullmatch(cells[place]) and _NEXT_GROUP.match(cells[place + 1]) for _, cells in rows):
             line, cells = rows[0]
             both = " and ".join(cells[place : place + 2])
-            said = f"{layout.where}: line {line}: {both} may be one number; write no sign between thousands, and names above the columns."
-            raise _Misfit(_DEFINITE, AmbiguousTable(said))
+            message = f"{layout.where}: line {line}: {both} may be one number; write no sign between thousands, and name the columns."
+            raise _Misfit(_DEFINITE, AmbiguousTable(message))
 
 
 def _may_be_number(cell: str) -> bool:
@@ -337,8 +340,8 @@ def _decimal(layout: Layout, rows: _Rows, no_thousands: bool) -> str:
                 others.add(sign_of(cell))
     if Sign.POINT in found and Sign.COMMA in found:
         (line, point), (_, comma) = found[Sign.POINT], found[Sign.COMMA]
-        said = f"{layout.where}: line {line}: both {point!r} and {comma!r} are numbers; write one decimal sign in all lines."
-        raise _Misfit(_DEFINITE, AmbiguousTable(said))
+        message = f"{layout.where}: line {line}: both {point!r} and {comma!r} are numbers; write one decimal sign in all lines."
+        raise _Misfit(_DEFINITE, AmbiguousTable(message))
     for signs in (found, others):
         if (Sign.POINT in signs) != (Sign.COMMA in signs):
             return "." if Sign.POINT in signs else ","
