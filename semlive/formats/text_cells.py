@@ -133,7 +133,7 @@ def is_no_name(cell: str) -> bool:
 
 def is_line_of_units(cells: Sequence[str]) -> bool:
     """Whether all cells are units, or empty."""
-    return any(cells) and all(not cell or (is_unit(cell) and cell != "1") for cell in cells)
+    return any(cells) and all(not cell or (is_unit(cell) and cell != "1" and cell not in _NAMES_AS_WELL) for cell in cells)
 
 
 def is_line_of_numbers(cells: Sequence[str]) -> bool:

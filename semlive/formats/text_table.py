@@ -59,7 +59,7 @@ SEPARATORS = ("\t", ";", ",", " ")
 """Those that are found out; a blank stands for any run of blanks."""
 _NOT_QUOTED = re.compile(r'"(?:[^"]|"")*"|\([^)]*\)|\[[^\]]*\]')
 _NUMBER_AND_MORE = re.compile(r"[+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?\s+\S")
-_FIRST_GROUP = re.compile(r"[+-]?[1-9][0-9]{0,2}")
+_FIRST_GROUP = re.compile(r"(?:.*\s)?[+-]?[1-9][0-9]{0,2}")
 _NEXT_GROUP = re.compile(r"[0-9]{3}(?![0-9])")
 _DEFINITE = 10**6
 """Weight of what is wrong with a reading that fits the head in all else."""
@@ -173,6 +173,9 @@ def _readings(lines: Sequence[str], start: int, separator: str, wanted: Wanted, 
     if is_line_of_numbers(head):
         names, head_line = _names_above(lines, start, separator, len(head))
         data_from = start
+    elif start and any(is_whole(cell) or sign_of(cell) is not Sign.NONE for cell in head):
+        # Below a first line that did not fit, a line with a number in it is hardly one of names.
+        raise _Misfit(0, BadInput(f"{at}: is no line of names; write one above the numbers."))
     columns, data_from = _with_units(columns_of(names or [""] * len(head), separator), lines, data_from, separator)
     rows = _rows(lines, data_from, separator)
     columns = _without_trailing(columns, rows)
@@ -217,7 +220,7 @@ def _names_above(lines: Sequence[str], start: int, separator: str, cells: int) -
             except ValueError:
                 return [], 0
             # Blanks separate the words of a title, too.
-            is_head = len(columns_of(names, separator)) == cells or (separator != " " and len(names) > 1)
+            is_head = len(columns_of(names, separator)) == cells or (len(names) > 1 and (separator != " " or '"' in line))
             return (names, place + 1) if is_head else ([], 0)
     return [], 0
 
@@ -311,7 +314,7 @@ def _check_groups(layout: Layout, rows: _Rows) -> None:
         return
     if layout.separator == "," and layout.head_line and not any(is_no_name(column.raw) for column in layout.columns):
         return
-    rule = all if layout.head_line or layout.separator == " " else any
+    rule = all if layout.head_line else any
     for place in range(len(layout.columns) - 1):
         if rule(_FIRST_GROUP.fullmatch(cells[place]) and _NEXT_GROUP.match(cells[place + 1]) for _, cells in rows):
             line, cells = rows[0]
