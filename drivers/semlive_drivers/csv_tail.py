@@ -207,12 +207,12 @@ def _place_of(column: Column, columns: tuple[HeadColumn, ...]) -> int:
 
 def _factor(kind: str, column: Column, head: HeadColumn) -> float:
     """Value of one of the column's unit, by the settings or else by the file's head."""
-    told = unit_named(head.unit)
-    if told and told not in _KINDS[kind]:
+    head_unit = unit_named(head.unit)
+    if head_unit and head_unit not in _KINDS[kind]:
         raise BadInput(f"{{head}}: column {head.raw!r} is in {head.unit}, which is no unit of {kind}; check columns and delimiter.")
     if "unit" not in column.model_fields_set:
-        return factor(told or "1", "csv column")
-    if told and column.unit != "1" and factor(column.unit, "csv column") != factor(told, "csv column"):
+        return factor(head_unit or "1", "csv column")
+    if head_unit and column.unit != "1" and factor(column.unit, "csv column") != factor(head_unit, "csv column"):
         raise BadInput(f"{{head}}: column {head.raw!r} is in {head.unit}, but the settings say {column.unit}; correct one of them.")
     return factor(column.unit, "csv column")
 

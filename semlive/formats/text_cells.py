@@ -14,7 +14,7 @@ from semlive.formats.text_number import is_lost
 LONGEST_LINE = 100_000
 """Characters."""
 _MARKS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
-_TOLD = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
+_DECLARED = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 _TOKEN = re.compile(r'"(?:[^"]|"")*"|\S+')
 _BRACKET = re.compile(r"(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]")
 _SLASH = re.compile(r"(.+?)\s+/\s+(\S+)")
@@ -50,7 +50,7 @@ class Column:
 
 
 def text_of(data: bytes, where: str, encoding: str = "utf-8") -> str:
-    """The text of a table, by its byte order mark or else as told.
+    """The text of a table, by its byte order mark or else as given.
 
     Raises:
         BadInput: it is no plain text.
@@ -100,15 +100,15 @@ def split(line: str, separator: str) -> list[str]:
     return [cell.strip() for cell in cells]
 
 
-def separator_told(line: str) -> str:
+def separator_declared(line: str) -> str:
     """The separator in a ``sep=;`` line, which spreadsheets write; empty in any other."""
-    found = _TOLD.fullmatch(line.strip(" \ufeff"))
+    found = _DECLARED.fullmatch(line.strip(" \ufeff"))
     return "" if found is None else found[1]
 
 
 def is_remark(line: str) -> bool:
     """Whether a line above the names is none of the table: a comment, or a ``sep=`` line."""
-    return line.startswith("***") or is_comment(line) or separator_told(line) != ""
+    return line.startswith("***") or is_comment(line) or separator_declared(line) != ""
 
 
 def is_blank(line: str) -> bool:
@@ -133,7 +133,7 @@ def is_no_name(cell: str) -> bool:
 
 def is_line_of_units(cells: Sequence[str]) -> bool:
     """Whether all cells are units, or empty."""
-    return any(cells) and all(not cell or (is_unit(cell) and cell != "1") for cell in cells)
+    return any(cells) and all(not cell or (is_unit(cell) and cell != "1" and cell not in _NAMES_AS_WELL) for cell in cells)
 
 
 def is_line_of_numbers(cells: Sequence[str]) -> bool:

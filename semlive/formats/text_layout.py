@@ -79,8 +79,8 @@ class Layout:
         """The same layout, with the decimal sign if a line's wanted cells show it for the first time."""
         if self.decimal:
             return self
-        said = {sign_of(cells[place]) for place in self.wanted}
-        shown = [sign for sign, word in ((".", Sign.POINT), (",", Sign.COMMA)) if word in said]
+        signs = {sign_of(cells[place]) for place in self.wanted}
+        shown = [sign for sign, word in ((".", Sign.POINT), (",", Sign.COMMA)) if word in signs]
         return replace(self, decimal=shown[0]) if len(shown) == 1 else self
 
 
@@ -96,7 +96,7 @@ def miscounted(place: str, cells: Sequence[str], expected: int, separator: str, 
     """
     if not cells:
         return BadInput(f"{place}: its quotes are broken; write it as CSV.")
-    said = f"{place}: has {len(cells)} cells under {expected} {'names' if named else 'cells of the first line'}"
+    message = f"{place}: has {len(cells)} cells under {expected} {'names' if named else 'cells of the first line'}"
     if separator == "," and len(cells) > expected and all(is_whole(cell) or is_lost(cell) for cell in cells):
-        return BadInput(f"{said}: the numbers seem to have decimal commas; write decimal points, or separate the columns by semicolons.")
-    return BadInput(f"{said}, separated by {WORDS.get(separator, repr(separator))}; write as many cells in every line.")
+        return BadInput(f"{message}: the numbers seem to have decimal commas; write decimal points, or separate the columns by semicolons.")
+    return BadInput(f"{message}, separated by {WORDS.get(separator, repr(separator))}; write as many cells in every line.")

@@ -26,7 +26,7 @@ from semlive.formats.text_cells import (
     is_remark,
     key_of,
     lines_of,
-    separator_told,
+    separator_declared,
     split,
     text_of,
 )
@@ -59,7 +59,7 @@ SEPARATORS = ("\t", ";", ",", " ")
 """Those that are found out; a blank stands for any run of blanks."""
 _NOT_QUOTED = re.compile(r'"(?:[^"]|"")*"|\([^)]*\)|\[[^\]]*\]')
 _NUMBER_AND_MORE = re.compile(r"[+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?\s+\S")
-_FIRST_GROUP = re.compile(r"[+-]?[1-9][0-9]{0,2}")
+_FIRST_GROUP = re.compile(r"(?:.*\s)?[+-]?[1-9][0-9]{0,2}")
 _NEXT_GROUP = re.compile(r"[0-9]{3}(?![0-9])")
 _DEFINITE = 10**6
 """Weight of what is wrong with a reading that fits the head in all else."""
@@ -99,7 +99,7 @@ def layout_of(lines: Sequence[str], where: str, wanted: Wanted, given: Conventio
     Raises:
         BadInput: no reading fits the head, or several do and differ.
     """
-    known = _with_told(lines, given or Convention())
+    known = _with_declared_separator(lines, given or Convention())
     refused: list[tuple[int, BadInput]] = []
     in_numbers = False
     for start in _starts(lines, searched):
@@ -139,10 +139,10 @@ def _is_line_of_numbers(line: str, separator: str) -> bool:
         return False
 
 
-def _with_told(lines: Sequence[str], given: Convention) -> Convention:
+def _with_declared_separator(lines: Sequence[str], given: Convention) -> Convention:
     """With the separator of a ``sep=;`` line."""
-    told = next((separator_told(line) for line in lines if line.strip()), "")
-    return replace(given, separator=told) if told and not given.separator else given
+    declared = next((separator_declared(line) for line in lines if line.strip()), "")
+    return replace(given, separator=declared) if declared and not given.separator else given
 
 
 def _starts(lines: Sequence[str], searched: int) -> Iterator[int]:
@@ -173,6 +173,9 @@ def _readings(lines: Sequence[str], start: int, separator: str, wanted: Wanted, 
     if is_line_of_numbers(head):
         names, head_line = _names_above(lines, start, separator, len(head))
         data_from = start
+    elif start and any(is_whole(cell) or sign_of(cell) is not Sign.NONE for cell in head):
+        # Below a first line that did not fit, a line with a number in it is hardly one of names.
+        raise _Misfit(0, BadInput(f"{at}: is no line of names; write one above the numbers."))
     columns, data_from = _with_units(columns_of(names or [""] * len(head), separator), lines, data_from, separator)
     rows = _rows(lines, data_from, separator)
     columns = _without_trailing(columns, rows)
@@ -199,7 +202,10 @@ def _is_used(separator: str, line: str) -> bool:
     bare = _NOT_QUOTED.sub("", line.strip(" \r"))
     if separator != " ":
         return next((sign for sign in SEPARATORS[:-1] if sign in bare), "") == separator
-    return not any(sign in bare for sign in "\t;") and ("," not in bare or is_line_of_numbers(split(bare, " ")))
+    if any(sign in bare for sign in "\t;"):
+        return False
+    cells = split(bare, " ")
+    return "," not in bare or (is_line_of_numbers(cells) and not any(cell.endswith(",") for cell in cells))
 
 
 def _names_above(lines: Sequence[str], start: int, separator: str, cells: int) -> tuple[list[str], int]:
@@ -214,7 +220,7 @@ def _names_above(lines: Sequence[str], start: int, separator: str, cells: int) -
             except ValueError:
                 return [], 0
             # Blanks separate the words of a title, too.
-            is_head = len(columns_of(names, separator)) == cells or (separator != " " and len(names) > 1)
+            is_head = len(columns_of(names, separator)) == cells or (len(names) > 1 and (separator != " " or '"' in line))
             return (names, place + 1) if is_head else ([], 0)
     return [], 0
 
@@ -298,8 +304,8 @@ def _check_pairs(layout: Layout, rows: _Rows, by_name: bool) -> None:
     if doubtful:
         place = min(layout.wanted[0], len(cells) - 2)
         both = f"{cells[place]!r} and {cells[place + 1]!r}, or '{cells[place]},{cells[place + 1]}'"
-        said = f"{layout.where}: line {line}: may mean {both}; write decimal points, or say the decimal sign."
-        raise _Misfit(_DEFINITE, AmbiguousTable(said))
+        message = f"{layout.where}: line {line}: may mean {both}; write decimal points, or say the decimal sign."
+        raise _Misfit(_DEFINITE, AmbiguousTable(message))
 
 
 def _check_groups(layout: Layout, rows: _Rows) -> None:
@@ -308,13 +314,13 @@ def _check_groups(layout: Layout, rows: _Rows) -> None:
         return
     if layout.separator == "," and layout.head_line and not any(is_no_name(column.raw) for column in layout.columns):
         return
-    rule = all if layout.head_line or layout.separator == " " else any
+    rule = all if layout.head_line else any
     for place in range(len(layout.columns) - 1):
         if rule(_FIRST_GROUP.fullmatch(cells[place]) and _NEXT_GROUP.match(cells[place + 1]) for _, cells in rows):
             line, cells = rows[0]
             both = " and ".join(cells[place : place + 2])
-            said = f"{layout.where}: line {line}: {both} may be one number; write no sign between thousands, and names above the columns."
-            raise _Misfit(_DEFINITE, AmbiguousTable(said))
+            message = f"{layout.where}: line {line}: {both} may be one number; write no sign between thousands, and name the columns."
+            raise _Misfit(_DEFINITE, AmbiguousTable(message))
 
 
 def _may_be_number(cell: str) -> bool:
@@ -337,8 +343,8 @@ def _decimal(layout: Layout, rows: _Rows, no_thousands: bool) -> str:
                 others.add(sign_of(cell))
     if Sign.POINT in found and Sign.COMMA in found:
         (line, point), (_, comma) = found[Sign.POINT], found[Sign.COMMA]
-        said = f"{layout.where}: line {line}: both {point!r} and {comma!r} are numbers; write one decimal sign in all lines."
-        raise _Misfit(_DEFINITE, AmbiguousTable(said))
+        message = f"{layout.where}: line {line}: both {point!r} and {comma!r} are numbers; write one decimal sign in all lines."
+        raise _Misfit(_DEFINITE, AmbiguousTable(message))
     for signs in (found, others):
         if (Sign.POINT in signs) != (Sign.COMMA in signs):
             return "." if Sign.POINT in signs else ","

@@ -130,7 +130,7 @@ def written(seed: int) -> Written:
                 values.append(value)
         if text_at is not None:
             # A text with the separator in it and a lost cell can make up for each other.
-            cells.insert(text_at, rng.choice(WORDS[:PLAIN_WORDS] if style.torn or blanks or style.head == "none" else WORDS))
+            cells.insert(text_at, rng.choice(WORDS[:PLAIN_WORDS] if style.torn or style.lost or blanks or style.head == "none" else WORDS))
         torn = rng.random() < style.torn
         if torn:
             cells = cells[: rng.randrange(len(cells))] if rng.random() < 0.5 else [*cells, cells[0]]
