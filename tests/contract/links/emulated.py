@@ -18,6 +18,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+from semlive_drivers import serial_port
+
 
 def crc(data: bytes) -> bytes:
     value = 0xFFFF
@@ -134,9 +136,13 @@ def over_rtu(devices: dict[int, Device], late_s: Callable[[], float] = lambda: 0
     threads = [threading.Thread(target=run, daemon=True) for run in (hear, speak)]
     for thread in threads:
         thread.start()
+    path = os.ttyname(theirs)
     try:
-        yield os.ttyname(theirs)
+        yield path
     finally:
+        # The system soon gives this path to another line, which owes nothing of what was written to this one.
+        for key in [key for key in serial_port._PASTS if key[0] == path]:
+            del serial_port._PASTS[key]
         over.set()
         for thread in threads:
             thread.join()
