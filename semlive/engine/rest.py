@@ -26,7 +26,7 @@ class Rest:
 
     Attributes:
         since: the first sample of this rest; None while a motion is ordered.
-        before: the first sample of the rest before; both give the stiffness.
+        before: the first sample of the rest before, or the first sample at all; both give the stiffness.
         still: the sample since which the force reading has not changed at all.
         moving_since_ns: since when the device has reported motion, experiment time; None while it does not.
         extension_noise: of the crosshead.
@@ -52,7 +52,7 @@ class Rest:
         noise = self.extension_noise.with_reading(sample.extension_mm)
         if ordered:
             flicker_mm = self.step_mm if math.isfinite(self.step_mm) else self.flicker_mm
-            return Rest(before=self.since or self.before, extension_noise=noise, flicker_mm=flicker_mm)
+            return Rest(before=self.since or self.before or sample, extension_noise=noise, flicker_mm=flicker_mm)
         step_mm = abs(sample.extension_mm - self.extension_noise.recent[-1]) if self.extension_noise.recent else 0.0
         smallest_mm = min(self.step_mm, step_mm) if step_mm > 0.0 and self.since is not None else self.step_mm
         still = sample if self.still is None or sample.force_n != self.still.force_n else self.still

@@ -120,7 +120,7 @@ def test_a_stop_does_not_hang_on_a_line_that_takes_no_bytes() -> None:
     def shout() -> None:
         began_s = time.monotonic()
         try:
-            line.shout(1, [writing(Kind.HOLDING, 5, [0] * 100, False)])
+            line.shout(9, [writing(Kind.HOLDING, 5, [0] * 100, False)])
         finally:
             took_s.append(time.monotonic() - began_s)
 
