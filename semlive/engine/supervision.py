@@ -21,7 +21,8 @@ For each reading of a ramp, in this order:
 
 A displacement drive may take up slack before the load rises, and a yielding specimen lengthens at a constant load. There NO_RESPONSE uses
 the crosshead's travel and the force limit alone: the load that the travel would have made at the stated stiffness must stay below the
-limit. `limits.slack_max_mm`, if it is set, replaces that bound.
+limit. `limits.slack_max_mm`, if it is set, replaces that bound. Where the extension does not show the ordered motion either, because all
+readings stand still or none is measured, the ordered travel takes the place of the measured one.
 
 The first 1 s after an order is not judged for progress: devices need it to start.
 """
@@ -49,6 +50,8 @@ _ARRIVED_AND_MOVING_S = 10.0
 """A device may report motion near its target for this long without progress: closed loops creep into their dead band."""
 _JUMP_OF_RANGE = 0.05
 """Successive readings that differ by more than this part of the force limit are a jump: EMI spikes, a lost sign, a slip."""
+_LEAST_OF_ORDERED = 0.25
+"""A crosshead that shows less than this part of the ordered travel is not believed to be at rest: its reading stands still."""
 _HEADROOM = 1.02
 """The unverified load may come up to this times the force limit; the bar for the true load is 1.05."""
 
@@ -325,20 +328,38 @@ def _no_response(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Fi
 def _travel_without_load(seen: Supervision, ramp: OrderedRamp, sample: LoadSample, travel_mm: float, unseen_s: float) -> Finding | None:
     """A displacement drive: the load that the travel since the anchor would make must stay below the force limit."""
     limits, stiffness = seen.limits, seen.identity.stiffness_n_mm
+    limit_n = limits.force_max_n if ramp.sign > 0 else -limits.force_min_n
+    headroom_n = limit_n - ramp.sign * ramp.anchor.force_n
+    ordered_n = ramp.rate_n_s * unseen_s
+    least_mm = 0.0 if stiffness is None else _LEAST_OF_ORDERED * ordered_n / stiffness
+    if not seen.identity.measures_extension or travel_mm <= max(seen.extension_noise.noticeable(), least_mm):
+        # An extension that stands still as well, or is not measured, does not hide the motion: what was ordered counts.
+        return _ordered_without_answer(seen, sample, unseen_s, ordered_n, headroom_n)
     if limits.slack_max_mm is not None or stiffness is None:
         return None  # `LoadWatch` looks at the travel
-    hidden_n = stiffness * travel_mm if seen.identity.measures_extension else ramp.rate_n_s * unseen_s
-    # An extension that is frozen as well does not hide the motion: what was ordered counts.
-    if travel_mm <= seen.extension_noise.noticeable() and unseen_s > MOST_UNSEEN_S:
-        return Finding(FaultCode.NO_RESPONSE, f"load and extension have not changed for {unseen_s:.0f} s although the device moves")
-    limit_n = limits.force_max_n if ramp.sign > 0 else -limits.force_min_n
-    if ramp.sign * ramp.anchor.force_n + hidden_n <= limit_n:
+    hidden_n = stiffness * travel_mm
+    if hidden_n <= headroom_n:
         return None
     what = f"the crosshead moved {travel_mm:.4f} mm while the load reading stayed at {sample.force_n:.1f} N"
     meaning = f"at stiffness_n_mm that is {hidden_n:.0f} N, which would reach the limit of {limit_n:g} N"
     return Finding(
         FaultCode.TRAVEL_WITHOUT_LOAD, f"{what}; {meaning}: check cell and grips, or set limits.slack_max_mm where slack is taken up"
     )
+
+
+def _ordered_without_answer(seen: Supervision, sample: LoadSample, unseen_s: float, ordered_n: float, headroom_n: float) -> Finding | None:
+    """A displacement drive of which neither load nor extension shows the ordered motion."""
+    slack_mm, stiffness = seen.limits.slack_max_mm, seen.identity.stiffness_n_mm
+    if slack_mm is not None and stiffness is not None:
+        allowed = ordered_n <= stiffness * slack_mm
+    else:
+        allowed = ordered_n <= headroom_n and unseen_s <= MOST_UNSEEN_S
+    if allowed:
+        return None
+    what = (
+        f"load and extension do not show the {ordered_n:.0f} N that were ordered in {unseen_s:.1f} s, at a load of {sample.force_n:.1f} N"
+    )
+    return Finding(FaultCode.NO_RESPONSE, f"{what}: check load cell, extension sensor, amplifier and grips")
 
 
 def _extension_frozen(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
@@ -368,10 +389,16 @@ def _overdue(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Findin
     headroom_s = max((limit_n - ramp.sign * sample.force_n) / ramp.rate_n_s, START_S)
     longest_s = max(_ARRIVED_AND_MOVING_S, _near_n(seen, ramp) / ramp.rate_n_s)
     travel_mm = abs(sample.extension_mm - ramp.anchor.extension_mm)
-    stands = seen.identity.measures_extension and seen.stiffness_n_mm is not None and travel_mm <= seen.extension_noise.noticeable()
+    stands = _readings_change(seen, ramp) and seen.stiffness_n_mm is not None and travel_mm <= seen.extension_noise.noticeable()
     if unseen_s <= (3.0 * longest_s if stands else min(longest_s, headroom_s)):
         return None
     what = (
         f"the load reading stays at {sample.force_n:.1f} N, near its target, but the device has reported motion for {unseen_s:.1f} s more"
     )
     return Finding(FaultCode.MOTION_OVERDUE, f"{what}: check whether the load cell still answers")
+
+
+def _readings_change(seen: Supervision, ramp: OrderedRamp) -> bool:
+    """Whether load or extension changed at all since the anchor: readings that all stand still show nothing, not even rest."""
+    channels = (seen.force_noise, seen.extension_noise) if seen.identity.measures_extension else ()
+    return any(len(set(one.recent[-ramp.since_anchor :])) > 1 for one in channels)
