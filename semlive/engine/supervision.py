@@ -6,7 +6,7 @@ A reading that stands still looks like a load that stands still. Nothing in a si
 saturated amplifier with noise on it or a reversed sign are all finite numbers inside the limits. But semlive knows what it ordered. A ramp
 of rate r must change the load by r t, so the load change that was ordered and has not been seen in the readings (the *unverified load*)
 bounds how wrong they can be. Every rule below limits that quantity, so its consequence in newtons is known before the run
-(`stop_distances`), whatever is wrong.
+(`semlive.engine.stop_distance`), whatever is wrong.
 
 For each reading of a ramp, in this order:
 
@@ -43,16 +43,19 @@ MOST_UNSEEN_S = 10.0
 """No ramp may run for longer than this without a noticeable change of load, unless the cell's noise or resolution hides it for longer."""
 RATE_FACTOR = 1.5
 """A load that changes faster than this times the ordered rate does not keep it."""
-_RATE_WINDOW_NS = 500_000_000
-_FEWEST_READINGS = 5
-_AVERAGED = 5
-_ARRIVED_AND_MOVING_S = 10.0
+RATE_WINDOW_S = 0.5
+"""The rate is taken over this time."""
+FEWEST_READINGS = 5
+"""Missing progress is not judged on fewer readings."""
+AVERAGED = 5
+"""Progress is that of the mean of so many readings."""
+ARRIVED_AND_MOVING_S = 10.0
 """A device may report motion near its target for this long without progress: closed loops creep into their dead band."""
 _JUMP_OF_RANGE = 0.05
 """Successive readings that differ by more than this part of the force limit are a jump: EMI spikes, a lost sign, a slip."""
 _LEAST_OF_ORDERED = 0.25
 """A crosshead that shows less than this part of the ordered travel is not believed to be at rest: its reading stands still."""
-_HEADROOM = 1.02
+HEADROOM = 1.02
 """The unverified load may come up to this times the force limit; the bar for the true load is 1.05."""
 
 
@@ -80,6 +83,8 @@ class OrderedRamp:
         start: the last sample before the order.
         anchor: the sample at which the load last moved noticeably towards the target.
         anchor_n: mean of the latest readings then: a single high one would hide the progress that follows.
+        noticeable_n: largest change of the reading so far that may be noise. The estimate from the latest readings scatters, and one that
+            is too small by chance would take noise for progress.
         since_anchor: readings since.
         window: samples of the last half second, oldest first.
     """
@@ -90,6 +95,7 @@ class OrderedRamp:
     start: LoadSample
     anchor: LoadSample
     anchor_n: float
+    noticeable_n: float
     since_anchor: int = 0
     window: tuple[LoadSample, ...] = ()
 
@@ -126,8 +132,10 @@ class Supervision:
         if self.last is None:
             return self
         rate = max(rate_n_s, self.identity.rate_min_n_s)
+        noticeable_n = self.force_noise.noticeable(tolerance_n)
+        before_n = self.force_noise.mean(AVERAGED)
         return replace(
-            self, ramp=OrderedRamp(target_n, rate, tolerance_n, self.last, self.last, self.force_noise.mean(_AVERAGED), window=(self.last,))
+            self, ramp=OrderedRamp(target_n, rate, tolerance_n, self.last, self.last, before_n, noticeable_n, window=(self.last,))
         )
 
     def stopped(self) -> Supervision:
@@ -175,31 +183,14 @@ def verified_within(rate_n_s: float, tolerance_n: float, noticeable_n: float) ->
     return max(4.0 * noticeable_n, min(tolerance_n, rate_n_s * MOST_UNSEEN_S), 1.5 * rate_n_s * START_S)
 
 
-def stop_distances(limits: Limits, rate_n_s: float, tolerance_n: float, noticeable_n: float, poll_s: float) -> dict[FaultCode, float]:
-    """How far the true load can go, N, before a ramp is stopped, by what is wrong.
+def jump_allowed_n(limits: Limits, tolerance_n: float, noticeable_n: float) -> float:
+    """Largest difference, N, of two readings taken at the same time that is no jump.
 
     Args:
         limits: of the run.
-        rate_n_s: of the ramp.
         tolerance_n: allowed distance of the load from its target.
-        noticeable_n: change of the reading that is no noise (`ReadingNoise.noticeable`).
-        poll_s: from one reading to the next.
-
-    Returns:
-        For NO_RESPONSE beyond the load at which the reading froze, for OVERSHOOT beyond the target, for RATE_NOT_KEPT beyond what the
-        ordered rate explains, for LOAD_JUMP between two readings.
+        noticeable_n: change of the reading that is no noise.
     """
-    late_n = rate_n_s * 2.0 * poll_s
-    averaged_n = rate_n_s * _AVERAGED * poll_s
-    return {
-        FaultCode.NO_RESPONSE: verified_within(rate_n_s, tolerance_n, noticeable_n) + averaged_n + late_n,
-        FaultCode.OVERSHOOT: max(tolerance_n, noticeable_n) + late_n,
-        FaultCode.RATE_NOT_KEPT: max(tolerance_n, 1.5 * noticeable_n) + RATE_FACTOR * late_n,
-        FaultCode.LOAD_JUMP: _jump_n(limits, tolerance_n, noticeable_n) + RATE_FACTOR * late_n,
-    }
-
-
-def _jump_n(limits: Limits, tolerance_n: float, noticeable_n: float) -> float:
     return max(_JUMP_OF_RANGE * max(abs(limits.force_max_n), abs(limits.force_min_n)), tolerance_n, 2.0 * noticeable_n)
 
 
@@ -210,7 +201,7 @@ def _jump(before: Supervision, sample: LoadSample) -> Finding | None:
     limits, apart_s = before.limits, (sample.time_ns - last.time_ns) / 1e9
     rate = limits.force_rate_max_n_s if ramp is None else ramp.rate_n_s
     tolerance_n = 0.0 if ramp is None else ramp.tolerance_n
-    allowed_n = _jump_n(limits, tolerance_n, before.force_noise.noticeable(0.01 * abs(limits.force_max_n))) + 2.0 * rate * (
+    allowed_n = jump_allowed_n(limits, tolerance_n, before.force_noise.noticeable(0.01 * abs(limits.force_max_n))) + 2.0 * rate * (
         apart_s + _jitter_s(last, sample)
     )
     change_n = sample.force_n - last.force_n
@@ -232,11 +223,12 @@ def _jitter_s(first: LoadSample, second: LoadSample) -> float:
 
 def _followed(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> OrderedRamp:
     """The ramp one reading later."""
-    recent = tuple(one for one in ramp.window if one.time_ns > sample.time_ns - _RATE_WINDOW_NS)
+    recent = tuple(one for one in ramp.window if one.time_ns > sample.time_ns - round(RATE_WINDOW_S * 1e9))
     window = (*(recent or ramp.window[-1:]), sample)
-    mean_n = seen.force_noise.mean(_AVERAGED)
+    mean_n = seen.force_noise.mean(AVERAGED)
     progress_n = ramp.sign * (mean_n - ramp.anchor_n)
-    anchored = progress_n > 0.0 and progress_n >= _noticeable_n(seen, ramp)
+    ramp = replace(ramp, noticeable_n=max(ramp.noticeable_n, _noticeable_n(seen, ramp)))
+    anchored = progress_n > 0.0 and progress_n >= ramp.noticeable_n
     waiting = sample.motion is not MotionState.MOVING  # a device at rest owes no progress; it owes it from where it starts
     if anchored or waiting:
         return replace(ramp, window=window, anchor=sample, anchor_n=mean_n, since_anchor=0)
@@ -248,9 +240,9 @@ def _noticeable_n(seen: Supervision, ramp: OrderedRamp) -> float:
     return seen.force_noise.noticeable(ramp.tolerance_n)
 
 
-def _near_n(seen: Supervision, ramp: OrderedRamp) -> float:
+def _near_n(ramp: OrderedRamp) -> float:
     """Distance from the target within which a device may creep instead of keeping its rate."""
-    return max(ramp.tolerance_n, verified_within(ramp.rate_n_s, ramp.tolerance_n, _noticeable_n(seen, ramp)))
+    return max(ramp.tolerance_n, verified_within(ramp.rate_n_s, ramp.tolerance_n, ramp.noticeable_n))
 
 
 def _learned_stiffness(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> float | None:
@@ -307,20 +299,20 @@ def _wrong_direction(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -
 
 def _no_response(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
     unseen_s = (sample.time_ns - ramp.anchor.time_ns) / 1e9
-    if ramp.since_anchor < _FEWEST_READINGS or unseen_s <= START_S:
+    if ramp.since_anchor < FEWEST_READINGS or unseen_s <= START_S:
         return None
     travel_mm = abs(sample.extension_mm - ramp.anchor.extension_mm)
-    near = abs(ramp.target_n - sample.force_n) <= _near_n(seen, ramp)
+    near = abs(ramp.target_n - sample.force_n) <= _near_n(ramp)
     reason = f"the load reading stays at {sample.force_n:.1f} N for {unseen_s:.1f} s although the device moves"
     advice = "check the load cell, its amplifier and the grips"
     if seen.identity.control is ControlMode.DISPLACEMENT:
         return _travel_without_load(seen, ramp, sample, travel_mm, unseen_s)
-    if not near and ramp.rate_n_s * unseen_s > verified_within(ramp.rate_n_s, ramp.tolerance_n, _noticeable_n(seen, ramp)):
+    if not near and ramp.rate_n_s * unseen_s > verified_within(ramp.rate_n_s, ramp.tolerance_n, ramp.noticeable_n):
         return Finding(FaultCode.NO_RESPONSE, f"{reason}: {advice}")
     stiffness = seen.stiffness_n_mm
     if stiffness is not None and travel_mm > seen.extension_noise.noticeable():
         hidden_n = stiffness * travel_mm
-        if hidden_n > max(2.0 * ramp.tolerance_n, 4.0 * _noticeable_n(seen, ramp)):
+        if hidden_n > max(2.0 * ramp.tolerance_n, 4.0 * ramp.noticeable_n):
             return Finding(FaultCode.NO_RESPONSE, f"{reason} by {travel_mm:.4f} mm, which is {hidden_n:.0f} N of load: {advice}")
     return None
 
@@ -381,13 +373,13 @@ def _extension_frozen(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) 
 
 def _overdue(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
     """Near its target and moving: without a travel that is seen to stand still, nobody knows that the load does."""
-    near = abs(ramp.target_n - sample.force_n) <= _near_n(seen, ramp)
-    if not near or ramp.since_anchor < _FEWEST_READINGS or seen.identity.control is ControlMode.DISPLACEMENT:
+    near = abs(ramp.target_n - sample.force_n) <= _near_n(ramp)
+    if not near or ramp.since_anchor < FEWEST_READINGS or seen.identity.control is ControlMode.DISPLACEMENT:
         return None
     unseen_s = (sample.time_ns - ramp.anchor.time_ns) / 1e9
-    limit_n = _HEADROOM * (seen.limits.force_max_n if ramp.sign > 0 else -seen.limits.force_min_n)
+    limit_n = HEADROOM * (seen.limits.force_max_n if ramp.sign > 0 else -seen.limits.force_min_n)
     headroom_s = max((limit_n - ramp.sign * sample.force_n) / ramp.rate_n_s, START_S)
-    longest_s = max(_ARRIVED_AND_MOVING_S, _near_n(seen, ramp) / ramp.rate_n_s)
+    longest_s = max(ARRIVED_AND_MOVING_S, _near_n(ramp) / ramp.rate_n_s)
     travel_mm = abs(sample.extension_mm - ramp.anchor.extension_mm)
     stands = _readings_change(seen, ramp) and seen.stiffness_n_mm is not None and travel_mm <= seen.extension_noise.noticeable()
     if unseen_s <= (3.0 * longest_s if stands else min(longest_s, headroom_s)):
