@@ -54,7 +54,7 @@ ARRIVED_AND_MOVING_S = 10.0
 _JUMP_OF_RANGE = 0.05
 """Successive readings that differ by more than this part of the force limit are a jump: EMI spikes, a lost sign, a slip."""
 _LEAST_OF_ORDERED = 0.25
-"""A crosshead that shows less than this part of the ordered travel is not believed to be at rest: its reading stands still."""
+"""A load that shows less than this part of what was ordered makes no progress; an extension that does shows no motion."""
 HEADROOM = 1.02
 """The unverified load may come up to this times the force limit; the bar for the true load is 1.05."""
 
@@ -83,8 +83,7 @@ class OrderedRamp:
         start: the last sample before the order.
         anchor: the sample at which the load last moved noticeably towards the target.
         anchor_n: mean of the latest readings then: a single high one would hide the progress that follows.
-        noticeable_n: largest change of the reading so far that may be noise. The estimate from the latest readings scatters, and one that
-            is too small by chance would take noise for progress.
+        noise_n: largest change of the reading in this ramp that was taken for noise: the estimate scatters.
         since_anchor: readings since.
         window: samples of the last half second, oldest first.
     """
@@ -95,7 +94,7 @@ class OrderedRamp:
     start: LoadSample
     anchor: LoadSample
     anchor_n: float
-    noticeable_n: float
+    noise_n: float = 0.0
     since_anchor: int = 0
     window: tuple[LoadSample, ...] = ()
 
@@ -132,11 +131,8 @@ class Supervision:
         if self.last is None:
             return self
         rate = max(rate_n_s, self.identity.rate_min_n_s)
-        noticeable_n = self.force_noise.noticeable(tolerance_n)
         before_n = self.force_noise.mean(AVERAGED)
-        return replace(
-            self, ramp=OrderedRamp(target_n, rate, tolerance_n, self.last, self.last, before_n, noticeable_n, window=(self.last,))
-        )
+        return replace(self, ramp=OrderedRamp(target_n, rate, tolerance_n, self.last, self.last, before_n, window=(self.last,)))
 
     def stopped(self) -> Supervision:
         """The device was ordered to stop: no ramp is under way."""
@@ -227,12 +223,24 @@ def _followed(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Order
     window = (*(recent or ramp.window[-1:]), sample)
     mean_n = seen.force_noise.mean(AVERAGED)
     progress_n = ramp.sign * (mean_n - ramp.anchor_n)
-    ramp = replace(ramp, noticeable_n=max(ramp.noticeable_n, _noticeable_n(seen, ramp)))
-    anchored = progress_n > 0.0 and progress_n >= ramp.noticeable_n
+    ramp = replace(ramp, noise_n=max(ramp.noise_n, _noticeable_n(seen, ramp)))
+    anchored = progress_n > 0.0 and progress_n >= _progress_n(seen, ramp, sample)
     waiting = sample.motion is not MotionState.MOVING  # a device at rest owes no progress; it owes it from where it starts
     if anchored or waiting:
         return replace(ramp, window=window, anchor=sample, anchor_n=mean_n, since_anchor=0)
     return replace(ramp, window=window, since_anchor=ramp.since_anchor + 1)
+
+
+def _progress_n(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> float:
+    """What counts as progress of the load. Where the noise is estimated too small by chance, noise alone must not.
+
+    In load control a part of what was ordered is due. In displacement control it is not, because the specimen may be more compliant than
+    stated; there the largest estimate of the noise counts.
+    """
+    if seen.identity.control is ControlMode.DISPLACEMENT:
+        return ramp.noise_n
+    least_n = _LEAST_OF_ORDERED * ramp.rate_n_s * ((sample.time_ns - ramp.anchor.time_ns) / 1e9 - START_S)
+    return max(_noticeable_n(seen, ramp), least_n)
 
 
 def _noticeable_n(seen: Supervision, ramp: OrderedRamp) -> float:
@@ -240,9 +248,9 @@ def _noticeable_n(seen: Supervision, ramp: OrderedRamp) -> float:
     return seen.force_noise.noticeable(ramp.tolerance_n)
 
 
-def _near_n(ramp: OrderedRamp) -> float:
+def _near_n(seen: Supervision, ramp: OrderedRamp) -> float:
     """Distance from the target within which a device may creep instead of keeping its rate."""
-    return max(ramp.tolerance_n, verified_within(ramp.rate_n_s, ramp.tolerance_n, ramp.noticeable_n))
+    return max(ramp.tolerance_n, verified_within(ramp.rate_n_s, ramp.tolerance_n, _noticeable_n(seen, ramp)))
 
 
 def _learned_stiffness(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> float | None:
@@ -302,17 +310,17 @@ def _no_response(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Fi
     if ramp.since_anchor < FEWEST_READINGS or unseen_s <= START_S:
         return None
     travel_mm = abs(sample.extension_mm - ramp.anchor.extension_mm)
-    near = abs(ramp.target_n - sample.force_n) <= _near_n(ramp)
+    near = abs(ramp.target_n - sample.force_n) <= _near_n(seen, ramp)
     reason = f"the load reading stays at {sample.force_n:.1f} N for {unseen_s:.1f} s although the device moves"
     advice = "check the load cell, its amplifier and the grips"
     if seen.identity.control is ControlMode.DISPLACEMENT:
         return _travel_without_load(seen, ramp, sample, travel_mm, unseen_s)
-    if not near and ramp.rate_n_s * unseen_s > verified_within(ramp.rate_n_s, ramp.tolerance_n, ramp.noticeable_n):
+    if not near and ramp.rate_n_s * unseen_s > verified_within(ramp.rate_n_s, ramp.tolerance_n, _noticeable_n(seen, ramp)):
         return Finding(FaultCode.NO_RESPONSE, f"{reason}: {advice}")
     stiffness = seen.stiffness_n_mm
     if stiffness is not None and travel_mm > seen.extension_noise.noticeable():
         hidden_n = stiffness * travel_mm
-        if hidden_n > max(2.0 * ramp.tolerance_n, 4.0 * ramp.noticeable_n):
+        if hidden_n > max(2.0 * ramp.tolerance_n, 4.0 * _noticeable_n(seen, ramp)):
             return Finding(FaultCode.NO_RESPONSE, f"{reason} by {travel_mm:.4f} mm, which is {hidden_n:.0f} N of load: {advice}")
     return None
 
@@ -373,13 +381,13 @@ def _extension_frozen(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) 
 
 def _overdue(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
     """Near its target and moving: without a travel that is seen to stand still, nobody knows that the load does."""
-    near = abs(ramp.target_n - sample.force_n) <= _near_n(ramp)
+    near = abs(ramp.target_n - sample.force_n) <= _near_n(seen, ramp)
     if not near or ramp.since_anchor < FEWEST_READINGS or seen.identity.control is ControlMode.DISPLACEMENT:
         return None
     unseen_s = (sample.time_ns - ramp.anchor.time_ns) / 1e9
     limit_n = HEADROOM * (seen.limits.force_max_n if ramp.sign > 0 else -seen.limits.force_min_n)
     headroom_s = max((limit_n - ramp.sign * sample.force_n) / ramp.rate_n_s, START_S)
-    longest_s = max(ARRIVED_AND_MOVING_S, _near_n(ramp) / ramp.rate_n_s)
+    longest_s = max(ARRIVED_AND_MOVING_S, _near_n(seen, ramp) / ramp.rate_n_s)
     travel_mm = abs(sample.extension_mm - ramp.anchor.extension_mm)
     stands = _readings_change(seen, ramp) and seen.stiffness_n_mm is not None and travel_mm <= seen.extension_noise.noticeable()
     if unseen_s <= (3.0 * longest_s if stands else min(longest_s, headroom_s)):
