@@ -258,7 +258,7 @@ class _Rows:
         case, fault = self.case, "neither force nor extension shows the motion"
         slack_mm = case.limits.slack_max_mm
         if slack_mm is None or case.stiffness_n_mm is None:
-            return self._to_the_limit(FaultCode.NO_RESPONSE, fault, self.rate * MOST_UNSEEN_S)
+            return self._to_the_limit(FaultCode.NO_RESPONSE, fault, max(self.rate * MOST_UNSEEN_S, LEAST_SHOWN * case.noticeable_n))
         allowed = max(case.stiffness_n_mm * slack_mm, LEAST_SHOWN * case.noticeable_n, self.soonest)
         beyond = allowed + self.averaged + self.late
         worst = self.target + case.tolerance_n + beyond

@@ -55,6 +55,8 @@ _JUMP_OF_RANGE = 0.05
 """Successive readings that differ by more than this part of the force limit are a jump: EMI spikes, a lost sign, a slip."""
 _LEAST_OF_ORDERED = 0.25
 """A load that shows less than this part of what was ordered makes no progress; an extension that does shows no motion."""
+_AHEAD_S = 0.5
+"""Travel of a displacement drive is ordered ahead for this time, by default."""
 HEADROOM = 1.02
 """The unverified load may come up to this times the force limit; the bar for the true load is 1.05."""
 
@@ -330,11 +332,15 @@ def _travel_without_load(seen: Supervision, ramp: OrderedRamp, sample: LoadSampl
     limits, stiffness = seen.limits, seen.identity.stiffness_n_mm
     limit_n = limits.force_max_n if ramp.sign > 0 else -limits.force_min_n
     headroom_n = limit_n - ramp.sign * ramp.anchor.force_n
-    ordered_n = ramp.rate_n_s * unseen_s
+    # Near its target a drive is ordered shorter travel: what is missing, in the time that is ordered ahead.
+    near_n = max(ramp.tolerance_n, _noticeable_n(seen, ramp))
+    arriving = abs(ramp.target_n - sample.force_n) <= near_n
+    ordered_n = (min(ramp.rate_n_s, near_n / _AHEAD_S) if arriving else ramp.rate_n_s) * unseen_s
     least_mm = 0.0 if stiffness is None else _LEAST_OF_ORDERED * ordered_n / stiffness
     if not seen.identity.measures_extension or travel_mm <= max(seen.extension_noise.noticeable(), least_mm):
         # An extension that stands still as well, or is not measured, does not hide the motion: what was ordered counts.
-        return _ordered_without_answer(seen, sample, unseen_s, ordered_n, headroom_n)
+        longest_s = max(MOST_UNSEEN_S, 4.0 * ramp.noise_n / ramp.rate_n_s)
+        return _ordered_without_answer(seen, sample, unseen_s, ordered_n, headroom_n if unseen_s <= longest_s else 0.0)
     if limits.slack_max_mm is not None or stiffness is None:
         return None  # `LoadWatch` looks at the travel
     hidden_n = stiffness * travel_mm
@@ -347,14 +353,13 @@ def _travel_without_load(seen: Supervision, ramp: OrderedRamp, sample: LoadSampl
     )
 
 
-def _ordered_without_answer(seen: Supervision, sample: LoadSample, unseen_s: float, ordered_n: float, headroom_n: float) -> Finding | None:
+def _ordered_without_answer(
+    seen: Supervision, sample: LoadSample, unseen_s: float, ordered_n: float, unseen_max_n: float
+) -> Finding | None:
     """A displacement drive of which neither load nor extension shows the ordered motion."""
     slack_mm, stiffness = seen.limits.slack_max_mm, seen.identity.stiffness_n_mm
-    if slack_mm is not None and stiffness is not None:
-        allowed = ordered_n <= stiffness * slack_mm
-    else:
-        allowed = ordered_n <= headroom_n and unseen_s <= MOST_UNSEEN_S
-    if allowed:
+    allowed_n = unseen_max_n if slack_mm is None or stiffness is None else stiffness * slack_mm
+    if ordered_n <= allowed_n:
         return None
     what = (
         f"load and extension do not show the {ordered_n:.0f} N that were ordered in {unseen_s:.1f} s, at a load of {sample.force_n:.1f} N"
