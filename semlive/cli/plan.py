@@ -12,6 +12,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from semlive.cli.stop_table import stop_json, stop_table
 from semlive.cli.track import tracked_stages
 from semlive.engine.schedule import dose_c_m2
 from semlive.service.config import Config, load_config
@@ -29,12 +30,20 @@ def plan(
     log: Annotated[Path | None, typer.Option("--log", help="An earlier run at this microscope, whose distortion is taken.")] = None,
     model: Annotated[Path | None, typer.Option(help="Effects to take out of the maps, as `diagnose -o` writes them.")] = None,
     current_na: Annotated[float, typer.Option("--current-na", help="Beam current in nA, for the dose.", min=0.0)] = 1.0,
+    force_noise_n: Annotated[
+        float, typer.Option("--force-noise-n", help="Standard deviation of the force reading at rest in N, for the stops.", min=0.0)
+    ] = 0.0,
+    force_resolution_n: Annotated[
+        float, typer.Option("--force-resolution-n", help="Smallest change that the force reading shows in N, for the stops.", min=0.0)
+    ] = 0.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Show an experiment before it is run: time, frames, dose, expected noise, false strain, and advice."""
+    """Show an experiment before it is run: time, frames, dose, noise, false strain, how far each fault can carry the load, and advice."""
     checked = run_with_model(load_config(config), model, resume=False)
     with tracked_stages() as progress:
-        planned = plan_experiment(checked, test_frame, log, Watch(progress))
+        planned = plan_experiment(
+            checked, test_frame, log, Watch(progress), force_noise_n=force_noise_n, force_resolution_n=force_resolution_n
+        )
     dose, asked = _dose(planned, current_na), questions(checked)
     if as_json:
         typer.echo(json.dumps({**_json(planned, dose), "unusual": [asdict(one) for one in asked]}))
@@ -47,6 +56,8 @@ def plan(
         console.print(_noise(planned, checked.estimate.window_points))
     if planned.false_strain:
         console.print(_false_strain(planned))
+    if planned.stops is not None:
+        console.print(stop_table(planned.stops))
     for one in asked:
         refused = "" if one.confirmed else "; until then it is refused by semlive run"
         console.print(f"? {one.key}: {one.what}; {one.advice}{refused}", style="yellow", highlight=False, markup=False)
@@ -77,6 +88,7 @@ def _json(planned: Planned, dose: float | None) -> dict[str, Any]:
         "strain_sigma": [asdict(one) for one in planned.gauges],
         "mean_strain_sigma": None if planned.mean_sigma is None else asdict(planned.mean_sigma),
         "false_strain": {"distortion": planned.distortion, "shifts": [asdict(one) for one in planned.false_strain]},
+        "stop_distances": None if planned.stops is None else stop_json(planned.stops),
         "advice": list(planned.advice),
     }
 

@@ -86,7 +86,8 @@ class Limits:
         slack_max_mm: how far the crosshead may run while the load changes by less than `slack_force_n`; None: as far as the
             stated stiffness and the distance to the force limit allow.
         slack_force_n: see `slack_max_mm`.
-        unloaded_max_n: largest load, N, of pairs that are taken before any load; None: 5 % of the larger force limit.
+        unloaded_max_n: largest load, N, of pairs that are taken before any load; None: 5 % of the larger force limit. The load tolerance
+            is allowed in any case, so 0 forbids an intended preload.
         stop_timeout_s: experiment seconds to wait for the devices' word that they rest, before a stopped run ends without it.
     """
 

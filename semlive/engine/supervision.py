@@ -6,7 +6,7 @@ A reading that stands still looks like a load that stands still. Nothing in a si
 saturated amplifier with noise on it or a reversed sign are all finite numbers inside the limits. But semlive knows what it ordered. A ramp
 of rate r must change the load by r t, so the load change that was ordered and has not been seen in the readings (the *unverified load*)
 bounds how wrong they can be. Every rule below limits that quantity, so its consequence in newtons is known before the run
-(`stop_distances`), whatever is wrong.
+(`semlive.engine.stop_distance`), whatever is wrong.
 
 For each reading of a ramp, in this order:
 
@@ -23,6 +23,8 @@ A displacement drive may take up slack before the load rises, and a yielding spe
 the crosshead's travel and the force limit alone: the load that the travel would have made at the stated stiffness must stay below the
 limit. `limits.slack_max_mm`, if it is set, replaces that bound. But a reading that has followed the ramp and then does not change at all,
 not even by noise, is no yielding specimen.
+Where the extension does not show the ordered motion either, because all readings stand still or none is measured, the ordered travel takes
+the place of the measured one.
 
 Devices need time to start: without a travel that is seen, progress is judged from 1 s on.
 """
@@ -44,15 +46,23 @@ MOST_UNSEEN_S = 10.0
 RATE_FACTOR = 1.5
 """A load that changes faster than this times the ordered rate does not keep it."""
 _SOONEST_S = 0.4
-_RATE_WINDOW_NS = 500_000_000
-_FEWEST_READINGS = 5
-_AVERAGED = 5
-_CONSTANT = 20
-_ARRIVED_AND_MOVING_S = 10.0
+RATE_WINDOW_S = 0.5
+"""The rate is taken over this time."""
+FEWEST_READINGS = 5
+"""Missing progress is not judged on fewer readings."""
+AVERAGED = 5
+"""Progress is that of the mean of so many readings."""
+CONSTANT_READINGS = 20
+"""A cell whose readings do not differ at all over so many shows no noise."""
+ARRIVED_AND_MOVING_S = 10.0
 """A device may report motion near its target for this long without progress: closed loops creep into their dead band."""
 _JUMP_OF_RANGE = 0.05
 """Successive readings that differ by more than this part of the force limit are a jump: EMI spikes, a lost sign, a slip."""
-_HEADROOM = 1.02
+_LEAST_OF_ORDERED = 0.25
+"""A load that shows less than this part of what was ordered makes no progress; an extension that does shows no motion."""
+_AHEAD_S = 0.5
+"""Travel of a displacement drive is ordered ahead for this time, by default."""
+HEADROOM = 1.02
 """The unverified load may come up to this times the force limit; the bar for the true load is 1.05."""
 
 
@@ -80,6 +90,7 @@ class OrderedRamp:
         start: the last sample before the order.
         anchor: the sample at which the load last moved noticeably towards the target.
         anchor_n: mean of the latest readings then: a single high one would hide the progress that follows.
+        noise_n: largest change of the reading in this ramp that was taken for noise: the estimate scatters.
         since_anchor: readings since.
         responded: the load has moved noticeably towards the target since the order.
         window: samples of the last half second, oldest first.
@@ -91,6 +102,7 @@ class OrderedRamp:
     start: LoadSample
     anchor: LoadSample
     anchor_n: float
+    noise_n: float = 0.0
     since_anchor: int = 0
     responded: bool = False
     window: tuple[LoadSample, ...] = ()
@@ -128,9 +140,8 @@ class Supervision:
         if self.last is None:
             return self
         rate = max(rate_n_s, self.identity.rate_min_n_s)
-        return replace(
-            self, ramp=OrderedRamp(target_n, rate, tolerance_n, self.last, self.last, self.force_noise.mean(_AVERAGED), window=(self.last,))
-        )
+        before_n = self.force_noise.mean(AVERAGED)
+        return replace(self, ramp=OrderedRamp(target_n, rate, tolerance_n, self.last, self.last, before_n, window=(self.last,)))
 
     def stopped(self) -> Supervision:
         """The device was ordered to stop: no ramp is under way."""
@@ -177,31 +188,14 @@ def verified_within(rate_n_s: float, tolerance_n: float, noticeable_n: float) ->
     return max(4.0 * noticeable_n, min(tolerance_n, rate_n_s * MOST_UNSEEN_S), 1.5 * rate_n_s * START_S)
 
 
-def stop_distances(limits: Limits, rate_n_s: float, tolerance_n: float, noticeable_n: float, poll_s: float) -> dict[FaultCode, float]:
-    """How far the true load can go, N, before a ramp is stopped, by what is wrong.
+def jump_allowed_n(limits: Limits, tolerance_n: float, noticeable_n: float) -> float:
+    """Largest difference, N, of two readings taken at the same time that is no jump.
 
     Args:
         limits: of the run.
-        rate_n_s: of the ramp.
         tolerance_n: allowed distance of the load from its target.
-        noticeable_n: change of the reading that is no noise (`ReadingNoise.noticeable`).
-        poll_s: from one reading to the next.
-
-    Returns:
-        For NO_RESPONSE beyond the load at which the reading froze, for OVERSHOOT beyond the target, for RATE_NOT_KEPT beyond what the
-        ordered rate explains, for LOAD_JUMP between two readings.
+        noticeable_n: change of the reading that is no noise.
     """
-    late_n = rate_n_s * 2.0 * poll_s
-    averaged_n = rate_n_s * _AVERAGED * poll_s
-    return {
-        FaultCode.NO_RESPONSE: verified_within(rate_n_s, tolerance_n, noticeable_n) + averaged_n + late_n,
-        FaultCode.OVERSHOOT: max(tolerance_n, noticeable_n) + late_n,
-        FaultCode.RATE_NOT_KEPT: max(tolerance_n, 1.5 * noticeable_n) + RATE_FACTOR * late_n,
-        FaultCode.LOAD_JUMP: _jump_n(limits, tolerance_n, noticeable_n) + RATE_FACTOR * late_n,
-    }
-
-
-def _jump_n(limits: Limits, tolerance_n: float, noticeable_n: float) -> float:
     return max(_JUMP_OF_RANGE * max(abs(limits.force_max_n), abs(limits.force_min_n)), tolerance_n, 2.0 * noticeable_n)
 
 
@@ -212,7 +206,7 @@ def _jump(before: Supervision, sample: LoadSample) -> Finding | None:
     limits, apart_s = before.limits, (sample.time_ns - last.time_ns) / 1e9
     rate = limits.force_rate_max_n_s if ramp is None else ramp.rate_n_s
     tolerance_n = 0.0 if ramp is None else ramp.tolerance_n
-    allowed_n = _jump_n(limits, tolerance_n, before.force_noise.noticeable(0.01 * abs(limits.force_max_n))) + 2.0 * rate * (
+    allowed_n = jump_allowed_n(limits, tolerance_n, before.force_noise.noticeable(0.01 * abs(limits.force_max_n))) + 2.0 * rate * (
         apart_s + _jitter_s(last, sample)
     )
     change_n = sample.force_n - last.force_n
@@ -234,16 +228,29 @@ def _jitter_s(first: LoadSample, second: LoadSample) -> float:
 
 def _followed(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> OrderedRamp:
     """The ramp one reading later."""
-    recent = tuple(one for one in ramp.window if one.time_ns > sample.time_ns - _RATE_WINDOW_NS)
+    recent = tuple(one for one in ramp.window if one.time_ns > sample.time_ns - round(RATE_WINDOW_S * 1e9))
     window = (*(recent or ramp.window[-1:]), sample)
-    mean_n = seen.force_noise.mean(_AVERAGED)
+    mean_n = seen.force_noise.mean(AVERAGED)
     progress_n = ramp.sign * (mean_n - ramp.anchor_n)
-    anchored = progress_n > 0.0 and progress_n >= _noticeable_n(seen, ramp)
+    ramp = replace(ramp, noise_n=max(ramp.noise_n, _noticeable_n(seen, ramp)))
+    anchored = progress_n > 0.0 and progress_n >= _progress_n(seen, ramp, sample)
     waiting = sample.motion is not MotionState.MOVING  # a device at rest owes no progress; it owes it from where it starts
     if anchored or waiting:
         responded = ramp.responded or anchored
         return replace(ramp, window=window, anchor=sample, anchor_n=mean_n, since_anchor=0, responded=responded)
     return replace(ramp, window=window, since_anchor=ramp.since_anchor + 1)
+
+
+def _progress_n(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> float:
+    """What counts as progress of the load. Where the noise is estimated too small by chance, noise alone must not.
+
+    In load control a part of what was ordered is due. In displacement control it is not, because the specimen may be more compliant than
+    stated; there the largest estimate of the noise counts.
+    """
+    if seen.identity.control is ControlMode.DISPLACEMENT:
+        return ramp.noise_n
+    least_n = _LEAST_OF_ORDERED * ramp.rate_n_s * ((sample.time_ns - ramp.anchor.time_ns) / 1e9 - START_S)
+    return max(_noticeable_n(seen, ramp), least_n)
 
 
 def _noticeable_n(seen: Supervision, ramp: OrderedRamp) -> float:
@@ -310,7 +317,7 @@ def _wrong_direction(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -
 
 def _no_response(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
     unseen_s, noticeable_n = (sample.time_ns - ramp.anchor.time_ns) / 1e9, _noticeable_n(seen, ramp)
-    if ramp.since_anchor < _FEWEST_READINGS or unseen_s <= _SOONEST_S:
+    if ramp.since_anchor < FEWEST_READINGS or unseen_s <= _SOONEST_S:
         return None
     travel_mm = abs(sample.extension_mm - ramp.anchor.extension_mm)
     reason = f"the load reading stays at {sample.force_n:.1f} N for {unseen_s:.1f} s although the device moves"
@@ -331,8 +338,8 @@ def _no_response(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Fi
 
 def _headroom_s(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> float:
     """How long the ramp may go on unseen before the load can be at its limit; the averaged readings hide some of it already."""
-    limit_n = _HEADROOM * (seen.limits.force_max_n if ramp.sign > 0 else -seen.limits.force_min_n)
-    averaged_s = (sample.time_ns - ramp.window[0].time_ns) / 1e9 / max(len(ramp.window) - 1, 1) * _AVERAGED
+    limit_n = HEADROOM * (seen.limits.force_max_n if ramp.sign > 0 else -seen.limits.force_min_n)
+    averaged_s = (sample.time_ns - ramp.window[0].time_ns) / 1e9 / max(len(ramp.window) - 1, 1) * AVERAGED
     return (limit_n - ramp.sign * sample.force_n) / ramp.rate_n_s - averaged_s
 
 
@@ -340,23 +347,44 @@ def _travel_without_load(seen: Supervision, ramp: OrderedRamp, sample: LoadSampl
     """A displacement drive: the load that the travel since the anchor would make must stay below the force limit."""
     limits, stiffness = seen.limits, seen.identity.stiffness_n_mm
     due_n = verified_within(ramp.rate_n_s, ramp.tolerance_n, _noticeable_n(seen, ramp))
-    if seen.force_noise.constant(_CONSTANT) and ramp.responded and ramp.rate_n_s * unseen_s > due_n:
+    if seen.force_noise.constant(CONSTANT_READINGS) and ramp.responded and ramp.rate_n_s * unseen_s > due_n:
         what = f"the load reading is exactly {sample.force_n:.2f} N for {unseen_s:.1f} s although the crosshead moves"
         return Finding(FaultCode.NO_RESPONSE, f"{what}: check the load cell and its amplifier")
+    limit_n = limits.force_max_n if ramp.sign > 0 else -limits.force_min_n
+    headroom_n = limit_n - ramp.sign * ramp.anchor.force_n
+    # Near its target a drive is ordered shorter travel: what is missing, in the time that is ordered ahead.
+    near_n = max(ramp.tolerance_n, _noticeable_n(seen, ramp))
+    arriving = abs(ramp.target_n - sample.force_n) <= near_n
+    ordered_n = (min(ramp.rate_n_s, near_n / _AHEAD_S) if arriving else ramp.rate_n_s) * unseen_s
+    least_mm = 0.0 if stiffness is None else _LEAST_OF_ORDERED * ordered_n / stiffness
+    if not seen.identity.measures_extension or travel_mm <= max(seen.extension_noise.noticeable(), least_mm):
+        # An extension that stands still as well, or is not measured, does not hide the motion: what was ordered counts.
+        longest_s = max(MOST_UNSEEN_S, 4.0 * ramp.noise_n / ramp.rate_n_s)
+        return _ordered_without_answer(seen, sample, unseen_s, ordered_n, headroom_n if unseen_s <= longest_s else 0.0)
     if limits.slack_max_mm is not None or stiffness is None:
         return None  # `LoadWatch` looks at the travel
-    hidden_n = stiffness * travel_mm if seen.identity.measures_extension else ramp.rate_n_s * unseen_s
-    # An extension that is frozen as well does not hide the motion: what was ordered counts.
-    if travel_mm <= seen.extension_noise.noticeable() and unseen_s > MOST_UNSEEN_S:
-        return Finding(FaultCode.NO_RESPONSE, f"load and extension have not changed for {unseen_s:.0f} s although the device moves")
-    limit_n = limits.force_max_n if ramp.sign > 0 else -limits.force_min_n
-    if ramp.sign * ramp.anchor.force_n + hidden_n <= limit_n:
+    hidden_n = stiffness * travel_mm
+    if hidden_n <= headroom_n:
         return None
     what = f"the crosshead moved {travel_mm:.4f} mm while the load reading stayed at {sample.force_n:.1f} N"
     meaning = f"at stiffness_n_mm that is {hidden_n:.0f} N, which would reach the limit of {limit_n:g} N"
     return Finding(
         FaultCode.TRAVEL_WITHOUT_LOAD, f"{what}; {meaning}: check cell and grips, or set limits.slack_max_mm where slack is taken up"
     )
+
+
+def _ordered_without_answer(
+    seen: Supervision, sample: LoadSample, unseen_s: float, ordered_n: float, unseen_max_n: float
+) -> Finding | None:
+    """A displacement drive of which neither load nor extension shows the ordered motion."""
+    slack_mm, stiffness = seen.limits.slack_max_mm, seen.identity.stiffness_n_mm
+    allowed_n = unseen_max_n if slack_mm is None or stiffness is None else stiffness * slack_mm
+    if ordered_n <= allowed_n:
+        return None
+    what = (
+        f"load and extension do not show the {ordered_n:.0f} N that were ordered in {unseen_s:.1f} s, at a load of {sample.force_n:.1f} N"
+    )
+    return Finding(FaultCode.NO_RESPONSE, f"{what}: check load cell, extension sensor, amplifier and grips")
 
 
 def _extension_frozen(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
@@ -379,16 +407,22 @@ def _extension_frozen(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) 
 def _overdue(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
     """Near its target and moving: without a travel that is seen to stand still, nobody knows that the load does."""
     near = abs(ramp.target_n - sample.force_n) <= _near_n(seen, ramp)
-    if not near or ramp.since_anchor < _FEWEST_READINGS or seen.identity.control is ControlMode.DISPLACEMENT:
+    if not near or ramp.since_anchor < FEWEST_READINGS or seen.identity.control is ControlMode.DISPLACEMENT:
         return None
     unseen_s = (sample.time_ns - ramp.anchor.time_ns) / 1e9
     headroom_s = max(_headroom_s(seen, ramp, sample), START_S)
-    longest_s = max(_ARRIVED_AND_MOVING_S, _near_n(seen, ramp) / ramp.rate_n_s)
+    longest_s = max(ARRIVED_AND_MOVING_S, _near_n(seen, ramp) / ramp.rate_n_s)
     travel_mm = abs(sample.extension_mm - ramp.anchor.extension_mm)
-    stands = seen.identity.measures_extension and seen.stiffness_n_mm is not None and travel_mm <= seen.extension_noise.noticeable()
+    stands = _readings_change(seen, ramp) and seen.stiffness_n_mm is not None and travel_mm <= seen.extension_noise.noticeable()
     if unseen_s <= (3.0 * longest_s if stands else min(longest_s, headroom_s)):
         return None
     what = (
         f"the load reading stays at {sample.force_n:.1f} N, near its target, but the device has reported motion for {unseen_s:.1f} s more"
     )
     return Finding(FaultCode.MOTION_OVERDUE, f"{what}: check whether the load cell still answers")
+
+
+def _readings_change(seen: Supervision, ramp: OrderedRamp) -> bool:
+    """Whether load or extension changed at all since the anchor: readings that all stand still show nothing, not even rest."""
+    channels = (seen.force_noise, seen.extension_noise) if seen.identity.measures_extension else ()
+    return any(len(set(one.recent[-ramp.since_anchor :])) > 1 for one in channels)

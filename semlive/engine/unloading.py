@@ -57,8 +57,8 @@ def loaded_problem(state: EngineState) -> str | None:
         return None
     if any(step.load_n is not None for step in state.plan.steps[: state.step_index]):
         return None
-    now_n, most_n = state.load.force_n, unloaded_max_n(state.limits)
-    if abs(now_n) <= max(most_n, state.plan.hold.load_tolerance_n):
+    now_n, most_n = state.load.force_n, max(unloaded_max_n(state.limits), state.plan.hold.load_tolerance_n)
+    if abs(now_n) <= most_n:
         return None
     return (
         f"the load is {now_n:.1f} N, but step {state.step.number} is to be imaged without load (at most {most_n:g} N): "

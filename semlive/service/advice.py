@@ -9,6 +9,7 @@ import numpy as np
 
 from semlive.data.experiment import Phase
 from semlive.service.config import Config
+from semlive.service.stop_plan import stop_advice
 
 if TYPE_CHECKING:
     from semlive.service.planning import Planned
@@ -33,7 +34,14 @@ def advice(config: Config, planned: Planned) -> tuple[str, ...]:
         config: of the run.
         planned: all else that is known of it.
     """
-    return (*_test_frame(config, planned), *_times(config, planned), *_shifts(config, planned), *_pattern(config, planned), *_steps(config))
+    return (
+        *_test_frame(config, planned),
+        *stop_advice(planned.stops),
+        *_times(config, planned),
+        *_shifts(config, planned),
+        *_pattern(config, planned),
+        *_steps(config),
+    )
 
 
 def _test_frame(config: Config, planned: Planned) -> Iterator[str]:

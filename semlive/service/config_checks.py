@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from semlive.service.config import Config
 
 _SIGNED = ("force_min_n", "force_max_n", "extension_min_mm", "extension_max_mm")
-"""Limits that may be negative or 0; of all others 0 is allowed only where it forbids a motion."""
-_MAY_BE_ZERO = ("force_rate_max_n_s", "force_step_max_n", "stage_travel_um")
+"""Limits that may be negative or 0."""
+_MAY_BE_ZERO = ("force_rate_max_n_s", "force_step_max_n", "stage_travel_um", "unloaded_max_n")
+"""0 forbids a motion, or a preload beyond the load tolerance."""
 CONFIRMABLE = (
     "specimen.area_mm2",
     "specimen.yield_strength_mpa",

@@ -254,6 +254,7 @@ def _limits(lab: Lab) -> str:
         (f"  force_step_max_n: {1.2 * largest:g}", "N, largest commanded change of load in one step"),
         ("  stage_travel_um: 200", "um, largest allowed distance of the stage from where the run began"),
         (f"  force_drop_max_n: {max(0.1 * top, 1.0):g}", "N, a sudden fall by more stops: a slip, a fracture"),
+        (f"  # unloaded_max_n: {0.055 * top:g}", "N, largest preload of the unloaded pairs; left out, 5 % of the larger force limit"),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,7 @@ from semlive.service.config import Config
 from semlive.service.model_file import Model, require_fit
 from semlive.service.replay import Watch, last_result
 from semlive.service.sidecars import sidecar_of
+from semlive.service.stop_plan import StopPlan, stop_plan
 
 GAUGES = (5, 9, 13, 17, 25, 33)
 """Edges of virtual strain gauges, in points, whose noise is shown beside that of the configured one."""
@@ -102,6 +103,7 @@ class Planned:
         distortion: what the false strain was worked out with.
         advice: sentences, most urgent first.
         effects: names of those that a model takes out of the maps.
+        stops: how far the specimen can go before each stop; None where semlive moves no load frame.
     """
 
     scan: Scan
@@ -114,9 +116,18 @@ class Planned:
     distortion: str
     advice: tuple[str, ...]
     effects: tuple[str, ...] = ()
+    stops: StopPlan | None = None
 
 
-def plan_experiment(config: Config, test_frame: Path | None = None, log: Path | None = None, watch: Watch | None = None) -> Planned:
+def plan_experiment(
+    config: Config,
+    test_frame: Path | None = None,
+    log: Path | None = None,
+    watch: Watch | None = None,
+    *,
+    force_noise_n: float = 0.0,
+    force_resolution_n: float = 0.0,
+) -> Planned:
     """Look at an experiment before it is run; touches neither devices nor the export folder.
 
     Args:
@@ -124,6 +135,8 @@ def plan_experiment(config: Config, test_frame: Path | None = None, log: Path | 
         test_frame: one frame of the specimen as the SEM exports it, scanned as the run will scan; None leaves noise open.
         log: of an earlier run at the same microscope and magnification, whose distortion is taken; None takes a typical one.
         watch: who is told while that log is read.
+        force_noise_n: standard deviation of the force reading at rest, N.
+        force_resolution_n: smallest change that the force reading can show, N.
 
     Raises:
         BadInput: the plan breaks its limits, the test frame cannot be read, or nothing tells how long a frame takes.
@@ -153,8 +166,10 @@ def plan_experiment(config: Config, test_frame: Path | None = None, log: Path | 
     shifts = dict.fromkeys(step.shift_px for step in plan.steps if step.phase is not Phase.TENSION and step.shift_px != (0.0, 0.0))
     feigned = tuple(_feigned(distortion, shift, config.estimate.window_points) for shift in shifts)
     effects = tuple(one.name for one in config.analysis_settings().model.effects)
-    known = Planned(scan, times, grid, quality, gauges, mean_sigma, tuple(one for one in feigned if one is not None), said, (), effects)
-    return Planned(**{name: getattr(known, name) for name in known.__slots__ if name != "advice"}, advice=advice(config, known))
+    stops = stop_plan(config, force_noise_n, force_resolution_n)
+    shown = tuple(one for one in feigned if one is not None)
+    known = Planned(scan, times, grid, quality, gauges, mean_sigma, shown, said, (), effects, stops)
+    return replace(known, advice=advice(config, known))
 
 
 def _test_frame(path: Path, config: Config) -> Frame:

@@ -43,6 +43,7 @@ def test_a_sensible_configuration_is_taken(tmp_path: Path) -> None:
     load(tmp_path, changed("limits", force_drop_max_n=50, force_slope_max_n_s=100, slack_max_mm=0.01))
     load(tmp_path, changed("limits", force_drop_max_n=None))
     load(tmp_path, changed("protocol", loads_n=[]))
+    load(tmp_path, changed("limits", unloaded_max_n=0))
 
 
 @pytest.mark.parametrize(
@@ -55,6 +56,7 @@ def test_a_sensible_configuration_is_taken(tmp_path: Path) -> None:
         ("limits", {"force_slope_max_n_s": 0}, "limits.force_slope_max_n_s: 0 is not more than 0"),
         ("limits", {"slack_max_mm": -0.1}, "limits.slack_max_mm: -0.1 is not more than 0"),
         ("limits", {"slack_force_n": 0}, "limits.slack_force_n: 0 is not more than 0"),
+        ("limits", {"unloaded_max_n": -1}, "limits.unloaded_max_n: -1 is not more than 0"),
         ("limits", {"stop_timeout_s": 0}, "limits.stop_timeout_s: 0 is not more than 0"),
         ("limits", {"stop_timeout_s": 1e9}, "limits.stop_timeout_s: 1e+09 s is more than 3600 s"),
         ("limits", {"stale_after_s": 3}, "limits.lost_after_s: 2 s is less than stale_after_s, 3 s"),

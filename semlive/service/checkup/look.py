@@ -9,6 +9,7 @@ from pathlib import Path
 from semlive.data.frame_check import Finding, Verdict
 from semlive.service.checkup import computer, surroundings
 from semlive.service.config import Config
+from semlive.service.stop_plan import StopPlan, stop_advice, stop_plan
 from semlive.service.unusual import questions
 
 # Before the first frame nobody knows its size, which no configuration says: room for 8 bit of 2048 x 1768 px. A pair of 1024 x 884 px,
@@ -37,9 +38,25 @@ def look(config: Config | None) -> Iterator[Finding]:
         yield from surroundings.export_folder(config)
         yield from surroundings.lines(config)
         yield from _unusual(config)
+        stops = stop_plan(config)
+        if stops is not None:
+            yield _stops(stops)
 
 
 def _unusual(config: Config) -> Iterator[Finding]:
     """Implausible values; a run refuses those that the file does not confirm."""
     for one in questions(config):
         yield Finding(one.key, one.what, Verdict.OPEN if one.confirmed else Verdict.BAD, one.advice)
+
+
+def _stops(stops: StopPlan) -> Finding:
+    """The fault that can carry the load farthest before it is stopped; the device is not asked, so its noise is left out."""
+    case, far = stops.case, stops.worst
+    if far is None or far.worst_n is None:
+        said = f"nothing bounds the load on the ramp to {case.target_n:g} N"
+    else:
+        after = "" if far.seconds is None else f" within {far.seconds:.1f} s"
+        said = f"worst: if {far.fault}, the load reaches at most {far.worst_n:.0f} N{after}; the force limit is {case.limit_n:g} N"
+    wrong = list(stop_advice(stops))
+    advice = wrong[0] if wrong else "semlive plan shows every fault; keep the emergency stop of the machine at hand"
+    return Finding("stops", said, Verdict.OPEN if wrong else Verdict.GOOD, advice)

@@ -1,0 +1,109 @@
+"""`semlive plan` and `semlive doctor` show how far the load can go before each stop, and warn where that is beyond the limit."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from semlive.cli.app import app
+from semlive.data.faults import FaultCode
+from semlive.service.config import parse_config
+from semlive.service.config_text import LABS, configuration_text
+from semlive.service.stop_plan import StopPlan, stop_advice, stop_plan
+
+MODBUS, SERIAL, OPERATOR = (yaml.safe_load(configuration_text(LABS[name])) for name in ("modbus-fei", "serial-zeiss", "operator-deben"))
+
+
+def given(base: dict[str, Any] = MODBUS, **sections: dict[str, Any]) -> dict[str, Any]:
+    whole = {**base, "sem": {"folder": "export", "pixel_size_um": 1.25, "profile": {"frame_time_s": 94.67}}}
+    return whole | {name: {**whole[name], **changes} for name, changes in sections.items()}
+
+
+def stops_of(base: dict[str, Any] = MODBUS, **sections: dict[str, Any]) -> StopPlan:
+    found = stop_plan(parse_config(given(base, **sections), "here"))
+    assert found is not None
+    return found
+
+
+def run(command: str, folder: Path, what: dict[str, Any], *arguments: str) -> str:
+    path = folder / "run.yaml"
+    path.write_text(yaml.safe_dump(what), encoding="utf-8")
+    return CliRunner().invoke(app, [command, str(path), *arguments], env={"COLUMNS": "220"}).stdout
+
+
+HASTY = {"protocol": {"ramp_rate_n_s": 400.0}, "limits": {"force_rate_max_n_s": 400.0}, "load_frame": {"poll_s": 0.4}}
+
+
+def test_the_table_shows_every_fault_and_the_json_says_the_same(tmp_path: Path) -> None:
+    told = json.loads(run("plan", tmp_path, given(), "--json"))["stop_distances"]
+    assert (told["start_n"], told["target_n"], told["ramp_rate_n_s"], told["force_limit_n"]) == (1640, 2000, 20, 2200)
+    assert not any(row["exceeds_limit"] for row in told["rows"])
+    page = " ".join(run("plan", tmp_path, given()).split())
+    for row in told["rows"]:
+        assert row["code"] in page
+        assert row["worst_n"] is None or f"{row['worst_n']:.0f} N" in page
+    assert "not bounded" in page
+    assert "press the emergency stop" in page
+
+
+def test_noise_of_the_cell_lets_the_load_go_farther(tmp_path: Path) -> None:
+    quiet, noisy = (
+        json.loads(run("plan", tmp_path, given(), "--json", *more))["stop_distances"] for more in ((), ("--force-noise-n", "5"))
+    )
+    assert noisy["noticeable_n"] == pytest.approx(50.0)
+    first = {row["code"]: row["worst_n"] for row in quiet["rows"]}
+    assert all(row["worst_n"] is None or row["worst_n"] >= first[row["code"]] - 1e-9 for row in noisy["rows"])
+    assert max(row["worst_n"] or 0 for row in noisy["rows"]) > max(row["worst_n"] or 0 for row in quiet["rows"])
+
+
+def test_a_load_far_beyond_its_limit_is_warned_of(tmp_path: Path) -> None:
+    told = json.loads(run("plan", tmp_path, given(**HASTY), "--json"))
+    far = [row for row in told["stop_distances"]["rows"] if row["exceeds_limit"]]
+    assert far
+    (warning,) = [one for one in told["advice"] if "beyond the force limit" in one]
+    assert f"{max(row['worst_n'] for row in far):.0f} N" in warning
+    for key in ("protocol.ramp_rate_n_s", "load_frame.poll_s", "limits.force_max_n", "--force-resolution-n"):
+        assert key in warning
+    findings = json.loads(run("doctor", tmp_path, given(**HASTY), "--json"))["findings"]
+    (stops,) = [one for one in findings if one["what"] == "stops"]
+    assert stops["verdict"] == "open"
+    assert stops["advice"] == warning
+
+
+def test_doctor_names_the_worst_case(tmp_path: Path) -> None:
+    (stops,) = [one for one in json.loads(run("doctor", tmp_path, given(), "--json"))["findings"] if one["what"] == "stops"]
+    assert stops["verdict"] == "good"
+    worst = stops_of().worst
+    assert worst is not None
+    assert f"{worst.worst_n:.0f} N" in stops["said"]
+    assert "2200 N" in stops["said"]
+
+
+def test_nothing_is_shown_where_semlive_moves_nothing(tmp_path: Path) -> None:
+    for what in (given(OPERATOR), given(protocol={"loads_n": []})):
+        assert stop_plan(parse_config(what, "here")) is None
+        assert json.loads(run("plan", tmp_path, what, "--json"))["stop_distances"] is None
+    assert list(stop_advice(None)) == []
+
+
+def test_what_the_configuration_says_of_device_and_link_is_used() -> None:
+    modbus, serial = stops_of().case, stops_of(SERIAL).case
+    assert (modbus.control.value, modbus.answer_s, modbus.watchdog_s, modbus.stiffness_n_mm) == ("load", 0.3, 2.0, None)
+    assert (serial.control.value, serial.answer_s, serial.watchdog_s, serial.stiffness_n_mm) == ("displacement", 0.6, None, 8000.0)
+    parts = {"cell": {"host": "a", "timeout_s": 0.7}, "drive": {"host": "b", "watchdog_s": 3.0}, "approach": {"ahead_s": 1.5}}
+    whole = stops_of(load_frame={"driver": "assembled", "settings": parts})
+    assert (whole.case.answer_s, whole.case.watchdog_s, whole.case.ahead_s) == (0.7, 3.0, 1.5)
+    assert [row.code for row in whole.open] == [FaultCode.LIMIT]
+    assert "state the stiffness" in "\n".join(stop_advice(whole))
+
+
+def test_the_ramp_is_the_one_to_the_largest_load() -> None:
+    down = stops_of(protocol={"loads_n": [-20, -40, -40]}, limits={"force_min_n": -50}).case
+    assert (down.start_n, down.target_n, down.limit_n) == (-20, -40, -50)
+    up_and_down = stops_of(protocol={"loads_n": [300, 600, 100]}).case
+    assert (up_and_down.start_n, up_and_down.target_n) == (300, 600)
