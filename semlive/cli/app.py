@@ -36,7 +36,7 @@ COMMANDS = (
     Entry(
         "plan",
         "semlive.cli.plan:plan",
-        "Show an experiment before it is run: time, frames, dose, expected noise, false strain, and advice.",
+        "Show an experiment before it is run: time, frames, dose, noise, false strain, how far each fault can carry the load, and advice.",
         BEGIN,
     ),
     Entry(

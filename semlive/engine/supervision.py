@@ -12,7 +12,8 @@ For each reading of a ramp, in this order:
 
 - LOAD_JUMP: two successive readings differ by more than the ramp and the noise explain (wrong sign, spike, slip, fracture). Always on.
 - OVERSHOOT: the load is past the target by more than the tolerance.
-- RATE_NOT_KEPT: within half a second, or since the ramp began, it changed by more than 1.5 times the ordered rate.
+- RATE_NOT_KEPT: within half a second, or since the ramp began, it changed by more than 1.5 times the ordered rate; or, in load control,
+  within 5 s by less than a fifth of it.
 - WRONG_DIRECTION: it went away from the target by more than the tolerance.
 - NO_RESPONSE: since the load last moved noticeably towards the target (the *anchor*), more was ordered than `_verified_within` allows; or
   more than the headroom below the force limit; or the crosshead moved so far that the load should have changed (`stiffness`).
@@ -46,6 +47,10 @@ MOST_UNSEEN_S = 10.0
 RATE_FACTOR = 1.5
 """A load that changes faster than this times the ordered rate does not keep it."""
 _SOONEST_S = 0.4
+SLOW_FACTOR = 0.2
+"""A load-controlled ramp that makes less than this part of its rate does not keep it; displacement drives yield with the specimen."""
+SLOW_WINDOW_S = 5.0
+_MARKS = 5
 RATE_WINDOW_S = 0.5
 """The rate is taken over this time."""
 FEWEST_READINGS = 5
@@ -94,6 +99,7 @@ class OrderedRamp:
         since_anchor: readings since.
         responded: the load has moved noticeably towards the target since the order.
         window: samples of the last half second, oldest first.
+        marks: samples of some seconds, oldest first, between which a load-controlled ramp must come forward; none while it does not move.
     """
 
     target_n: float
@@ -106,6 +112,7 @@ class OrderedRamp:
     since_anchor: int = 0
     responded: bool = False
     window: tuple[LoadSample, ...] = ()
+    marks: tuple[LoadSample, ...] = ()
 
     @property
     def sign(self) -> float:
@@ -235,10 +242,23 @@ def _followed(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Order
     ramp = replace(ramp, noise_n=max(ramp.noise_n, _noticeable_n(seen, ramp)))
     anchored = progress_n > 0.0 and progress_n >= _progress_n(seen, ramp, sample)
     waiting = sample.motion is not MotionState.MOVING  # a device at rest owes no progress; it owes it from where it starts
+    ramp = replace(ramp, marks=() if waiting else _marked(seen, ramp, sample))
     if anchored or waiting:
         responded = ramp.responded or anchored
         return replace(ramp, window=window, anchor=sample, anchor_n=mean_n, since_anchor=0, responded=responded)
     return replace(ramp, window=window, since_anchor=ramp.since_anchor + 1)
+
+
+def _marked(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> tuple[LoadSample, ...]:
+    apart_ns = round(_slow_window_s(seen, ramp) / _MARKS * 1e9)
+    if ramp.marks and sample.time_ns - ramp.marks[-1].time_ns < apart_ns:
+        return ramp.marks
+    return (*ramp.marks, sample)[-_MARKS - 1 :]
+
+
+def _slow_window_s(seen: Supervision, ramp: OrderedRamp) -> float:
+    """Time over which a ramp that is too slow shows: the progress that is due is then twice what tolerance and noise may hide."""
+    return max(SLOW_WINDOW_S, 2.0 * max(ramp.tolerance_n, 1.5 * ramp.noise_n) / (SLOW_FACTOR * ramp.rate_n_s))
 
 
 def _progress_n(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> float:
@@ -276,6 +296,7 @@ def _judged(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Finding
     return (
         _overshoot(seen, ramp, sample)
         or _too_fast(seen, ramp, sample)
+        or _too_slow(seen, ramp, sample)
         or _wrong_direction(seen, ramp, sample)
         or _no_response(seen, ramp, sample)
         or _extension_frozen(seen, ramp, sample)
@@ -305,6 +326,18 @@ def _too_fast(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Findi
             what = f"the load changed by {change_n:.1f} N within {apart_s:.2f} s, but {ramp.rate_n_s:g} N/s was ordered"
             return Finding(FaultCode.RATE_NOT_KEPT, f"{what}: check the device's rate, its limits and stiffness_n_mm")
     return None
+
+
+def _too_slow(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
+    near = abs(ramp.target_n - sample.force_n) <= _near_n(seen, ramp)
+    if len(ramp.marks) <= _MARKS or near or seen.identity.control is ControlMode.DISPLACEMENT:
+        return None
+    first = ramp.marks[0]
+    apart_s, change_n = (sample.time_ns - first.time_ns) / 1e9, ramp.sign * (sample.force_n - first.force_n)
+    if change_n >= SLOW_FACTOR * ramp.rate_n_s * apart_s - max(ramp.tolerance_n, 1.5 * ramp.noise_n):
+        return None
+    what = f"the load changed by {change_n:.1f} N only within {apart_s:.1f} s, but {ramp.rate_n_s:g} N/s was ordered"
+    return Finding(FaultCode.RATE_NOT_KEPT, f"{what}: check the device's rate, its limits, grips and specimen")
 
 
 def _wrong_direction(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:

@@ -164,7 +164,10 @@ def _load_frame(lab: Lab) -> str:
             (f"    map: {lab.device_map}", "description of the device: semlive frame check MAP looks without moving"),
             (f"    serial: {{port: {_quoted(lab.address)}}}", "its port; baud and parity are in the description"),
             ("    approach:", "how a stand that knows no load is brought to one, by short ways"),
-            ("      stiffness_n_mm: 8000", "N/mm, of specimen and stand; rather too high than too low"),
+            (
+                f"      stiffness_n_mm: {lab.max_load_n:g}",
+                "N/mm, of specimen, grips and stand in series: measure it; rather too high than too low",
+            ),
             ("      speed_max_mm_s: 0.05", "mm/s, never faster"),
             ("      speed_min_mm_s: 0.0084", "mm/s, the slowest that the stand can do"),
             (f"      arrived_n: {arrived_n(lab):g}", "N, this close to the target the motion is over"),

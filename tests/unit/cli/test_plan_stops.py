@@ -94,7 +94,7 @@ def test_nothing_is_shown_where_semlive_moves_nothing(tmp_path: Path) -> None:
 def test_what_the_configuration_says_of_device_and_link_is_used() -> None:
     modbus, serial = stops_of().case, stops_of(SERIAL).case
     assert (modbus.control.value, modbus.answer_s, modbus.watchdog_s, modbus.stiffness_n_mm) == ("load", 0.3, 2.0, None)
-    assert (serial.control.value, serial.answer_s, serial.watchdog_s, serial.stiffness_n_mm) == ("displacement", 0.6, None, 8000.0)
+    assert (serial.control.value, serial.answer_s, serial.watchdog_s, serial.stiffness_n_mm) == ("displacement", 0.6, None, 150.0)
     parts = {"cell": {"host": "a", "timeout_s": 0.7}, "drive": {"host": "b", "watchdog_s": 3.0}, "approach": {"ahead_s": 1.5}}
     whole = stops_of(load_frame={"driver": "assembled", "settings": parts})
     assert (whole.case.answer_s, whole.case.watchdog_s, whole.case.ahead_s) == (0.7, 3.0, 1.5)

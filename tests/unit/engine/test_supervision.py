@@ -153,6 +153,13 @@ def test_a_rate_that_is_not_kept_stops_the_ramp(factor: float) -> None:
     assert true_n <= 105.0
 
 
+def test_a_ramp_at_a_tenth_of_its_rate_is_stopped() -> None:
+    finding, true_n = first_finding(Machine(rate_n_s=3.0))
+    assert finding is not None
+    assert finding.code is FaultCode.RATE_NOT_KEPT
+    assert true_n <= 30.0
+
+
 def test_a_slow_ramp_that_is_three_times_too_fast_is_found_over_a_longer_time() -> None:
     finding, _ = first_finding(Machine(rate_n_s=3.0), ordered_n_s=1.0, seconds=30.0)
     assert finding is not None
