@@ -10,8 +10,8 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from semlive.errors import BadInput, LinkError, LinkRefused
-from semlive.formats.text_table import AmbiguousTable, Convention, key_of, number_in
-from semlive.formats.text_table import Column as HeadColumn
+from semlive.inputs.text_table import AmbiguousTable, Convention, key_of, number_in
+from semlive.inputs.text_table import Column as HeadColumn
 from semlive.ports import ClockSource
 from semlive_drivers.growing_table import GrowingTable, Newest
 from semlive_drivers.modbus.settings import checked

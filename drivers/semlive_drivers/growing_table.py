@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from semlive.errors import BadInput
-from semlive.formats.regular_file import open_regular
-from semlive.formats.text_table import Convention, Layout, Wanted, encoding_of, is_blank, layout_of, lines_of
+from semlive.inputs.files import open_regular
+from semlive.inputs.text_table import Convention, Layout, Wanted, encoding_of, is_blank, layout_of, lines_of
 
 _WINDOW_BYTES = 65_536
 """The head is decided from so many bytes at the beginning, the newest line looked for in so many at the end."""

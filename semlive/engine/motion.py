@@ -23,6 +23,8 @@ MAX_APPROACHES = 3
 """How often a target is approached again in one step: relaxation needs one or two, a slipping grip never ends."""
 
 
+_UNMOVED_FRACTION = 0.1
+"""A motion that ended with less than this part of its way seen in the load reading was not seen at all."""
 _EARLY_FRACTION = 0.25
 """A motion that ended by itself with more than this part of its way left was ended by somebody else, or the device was restarted."""
 
@@ -186,6 +188,10 @@ def _astray(turn: Turn) -> None:
     if state.seconds_since(motion.astray_since_ns) < state.plan.hold.settle_s:
         return
     guards = (("load_error_n", load_error_n(state)), ("stage_error_um", stage_error_um(state)), ("approaches", motion.approaches))
+    if state.at is State.RAMPING and _unmoved(state):
+        what = f"the motion to step {state.step.number} has ended, but the load reading does not show it ({load_error_n(state):+.1f} N off)"
+        turn.fault(Cause.NOT_REACHED, f"{what}: check the drive, the load cell and the grips", *guards, code=FaultCode.NO_RESPONSE)
+        return
     early = _stopped_early(state)
     if early is not None:
         turn.fault(Cause.NOT_REACHED, early, *guards, code=FaultCode.STOPPED_EARLY)
@@ -197,6 +203,14 @@ def _astray(turn: Turn) -> None:
     turn.go(Cause.APPROACH_AGAIN, *guards)
     turn.update(motion=replace(motion, approaches=motion.approaches + 1))
     set_out(turn)
+
+
+def _unmoved(state: EngineState) -> bool:
+    """Whether the reading shows next to nothing of what was ordered: if it stands still, the same order again would go on unseen."""
+    frame, load, target_n, from_n = state.load_frame, state.load, state.step.load_n, state.motion.from_n
+    if frame is None or load is None or target_n is None or from_n is None or frame.control is ControlMode.MANUAL:
+        return False
+    return (load.force_n - from_n) * math.copysign(1.0, target_n - from_n) < _UNMOVED_FRACTION * abs(target_n - from_n)
 
 
 def _stopped_early(state: EngineState) -> str | None:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from semlive.data.disparity import PoiStatus
 from semlive.errors import BadInput
-from semlive.formats.text_table import (
+from semlive.inputs.text_table import (
     LONGEST_LINE,
     SEPARATORS,
     Column,

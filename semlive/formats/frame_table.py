@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from semlive.data.experiment import Phase
 from semlive.errors import BadInput
-from semlive.formats.text_table import Column, is_blank, key_of, layout_of, lines_of, number_in, text_of
+from semlive.inputs.text_table import Column, is_blank, key_of, layout_of, lines_of, number_in, text_of
 
 FORMAT_VERSION = 1
 NEEDED = (

@@ -25,7 +25,7 @@ from semlive.formats.frame_table import FrameRow, read_frame_table
 from semlive.formats.log import LogWriter
 from semlive.formats.maps import encode_map
 from semlive.formats.messages import DIC_MAP, DicMessage, RunMessage
-from semlive.formats.regular_file import read_regular
+from semlive.inputs.files import read_regular
 from semlive.service.log_files import PART, messages
 from semlive.service.log_settings import ImportConfig, ImportSection, is_imported
 from semlive.service.versions import versions

@@ -35,6 +35,7 @@ from semlive.engine.supervision import Finding
 from semlive.errors import LinkError, LinkRefused
 from semlive.ports import BlindStop, ClockSource, LoadFrame, OrderCheck, Stage
 from semlive.service.link_ports import Order, Port, port_of
+from semlive.service.pause import pause
 from semlive.service.stop_pursuit import StopPursuit, begin_pursuit
 
 _BACKOFF_S = (0.0, 0.1, 0.2, 0.5, 1.0)
@@ -219,7 +220,7 @@ class LinkThread:
             with contextlib.suppress(Exception):
                 event = DeviceFault(self._clock.now_ns(), self._device, reason, code=FaultCode.INTERNAL_ERROR)
                 None if mistaken else self._emit(event)
-            time.sleep(_LONGEST_SLEEP_S)
+            pause(_LONGEST_SLEEP_S)
 
     def _turn(self) -> None:
         now = self._turned_mono_ns = self._clock.mono_ns()
@@ -465,7 +466,7 @@ class LinkThread:
             now = self._clock.mono_ns()
             if now - began_mono_ns > _LAST_PURSUIT_S * 1e9 or now - self._last_read_mono_ns > _LAST_SILENCE_S * 1e9:
                 break
-            time.sleep(_LAST_LOOK_S)
+            pause(_LAST_LOOK_S)
         self._rests = not self._stop_owed and self._pursuit is None
         if self._link is not None:
             with contextlib.suppress(Exception):

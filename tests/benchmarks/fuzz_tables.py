@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 
 from semlive.errors import BadInput
-from semlive.formats.text_table import Column, Convention, is_blank, key_of, layout_of, lines_of, number_in, text_of
+from semlive.inputs.text_table import Column, Convention, is_blank, key_of, layout_of, lines_of, number_in, text_of
 
 NAMES = ("Time", "Force", "Ext", "Strain", "Kraft", "u", "v", "x_1", "Load cell", "Weg")
 UNITS = ("s", "N", "kN", "mm", "um", "%", "px", "MPa")

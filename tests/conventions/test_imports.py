@@ -64,7 +64,6 @@ ALLOWED = [
         "import semlive.errors, semlive.data.grid, semlive.inputs.kinds, semlive.ports, socket, time",
     ),
     ("drivers/semlive_drivers/endpoint_lock.py", "import semlive.process_lock, semlive.endpoints"),
-    ("drivers/semlive_drivers/growing_table.py", "import semlive.formats.text_table, semlive.formats.regular_file"),
     ("semlive/kernels/broken.py", "import numba"),
     ("simulators/semlive_simulators/kernels/broken.py", "import numba"),
     ("semlive/service/broken.py", "import asyncio, os, socket, time, logging, mcap, semlive.pipeline, semlive.ports"),

@@ -9,7 +9,7 @@ import pytest
 from semlive.data.experiment import Phase
 from semlive.data.faults import FaultCode
 from semlive.data.loading import LoadSample, MotionState
-from semlive.engine import LoadReading, Operator, RampTo, State, StopMotion, Transition, Verb
+from semlive.engine import CommandTaken, Device, LoadReading, Operator, RampTo, State, StopMotion, Transition, Verb
 
 from .bench_in_memory import LIMITS, Run, S, plan_of
 
@@ -141,6 +141,16 @@ def test_a_ramp_that_ended_far_from_its_target_is_a_fault() -> None:
     run.load_goal_n = None
     run.wait(20.0)
     assert codes(run) == [FaultCode.STOPPED_EARLY]
+
+
+def test_a_ramp_that_the_reading_does_not_show_at_all_is_not_ordered_again() -> None:
+    run = FrameByHand(plan_of((HERE, 20.0)))
+    run.deaf = True
+    run.begin()
+    run.tell(CommandTaken(run.now_ns, Device.LOAD_FRAME))
+    run.wait(20.0)
+    assert codes(run) == [FaultCode.NO_RESPONSE]
+    assert len(run.of(RampTo)) == 1
 
 
 def test_a_calibration_under_load_is_refused_before_it_begins() -> None:

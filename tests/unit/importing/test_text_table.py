@@ -8,7 +8,7 @@ import re
 import pytest
 
 from semlive.errors import BadInput
-from semlive.formats.text_table import (
+from semlive.inputs.text_table import (
     AmbiguousTable,
     Column,
     Convention,

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from semlive.errors import BadInput
-from semlive.formats.text_number import is_lost
+from semlive.inputs.text_number import is_lost
 
 LONGEST_LINE = 100_000
 """Characters."""

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from semlive.errors import BadInput
-from semlive.formats.text_cells import LONGEST_LINE, Column, split
-from semlive.formats.text_number import Sign, is_lost, is_whole, sign_of
+from semlive.inputs.text_cells import LONGEST_LINE, Column, split
+from semlive.inputs.text_number import Sign, is_lost, is_whole, sign_of
 
 WORDS = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"}
 """What separators are called in errors."""

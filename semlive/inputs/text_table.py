@@ -3,7 +3,7 @@
 A table has a line of names, perhaps a line of units, and lines with as many cells as names. Separator (tab, semicolon, comma, blanks) and
 decimal sign are those under which all lines of the head agree. Where two readings agree with the head and differ in a value, the table is
 refused with both; so are thousands separators and any line with another number of cells. RFC 4180 quotes, ``sep=;`` lines and names in
-comments (``# x,y,u,v``) are understood. Everything here is a function of text: `regular_file` opens files.
+comments (``# x,y,u,v``) are understood. Everything here is a function of text: `semlive.inputs.files` opens files.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from semlive.errors import BadInput
-from semlive.formats.text_cells import (
+from semlive.inputs.text_cells import (
     LONGEST_LINE,
     Column,
     columns_of,
@@ -30,8 +30,8 @@ from semlive.formats.text_cells import (
     split,
     text_of,
 )
-from semlive.formats.text_layout import WORDS, AmbiguousTable, Convention, Layout, miscounted
-from semlive.formats.text_number import Sign, is_lost, is_whole, number_in, sign_of
+from semlive.inputs.text_layout import WORDS, AmbiguousTable, Convention, Layout, miscounted
+from semlive.inputs.text_number import Sign, is_lost, is_whole, number_in, sign_of
 
 __all__ = [
     "LONGEST_LINE",
