@@ -57,6 +57,8 @@ FEWEST_READINGS = 5
 """Missing progress is not judged on fewer readings."""
 AVERAGED = 5
 """Progress is that of the mean of so many readings."""
+EXTENSION_FLOOR_MM = 0.005
+"""A travel up to this may not show: encoders step by some um, and a step is not known before the first one."""
 CONSTANT_READINGS = 20
 """A cell whose readings do not differ at all over so many shows no noise."""
 ARRIVED_AND_MOVING_S = 10.0
@@ -429,7 +431,7 @@ def _extension_frozen(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) 
     least_mm, travel_mm = change_n / stiffness, abs(sample.extension_mm - ramp.start.extension_mm)
     if (
         change_n <= max(5.0 * _noticeable_n(seen, ramp), ramp.tolerance_n)
-        or least_mm <= 5.0 * seen.extension_noise.noticeable()
+        or least_mm <= max(5.0 * seen.extension_noise.noticeable(), EXTENSION_FLOOR_MM)
         or travel_mm > 0.1 * least_mm
     ):
         return None
