@@ -42,6 +42,11 @@ class ReadingNoise:
         latest = self.recent[-count:]
         return sum(latest) / len(latest) if latest else math.nan
 
+    @property
+    def known(self) -> bool:
+        """Whether there are enough readings for `sigma`."""
+        return len(self.recent) >= _FEWEST
+
     def constant(self, count: int) -> bool:
         """Whether the latest `count` readings, at most 33, are exactly the same."""
         return len(self.recent) >= count and len(set(self.recent[-count:])) == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
 from semlive.data.experiment import Limits
@@ -114,7 +115,9 @@ class LoadFramePort:
         seen = self._supervision
         if seen.identity.control is ControlMode.MANUAL:
             return None
-        return Motionless(seen.force_noise.noticeable(), seen.extension_noise.noticeable(), self._rate_n_s, self._sign)
+        # Of few readings nobody knows which differences are noise: then the device's own report of motion is all there is.
+        force_n, extension_mm = (one.noticeable() if one.known else math.inf for one in (seen.force_noise, seen.extension_noise))
+        return Motionless(force_n, extension_mm, self._rate_n_s, self._sign)
 
 
 class StagePort:
