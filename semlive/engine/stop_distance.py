@@ -48,7 +48,7 @@ CONNECT_S = 0.3
 """Longest wait for a fresh connection on which a stop is written."""
 DEAD_MAN_S = 2.0
 """After so long without a sign of life from control the link thread stops the device."""
-TOLD_S = 1.5
+TOLD_S = 1.0
 """A device that still moves so long after its first stop order is reported."""
 LEAST_SHOWN = 4.0
 """A crosshead that shows less than a quarter of the ordered travel is taken to stand still."""

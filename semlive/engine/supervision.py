@@ -194,7 +194,7 @@ def verified_within(rate_n_s: float, tolerance_n: float, noticeable_n: float) ->
     Four noticeable changes, so that a device at a quarter of the ordered rate is still seen to move; the tolerance, but not for longer
     than `MOST_UNSEEN_S`; and what is ordered while the device starts.
     """
-    return max(4.0 * noticeable_n, min(tolerance_n, rate_n_s * MOST_UNSEEN_S), 1.5 * rate_n_s * START_S)
+    return max(4.0 * noticeable_n, min(tolerance_n, rate_n_s * MOST_UNSEEN_S), 1.25 * rate_n_s * START_S)
 
 
 def jump_allowed_n(limits: Limits, tolerance_n: float, noticeable_n: float) -> float:
@@ -449,7 +449,7 @@ def _overdue(seen: Supervision, ramp: OrderedRamp, sample: LoadSample) -> Findin
     longest_s = max(ARRIVED_AND_MOVING_S, _near_n(seen, ramp) / ramp.rate_n_s)
     travel_mm = abs(sample.extension_mm - ramp.anchor.extension_mm)
     stands = _readings_change(seen, ramp) and seen.stiffness_n_mm is not None and travel_mm <= seen.extension_noise.noticeable()
-    if unseen_s <= (3.0 * longest_s if stands else min(longest_s, headroom_s)):
+    if unseen_s <= (1.5 * longest_s if stands else min(longest_s, headroom_s)):
         return None
     what = (
         f"the load reading stays at {sample.force_n:.1f} N, near its target, but the device has reported motion for {unseen_s:.1f} s more"

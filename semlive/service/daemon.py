@@ -21,7 +21,7 @@ from typing import Any
 from semlive.data.faults import FaultCode
 from semlive.data.loading import DeviceIdentity
 from semlive.engine import Device, DeviceFault, Finish, Operator, State, Verb, start
-from semlive.errors import BadConfig, BadInput, SemliveError
+from semlive.errors import BadConfig, BadInput, LinkError, SemliveError
 from semlive.formats import message_values as values
 from semlive.formats.messages import RunMessage
 from semlive.service import drivers
@@ -189,7 +189,7 @@ class _Daemon:
             stack.callback(trigger.close)
         stack.callback(_close_links, links)
         control.connect(links, trigger)
-        identities = await self._open_links(links)
+        identities = await self._open_links(links, control)
         self._check_attended(identities)
         self._check_orders(links)
         finish = await self._loop(control, clock, watcher, identities)
@@ -221,7 +221,7 @@ class _Daemon:
             stack.callback(door.close)
 
     @staticmethod
-    async def _open_links(links: Mapping[Device, LinkThread]) -> Mapping[Device, DeviceIdentity]:
+    async def _open_links(links: Mapping[Device, LinkThread], control: Control) -> Mapping[Device, DeviceIdentity]:
         """Open them all at once, and keep feeding those that are open already."""
         loop = asyncio.get_running_loop()
         opening = asyncio.gather(*(loop.run_in_executor(None, link.open, _OPEN_TIMEOUT_S) for link in links.values()))
@@ -229,7 +229,11 @@ class _Daemon:
             for link in links.values():
                 link.feed()
             await asyncio.sleep(_TICK_S)
-        return dict(zip(links, opening.result(), strict=True))
+        try:
+            return dict(zip(links, opening.result(), strict=True))
+        except LinkError as error:
+            control.trouble(str(error), "opening the devices", "ended the run; nothing was moved", FaultCode.LINK_LOST)
+            raise
 
     async def _loop(
         self,

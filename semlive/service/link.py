@@ -369,8 +369,10 @@ class LinkThread:
         now, still = self._clock.mono_ns(), None if self._port is None else self._port.still()
         if pursuit.rests(still):
             self._pursuit = None
-        elif pursuit.due(now, still):
-            self._alarm(pursuit, moves=pursuit.moves(still))
+            return
+        if pursuit.moves(still):
+            self._alarm(pursuit, moves=True)
+        if pursuit.due(now, still):
             self._stop_device()
 
     def _stop_blind(self, pursuit: StopPursuit) -> None:

@@ -16,7 +16,7 @@ _AGAIN_S = (0.1, 0.2, 0.4, 0.8, 1.0)
 _REST_READINGS = 3
 _REST_SPAN_NS = 150_000_000
 _UNKNOWN_NS = 300_000_000
-DISOBEYED_S = 1.5
+DISOBEYED_S = 1.0
 """A device that still moves so long after its first stop does not obey; deceleration takes less."""
 _MOVED_MM = 1e-6
 

@@ -64,7 +64,11 @@ def test_a_stop_that_is_refused_at_the_end_is_tried_again(patient: Any, wait_unt
     code, said = patient.end()
     assert code == 1
     assert "did not confirm" not in said
-    assert [one for one in patient.calls() if one != "close"][-5:] == ["stop", "open", "open", "open", "stop"]
+    calls = [one for one in patient.calls() if one != "close"]
+    # Opening is refused twice, and stops are tried on the failed link meanwhile; what comes last is a stop on a new link.
+    assert calls[-2:] == ["open", "stop"]
+    assert calls.count("open") >= 4
+    assert calls.count("stop") >= 2
     patient.is_in_order()
 
 

@@ -58,7 +58,7 @@ def test_without_readings_the_stop_is_repeated_and_the_alarm_comes() -> None:
     pursuit = begin_pursuit(0).sent_again(0)
     assert not pursuit.rests(STILL)
     assert pursuit.due(round(0.4 * S), STILL)
-    assert not pursuit.alarm_due(S, moves=False)
+    assert not pursuit.alarm_due(S // 2, moves=False)
     after_ns = round(DISOBEYED_S * S)
     assert pursuit.alarm_due(after_ns, moves=False)
     unknown = pursuit.with_alarm(moves=False)

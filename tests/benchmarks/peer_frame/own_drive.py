@@ -101,20 +101,30 @@ START = (
         what="force is NaN",
     ),
     replace(
-        second("frozen-from-start", "stop, fault", Expected(stop_within_s=2.0, since_force_n=5.0, codes=(Code.NO_RESPONSE,)), "ratex 1"),
+        second(
+            "frozen-from-start",
+            "stop, fault",
+            Expected(stop_within_s=2.0, since_force_n=5.0, codes=(Code.NO_RESPONSE,), no_orders=False),
+            "ratex 1",
+        ),
         acts=(Act(When(), ("freeze 1",)),),
         what="the reading stands at 0 N from the start; the loop acts on it",
         device={"sensed": 1},
     ),
     replace(
         second(
-            "wrong-sign-from-start", "stop, fault", Expected(stop_within_s=2.0, since_force_n=5.0, codes=(Code.WRONG_DIRECTION,)), "ratex 1"
+            "wrong-sign-from-start",
+            "stop, fault",
+            Expected(stop_within_s=2.0, since_force_n=5.0, codes=(Code.WRONG_DIRECTION,), no_orders=False),
+            "ratex 1",
         ),
         acts=(Act(When(), ("gain -1",)),),
         what="the cell is wired the wrong way",
     ),
     replace(
-        second("unit-kn-instead-of-n", "stop, fault", Expected(stop_within_s=2.0, since_force_n=10.0, codes=()), "ratex 1"),
+        second(
+            "unit-kn-instead-of-n", "stop, fault", Expected(stop_within_s=2.0, since_force_n=10.0, codes=(), no_orders=False), "ratex 1"
+        ),
         acts=(Act(When(), ("gain 0.001",)),),
         what="the cell tells kN instead of N; the loop acts on it",
         device={"sensed": 1},
