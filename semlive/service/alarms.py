@@ -28,6 +28,7 @@ _KEPT = 500
 _SAME_NS = 50_000_000
 # What control writes about a transition right after it; a simulated clock can be 40 times as fast as the computer's.
 _SOON_NS = 5_000_000_000
+_PROTOCOL = "protocol"
 _TROUBLE = (State.FAULT, State.ESTOPPED)
 _CODES: Mapping[str, FaultCode] = {
     Cause.LIMIT: FaultCode.LIMIT,
@@ -153,7 +154,15 @@ def _fault(alarms: Alarms, told: FaultMessage) -> Alarms:
     late_ns = _SOON_NS if last is not None and last.code == told.code else _SAME_NS
     if last is not None and alarms.provisional and abs(told.time_ns - last.time_ns) <= late_ns:
         return replace(_last(alarms, alarm), provisional=False, wordless=False)
+    if last is not None and _judged_twice(last, alarm):
+        return alarms
     return _added(replace(alarms, provisional=False, wordless=False), alarm)
+
+
+def _judged_twice(last: Alarm, alarm: Alarm) -> bool:
+    """Limits are judged by the link thread and by the protocol, from the same reading: that is one alarm."""
+    soon = abs(alarm.time_ns - last.time_ns) <= _SOON_NS
+    return soon and last.code == alarm.code and not last.acknowledged and (last.where == _PROTOCOL) != (alarm.where == _PROTOCOL)
 
 
 def _transition(alarms: Alarms, told: StateMessage) -> Alarms:

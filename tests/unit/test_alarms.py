@@ -113,3 +113,13 @@ def test_very_many_alarms_are_bounded_and_the_one_that_matters_stays() -> None:
     assert known.forgotten == 102
     assert known.known[0].disobeyed
     assert known.known[-1].time_ns == at(601)
+
+
+def test_a_limit_that_link_thread_and_protocol_find_in_one_reading_is_one_alarm() -> None:
+    known = Alarms()
+    for where, late_ns in (("protocol", 0), ("load frame", 3_000_000)):
+        told = FaultMessage(time_ns=1_000 + late_ns, what="the load is 950 N", where=where, action="stopped", code="limit")
+        known = after(known, told)
+    assert len(known.known) == 1
+    other = FaultMessage(time_ns=2_000, what="another", where="load frame", action="stopped", code="load_jump")
+    assert len(after(known, other).known) == 2
