@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 import subprocess
 import sys
 import time
@@ -60,6 +61,26 @@ class Instrument:
         out, err = process.communicate(timeout=250)
         return process.returncode, out + err
 
+    def unload(self) -> None:
+        """Take off what the run before left on the specimen, as a person does at the machine; semlive does not."""
+        client = ModbusTcpClient(self.bench["host"], port=self.bench["port"], timeout=20, retries=0)
+        assert client.connect()
+        unit = self.bench["unit"]
+
+        def force_n() -> float:
+            high, low = client.read_input_registers(4, count=2, device_id=unit).registers
+            return struct.unpack(">f", struct.pack(">HH", high, low))[0]
+
+        try:
+            if abs(force_n()) > 5.0:
+                target_and_rate = struct.unpack(">4H", struct.pack(">ff", 0.0, 100.0))
+                nonce = time.monotonic_ns() // 1_000_000 % 65_536
+                client.write_registers(0, [*target_and_rate, 1, nonce], device_id=unit)
+                wait_until(lambda: abs(force_n()) < 5.0, 30.0)
+                wait_until(lambda: client.read_input_registers(3, count=1, device_id=unit).registers[0] == 0, 30.0)
+        finally:
+            client.close()
+
     def load_frame_status(self) -> int:
         """What the load frame says of its motion: 0 stopped, 1 moving, 2 in fault."""
         client = ModbusTcpClient(self.bench["host"], port=self.bench["port"], timeout=20, retries=0)
@@ -86,7 +107,9 @@ def instrument(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPath
             config["dic"] = {"subset_px": 31, "step_px": 8, "roi_px": None}
             config["estimate"] = {"accept_poor_calibration": True}  # three pairs on a small frame determine no distortion
             config["protocol"]["load_tolerance_n"] = 20.0
-            return Instrument(folder, bench, json.loads(json.dumps(config)))
+            one = Instrument(folder, bench, json.loads(json.dumps(config)))
+            one.unload()
+            return one
 
         yield make
 
