@@ -384,7 +384,7 @@ class Control:
             return
         self._log_behind = behind is not None
         if behind is not None:
-            self.trouble(behind, "log", "paused the run; what is told meanwhile is kept in memory", FaultCode.LOG)
+            self.trouble(behind, "log", "paused the run; messages are kept in memory meanwhile", FaultCode.LOG)
             self.handle(Operator(self._clock.now_ns(), Verb.PAUSE, behind))
             self.troubled.set()
         else:

@@ -241,7 +241,7 @@ class LinkThread:
         self._check_age()
 
     def _reopen(self, now_mono_ns: int) -> None:
-        """A stop that is owed is written before anything is asked of the device."""
+        """A stop that is owed is written before anything is read from the device."""
         if self._stop_owed:
             self._stop_device()
         if now_mono_ns >= self._next_open_mono_ns:

@@ -2,7 +2,7 @@
 
 That a device acknowledges a stop does not mean that it stops. It rests when it reports no motion and neither its extension nor its load (in
 the direction of the last ramp; a held load relaxes) changes. Until then the stop is sent again on a schedule, in turn by every way that
-the device offers, and the operator is told to use the machine's own stop.
+the device offers, and an alarm asks for the machine's own stop.
 """
 
 from __future__ import annotations

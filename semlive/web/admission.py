@@ -83,7 +83,7 @@ class Admission:
             self._evict(None)
 
     def enter(self, client: Client, stage: Stage) -> None:
-        """A connection enters a stage, or anew the stage that it is in; one that was closed meanwhile is ignored."""
+        """A connection enters a stage, or enters its present stage again; one that was closed meanwhile is ignored."""
         if client not in self._close:
             return
         for clients in self._stages.values():

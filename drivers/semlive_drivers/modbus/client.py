@@ -74,7 +74,7 @@ class Link(Protocol):
     def write_blind(self, pdus: Sequence[bytes]) -> bool:
         """Write requests without waiting for an answer, also after a failure and after `close`; never raises.
 
-        The link cannot be used for anything else afterwards. What was written is written again first when the unit is opened anew.
+        The link cannot be used for anything else afterwards. What was written is written first when the unit is opened again.
 
         Returns:
             Whether anything was written.
