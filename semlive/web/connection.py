@@ -45,10 +45,17 @@ class BoundedProtocol(H11Protocol):
             self._await_head()
 
     def on_response_complete(self) -> None:
-        """A request was answered; uvicorn waits for the next one, and closes the connection if none begins in time."""
+        """A request was answered; uvicorn waits for the next one, and closes the connection if none begins in time.
+
+        A part of the next one that came with the request that was answered has to become whole in time as well.
+        """
         super().on_response_complete()
-        if self._place is not None:
-            self.admission.release(self._place)
+        if self._place is None:
+            return
+        self.admission.release(self._place)
+        begun, _ = self.conn.trailing_data
+        if begun and self.cycle.response_complete and not self.transport.is_closing():
+            self._await_head()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Give the place back."""

@@ -112,8 +112,8 @@ def test_an_empty_file_waits_for_its_first_line(tmp_path: Path) -> None:
     assert file.read().force_n == 134.2
 
 
-@pytest.mark.parametrize("kind", ["pipe", "device", "folder"])
-def test_what_is_no_file_is_refused_at_once(tmp_path: Path, kind: str) -> None:
+@pytest.mark.parametrize(("kind", "reason"), [("pipe", "not a regular file"), ("device", "not a regular file"), ("folder", "a folder")])
+def test_what_is_no_file_is_refused_at_once(tmp_path: Path, kind: str, reason: str) -> None:
     path = tmp_path / "load.csv"
     if kind == "pipe":
         os.mkfifo(path)
@@ -133,7 +133,7 @@ def test_what_is_no_file_is_refused_at_once(tmp_path: Path, kind: str) -> None:
     trial.start()
     trial.join(10.0)
     assert not trial.is_alive()
-    assert [str(error) for error in errors] == [f"{path}: is no regular file; give a file"]
+    assert [str(error) for error in errors] == [f"{path} cannot be read (it is {reason}); check the program that writes it"]
 
 
 def test_a_line_without_end_is_refused(tmp_path: Path) -> None:

@@ -94,4 +94,4 @@ def test_what_is_no_file_is_refused_without_waiting(tmp_path: Path, name: str, k
     trial.start()
     trial.join(20.0)
     assert not trial.is_alive()
-    assert errors == [f"{folder / name}: is no regular file; give a file."]
+    assert errors == [f"{folder / name}: cannot be read (it is not a regular file); check the path and its permissions."]
