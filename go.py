@@ -3,6 +3,7 @@
     python3 go.py demo [options]     the simulated experiment (any other semlive command works alike)
     python3 go.py test [options]     every check; the options go to pytest
     python3 go.py lint               the checks but for the tests
+    python3 go.py docs [FOLDER]      build the documentation site (build/docs by default)
 
 On Windows: py go.py demo
 
@@ -42,15 +43,17 @@ def main(argv: list[str]) -> int:
     for name in ("PYTHONPATH", "PYTHONHOME"):  # the environment is to hold what it holds, and nothing of its surroundings
         os.environ.pop(name, None)
     command, options = argv[0], argv[1:]
-    checks = command in ("test", "lint")
+    kinds = {"test": "test", "lint": "test", "docs": "docs"}
     try:
         venv = Path(os.environ.get("SEMLIVE_VENV") or ROOT / ".venv").absolute()
         require_python()
-        set_up(venv, "test" if checks else "run")
+        set_up(venv, kinds.get(command, "run"))
     except Refused as refused:
         print("go.py: " + str(refused), file=sys.stderr)
         return 2
-    if checks:
+    if command == "docs":
+        return build_docs(venv, options)
+    if command in kinds:
         return check(venv, options if command == "test" else None)
     return become([str(python_of(venv)), "-m", "semlive", command, *options], os.getcwd())
 
@@ -66,7 +69,10 @@ def require_python() -> None:
 
 
 def set_up(venv: Path, kind: str) -> None:
-    """Make `venv` fit for `kind` ("run" or "test"), unless its stamp says that it is."""
+    """Install into `venv` what `kind` ("run", "test" or "docs") needs, unless its stamp states that this is done.
+
+    An environment keeps the optional dependencies that were installed before: its kind is then "docs+test", for instance.
+    """
     stamp = venv / "semlive-setup.json"
     wanted = {
         "pyproject": hashlib.sha256((ROOT / "pyproject.toml").read_bytes()).hexdigest(),
@@ -75,8 +81,8 @@ def set_up(venv: Path, kind: str) -> None:
         "kind": kind,
     }
     found = read_stamp(stamp)
-    if found.get("kind") == "test":
-        wanted["kind"] = "test"  # it holds all that running needs, and stays what it is
+    extras = sorted({kind, *found.get("kind", "run").split("+")} - {"run"})
+    wanted["kind"] = "+".join(extras) or "run"
     if found == wanted and python_of(venv).exists():
         return
     say(f"setting up {shown(venv)} (once, about a minute) ...")
@@ -85,7 +91,7 @@ def set_up(venv: Path, kind: str) -> None:
     if not reusable:
         make_environment(venv)
     stamp.unlink(missing_ok=True)
-    what = str(ROOT) + ("[test]" if wanted["kind"] == "test" else "")
+    what = str(ROOT) + (f"[{','.join(extras)}]" if extras else "")
     log = venv / "semlive-setup.log"
     pip = [str(python_of(venv)), "-m", "pip", "install", "--disable-pip-version-check", "--no-input", "--editable", what]
     if run_logged(pip, log) != 0:
@@ -136,6 +142,19 @@ def check(venv: Path, pytest_options: list[str] | None) -> int:
     if failed:
         say("failed: " + ", ".join(failed))
     return code or (1 if failed else 0)
+
+
+def build_docs(venv: Path, options: list[str]) -> int:
+    """Build the documentation site into a folder; every warning is an error. Returns the exit code."""
+    if len(options) > 1 or any(option.startswith("-") for option in options):
+        print("go.py: docs takes one folder at most: python3 go.py docs [FOLDER]", file=sys.stderr)
+        return 2
+    site = Path(options[0]).absolute() if options else ROOT / "build" / "docs"
+    sphinx = [str(python_of(venv)), "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", str(ROOT / "docs"), str(site)]
+    code = become(sphinx, str(ROOT), replace=False)
+    if code == 0:
+        say(f"open {site / 'README.html'}")
+    return code
 
 
 def become(arguments: list[str], folder: str, replace: bool = True) -> int:

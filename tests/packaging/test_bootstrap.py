@@ -70,6 +70,32 @@ def test_what_serves_the_tests_serves_the_demo_too(go: types.ModuleType, project
     assert installs(project) == ["run", "test"]
 
 
+def test_an_environment_keeps_what_was_installed_before(go: types.ModuleType, project: Path) -> None:
+    venv = project / "venv"
+    for kind in ("test", "docs", "run", "test", "docs"):
+        go.set_up(venv, kind)
+    names = (project / "installed.txt").read_text("utf-8").splitlines()
+    assert [name.partition("[")[2] for name in names] == ["test]", "docs,test]"]
+
+
+@pytest.mark.parametrize(("command", "kind"), [("test", "test"), ("lint", "test"), ("docs", "docs"), ("demo", "run")])
+def test_a_command_gets_the_environment_that_it_needs(
+    go: types.ModuleType, command: str, kind: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(venv: Path, needed: str) -> None:
+        raise go.Refused(f"needs {needed}.")
+
+    monkeypatch.setattr(go, "set_up", refuse)
+    assert go.main([command]) == 2
+    assert capsys.readouterr().err == f"go.py: needs {kind}.\n"
+
+
+def test_docs_takes_one_folder(go: types.ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert go.build_docs(tmp_path, ["here", "there"]) == 2
+    assert go.build_docs(tmp_path, ["--quick"]) == 2
+    assert "go.py docs [FOLDER]" in capsys.readouterr().err
+
+
 def test_another_python_or_another_place_means_another_environment(
     go: types.ModuleType, project: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
