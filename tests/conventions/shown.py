@@ -6,7 +6,10 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md", ROOT / "deploy" / "Containerfile", ROOT / "deploy" / "semlive@.service"]
+PAGES = [
+    *sorted((ROOT / "docs").rglob("*.md")),
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md", "deploy/Containerfile", "deploy/semlive@.service")),
+]
 WRITTEN = {"cli.md"}
 """Written from the commands, where a heading names a command without what it needs."""
 LINE = re.compile(
@@ -19,6 +22,8 @@ ON_A_LOG = ("replay", "report", "export", "diagnose", "experiment", "score", "re
 ELSEWHERE = {
     "demo": "scenario/test_demo_short.py",
     "test": "packaging/test_bootstrap.py",
+    "lint": "packaging/test_bootstrap.py",
+    "docs": "packaging/test_bootstrap.py",
     "init": "conventions/test_pages.py",
     "doctor": "conventions/test_pages.py",
     "frame": "contract/test_cli_frame_check.py",

@@ -44,8 +44,8 @@ def test_a_test_runs_each_of_them() -> None:
 @pytest.mark.parametrize(("path", "line"), CASES, ids=[f"{path.name}-{line}" for path, line in CASES])
 def test_a_shown_command_can_be_typed(path: Path, line: str, commands: dict[str, Any]) -> None:
     name, *given = shlex.split(line, posix="\\" not in line)
-    if name in ("test", "COMMAND") or name.startswith("--"):
-        assert name in ("test", "COMMAND", "--help", "--version", "--install-completion")
+    if name in ("test", "lint", "docs", "COMMAND") or name.startswith("--"):
+        assert name in ("test", "lint", "docs", "COMMAND", "--help", "--version", "--install-completion")
         return
     command = commands[name]
     if getattr(command, "commands", None):
