@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from semlive.report.opened import open_log
 
-__all__ = ["open_log"]
+__version__ = "0.2.0"
+"""Version of the package, the same as in pyproject.toml."""
+
+__all__ = ["__version__", "open_log"]
 
 
 def __getattr__(name: str) -> Any:

@@ -45,6 +45,11 @@ def test_every_file_of_a_package_is_in_the_wheel(wheel: list[str], package: str)
     assert {name for name in wheel if name.startswith(f"{package}/")} == {f"{package}/{path.as_posix()}" for path in files}
 
 
+@pytest.mark.parametrize("package", SOURCES)
+def test_type_checkers_use_the_annotations_of_a_package(wheel: list[str], package: str) -> None:
+    assert f"{package}/py.typed" in wheel
+
+
 def test_the_wheel_carries_its_licence_and_commands(wheel: list[str]) -> None:
     files = {name.split(".dist-info/")[1] for name in wheel if ".dist-info/" in name}
     assert {"METADATA", "entry_points.txt", "licenses/LICENSE"} <= files
