@@ -3,8 +3,8 @@
     python tests/benchmarks/bench_faults.py [--rows 1,4,30-33] [--short] [--write]
 
 The load frame is a program behind a real socket or pseudo-terminal (tests/fault/campaign/stand.py), images are written into a real folder,
-the daemon is the process that `semlive run` starts. One line a row; `--write` puts what was found into the table of docs/reference/faults.md, row by
-row, so the campaign can be taken in pieces. The exit code is 1 if a row failed.
+the daemon is the process that `semlive run` starts. One line a row; `--write` puts what was found into the table of
+docs/reference/faults.md, row by row, so the campaign can be taken in pieces. The exit code is 1 if a row failed.
 """
 
 from __future__ import annotations

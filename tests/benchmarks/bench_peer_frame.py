@@ -5,8 +5,9 @@
 The independent frame is built from DIR/frame.c (by default `../shared/peers` beside the repository; needs gcc and libmodbus); the second
 frame is a program of tests/benchmarks/peer_frame. Each scenario is a run of `semlive run CONFIG --attended` with an operator's terminal and
 exported frames; the device's own record tells true force, orders and stops. NAME is a scenario or the begin of some; `--list` shows all.
-One line a scenario; `--write` writes docs/validation/load-frame-safety.md. What was observed is added to FILE, and what stands there is judged without
-being run again, so the campaign can be broken off and taken up. The exit status is 1 if a scenario or a bar failed.
+One line a scenario; `--write` writes docs/validation/load-frame-safety.md. What was observed is added to FILE, and what
+stands there is judged without being run again, so the campaign can be broken off and taken up. The exit status is 1 if a scenario or a
+bar failed.
 """
 
 from __future__ import annotations

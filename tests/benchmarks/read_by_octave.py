@@ -1,7 +1,7 @@
 """What Octave makes of semlive's files: ``python tests/benchmarks/read_by_octave.py`` (GNU Octave must be on the path).
 
-1. The lines of docs/how-to/import.md for Ncorr's users, run as they stand on files of Ncorr's layout; the maps that they write are imported,
-   replayed, and compared with those that were put in.
+1. The lines of docs/how-to/import.md for Ncorr's users, run as they stand on files of Ncorr's layout; the maps that they write are
+   imported, replayed, and compared with those that were put in.
 2. An exported .mat is loaded there, and one field is compared number by number.
 """
 
