@@ -1,4 +1,4 @@
-"""What every load frame's driver must do, as checks that any test runner can call (docs/drivers.md).
+"""What every load frame's driver must do, as checks that any test runner can call (docs/reference/drivers.md).
 
 A driver comes with a `Rig`: how to open it, and what the machine behind it really does. Each check takes a rig and raises
 AssertionError with a sentence. `CHECKS` is all of them, by name.

@@ -117,7 +117,7 @@ def _lock(key: str, where: str) -> ProcessLock | Holder:
         return process_lock.acquire(key)
     except OSError as error:
         raise LinkRefused(
-            f"{where} cannot be reserved for this run ({error.strerror or error}); allow semlive unix sockets (AF_UNIX), see docs/deploy.md"
+            f"{where} cannot be reserved for this run ({error.strerror or error}); allow semlive unix sockets (AF_UNIX), see docs/how-to/deploy.md"
         ) from error
 
 

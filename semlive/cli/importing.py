@@ -35,7 +35,7 @@ class Axis(StrEnum):
 
 
 def bring(
-    folder: Annotated[Path, typer.Argument(help="With frames.csv and disparity_<ref>_<cur>.csv; docs/import.md shows both.")],
+    folder: Annotated[Path, typer.Argument(help="With frames.csv and disparity_<ref>_<cur>.csv; docs/how-to/import.md shows both.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="The log to write, LOG.mcap.")],
     specimen_area_mm2: Annotated[float | None, typer.Option(help="Cross-section in mm2; without it no elastic constants.")] = None,
     loading_axis: Annotated[Axis, typer.Option(help="Image axis that is pulled.")] = Axis.Y,

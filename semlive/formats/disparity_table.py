@@ -1,4 +1,4 @@
-"""Disparity maps as text, in the words of several engines (format 1, see docs/import.md): bytes to a map on a regular grid.
+"""Disparity maps as text, in the words of several engines (format 1, see docs/how-to/import.md): bytes to a map on a regular grid.
 
 Engines differ in the names of their columns and in how they say that a point was not found:
 

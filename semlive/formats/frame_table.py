@@ -1,4 +1,4 @@
-"""`frames.csv`: what a user says of the frames that another engine correlated (format 1, see docs/import.md)."""
+"""`frames.csv`: what a user says of the frames that another engine correlated (format 1, see docs/how-to/import.md)."""
 
 from __future__ import annotations
 

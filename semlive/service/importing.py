@@ -1,4 +1,4 @@
-"""A folder of another engine's disparity maps becomes a log (format 1, see docs/import.md)."""
+"""A folder of another engine's disparity maps becomes a log (format 1, see docs/how-to/import.md)."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def _read(path: Path) -> bytes:
     try:
         return read_regular(path, _MOST_BYTES)
     except FileNotFoundError:
-        raise BadInput(f"{path}: is missing; write it as docs/import.md shows.") from None
+        raise BadInput(f"{path}: is missing; write it as docs/how-to/import.md shows.") from None
     except OSError as error:
         raise BadInput(f"{path}: {_DAMAGED.format('read', error.strerror)}") from error
 

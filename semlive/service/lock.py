@@ -53,7 +53,7 @@ def _place_lock(name: str, folder: Path) -> ProcessLock | Holder:
     try:
         return process_lock.acquire(name)
     except OSError as error:
-        raise BadConfig(f"{folder} cannot be reserved for this run ({error.strerror or error}); see docs/deploy.md") from error
+        raise BadConfig(f"{folder} cannot be reserved for this run ({error.strerror or error}); see docs/how-to/deploy.md") from error
 
 
 def _names_of(folder: Path) -> list[str]:

@@ -41,7 +41,7 @@ _SMALLEST_STRETCH_MM = 1e-4
 """Encoders of small frames resolve 0.05 to 0.1 um: a stiffness at which the whole load stretches less is one in N/m."""
 _FORCE_RATIO = 100.0
 """A limit so far above every load has two digits too many; `plan` advises a closer one from 1.5 on."""
-_DEFAULT_TRAVEL_MAX_MM = 1.0  # of `approach`, docs/configuration.md
+_DEFAULT_TRAVEL_MAX_MM = 1.0  # of `approach`, docs/reference/configuration.md
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
     python tests/benchmarks/bench_faults.py [--rows 1,4,30-33] [--short] [--write]
 
 The load frame is a program behind a real socket or pseudo-terminal (tests/fault/campaign/stand.py), images are written into a real folder,
-the daemon is the process that `semlive run` starts. One line a row; `--write` puts what was found into the table of docs/faults.md, row by
+the daemon is the process that `semlive run` starts. One line a row; `--write` puts what was found into the table of docs/reference/faults.md, row by
 row, so the campaign can be taken in pieces. The exit code is 1 if a row failed.
 """
 
@@ -22,7 +22,7 @@ from lab import laboratory
 from rows import ROWS
 from table import Kind, Row
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "faults.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "faults.md"
 _WINDOWS = "not run: what follows from the system's answer is tests/fault/test_watch_open_elsewhere.py"
 _LINE = re.compile(r"^\| (\d+) \|.*$", re.MULTILINE)
 
@@ -73,7 +73,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rows", type=wanted, default=None)
     parser.add_argument("--short", action="store_true", help="only those that the tests run")
-    parser.add_argument("--write", action="store_true", help="put what was found into docs/faults.md")
+    parser.add_argument("--write", action="store_true", help="put what was found into docs/reference/faults.md")
     options = parser.parse_args()
     failed, passed, lines = [], 0, {}
     for row in ROWS:

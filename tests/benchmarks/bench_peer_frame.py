@@ -5,7 +5,7 @@
 The independent frame is built from DIR/frame.c (by default `../shared/peers` beside the repository; needs gcc and libmodbus); the second
 frame is a program of tests/benchmarks/peer_frame. Each scenario is a run of `semlive run CONFIG --attended` with an operator's terminal and
 exported frames; the device's own record tells true force, orders and stops. NAME is a scenario or the begin of some; `--list` shows all.
-One line a scenario; `--write` writes docs/safety-campaign.md. What was observed is added to FILE, and what stands there is judged without
+One line a scenario; `--write` writes docs/validation/load-frame-safety.md. What was observed is added to FILE, and what stands there is judged without
 being run again, so the campaign can be broken off and taken up. The exit status is 1 if a scenario or a bar failed.
 """
 
@@ -31,7 +31,7 @@ from peer_frame.verdict import figures
 def main() -> int:
     """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true", help="write docs/safety-campaign.md")
+    parser.add_argument("--write", action="store_true", help="write docs/validation/load-frame-safety.md")
     parser.add_argument("--short", action="store_true", help="only the scenarios that the tests run, and 3 healthy runs")
     parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="scenarios whose name begins so")
     parser.add_argument("--healthy", type=int, default=None, metavar="N", help="healthy runs (100; 3 with --short, 0 with --only)")

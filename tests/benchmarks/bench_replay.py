@@ -2,7 +2,7 @@
 
 Makes a log of N pairs by `semlive import` (the maps of the numerical experiment's pairs again and again, at later times, as text
 files), and replays it with `semlive replay --from-disparity --json`, each time in a process of its own. Prints pairs per second by
-processor and by wall time, and the process's peak memory; ``--write`` puts the table into docs/replay.md. The default, 1,000 pairs of
+processor and by wall time, and the process's peak memory; ``--write`` puts the table into docs/how-to/replay-and-export.md. The default, 1,000 pairs of
 18,000 points, takes 1.5 GB of disk and twice as much again while it is replayed.
 """
 
@@ -24,7 +24,7 @@ from numexp.experiment import Experiment, make_experiment
 
 from semlive.data.grid import Grid
 
-DOCS = Path(__file__).resolve().parents[2] / "docs" / "replay.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "replay-and-export.md"
 BEGIN, END = "<!-- bench_replay: begin -->", "<!-- bench_replay: end -->"
 
 

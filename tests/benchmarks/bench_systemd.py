@@ -3,7 +3,7 @@
     sudo python tests/benchmarks/bench_systemd.py [--root FOLDER] [--keep]
 
 Needs root, systemd-nspawn, mmdebstrap and about four minutes; nothing outside the folder is touched. What is done in it is what
-docs/deploy.md says, its lines taken from the page:
+docs/how-to/deploy.md says, its lines taken from the page:
 
 - a service starts, counts as started when devices answer, and says so to `systemctl status`; the sandbox is that of the unit;
 - `systemctl stop` stops the frame, finishes the log and ends in order;
@@ -87,7 +87,7 @@ class Machine:
 
 
 def made(root: Path) -> None:
-    """A Debian with semlive from its wheel, and what docs/deploy.md says of systemd."""
+    """A Debian with semlive from its wheel, and what docs/how-to/deploy.md says of systemd."""
     if not (root / "bin").exists():
         subprocess.run(["mmdebstrap", "--quiet", "--variant=minbase", f"--include={PACKAGES}", "bookworm", str(root)], check=True)
     if (root / "opt" / "semlive").exists():
@@ -125,7 +125,7 @@ def booted(root: Path) -> Iterator[Machine]:
 
 def lines(first: str) -> list[str]:
     """The page's lines of the block that begins so, without sudo."""
-    page = (ROOT / "docs" / "deploy.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "how-to" / "deploy.md").read_text(encoding="utf-8")
     block = re.search(rf"^ {{4}}{re.escape(first)}.*\n(?: {{4}}.*\n)*", page, re.MULTILINE)
     assert block is not None, first
     return [line.strip().replace("sudo ", "") for line in block[0].splitlines()]

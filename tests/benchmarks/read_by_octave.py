@@ -1,6 +1,6 @@
 """What Octave makes of semlive's files: ``python tests/benchmarks/read_by_octave.py`` (GNU Octave must be on the path).
 
-1. The lines of docs/import.md for Ncorr's users, run as they stand on files of Ncorr's layout; the maps that they write are imported,
+1. The lines of docs/how-to/import.md for Ncorr's users, run as they stand on files of Ncorr's layout; the maps that they write are imported,
    replayed, and compared with those that were put in.
 2. An exported .mat is loaded there, and one field is compared number by number.
 """
@@ -24,7 +24,7 @@ import semlive
 from semlive.data.disparity import DisparityMap
 from semlive.data.grid import Grid
 
-DOCS = Path(__file__).resolve().parents[2] / "docs" / "import.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "import.md"
 STEP_PX, PIXEL_UM = 25, 0.12
 
 

@@ -79,7 +79,7 @@ def bench(tmp_path: Path) -> Iterator[Served]:
 
 
 def test_the_numbers_are_those_of_the_page() -> None:
-    page = (Path(__file__).resolve().parents[2] / "docs" / "bench-registers.md").read_text(encoding="utf-8")
+    page = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "bench-registers.md").read_text(encoding="utf-8")
     for mishap, number in ORDERS.items():
         assert f"| {number} | `{mishap.value}` |" in page
 

@@ -10,7 +10,7 @@ import pytest
 from semlive.data.disparity import PoiStatus
 from semlive.formats.messages import RAW_TOPICS, TOPICS
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "log-topics.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "log-topics.md"
 COLUMNS = 5
 
 pytestmark = pytest.mark.checkout

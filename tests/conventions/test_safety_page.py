@@ -1,4 +1,4 @@
-"""docs/safety.md names every fault code, and no other."""
+"""docs/how-to/safety.md names every fault code, and no other."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from semlive.engine.rest import UNORDERED_MOTION_S
 from semlive.engine.stop_distance import FASTEST_FACTOR
 from semlive.service.stop_pursuit import DISOBEYED_S
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "safety.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "safety.md"
 
 pytestmark = pytest.mark.checkout
 

@@ -1,4 +1,4 @@
-"""A part of the campaign of faults (docs/faults.md); all of it is `python tests/benchmarks/bench_faults.py`."""
+"""A part of the campaign of faults (docs/reference/faults.md); all of it is `python tests/benchmarks/bench_faults.py`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lab import laboratory
 from rows import ROWS
 from table import Row
 
-PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "faults.md"
 LISTED = 55
 
 

@@ -1,4 +1,4 @@
-"""The decisive part of the campaign against load frames that misbehave (docs/safety-campaign.md).
+"""The decisive part of the campaign against load frames that misbehave (docs/validation/load-frame-safety.md).
 
 All of it is `python tests/benchmarks/bench_peer_frame.py`. The source of the independent frame, gcc and libmodbus are needed.
 """

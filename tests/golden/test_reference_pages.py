@@ -1,4 +1,4 @@
-"""docs/cli.md and docs/configuration.md, held to the commands and to the configuration's own words.
+"""docs/reference/cli.md and docs/reference/configuration.md, held to the commands and to the configuration's own words.
 
 Run ``python tests/golden/test_reference_pages.py`` to write them anew after a deliberate change.
 """
@@ -38,7 +38,7 @@ from semlive_drivers.operator_frame import OperatorFrameSettings
 from semlive_drivers.operator_trigger import OperatorTriggerSettings
 from semlive_drivers.text.part import TextSettings
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference"
 SECTIONS: tuple[tuple[str, type], ...] = (
     ("run", config.RunSection),
     ("sem", config.SemSection),
@@ -150,7 +150,7 @@ def cli_page() -> str:
         "what, where and what to do. Where semlive itself failed, `SEMLIVE_TRACEBACK=1` in the environment shows where in the code.",
         "`semlive --install-completion` makes the tab key complete commands and options (bash, zsh, fish, PowerShell).",
         "`semlive --version` says which version this is.",
-        "Words that these texts take for granted are in [method.md](method.md#words).\n",
+        "Words that these texts take for granted are in [the list of terms](../explanations/method.md#words).\n",
     ]
     for entry in COMMANDS:
         command = load(entry)
@@ -201,8 +201,8 @@ def configuration_page() -> str:
         "the one that was meant. Units are in the names: `_s` seconds, `_px` pixels, `_um`, `_mm`, `_n` newtons, `_n_s` newtons per",
         "second. Times of the protocol are experiment time, which only a simulator lets run faster; wall time is this computer's.",
         "Folders are relative to the file. A key without default may be left out.\n",
-        "`semlive init` writes a commented file; [deploy/examples](../deploy/examples) has three. Words such as POI and ZNCC are in",
-        "[method.md](method.md#words).\n",
+        "`semlive init` writes a commented file; [deploy/examples](../../deploy/examples) has three. Words such as POI and ZNCC are in",
+        "[the list of terms](../explanations/method.md#words).\n",
         "Needed are `sem` and `protocol`; `load_frame` where there are `loads_n`, `limits` where there is a `load_frame`, and `stage`",
         "where a shift is not (0, 0) or the field of view is brought back (`recentre_beyond_px`).\n",
         *STRICT,

@@ -1,4 +1,4 @@
-"""The diagram of states in docs/states.md, held to the table of transitions.
+"""The diagram of states in docs/reference/states.md, held to the table of transitions.
 
 Run ``python tests/golden/test_state_diagram.py`` to draw it anew after a deliberate change of the table.
 """
@@ -13,7 +13,7 @@ import pytest
 from semlive.engine import FINAL_STATES, Cause, State
 from semlive.engine.states import TRANSITIONS
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "states.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "states.md"
 BEGIN, END = "<!-- drawn from the table of transitions -->\n", "<!-- end of the drawing -->\n"
 _MANY = 4
 """A cause that leads from more states than this into one is told in words under the diagram."""

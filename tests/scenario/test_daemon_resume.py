@@ -29,7 +29,7 @@ from semlive.service.resume import read_earlier
 
 PAIRS = 3
 HALF = 1
-IN_FAULT = 2  # docs/bench-registers.md
+IN_FAULT = 2  # docs/reference/bench-registers.md
 
 
 def logged(log: Path, topic: str) -> list[dict[str, Any]]:

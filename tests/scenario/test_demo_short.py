@@ -75,7 +75,7 @@ def test_others_read_its_log_and_every_panel_of_the_layout_shows_something(demo:
 
 
 @pytest.mark.checkout
-@pytest.mark.parametrize(("page", "which"), [("tutorial.md", ".*"), ("first-experiment.md", ".* runs/al2024-01.*")])
+@pytest.mark.parametrize(("page", "which"), [("tutorials/first-run.md", ".*"), ("how-to/first-experiment.md", ".* runs/al2024-01.*")])
 def test_what_a_page_does_with_a_run_can_be_done(page: str, which: str, demo: Demo, tmp_path: Path) -> None:
     (tmp_path / "runs").mkdir()
     (tmp_path / "runs" / "first").symlink_to(demo.folder)

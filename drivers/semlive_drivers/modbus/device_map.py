@@ -1,4 +1,4 @@
-"""A device that speaks Modbus, described as data (docs/register-maps.md): its points, what they mean, and how it is told to move."""
+"""A device that speaks Modbus, described as data (docs/reference/register-maps.md): its points, what they mean, and how it is told to move."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Registers as data: how a number lies in a device. Where it lies is a register map (`device_map`, docs/register-maps.md)."""
+"""Registers as data: how a number lies in a device. Where it lies is a register map (`device_map`, docs/reference/register-maps.md)."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ class PartSettings(ModbusSettings):
     strain_gage: bool = False
     """A strain gage on the specimen is read along; `registers: {strain_gage: {address: ...}}` says where."""
     confirmed: bool = False
-    """Somebody has held the description beside this machine (docs/register-maps.md); without that nothing is moved by it."""
+    """Somebody has held the description beside this machine (docs/reference/register-maps.md); without that nothing is moved by it."""
 
 
 class StageSettings(DeviceSettings):

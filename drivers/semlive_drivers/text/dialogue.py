@@ -1,4 +1,4 @@
-"""A device that speaks text, described as data (docs/text-dialogues.md): questions, answers, orders."""
+"""A device that speaks text, described as data (docs/reference/text-dialogues.md): questions, answers, orders."""
 
 from __future__ import annotations
 

@@ -145,7 +145,7 @@ def _tcp(key: str, host: str, port: int, unit: int) -> Finding:
                 lock = process_lock.acquire(name)
             except OSError as error:
                 said = f"no device can be reserved for a run ({error.strerror or error})"
-                return Finding(key, said, Verdict.BAD, "allow semlive unix sockets (AF_UNIX), see docs/deploy.md")
+                return Finding(key, said, Verdict.BAD, "allow semlive unix sockets (AF_UNIX), see docs/how-to/deploy.md")
             if isinstance(lock, Holder):
                 said = f"{host}:{port} unit {unit} is driven by another semlive already, {lock}"
                 return Finding(key, said, Verdict.BAD, "stop that run first, or correct the endpoint")

@@ -1,4 +1,4 @@
-"""The bench's register map as bytes: docs/bench-registers.md, in both directions and without IO."""
+"""The bench's register map as bytes: docs/reference/bench-registers.md, in both directions and without IO."""
 
 from __future__ import annotations
 

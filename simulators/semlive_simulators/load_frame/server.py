@@ -68,7 +68,7 @@ class Watchdog:
 
 
 class BenchRegisters:
-    """Answers reads and acts on writes; the register map is docs/bench-registers.md."""
+    """Answers reads and acts on writes; the register map is docs/reference/bench-registers.md."""
 
     def __init__(self, scenario: Scenario, clock: BenchClock, machine: Machine, sem: Sem) -> None:
         self._scenario = scenario

@@ -1,4 +1,4 @@
-"""Lines for the terminal, and the page docs/safety-campaign.md."""
+"""Lines for the terminal, and the page docs/validation/load-frame-safety.md."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .building import ROOT
 from .scenario import PEAK_MAX_N, STOP_BAR_S, Group
 from .verdict import Bars, Verdict
 
-PAGE = ROOT / "docs" / "safety-campaign.md"
+PAGE = ROOT / "docs" / "validation" / "load-frame-safety.md"
 _COLUMNS = ("scenario", "what happened", "must", "true peak, N", "stop on the wire", "fault code", "what the operator saw", "verdict")
 
 

@@ -1,4 +1,4 @@
-"""A Modbus TCP server in a process of its own, after docs/bench-registers.md, that misbehaves on request.
+"""A Modbus TCP server in a process of its own, after docs/reference/bench-registers.md, that misbehaves on request.
 
 Written apart from the drivers and the simulators. Prints its port. Misbehaviour is a word in holding register 900:
 1 frozen counter, 2 NaN force, 3 takes no commands, 4 a motion state that does not exist, 5 refuses writes (exception 6), 6 wrong identity.

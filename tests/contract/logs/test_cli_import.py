@@ -107,7 +107,7 @@ def test_a_missing_map_is_named(copy: Path) -> None:
 
 def test_a_missing_table_of_frames_is_named(copy: Path) -> None:
     (copy / "frames.csv").unlink()
-    assert "frames.csv: is missing; write it as docs/import.md shows." in refused(copy)
+    assert "frames.csv: is missing; write it as docs/how-to/import.md shows." in refused(copy)
     assert "no such folder" in refused(copy / "nowhere")
 
 

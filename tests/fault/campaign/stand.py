@@ -1,4 +1,4 @@
-"""A load frame on a desk for faults: the registers of docs/bench-registers.md over real TCP and over a pseudo-terminal, ill on request.
+"""A load frame on a desk for faults: the registers of docs/reference/bench-registers.md over real TCP and over a pseudo-terminal, ill on request.
 
 It moves in load control, has a watchdog of its own and notes when its motion stopped, and why. Written apart from the drivers.
 """
