@@ -6,7 +6,12 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [*sorted((ROOT / "docs").glob("*.md")), ROOT / "README.md", ROOT / "deploy" / "Containerfile", ROOT / "deploy" / "semlive@.service"]
+PAGES = [
+    *sorted((ROOT / "docs").rglob("*.md")),
+    ROOT / "README.md",
+    ROOT / "deploy" / "Containerfile",
+    ROOT / "deploy" / "semlive@.service",
+]
 WRITTEN = {"cli.md"}
 """Written from the commands, where a heading names a command without what it needs."""
 LINE = re.compile(
