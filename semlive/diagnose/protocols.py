@@ -10,7 +10,7 @@ from semlive.diagnose.propose import Kind
 PARKED_PAIRS = 10
 LONGER = 4.0
 # Moves of 32 px that end 0.3 px from where they should tell axes to 0.5 %, and an axis is 1 % off; what twelve of 150 px tell is in
-# docs/diagnose.md. The order keeps drift, as a parabola, and backlash apart from the axes.
+# docs/how-to/diagnose.md. The order keeps drift, as a parabola, and backlash apart from the axes.
 REACH_PX = 150.0
 SQUARE = ((0, 0), (1, 1), (-1, 0), (0, -1), (-1, -1), (0, 1), (1, -1), (1, 0), (-1, 1), (1, 1), (-1, -1), (-1, 1), (1, -1))
 Protocol = dict[str, Any]

@@ -21,7 +21,8 @@ SAME_PIXEL = 0.02
 SURE_SHIFT_PX = 12.0
 """A cross of 8 px on the paper's grid leaves the distortion as uncertain as is allowed, one of 12 px less."""
 MOST_OF_THE_PICTURE = 0.8
-"""Part of the picture that a grid covers; 0.96 instead of 0.54 took a third off the strain that the correction adds (docs/paper.md)."""
+"""Part of the picture that a grid covers; 0.96 instead of 0.54 took a third off the strain error of the correction
+(docs/validation/paper.md)."""
 LONG_FRAME_S = 180.0
 LONG_RUN_S = 6 * 3600.0
 PAPER_HOLD_S = 30.0

@@ -1,9 +1,9 @@
 """Coverage of the stated intervals: ``python tests/benchmarks/bench_coverage.py [--experiments N] [--cases A B]``.
 
 Every experiment is small (10 pairs, 30 x 24 points, no images), has drift, distortion, motion and noise of its own from the simulators'
-code, and is estimated with the automatic settings. Prints the table of docs/estimation.md; 500 experiments or more of all cases also
-write it there, between its markers. With ``--keep FOLDER`` every experiment is kept in a file of its own, and a run that was broken off
-goes on where it was.
+code, and is estimated with the automatic settings. Prints the table of docs/validation/estimation.md; 500 experiments
+or more of all cases also write it there, between its markers. With ``--keep FOLDER`` every experiment is stored in a file of its own,
+and an interrupted run is resumed.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numexp.coverage import SMALL, Normalised, coverages, normalised, table
 
-DOCS = Path(__file__).resolve().parents[2] / "docs" / "estimation.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "validation" / "estimation.md"
 BEGIN, END = "<!-- bench_coverage: begin -->", "<!-- bench_coverage: end -->"
 ENOUGH = 500
 FIRST_SEED = 10_000

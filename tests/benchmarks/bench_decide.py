@@ -118,7 +118,10 @@ def cases(seeds: int, nulls: int) -> Iterator[Hidden]:
 
 def table(found: list[dict[str, Any]]) -> str:
     """As Markdown."""
-    lines = ["| hidden | both runs: right | another name | by the first run alone | error, median | inside stated 90 % |", "|---" * 6 + "|"]
+    lines = [
+        "| hidden effect | two runs: correct | wrong effect | first run alone | error, median | inside stated 90 % |",
+        "|---" * 6 + "|",
+    ]
     for name, sizes in SIZES.items():
         for size in sizes:
             own = [one for one in found if one["name"] == name and one["size"] == size]
@@ -132,7 +135,7 @@ def table(found: list[dict[str, Any]]) -> str:
             unit = "" if name == "wrong_row_time" else " px"
             lines.append(
                 f"| `{name}`, {size:g}{unit} | {len(right)} of {len(own)} (at least {100 * at_least(len(right), len(own)):.0f} %) | {wrong}"
-                f" | {rightly} right, {named - rightly} with another name, of {len(alone)} | {_errors(name, size, right)} |"
+                f" | {rightly} correct, {named - rightly} wrong, of {len(alone)} | {_errors(name, size, right)} |"
             )
     nulls = [one for one in found if one["name"] == NOTHING]
     if nulls:
@@ -140,8 +143,9 @@ def table(found: list[dict[str, Any]]) -> str:
         unknown = sum(one["outcome"] == "UNKNOWN" for one in nulls)
         loudest = max(max(one["evidence"].values()) for one in nulls)
         lines.append(
-            f"\nWhere nothing was hidden {named} of {len(nulls)} were named (bound {100 * at_most(named, len(nulls)):.1f} %),"
-            f" {unknown} UNKNOWN; the loudest logarithm of a Bayes factor was {loudest:.1f}, that of a name is 7 at least."
+            f"\nWithout a hidden effect {named} of {len(nulls)} were IDENTIFIED or AMBIGUOUS"
+            f" (bound {100 * at_most(named, len(nulls)):.1f} %),\n{unknown} UNKNOWN;"
+            f" the largest ln B was {loudest:.1f}, the threshold is 7."
         )
     return "\n".join(lines) + "\n"
 

@@ -40,7 +40,7 @@ from semlive.diagnose.noise import quiet
 from semlive.diagnose.observation import Observation
 from semlive.model.effects import DICTIONARY, Family
 
-PAGE = Path(__file__).parents[2] / "docs" / "diagnose.md"
+PAGE = Path(__file__).parents[2] / "docs" / "validation" / "diagnosis.md"
 CLOSURE_AT = [4.0, 16.0]
 MEASURED, LARGEST, WHITE = "measured", "sixteen", "white"
 
@@ -79,7 +79,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long")
     parser.add_argument("--folder", type=Path, default=Path("blind"))
     parser.add_argument("--score", action="store_true", help="run nothing")
-    parser.add_argument("--write", action="store_true", help="put the tables into docs/diagnose.md")
+    parser.add_argument("--write", action="store_true", help="put the tables into docs/validation/diagnosis.md")
     return parser.parse_args()
 
 

@@ -45,7 +45,7 @@ def main() -> None:
     parser.add_argument("--shard", default="1/1", help="k/n: every n-th case from the k-th on")
     parser.add_argument("--folder", type=Path, default=Path("rendered"))
     parser.add_argument("--score", action="store_true", help="run nothing")
-    parser.add_argument("--write", action="store_true", help="put the table into docs/diagnose.md")
+    parser.add_argument("--write", action="store_true", help="put the table into docs/validation/diagnosis.md")
     asked = parser.parse_args()
     chosen = list(cases(asked.set, Counts(asked.seeds, asked.nulls), asked.sizes, asked.effects))
     asked.folder.mkdir(parents=True, exist_ok=True)

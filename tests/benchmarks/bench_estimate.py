@@ -1,6 +1,6 @@
 """The paper's numerical experiment over many seeds: ``python tests/benchmarks/bench_estimate.py [--seeds N] [--cases A B] [--method M]``.
 
-Prints the table of docs/estimation.md; a run over all cases and methods with at least 20 seeds also writes it there, between its
+Prints the table of docs/validation/estimation.md; a run over all cases and methods with at least 20 seeds also writes it there, between its
 markers. 20 seeds take about 25 minutes of processor time on one core. With ``--keep FOLDER`` what was measured of every seed, case and
 method is kept in a file of its own, and a run that was broken off goes on where it was; ``--so-far`` gives the table of what is kept.
 """
@@ -22,7 +22,7 @@ from numexp.measure import Measured, measure
 from numexp.methods import METHODS
 from numexp.table import Results, table
 
-DOCS = Path(__file__).resolve().parents[2] / "docs" / "estimation.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "validation" / "estimation.md"
 BEGIN, END = "<!-- bench_estimate: begin -->", "<!-- bench_estimate: end -->"
 ENOUGH_SEEDS = 20
 SHOWN_ONCE, SHOWN_IN = ("uncorrected", "no_drift", "parametric"), ("smooth", "paper")  # what is wrong with them does not depend on the case
@@ -94,7 +94,7 @@ def main() -> None:
     sys.stderr.write("\n")
     lines = [*table(results, methods), "", *_speed(results)]
     counts = [f"{method} {min(len(one) for (_, by), one in results.items() if by == method)}" for method in methods]
-    title = f"Seeds: {', '.join(counts)}; 95th percentile (median), or a mean over seeds ± its standard error."
+    title = f"Seeds: {', '.join(counts)};\n95th percentile (median), or a mean over seeds ± its standard error."
     sys.stdout.write(title + "\n\n")
     sys.stdout.write("\n".join(lines) + "\n")
     whole = not given.so_far and set(methods) == set(METHODS) and set(given.cases) == set(CASES) and given.seeds >= ENOUGH_SEEDS

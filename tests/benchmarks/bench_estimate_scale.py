@@ -2,7 +2,8 @@
 
 The maps of the numerical experiment's pairs are used again and again, at later times: what is estimated is of no interest here. Prints
 processor time for each update and each estimate of the newest frame after 10, 100, 300, 1000 ... pairs, time of smoothing and of a new
-elimination, memory, and the batch of 15 pairs; ``--write`` puts the table into docs/estimation.md. A thousand pairs take four minutes.
+elimination, memory, and the batch of 15 pairs; ``--write`` puts the table into
+docs/validation/estimation.md. A thousand pairs take four minutes.
 
 ``--live`` measures instead all that follows a correlation, `pipeline.update`: estimate, correction of the pair's frames and of earlier ones
 that moved, elastic constants, and everything that is published; and, by itself, what is due afterwards, `pipeline.reconsider`. After 15
@@ -16,6 +17,7 @@ import multiprocessing
 import os
 import resource
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -37,7 +39,7 @@ from semlive.data.settings import AnalysisSettings, EstimateSettings
 from semlive.estimate.sequence import chosen_anew
 from semlive.estimate.smooth import spreads
 
-DOCS = Path(__file__).resolve().parents[2] / "docs" / "estimation.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "validation" / "estimation.md"
 BEGIN, END = "<!-- bench_estimate_scale: begin -->", "<!-- bench_estimate_scale: end -->"
 LIVE_BEGIN, LIVE_END = "<!-- bench_live: begin -->", "<!-- bench_live: end -->"
 SHOWN = (10, 100, 300, 1000, 3000, 10_000)
@@ -120,13 +122,13 @@ def table(count: int, whole: bool, step_px: int) -> list[str]:
     anew = ""
     if whole:
         _, anew_s = timed(lambda: estimate.solve(state))
-        anew = f" All from the maps' block means anew: {anew_s:.1f} s, {_peak_mb():.0f} MB at most."
+        anew = f" All again from the block means of the maps: {anew_s:.1f} s, {_peak_mb():.0f} MB at most."
     last, last_s = max(spent.chosen_s.items())
     chosen_s = sum(spent.chosen_s.values())
     lines += [
         "",
         f"After {count} pairs: smoothed means of all pairs {smooth_s:.2f} s, with their covariances {smooth_s + spread_s:.2f} s,",
-        f"with all that is published {smooth_s + published_s:.2f} s. What the schedule asked for took {chosen_s:.1f} s in all,",
+        f"with all published results {smooth_s + published_s:.2f} s. Scheduled reviews took {chosen_s:.1f} s in total,",
         f"{chosen_s / count:.3f} s per pair; the last time, after {last} pairs, {last_s:.1f} s. Memory at most {ran_mb:.0f} MB in the run,",
         f"{smoothed_mb:.0f} MB with smoothing; {peak_before:.0f} MB of it before the run.{anew} Batch of {len(batch)} pairs:",
         f"{min(batch_s):.2f} s. Processor time, {grid.nx * grid.ny:,} points, one core.",
@@ -157,12 +159,13 @@ def live_table(count: int) -> list[str]:
         revised.append(len(result.revised) + (len(anew.revised) if anew else 0))
         if (pair + 1) % 50 == 0:
             sys.stderr.write(f"{pair + 1}/{count}\n")
-    lines = ["| pairs | from disparity to all that is published, s | the slowest of ten | frames revised so far |", "|---|---|---|---|"]
+    lines = ["| pairs | from maps to published results, s | slowest of ten | frames revised so far |", "|---|---|---|---|"]
     for shown in [one for one in LIVE_SHOWN if one <= count]:
         around = spent[max(shown - 10, 0) : shown]
         lines.append(f"| {shown} | {float(np.median(around)):.2f} | {max(around):.2f} | {sum(revised[:shown])} |")
     at = ", ".join(f"{spent_s:.1f} s after {pair}" for pair, spent_s in due.items() if pair >= 16)
-    return [*lines, "", f"What is due after the pair has been told: {at}. Processor time, 18,000 points, one core."]
+    due_text = f"Scheduled review after the pair is published: {at}. Processor time, 18,000 points, one core."
+    return [*lines, "", *textwrap.wrap(due_text, 118)]
 
 
 def _batch(experiment: Experiment) -> list[float]:

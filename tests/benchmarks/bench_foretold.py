@@ -38,7 +38,7 @@ from semlive.diagnose.rehearsal import rehearsed
 from semlive_simulators.effects.protocol import Effect
 from semlive_simulators.scan import Scan
 
-PAGE = Path(__file__).parents[2] / "docs" / "diagnose.md"
+PAGE = Path(__file__).parents[2] / "docs" / "validation" / "diagnosis.md"
 BEGIN, END = "<!-- foretold: begin -->\n", "<!-- foretold: end -->\n"
 GRID = Grid(101, 101, 30, 25, 20, 43)
 FIRST_SEED, SECOND_SEED = 60_001, 61_001
@@ -82,7 +82,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=3, help="runs that foretell, of each pair of effects")
     parser.add_argument("--second", type=int, default=4, help="simulations of each experiment")
     parser.add_argument("--times", type=float, default=3.0, help="what can be detected")
-    parser.add_argument("--write", action="store_true", help="put the table into docs/diagnose.md")
+    parser.add_argument("--write", action="store_true", help="put the table into docs/validation/diagnosis.md")
     asked = parser.parse_args()
     told = []
     for true, other in ALIKE:
@@ -132,7 +132,7 @@ def _scan(dwell: float) -> Scan:
 
 def table(told: list[Told]) -> str:
     """By effect and experiment; then how often the true one won, wherever odds of more than 20 were foretold, and elsewhere."""
-    lines = ["| hidden | taken for | experiment | ln odds foretold | given: mean | least |", "|---|---|---|---|---|---|"]
+    lines = ["| true effect | rival | experiment | ln odds, forecast | simulated: mean | minimum |", "|---|---|---|---|---|---|"]
     for key in dict.fromkeys((one.true, one.other, one.kind, one.dwell) for one in told):
         own = [one for one in told if (one.true, one.other, one.kind, one.dwell) == key]
         given = np.concatenate([one.given for one in own])
@@ -145,7 +145,7 @@ def table(told: list[Told]) -> str:
         won = sum(one > 0.0 for one in given)
         if given:
             least = 100.0 * at_least(won, len(given))
-            lines.append(f"Where odds of {said} were foretold, the true one won {won} of {len(given)} (at least {least:.1f} %).")
+            lines.append(f"Forecast odds of {said}: the true effect was preferred in {won} of {len(given)} (at least {least:.1f} %).")
             lines.append("")
     return "\n".join(lines)
 

@@ -106,7 +106,7 @@ def cases(seeds: int, nulls: int) -> Iterator[Injected]:
 
 def table(found: list[dict[str, Any]]) -> str:
     """As Markdown."""
-    lines = ["| hidden | named alike in both | left in, as it is like strain | survives |", "|---" * 4 + "|"]
+    lines = ["| hidden effect | same effect in both | not corrected, strain-like | retained strain |", "|---" * 4 + "|"]
     for name in DETECTABLE_PX:
         own = [one for one in found if one["name"] == name]
         alike = sum(one["names"][0] == one["names"][1] == [name] for one in own)
@@ -120,7 +120,7 @@ def table(found: list[dict[str, Any]]) -> str:
     worst, itself = (max(abs(one[what] - 1.0) for one in found) for what in ("survives", "by_itself"))
     lines.append(
         f"\nWithin {100 * ASKED:g} % in {kept} of {len(found)} cases (at least {100 * at_least(kept, len(found)):.1f} %),"
-        f" {100 * worst:.2f} % off in the worst; without any model at most {100 * itself:.2f} %."
+        f" largest error {100 * worst:.2f} %; without any model at most {100 * itself:.2f} %."
     )
     return "\n".join(lines) + "\n"
 

@@ -75,7 +75,7 @@ KINDS = {
     "skew": Kind(f"`{SKEW}`, 10 mrad", (SKEW,), (0.0, 0.01)),
     "axes": Kind("both", (PIXEL, SKEW), (0.01, 0.01)),
     "ramps": Kind(f"`{RAMPS}`, 0.6 and 0.4 px", (RAMPS,), of_ramps=1.0),
-    "scan": Kind(f"`{RAMPS}`, the whole distortion", (RAMPS,), with_scan=True),
+    "scan": Kind(f"`{RAMPS}`, the complete distortion", (RAMPS,), with_scan=True),
     "pixel/4": Kind(f"`{PIXEL}`, 0.25 %", (PIXEL,), (0.0025, 0.0)),
     "skew/4": Kind(f"`{SKEW}`, 2.5 mrad", (SKEW,), (0.0, 0.0025)),
     "ramps/4": Kind(f"`{RAMPS}`, 0.15 and 0.1 px", (RAMPS,), of_ramps=0.25),
@@ -193,7 +193,7 @@ def false_names(one: dict[str, Any]) -> list[str]:
 
 def table(found: list[dict[str, Any]]) -> str:
     """As Markdown."""
-    head = "| hidden | all its names | a false name | where the distortion belongs | axes: sigma, median | inside stated 90 % |"
+    head = "| hidden effect | all found | a false effect | distortion assigned correctly | axes: sigma, median | inside stated 90 % |"
     lines = [head, "|---" * 6 + "|"]
     for name, kind in KINDS.items():
         own = [one for one in found if one["kind"] == name]
@@ -217,8 +217,8 @@ def _usual(found: list[dict[str, Any]]) -> str:
     right = sum(set(KINDS[one["kind"]].names) <= set(one["named"]) and not false_names(one) for one in own)
     wrong = sum(bool(false_names(one)) for one in found)
     return (
-        f"\nOf the first five rows {right} of {len(own)} had all names, none false (at least {100 * at_least(right, len(own)):.1f} %);"
-        f" of all cases {wrong} of {len(found)} had a false one (at most {100 * at_most(wrong, len(found)):.1f} %).\n"
+        f"\nFirst five rows: {right} of {len(own)} had all effects and no false one (at least {100 * at_least(right, len(own)):.1f} %);\n"
+        f"all cases: {wrong} of {len(found)} had a false one (at most {100 * at_most(wrong, len(found)):.1f} %).\n"
     )
 
 
@@ -228,8 +228,8 @@ def _nulls(nulls: list[dict[str, Any]]) -> str:
     named, unknown = sum(bool(one["named"]) for one in nulls), sum(one["outcome"] == "UNKNOWN" for one in nulls)
     loudest = max(max(one["evidence"].values()) for one in nulls)
     return (
-        f"\nWhere nothing was hidden {named} of {len(nulls)} were named (at most {100 * at_most(named, len(nulls)):.1f} %),"
-        f" {unknown} UNKNOWN; the loudest logarithm of a Bayes factor was {loudest:.1f}, that of a name is 7 at least.\n"
+        f"\nWithout a hidden effect {named} of {len(nulls)} had a false effect (at most {100 * at_most(named, len(nulls)):.1f} %),\n"
+        f"{unknown} were UNKNOWN; the largest ln B was {loudest:.1f}, the threshold is 7.\n"
     )
 
 

@@ -1,7 +1,7 @@
 """The paper's experiments side by side with its figures: ``python tests/benchmarks/paper.py --scenario paper_x200 --out DIR``.
 
 Runs the experiment whole through the daemon (or takes a run folder that is already in DIR), compares it with truth and with the
-paper, prints the table, and writes it with its figure into docs/paper.md and docs/. About 4 minutes on two cores at x200.
+paper, prints the table, and writes it with its figure into docs/validation/. About 4 minutes on two cores at x200.
 ``--seeds 2 3`` plays it again with other seeds and writes what they say, beside the scenario's own, into a table of its own.
 ``--quick`` plays few pairs and leaves the docs as they are. A daemon's first start compiles for up to 80 s, which at rate 40 are 53
 minutes in which the drift comes to rest (5.3 px across the first image were 1 px): play a short demo first.
@@ -24,7 +24,7 @@ from sidebyside.table import curve_markdown, markdown, rows
 
 from semlive.errors import BadInput
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "validation"
 QUICK = {
     "calibration_shifts_px": [[0, 0], [12, 0], [-12, 0], [0, 12], [0, -12]],
     "translation_shifts_px": [],
@@ -71,7 +71,7 @@ def write_between(text: str, part: str, new: str) -> str:
     before, found, rest = text.partition(begin)
     _, closed, after = rest.partition(end)
     if not (found and closed):
-        raise BadInput(f"docs/paper.md: lacks {begin} or {end}; put both back")
+        raise BadInput(f"docs/validation/paper.md: lacks {begin} or {end}; put both back")
     return f"{before}{begin}\n{new}\n{end}{after}"
 
 

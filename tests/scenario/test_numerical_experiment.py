@@ -1,4 +1,4 @@
-"""The paper's numerical experiment in short: two seeds on a grid three times as coarse; docs/estimation.md has the long form."""
+"""The paper's numerical experiment in short: two seeds on a grid three times as coarse; docs/validation/estimation.md has the long form."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from sidebyside.field import PAPER_POINTS, on_papers_points
 from sidebyside.measure import FIELDS, GaugeRow, PhaseFigures, RunFigures
 from sidebyside.table import Row, correction_share, reached_at
 
-PAGE = Path(__file__).parents[2] / "docs" / "paper.md"
+PAGE = Path(__file__).parents[2] / "docs" / "validation" / "paper.md"
 
 
 def line(vsg_px: int, strain: float) -> GaugeRow:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
-PAGE = Path(__file__).parents[3] / "docs" / "diagnose.md"
+PAGE = Path(__file__).parents[3] / "docs" / "validation" / "diagnosis.md"
 
 
 class Asked(Protocol):
@@ -61,7 +61,7 @@ def _arguments(about: str | None, word: str) -> argparse.Namespace:
     parser.add_argument("--shard", default="1/1", help="k/n: every n-th case from the k-th on")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long")
     parser.add_argument("--score", action="store_true", help="run nothing")
-    parser.add_argument("--write", action="store_true", help="put the table into docs/diagnose.md")
+    parser.add_argument("--write", action="store_true", help="put the table into docs/validation/diagnosis.md")
     return parser.parse_args()
 
 

@@ -81,38 +81,42 @@ def bars(scored: Scored) -> Iterable[Bar]:
         by[case.kind, case.size].append(judged(case, verdict))
     nulls = by[NOTHING, 0.0]
     named = [one for one in nulls if one in ("wrong", "right", "set")]
-    yield Bar("false names where nothing is hidden", len(named), len(nulls), 0.01, below=True)
-    yield Bar("UNKNOWN where nothing is hidden", nulls.count("UNKNOWN"), len(nulls), 0.03, below=True)
+    yield Bar("false effects without a hidden effect", len(named), len(nulls), 0.01, below=True)
+    yield Bar("UNKNOWN without a hidden effect", nulls.count("UNKNOWN"), len(nulls), 0.03, below=True)
     asked = {2.0: 0.85, 4.0: 0.97, 8.0: 0.99}
     sizes = sorted({case.size for case, _ in scored if case.kind == ONE})
     for size in sizes:
         said = by[ONE, size]
         if size in asked:
             apart = [judged(case, one) for case, one in scored if (case.kind, case.size) == (ONE, size) and not case.sheared]
-            yield Bar(f"right name at {size:g} times", apart.count("right"), len(apart), asked[size], below=False)
+            yield Bar(f"correct effect at {size:g} times", apart.count("right"), len(apart), asked[size], below=False)
         if size >= 4.0:
             yield Bar(f"truth in the stated set at {size:g} times", said.count("right") + said.count("set"), len(said), 0.99, below=False)
-        yield Bar(f"another name IDENTIFIED at {size:g} times", said.count("wrong"), len(said), 0.01, below=True)
+        yield Bar(f"wrong effect IDENTIFIED at {size:g} times", said.count("wrong"), len(said), 0.01, below=True)
     doubles = [(case, verdict) for case, verdict in scored if case.kind == TWO]
     both = sum(set(case.names) <= set(_names(verdict["names"])) for case, verdict in doubles)
     yield Bar("two effects at 8 times, both found", both, len(doubles), 0.95, below=False)
     yield Bar("two effects at 8 times, and no other", by[TWO, 8.0].count("right"), len(doubles), 0.90, below=False)
     for size, limit in ((0.1, 0.95), (0.03, 0.85)):
         said = by[STRANGER, size]
-        yield Bar(f"UNKNOWN of what has no name, {size:g} px", said.count("UNKNOWN"), len(said), limit, below=False)
+        yield Bar(f"UNKNOWN for an unlisted effect, {size:g} px", said.count("UNKNOWN"), len(said), limit, below=False)
     yield Bar(
-        "right name at 8 times of a deformed law", by[DEFORMED_LAW, 8.0].count("right"), len(by[DEFORMED_LAW, 8.0]), 0.90, below=False
+        "correct effect at 8 times, modified time course",
+        by[DEFORMED_LAW, 8.0].count("right"),
+        len(by[DEFORMED_LAW, 8.0]),
+        0.90,
+        below=False,
     )
     left = [verdict["outcome"] for case, verdict in scored if case.kind == LEFT_OUT]
-    yield Bar("UNKNOWN at 8 times of what the dictionary was left without", left.count("UNKNOWN"), len(left), 0.95, below=False)
+    yield Bar("UNKNOWN at 8 times, removed from the dictionary", left.count("UNKNOWN"), len(left), 0.95, below=False)
     swallowed = [verdict["outcome"] for case, verdict in scored if case.kind == CONFOUNDED]
-    yield Bar("IDENTIFIED of what is confounded by structure", swallowed.count("IDENTIFIED"), len(swallowed), 0.01, below=True)
+    yield Bar("IDENTIFIED although not separable by one run", swallowed.count("IDENTIFIED"), len(swallowed), 0.01, below=True)
 
 
 def table(scored: Scored) -> str:
     """All that there are cases of, as Markdown."""
     rows = (one.row() for one in bars(scored) if one.total)
-    lines = ["| | cases | share | bound, one-sided 95 % | asked | |", "|---|---|---|---|---|---|", *rows, ""]
+    lines = ["| | cases | share | bound, one-sided 95 % | required | |", "|---|---|---|---|---|---|", *rows, ""]
     return "\n".join([*lines, *_faint(scored), *_sheared(scored), *_each_effect(scored), *_sizes(scored), *_missed(scored)]) + "\n"
 
 
@@ -121,7 +125,7 @@ def _faint(scored: Scored) -> list[str]:
     if not said:
         return []
     told = ", ".join(f"{count} {outcome}" for outcome, count in said.most_common())
-    return [f"Not counted above: `wrong_row_time` where twice the stated row time shows less than twice what can be detected: {told}.", ""]
+    return [f"Not counted above: `wrong_row_time` where twice the stated row time causes less than twice the detection limit: {told}.", ""]
 
 
 def _sheared(scored: Scored) -> list[str]:
@@ -133,10 +137,10 @@ def _sheared(scored: Scored) -> list[str]:
         if alike:
             told = ", ".join(f"{count} {_WORDS.get(word, word)}" for word, count in Counter(alike).most_common())
             right = sum(word == "right" for _, word in every)
-            lines.append(f"- {size:g} times: {told}; with them {right} of {len(every)} right ({100 * right / len(every):.1f} %).")
+            lines.append(f"- {size:g} times: {told}; with them {right} of {len(every)} correct ({100 * right / len(every):.1f} %).")
     if not lines:
         return []
-    rule = "Not among the right names: `wrong_row_time` that differs by less than can be detected from a shear that drifts (G3)."
+    rule = "Not among the correct effects: `wrong_row_time` that differs from a drifting shear by less than the limit (G3)."
     return [rule, "", *lines, ""]
 
 
@@ -149,7 +153,7 @@ def _each_effect(scored: Scored) -> list[str]:
             said = [judged(case, one) for case, one in scored if case.kind == ONE and case.names == (name,) and case.size == size]
             cells.append(f"{said.count('right')} of {len(said)}")
         beyond = 2.0 * DETECTABLE_PX[name] > PHYSICAL_PX[name][1]
-        lines.append(f"| `{name}`{' (2 times is more than is met at x200)' if beyond else ''} | " + " | ".join(cells) + " |")
+        lines.append(f"| `{name}`{' (2 times is more than occurs at x200)' if beyond else ''} | " + " | ".join(cells) + " |")
     return [*lines, ""]
 
 
@@ -184,11 +188,13 @@ def _errors(case: Case, verdict: Verdict) -> Iterable[tuple[float, bool]]:
 def _missed(scored: Scored) -> list[str]:
     found = [(case, one) for case, one in scored if judged(case, one) not in ("right", "set") and (case.kind, one["outcome"]) not in _FINE]
     return [
-        f"- {case.kind} {' + '.join(case.names)}, {case.size:g}, seed {case.seed}: {one['outcome']} {one['names']}" for case, one in found
+        f"- {_KINDS.get(case.kind, case.kind)} {' + '.join(case.names)}, {case.size:g}, seed {case.seed}: {one['outcome']} {one['names']}"
+        for case, one in found
     ]
 
 
-_WORDS = {"set": "AMBIGUOUS with the truth in the set", "wrong": "another name"}
+_WORDS = {"right": "correct", "set": "AMBIGUOUS with the truth in the set", "wrong": "wrong effect"}
+_KINDS = {ONE: "single", TWO: "two", STRANGER: "unlisted", DEFORMED_LAW: "modified", LEFT_OUT: "removed", CONFOUNDED: "not separable"}
 _FINE = {
     (NOTHING, "NONE"),
     (STRANGER, "UNKNOWN"),

@@ -64,7 +64,7 @@ def _share(frames: str, runs: Sequence[dict[str, float]]) -> SeedRow:
     each = np.array([[run[name] for name in COMPONENTS] for run in runs])
     together = float(np.sqrt((each**2).mean(axis=0)).max())
     return SeedRow(
-        f"the correction's share of strain sd over 83 px, {frames}",
+        f"contribution of the correction to strain sd over 83 px, {frames}",
         tuple(strain_text(one.max()) for one in each),
         strain_text(together),
         f"≤ {strain_text(facts.CORRECTION_SD_BAR)}",

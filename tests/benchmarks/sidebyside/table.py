@@ -51,7 +51,7 @@ def curve_markdown(figures: RunFigures) -> str:
     """Scatter against gauge length, all frames and components together."""
     lines = [
         "| points | gauge (px) | displacement sd (px) | strain sd | displacement: ratio to DIC noise | strain: ratio | chance (1 sd) "
-        "| correction's share of displacement (px) | of strain |",
+        "| correction: displacement (px) | strain |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for at, row in enumerate(_any_phase(figures).curve):
@@ -129,7 +129,7 @@ def _displacement(figures: RunFigures, paper: PaperFigures) -> Iterator[Row]:
         f"≤ {facts.RATIO_BAR} × DIC noise", ratio <= facts.RATIO_BAR,
     )  # fmt: skip
     part = 100 * (figures.correction_rms_px / figures.displacement_rms_px) ** 2
-    yield Row("the correction's share of it", NOTHING, f"{_px(figures.correction_rms_px)} px rms ({part:.1f} % of the variance)")
+    yield Row("contribution of the correction", NOTHING, f"{_px(figures.correction_rms_px)} px rms ({part:.1f} % of the variance)")
 
 
 def _fields(figures: RunFigures, paper: PaperFigures) -> Iterator[Row]:
@@ -174,13 +174,13 @@ def _strains(figures: RunFigures, paper: PaperFigures) -> Iterator[Row]:
         )  # fmt: skip
         share, allowed = max(row.correction[c] for c in COMPONENTS), facts.CORRECTION_SD_BAR
         yield Row(
-            f"the correction's share of it, {name}", NOTHING,
+            f"contribution of the correction, {name}", NOTHING,
             f"sd {strain_text(share)}, mean ≤ {strain_text(float(np.abs(phase.correction).max()))}",
             f"sd ≤ {strain_text(allowed)}", share <= allowed,
         )  # fmt: skip
     worst = max(correction_share(figures).values())
     yield Row(
-        "the correction's share, all frames together, worst component (the estimation page's measure)", NOTHING,
+        "contribution of the correction, all frames, worst component (as in estimation.md)", NOTHING,
         f"sd {strain_text(worst)}", f"sd ≤ {strain_text(facts.CORRECTION_SD_BAR)}", worst <= facts.CORRECTION_SD_BAR,
     )  # fmt: skip
 

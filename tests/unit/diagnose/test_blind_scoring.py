@@ -66,8 +66,8 @@ def test_no_row_takes_more_than_twice_what_is_stated_and_what_that_hardly_shows_
     assert told == [pytest.approx(0.914, abs=1e-3), 1.0, 1.0]
     assert [case.faint for case in wrong] == [False, False, True]
     said = table([(case, verdict("AMBIGUOUS", ["wrong_row_time"], ["wrong_row_time", "scan_shear_drift"])) for case in wrong])
-    assert "| right name at 8 times | 2 | 0.0 % |" in said
-    assert "less than twice what can be detected: 1 AMBIGUOUS." in said
+    assert "| correct effect at 8 times | 2 | 0.0 % |" in said
+    assert "less than twice the detection limit: 1 AMBIGUOUS." in said
 
 
 def test_a_wrong_row_time_that_looks_like_a_shear_need_not_be_named_but_not_misnamed() -> None:
@@ -78,11 +78,11 @@ def test_a_wrong_row_time_that_looks_like_a_shear_need_not_be_named_but_not_misn
     assert (apart.sheared, alike.sheared, shear.sheared) == (False, True, False)
     both = [(case, verdict("AMBIGUOUS", ["scan_shear_drift"], ["scan_shear_drift", "wrong_row_time"])) for case in (apart, alike)]
     said = table(both)
-    assert "| right name at 4 times | 1 | 0.0 % |" in said
+    assert "| correct effect at 4 times | 1 | 0.0 % |" in said
     assert "| truth in the stated set at 4 times | 2 | 100.0 % |" in said
-    assert "- 4 times: 1 AMBIGUOUS with the truth in the set; with them 0 of 2 right (0.0 %)." in said
+    assert "- 4 times: 1 AMBIGUOUS with the truth in the set; with them 0 of 2 correct (0.0 %)." in said
     said = table([(alike, verdict("IDENTIFIED", ["stage_yaw"]))])
-    assert "| another name IDENTIFIED at 4 times | 1 | 100.0 % |" in said
+    assert "| wrong effect IDENTIFIED at 4 times | 1 | 100.0 % |" in said
 
 
 def test_seeds_of_the_final_set_are_never_those_of_development() -> None:
@@ -109,8 +109,8 @@ def test_a_table_says_what_is_met_and_what_is_open() -> None:
     nulls = [(Case(NOTHING, (), 0.0, seed), verdict("NONE", [])) for seed in range(299)]
     few = [(Case(ONE, ("stage_yaw",), 4.0, 1), verdict("IDENTIFIED", ["stage_yaw"]))]
     said = table([*nulls, *few])
-    assert "| false names where nothing is hidden | 299 | 0.0 % | 1.0 % | at most 1 % | met |" in said
-    assert "| right name at 4 times | 1 | 100.0 % | 5.0 % | at least 97 % | open |" in said
+    assert "| false effects without a hidden effect | 299 | 0.0 % | 1.0 % | at most 1 % | met |" in said
+    assert "| correct effect at 4 times | 1 | 100.0 % | 5.0 % | at least 97 % | open |" in said
 
 
 def test_sizes_that_are_not_met_in_practice_are_known() -> None:

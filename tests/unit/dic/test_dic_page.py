@@ -1,4 +1,4 @@
-"""docs/dic.md: what it shows works, and what it lists is what there is."""
+"""docs/how-to/correlate.md: its examples run, and its table lists every status."""
 
 import re
 from pathlib import Path
@@ -10,7 +10,7 @@ import pytest
 from semlive import dic
 
 pytestmark = pytest.mark.checkout
-PAGE = Path(__file__).parents[3] / "docs" / "dic.md"
+PAGE = Path(__file__).parents[3] / "docs" / "how-to" / "correlate.md"
 
 
 def test_examples_run_as_they_stand(lab, tmp_path, monkeypatch):
