@@ -11,6 +11,7 @@ import enum
 import inspect
 import re
 import sys
+import textwrap
 import types
 import typing
 from collections.abc import Iterator
@@ -106,8 +107,8 @@ ELSEWHERE = {
     "effects": "Name and `law` (`family`, `values`, `size_px`) of each.",
     "ModelSection.run": "`width_px`, `height_px` and `pixel_size_um` of the run that they were found in.",
     "max_hold_s": "No hold lasts longer, whatever is expected.",
-    "driver": "Name of an installed driver: [drivers.md](drivers.md).",
-    "settings": "What the driver needs: [drivers.md](drivers.md).",
+    "driver": "Name of an installed driver: [drivers](drivers.md).",
+    "settings": "What the driver needs: [drivers](drivers.md).",
     "folder": "Into which the microscope's auto-save writes.",
     "poll_s": "Wall seconds between looks into the folder.",
     "trigger": "What makes the microscope scan one frame; without it any frame counts whose scan began after the hold.",
@@ -120,38 +121,51 @@ ELSEWHERE = {
 
 STRICT = (
     "## How the file is read\n",
-    "By the rules of YAML 1.2 and strictly; what is refused is named with its line and key. The same holds for device descriptions",
+    "The file is read strictly by the rules of YAML 1.2. An error contains line and key. The same holds for device descriptions",
     "and scenarios.\n",
-    "- A key that is there twice, a second document, a tag (`!!float`), `<<` and indentation by tabs are refused.",
-    "- A number is written without quotes, with a decimal point: `300`, `0.5`, `1e-5`. Refused are a leading zero (`0300`, which older",
-    "  readers take for 192), underscores (`3_0`), numbers to base 60 (`1:30`), a comma between digits (`30,5`, also in `[30,5]`; a list",
-    "  has a space behind the comma: `[30, 5]`), `.inf` and `.nan`. Text such as a serial number `0012` is put in quotes.",
-    "- A truth value is `true` or `false`. `yes`, `no`, `on` and `off` are refused; as text they are put in quotes.",
-    "- The file is a regular file of at most 1 MB in UTF-8, with at most 32 lists and sections within each other.\n",
+    "- Refused are a repeated key, a second document, a tag (`!!float`), `<<`, and indentation by tabs.",
+    "- A number has no quotes and a decimal point: `300`, `0.5`, `1e-5`. Refused are a leading zero (`0300`, which older readers",
+    "  interpret as 192), underscores (`3_0`), numbers to base 60 (`1:30`), a comma between digits (`30,5`, also in `[30,5]`; a list",
+    "  has a space after the comma: `[30, 5]`), `.inf` and `.nan`. Text such as a serial number `0012` needs quotes.",
+    "- A truth value is `true` or `false`. `yes`, `no`, `on` and `off` are refused; as text they need quotes.",
+    "- The file is a regular file of at most 1 MB in UTF-8, with at most 32 nested lists and sections.\n",
 )
 
 
 UNUSUAL = (
     "## `confirmed_unusual`\n",
-    "Values that are possible but implausible, mostly in a wrong unit or with a wrong number of digits: a cross-section in cm^2 or m^2,",
-    "a stiffness in kN/mm, pixels in nm, times in us, a ramp that is over within four readings, a stress above",
+    "These values are possible but implausible. Most have a wrong unit or a wrong number of digits: a cross-section in cm^2 or m^2,",
+    "a stiffness in kN/mm, pixels in nm, times in us, a ramp that is shorter than four readings, a stress above",
     "`specimen.yield_strength_mpa`, a force limit of 100 times the largest load. `semlive plan` and `semlive doctor` show them as",
-    "questions, and `semlive run` refuses them until they are corrected, or confirmed by their keys:",
-    "`confirmed_unusual: [specimen.area_mm2]`. Bounds and reasons are in `semlive/service/unusual.py`. These keys can be confirmed:\n",
+    "questions. `semlive run` refuses them until they are corrected, or confirmed by their keys:",
+    "`confirmed_unusual: [specimen.area_mm2]`. Limits and reasons are in `semlive/service/unusual.py`. Keys that can be confirmed:\n",
 )
+
+
+def _flowed(*lines: str) -> list[str]:
+    """Paragraphs and list items wrapped at 120 characters; a line break at the end of a line ends a paragraph, headings stay."""
+    paragraphs: list[str] = []
+    begins = True
+    for line in lines:
+        if begins or line.startswith(("#", "- ")):
+            paragraphs.append(line)
+        else:
+            paragraphs[-1] += " " + line.strip(" ")
+        begins = line.endswith("\n")
+    wrapped = (textwrap.wrap(one, 120, subsequent_indent="  " * one.startswith("- "), break_on_hyphens=False) for one in paragraphs)
+    return ["\n".join(some) + "\n" * one.endswith("\n") for some, one in zip(wrapped, paragraphs, strict=True)]
 
 
 def cli_page() -> str:
     """Every command with its arguments and options, as it tells them itself."""
-    parts = [
+    parts = _flowed(
         "# Commands\n",
-        "Written from the commands themselves (`tests/golden/test_reference_pages.py`), whose `--help` says the same.\n",
-        "Exit codes: 0 all is well, 1 something failed or was found bad, 2 the input is wrong; the last line on standard error says",
-        "what, where and what to do. Where semlive itself failed, `SEMLIVE_TRACEBACK=1` in the environment shows where in the code.",
-        "`semlive --install-completion` makes the tab key complete commands and options (bash, zsh, fish, PowerShell).",
-        "`semlive --version` says which version this is.",
-        "Words that these texts take for granted are in [the list of terms](../explanations/method.md#words).\n",
-    ]
+        "This page is generated from the commands (`tests/golden/test_reference_pages.py`). `semlive COMMAND --help` prints the same.\n",
+        "Exit codes: 0 success, 1 a failure or a failed check, 2 invalid input. The last line on standard error states what failed,",
+        "where, and what to do. If semlive itself failed, `SEMLIVE_TRACEBACK=1` in the environment shows the place in the code.",
+        "`semlive --install-completion` installs tab completion of commands and options (bash, zsh, fish, PowerShell).",
+        "`semlive --version` prints the version. [The list of terms](../explanations/method.md#words) explains the terms.\n",
+    )
     for entry in COMMANDS:
         command = load(entry)
         inner = getattr(command, "commands", None)
@@ -170,10 +184,10 @@ def _command(name: str, command: Any) -> Iterator[str]:
     places = [_place(one) if one.required else f"[{_place(one)}]" for one in arguments]
     used = " ".join([*places, *(f"{max(one.opts, key=len)} {max(one.opts, key=len).strip('-').upper()}" for one in needed)])
     yield f"## `{f'{name} {used}'.strip()}`\n"
-    yield f"{' '.join((command.help or '').split())}\n"
+    yield from _flowed(f"{' '.join((command.help or '').split())}\n")
     if not arguments and not options:
         return
-    yield "| | | default |\n|---|---|---|"
+    yield "| argument or option | meaning | default |\n|---|---|---|"
     for one in (*arguments, *options):
         words = _place(one) if one in arguments else ", ".join(sorted((*one.opts, *one.secondary_opts), key=len))
         unset = one.default is None or one.default is False or callable(one.default)
@@ -195,26 +209,26 @@ def _place(argument: Any) -> str:
 
 def configuration_page() -> str:
     """Every key of a configuration file: type, default and meaning."""
-    parts = [
+    parts = _flowed(
         "# Configuration\n",
-        "Written from the code that checks it (`tests/golden/test_reference_pages.py`). A key that does not exist is refused, with",
-        "the one that was meant. Units are in the names: `_s` seconds, `_px` pixels, `_um`, `_mm`, `_n` newtons, `_n_s` newtons per",
-        "second. Times of the protocol are experiment time, which only a simulator lets run faster; wall time is this computer's.",
-        "Folders are relative to the file. A key without default may be left out.\n",
-        "`semlive init` writes a commented file; [deploy/examples](../../deploy/examples) has three. Words such as POI and ZNCC are in",
-        "[the list of terms](../explanations/method.md#words).\n",
-        "Needed are `sem` and `protocol`; `load_frame` where there are `loads_n`, `limits` where there is a `load_frame`, and `stage`",
-        "where a shift is not (0, 0) or the field of view is brought back (`recentre_beyond_px`).\n",
+        "This page is generated from the code that checks a configuration (`tests/golden/test_reference_pages.py`). An unknown key is",
+        "refused with the most similar known one. Units are in the names: `_s` seconds, `_px` pixels, `_um`, `_mm`, `_n` newtons,",
+        "`_n_s` newtons per second. Times of the protocol are experiment time, which only a simulator runs faster; wall time is the",
+        "time of this computer. Folders are relative to the file. A key without default is optional.\n",
+        "`semlive init` writes a commented file; [deploy/examples](../../deploy/examples) has three.",
+        "[The list of terms](../explanations/method.md#words) explains terms such as POI and ZNCC.\n",
+        "Required are `sem` and `protocol`; `load_frame` with `loads_n`, `limits` with a `load_frame`, and `stage` with a shift other",
+        "than (0, 0) or with recentring (`recentre_beyond_px`).\n",
         *STRICT,
-    ]
+    )
     for heading, cls in SECTIONS:
         parts += [f"## `{heading}`\n", f"{_cell(_first_line(cls))}\n", *_table(cls)]
-    parts += [*UNUSUAL, *(f"- `{key}`" for key in CONFIRMABLE), ""]
-    parts += [
+    parts += [*_flowed(*UNUSUAL), *(f"- `{key}`" for key in CONFIRMABLE), ""]
+    parts += _flowed(
         "## Settings of drivers\n",
-        "What stands under `settings` of `load_frame`, `stage` and `sem.trigger`; [drivers.md](drivers.md) says which driver is for",
-        "what. `null` takes no settings.\n",
-    ]
+        "These keys belong to `settings` of `load_frame`, `stage` and `sem.trigger`. [Drivers](drivers.md) lists the purpose of each",
+        "driver. `null` has no settings.\n",
+    )
     for title, cls in DRIVERS:
         parts += [f"### {title}\n", *_table(cls)]
     return "\n".join(parts)
@@ -223,7 +237,7 @@ def configuration_page() -> str:
 def _table(cls: type) -> Iterator[str]:
     """All keys of a section; then an empty line."""
     about = _attribute_words(cls)
-    yield "| key | type | default | |\n|---|---|---|---|"
+    yield "| key | type | default | meaning |\n|---|---|---|---|"
     for name, kind, default in _fields(cls):
         words = re.sub(
             r"\bNone\b(?! of)", "`null`", _cell(about.get(name) or ELSEWHERE.get(f"{cls.__name__}.{name}") or ELSEWHERE.get(name, ""))
