@@ -144,7 +144,8 @@ def table(found: list[dict[str, Any]]) -> str:
         loudest = max(max(one["evidence"].values()) for one in nulls)
         lines.append(
             f"\nWithout a hidden effect {named} of {len(nulls)} were IDENTIFIED or AMBIGUOUS"
-            f" (bound {100 * at_most(named, len(nulls)):.1f} %),\n{unknown} UNKNOWN; the largest ln B was {loudest:.1f}, the threshold is 7."
+            f" (bound {100 * at_most(named, len(nulls)):.1f} %),\n{unknown} UNKNOWN;"
+            f" the largest ln B was {loudest:.1f}, the threshold is 7."
         )
     return "\n".join(lines) + "\n"
 
