@@ -106,13 +106,18 @@ def read_page(app: Any, name: str, source: list[str]) -> None:
 def plain_docstring(app: Any, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
     """Convert the docstrings' Markdown-like text (event autodoc-process-docstring).
 
-    Single backticks are code; ``*``, ``|`` and a trailing ``_`` mean themselves; a paragraph with ``+--`` is a drawing.
+    Single backticks are code; ``*``, ``|`` and a trailing ``_`` mean themselves; a paragraph with ``+--`` is a drawing;
+    an indented paragraph of a module is code.
     """
     paragraphs = "\n".join(lines).split("\n\n")
-    lines[:] = "\n\n".join(_drawing(one) if "+--" in one else _escaped(one) for one in paragraphs).split("\n")
+    lines[:] = "\n\n".join(_literal(one) if _is_literal(what, one) else _escaped(one) for one in paragraphs).split("\n")
 
 
-def _drawing(paragraph: str) -> str:
+def _is_literal(what: str, paragraph: str) -> bool:
+    return "+--" in paragraph or (what == "module" and all(line.startswith("    ") for line in paragraph.split("\n")))
+
+
+def _literal(paragraph: str) -> str:
     return "::\n\n" + "\n".join(f"    {line}" for line in paragraph.split("\n"))
 
 
