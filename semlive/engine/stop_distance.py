@@ -366,7 +366,10 @@ class _Rows:
         way = self.target - self.start
         reference, itself = "the last reading", "the device ends the ramp at its target by itself"
         if case.control is ControlMode.DISPLACEMENT:
-            way, itself = min(way, self.rate * case.ahead_s), "the device ends the travel that was ordered last by itself"
+            way, itself = (
+                min(way, self.rate * case.ahead_s),
+                "the device ends the travel that was ordered last by itself, which semlive cannot verify",
+            )
         yield self.row(
             FaultCode.LINK_LOST,
             "the device does not answer any more, but takes orders",

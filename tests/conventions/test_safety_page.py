@@ -47,7 +47,7 @@ def test_figures_are_those_of_the_code() -> None:
     for words in (
         f"at most {MOST_UNSEEN_S:g} s of the ramp",
         f"of {STARTING_S:g} s of the ramp",
-        f"for {STANDSTILL_S:g} s after the extension followed",
+        f"for {STANDSTILL_S:g} s after the extension followed it",
         f"more than {RATE_FACTOR:g} times what was ordered",
         f"motion for {ARRIVED_AND_MOVING_S:g} s more",
         f"motion for more than {UNORDERED_MOTION_S:g} s",
