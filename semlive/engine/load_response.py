@@ -52,22 +52,29 @@ def _headroom_s(readings: Readings, ramp: OrderedRamp, sample: LoadSample) -> fl
 def overdue(readings: Readings, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
     """MOTION_OVERDUE: the load is near its target, makes no progress, and the device still reports motion.
 
-    A device creeps into its dead band with progress that is seen, so `ARRIVED_AND_MOVING_S` without any is long. Without a travel that is
-    seen to stand still, the load may go on unseen; then the headroom below the force limit shortens the time.
+    A device creeps into its dead band with progress that is seen, so `ARRIVED_AND_MOVING_S` without any is long. Where the travel does not
+    show that the load stands, the load may go on unseen; then the headroom below the force limit shortens the time.
     """
     near = abs(ramp.target_n - sample.force_n) <= readings.near_n(ramp)
     if not near or ramp.since_anchor < FEWEST_READINGS or readings.identity.control is ControlMode.DISPLACEMENT:
         return None
     unseen_s = seconds_between(ramp.anchor, sample)
     longest_s = max(ARRIVED_AND_MOVING_S, readings.near_n(ramp) / ramp.rate_n_s)
-    travel_mm = abs(sample.extension_mm - ramp.anchor.extension_mm)
-    stands = _readings_change(readings, ramp) and readings.stiffness_n_mm is not None and travel_mm <= readings.extension_noise.noticeable()
+    stands = _readings_change(readings, ramp) and _load_stands(readings, ramp, abs(sample.extension_mm - ramp.anchor.extension_mm))
     if unseen_s <= (longest_s if stands else min(longest_s, max(_headroom_s(readings, ramp, sample), START_S))):
         return None
     what = (
         f"the load reading stays at {sample.force_n:.1f} N, near its target, but the device has reported motion for {unseen_s:.1f} s more"
     )
     return Finding(FaultCode.MOTION_OVERDUE, f"{what}: check whether the load cell still answers, and the device's dead band")
+
+
+def _load_stands(readings: Readings, ramp: OrderedRamp, travel_mm: float) -> bool:
+    """Whether the travel since the anchor shows that the load changed by the tolerance or its noise at most, at the learned stiffness."""
+    if readings.stiffness_n_mm is None:
+        return False
+    within_n = max(ramp.tolerance_n, readings.noticeable_n(ramp))
+    return travel_mm <= max(readings.extension_noise.noticeable(), within_n / readings.stiffness_n_mm)
 
 
 def _readings_change(readings: Readings, ramp: OrderedRamp) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import random
 from collections.abc import Callable, Iterator
@@ -397,9 +398,13 @@ def test_motion_that_is_reported_for_ever_at_the_target_is_found_in_10_s_with_li
     assert 10.0 + 8.0 <= seconds[-1] <= 10.0 + 12.0
 
 
-def test_a_closed_loop_may_report_motion_for_some_seconds_at_its_target() -> None:
+@pytest.mark.parametrize("creep_mm", [0.0, 1e-7])
+def test_a_closed_loop_may_report_motion_for_some_seconds_at_its_target(creep_mm: float) -> None:
     rng = random.Random(8)
     machine = Machine(reports=lambda moving, t_s: 0.0 < t_s < 10.0 + 8.0, shown=lambda force_n, t_s: force_n + rng.gauss(0.0, 0.05))
+    polls = itertools.count()
+    # 0.04 N/s with 1e-7 mm from reading to reading.
+    machine.shown_mm = lambda mm: mm + creep_mm * next(polls)
     assert first_finding(machine, seconds=80.0)[0] is None
 
 
