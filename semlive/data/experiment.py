@@ -88,6 +88,8 @@ class Limits:
         slack_force_n: see `slack_max_mm`.
         unloaded_max_n: largest load, N, of pairs that are taken before any load; None: 5 % of the larger force limit. The load tolerance
             is allowed in any case, so 0 forbids an intended preload.
+        stiffness_min_n_mm: smallest load change per travel of every ramp, N/mm, from the first change of load in the ramp on; below it the
+            load cell is taken to read too little. It holds for yielding as well. None: not judged.
         stop_timeout_s: experiment seconds to wait for the devices' word that they rest, before a stopped run ends without it.
     """
 
@@ -106,6 +108,7 @@ class Limits:
     slack_force_n: float = 5.0
     stop_timeout_s: float = 20.0
     unloaded_max_n: float | None = None
+    stiffness_min_n_mm: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,9 @@ next reading and one more for its answer and the stop order. Each row is the sum
 Not included, because semlive cannot know them: the way in which the machine decelerates after its stop order, and a device that runs at
 more than `FASTEST_FACTOR` times the ordered rate. A second fault at the same time is not considered.
 
+A load cell that reads only a part of the load answers every ramp. Without `limits.stiffness_min_n_mm` nothing but the extension limits
+bounds the load then, and the row is open.
+
 Where the readings are right, the force limit bounds the load besides (LIMIT). In load control a device that only loses its link ends the
 ramp at its target; in displacement control it ends the short way that was ordered last.
 """
@@ -24,19 +27,12 @@ from dataclasses import dataclass, replace
 from semlive.data.experiment import Limits
 from semlive.data.faults import FaultCode
 from semlive.data.loading import ControlMode
+from semlive.engine.extension_response import owed_allowed_n
+from semlive.engine.load_change import RATE_FACTOR, RATE_WINDOW_S, jump_allowed_n
+from semlive.engine.load_response import ARRIVED_AND_MOVING_S, HEADROOM
 from semlive.engine.motion import MAX_APPROACHES
-from semlive.engine.supervision import (
-    ARRIVED_AND_MOVING_S,
-    AVERAGED,
-    FEWEST_READINGS,
-    HEADROOM,
-    MOST_UNSEEN_S,
-    RATE_FACTOR,
-    RATE_WINDOW_S,
-    START_S,
-    jump_allowed_n,
-    verified_within,
-)
+from semlive.engine.ramp_readings import AVERAGED, FEWEST_READINGS, MOST_UNSEEN_S, START_S, verified_within
+from semlive.engine.travel_response import STANDSTILL_S
 
 FASTEST_FACTOR = 20.0
 """A rate that is not kept is assumed to be at most this times the ordered one."""
@@ -52,6 +48,10 @@ TOLD_S = 1.0
 """A device that still moves so long after its first stop order is reported."""
 LEAST_SHOWN = 4.0
 """A crosshead that shows less than a quarter of the ordered travel is taken to stand still."""
+_STATE_STIFFNESS = (
+    "limits.extension_max_mm alone bounds it, where the extension is measured; check the scale of the cell with a known load, and set "
+    "limits.stiffness_min_n_mm, or extension_max_mm to what the plan needs"
+)
 _EARLY_TOLERANCES = 3.0
 """A ramp of at most this many tolerances that does not begin is ordered again instead of being a fault at once."""
 
@@ -145,7 +145,7 @@ def stop_distances(case: RampCase) -> tuple[StopDistance, ...]:
         return ()
     rows = _Rows(case)
     frozen = rows.travel if case.control is ControlMode.DISPLACEMENT else rows.load
-    return (*frozen(), *rows.readings_right(), *rows.link(), rows.disobeyed())
+    return (*frozen(), rows.reads_too_little(), *rows.readings_right(), *rows.link(), rows.disobeyed())
 
 
 def worst(rows: tuple[StopDistance, ...], case: RampCase) -> StopDistance | None:
@@ -254,11 +254,35 @@ class _Rows:
             )
         yield self._nothing_shown()
 
+    def reads_too_little(self) -> StopDistance:
+        """A cell that reads a part of the load: at least 1/`FASTEST_FACTOR` of it, or its ramp is seen to be too slow.
+
+        At `limits.stiffness_min_n_mm` the travel owes `allowed` N. Where the true stiffness is that one, the load exceeds its reading by
+        `allowed` at most; with a small part, the device runs at up to `FASTEST_FACTOR` times the rate while the readings answer late.
+        """
+        case, fault = self.case, "the load cell reads only a part of the load"
+        if case.limits.stiffness_min_n_mm is None:
+            return self.unbounded(FaultCode.TRAVEL_WITHOUT_LOAD, fault, _STATE_STIFFNESS)
+        allowed = owed_allowed_n(case.limits, case.tolerance_n, case.noticeable_n)
+        part = 1.0 / FASTEST_FACTOR
+        hidden = allowed / (1.0 - part) + (case.noticeable_n + self.averaged + self.late) / part
+        past = max(case.tolerance_n, case.noticeable_n)
+        nearly = self.target + past + allowed + self.late * (1.0 + allowed / max(self.target - self.start, allowed))
+        return self.row(
+            FaultCode.TRAVEL_WITHOUT_LOAD,
+            fault,
+            beyond=max(self.start + hidden, nearly) - self.target,
+            worst=max(self.start + hidden, nearly),
+            remark="at limits.stiffness_min_n_mm; n times that stiffness makes the true load up to n times as large",
+        )
+
     def _nothing_shown(self) -> StopDistance:
         case, fault = self.case, "neither force nor extension shows the motion"
         slack_mm = case.limits.slack_max_mm
         if slack_mm is None or case.stiffness_n_mm is None:
-            return self._to_the_limit(FaultCode.NO_RESPONSE, fault, max(self.rate * MOST_UNSEEN_S, LEAST_SHOWN * case.noticeable_n))
+            most = max(self.rate * MOST_UNSEEN_S, LEAST_SHOWN * case.noticeable_n)
+            row = self._to_the_limit(FaultCode.NO_RESPONSE, fault, most)
+            return replace(row, remark=f"{STANDSTILL_S:g} s of the ramp where the extension followed it before")
         allowed = max(case.stiffness_n_mm * slack_mm, LEAST_SHOWN * case.noticeable_n, self.soonest)
         beyond = allowed + self.averaged + self.late
         worst = self.target + case.tolerance_n + beyond
@@ -342,7 +366,10 @@ class _Rows:
         way = self.target - self.start
         reference, itself = "the last reading", "the device ends the ramp at its target by itself"
         if case.control is ControlMode.DISPLACEMENT:
-            way, itself = min(way, self.rate * case.ahead_s), "the device ends the travel that was ordered last by itself"
+            way, itself = (
+                min(way, self.rate * case.ahead_s),
+                "the device ends the travel that was ordered last by itself, which semlive cannot verify",
+            )
         yield self.row(
             FaultCode.LINK_LOST,
             "the device does not answer any more, but takes orders",

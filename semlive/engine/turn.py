@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
@@ -18,7 +19,7 @@ from semlive.engine.rest import NO_REST, Rest
 from semlive.engine.states import FINAL_STATES, TRANSITIONS, Cause, State, next_state
 from semlive.engine.watch import NOTHING_YET, LoadWatch
 
-FAULT_OF_CAUSE = MappingProxyType(
+FAULT_OF_CAUSE: Mapping[str, FaultCode] = MappingProxyType(
     {
         Cause.LIMIT: FaultCode.LIMIT,
         Cause.LINK_LOST: FaultCode.LINK_LOST,

@@ -7,14 +7,14 @@ and resumes nothing.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from pydantic import BaseModel, JsonValue
 
 from semlive.data.faults import FaultCode
 from semlive.data.text import printable
-from semlive.engine import Cause, Device, State
+from semlive.engine import Device, State
+from semlive.engine.turn import FAULT_OF_CAUSE
 from semlive.formats.log import LogMessage
 from semlive.formats.messages import FaultMessage, LogLineMessage, OperatorMessage, StateMessage, from_json
 
@@ -30,16 +30,6 @@ _SAME_NS = 50_000_000
 _SOON_NS = 5_000_000_000
 _PROTOCOL = "protocol"
 _TROUBLE = (State.FAULT, State.ESTOPPED)
-_CODES: Mapping[str, FaultCode] = {
-    Cause.LIMIT: FaultCode.LIMIT,
-    Cause.LINK_LOST: FaultCode.LINK_LOST,
-    Cause.DEVICE_FAULT: FaultCode.DEVICE_FAULT,
-    Cause.DEVICE_STOPPED: FaultCode.DEVICE_FAULT,
-    Cause.NOT_REACHED: FaultCode.NOT_REACHED,
-    Cause.MOTION_TIMEOUT: FaultCode.MOTION_TIMEOUT,
-    Cause.FRAME_TIMEOUT: FaultCode.FRAME_TIMEOUT,
-    Cause.EMERGENCY: FaultCode.EMERGENCY_STOP,
-}
 _DEVICES = frozenset(device.words for device in Device)
 _STOPPED = "motion was stopped and is held"
 
@@ -166,7 +156,7 @@ def _judged_twice(last: Alarm, alarm: Alarm) -> bool:
 
 
 def _transition(alarms: Alarms, told: StateMessage) -> Alarms:
-    code = _CODES.get(told.cause, FaultCode.EMERGENCY_STOP if told.after == State.ESTOPPED else FaultCode.DEVICE_FAULT)
+    code = FAULT_OF_CAUSE.get(told.cause, FaultCode.EMERGENCY_STOP if told.after == State.ESTOPPED else FaultCode.DEVICE_FAULT)
     last = alarms.known[-1] if alarms.known else None
     if last is not None and abs(told.time_ns - last.time_ns) <= _SAME_NS:
         # A device reported it; before faults had codes, only the transition says that it was an emergency stop.

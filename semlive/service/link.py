@@ -31,7 +31,7 @@ from semlive.engine.events import (
     LinkLost,
     LinkStale,
 )
-from semlive.engine.supervision import Finding
+from semlive.engine.ramp_readings import Finding
 from semlive.errors import LinkError, LinkRefused
 from semlive.ports import BlindStop, ClockSource, LoadFrame, OrderCheck, Stage
 from semlive.service.link_ports import Order, Port, port_of

@@ -11,7 +11,8 @@ from semlive.data.loading import ControlMode, LoadSample, StageSample
 from semlive.engine.commands import MoveStage, RampTo
 from semlive.engine.events import Event, LoadReading, StageReading
 from semlive.engine.limits import sample_problem, tightened
-from semlive.engine.supervision import Finding, supervise
+from semlive.engine.ramp_readings import Finding
+from semlive.engine.supervision import supervise
 from semlive.engine.watch import LoadWatch
 from semlive.errors import LinkError
 from semlive.ports import LoadFrame, Stage, StopMethods

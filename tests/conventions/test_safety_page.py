@@ -8,9 +8,12 @@ from pathlib import Path
 import pytest
 
 from semlive.data.faults import FaultCode
-from semlive.engine import supervision
+from semlive.engine.load_change import RATE_FACTOR
+from semlive.engine.load_response import ARRIVED_AND_MOVING_S
+from semlive.engine.ramp_readings import MOST_UNSEEN_S, STARTING_S
 from semlive.engine.rest import UNORDERED_MOTION_S
 from semlive.engine.stop_distance import FASTEST_FACTOR
+from semlive.engine.travel_response import STANDSTILL_S
 from semlive.service.stop_pursuit import DISOBEYED_S
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "safety.md"
@@ -42,10 +45,11 @@ def test_a_section_explains_what_is_no_rule_of_a_ramp(code: str) -> None:
 def test_figures_are_those_of_the_code() -> None:
     text = " ".join(PAGE.read_text(encoding="utf-8").split())
     for words in (
-        f"at most {supervision.MOST_UNSEEN_S:g} s of the ramp",
-        "of 1.5 s of the ramp",
-        f"more than {supervision.RATE_FACTOR:g} times what was ordered",
-        f"motion for {supervision.ARRIVED_AND_MOVING_S:g} s more",
+        f"at most {MOST_UNSEEN_S:g} s of the ramp",
+        f"of {STARTING_S:g} s of the ramp",
+        f"for {STANDSTILL_S:g} s after the extension followed it",
+        f"more than {RATE_FACTOR:g} times what was ordered",
+        f"motion for {ARRIVED_AND_MOVING_S:g} s more",
         f"motion for more than {UNORDERED_MOTION_S:g} s",
         f"After {DISOBEYED_S:g} s without that",
         f"more than {FASTEST_FACTOR:g} times the ordered rate",

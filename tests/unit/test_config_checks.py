@@ -56,6 +56,7 @@ def test_a_sensible_configuration_is_taken(tmp_path: Path) -> None:
         ("limits", {"force_slope_max_n_s": 0}, "limits.force_slope_max_n_s: 0 is not more than 0"),
         ("limits", {"slack_max_mm": -0.1}, "limits.slack_max_mm: -0.1 is not more than 0"),
         ("limits", {"slack_force_n": 0}, "limits.slack_force_n: 0 is not more than 0"),
+        ("limits", {"stiffness_min_n_mm": 0}, "limits.stiffness_min_n_mm: 0 is not more than 0"),
         ("limits", {"unloaded_max_n": -1}, "limits.unloaded_max_n: -1 is not more than 0"),
         ("limits", {"stop_timeout_s": 0}, "limits.stop_timeout_s: 0 is not more than 0"),
         ("limits", {"stop_timeout_s": 1e9}, "limits.stop_timeout_s: 1e+09 s is more than 3600 s"),

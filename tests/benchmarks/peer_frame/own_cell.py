@@ -71,6 +71,16 @@ FORCE = (
         "cell-2-s-late-runaway", "stop", Expected(since_force_n=303.0, stop_within_s=2.7, codes=()), "late 2", "runaway 1", force_n=10.0
     ),
     second("cell-tenth-gain", "stop, fault", replace(_FLAT, stop_within_s=2.5), "gain 0.1", device=_SENSED, force_n=2.0),
+    replace(
+        second("cell-tenth-gain-stiffness", "stop, fault", replace(_FLAT, stop_within_s=2.5), "gain 0.1", device=_SENSED, force_n=2.0),
+        what="at 2 N: gain 0.1; sensed 1; stiffness_min_n_mm 10000, half of the true stiffness",
+        limits={"stiffness_min_n_mm": 10_000},
+    ),
+    replace(
+        second("disp-tenth-gain-stiffness", "stop, fault", replace(_FLAT, stop_within_s=2.5), "gain 0.1", map=DISP, force_n=2.0),
+        what="at 2 N: gain 0.1; stiffness_min_n_mm 10000, half of the true stiffness",
+        limits={"stiffness_min_n_mm": 10_000},
+    ),
     second("cell-tenfold-gain", "true load within its bounds", _SAFE, "gain 10", device=_SENSED, force_n=2.0),
     second("specimen-breaks", "stop, fault", replace(_FLAT, codes=(Code.LOAD_JUMP, Code.LIMIT, *_STANDS)), "break 1", force_n=200.0),
     second("specimen-slips-100-n", "true load within its bounds", _SAFE, "slip 100", force_n=200.0),

@@ -76,12 +76,23 @@ def test_a_load_far_beyond_its_limit_is_warned_of(tmp_path: Path) -> None:
 
 
 def test_doctor_names_the_worst_case(tmp_path: Path) -> None:
-    (stops,) = [one for one in json.loads(run("doctor", tmp_path, given(), "--json"))["findings"] if one["what"] == "stops"]
+    stated = given(limits={"stiffness_min_n_mm": 5000.0})
+    (stops,) = [one for one in json.loads(run("doctor", tmp_path, stated, "--json"))["findings"] if one["what"] == "stops"]
     assert stops["verdict"] == "good"
-    worst = stops_of().worst
+    worst = stops_of(limits={"stiffness_min_n_mm": 5000.0}).worst
     assert worst is not None
     assert f"{worst.worst_n:.0f} N" in stops["said"]
     assert "2200 N" in stops["said"]
+
+
+def test_plan_and_doctor_show_that_a_cell_that_reads_too_little_is_not_bounded_and_what_to_state(tmp_path: Path) -> None:
+    (advice,) = json.loads(run("plan", tmp_path, given(), "--json"))["advice"][:1]
+    (stops,) = [one for one in json.loads(run("doctor", tmp_path, given(), "--json"))["findings"] if one["what"] == "stops"]
+    assert (stops["verdict"], stops["advice"]) == ("open", advice)
+    for words in ("reads only a part of the load", "does not bound", "limits.stiffness_min_n_mm", "extension_max_mm"):
+        assert words in advice
+    stated = json.loads(run("plan", tmp_path, given(limits={"stiffness_min_n_mm": 5000.0}), "--json"))
+    assert not any("limits.stiffness_min_n_mm" in one for one in stated["advice"])
 
 
 def test_nothing_is_shown_where_semlive_moves_nothing(tmp_path: Path) -> None:
@@ -98,7 +109,7 @@ def test_what_the_configuration_says_of_device_and_link_is_used() -> None:
     parts = {"cell": {"host": "a", "timeout_s": 0.7}, "drive": {"host": "b", "watchdog_s": 3.0}, "approach": {"ahead_s": 1.5}}
     whole = stops_of(load_frame={"driver": "assembled", "settings": parts})
     assert (whole.case.answer_s, whole.case.watchdog_s, whole.case.ahead_s) == (0.7, 3.0, 1.5)
-    assert [row.code for row in whole.open] == [FaultCode.LIMIT]
+    assert [row.code for row in whole.open] == [FaultCode.LIMIT, FaultCode.TRAVEL_WITHOUT_LOAD]
     assert "state the stiffness" in "\n".join(stop_advice(whole))
 
 

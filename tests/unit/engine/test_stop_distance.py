@@ -60,6 +60,14 @@ def stuck_near(rate_n_s: float, at_n: float, *, extension: bool) -> Machine:
 
 NEAR = "near the target"
 SLACK = replace(LIMITS, slack_max_mm=0.004)
+SCALED = replace(LIMITS, stiffness_min_n_mm=STIFFNESS)
+
+
+def reading_a_part(rate_n_s: float, part: float) -> Machine:
+    """A load cell that reads this part of the load, and a device that brings its reading to 300 N at the ordered rate."""
+    return Machine(rate_n_s=rate_n_s / part, target_n=300.0 / part, shown=lambda force_n, t_s: part * force_n)
+
+
 TRIALS = {
     "frozen": Trial(
         FaultCode.NO_RESPONSE, lambda rate, part: replace(Machine(ends=False, shown=frozen_from(part * 200 / rate)), rate_n_s=rate)
@@ -74,9 +82,15 @@ TRIALS = {
     ),
     "drop": Trial(FaultCode.LOAD_JUMP, lambda rate, part: replace(dropping(150 + 140 * part, 19.0), rate_n_s=rate)),
     "drive frozen": Trial(
-        FaultCode.TRAVEL_WITHOUT_LOAD, lambda rate, part: stuck_near(rate, 20 + part * 270, extension=False), identity=DRIVE
+        FaultCode.TRAVEL_WITHOUT_LOAD, lambda rate, part: stuck_near(rate, 20 + part * 270, extension=False), "crosshead", identity=DRIVE
     ),
     "drive all frozen": Trial(FaultCode.NO_RESPONSE, lambda rate, part: stuck_near(rate, 20 + part * 270, extension=True), identity=DRIVE),
+    "cell reads a small part": Trial(
+        FaultCode.TRAVEL_WITHOUT_LOAD, lambda rate, part: reading_a_part(rate, part / 6), limits=SCALED, speed=20.0
+    ),
+    "cell reads nearly all": Trial(
+        FaultCode.TRAVEL_WITHOUT_LOAD, lambda rate, part: reading_a_part(rate, 0.9 + 0.05 * part), limits=SCALED, speed=1.1
+    ),
     "drive slack": Trial(FaultCode.LIMIT, lambda rate, part: stuck_near(rate, 20 + part * 270, extension=False), "crosshead", DRIVE, SLACK),
     "drive all frozen, slack": Trial(
         FaultCode.NO_RESPONSE, lambda rate, part: stuck_near(rate, 20 + part * 270, extension=True), "", DRIVE, SLACK
@@ -123,7 +137,7 @@ def test_a_noisy_cell_that_saturates_goes_no_farther_than_its_row_says(sigma_n: 
     case = replace(base, tolerance_n=15.0, noticeable_n=noticeable_n(sigma_n, 0.0))
     code = FaultCode.NO_RESPONSE if identity is LOAD else FaultCode.TRAVEL_WITHOUT_LOAD
     trial = Trial(code, lambda rate, part: Machine(), identity=identity)
-    row = row_of(case, code)
+    row = row_of(case, code, "the force reading stands still")
     for seed in range(5):
         rng = random.Random(seed)
         clipped = Machine(ends=False, shown=lambda force_n, t_s, rng=rng: min(force_n, 200.0) + rng.gauss(0.0, sigma_n))
@@ -141,6 +155,15 @@ def test_a_limit_on_slack_below_the_noise_bounds_nothing() -> None:
     rng = random.Random(1)
     machine = Machine(ends=False, shown=lambda force_n, t_s: min(force_n, 200.0) + rng.gauss(0.0, 3.0))
     assert stopped_at(machine, Trial(FaultCode.LIMIT, lambda rate, part: machine, identity=DRIVE), noisy) > 1000.0
+
+
+def test_without_a_stated_stiffness_nothing_bounds_a_cell_that_reads_a_part_of_the_load() -> None:
+    for case in (CASE, DRIVEN):
+        row = row_of(case, FaultCode.TRAVEL_WITHOUT_LOAD, "a part of the load")
+        assert (row.beyond_n, row.worst_n) == (None, None)
+        assert "limits.stiffness_min_n_mm" in row.remark
+    trial = Trial(FaultCode.TRAVEL_WITHOUT_LOAD, lambda rate, part: Machine())
+    assert stopped_at(reading_a_part(30.0, 0.1), trial, CASE) == 3000.0
 
 
 def test_everything_at_rest_frozen_is_bounded_by_the_settle_time() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import random
 from collections.abc import Callable, Iterator
@@ -12,7 +13,8 @@ import pytest
 from semlive.data.experiment import Limits
 from semlive.data.faults import FaultCode
 from semlive.data.loading import ControlMode, DeviceIdentity, LoadSample, MotionState, StopOnLinkLoss
-from semlive.engine.supervision import Finding, supervise, verified_within
+from semlive.engine.ramp_readings import Finding, verified_within
+from semlive.engine.supervision import supervise
 
 S = 1_000_000_000
 LIMITS = Limits(-50.0, 400.0, -0.5, 2.0, 200.0, 500.0, 100.0)
@@ -313,3 +315,164 @@ def test_more_noise_or_a_higher_rate_leaves_more_load_unseen() -> None:
     assert verified_within(1.0, 3.0, 0.0) == 3.0
     assert verified_within(0.1, 3.0, 0.0) == 1.0
     assert verified_within(1.0, 3.0, 5.0) == 20.0
+
+
+def stepped(lsb_mm: float) -> Callable[[float], float]:
+    """An extension sensor that shows whole steps."""
+    return lambda mm: round(mm / lsb_mm) * lsb_mm
+
+
+@pytest.mark.parametrize("identity", [LOAD, DRIVE], ids=["load", "displacement"])
+@pytest.mark.parametrize("sigma_mm", [0.0, 2e-5])
+@pytest.mark.parametrize("rate_n_s", [5.0, 30.0])
+def test_an_extension_that_freezes_in_a_ramp_is_found_within_three_seconds_or_30_n(
+    identity: DeviceIdentity, sigma_mm: float, rate_n_s: float
+) -> None:
+    rng = random.Random(2)
+    frozen_mm = 60.0 / STIFFNESS
+    machine = Machine(rate_n_s=rate_n_s, shown=lambda force_n, t_s: force_n + rng.gauss(0.0, 0.05))
+    machine.shown_mm = lambda mm: mm + rng.gauss(0.0, sigma_mm) if mm < frozen_mm else frozen_mm
+    finding, true_n = first_finding(machine, identity, ordered_n_s=rate_n_s)
+    assert finding is not None
+    assert finding.code is FaultCode.FROZEN_READING
+    assert true_n <= 60.0 + max(3.0 * rate_n_s, 30.0)
+
+
+@pytest.mark.parametrize("identity", [LOAD, DRIVE], ids=["load", "displacement"])
+@pytest.mark.parametrize("lsb_mm", [1e-5, 1e-4, 1e-3, 5e-3])
+@pytest.mark.parametrize("sigma_mm", [0.0, 3e-5])
+def test_a_coarse_extension_sensor_may_stand_still(identity: DeviceIdentity, lsb_mm: float, sigma_mm: float) -> None:
+    rng = random.Random(4)
+    machine = Machine(shown=lambda force_n, t_s: force_n + rng.gauss(0.0, 0.1))
+    machine.shown_mm = lambda mm: stepped(lsb_mm)(mm + rng.gauss(0.0, sigma_mm))
+    finding, true_n = first_finding(machine, identity)
+    assert finding is None
+    assert true_n == 300.0
+
+
+@pytest.mark.parametrize("lsb_mm", [1e-5, 1e-3])
+def test_a_coarse_extension_sensor_may_stand_still_after_a_soft_toe_region(lsb_mm: float) -> None:
+    rng = random.Random(6)
+    machine = Machine(shown=lambda force_n, t_s: force_n + rng.gauss(0.0, 0.1))
+    # A tenth of the stiffness up to 60 N.
+    machine.shown_mm = lambda mm: stepped(lsb_mm)(10.0 * mm if mm < 60.0 / STIFFNESS else mm + 9.0 * 60.0 / STIFFNESS)
+    finding, true_n = first_finding(machine)
+    assert finding is None
+    assert true_n == 300.0
+
+
+@pytest.mark.parametrize("every", [10, 40])
+def test_a_slow_extension_sensor_may_stand_still(every: int) -> None:
+    count, kept = 0, 0.0
+
+    def shown_mm(mm: float) -> float:
+        nonlocal count, kept
+        count += 1
+        kept = mm if count % every == 0 else kept
+        return kept
+
+    finding, true_n = first_finding(Machine(shown_mm=shown_mm))
+    assert finding is None
+    assert true_n == 300.0
+
+
+def test_an_extension_that_is_not_measured_or_never_changed_is_not_frozen() -> None:
+    for identity in (LOAD, replace(LOAD, measures_extension=False)):
+        finding, true_n = first_finding(Machine(shown_mm=lambda mm: 0.0), identity)
+        assert finding is None
+        assert true_n == 300.0
+
+
+def test_motion_that_is_reported_for_ever_at_the_target_is_found_in_10_s_with_live_readings() -> None:
+    rng = random.Random(8)
+    seconds: list[float] = []
+
+    def reports(moving: bool, t_s: float) -> bool:
+        seconds.append(t_s)
+        return t_s > 0.0
+
+    machine = Machine(reports=reports, shown=lambda force_n, t_s: force_n + rng.gauss(0.0, 0.05))
+    finding, _ = first_finding(machine, seconds=80.0)
+    assert finding is not None
+    assert finding.code is FaultCode.MOTION_OVERDUE
+    assert 10.0 + 8.0 <= seconds[-1] <= 10.0 + 12.0
+
+
+@pytest.mark.parametrize("creep_mm", [0.0, 1e-7])
+def test_a_closed_loop_may_report_motion_for_some_seconds_at_its_target(creep_mm: float) -> None:
+    rng = random.Random(8)
+    machine = Machine(reports=lambda moving, t_s: 0.0 < t_s < 10.0 + 8.0, shown=lambda force_n, t_s: force_n + rng.gauss(0.0, 0.05))
+    polls = itertools.count()
+    # 0.04 N/s with 1e-7 mm from reading to reading.
+    machine.shown_mm = lambda mm: mm + creep_mm * next(polls)
+    assert first_finding(machine, seconds=80.0)[0] is None
+
+
+def jammed_at(jam_n: float, until_s: float, sigma_n: float = 0.05, lsb_mm: float = 1e-6) -> Machine:
+    """A drive that stands still from a load on, until a time after the order, and reports motion."""
+    rng = random.Random(9)
+    machine = Machine(shown=lambda force_n, t_s: force_n + rng.gauss(0.0, sigma_n), reports=lambda moving, t_s: t_s > 0.0 and moving)
+    machine.shown_mm = stepped(lsb_mm)
+
+    def rate(force_n: float, t_s: float) -> float:
+        machine.rate_n_s = 1e-9 if force_n >= jam_n and t_s < until_s else 30.0
+        return force_n + rng.gauss(0.0, sigma_n)
+
+    machine.shown = rate
+    return machine
+
+
+def test_a_displacement_drive_that_jams_is_found_in_six_seconds() -> None:
+    times: list[float] = []
+    machine = jammed_at(60.0, math.inf)
+    inner = machine.shown
+    machine.shown = lambda force_n, t_s: (times.append(t_s), inner(force_n, t_s))[1]
+    finding, _ = first_finding(machine, DRIVE, seconds=30.0)
+    assert finding is not None
+    assert finding.code is FaultCode.NO_RESPONSE
+    assert times[-1] <= 2.0 + 6.0
+
+
+@pytest.mark.parametrize("pause_s", [1.0, 3.5])
+def test_a_displacement_drive_may_pause(pause_s: float) -> None:
+    finding, true_n = first_finding(jammed_at(60.0, 2.0 + pause_s), DRIVE)
+    assert finding is None
+    assert true_n == 300.0
+
+
+def test_a_coarse_sensor_leaves_a_displacement_drive_more_time() -> None:
+    coarse = jammed_at(60.0, 2.0 + 7.0, lsb_mm=1e-3)
+    finding, true_n = first_finding(coarse, DRIVE)
+    assert finding is None
+    assert true_n == 300.0
+
+
+SCALED = replace(LIMITS, stiffness_min_n_mm=0.5 * STIFFNESS)
+
+
+@pytest.mark.parametrize("identity", [LOAD, DRIVE], ids=["load", "displacement"])
+@pytest.mark.parametrize("part", [0.05, 0.1, 0.3])
+def test_a_cell_that_reads_a_part_of_the_load_is_found_where_the_stiffness_is_stated(identity: DeviceIdentity, part: float) -> None:
+    rng = random.Random(10)
+    # The device follows the reading in load control; a displacement drive keeps its speed.
+    faster = 1.0 / part if identity is LOAD else 1.0
+    machine = Machine(rate_n_s=30.0 * faster, target_n=300.0 / part, shown=lambda force_n, t_s: part * force_n + rng.gauss(0.0, 0.05))
+    finding, true_n = first_finding(machine, identity, limits=SCALED)
+    assert finding is not None
+    assert finding.code is FaultCode.TRAVEL_WITHOUT_LOAD
+    assert true_n <= 1.05 * LIMITS.force_max_n
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("identity", [LOAD, DRIVE], ids=["load", "displacement"])
+def test_a_stated_stiffness_stops_no_healthy_ramp(seed: int, identity: DeviceIdentity) -> None:
+    rng = random.Random(100 + seed)
+    sigma_n, lsb_mm, slack_mm = rng.choice([0.05, 0.5, 1.0]), rng.choice([1e-6, 1e-4, 1e-3]), rng.choice([0.0, 1.0])
+    toe_n = rng.choice([0.0, 15.0])
+    # Slack before the first load, then a quarter of the stiffness up to the toe load.
+    toe_mm, soft_mm = toe_n / STIFFNESS, 4.0 * toe_n / STIFFNESS
+    machine = Machine(shown=lambda force_n, t_s: force_n + rng.gauss(0.0, sigma_n))
+    machine.shown_mm = lambda mm: stepped(lsb_mm)(slack_mm + (4.0 * mm if mm < toe_mm else mm - toe_mm + soft_mm) if mm > 0 else 0.0)
+    finding, true_n = first_finding(machine, identity, limits=SCALED, tolerance_n=6.0)
+    assert finding is None
+    assert true_n == 300.0
