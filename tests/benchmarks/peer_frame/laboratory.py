@@ -26,6 +26,7 @@ from .building import ROOT
 from .configuration import configuration
 from .device import Device, running
 from .frames import FrameWriter
+from .hand import Hand
 from .observation import observe
 from .scenario import Act, Ending, Fault, Observed, Peer, Scenario, When
 
@@ -40,7 +41,7 @@ _RUNS_ON = {Ending.COMPLETE, Ending.RECOVERED, Ending.SAFE}
 _OVER = {"complete", "aborted"}
 _UNHARMED = {"ratex": 1.0, "targx": 1.0, "fneglim": 1e9, "sat": 1e9}
 """Values of the independent frame's switches that are not off at 0."""
-_NO_SWITCHES = {"F", "E", "K", "cnt", "goto", "reboot", "drop", "settarget", "press", "break", "slip"}
+_NO_SWITCHES = {"F", "E", "K", "cnt", "goto", "reboot", "drop", "settarget", "press", "break", "slip", "hand", "handstop"}
 _PATHS = os.pathsep.join(str(ROOT / part) for part in ("", "drivers", "simulators"))
 
 
@@ -133,13 +134,14 @@ class Trial:
         self.second: Daemon | None = None
         self.foreign = list[tuple[float, int]]()
         self.begun_s = time.monotonic()
+        self._hand = Hand(scenario.hand == "types") if scenario.hand else None
 
     # ---- actions on the daemon
 
     def start(self, *options: str, name: str = "run", loads_n: list[float] | None = None) -> Daemon:
         """Start a daemon on the scenario's configuration."""
         path = self._folder / f"{name}.yaml"
-        path.write_text(configuration(self.scenario, self._peers, self.device.port, name, loads_n), encoding="utf-8")
+        path.write_text(configuration(self.scenario, self._peers, self.device.port, self._folder, name, loads_n), encoding="utf-8")
         ours, theirs = pty.openpty()
         self._started += 1
         output = self._folder / f"{name}.{self._started}.txt"
@@ -184,6 +186,8 @@ class Trial:
         while True:
             self.follower.follow()
             self._expose()
+            if self._hand is not None:
+                self._hand.follow(self.daemon.said(), self.device, self.daemon.say)
             now_s = time.monotonic()
             if self._is_starting(now_s):
                 last_act_s = now_s
