@@ -95,7 +95,7 @@ def _cell(setup: Setup) -> Iterator[Scenario]:
     if not setup.hand:
         yield _scenario(setup, "frozen-everything", bounded, flat, *everything, *away)
     yield _scenario(setup, "saturated", bounded, replace(flat, since_force_n=200.0), "clip 200", *away)
-    wrong = replace(flat, since_force_n=5.0, no_orders=False)
+    wrong = replace(flat, since_force_n=1.0, no_orders=False)
     yield _from_start(_scenario(setup, "wrong-sign", "stop, fault", wrong, "gain -1"), "the cell is wired the wrong way")
     at_once = replace(_AT_ONCE, stop_within_s=0.7) if setup.kind in ("hand", "csv_oriental") else _AT_ONCE
     yield _scenario(setup, "not-a-number", "stop, fault", at_once, "nan 1")
@@ -142,7 +142,7 @@ def _links(setup: Setup) -> Iterator[Scenario]:
     yield _scenario(setup, "reply-100-ms-late", "true load within its bounds", _SAFE, "delay 100")
     for part, link in setup.parts.items():
         lost = no_stop if part == "drive" else _LOST
-        one = _scenario(setup, f"{part}-silent", "stop, fault" if part != "drive" else no_stop.says and "fault", lost, "hole 1")
+        one = _scenario(setup, f"{part}-silent", "fault; name the machine's own stop" if part == "drive" else "stop, fault", lost, "hole 1")
         yield replace(one, acts=(Act(one.acts[0].when, (f"only {link}", "hole 1")),), what=f"at 60 N: the link of the {part} is silent")
 
 

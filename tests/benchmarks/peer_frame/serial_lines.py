@@ -29,7 +29,7 @@ def crc16(data: bytes) -> bytes:
 
 
 class PseudoLine:
-    """A pseudo-terminal under a stable path; requests are answered one after the other.
+    """A pseudo-terminal under a stable path; a request acts when it is complete, replies come in order and may be late.
 
     Args:
         path: symbolic link that is made to the terminal.
@@ -54,7 +54,7 @@ class PseudoLine:
         path.unlink(missing_ok=True)
         path.symlink_to(os.ttyname(self._theirs))
         self._received = b""
-        self._requests = asyncio.Queue[bytes]()
+        self._replies = asyncio.Queue[tuple[float, bytes]]()
         self._last_s = 0.0
 
     async def serve(self) -> None:
@@ -62,18 +62,20 @@ class PseudoLine:
         loop = asyncio.get_running_loop()
         loop.add_reader(self._ours, self._read)
         while True:
-            request = await self._requests.get()
-            switches = self._machine.switches
-            if switches.hole and switches.concern(self._link):
-                continue
-            reply = self._answer(request)
-            if switches.mute and switches.concern(self._link):
-                continue
-            await asyncio.sleep(self._machine.reply_latency_s(self._link))
-            if switches.trunc and len(reply) > 3:
-                reply = reply[:-2]
-            if reply:
-                os.write(self._ours, reply)
+            due_s, reply = await self._replies.get()
+            await asyncio.sleep(max(0.0, due_s - loop.time()))
+            os.write(self._ours, reply)
+
+    def _act(self, request: bytes, now_s: float) -> None:
+        switches = self._machine.switches
+        if switches.hole and switches.concern(self._link):
+            return
+        reply = self._answer(request)
+        if not reply or (switches.mute and switches.concern(self._link)):
+            return
+        if switches.trunc and len(reply) > 3:
+            reply = reply[:-2]
+        self._replies.put_nowait((now_s + self._machine.reply_latency_s(self._link), reply))
 
     def _read(self) -> None:
         now_s = asyncio.get_running_loop().time()
@@ -90,7 +92,7 @@ class PseudoLine:
                 return
             self._received = rest
             if request is not None:
-                self._requests.put_nowait(request)
+                self._act(request, now_s)
 
 
 def rtu_line(path: Path, link: int, machine: Machine, units: Mapping[int, UnitRegisters]) -> PseudoLine:
