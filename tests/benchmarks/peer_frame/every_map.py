@@ -29,15 +29,18 @@ _FILE_FROZEN_S = 3.0
 """Default of `frozen_after_s` of a load file: a file that does not grow for longer is no reading."""
 SHORT = {
     "bench-rtu-frozen-everything",
-    "generic-rtu-link-silent",
-    "mark10-runs-away",
-    "laumas-leadshine-healthy",
+    "bench-rtu-link-executes-without-answer",
+    "mark10-frozen-force",
     "laumas-leadshine-frozen-force",
     "mantracourt-oriental-wago-cell-silent",
     "csv-oriental-file-stands-still",
-    "operator-csv-runs-away",
+    "operator-csv-wrong-sign",
 }
 """Scenarios that the tests run."""
+
+
+# A person has to restart the expired watchdog of a WAGO coupler. Until then the frame gives no reading and the stop cannot be confirmed, so
+# the daemon waits for `limits.stop_timeout_s` (20 s) and for 12 s more before it ends.
 
 
 def _scenario(setup: Setup, name: str, must: str, expected: Expected, *commands: str, force_n: float = 60.0) -> Scenario:
@@ -60,6 +63,7 @@ def _scenario(setup: Setup, name: str, must: str, expected: Expected, *commands:
         kind=setup.kind,
         frame=setup.frame,
         hand=setup.hand,
+        ends_within_s=45.0 if "wago_watchdog" in setup.maps else 25.0,
     )
 
 
@@ -82,8 +86,8 @@ def _healthy(setup: Setup) -> Scenario:
 
 
 def _flat(setup: Setup) -> Expected:
-    """A reading that does not follow the motion."""
-    return Expected(stop_within_s=2.0 if setup.has_force_loop else 6.0, codes=_STANDS)
+    """A reading that does not follow the motion; a displacement drive is stopped after a bounded travel without load, not after a time."""
+    return Expected(stop_within_s=2.0 if setup.has_force_loop else 15.0, codes=_STANDS)
 
 
 def _cell(setup: Setup) -> Iterator[Scenario]:
@@ -102,21 +106,27 @@ def _cell(setup: Setup) -> Iterator[Scenario]:
     yield _scenario(setup, "end-of-range", "stop, fault", at_once, "inf 1")
 
 
+def _stop_ignored(setup: Setup, beyond: Expected) -> Scenario:
+    """The machine runs away, acknowledges stops and does not obey them."""
+    must, expected = "stop orders as long as it moves; report it", replace(beyond, repeats=True, peak_n=None, says=_OBEYS_NOT)
+    if "oriental_az" in setup.maps:  # the drive obeys the further stop of its map
+        must, expected = "the next way to stop that the map states; fault", Expected(stop_within_s=None)
+    return _scenario(setup, "stop-ignored", must, expected, "runaway 1", "ignorestop 100000")
+
+
 def _motion(setup: Setup) -> Iterator[Scenario]:
     """Faults of the motion."""
     beyond = Expected(since_force_n=303.0, stop_within_s=0.6, timed=True, codes=(Code.OVERSHOOT, Code.LIMIT))
     rate = Expected(stop_within_s=1.5, codes=(Code.RATE_NOT_KEPT, Code.LOAD_JUMP, Code.OVERSHOOT, Code.LIMIT))
-    moved = replace(_MOVED, codes=(Code.MOVED_AT_REST, Code.UNORDERED_MOTION, Code.FOREIGN_ORDER))
-    yield _scenario(setup, "runs-away", "stop beyond the target", beyond, "runaway 1")
+    moved = replace(_MOVED, codes=(Code.MOVED_AT_REST, Code.UNORDERED_MOTION, Code.FOREIGN_ORDER, Code.OVERSHOOT))
+    if setup.has_force_loop or setup.hand:
+        yield _scenario(setup, "runs-away", "stop beyond the target", beyond, "runaway 1")
+    else:  # the stop order at the target ends a travel that does not end by itself
+        yield _scenario(setup, "travel-does-not-end", "true load within its bounds", _SAFE, "runaway 1")
+        slow = replace(beyond, stop_within_s=1.6, since_force_n=297.0, timed=False)
+        yield _scenario(setup, "stops-1-s-late", "stop at the target; fault", slow, "runaway 1", "stopdelay 1")
     yield _scenario(setup, "20-times-as-fast", "stop, fault", rate, "ratex 20", force_n=2.0)
-    yield _scenario(
-        setup,
-        "stop-ignored",
-        "stop orders as long as it moves; report it",
-        replace(beyond, repeats=True, peak_n=None, says=_OBEYS_NOT),
-        "runaway 1",
-        "ignorestop 100000",
-    )
+    yield _stop_ignored(setup, beyond)
     if setup.has_force_loop or setup.hand:
         yield _scenario(setup, "target-overshot", "stop beyond the target", beyond, "targetx 1.25")
     if setup.hand:

@@ -33,7 +33,6 @@ from .scenario import Act, Ending, Fault, Observed, Peer, Scenario, When
 _FRAME_EVERY_S = 0.45
 _TRIAL_MAX_S = 150.0
 _REFUSES_WITHIN_S = 45.0
-_ENDS_WITHIN_S = 25.0
 _LATE_ACT_S = 10.0
 _STARTS_WITHIN_S = 40.0
 _WAITING = {"fault", "estopped"}
@@ -63,13 +62,13 @@ class Daemon:
         if self.process.poll() is None:
             self.process.send_signal(number)
 
-    def end(self) -> int | None:
-        """Terminate it; its exit code, or None if it had to be killed."""
+    def end(self, within_s: float = 25.0) -> int | None:
+        """Terminate it; its exit code, or None if it had to be killed because it did not end within a time."""
         self.signal(signal.SIGCONT)
         self.signal(signal.SIGTERM)
         code: int | None = None
         with contextlib.suppress(subprocess.TimeoutExpired):
-            code = self.process.wait(_ENDS_WITHIN_S)
+            code = self.process.wait(within_s)
         if code is None:
             os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
@@ -251,7 +250,7 @@ class Trial:
             code = self.second.end()
             second = f"second run: exit status {code}: {self.second.said()}"
         self._end_faults()
-        exit_code = self.daemon.end()
+        exit_code = self.daemon.end(self.scenario.ends_within_s)
         self.follower.follow()
         return observe(self, ended_s, by_itself, exit_code, waits, second, counted)
 

@@ -33,10 +33,11 @@ class Mark10Stand:
         self._machine, self._note = machine, note
         self._received = b""
         self._speed_mm_min, self._upper_mm, self._lower_mm = 0.0, 0.0, 0.0
-        self._mode, self._up = "M", True
+        self._mode, self._up, self._zero_mm = "M", True, 0.0
 
     def forget(self) -> None:
-        """A restart: speed, limits and mode are forgotten."""
+        """A restart: speed, limits and mode are forgotten, and the travel counts from 0 again."""
+        self._zero_mm = self._machine.extension_mm
         self._received, self._speed_mm_min, self._upper_mm, self._lower_mm, self._mode = b"", 0.0, 0.0, 0.0, "M"
 
     def receive(self, data: bytes) -> bytes:
@@ -73,10 +74,10 @@ class Mark10Stand:
         shown = self._machine.shown()
         match letter:
             case "n":
-                return f"{shown.extension_mm:.2f} mm\r\n{shown.force_n:.1f} N\r\n".encode()
+                return f"{shown.extension_mm - self._zero_mm:.2f} mm\r\n{shown.force_n:.1f} N\r\n".encode()
             case "p":
                 moving = shown.state == MOVING
-                limit = " UL" if not moving and shown.extension_mm >= self._upper_mm - 0.005 and self._mode == "L" else ""
+                limit = " UL" if not moving and shown.extension_mm - self._zero_mm >= self._upper_mm - 0.005 and self._mode == "L" else ""
                 return f"{('U' if self._up else 'D') if moving else 'S'} {self._mode}{limit}\r\n".encode()
             case "a":
                 return f"{self._speed_mm_min:.1f} mm/min\r\n".encode()
@@ -101,7 +102,7 @@ class Mark10Stand:
         if state == FAULT or self._machine.switches.wignore:
             return
         end_mm = self._upper_mm if up else self._lower_mm
-        way_mm = end_mm - self._machine.extension_mm
+        way_mm = end_mm - (self._machine.extension_mm - self._zero_mm)
         if way_mm * (1 if up else -1) <= 0 or self._mode != "L":
             return
         self._up = up

@@ -147,6 +147,7 @@ class Scenario:
         watch_s: how long it is watched after the last act if no fault comes, s.
         linger_s: how long it is watched after a fault, s.
         short: whether the short campaign runs it.
+        ends_within_s: longest time from SIGTERM to the end of the daemon, s.
         driver: of the load frame.
         kind: which device of a shipped map (`KINDS` in map_device.py).
         frame: settings of the driver in place of those of a Modbus frame; ``{port}`` and ``{folder}`` are replaced.
@@ -172,6 +173,7 @@ class Scenario:
     watch_s: float = 20.0
     linger_s: float = 2.0
     short: bool = False
+    ends_within_s: float = 25.0
     driver: str = "modbus"
     kind: str = ""
     frame: Settings = field(default_factory=dict)
