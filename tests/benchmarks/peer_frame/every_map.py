@@ -117,6 +117,8 @@ def _stop_ignored(setup: Setup, beyond: Expected) -> Scenario:
 def _motion(setup: Setup) -> Iterator[Scenario]:
     """Faults of the motion."""
     beyond = Expected(since_force_n=303.0, stop_within_s=0.6, timed=True, codes=(Code.OVERSHOOT, Code.LIMIT))
+    if setup.hand:  # a person may overshoot: the request to stop comes with the fault, or at the limit
+        beyond = replace(beyond, stop_within_s=2.0, timed=False, codes=(Code.WOULD_UNLOAD, Code.LIMIT), no_orders=False)
     rate = Expected(stop_within_s=1.5, codes=(Code.RATE_NOT_KEPT, Code.LOAD_JUMP, Code.OVERSHOOT, Code.LIMIT))
     moved = replace(_MOVED, codes=(Code.MOVED_AT_REST, Code.UNORDERED_MOTION, Code.FOREIGN_ORDER, Code.OVERSHOOT))
     if setup.has_force_loop or setup.hand:
@@ -125,11 +127,13 @@ def _motion(setup: Setup) -> Iterator[Scenario]:
         yield _scenario(setup, "travel-does-not-end", "true load within its bounds", _SAFE, "runaway 1")
         slow = replace(beyond, stop_within_s=1.6, since_force_n=297.0, timed=False)
         yield _scenario(setup, "stops-1-s-late", "stop at the target; fault", slow, "runaway 1", "stopdelay 1")
-    yield _scenario(setup, "20-times-as-fast", "stop, fault", rate, "ratex 20", force_n=2.0)
+    fast = ("true load within its bounds", _SAFE) if setup.hand else ("stop, fault", rate)
+    yield _scenario(setup, "20-times-as-fast", *fast, "ratex 20", force_n=2.0)
     yield _stop_ignored(setup, beyond)
     if setup.has_force_loop or setup.hand:
         yield _scenario(setup, "target-overshot", "stop beyond the target", beyond, "targetx 1.25")
     if setup.hand:
+        moved = replace(moved, no_orders=False, codes=(Code.WOULD_UNLOAD, Code.LIMIT))
         yield _at_rest(_scenario(setup, "moved-at-rest", "fault", moved, "hand 390 30"), "in the hold a person drives it to 390 N")
         return
     yield _at_rest(_scenario(setup, "moved-at-rest", "fault", moved, "goto 390"), "in the hold somebody drives it to 390 N at the panel")
