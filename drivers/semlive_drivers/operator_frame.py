@@ -22,8 +22,8 @@ from semlive_drivers.parts import Do, Part, Said, Stops
 
 _CHANGE_WITHIN_S = 0.5
 """Time within which a load that a person holds does not change by more than `arrived_n`."""
-_STOP_AGAIN_S = 1.0
-"""Time from one display of the request to stop to the next, while the load changes."""
+_STOP_AGAIN_S = 0.5
+"""Least time from one display of the request to stop to the next, while the load changes."""
 
 
 class OperatorFrameSettings(BaseModel):
