@@ -54,7 +54,7 @@ def main() -> int:
     bars = figures(verdicts)
     sys.stdout.write(summary(bars) + "\n")
     if options.write:
-        write_maps(verdicts, bars, sys.argv[1:])
+        write_maps(verdicts, bars, f"--write{' --found FILE' if options.found else ''}")
     return int(not (bars.hold and bars.passed == bars.trials))
 
 

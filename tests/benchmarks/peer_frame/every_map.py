@@ -146,7 +146,8 @@ def _links(setup: Setup) -> Iterator[Scenario]:
     """Faults of the links."""
     if setup.kind in ("hand", "csv_oriental"):
         still = Expected(stop_within_s=_FILE_FROZEN_S + 0.6, codes=_STANDS)
-        yield _scenario(setup, "file-stands-still", "stop before the load passes its limit, fault", still, "hole 1")
+        one = _scenario(setup, "file-stands-still", "stop before the load passes its limit, fault", still, "only 9", "hole 1")
+        yield replace(one, what="at 60 N: the load file does not grow any more")
         return
     no_stop = replace(_LOST, stop_within_s=None, timed=False, says=_OBEYS_NOT)
     yield _scenario(setup, "link-silent", "fault; name the machine's own stop", no_stop, "hole 1")

@@ -135,14 +135,26 @@ def write(verdicts: Sequence[Verdict], bars: Bars, options: Sequence[str]) -> No
     PAGE.write_text(text, encoding="utf-8")
 
 
-def write_maps(verdicts: Sequence[Verdict], bars: Bars, options: Sequence[str]) -> None:
+def write_maps(verdicts: Sequence[Verdict], bars: Bars, options: str) -> None:
     """Write the section of the shipped maps and drivers into the page; the other sections are not changed.
+
+    Args:
+        verdicts: all of them.
+        bars: their figures.
+        options: of the command line, without paths.
 
     Raises:
         ValueError: the page has lost its marks.
     """
-    command = " ".join(("python tests/benchmarks/bench_every_map.py", *options))
+    command = f"python tests/benchmarks/bench_every_map.py {options}"
     rows = [_row(one) for one in verdicts]
     head = (f"| {' | '.join(_COLUMNS)} |", "|---" * len(_COLUMNS) + "|")
-    lines = (f"Written by `{command}`.", "", *(f"- {_cell(one)}" for one in summary(bars).splitlines()), "", *head, *rows)
+    lines = (
+        f"Written by `{command}` {_circumstances(verdicts)}",
+        "",
+        *(f"- {_cell(one)}" for one in summary(bars).splitlines()),
+        "",
+        *head,
+        *rows,
+    )
     PAGE.write_text(_between(PAGE.read_text(encoding="utf-8"), "maps", "\n".join(lines)), encoding="utf-8")
