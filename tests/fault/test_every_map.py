@@ -20,7 +20,7 @@ from peer_frame.verdict import Verdict, figures
 
 from semlive_drivers.maps import known_maps
 
-JOBS = 4
+JOBS = 6
 """Trials at the same time: each waits for its machine most of the time."""
 
 

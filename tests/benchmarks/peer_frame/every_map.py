@@ -28,13 +28,12 @@ _MOVED = Expected(stop_within_s=2.5, no_orders=True)
 _FILE_FROZEN_S = 3.0
 """Default of `frozen_after_s` of a load file: a file that does not grow for longer is no reading."""
 SHORT = {
-    "bench-rtu-frozen-everything",
     "bench-rtu-link-executes-without-answer",
     "mark10-frozen-force",
     "laumas-leadshine-frozen-force",
-    "mantracourt-oriental-wago-cell-silent",
+    "mantracourt-oriental-wago-wrong-sign",
     "csv-oriental-file-stands-still",
-    "operator-csv-wrong-sign",
+    "operator-csv-frozen-force",
 }
 """Scenarios that the tests run."""
 
