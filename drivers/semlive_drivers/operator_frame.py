@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import threading
+import time
+from collections import deque
 from collections.abc import Mapping
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -16,6 +19,11 @@ from semlive_drivers.csv_tail import CsvSettings, CsvTail
 from semlive_drivers.frame import FrameSettings, PartsLoadFrame
 from semlive_drivers.modbus.settings import checked
 from semlive_drivers.parts import Do, Part, Said, Stops
+
+_CHANGE_WITHIN_S = 0.5
+"""Time within which a load that a person holds does not change by more than `arrived_n`."""
+_STOP_AGAIN_S = 0.5
+"""Least time from one display of the request to stop to the next, while the load changes."""
 
 
 class OperatorFrameSettings(BaseModel):
@@ -66,14 +74,17 @@ class OperatorDrive:
         self._lock = threading.Lock()
         self._target_n = 0.0
         self._entered_n = 0.0
-        self._moving = False
+        self._moving = self._stop_requested = False
+        self._loads_n: deque[tuple[float, float]] = deque()
+        self._shown_mono_s = -math.inf
         self.where = "a hand"
         self.book, self.stops = SpokenOrders(), Stops(self._ask_to_stop)
 
     def read(self) -> Said:
         """The target, the load that was entered, and whether the operator is still at it."""
         with self._lock:
-            motion = MotionState.MOVING if self._moving else MotionState.STOPPED
+            unheeded = self._stop_requested and self._load_changes()
+            motion = MotionState.MOVING if self._moving or unheeded else MotionState.STOPPED
             return Said(None if self._has_file else self._entered_n, None, motion, self._target_n)
 
     def look(self) -> Said:
@@ -88,6 +99,19 @@ class OperatorDrive:
             self._console.forget(self._heard)
             self._console.tell(f"the load is {self._target_n:g} N; hold it there")
 
+    def note_load(self, force_n: float) -> None:
+        """Take the load that the file shows, N: a load that changes after a request to stop is a motion."""
+        now_s = time.monotonic()
+        with self._lock:
+            self._loads_n.append((now_s, force_n))
+            while self._loads_n[0][0] < now_s - _CHANGE_WITHIN_S:
+                self._loads_n.popleft()
+
+    def _load_changes(self) -> bool:
+        """Whether the load of the file changed by more than `arrived_n` within `_CHANGE_WITHIN_S`."""
+        loads_n = [force_n for _, force_n in self._loads_n]
+        return bool(loads_n) and max(loads_n) - min(loads_n) > self._settings.arrived_n
+
     @property
     def towards_n(self) -> float | None:
         """Where the load is brought to, or None while nothing is asked."""
@@ -98,13 +122,18 @@ class OperatorDrive:
         """Ask for a load, or to stop."""
         if what is Do.STOP:
             with self._lock:
-                taken_back, self._moving = self._moving, False
+                moves, self._moving = self._moving or self._load_changes(), False
+                self._stop_requested = self._stop_requested or moves
+                now_s = time.monotonic()
+                shows = moves and now_s >= self._shown_mono_s + _STOP_AGAIN_S
+                self._shown_mono_s = now_s if shows else self._shown_mono_s
             self._console.forget(self._heard)
-            if taken_back:
+            if shows:
                 self._console.tell(f"STOP the motion in {self._settings.program} and hold")
             return
         with self._lock:
-            self._target_n, self._moving = values["force_n"], True
+            self._target_n, self._moving, self._stop_requested = values["force_n"], True, False
+            self._shown_mono_s = -math.inf
         answer = "press enter when it is there" if self._has_file else "type the load in N and press enter when it is there"
         rate = f"at {values['rate_n_s']:g} N/s, then hold"
         wanted = Wanted.CONFIRMATION if self._has_file else Wanted.LOAD_N
@@ -162,6 +191,8 @@ class WatchedFile:
     def read(self) -> Said:
         """The newest whole line; raises as `CsvTail.read`."""
         said, target_n = self._tail.read(), self._drive.towards_n
+        if said.force_n is not None:
+            self._drive.note_load(said.force_n)
         if target_n is not None and said.force_n is not None and abs(said.force_n - target_n) <= self._arrived_n:
             self._drive.arrived()
         return said

@@ -10,6 +10,7 @@ from semlive.data.faults import FaultCode
 from semlive.data.loading import ControlMode, LoadSample, StageSample
 from semlive.engine.commands import MoveStage, RampTo
 from semlive.engine.events import Event, LoadReading, StageReading
+from semlive.engine.hand_supervision import HandSupervision
 from semlive.engine.limits import sample_problem, tightened
 from semlive.engine.ramp_readings import Finding
 from semlive.engine.supervision import supervise
@@ -57,6 +58,8 @@ class LoadFramePort:
         self._limits = tightened(limits, device.identity)
         self._watch = LoadWatch()
         self._supervision = supervise(self._limits, device.identity)
+        by_hand = device.identity.control is ControlMode.MANUAL and device.identity.measures_extension
+        self._hand = HandSupervision(self._limits) if by_hand else None
         self._rate_n_s, self._sign = self._limits.force_rate_max_n_s, 0.0
         self._stops = 0
 
@@ -75,6 +78,8 @@ class LoadFramePort:
         self._watch, sudden = self._watch.with_sample(self._limits, sample)
         ramping = self._supervision.ramp is not None
         self._supervision, finding = self._supervision.with_sample(sample)
+        if self._hand is not None:
+            self._hand, finding = self._hand.with_sample(sample)
         beyond = sample_problem(self._limits, sample) or sudden
         if beyond is not None:
             return Finding(FaultCode.LIMIT, beyond)
@@ -87,6 +92,8 @@ class LoadFramePort:
         if not isinstance(order, RampTo):
             raise LinkError(f"a load frame cannot do {order}")
         self._supervision = self._supervision.ordered(order.force_n, order.rate_n_s, order.tolerance_n)
+        if self._hand is not None:
+            self._hand = self._hand.ordered(order.rate_n_s, order.tolerance_n)
         ramp = self._supervision.ramp
         self._rate_n_s, self._sign = order.rate_n_s, 0.0 if ramp is None else ramp.sign
         self._stops = 0

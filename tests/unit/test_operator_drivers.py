@@ -186,3 +186,22 @@ def test_a_line_goes_to_whoever_asked_last(desk: Desk) -> None:
         desk.types(line)
     until(lambda: len(heard) == 2)
     assert heard == ["second a", "first b"]
+
+
+def test_a_stop_is_displayed_as_long_as_the_load_of_the_file_changes_after_arrival(desk: Desk, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("Force (N)\n0.0\n", encoding="utf-8")
+    frame = open_load_frame({"load_file": {"file": str(path), "force": {"column": "Force"}}}, Clock(), console=desk.console)
+    frame.ramp_to(50.0, 30.0)
+    with path.open("a", encoding="utf-8") as grown:
+        for load_n in (48.0, 55.0, 70.0):
+            grown.write(f"{load_n}\n")
+            grown.flush()
+            frame.read()
+    assert frame.read().motion is MotionState.STOPPED  # the load had arrived, and nothing was requested since
+    frame.stop()
+    assert desk.shown[-1] == "STOP the motion in the load frame's program and hold"
+    assert frame.read().motion is MotionState.MOVING
+    time.sleep(0.6)
+    assert frame.read().motion is MotionState.STOPPED
+    frame.close()

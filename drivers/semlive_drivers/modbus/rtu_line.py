@@ -86,13 +86,14 @@ class RtuLine:
         """Whether an answer of a unit may still come."""
         return bool(self._owed(unit))
 
-    def settle(self, unit: int, probes: Sequence[Block], patient: bool = True) -> None:
+    def settle(self, unit: int, probes: Sequence[Block], patient: bool = True, wait_s: float | None = None) -> None:
         """Make sure that no earlier answer of a unit can come any more.
 
         Args:
             unit: which.
             probes: blocks that can be read without harm.
             patient: probe until the slowest answer must have come (at most `_LONGEST_S`), not just once.
+            wait_s: longest wait for the first byte of the answer to a probe, s, where it is less than `timeout_s`.
 
         Raises:
             NoAnswer: if the unit does not answer.
@@ -106,10 +107,11 @@ class RtuLine:
             if probe is None:
                 self._port.wait_for_the_slowest()
                 continue
-            if self._probed(unit, probe):
+            if self._probed(unit, probe, wait_s):
                 self._owed(unit).clear()
                 return
-        raise NoAnswer(f"{self.where} unit {unit} gave no answer within {self.timeout_s:g} s while it was probed; check cable and device")
+        longest_s = self._first_byte_s(wait_s)
+        raise NoAnswer(f"{self.where} unit {unit} gave no answer within {longest_s:g} s while it was probed; check cable and device")
 
     def shout(self, unit: int, pdus: Sequence[bytes]) -> None:
         """Write requests without waiting for an answer: a stop on a line that is not believed any more.
@@ -138,6 +140,10 @@ class RtuLine:
         """Close the line; what is owed is remembered."""
         self._port.close()
 
+    def _first_byte_s(self, wait_s: float | None) -> float:
+        """How long the first byte of an answer is waited for, s."""
+        return self.timeout_s if wait_s is None else min(wait_s, self.timeout_s)
+
     def _owed(self, unit: int) -> list[bytes]:
         return self._port.past.owed.setdefault(unit, [])
 
@@ -151,22 +157,22 @@ class RtuLine:
                     return request
         return None
 
-    def _probed(self, unit: int, probe: bytes) -> bool:
-        reply = self._exchange(unit, probe, skip_others=True)
+    def _probed(self, unit: int, probe: bytes, wait_s: float | None) -> bool:
+        reply = self._exchange(unit, probe, skip_others=True, wait_s=wait_s)
         if reply is not None and reply[0] == probe[0]:
             return True
         self._owed(unit).append(probe)
         return False
 
-    def _exchange(self, unit: int, pdu: bytes, skip_others: bool = False) -> bytes | None:
+    def _exchange(self, unit: int, pdu: bytes, skip_others: bool = False, wait_s: float | None = None) -> bytes | None:
         """Ask, and give the next reply of that unit; None if none comes, or what comes is broken or came unasked."""
         request = framed(unit, pdu)
         silent = self._port.say(request)
         if not (silent or skip_others):
             self.strays += 1
             return None
-        wait_s = self.timeout_s + self._port.take_bytes_s(len(request) + _longest(pdu))
-        until_s, heard = time.monotonic() + wait_s, b""
+        first_byte_s = self._first_byte_s(wait_s)
+        until_s, heard = time.monotonic() + first_byte_s + self._port.take_bytes_s(len(request) + _longest(pdu)), b""
         echo = request if self._port.settings.echo else b""
         while more := self._port.hear(until_s):
             heard += more

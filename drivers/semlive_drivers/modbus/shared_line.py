@@ -95,13 +95,13 @@ class LineShare:
         """Whether an answer of a unit may still come."""
         return self._line.owes(unit)
 
-    def settle(self, unit: int, probes: Sequence[Block], patient: bool = True) -> None:
+    def settle(self, unit: int, probes: Sequence[Block], patient: bool = True, wait_s: float | None = None) -> None:
         """Make sure that no earlier answer of a unit can come any more, as `RtuLine.settle`; others have their turn between probes."""
         end_s = time.monotonic() + (self._line.patience_s if patient else 0.0)
         while True:
             try:
                 with self._turn(urgent=False) as line:
-                    line.settle(unit, probes, patient=False)
+                    line.settle(unit, probes, patient=False, wait_s=wait_s)
                 return
             except NoAnswer:
                 if time.monotonic() >= end_s:

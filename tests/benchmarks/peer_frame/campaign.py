@@ -17,6 +17,7 @@ from .verdict import Verdict, judge
 
 HEALTHY = 100
 SECOND = Path(__file__).with_name("second_frame.py")
+MAP_DEVICE = Path(__file__).with_name("map_device.py")
 
 
 def chosen(only: Sequence[str], short: bool, healthy: int | None) -> tuple[Scenario, ...]:
@@ -38,7 +39,7 @@ class Campaign:
     """Builds the devices once, and carries out scenarios.
 
     Args:
-        peers: folder of the independent frame.
+        peers: folder of the independent frame; None: no scenario needs it, and it is not built.
         folder: where trials are carried out.
         found: file in which what was observed is kept.
 
@@ -46,11 +47,11 @@ class Campaign:
         CannotBuild: the independent frame cannot be built.
     """
 
-    def __init__(self, peers: Path, folder: Path, found: Path | None = None) -> None:
+    def __init__(self, peers: Path | None, folder: Path, found: Path | None = None) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._found, self._known = found, kept(found)
-        self._peers, self._folder = peers, folder
-        self._frame = build(peers, folder)
+        self._peers, self._folder = peers or folder, folder
+        self._frame = None if peers is None else build(peers, folder)
 
     def judged(self, scenario: Scenario) -> Verdict:
         """Carry out a scenario, unless it stands in the file, and judge it; a trial that cannot be carried out is a failed one."""
@@ -60,7 +61,10 @@ class Campaign:
         def command(port: int, log: Path) -> list[str]:
             if scenario.peer is Peer.C:
                 return [str(self._frame), str(port), str(log), str(scenario.clients)]
-            return [sys.executable, str(SECOND), str(port), str(log), *(f"{name}={value}" for name, value in scenario.device.items())]
+            options = [f"{name}={value}" for name, value in scenario.device.items()]
+            if scenario.peer is Peer.MAP:
+                return [sys.executable, str(MAP_DEVICE), str(port), str(log), scenario.kind, *options]
+            return [sys.executable, str(SECOND), str(port), str(log), *options]
 
         try:
             seen = carry_out(scenario, command, self._folder / scenario.name, self._peers)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import cast
 
 import yaml
 
@@ -18,19 +20,35 @@ def map_path(scenario: Scenario, peers: Path) -> Path:
     return own if own.is_file() else peers / scenario.map
 
 
-def configuration(scenario: Scenario, peers: Path, port: int, name: str = "run", loads_n: list[float] | None = None) -> str:
+def _filled(value: object, port: int, folder: Path) -> object:
+    """A setting with its places filled in."""
+    if isinstance(value, Mapping):
+        return {key: _filled(inner, port, folder) for key, inner in cast(Mapping[str, object], value).items()}
+    if value == "{port}":
+        return port
+    return value.replace("{folder}", str(folder)) if isinstance(value, str) else value
+
+
+def _modbus(scenario: Scenario, peers: Path, port: int) -> dict[str, object]:
+    """Settings of a frame behind Modbus TCP."""
+    settings: dict[str, object] = {"map": str(map_path(scenario, peers)), "host": "127.0.0.1", "port": port, "confirmed": True}
+    if scenario.map.startswith("map_disp"):
+        settings["approach"] = dict(_APPROACH)
+    return settings | dict(scenario.settings)
+
+
+def configuration(scenario: Scenario, peers: Path, port: int, folder: Path, name: str = "run", loads_n: list[float] | None = None) -> str:
     """The text of a configuration file.
 
     Args:
         scenario: whose settings it has.
         peers: folder of the independent frame's maps.
         port: of the device.
+        folder: of the trial, where serial lines and a load file of the device are.
         name: of the run.
         loads_n: in place of the scenario's loads, N.
     """
-    settings: dict[str, object] = {"map": str(map_path(scenario, peers)), "host": "127.0.0.1", "port": port, "confirmed": True}
-    if scenario.map.startswith("map_disp"):
-        settings["approach"] = dict(_APPROACH)
+    settings = _filled(scenario.frame, port, folder) if scenario.frame else _modbus(scenario, peers, port)
     config: dict[str, object] = {
         "run": {"name": name, "folder": "log"},
         "sem": {
@@ -41,7 +59,7 @@ def configuration(scenario: Scenario, peers: Path, port: int, name: str = "run",
             "stable_for_s": 0.15,
             "profile": {"start_anchor": "end", "start_sigma_s": 0.01, "clock_offset_s": 0},
         },
-        "load_frame": {"driver": "modbus", "poll_s": 0.05, "settings": {**settings, **scenario.settings}},
+        "load_frame": {"driver": scenario.driver, "poll_s": 0.05, "settings": settings},
         "specimen": {"name": "sheet", "area_mm2": 10, "loading_axis": "y"},
         "protocol": {
             "calibration_shifts_px": [[0, 0]] * scenario.unloaded,

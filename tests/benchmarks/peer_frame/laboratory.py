@@ -26,13 +26,13 @@ from .building import ROOT
 from .configuration import configuration
 from .device import Device, running
 from .frames import FrameWriter
+from .hand import Hand
 from .observation import observe
 from .scenario import Act, Ending, Fault, Observed, Peer, Scenario, When
 
 _FRAME_EVERY_S = 0.45
 _TRIAL_MAX_S = 150.0
 _REFUSES_WITHIN_S = 45.0
-_ENDS_WITHIN_S = 25.0
 _LATE_ACT_S = 10.0
 _STARTS_WITHIN_S = 40.0
 _WAITING = {"fault", "estopped"}
@@ -40,7 +40,7 @@ _RUNS_ON = {Ending.COMPLETE, Ending.RECOVERED, Ending.SAFE}
 _OVER = {"complete", "aborted"}
 _UNHARMED = {"ratex": 1.0, "targx": 1.0, "fneglim": 1e9, "sat": 1e9}
 """Values of the independent frame's switches that are not off at 0."""
-_NO_SWITCHES = {"F", "E", "K", "cnt", "goto", "reboot", "drop", "settarget", "press", "break", "slip"}
+_NO_SWITCHES = {"F", "E", "K", "cnt", "goto", "reboot", "drop", "settarget", "press", "break", "slip", "hand", "handstop"}
 _PATHS = os.pathsep.join(str(ROOT / part) for part in ("", "drivers", "simulators"))
 
 
@@ -62,13 +62,13 @@ class Daemon:
         if self.process.poll() is None:
             self.process.send_signal(number)
 
-    def end(self) -> int | None:
-        """Terminate it; its exit code, or None if it had to be killed."""
+    def end(self, within_s: float = 25.0) -> int | None:
+        """Terminate it; its exit code, or None if it had to be killed because it did not end within a time."""
         self.signal(signal.SIGCONT)
         self.signal(signal.SIGTERM)
         code: int | None = None
         with contextlib.suppress(subprocess.TimeoutExpired):
-            code = self.process.wait(_ENDS_WITHIN_S)
+            code = self.process.wait(within_s)
         if code is None:
             os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
@@ -133,13 +133,14 @@ class Trial:
         self.second: Daemon | None = None
         self.foreign = list[tuple[float, int]]()
         self.begun_s = time.monotonic()
+        self._hand = Hand(scenario.hand == "types") if scenario.hand else None
 
     # ---- actions on the daemon
 
     def start(self, *options: str, name: str = "run", loads_n: list[float] | None = None) -> Daemon:
         """Start a daemon on the scenario's configuration."""
         path = self._folder / f"{name}.yaml"
-        path.write_text(configuration(self.scenario, self._peers, self.device.port, name, loads_n), encoding="utf-8")
+        path.write_text(configuration(self.scenario, self._peers, self.device.port, self._folder, name, loads_n), encoding="utf-8")
         ours, theirs = pty.openpty()
         self._started += 1
         output = self._folder / f"{name}.{self._started}.txt"
@@ -184,6 +185,8 @@ class Trial:
         while True:
             self.follower.follow()
             self._expose()
+            if self._hand is not None:
+                self._hand.follow(self.daemon.said(), self.device, self.daemon.say)
             now_s = time.monotonic()
             if self._is_starting(now_s):
                 last_act_s = now_s
@@ -247,7 +250,7 @@ class Trial:
             code = self.second.end()
             second = f"second run: exit status {code}: {self.second.said()}"
         self._end_faults()
-        exit_code = self.daemon.end()
+        exit_code = self.daemon.end(self.scenario.ends_within_s)
         self.follower.follow()
         return observe(self, ended_s, by_itself, exit_code, waits, second, counted)
 

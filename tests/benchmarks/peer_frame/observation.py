@@ -40,7 +40,8 @@ def observe(
     resumed = motion_orders(entries, stops_s[0]) if stops_s else []
     pursued_until_s = resumed[0].at_s if resumed else ended_s  # a motion that was ordered afterwards is no disobedience
     now = trial.device.state()
-    unloading = unloadings(entries, STIFFNESS_N_MM, TOLERANCE_N)
+    stiffness_n_mm = float(str(trial.scenario.device.get("stiffness_n_mm", STIFFNESS_N_MM)))
+    unloading = unloadings(entries, stiffness_n_mm, TOLERANCE_N)
     follower = trial.follower
     return Observed(
         fault_s=fault_s,

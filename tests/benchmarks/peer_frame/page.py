@@ -92,7 +92,7 @@ def _healthy(verdicts: Sequence[Verdict]) -> Iterator[str]:
     for one in verdicts:
         kinds.setdefault(one.scenario.what.partition(":")[0], []).append(one)
     for kind, runs in kinds.items():
-        disp = sum(one.scenario.map.startswith("map_disp") for one in runs)
+        disp = sum(one.scenario.is_displacement for one in runs)
         wrong = [f"{one.scenario.name}: {'; '.join(one.failings)}" for one in runs if not one.passed]
         yield f"| {kind} | {len(runs)} | {sum(one.passed for one in runs)} | {disp} | {_cell('; '.join(wrong)) or 0} |"
 
@@ -133,3 +133,28 @@ def write(verdicts: Sequence[Verdict], bars: Bars, options: Sequence[str]) -> No
     runs = [one for one in verdicts if one.scenario.group is Group.HEALTHY]
     text = _between(text, "healthy", "\n".join(_healthy(runs)) if runs else "None was run.")
     PAGE.write_text(text, encoding="utf-8")
+
+
+def write_maps(verdicts: Sequence[Verdict], bars: Bars, options: str) -> None:
+    """Write the section of the shipped maps and drivers into the page; the other sections are not changed.
+
+    Args:
+        verdicts: all of them.
+        bars: their figures.
+        options: of the command line, without paths.
+
+    Raises:
+        ValueError: the page has lost its marks.
+    """
+    command = f"python tests/benchmarks/bench_every_map.py {options}"
+    rows = [_row(one) for one in verdicts]
+    head = (f"| {' | '.join(_COLUMNS)} |", "|---" * len(_COLUMNS) + "|")
+    lines = (
+        f"Written by `{command}` {_circumstances(verdicts)}",
+        "",
+        *(f"- {_cell(one)}" for one in summary(bars).splitlines()),
+        "",
+        *head,
+        *rows,
+    )
+    PAGE.write_text(_between(PAGE.read_text(encoding="utf-8"), "maps", "\n".join(lines)), encoding="utf-8")

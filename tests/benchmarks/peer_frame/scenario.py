@@ -45,6 +45,7 @@ class Group(StrEnum):
     README = "list of the independent frame"
     OWN = "own"
     HEALTHY = "healthy"
+    MAPS = "shipped maps and drivers"
 
 
 class Peer(StrEnum):
@@ -52,6 +53,7 @@ class Peer(StrEnum):
 
     C = "frame.c"
     SECOND = "second frame"
+    MAP = "device of a shipped map"
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +137,7 @@ class Scenario:
         group: where it comes from.
         peer: which device.
         clients: how many connections the independent frame takes at the same time.
-        device: options of the second frame.
+        device: options of the second frame, or of the device of a shipped map.
         settings: more settings of the driver.
         protocol: changes to `protocol`.
         limits: changes to `limits`.
@@ -145,6 +147,11 @@ class Scenario:
         watch_s: how long it is watched after the last act if no fault comes, s.
         linger_s: how long it is watched after a fault, s.
         short: whether the short campaign runs it.
+        ends_within_s: longest time from SIGTERM to the end of the daemon, s.
+        driver: of the load frame.
+        kind: which device of a shipped map (`KINDS` in map_device.py).
+        frame: settings of the driver in place of those of a Modbus frame; ``{port}`` and ``{folder}`` are replaced.
+        hand: a person moves the machine as the daemon requests, and types the load if ``types``.
     """
 
     name: str
@@ -166,11 +173,21 @@ class Scenario:
     watch_s: float = 20.0
     linger_s: float = 2.0
     short: bool = False
+    ends_within_s: float = 25.0
+    driver: str = "modbus"
+    kind: str = ""
+    frame: Settings = field(default_factory=dict)
+    hand: str = ""
 
     @property
     def is_healthy(self) -> bool:
         """Nothing is wrong, and nothing may be stopped."""
-        return self.group is Group.HEALTHY
+        return self.group is Group.HEALTHY or (self.group is Group.MAPS and self.expected.ending is Ending.COMPLETE and not self.acts)
+
+    @property
+    def is_displacement(self) -> bool:
+        """The machine is brought to a load by short travels."""
+        return self.map.startswith("map_disp") or "approach" in self.frame
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,28 +17,71 @@ import asyncio
 import struct
 import sys
 import time
+from collections.abc import Callable, Mapping
 from typing import cast
 
 sys.path.insert(0, __file__.rpartition("/")[0])
 
 from second_machine import Character, Machine, Switches
+from unit_registers import Note, UnitRegisters, f32, u32
 
 _STEP_S = 0.002
 _FLOATS = {100: "target", 102: "rate", 110: "travel", 112: "speed"}
 
 
-def _f32(value: float) -> list[int]:
-    return list(struct.unpack(">HH", struct.pack(">f", value)))
+class SecondRegisters(UnitRegisters):
+    """The registers of the second frame."""
+
+    def __init__(self, machine: Machine, note: Note) -> None:
+        super().__init__(machine, note)
+        self.holding = dict.fromkeys(range(100, 116), 0)
+        self.holding[105] = 1
+
+    def inputs(self) -> dict[int, int]:
+        """State, force, extension, active target and counter."""
+        shown = self.machine.shown()
+        words = [shown.state, *f32(shown.force_n), *f32(shown.extension_mm), *f32(shown.target_n), *u32(shown.counter)]
+        return dict(enumerate(words))
+
+    def is_stop(self, new: Mapping[int, int]) -> bool:
+        """A command of 2 in load control, of 3 in displacement control."""
+        return new.get(104) == 2 or new.get(114) == 3
+
+    def take(self, new: Mapping[int, int], is_stop: bool) -> None:
+        """Drive enable and the two commands."""
+        if new.get(105) == 0 and self.machine.drive_off():
+            self.note("DRIVE OFF")
+        if 104 not in new and 114 not in new:
+            return
+        value = {name: self.float_at(address) for address, name in _FLOATS.items()}
+        if is_stop:
+            self.stop_machine()
+        elif new.get(104) == 1:
+            taken_n = self.ramp_machine(value["target"], value["rate"])
+            if taken_n != value["target"]:
+                self.show_target(taken_n)
+        elif new.get(114) in (1, 2):
+            self.move_machine(value["travel"] * (1 if new[114] == 1 else -1), value["speed"])
+
+    def show_target(self, target_n: float) -> None:
+        """Registers 100 and 101."""
+        self.holding[100], self.holding[101] = f32(target_n)
 
 
 class Server:
-    """Registers, connections and the log around a machine."""
+    """Connections, the log and the passing of time around a machine and the registers of a unit.
 
-    def __init__(self, machine: Machine, log: str) -> None:
+    Args:
+        machine: specimen, drive and cell.
+        log: file of the log.
+        registers: makes the registers of the unit behind Modbus TCP.
+    """
+
+    def __init__(self, machine: Machine, log: str, registers: Callable[[Machine, Note], UnitRegisters] = SecondRegisters) -> None:
         self.machine = machine
         self._log = open(log, "w", encoding="utf-8")  # noqa: SIM115
-        self._holding = dict.fromkeys(range(100, 116), 0)
-        self._holding[105] = 1
+        self.registers = registers(machine, self.note)
+        self.link = 1
         self._writers = set[asyncio.StreamWriter]()
 
     def note(self, what: str) -> None:
@@ -59,12 +102,12 @@ class Server:
                 head = await reader.readexactly(7)
                 number, _, length, unit = struct.unpack(">HHHB", head)
                 pdu = await reader.readexactly(length - 1)
-                if switches.hole:
+                if switches.hole and switches.concern(self.link):
                     continue
-                reply = self._answer(pdu)
-                if switches.mute:
+                reply = self.registers.answer(pdu)
+                if switches.mute and switches.concern(self.link):
                     continue
-                await asyncio.sleep(self.machine.reply_latency_s())
+                await asyncio.sleep(self.machine.reply_latency_s(self.link))
                 await self._send(writer, number, unit, reply)
         except (asyncio.IncompleteReadError, ConnectionError):
             self.note("CLOSED")
@@ -88,68 +131,6 @@ class Server:
             if len(pieces) > 1:
                 await asyncio.sleep(0)
 
-    def _answer(self, pdu: bytes) -> bytes:
-        function, first = pdu[0], struct.unpack(">H", pdu[1:3])[0]
-        switches = self.machine.switches
-        if function in (3, 4):
-            if switches.busy > 0:
-                switches.busy -= 1
-                return bytes([function | 0x80, 6])
-            count = struct.unpack(">H", pdu[3:5])[0]
-            known = self._inputs() if function == 4 else self._holding
-            if any(address not in known for address in range(first, first + count)):
-                return bytes([function | 0x80, 2])
-            words = [known[address] for address in range(first, first + count)]
-            if switches.swap and function == 4:
-                words = [(word & 0xFF) << 8 | word >> 8 for word in words]
-            return bytes([function, 2 * count]) + struct.pack(f">{count}H", *words)
-        if function == 16:
-            values = struct.unpack(f">{(len(pdu) - 6) // 2}H", pdu[6:])
-        elif function == 6:
-            values = (struct.unpack(">H", pdu[3:5])[0],)
-        else:
-            return bytes([function | 0x80, 1])
-        return self._written(function, first, values) or pdu[:5]
-
-    def _inputs(self) -> dict[int, int]:
-        shown = self.machine.shown()
-        words = [shown.state, *_f32(shown.force_n), *_f32(shown.extension_mm), *_f32(shown.target_n)]
-        return dict(enumerate([*words, shown.counter >> 16 & 0xFFFF, shown.counter & 0xFFFF]))
-
-    def _written(self, function: int, first: int, values: tuple[int, ...]) -> bytes | None:
-        switches, span = self.machine.switches, range(first, first + len(values))
-        new = dict(zip(span, values, strict=True))
-        is_stop = new.get(104) == 2 or new.get(114) == 3
-        self.note(f"REQ fc={function} ad={first} {' '.join(f'{value:04x}' for value in values)}{' <STOP>' if is_stop else ''}")
-        if any(address not in self._holding for address in span):
-            return bytes([function | 0x80, 2])
-        if switches.excw and not is_stop:
-            return bytes([function | 0x80, switches.excw])
-        if switches.wignore:
-            return None
-        self._holding.update(new)
-        if new.get(105) == 0 and self.machine.drive_off():
-            self.note("DRIVE OFF")
-        if 104 in new or 114 in new:
-            self._command(new, is_stop)
-        return None
-
-    def _command(self, new: dict[int, int], is_stop: bool) -> None:
-        value = {name: self._float(address) for address, name in _FLOATS.items()}
-        if is_stop:
-            self.note("STOPPED" if self.machine.stop() else "STOP ignored")
-        elif new.get(104) == 1:
-            target_n = self.machine.ramp(value["target"], value["rate"])
-            if target_n != value["target"]:
-                self._holding[100], self._holding[101] = _f32(target_n)
-            self.note(f"RAMP to {target_n:.3f} at {value['rate']:.3f}")
-        elif new.get(114) in (1, 2):
-            self.machine.travel(value["travel"] * (1 if new[114] == 1 else -1), value["speed"])
-            self.note(f"MOVE dir={new[114]} travel={value['travel']:.5f} speed={value['speed']:.5f}")
-
-    def _float(self, address: int) -> float:
-        return struct.unpack(">f", struct.pack(">HH", self._holding[address], self._holding[address + 1]))[0]
-
     # ---- UDP and time
 
     def command(self, text: str) -> None:
@@ -161,10 +142,10 @@ class Server:
                 writer.transport.abort()
         elif name == "reboot":
             self.machine.reboot()
-            self._holding.update(dict.fromkeys(self._holding, 0))
+            self.registers.forget()
         elif name == "settarget":
             self.machine.change_target(value)
-            self._holding[100], self._holding[101] = _f32(value)
+            self.registers.show_target(value)
         else:
             self.machine.command(name, value)
         self.note(f"CTL {text}")
@@ -197,13 +178,18 @@ class Control(asyncio.DatagramProtocol):
         self._transport.sendto(text.encode(), addr)
 
 
-async def _serve(port: int, log: str, given: dict[str, float]) -> None:
+def machine_of(given: Mapping[str, float]) -> Machine:
+    """A machine with characters and fault switches by name."""
     character = {name: value for name, value in given.items() if name in Character.__dataclass_fields__}
     machine = Machine(Character(**character), Switches())
-    server = Server(machine, log)
     for name, value in given.items():
         if name not in character:
             machine.command(name, value)
+    return machine
+
+
+async def _serve(port: int, log: str, given: dict[str, float]) -> None:
+    server = Server(machine_of(given), log)
     loop = asyncio.get_running_loop()
     await loop.create_datagram_endpoint(lambda: Control(server), local_addr=("127.0.0.1", port))
     await asyncio.start_server(server.talk, "127.0.0.1", port)

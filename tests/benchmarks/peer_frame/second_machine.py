@@ -104,6 +104,8 @@ class Switches:
         wignore: writes are acknowledged and not taken.
         badtid, wrongunit, wrongfunc, trunc: replies that are not valid.
         enable: only switching the drive off stops it.
+        only: number of the link that hole, mute, delay and busy concern; 0: every link.
+        nobeat: the watchdog of the device does not expire.
     """
 
     freeze: float = 0
@@ -149,6 +151,12 @@ class Switches:
     wrongfunc: float = 0
     trunc: float = 0
     enable: float = 0
+    only: float = 0
+    nobeat: float = 0
+
+    def concern(self, link: int) -> bool:
+        """Whether faults of links act on this one."""
+        return self.only in (0, link)
 
 
 @dataclass(frozen=True)
@@ -170,7 +178,7 @@ class Machine:
         self._chance = random.Random(int(character.seed))
         self._now_s = self._born_s = time.monotonic()
         self.extension_mm = self.force_n = self.target_n = self.rate_n_s = self.relaxed_n = 0.0
-        self.moving = False
+        self.moving, self.powered = False, True
         self._setpoint_n = self._speed_mm_s = self._travel_left_mm = self._travel_speed_mm_s = 0.0
         self._mode, self._starts_s, self._in_reach_s = "rest", 0.0, 0.0
         self._stop_at_s: float | None = None
@@ -201,7 +209,7 @@ class Machine:
         self._begin("travel")
 
     def _begin(self, mode: str) -> None:
-        self._mode, self.moving, self._in_reach_s, self._stop_at_s = mode, True, 0.0, None
+        self._mode, self.moving, self._in_reach_s, self._stop_at_s = mode, self.powered, 0.0, None
 
     def change_target(self, target_n: float) -> None:
         """Another program or a person gives another target."""
@@ -405,8 +413,8 @@ class Machine:
             return FAULT
         return MOVING if s.stuckmoving else STILL if s.stuckstill else int(self.moving)
 
-    def reply_latency_s(self) -> float:
-        """How long the next reply takes, s."""
+    def reply_latency_s(self, link: int = 0) -> float:
+        """How long the next reply on a link takes, s."""
         one = self.character
         added = self._chance.expovariate(1.0 / one.jitter_s) if one.jitter_s else 0.0
-        return min(one.latency_s + added, 0.25) + self.switches.delay / 1e3
+        return min(one.latency_s + added, 0.25) + (self.switches.delay / 1e3 if self.switches.concern(link) else 0.0)

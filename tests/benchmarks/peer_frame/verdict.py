@@ -102,7 +102,7 @@ def _stop(scenario: Scenario, seen: Observed) -> Iterator[str]:
 
 def _orders_after(scenario: Scenario, seen: Observed) -> bool:
     # A displacement drive is moved by short travels, which go on until the fault is found.
-    return seen.orders > 0 and not scenario.map.startswith("map_disp")
+    return seen.orders > 0 and not scenario.is_displacement
 
 
 def _load(scenario: Scenario, seen: Observed) -> Iterator[str]:

@@ -63,6 +63,10 @@ def test_a_sign_in_a_status_bit_and_decimals_in_another_register() -> None:
         assert frame.read().force_n == pytest.approx(-12.3)
         cell.words[13] = 0 << 8 | 13  # kg with three decimals
         assert frame.read().force_n == pytest.approx(-0.123 * 9.80665)
+        for code, division in enumerate((100, 50, 20, 10, 5, 2, 1, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4)):
+            cell.words[13] = 4 << 8 | code  # N; the register holds the displayed digits without the decimal point
+            decimals = len(f"{division:.4f}".rstrip("0").partition(".")[2])
+            assert frame.read().force_n == pytest.approx(-123 * 10**-decimals), f"division {division}"
         cell.words[13] = 9 << 8 | 13  # N m: no force
         with pytest.raises(LinkError, match="division says 9, of which the register map does not tell"):
             frame.read()

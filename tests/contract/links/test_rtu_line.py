@@ -82,6 +82,16 @@ def test_closing_and_opening_again_forgets_nothing(opened: Callable[[], RtuLink]
     assert again.read(Block(Kind.HOLDING, 20, 4)) == (1020, 1021, 1022, 1023)
 
 
+def test_a_silent_unit_is_probed_shortly_so_that_a_stop_does_not_wait(opened: Callable[[], RtuLink], lateness: Lateness) -> None:
+    link = opened()
+    lateness.planned = [5.0, 5.0]
+    with pytest.raises(NoAnswer):
+        link.read(Block(Kind.HOLDING, 10, 2))
+    begun_s = time.monotonic()
+    assert not link.recover()
+    assert time.monotonic() - begun_s < 0.9 * TIMEOUT_S
+
+
 def test_late_answers_to_the_probes_themselves(opened: Callable[[], RtuLink], lateness: Lateness) -> None:
     link = opened()
     lateness.planned = [0.6, 0.6, 0.6]

@@ -1,0 +1,53 @@
+"""The decisive part of the campaign over every shipped map and driver (docs/safety-campaign.md).
+
+All of it is `python tests/benchmarks/bench_every_map.py`.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+from peer_frame.campaign import Campaign
+from peer_frame.every_map import EVERY_MAP, SHORT
+from peer_frame.map_setups import SETUPS
+from peer_frame.verdict import Verdict, figures
+
+from semlive_drivers.maps import known_maps
+
+JOBS = 6
+"""Trials at the same time: each waits for its machine most of the time."""
+
+
+@pytest.fixture(scope="module")
+def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Verdict]:
+    campaign = Campaign(None, tmp_path_factory.mktemp("campaign"))
+    with ThreadPoolExecutor(JOBS) as pool:
+        return {one.scenario.name: one for one in pool.map(campaign.judged, (one for one in EVERY_MAP if one.short))}
+
+
+@pytest.mark.parametrize("name", sorted(SHORT))
+def test_what_must_happen_happens(verdicts: Mapping[str, Verdict], name: str) -> None:
+    assert verdicts[name].failings == ()
+
+
+def test_the_bars_hold(verdicts: Mapping[str, Verdict]) -> None:
+    bars = figures(list(verdicts.values()))
+    assert bars.hold, bars
+
+
+def test_every_shipped_map_is_in_the_campaign() -> None:
+    assert {name for setup in SETUPS for name in setup.maps} == set(known_maps())
+
+
+def test_every_load_frame_driver_that_moves_is_in_the_campaign() -> None:
+    assert {setup.driver for setup in SETUPS} == {"modbus", "ascii", "assembled", "operator"}
+
+
+def test_names_are_unique() -> None:
+    assert len({one.name for one in EVERY_MAP}) == len(EVERY_MAP)
