@@ -190,7 +190,7 @@ class _Daemon:
         if self._config.sem.probe_share and (offset := probe_share(watch.folder, clock.now_ns)) is not None:
             journal.note(offset)
         over = earlier is not None and earlier.before.all_done(self._config.plan())
-        links = {} if over else self._links(control, clock)
+        links = {} if over else self._links(control, clock, earlier)
         try:
             identities = await self._open_devices(stack, control, clock, links, over)
         except SemliveError as error:
@@ -371,7 +371,7 @@ class _Daemon:
         if self._control is not None:
             self._control.soon(self._control.trouble, what, "log", "kept in memory and tried again", FaultCode.LOG)
 
-    def _links(self, control: Control, clock: SystemClock | FileClock) -> dict[Device, LinkThread]:
+    def _links(self, control: Control, clock: SystemClock | FileClock, earlier: Earlier | None) -> dict[Device, LinkThread]:
         frame, stage, plan = self._config.load_frame, self._config.stage, self._config.plan()
         links = {}
         if frame is not None:
@@ -382,6 +382,7 @@ class _Daemon:
                 clock=clock,
                 limits=plan.limits,
                 poll_s=frame.poll_s,
+                recalled=None if earlier is None else earlier.before.ordered,
             )
         if stage is not None:
             links[Device.STAGE] = LinkThread(

@@ -11,6 +11,7 @@ from semlive.data.loading import ControlMode, LoadSample, StageSample
 from semlive.engine.commands import MoveStage, RampTo
 from semlive.engine.events import Event, LoadReading, StageReading
 from semlive.engine.limits import sample_problem, tightened
+from semlive.engine.recover import order_code
 from semlive.engine.supervision import Finding, supervise
 from semlive.engine.watch import LoadWatch
 from semlive.errors import LinkError
@@ -78,7 +79,7 @@ class LoadFramePort:
         if beyond is not None:
             return Finding(FaultCode.LIMIT, beyond)
         if ramping and sample.order_changed is not None:
-            return Finding(FaultCode.FOREIGN_ORDER, sample.order_changed)
+            return Finding(order_code(sample), sample.order_changed)
         return finding
 
     def obey(self, order: Order) -> None:
