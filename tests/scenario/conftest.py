@@ -50,6 +50,7 @@ class Instrument:
         """Allow for a simulator that a busy computer lets answer late: a lost link is a fault, but none that the test is about."""
         for device in ("load_frame", "stage"):
             self.config[device]["settings"]["timeout_s"] = 4.0
+        self.config["load_frame"]["settings"]["watchdog_s"] = 10.0  # a daemon may be kept from feeding it for some seconds
         self.config["limits"] = {**self.config.get("limits", {}), "stale_after_s": 5.0, "lost_after_s": 30.0}
 
     def write_config(self) -> Path:

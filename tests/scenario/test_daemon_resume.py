@@ -87,7 +87,7 @@ def killed_twice(one: Any, wait_until: Callable[..., None], watched: Callable[[P
     one.before = logged(one.log, "/pair"), logged(one.log, "/sem/scan"), logged(one.log, "/load_frame/sample")
     if len(one.before[0]) > HALF:
         raise Missed("the pair was complete before the run was killed")
-    # Its watchdog takes 2 s: a machine on which the next daemon is there sooner would keep it fed.
+    # A computer on which the next daemon is there before the watchdog acts would keep it fed.
     wait_until(lambda: one.load_frame_status() == IN_FAULT, ENDS_S)
     process, terminal = at_a_terminal(one)
     follower = watched(one.log)
