@@ -96,6 +96,15 @@ class OrderCheck(Protocol):
 
 
 @runtime_checkable
+class OrderRecall(Protocol):
+    """A load frame that can compare what its device holds with an order of an earlier process."""
+
+    def recall_order(self, force_n: float, rate_n_s: float) -> None:
+        """Report in `LoadSample.order_changed` from now on if the device does not hold this ramp any more; sends nothing, never raises."""
+        ...
+
+
+@runtime_checkable
 class Stage(Protocol):
     """Something that translates the specimen (or the beam). Every method may raise LinkError."""
 

@@ -12,7 +12,7 @@ from semlive.data.loading import ControlMode, DeviceIdentity, LoadSample, Motion
 from semlive.errors import BadConfig, LinkError
 from semlive.ports import ClockSource
 from semlive_drivers.approach import Approach, ApproachSettings, begin, ramp_problem, step
-from semlive_drivers.parts import MOTIONS, WITHHELD, DevicePart, Do, Part, Said
+from semlive_drivers.parts import MOTIONS, WITHHELD, DevicePart, Do, OrderHolder, Part, Said
 
 _AT_REST = 20
 """Readings at rest whose differences tell the noise of the load."""
@@ -97,7 +97,8 @@ class PartsLoadFrame:
         Raises:
             LinkError: if nothing sensible comes back, the reading is frozen, or a ramp had to be given up (the machine is then stopped).
         """
-        changed = next((found for part in self._devices if (found := part.order_changed()) is not None), None)
+        changes = [(found, part) for part in self._devices if (found := part.order_changed()) is not None]
+        changed, holder = changes[0] if changes else (None, None)
         if changed is not None:
             self._ramp = None  # nothing more is ordered while somebody else commands the machine
         self._go_on()
@@ -118,6 +119,7 @@ class PartsLoadFrame:
             trouble=said.trouble,
             counted=said.counted,
             order_changed=changed,
+            orders_cleared=isinstance(holder, OrderHolder) and holder.cleared,
         )
         self._sequence += 1
         if sample.motion is MotionState.STOPPED:
@@ -147,6 +149,14 @@ class PartsLoadFrame:
         self._ramp = begin(force_n, rate_n_s, said.force_n, said.extension_mm or 0.0, noise_n)
         self._ordered_mono_ns = self._clock.mono_ns()
         self._go_on()
+
+    def recall_order(self, force_n: float, rate_n_s: float) -> None:
+        """Compare the device from now on with a ramp that an earlier process ordered, as `semlive.ports.OrderRecall`; sends nothing.
+
+        Only a device that takes loads holds the target of a ramp; what a displacement drive holds is a short travel that is not known.
+        """
+        if isinstance(self._takes_loads, OrderHolder):
+            self._takes_loads.recall(Do.RAMP, {"force_n": force_n, "rate_n_s": rate_n_s})
 
     def order_problem(self, force_n: float, rate_n_s: float) -> str | None:
         """Why a ramp cannot be ordered as it is meant, or None; sends nothing, as `semlive.ports.OrderCheck`."""

@@ -181,6 +181,20 @@ class DevicePart(Part, Protocol):
         ...
 
 
+@runtime_checkable
+class OrderHolder(Protocol):
+    """A part whose device holds its last order in values that can be read, also after the process that gave the order has ended."""
+
+    @property
+    def cleared(self) -> bool:
+        """Whether every value of the difference that `DevicePart.order_changed` found last is 0, as after a restart."""
+        ...
+
+    def recall(self, what: Do, values: Mapping[str, float]) -> None:
+        """Compare the device from now on with an order that an earlier process gave; sends nothing and never raises."""
+        ...
+
+
 class PartFactory(Protocol):
     """Opens a part."""
 

@@ -103,6 +103,7 @@ class LoadSample:
         counted: the device's own count of readings, and at how many that begins anew; not logged by itself, it stands in `raw`.
         order_changed: how the device's own target, rate or command differs from what was last written there, as a sentence: another
             program or a person commands it, or it was restarted; None if it agrees or cannot be read.
+        orders_cleared: `order_changed` concerns values that are all 0 in the device, as after a restart.
     """
 
     sequence: int
@@ -119,6 +120,7 @@ class LoadSample:
     rtt_s: float | None = None
     counted: tuple[int, int] | None = None
     order_changed: str | None = None
+    orders_cleared: bool = False
 
 
 @dataclass(frozen=True, slots=True)

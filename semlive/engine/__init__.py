@@ -37,7 +37,7 @@ from semlive.engine.events import (
     Verb,
 )
 from semlive.engine.progress import Progress, progress
-from semlive.engine.recover import Interrupted
+from semlive.engine.recover import Interrupted, RampOrder
 from semlive.engine.states import FINAL_STATES, Cause, ImpossibleTransition, State
 from semlive.engine.turn import EngineState
 
@@ -70,6 +70,7 @@ __all__ = [
     "Opening",
     "Operator",
     "Progress",
+    "RampOrder",
     "RampTo",
     "Ready",
     "RefuseFrame",

@@ -18,8 +18,9 @@ from semlive.engine.frames import frame_scanned, frame_unreadable, judge
 from semlive.engine.history import LoadHistory
 from semlive.engine.limits import plan_problem, sample_problem, tightened
 from semlive.engine.motion import advance, begin_step, hold, rest_fault, settle
-from semlive.engine.recover import Interrupted, changes
+from semlive.engine.recover import Interrupted, changes, order_code
 from semlive.engine.states import AT_REST_STATES, FINAL_STATES, Cause, State
+from semlive.engine.supervision import Finding
 from semlive.engine.turn import EngineState, Turn
 from semlive.engine.unloading import loaded_problem, unloading_problem
 from semlive.errors import BadInput
@@ -217,8 +218,9 @@ def _load_reading(turn: Turn, sample: LoadSample) -> None:
     if problem is not None and turn.allows(Cause.LIMIT):
         guards = (("force_n", sample.force_n), ("extension_mm", sample.extension_mm), ("sequence", sample.sequence))
         turn.fault(Cause.LIMIT, problem, *guards)
-    if sample.order_changed is not None and turn.state.at in (State.RAMPING, *AT_REST_STATES):
-        turn.fault(Cause.DEVICE_FAULT, f"load frame: {sample.order_changed}", code=FaultCode.FOREIGN_ORDER)
+    resuming = turn.state.at is State.CONNECTING and turn.state.before is not None
+    if sample.order_changed is not None and (resuming or turn.state.at in (State.RAMPING, *AT_REST_STATES)):
+        turn.fault(Cause.DEVICE_FAULT, f"load frame: {sample.order_changed}", code=order_code(sample))
     _motion_word(turn, Device.LOAD_FRAME, sample, state.load)
 
 
@@ -258,7 +260,7 @@ def _motion_word(turn: Turn, device: Device, now: LoadSample | StageSample, befo
 def _ready(turn: Turn, event: ev.Ready) -> None:
     # Also where a device has said meanwhile that it is in trouble: once it is out of it the run goes on with these devices.
     limits = tightened(turn.state.plan.limits, event.load_frame)
-    turn.update(load_frame=event.load_frame, stage=event.stage, limits=limits)
+    turn.update(load_frame=event.load_frame, stage=event.stage, limits=limits, linked=True)
     if event.stage is None:
         turn.update(shift_at_um=(0.0, 0.0))
     cause = Cause.LINKED if turn.state.step_index == 0 and turn.state.before is None else Cause.LINKED_AGAIN
@@ -267,6 +269,10 @@ def _ready(turn: Turn, event: ev.Ready) -> None:
     problem = plan_problem(turn.state.plan, limits, turn.state.step_index)
     if problem is not None:
         turn.fault(Cause.LIMIT, f"the plan breaks the load frame's own limit in {problem}")
+        return
+    found = _changed(turn.state)
+    if found is not None:
+        turn.fault(Cause.DEVICE_FAULT, f"the run was interrupted, and {found.reason}: look at the machine, then resume", code=found.code)
         return
     turn.go(cause)
     if turn.state.at is State.RECOVER:
@@ -279,24 +285,31 @@ def _ask_to_resume(turn: Turn) -> None:
     load = "" if now.step.load_n is None else f" and the load to {now.step.load_n:g} N"
     x, y = now.step.shift_um
     other = changed_since(now)
-    first = "" if other is None else f"look first: {other}; "
+    first = "" if other is None else f"look first: {other.reason}; "
     turn.say(f"{first}resume sets the stage to ({x:g}, {y:g}) um{load} and begins step {now.step_index + 1} again; or stop")
 
 
-def changed_since(state: EngineState) -> str | None:
-    """In a run that is taken up again: how the devices stand other than where its log left them, as words, or None."""
+def changed_since(state: EngineState) -> Finding | None:
+    """In a run that is resumed: how the devices differ from what its log left, or None."""
+    if state.before is not None and Device.LOAD_FRAME in state.stopped_when_found:
+        # A stage's way has an end; a load frame that nobody had held against the limits is looked at by a person.
+        return Finding(FaultCode.UNORDERED_MOTION, f"the {Device.LOAD_FRAME.words} was still moving, and was stopped")
+    return _changed(state)
+
+
+def _changed(state: EngineState) -> Finding | None:
+    """As `changed_since`, without a load frame that was found in motion, which is a fault of its own."""
     before = state.before
     if before is None:
         return None
-    if Device.LOAD_FRAME in state.stopped_when_found:
-        # A stage's way has an end; a load frame that nobody had held against the limits is looked at by a person.
-        return f"the {Device.LOAD_FRAME.words} was still moving, and was stopped"
     tolerance_n = state.plan.hold.load_tolerance(0.0 if before.load is None else before.load.force_n)
     return changes(before, state.step, tolerance_n, state.load, state.position)
 
 
 def _not_fit_to_move(state: EngineState) -> str | None:
     """Why motion must not begin now, as words, or None."""
+    if not state.linked:
+        return "the devices and the analysis are not ready yet"
     for device in state.devices:
         sample = state.sample(device)
         if sample is None or device in state.stale:

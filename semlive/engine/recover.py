@@ -9,10 +9,20 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from semlive.data.experiment import Plan, Step
+from semlive.data.faults import FaultCode
 from semlive.data.loading import LoadSample, MotionState, StageSample
 from semlive.data.pair import PairDecision
 from semlive.engine.events import CalibrationJudged, DriftForeseen, FieldSeen
+from semlive.engine.supervision import Finding
 from semlive.errors import BadInput
+
+
+@dataclass(frozen=True, slots=True)
+class RampOrder:
+    """A ramp that was ordered: to `force_n` (N) at `rate_n_s` (N/s)."""
+
+    force_n: float
+    rate_n_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +39,7 @@ class Interrupted:
         foreseen: how fast the newest estimate expected the drift to be.
         judged: what the newest estimate said of the calibration.
         ramping: motion of the step had been ordered, and its end was not seen.
+        ordered: the last ramp that was ordered, None before the first.
     """
 
     done: tuple[PairDecision, ...] = ()
@@ -40,6 +51,7 @@ class Interrupted:
     foreseen: DriftForeseen | None = None
     judged: CalibrationJudged | None = None
     ramping: bool = False
+    ordered: RampOrder | None = None
 
     def all_done(self, plan: Plan) -> bool:
         """Whether nothing of a plan is left to do."""
@@ -60,8 +72,13 @@ class Interrupted:
         return replace(plan, steps=(*(one.step for one in self.done), *left))
 
 
-def changes(before: Interrupted, step: Step, tolerance_n: float, load: LoadSample | None, position: StageSample | None) -> str | None:
-    """How the devices stand other than where the log left them, as words, or None.
+def order_code(sample: LoadSample) -> FaultCode:
+    """The code of a reading whose `order_changed` is set."""
+    return FaultCode.DEVICE_RESTARTED if sample.orders_cleared else FaultCode.FOREIGN_ORDER
+
+
+def changes(before: Interrupted, step: Step, tolerance_n: float, load: LoadSample | None, position: StageSample | None) -> Finding | None:
+    """How the devices differ from what the log left, or None: orders in the device, load, extension, position of the stage.
 
     A load that was on its way may have arrived meanwhile, or stopped anywhere on it; a stage that moved is where it happens to be.
 
@@ -73,24 +90,46 @@ def changes(before: Interrupted, step: Step, tolerance_n: float, load: LoadSampl
         position: as read now.
     """
     then = before.load
+    if load is not None and load.order_changed is not None:
+        return Finding(order_code(load), load.order_changed)
     if then is not None and load is not None:
         ends_n = [then.force_n, then.target_n if then.motion is MotionState.MOVING else then.force_n]
         if before.ramping and step.load_n is not None:
             ends_n.append(step.load_n)
         if not min(ends_n) - tolerance_n <= load.force_n <= max(ends_n) + tolerance_n:
-            return f"the load is {load.force_n:.1f} N now, and was {then.force_n:.1f} N when it was last read"
+            text = f"the load is {load.force_n:.1f} N now, and was {then.force_n:.1f} N when it was last read"
+            return Finding(FaultCode.MOVED_AT_REST, text)
+        if _extension_changed(then, load, before, step):
+            text = (
+                f"the extension is {load.extension_mm:.4f} mm now, and was {then.extension_mm:.4f} mm when it was last read: "
+                "the crosshead was moved, or the zero of the extension was lost"
+            )
+            return Finding(FaultCode.MOVED_AT_REST, text)
     at = before.position
     if at is not None and position is not None and at.motion is MotionState.STOPPED:
         x_um, y_um = before.origin_um or (at.x_um, at.y_um)
         places = ((at.x_um, at.y_um), (x_um + step.shift_um[0], y_um + step.shift_um[1]))
         if not any(_near(place, position, _STAGE_UM) for place in places):
-            return (
+            text = (
                 f"the stage is at ({position.x_um:.1f}, {position.y_um:.1f}) um now, "
                 f"and was at ({at.x_um:.1f}, {at.y_um:.1f}) um when it was last read"
             )
+            return Finding(FaultCode.MOVED_AT_REST, text)
     return None
 
 
+def _extension_changed(then: LoadSample, now: LoadSample, before: Interrupted, step: Step) -> bool:
+    """Whether the crosshead is not where it was; one that was on its way may be anywhere further in that direction."""
+    change_mm = now.extension_mm - then.extension_mm
+    goal_n = step.load_n if before.ramping and step.load_n is not None else then.target_n
+    on_its_way = before.ramping or then.motion is MotionState.MOVING
+    if on_its_way and change_mm * (goal_n - then.force_n) > 0.0:
+        return False
+    return abs(change_mm) > _EXTENSION_MM
+
+
+_EXTENSION_MM = 0.01
+"""A change of the extension beyond this is no noise, creep or thermal expansion of a held crosshead, which are a few um."""
 _STAGE_UM = 20.0
 """A stage further from where it was than this was moved, or forgot its zero; backlash and creep are a few um."""
 

@@ -76,6 +76,7 @@ class EngineState:
         since_ns: when `at` was entered, or in IMAGING when the last frame was taken up.
         load_frame: who answers, or None without a load frame.
         stage: likewise.
+        linked: all links are open and analysis is ready, so `load_frame` and `stage` are known.
         load: last sample.
         position: last sample of the stage.
         stale: devices whose last sample is too old.
@@ -118,6 +119,7 @@ class EngineState:
     rest: Rest = NO_REST
     load_frame: DeviceIdentity | None = None
     stage: DeviceIdentity | None = None
+    linked: bool = False
     load: LoadSample | None = None
     position: StageSample | None = None
     stale: frozenset[Device] = frozenset()

@@ -407,14 +407,14 @@ class Control:
             self._start_again_mono_ns = None
 
     def _resume_as_told(self) -> None:
-        """The operator's yes was given for what the log told; if the devices say something else, it is asked anew."""
+        """Resume with the answer given beforehand; where the devices differ from the log, that is a fault and the operator is asked."""
         other = changed_since(self._state)
         if other is None:
             self.operator(Verb.RESUME)
             return
         self._start_again_mono_ns = None
-        self.why = f"the run is not taken up again by itself, because {other}"
-        self._warn(self.why)
+        self.why = f"the run is not resumed by itself, because {other.reason}"
+        self.trouble(self.why, "protocol", "ordered nothing; resume when you have looked at the machine", other.code)
         self.troubled.set()
 
     def _warn(self, text: str) -> None:

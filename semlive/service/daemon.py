@@ -21,7 +21,7 @@ from typing import Any
 from semlive.data.faults import FaultCode
 from semlive.data.loading import DeviceIdentity
 from semlive.engine import Device, DeviceFault, Finish, Operator, State, Verb, start
-from semlive.errors import BadConfig, BadInput, LinkError, SemliveError
+from semlive.errors import BadConfig, BadInput, SemliveError
 from semlive.formats import message_values as values
 from semlive.formats.messages import RunMessage
 from semlive.service import drivers
@@ -41,7 +41,9 @@ from semlive.service.paced import Paced
 from semlive.service.process import boot_id
 from semlive.service.record import Recorder
 from semlive.service.recover import recover_leftovers
+from semlive.service.refused_start import REFUSED_START, named_in, refusal_code, remove_refused_start
 from semlive.service.resume import Earlier, read_earlier
+from semlive.service.start_checks import require_attendance, require_orders
 from semlive.service.supervisor import Supervisor
 from semlive.service.trigger import TriggerLink
 from semlive.service.versions import versions
@@ -123,6 +125,8 @@ class _Daemon:
         self._log_ended = False
         self._control: Control | None = None
         self._began = False
+        self._opened_devices = False
+        self._replaced: str | None = None
         self._acknowledge: Callable[[str | None, str], bool] = lambda *_: False
 
     async def run(self) -> Outcome:
@@ -178,20 +182,19 @@ class _Daemon:
         if earlier is not None:
             journal.note(earlier.snapshot(clock.now_ns()))
         journal.note(values.clock_message(clock.current(), "start of the run" if earlier is None else "the run is taken up again"))
+        if self._replaced is not None:
+            journal.line(clock.now_ns(), f"the log of an earlier start, which was refused, was replaced by this run: {self._replaced}")
         await self._open_door(stack, control, clock, journal)
         watcher = _watcher(control, clock, watch, journal)
         stack.callback(watcher.close)
         if self._config.sem.probe_share and (offset := probe_share(watch.folder, clock.now_ns)) is not None:
             journal.note(offset)
         over = earlier is not None and earlier.before.all_done(self._config.plan())
-        links, trigger = ({}, None) if over else (self._links(control, clock), self._open_trigger(control, clock))
-        if trigger is not None:
-            stack.callback(trigger.close)
-        stack.callback(_close_links, links)
-        control.connect(links, trigger)
-        identities = await self._open_links(links, control)
-        self._check_attended(identities)
-        self._check_orders(links)
+        links = {} if over else self._links(control, clock, earlier)
+        try:
+            identities = await self._open_devices(stack, control, clock, links, over)
+        except SemliveError as error:
+            raise self._start_refused(control, error, earlier) from error
         finish = await self._loop(control, clock, watcher, identities)
         texts = [control.failure or (f"{control.why}: {finish.text}" if control.why else finish.text)]
         unsure = await loop.run_in_executor(None, _close_links, links)
@@ -220,8 +223,36 @@ class _Daemon:
             self._faces.door(await door.open())
             stack.callback(door.close)
 
+    async def _open_devices(
+        self, stack: contextlib.ExitStack, control: Control, clock: SystemClock | FileClock, links: Mapping[Device, LinkThread], over: bool
+    ) -> Mapping[Device, DeviceIdentity]:
+        """Open trigger and links, and check what answers; nothing is ordered.
+
+        Raises:
+            SemliveError: a device does not answer, or cannot do what the plan orders.
+        """
+        trigger = None if over else self._open_trigger(control, clock)
+        if trigger is not None:
+            stack.callback(trigger.close)
+        stack.callback(_close_links, links)
+        control.connect(links, trigger)
+        identities = await self._open_links(links)
+        require_attendance(identities, self._faces.attended)
+        require_orders(links.get(Device.LOAD_FRAME), self._config.plan())
+        return identities
+
+    def _start_refused(self, control: Control, error: SemliveError, earlier: Earlier | None) -> SemliveError:
+        """Write the `/fault` message of a start that was refused after devices were opened; the log is kept.
+
+        Returns:
+            The error to raise, with the place of the log where this start has a log of its own.
+        """
+        control.trouble(str(error), REFUSED_START, "refused the start; nothing was ordered", refusal_code(error))
+        self._opened_devices = True
+        return error if earlier is not None else named_in(error, self._folder)
+
     @staticmethod
-    async def _open_links(links: Mapping[Device, LinkThread], control: Control) -> Mapping[Device, DeviceIdentity]:
+    async def _open_links(links: Mapping[Device, LinkThread]) -> Mapping[Device, DeviceIdentity]:
         """Open them all at once, and keep feeding those that are open already."""
         loop = asyncio.get_running_loop()
         opening = asyncio.gather(*(loop.run_in_executor(None, link.open, _OPEN_TIMEOUT_S) for link in links.values()))
@@ -229,11 +260,7 @@ class _Daemon:
             for link in links.values():
                 link.feed()
             await asyncio.sleep(_TICK_S)
-        try:
-            return dict(zip(links, opening.result(), strict=True))
-        except LinkError as error:
-            control.trouble(str(error), "opening the devices", "ended the run; nothing was moved", FaultCode.LINK_LOST)
-            raise
+        return dict(zip(links, opening.result(), strict=True))
 
     async def _loop(
         self,
@@ -321,6 +348,7 @@ class _Daemon:
             with contextlib.suppress(FileExistsError):
                 self._folder.parent.mkdir(parents=True)
             stack.enter_context(only_one_at(self._folder))
+            self._replaced = remove_refused_start(self._folder)
             self._folder.mkdir()
         except FileExistsError:
             raise BadConfig(
@@ -334,8 +362,8 @@ class _Daemon:
     def _forget_what_was_refused(
         self, _kind: type[BaseException] | None, error: BaseException | None, _trace: TracebackType | None
     ) -> None:
-        """Bad input before anything began leaves no run behind, so that the same run can be started once it is mended."""
-        if isinstance(error, BadInput) and not self._began:
+        """Bad input before a device was opened leaves no run behind, so that the same run can be started once it is mended."""
+        if isinstance(error, BadInput) and not self._began and not self._opened_devices:
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def _disk_trouble(self, what: str) -> None:
@@ -343,7 +371,7 @@ class _Daemon:
         if self._control is not None:
             self._control.soon(self._control.trouble, what, "log", "kept in memory and tried again", FaultCode.LOG)
 
-    def _links(self, control: Control, clock: SystemClock | FileClock) -> dict[Device, LinkThread]:
+    def _links(self, control: Control, clock: SystemClock | FileClock, earlier: Earlier | None) -> dict[Device, LinkThread]:
         frame, stage, plan = self._config.load_frame, self._config.stage, self._config.plan()
         links = {}
         if frame is not None:
@@ -354,6 +382,7 @@ class _Daemon:
                 clock=clock,
                 limits=plan.limits,
                 poll_s=frame.poll_s,
+                recalled=None if earlier is None else earlier.before.ordered,
             )
         if stage is not None:
             links[Device.STAGE] = LinkThread(
@@ -372,22 +401,6 @@ class _Daemon:
             return None
         opened = drivers.open_trigger(trigger.driver, trigger.settings, clock)
         return TriggerLink(opened, lambda event: control.soon(control.handle, event), clock)
-
-    def _check_attended(self, identities: Mapping[Device, DeviceIdentity]) -> None:
-        for device, identity in identities.items():
-            if not identity.simulated and not self._faces.attended:
-                raise BadConfig(
-                    f"{device.words} {identity.name}: is a real machine, and unattended runs are not released yet; "
-                    f"give --attended and stay at the instrument"
-                )
-
-    def _check_orders(self, links: Mapping[Device, LinkThread]) -> None:
-        """Every load of the plan must reach the device as it is meant, not rounded to zero or clipped by a scale."""
-        plan, link = self._config.plan(), links.get(Device.LOAD_FRAME)
-        ramps = [(step.load_n, plan.ramp_rate_n_s) for step in plan.steps if step.load_n is not None]
-        problem = None if link is None else link.order_problem(ramps)
-        if problem is not None:
-            raise BadConfig(f"load_frame: {problem}; correct the plan, or the scale in the device's description")
 
     def _run_message(self, clock: SystemClock | FileClock, segment: int) -> RunMessage:
         return RunMessage(

@@ -32,8 +32,9 @@ from semlive.engine.events import (
     LinkStale,
 )
 from semlive.engine.ramp_readings import Finding
+from semlive.engine.recover import RampOrder
 from semlive.errors import LinkError, LinkRefused
-from semlive.ports import BlindStop, ClockSource, LoadFrame, OrderCheck, Stage
+from semlive.ports import BlindStop, ClockSource, LoadFrame, OrderCheck, OrderRecall, Stage
 from semlive.service.link_ports import Order, Port, port_of
 from semlive.service.pause import pause
 from semlive.service.stop_pursuit import StopPursuit, begin_pursuit
@@ -58,6 +59,7 @@ class LinkThread:
         limits: checked on every sample here, besides in the engine; also says when a sample is stale or the link lost.
         poll_s: wall time from one reading to the next.
         dead_man_s: `feed` must be called at least this often (wall time), else the device is stopped.
+        recalled: the ramp that an earlier process of a resumed run ordered last; the load frame compares it with what its device holds.
     """
 
     def __init__(
@@ -70,9 +72,10 @@ class LinkThread:
         limits: Limits,
         poll_s: float = 0.05,
         dead_man_s: float = 2.0,
+        recalled: RampOrder | None = None,
     ) -> None:
         self._device, self._open_device, self._on_event = device, open_device, on_event
-        self._clock, self._limits = clock, limits
+        self._clock, self._limits, self._recalled = clock, limits, recalled
         self._poll_ns, self._dead_man_ns = round(poll_s * 1e9), round(dead_man_s * 1e9)
 
         # Shared with control, guarded by the condition.
@@ -278,6 +281,8 @@ class LinkThread:
                 link.close()
             raise
         self._port = port_of(link, self._limits)
+        if self._identity is None and self._recalled is not None and isinstance(link, OrderRecall):
+            link.recall_order(self._recalled.force_n, self._recalled.rate_n_s)
         self._link, self._identity, self._failed_link = link, identity, None
         self._moves = None if isinstance(link, LoadFrame) else link.kind
         if self._may_move:

@@ -13,6 +13,7 @@ from semlive.engine.events import Event, LoadReading, StageReading
 from semlive.engine.hand_supervision import HandSupervision
 from semlive.engine.limits import sample_problem, tightened
 from semlive.engine.ramp_readings import Finding
+from semlive.engine.recover import order_code
 from semlive.engine.supervision import supervise
 from semlive.engine.watch import LoadWatch
 from semlive.errors import LinkError
@@ -84,7 +85,7 @@ class LoadFramePort:
         if beyond is not None:
             return Finding(FaultCode.LIMIT, beyond)
         if ramping and sample.order_changed is not None:
-            return Finding(FaultCode.FOREIGN_ORDER, sample.order_changed)
+            return Finding(order_code(sample), sample.order_changed)
         return finding
 
     def obey(self, order: Order) -> None:

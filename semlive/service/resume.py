@@ -13,13 +13,14 @@ from typing import Any
 from semlive.data.clock import Clock
 from semlive.data.loading import LoadSample, StageSample
 from semlive.data.pair import PairDecision
-from semlive.engine import CalibrationJudged, DriftForeseen, FieldSeen, Interrupted, State
+from semlive.engine import CalibrationJudged, DriftForeseen, FieldSeen, Interrupted, RampOrder, State
 from semlive.errors import BadConfig, BadLog
 from semlive.formats import message_values as values
 from semlive.formats.log import LogMessage
 from semlive.formats.messages import (
     SEM_ORIGINAL,
     ClockMessage,
+    CommandMessage,
     DicMessage,
     FaultMessage,
     FileMessage,
@@ -40,7 +41,7 @@ from semlive.service.config import Config, parse_config
 from semlive.service.log_files import PART, SUFFIX, messages, segments
 from semlive.service.seen import DriftWord, calibration_judged, drift_foreseen, drift_word, field_seen
 
-_READ = frozenset({"/run", "/clock", "/state", "/pair", "/sem/file", "/sem/scan", "/dic/summary", "/fault", "/result"})
+_READ = frozenset({"/run", "/clock", "/state", "/command", "/pair", "/sem/file", "/sem/scan", "/dic/summary", "/fault", "/result"})
 # Where the log lies is known by its being found there, and into what it is cut concerns no measurement; everything else has to be the same.
 _MAY_DIFFER = frozenset({"run.folder", "run.segment_gb", "specimen.yield_strength_mpa", "confirmed_unusual"})
 
@@ -137,6 +138,7 @@ class _Reading:
     clock: Clock | None = None
     state: str = State.IDLE
     pairs: dict[int, PairDecision] = field(default_factory=dict)
+    ordered: RampOrder | None = None
     originals: set[int] = field(default_factory=set)
     exports: int = 0
     origin_um: tuple[float, float] | None = None
@@ -182,6 +184,8 @@ class _Reading:
                 self.clock = values.clock(payload)
             case StateMessage():
                 self.state, self.concluded = payload.after, False
+            case CommandMessage(what="ramp_to", args={"force_n": int() | float() as force_n, "rate_n_s": int() | float() as rate_n_s}):
+                self.ordered = RampOrder(force_n, rate_n_s)
             case ResultMessage():
                 self.concluded = True
             case PairMessage():
@@ -233,6 +237,7 @@ class _Reading:
             foreseen=self.foreseen,
             judged=self.judged,
             ramping=self.state == State.RAMPING,
+            ordered=self.ordered,
         )
         return Earlier(
             segment,

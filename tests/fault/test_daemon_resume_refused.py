@@ -17,7 +17,8 @@ def test_a_machine_that_stands_elsewhere_is_not_moved_without_asking(patient: An
     patient.start("--resume", "--yes")
     code, said = patient.end()
     assert code == 1
-    assert "the run is not taken up again by itself, because the load is 0.0 N now, and was" in said
+    assert "the run was interrupted, and the load is 0.0 N now, and was" in said
+    assert [one["code"] for one in patient.logged("/fault")] == ["moved_at_rest"]
     assert patient.calls().count("ramp_to") == ramps
     assert sorted(path.name for path in patient.log.iterdir()) == ["run.000.mcap", "run.001.mcap"]
 

@@ -17,6 +17,8 @@ from typing import Any
 import pytest
 import yaml
 
+from semlive.service.analysis import READY
+
 from .by_hand import lives
 
 PEERS = Path(__file__).parents[3] / "shared" / "peers"
@@ -79,6 +81,39 @@ def test_nothing_moves_after_a_kill_before_the_operator_resumes(
     assert patient.logged("/state")[-1]["after"] == "recover"
     os.write(terminal, b"resume\n")
     wait_until(lambda: frame_peer.motions() == 2, 20.0)
+    patient.daemon.send_signal(signal.SIGINT)
+    patient.end()
+    os.close(terminal)
+    os.close(operator)
+
+
+def test_a_frame_that_was_restarted_after_a_kill_is_a_fault_and_yes_does_not_confirm_it(
+    patient: Any, frame_peer: Frame, wait_until: Callable[..., None], tmp_path: Path
+) -> None:
+    settings = {"map": str(PEERS / "map_f32.yaml"), "host": "127.0.0.1", "port": frame_peer.port, "confirmed": True}
+    patient.config["load_frame"] = {"driver": "modbus", "poll_s": 0.05, "settings": settings}
+    patient.config["limits"]["force_rate_max_n_s"] = 200.0
+    patient.config["protocol"].update(loads_n=[300.0], ramp_rate_n_s=10.0)
+    terminal, operator = os.openpty()
+    patient.start("--attended", operator=operator).reach("ramping")
+    wait_until(lambda: frame_peer.motions() == 1)
+    wait_until(lambda: any(one["force_n"] > 15.0 for one in patient.logged("/load_frame/sample")))
+    patient.daemon.send_signal(signal.SIGKILL)
+    patient.daemon.communicate()
+    frame_peer.switch("reboot 0")
+    wait_until(lambda: frame_peer.says("CTL reboot"), 10.0)
+    patient.start("--attended", "--resume", "--yes", operator=operator).reach("fault")
+    (fault,) = patient.logged("/fault")
+    assert fault["code"] == "device_restarted"
+    assert "target (holding register 0) holds 0 N, 300 N was written" in fault["what"]
+    wait_until(lambda: sum(one["text"] == READY for one in patient.logged("/log")) == 2)
+    time.sleep(3.0)
+    assert frame_peer.motions() == 1
+    os.write(terminal, b"resume\n")
+    patient.reach("recover")
+    assert frame_peer.motions() == 1
+    os.write(terminal, b"resume\n")
+    wait_until(lambda: frame_peer.motions() == 2)
     patient.daemon.send_signal(signal.SIGINT)
     patient.end()
     os.close(terminal)

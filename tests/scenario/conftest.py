@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from pymodbus.client import ModbusTcpClient
 
 from semlive.cli.demo import daemon_config
 from semlive.cli.simulator import running_simulator
+from semlive.service.tail import Tail
 
 RATE = 20.0
 SCENARIO = """
@@ -44,6 +45,13 @@ class Instrument:
     @property
     def log(self) -> Path:
         return self.folder / "log" / self.config["run"]["name"]
+
+    def wait_for_slow_answers(self) -> None:
+        """Allow for a simulator that a busy computer lets answer late: a lost link is a fault, but none that the test is about."""
+        for device in ("load_frame", "stage"):
+            self.config[device]["settings"]["timeout_s"] = 4.0
+        self.config["load_frame"]["settings"]["watchdog_s"] = 10.0  # a daemon may be kept from feeding it for some seconds
+        self.config["limits"] = {**self.config.get("limits", {}), "stale_after_s": 5.0, "lost_after_s": 30.0}
 
     def write_config(self) -> Path:
         path = self.folder / "run.yaml"
@@ -114,11 +122,47 @@ def instrument(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPath
         yield make
 
 
+@dataclass
+class Watched:
+    """The log of a run while it grows, read message by message: on a busy computer a whole log takes seconds to read.
+
+    Attributes:
+        log: run folder.
+        messages: what was read so far, by topic.
+    """
+
+    log: Path
+    messages: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    _tail: Tail = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._tail = Tail(self.log)
+
+    def until(self, true: Callable[[dict[str, list[dict[str, Any]]]], bool], process: subprocess.Popen[str], timeout_s: float) -> None:
+        """Wait until the messages fulfil a condition, which is tested after every message."""
+        deadline = time.monotonic() + timeout_s
+        while time.monotonic() < deadline:
+            for one in self._tail.poll() if self.log.is_dir() else ():
+                if one.topic in ("/state", "/pair", "/sem/scan", "/motion"):
+                    self.messages.setdefault(one.topic, []).append(json.loads(one.payload))
+                    if true(self.messages):
+                        return
+            assert process.poll() is None, process.communicate()
+            time.sleep(0.01)
+        raise AssertionError("it did not come to that in time")
+
+
 def wait_until(true: Callable[[], bool], timeout_s: float = 150.0) -> None:
     deadline = time.monotonic() + timeout_s
     while not true():
         assert time.monotonic() < deadline, "it did not come to that in time"
         time.sleep(0.02)
+
+
+@pytest.fixture(scope="session")
+def watched() -> Callable[[Path], Watched]:
+    """Follows the log of a run."""
+    return Watched
 
 
 @pytest.fixture(scope="session", name="wait_until")

@@ -16,6 +16,8 @@ import yaml
 from semlive.service.log_files import messages
 
 PAIRS = 6
+ENDS_S = 600.0
+"""Wall seconds within which a run, or a part of it, ends on a busy computer; it decides nothing but when a test that hangs is given up."""
 EFFECTS = ["magnification_drift", "tilt_with_load", "mains_hum"]
 SAID = "magnification_drift, tilt_with_load taken out of the maps"
 
@@ -34,7 +36,7 @@ def semlive(*words: object) -> tuple[int, str, str]:
         [sys.executable, "-m", "semlive", *map(str, words)],
         capture_output=True,
         text=True,
-        timeout=250,
+        timeout=ENDS_S,
         check=False,
         stdin=subprocess.DEVNULL,
     )
@@ -46,24 +48,26 @@ def logged(log: Path, topic: str) -> list[dict[str, Any]]:
 
 
 @pytest.fixture(scope="module")
-def done(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> Any:
+def done(instrument: Callable[..., Any], wait_until: Callable[..., None], watched: Callable[[Path], Any]) -> Any:
     """A run with a model, killed after its third pair and taken up again by a command that does not name the model."""
     one = instrument("modelled")
+    one.wait_for_slow_answers()
     one.config["protocol"].update(calibration_shifts_px=[[0, 0], [6, 0], [0, 6], [-6, 0], [0, -6]], loads_n=[600])
     one.model = write_model(one.folder / "model.json")
     process = one.start("--model", str(one.model))
-    wait_until(lambda: len(logged(one.log, "/motion")) > 2 or process.poll() is not None)
+    # Three pairs are accepted and three are to come: analysis may be behind, and would let the run end before it is killed.
+    watched(one.log).until(lambda found: len(found.get("/pair", ())) == 3, process, ENDS_S)
     process.send_signal(signal.SIGKILL)
-    _, err = process.communicate(timeout=30)
-    assert logged(one.log, "/pair"), err
-    wait_until(lambda: one.load_frame_status() == 2)  # its watchdog: fault
+    process.communicate(timeout=30)
+    assert 3 <= len(logged(one.log, "/pair")) < PAIRS
+    wait_until(lambda: one.load_frame_status() == 2, ENDS_S)  # its watchdog: fault
     process = one.start("--resume", "--yes")
-    out, err = process.communicate(timeout=250)
+    out, err = process.communicate(timeout=ENDS_S)
     assert process.returncode == 0, out + err
     return one
 
 
-@pytest.mark.timeout(500)
+@pytest.mark.timeout(3 * ENDS_S)
 def test_the_log_says_which_model_both_times(done: Any) -> None:
     runs = logged(done.log, "/run")
     assert len(runs) == 2
@@ -73,7 +77,7 @@ def test_the_log_says_which_model_both_times(done: Any) -> None:
     assert sum(one.endswith(f"taken out of them: {', '.join(EFFECTS)}") for one in lines) == 2
 
 
-@pytest.mark.timeout(500)
+@pytest.mark.timeout(3 * ENDS_S)
 @pytest.mark.parametrize("source", ["--from-disparity", "--from-images"])
 def test_a_replay_gives_what_was_said_live_without_naming_the_model(done: Any, source: str) -> None:
     (live,) = logged(done.log, "/result")
@@ -84,7 +88,7 @@ def test_a_replay_gives_what_was_said_live_without_naming_the_model(done: Any, s
     assert (code, json.loads(out)) == (0, live), err
 
 
-@pytest.mark.timeout(500)
+@pytest.mark.timeout(3 * ENDS_S)
 def test_maps_in_the_log_are_as_measured_so_that_another_model_can_be_asked(done: Any) -> None:
     none = done.folder / "none.json"
     none.write_text(json.dumps({"version": 1, "effects": []}), encoding="utf-8")
@@ -98,7 +102,7 @@ def test_maps_in_the_log_are_as_measured_so_that_another_model_can_be_asked(done
     assert told[1]["frames"][-1]["strain_mean"] != told[0]["frames"][-1]["strain_mean"]
 
 
-@pytest.mark.timeout(500)
+@pytest.mark.timeout(3 * ENDS_S)
 def test_diagnosis_begins_with_the_model_of_the_run(done: Any) -> None:
     code, out, err = semlive("diagnose", done.log, "--json", "-o", done.folder / "child.json")
     assert code == 0, err
@@ -108,7 +112,7 @@ def test_diagnosis_begins_with_the_model_of_the_run(done: Any) -> None:
     assert not set(EFFECTS) & {one["name"] for one in json.loads(out)["effects"]}
 
 
-@pytest.mark.timeout(500)
+@pytest.mark.timeout(3 * ENDS_S)
 def test_plan_names_the_model_and_refuses_one_that_does_not_fit(done: Any) -> None:
     config = done.write_config()
     timed = done.folder / "timed.yaml"

@@ -29,6 +29,10 @@ from semlive.service.resume import read_earlier
 
 PAIRS = 3
 HALF = 1
+ATTEMPTS = 5
+ENDS_S = 600.0
+"""Wall seconds within which a run, or a part of it, ends on a busy computer; it decides nothing but when a test that hangs is given up."""
+pytestmark = pytest.mark.timeout(4 * ENDS_S)
 IN_FAULT = 2  # docs/reference/bench-registers.md
 
 
@@ -41,15 +45,14 @@ def kill(process: subprocess.Popen[str]) -> None:
     process.communicate(timeout=30)
 
 
-def until_half(log: Path, pair: int) -> None:
-    """Wait until the step is imaged, and the scan of its first frame is in the log."""
-    deadline = time.monotonic() + 100.0
-    while time.monotonic() < deadline:
-        time.sleep(0.3)
-        hold_over = [one["time_ns"] for one in logged(log, "/state") if one["cause"] == "hold_over" and one["step"] == pair]
-        if hold_over and any(one["start_time_ns"]["value"] > hold_over[-1] for one in logged(log, "/sem/scan")):
-            return
-    raise AssertionError("no frame of that step was scanned in time")
+def is_half(found: dict[str, list[dict[str, Any]]]) -> bool:
+    """The step of the half pair is imaged, and the scan of its first frame is in the log."""
+    hold_over = [one["time_ns"] for one in found.get("/state", ()) if one["cause"] == "hold_over" and one["step"] == HALF]
+    return bool(hold_over) and any(one["start_time_ns"]["value"] > hold_over[-1] for one in found.get("/sem/scan", ()))
+
+
+class Missed(Exception):
+    """The computer was too busy for a kill at the instant that the test is about: the run was further already."""
 
 
 @pytest.fixture(autouse=True)
@@ -60,27 +63,45 @@ def sums_in_one_order() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def resumed(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> Any:
-    """Killed while the second pair is half, taken up again, killed before the last pair is analysed, and taken up once more."""
-    one = instrument("killed")
+def resumed(instrument: Callable[..., Any], wait_until: Callable[..., None], watched: Callable[[Path], Any]) -> Any:
+    """Killed while the second pair is half, taken up again, killed before the last pair is analysed, and taken up once more.
+
+    Both instants last for less than a second. A kill that came after its instant is another case: then the run is begun again.
+    """
+    for attempt in range(ATTEMPTS):
+        try:
+            return killed_twice(instrument(f"killed{attempt}"), wait_until, watched)
+        except Missed as missed:
+            sys.stderr.write(f"{missed}\n")
+    raise AssertionError(f"in {ATTEMPTS} attempts no kill came at its instant")
+
+
+def killed_twice(one: Any, wait_until: Callable[..., None], watched: Callable[[Path], Any]) -> Any:
+    """The run of `resumed`; raises Missed if a kill came too late."""
+    one.wait_for_slow_answers()
     one.config["protocol"].update(calibration_shifts_px=[[0, 0], [6, 0]], loads_n=[100])
-    process = one.start()
-    until_half(one.log, HALF)
+    name, process = one.config["run"]["name"], one.start()
+    watched(one.log).until(is_half, process, ENDS_S)
     kill(process)
-    assert [path.name for path in sorted(one.log.iterdir())] == ["killed.000.mcap.part"]
+    assert [path.name for path in sorted(one.log.iterdir())] == [f"{name}.000.mcap.part"]
     one.before = logged(one.log, "/pair"), logged(one.log, "/sem/scan"), logged(one.log, "/load_frame/sample")
-    # Its watchdog takes 2 s: a machine on which the next daemon is there sooner would keep it fed.
-    wait_until(lambda: one.load_frame_status() == IN_FAULT)
+    if len(one.before[0]) > HALF:
+        raise Missed("the pair was complete before the run was killed")
+    # A computer on which the next daemon is there before the watchdog acts would keep it fed.
+    wait_until(lambda: one.load_frame_status() == IN_FAULT, ENDS_S)
     process, terminal = at_a_terminal(one)
-    wait_until(lambda: any(state["after"] == "recover" for state in logged(one.log, "/state")))
+    follower = watched(one.log)
+    follower.until(lambda found: any(state["after"] == "recover" for state in found.get("/state", ())), process, ENDS_S)
     time.sleep(0.5)
     one.unasked = logged(one.log, "/command")[len(logged_by(one.log, 0, "/command")) :]
     os.write(terminal, b"resume\n")
-    wait_until(lambda: len(logged(one.log, "/pair")) == PAIRS)
+    follower.until(lambda found: len(found.get("/pair", ())) == PAIRS, process, ENDS_S)
     kill(process)
     os.close(terminal)
+    if len(logged(one.log, "/motion")) == PAIRS:
+        raise Missed("the last pair was analysed before the run was killed")
     process = one.start("--resume", "--yes")
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate(timeout=ENDS_S)
     assert process.returncode == 0, out + err
     return one
 
@@ -129,7 +150,7 @@ def test_it_asks_and_the_step_is_entered_again_with_its_hold_in_full(resumed: An
 def test_the_next_segment_begins_with_where_the_run_stood_and_time_goes_on(resumed: Any) -> None:
     first, second, third = segments(resumed.log)
     # What was torn is whole now; an original that was damaged stays beside it.
-    assert [path.name for path in (first, second, third)] == [f"killed.{number:03d}.mcap" for number in range(3)]
+    assert [path.name for path in (first, second, third)] == [f"{resumed.log.name}.{number:03d}.mcap" for number in range(3)]
     head = [one for one in messages(second)][:3]
     assert [one.topic for one in head] == ["/run", "/snapshot", "/clock"]
     run, snapshot = (json.loads(one.payload) for one in head[:2])
@@ -154,7 +175,7 @@ def analysed_again(log: Path) -> list[LogMessage]:
     """What analysis makes of the whole folder without a break."""
     count = sum(one.topic in INPUT_TOPICS for one in messages(log))
     command = [sys.executable, "-m", "semlive.service.analysis", "--log", str(log), "--inputs", str(count)]
-    stream = BytesIO(subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=120, check=True).stdout)
+    stream = BytesIO(subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=ENDS_S, check=True).stdout)
     outputs = []
     while (message := read_message(stream)) is not None:
         outputs.append(message)
@@ -176,7 +197,7 @@ def test_live_results_are_byte_for_byte_those_of_the_whole_folder_without_a_brea
     assert READY in live[0].payload.decode()
     assert [told(one)[0::2] for one in live] == [told(one)[0::2] for one in again]
     out = subprocess.run(
-        [sys.executable, "-m", "semlive", "replay", str(resumed.log), "--json"], capture_output=True, text=True, timeout=120, check=True
+        [sys.executable, "-m", "semlive", "replay", str(resumed.log), "--json"], capture_output=True, text=True, timeout=ENDS_S, check=True
     )
     results = logged(resumed.log, "/result")
     result = results[-1]
@@ -200,7 +221,7 @@ def test_wherever_the_log_is_torn_it_is_known_what_analysis_has_said(resumed: An
     for torn_at in range(size // 40, size, size // 20):
         folder = tmp_path / str(torn_at)
         folder.mkdir()
-        torn = folder / "killed.000.mcap.part"
+        torn = folder / f"{resumed.log.name}.000.mcap.part"
         torn.write_bytes(whole.read_bytes()[:torn_at])
         earlier = read_earlier(folder, config)
         kept = [one for one in messages(torn) if is_output(one)]

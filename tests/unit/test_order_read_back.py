@@ -7,7 +7,18 @@ import pytest
 from semlive_drivers.modbus.codec import Block, encode
 from semlive_drivers.modbus.device_map import DeviceMap, Write
 from semlive_drivers.modbus.orders import requests_of
-from semlive_drivers.modbus.read_back import Entry, Memory, TargetWatch, comparable, compared, forgotten, groups_of, remembered
+from semlive_drivers.modbus.read_back import (
+    Entry,
+    Memory,
+    TargetWatch,
+    cleared,
+    comparable,
+    compared,
+    expected,
+    forgotten,
+    groups_of,
+    remembered,
+)
 from semlive_drivers.modbus.registers import Kind
 from semlive_drivers.parts import Do
 
@@ -84,6 +95,24 @@ def test_the_first_read_back_finds_a_value_that_was_not_taken() -> None:
 
 def test_what_an_order_wrote_that_failed_is_not_compared() -> None:
     assert set(forgotten(written({}, Do.RAMP), ["target"])) == {"rate"}
+
+
+def test_registers_that_are_all_cleared_are_a_restart_and_one_of_them_is_not() -> None:
+    memory = written({}, Do.RAMP)
+    assert cleared(memory, held(target=0.0, rate=0.0))
+    assert not cleared(memory, held(target=0.0, rate=30.0))
+    assert not cleared(memory, held(target=0.0))
+    assert not cleared({}, held(target=0.0, rate=0.0))
+
+
+def test_the_order_of_an_earlier_process_is_compared_in_its_values_and_may_be_rounded() -> None:
+    memory: Memory = {}
+    for write in DEVICE.orders[Do.STOP] + DEVICE.orders[Do.RAMP]:
+        for request in requests_of(write, POINTS, VALUES):
+            memory = expected(memory, comparable(DEVICE), write, request, POINTS)
+    assert set(memory) == {"target", "rate"}
+    assert compared(memory, comparable(DEVICE), POINTS, held(target=299.5, rate=30.0))[1] is None
+    assert compared(memory, comparable(DEVICE), POINTS, held(target=0.0, rate=0.0))[1] is not None
 
 
 def test_points_are_read_together_or_each_for_itself() -> None:

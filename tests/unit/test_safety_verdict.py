@@ -95,6 +95,15 @@ def test_silence_counts_only_while_it_moves() -> None:
     assert when_force_passes(readings, 3000.0) is None
 
 
+def test_the_pursuit_of_a_stop_ends_with_the_next_motion_order_and_the_next_stop_begins_another() -> None:
+    # Moves until 2.0 s, rests until the order at 5.0 s, moves until 8.0 s; the entry of the order already reports motion.
+    readings = [Reading(0.1 * k, 0.0, 0.0, k < 20 or 50 <= k < 80) for k in range(100)]
+    assert longest_silence(readings, [1.5], 9.9, [5.0]) == pytest.approx(0.4)
+    assert longest_silence(readings, [1.5], 9.9) == pytest.approx(6.4)  # without the order it is disobedience
+    assert longest_silence(readings, [1.5, 5.8], 9.9, [5.0]) == pytest.approx(2.1)  # a second stop that is not obeyed counts
+    assert longest_silence(readings, [1.5, 5.75, 6.75, 7.75], 9.9, [5.0]) == pytest.approx(0.95)
+
+
 def test_what_is_as_it_must_be_passes() -> None:
     assert judge(TRIAL, SEEN).failings == ()
 

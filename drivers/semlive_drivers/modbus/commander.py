@@ -10,12 +10,13 @@ from semlive_drivers.modbus.client import Link, Refused, write_verified
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.device_map import DeviceMap, Write
 from semlive_drivers.modbus.orders import Request, blind_pdus, requests_of, runs_of
-from semlive_drivers.modbus.read_back import Memory, comparable, compared, forgotten, groups_of, remembered
+from semlive_drivers.modbus.read_back import Memory, cleared, comparable, compared, differing, expected, forgotten, groups_of, remembered
 from semlive_drivers.modbus.registers import Point
 from semlive_drivers.modbus.settings import PartSettings
 from semlive_drivers.parts import MOTIONS, Do
 
 _FOREIGN = "another program or a person commands it, or it was restarted"
+_CLEARED = "its registers were cleared, so it was restarted; check its zero, position and settings"
 _MOVED = ("force_n", "rate_n_s", "travel_mm", "speed_mm_s")
 
 
@@ -53,6 +54,8 @@ class Commander:
         self._together = True
         self._next_group = 0
         self._read_back: set[Do] = set()
+        self._differing = frozenset[str]()
+        self.cleared = False
         for writes in (*device.orders.values(), *(stop.writes for stop in device.other_stops)):
             for write in writes:
                 runs_of({name: points[name] for name in write.set}, device.max_block)
@@ -71,7 +74,10 @@ class Commander:
         # Everything is encoded and checked before anything is written.
         entries = self._entries(self._device.orders[what], values, exact=what is not Do.STOP)
         self._last.update(values)
+        differing, self._differing, self.cleared = self._differing, frozenset(), False
         if what is Do.STOP:
+            # A value that another program wrote and the stop does not write again is no order of semlive any more.
+            self._memory = forgotten(self._memory, differing)
             self._write_all(entries)
             return
         for write, requests in entries:
@@ -90,6 +96,28 @@ class Commander:
         """Write the further stop of this index; raises LinkError if the device did not take it."""
         self._write_all(self._entries(self._device.other_stops[method].writes, {}, exact=False))
 
+    def recall(self, what: Do, values: Mapping[str, float]) -> None:
+        """Compare the device from now on with an order of an earlier process, which may have sent a stop after it; writes nothing.
+
+        A value that a stop writes differently is not compared. An order that cannot be encoded is not compared.
+        """
+        try:
+            entries = self._entries(self._device.orders.get(what, ()), values, exact=False)
+            self._last.update(values)
+            stops = self._entries(self._device.orders.get(Do.STOP, ()), {}, exact=False)
+        except LinkError:
+            return
+        memory = self._expected(entries)
+        after_stop = self._expected(stops)
+        self._memory = forgotten(memory, (name for name, entry in after_stop.items() if name in memory and entry != memory[name]))
+
+    def _expected(self, entries: Sequence[tuple[Write, Sequence[Request]]]) -> Memory:
+        memory: Memory = {}
+        for write, requests in entries:
+            for request in requests:
+                memory = expected(memory, self._comparable, write, request, self._points)
+        return memory
+
     def difference(self) -> str | None:
         """How the device's registers differ from what was written last, as a sentence, or None; reads at most one block.
 
@@ -102,7 +130,7 @@ class Commander:
         groups = groups_of(names, self._points, self._device.max_block, together=self._together)
         self._next_group = (self._next_group + 1) % len(groups)
         found = self._compare(*groups[self._next_group])
-        return None if found is None else f"{found}: {_FOREIGN}"
+        return None if found is None else f"{found}: {_CLEARED if self.cleared else _FOREIGN}"
 
     def _read_back_order(self, what: Do, entries: Sequence[tuple[Write, Sequence[Request]]]) -> None:
         """Read an order back once; a way of a ramp that was read back before is looked at with the next reading only."""
@@ -131,6 +159,9 @@ class Commander:
             return None
         read = {name: words[block.slice(self._points[name])] for name in names}
         self._memory, found = compared(self._memory, self._comparable, self._points, read)
+        if found is not None:
+            self._differing |= differing(self._memory, read)
+            self.cleared = cleared(self._memory, read)
         return found
 
     def _entries(self, writes: Sequence[Write], values: Mapping[str, float], *, exact: bool) -> list[tuple[Write, Sequence[Request]]]:

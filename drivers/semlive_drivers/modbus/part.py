@@ -84,6 +84,15 @@ class ModbusPart:
         found = self._commander.difference() or self._target_jump
         return None if found is None else f"{self.where}: {found}"
 
+    @property
+    def cleared(self) -> bool:
+        """Whether the registers of the last order are all 0, as `semlive_drivers.parts.OrderHolder`."""
+        return self._commander.cleared
+
+    def recall(self, what: Do, values: Mapping[str, float]) -> None:
+        """Compare the device from now on with an order of an earlier process; writes nothing."""
+        self._commander.recall(what, values)
+
     def _begin_turn(self) -> None:
         """A link is recovered at most once in a turn, so that a turn stays short."""
         if not self._in_turn:

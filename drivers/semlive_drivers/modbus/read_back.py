@@ -22,6 +22,9 @@ _VALUES = ("force_n", "rate_n_s", "travel_mm", "speed_mm_s")
 _CLOSE = 0.01
 """Relative difference between a value that was written and the same value as a device keeps it."""
 
+_CLEARED_VALUES = 2
+"""Fewest values that must be 0 before that counts as a restart; a single target of 0 may be an order of another program."""
+
 Registers = Mapping[str, Sequence[int]]
 
 
@@ -131,6 +134,22 @@ def compared(memory: Memory, which: Comparable, points: Mapping[str, Point], rea
         elif now != entry.held and difference is None:
             difference = _sentence(name, which.values.get(name, ""), points[name], entry.held or entry.written, now)
     return after, difference
+
+
+def cleared(memory: Memory, read: Registers) -> bool:
+    """Whether a device lost its order: at least two values that were written there, and all of those that were read, are 0."""
+    orders = {name: words for name, words in read.items() if name in memory and any(memory[name].written)}
+    return len(orders) >= _CLEARED_VALUES and not any(any(words) for words in orders.values())
+
+
+def differing(memory: Memory, read: Registers) -> frozenset[str]:
+    """The points whose registers are other than the device held them after the order."""
+    return frozenset(name for name, words in read.items() if name in memory and tuple(words) != memory[name].held)
+
+
+def expected(memory: Memory, which: Comparable, write: Write, request: Request, points: Mapping[str, Point]) -> dict[str, Entry]:
+    """The memory with the values of a request that an earlier process wrote; a command may have been cleared since, so it is left out."""
+    return remembered(memory, which, write.model_copy(update={"verify": False}), request, points)
 
 
 def _close(point: Point, written: Sequence[int], now: Sequence[int]) -> bool:

@@ -109,6 +109,10 @@ def without_check(line: bytes, checksum: Checksum | None, where: str) -> bytes:
     return text
 
 
+class NotUnderstood(LinkError):
+    """A reply that does not fit the pattern of its question."""
+
+
 def understood(pattern: re.Pattern[str], text: str, units: Mapping[str, str], where: str) -> dict[str, str | float]:
     """What a reply says, by the pattern's groups; numbers in N, mm and s, by the unit in the reply or else the usual one.
 
@@ -119,12 +123,13 @@ def understood(pattern: re.Pattern[str], text: str, units: Mapping[str, str], wh
         where: who said it, for an error.
 
     Raises:
-        LinkError: if the reply is no such thing.
+        NotUnderstood: if the reply does not fit the pattern.
+        LinkError: if a number in it is no reading.
     """
     found = pattern.fullmatch(text)
     if found is None:
         said_text = shown(text.encode(errors="replace"))
-        raise LinkError(f"{where} said {said_text}, which is no answer to what was asked; check the device and its description")
+        raise NotUnderstood(f"{where} said {said_text}, which is no answer to what was asked; check the device and its description")
     said: dict[str, str | float] = {}
     for name, value in found.groupdict().items():
         if value is None or name.endswith("_unit"):

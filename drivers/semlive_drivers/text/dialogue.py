@@ -110,6 +110,8 @@ class Dialogue(_Described):
     """What the words of the group ``motion`` mean."""
     valid: list[BitRule] = []
     orders: dict[Do, list[Step]] = {}
+    read_back: dict[Do, list[Step]] = {}
+    """Questions about an order that are asked between the readings after it, as are those of the order that compare with ``equals``."""
     other_stops: list[OtherStop] = []
     """Further ways to stop, in the order in which they are tried; only what the device's documents state."""
 
@@ -124,7 +126,8 @@ class Dialogue(_Described):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Dialogue:
-        steps = [step for steps in (*self.orders.values(), self.identity, *(stop.steps for stop in self.other_stops)) for step in steps]
+        every = (*self.orders.values(), *self.read_back.values(), self.identity, *(stop.steps for stop in self.other_stops))
+        steps = [step for steps in every for step in steps]
         for name in (*self.every_turn, *(step.ask for step in steps if step.ask)):
             if name not in self.asks:
                 raise ValueError(f"{name!r} is not among asks")
@@ -136,6 +139,8 @@ class Dialogue(_Described):
                 raise ValueError("a step either sends or asks")
             if unknown := set(step.equals.values()) - set(ORDERED):
                 raise ValueError(f"a step compares with {', '.join(sorted(unknown))}; there are {', '.join(ORDERED)}")
+        if any(not step.equals for steps in self.read_back.values() for step in steps):
+            raise ValueError("a step of read_back asks and compares with equals")
         for unit in self.units.values():
             factor(unit, "units")
         for group, (low, high) in self.ranges.items():

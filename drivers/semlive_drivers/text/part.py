@@ -18,9 +18,10 @@ from semlive_drivers.modbus.settings import SerialLine, checked
 from semlive_drivers.modbus.shared_line import is_shared
 from semlive_drivers.parts import MOTIONS, Do, Said, Stops, Way
 from semlive_drivers.serial_port import SerialSettings
-from semlive_drivers.text.codec import filled, resolutions, step_of, understood, with_check, without_check
+from semlive_drivers.text.codec import NotUnderstood, filled, resolutions, step_of, understood, with_check, without_check
 from semlive_drivers.text.dialogue import Dialogue, Step, load_dialogue
 from semlive_drivers.text.line import TextLine
+from semlive_drivers.text.read_back import Memory, compared, questions, values_of, without
 from semlive_drivers.units import factor
 
 _AGAIN_S = 0.02
@@ -93,6 +94,9 @@ class TextPart:
         self._extension_mm = 0.0
         self._steps: dict[str, float] = {}
         self._wrong_since_s: dict[str, float] = {}
+        self._memory: Memory = {}
+        self._differing = frozenset[str]()
+        self._unreadable: set[str] = set()
         self.where = f"{line.where} station {settings.station}" if self._has_stations else line.where
         self.book = TextOrders(dialogue, lambda what, values: {**self._values, **self._derived(what, values)})
         self.stops = Stops(self._stop_blind, tuple(Way(stop.says, partial(self._stop_by, stop.steps)) for stop in dialogue.other_stops))
@@ -176,12 +180,45 @@ class TextPart:
         if what is not Do.STOP:  # every number is checked before anything is sent
             self.book.require_exact(what, known)
         self._values = known
+        # A motion replaces the order before it, and one that fails leaves values that nobody knows. After a stop the values of the last
+        # motion are still compared, except those that another program or person set.
+        self._memory = {} if what in MOTIONS else without(self._memory, self._differing)
+        self._differing = frozenset()
         for step in self.dialogue.orders[what]:
             self._do(step)
+        if what in MOTIONS:
+            self._memory = values_of((*self.dialogue.orders[what], *self.dialogue.read_back.get(what, ())), known)
+
+    def recall(self, what: Do, values: Mapping[str, float]) -> None:
+        """Compare the device from now on with an order of an earlier process, as `semlive_drivers.parts.OrderHolder`; sends nothing."""
+        steps = (*self.dialogue.orders.get(what, ()), *self.dialogue.read_back.get(what, ()))
+        self._memory = values_of(steps, self._derived(what, values))
+
+    @property
+    def cleared(self) -> bool:
+        """False: after a restart a device that answers in text has its own settings, which need not be 0."""
+        return False
 
     def order_changed(self) -> str | None:
-        """None: an order is read back where its dialogue asks for it."""
-        return None
+        """How the device's own settings differ from the last order, as a sentence, or None; asks every question about that order.
+
+        A question whose reply does not fit the description is not asked again.
+
+        Raises:
+            LinkError: if the device does not answer.
+        """
+        first: str | None = None
+        for ask in questions(self._memory, self._unreadable):
+            try:
+                reply = self.ask(ask)
+            except NotUnderstood:
+                self._unreadable.add(ask)
+                continue
+            self._memory, found = compared(self._memory, ask, reply)
+            if found is not None:
+                self._differing |= {ask}
+                first = first or f"{self.where}: {found}: another program or a person commands it, or it was restarted"
+        return first
 
     def resolution(self) -> tuple[float, float]:
         """Smallest change of force, N, and of extension, mm, by the last decimal that the device tells."""

@@ -37,8 +37,7 @@ def observe(
     stops_s = stop_requests(entries, fault_s, ended_s) if fault_s is not None else []
     if instant_s is not None and stops_s and stops_s[0] < instant_s:
         instant_s = stops_s[0]
-    resumed = motion_orders(entries, stops_s[0]) if stops_s else []
-    pursued_until_s = resumed[0].at_s if resumed else ended_s  # a motion that was ordered afterwards is no disobedience
+    resumed_s = [one.at_s for one in motion_orders(entries, stops_s[0])] if stops_s else []
     now = trial.device.state()
     stiffness_n_mm = float(str(trial.scenario.device.get("stiffness_n_mm", STIFFNESS_N_MM)))
     unloading = unloadings(entries, stiffness_n_mm, TOLERANCE_N)
@@ -56,7 +55,7 @@ def observe(
         final_n=now.force_n if now else 0.0,
         instant_s=instant_s,
         stops_s=tuple(stops_s),
-        silence_s=longest_silence(readings, [one for one in stops_s if one <= pursued_until_s], pursued_until_s),
+        silence_s=longest_silence(readings, stops_s, ended_s, resumed_s),
         rested=bool(now and not now.moving),
         unloadings=tuple(f"from {one.from_n:.0f} to {one.to_n:.0f} N" for one in unloading),
         orders=len(motion_orders(entries, fault_s)) if fault_s is not None else 0,

@@ -10,6 +10,7 @@ from .own_cell import DISP, LOAD
 from .scenario import Act, Ending, Expected, Peer, Scenario, When
 
 _ASKED = Expected(Ending.ASKED, stop_within_s=None, codes=(Code.LOADED_AT_START, Code.UNORDERED_MOTION))
+_INTERRUPTED = Expected(stop_within_s=None)
 _COMPLETE = Expected(Ending.COMPLETE, stop_within_s=None, loaded_pairs=1, no_orders=False)
 _STOPPED = Expected(Ending.STOPPED, stop_within_s=0.6, timed=True)
 _RECOVERED = Expected(Ending.RECOVERED, stop_within_s=2.0, loaded_pairs=1, no_orders=False)
@@ -94,7 +95,7 @@ COURSES = (
         "killed-and-moved",
         "in the hold control is killed, and somebody drives it to 380 N; then --resume --yes",
         "ask, order nothing",
-        Expected(Ending.ASKED, stop_within_s=None),
+        replace(_INTERRUPTED, codes=(Code.MOVED_AT_REST,)),
         (Act(When("holding", after_s=0.5), ("!signal KILL", "F 380", "E 0.019", "!restart --resume --yes")),),
         unloaded=0,
         protocol={"hold_s": 8.0},
@@ -104,7 +105,7 @@ COURSES = (
         "killed-and-restarted",
         "in the ramp control is killed and the device restarts; then --resume --yes",
         "ask, order nothing",
-        Expected(Ending.ASKED, stop_within_s=None),
+        replace(_INTERRUPTED, codes=(Code.DEVICE_RESTARTED,)),
         (Act(_IN_RAMP, ("!signal KILL", "reboot 0", "!restart --resume --yes")),),
         unloaded=0,
         watch_s=12.0,

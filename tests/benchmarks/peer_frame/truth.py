@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -114,10 +115,28 @@ def when_force_passes(readings: list[Reading], force_n: float, since_s: float = 
     return next((one.at_s for one in readings if one.at_s >= since_s and one.force_n >= force_n), None)
 
 
-def longest_silence(readings: list[Reading], stops_s: list[float], until_s: float) -> float:
-    """Longest time after the first stop order in which the device moved and no further stop order came, s; 0 if it rested at once."""
+def longest_silence(readings: list[Reading], stops_s: list[float], until_s: float, ordered_s: Sequence[float] = ()) -> float:
+    """Longest time in which the device moved after a stop order and received no further stop order, s.
+
+    Args:
+        readings: the true state over time, in order.
+        stops_s: instants of the stop orders, in order.
+        until_s: end of the observation.
+        ordered_s: instants of the motion orders, in order. A motion order ends the pursuit of the stop orders before it: the motion that
+            it starts is obedience. The device records a motion order in the state after it, so a reading of that instant belongs to the
+            new motion.
+
+    Returns:
+        The longest such time over all pursuits; 0 without a stop order, or where the device rested at once.
+    """
+    edges = [float("-inf"), *(at_s for at_s in ordered_s if at_s <= until_s), float("inf")]
+    return max((_silence(readings, [one for one in stops_s if a <= one < b], min(until_s, b), b) for a, b in pairwise(edges)), default=0.0)
+
+
+def _silence(readings: list[Reading], stops_s: list[float], until_s: float, ordered_s: float) -> float:
+    """The longest silence of the pursuit that `stops_s` began, until an instant and before the next motion order."""
     if not stops_s:
         return 0.0
-    moving = [one.at_s for one in readings if stops_s[0] <= one.at_s <= until_s and one.moving]
+    moving = [one.at_s for one in readings if stops_s[0] <= one.at_s <= until_s and one.at_s < ordered_s and one.moving]
     marks = [*stops_s, until_s]
     return max((max((at_s for at_s in moving if a <= at_s <= b), default=a) - a for a, b in pairwise(marks)), default=0.0)

@@ -167,8 +167,41 @@ def test_a_frame_that_was_restarted_holds_other_orders(peer: Peer, opened: Opene
     peer.switch(restart)
     changed = frame.read().order_changed
     assert changed is not None
-    assert f"holds {holds}, 300 N was written: another program or a person commands it, or it was restarted" in changed
+    assert f"holds {holds}, 300 N was written: its registers were cleared, so it was restarted" in changed
     frame.stop()
+
+
+@pytest.mark.parametrize("name", ["f32", "i16"])
+def test_an_order_of_an_earlier_process_is_compared_with_what_the_frame_holds(peer: Peer, opened: Opened, name: str) -> None:
+    first = opened(name)
+    first.ramp_to(60.0, 100.0)
+    until_it_rests(first)
+    first.close()  # an orderly end sends a stop
+    as_left = opened(name)
+    as_left.recall_order(60.0, 100.0)
+    assert [(one.order_changed, one.orders_cleared) for one in (as_left.read() for _ in range(3))] == [(None, False)] * 3
+    as_left.close()
+    other = opened(name)
+    other.recall_order(80.0, 100.0)
+    found = [other.read() for _ in range(2)]
+    assert any("holds 60 N, 80 N was written: another program or a person commands it" in str(one.order_changed) for one in found)
+    assert not any(one.orders_cleared for one in found)
+    other.close()
+    peer.switch("reboot 0")
+    restarted = opened(name)
+    restarted.recall_order(60.0, 100.0)
+    found = [restarted.read() for _ in range(2)]
+    assert any("holds 0 N, 60 N was written: its registers were cleared" in str(one.order_changed) for one in found)
+    assert any(one.orders_cleared for one in found)
+    restarted.stop()  # the operator has looked: the next reading compares with what the stop wrote
+    restarted.ramp_to(80.0, 100.0)
+    assert {one.order_changed for one in until_it_rests(restarted)} == {None}
+
+
+def test_a_displacement_drive_holds_no_target_of_an_earlier_process(opened: Opened) -> None:
+    frame = opened("disp", approach={"stiffness_n_mm": 20000, "speed_max_mm_s": 0.05})
+    frame.recall_order(80.0, 100.0)
+    assert [frame.read().order_changed for _ in range(3)] == [None] * 3
 
 
 def test_a_second_master_is_noticed_at_the_next_reading(frame_peer: Path, tmp_path: Path) -> None:

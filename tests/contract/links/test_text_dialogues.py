@@ -15,10 +15,12 @@ from semlive.data.loading import ControlMode, MotionState, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError, LinkRefused
 from semlive.ports import BlindStop, LoadFrame, OrderCheck, StopMethods
 from semlive_drivers.check import check_frame
+from semlive_drivers.frame import PartsLoadFrame
 from semlive_drivers.text.codec import CheckKind, Checksum, filled, with_check, without_check
 from semlive_drivers.text.load_frame import open_load_frame
 from semlive_simulators.clockwork import BenchClock
 from semlive_simulators.load_frame.lines import ascii_line
+from semlive_simulators.load_frame.serial_ascii import SerialStand
 from semlive_simulators.load_frame.trouble import Line, Trouble, Troubles
 from semlive_simulators.machine import Machine
 from semlive_simulators.scenario import load_scenario
@@ -33,8 +35,8 @@ APPROACH = {"stiffness_n_mm": 8000.0, "speed_max_mm_s": 0.05, "speed_min_mm_s": 
 class Stand:
     """The bench's test stand on its line."""
 
-    def __init__(self, path: str, machine: Machine, troubles: Troubles, clock: BenchClock) -> None:
-        self.path, self.machine, self.troubles, self.clock = path, machine, troubles, clock
+    def __init__(self, path: str, machine: Machine, troubles: Troubles, clock: BenchClock, letters: SerialStand) -> None:
+        self.path, self.machine, self.troubles, self.clock, self.letters = path, machine, troubles, clock, letters
 
     def settings(self, **more: object) -> dict[str, object]:
         line = {"port": self.path, "slowest_s": 0.2}
@@ -57,7 +59,7 @@ def stand() -> Iterator[Stand]:
 
         watching = threading.Thread(target=watch)
         watching.start()
-        yield Stand(path, machine, troubles, clock)
+        yield Stand(path, machine, troubles, clock, letters)
         over.set()
         watching.join()
 
@@ -99,6 +101,43 @@ def test_a_stop_is_confirmed_by_the_stand(stand: Stand, frame: LoadFrame) -> Non
     frame.stop()
     assert stand.machine.jogging_mm_s == 0.0
     assert frame.read().motion is MotionState.STOPPED
+
+
+@pytest.mark.parametrize(
+    ("letters", "sentence"),
+    [(b"e0123.0", "its speed is 2.05 mm/s, "), (b"h005.00", "its upper is 5 mm, ")],
+)
+def test_a_setting_that_somebody_changes_in_a_ramp_is_noticed_and_ends_it(
+    stand: Stand, frame: PartsLoadFrame, letters: bytes, sentence: str
+) -> None:
+    frame.ramp_to(1500.0, 100.0)
+    assert [frame.read().order_changed for _ in range(4)] == [None] * 4
+    stand.letters.answer(letters)
+    found = str(frame.read().order_changed)
+    assert sentence in found
+    assert "another program or a person commands it" in found
+    before_mm = stand.letters.answer(b"v")
+    frame.read()
+    assert stand.letters.answer(b"v") == before_mm  # no further travel is ordered
+    frame.stop()
+    frame.ramp_to(1500.0, 100.0)
+    assert [frame.read().order_changed for _ in range(4)] == [None] * 4
+    frame.stop()
+
+
+def test_settings_that_nobody_changes_are_no_other_order(stand: Stand, frame: PartsLoadFrame) -> None:
+    seen = [frame.read()]
+
+    def rests() -> bool:
+        seen.append(frame.read())
+        return seen[-1].motion is MotionState.STOPPED
+
+    for target_n in (150.0, 40.0):
+        frame.ramp_to(target_n, 100.0)
+        wait_until(rests)
+        frame.stop()
+        seen += [frame.read() for _ in range(3)]
+    assert {one.order_changed for one in seen} == {None}
 
 
 def test_a_late_answer_is_refused_and_the_next_ones_are_right(stand: Stand) -> None:
@@ -284,6 +323,7 @@ def test_a_checksum_finds_a_changed_byte(text: bytes, kind: CheckKind) -> None:
         ("orders: {pull: [{send: 'e{speed:3}'}]}", "wants speed; there are force_n"),
         ("asks: {load: {send: n, reply: '(?P<force'}}", "is no regular expression"),
         ("other_stops: [{says: power off, steps: [{send: 'o{speed:3}'}]}]", "wants speed; there are force_n"),
+        ("read_back: {pull: [{ask: load}]}", "a step of read_back asks and compares with equals"),
         ("ranges: {stat: [0, 1]}", "ranges needs 'stat', which no question of every_turn asks"),
         ("ranges: {force: [1, 0]}", "ranges.force must give the low end first"),
         ("valid: [{group: stat, bit: 3, says: bad}]", "valid needs 'stat', which no question of every_turn asks"),
@@ -296,6 +336,81 @@ def test_what_is_wrong_in_a_dialogue_is_said(tmp_path: Path, change: str, senten
     path.write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(BadConfig, match=sentence):
         open_load_frame({"map": str(path), "serial": {"port": "none"}}, CLOCK)
+
+
+TAKES_LOADS = """
+protocol: ascii
+name: takes loads
+source: a test
+confirmed: true
+asks:
+  load: {send: "f\\r", reply: '(?P<force>[-+]?[0-9.]+) (?P<motion>[MS])'}
+  aim: {send: "t\\r", reply: '(?P<aim>[-+]?[0-9.]+)'}
+  rate: {send: "v\\r", reply: '(?P<rate>[0-9.]+)'}
+every_turn: [load]
+motion: {M: moving, S: stopped}
+orders:
+  ramp: [{send: "r{rate_n_s:1.2}\\r"}, {send: "g{force_n:1.1}\\r"}, {ask: aim, equals: {aim: force_n}, tolerance: 0.5}]
+  stop: [{send: "s\\r"}]
+read_back:
+  ramp: [{ask: rate, equals: {rate: rate_n_s}, tolerance: 0.01}]
+"""
+
+
+@pytest.fixture
+def loads(tmp_path: Path) -> Iterator[tuple[dict[str, str], PartsLoadFrame]]:
+    """The answers of a device that takes loads, by question, and its load frame."""
+    path = tmp_path / "loads.yaml"
+    path.write_text(TAKES_LOADS, encoding="utf-8")
+    answers = {"f": "+0.0 S", "t": "0.0", "v": "1.00"}
+
+    def answer(line: str) -> str:
+        if line[0] in "rg":
+            answers["v" if line[0] == "r" else "t"] = line[1:]
+        return f"{answers[line]}\r\n" if line in answers else ""
+
+    with over_text(answer) as line:
+        frame = open_load_frame({"map": str(path), "serial": {"port": line, "slowest_s": 0.05}}, CLOCK)
+        yield answers, frame
+        frame.close()
+
+
+@pytest.mark.parametrize(
+    ("question", "answer", "sentence"),
+    [("t", "20.0", "its aim is 20 N, 100 N was ordered"), ("v", "9.99", "its rate is 9.99 N/s, 5 N/s was ordered")],
+)
+def test_target_and_rate_that_somebody_changes_are_noticed(
+    loads: tuple[dict[str, str], PartsLoadFrame], question: str, answer: str, sentence: str
+) -> None:
+    answers, frame = loads
+    assert [frame.read().order_changed for _ in range(2)] == [None] * 2
+    frame.ramp_to(100.0, 5.0)
+    assert [frame.read().order_changed for _ in range(4)] == [None] * 4
+    answers[question] = answer
+    assert any(sentence in str(frame.read().order_changed) for _ in range(2))
+    frame.stop()
+    frame.ramp_to(100.0, 5.0)
+    assert [frame.read().order_changed for _ in range(4)] == [None] * 4
+
+
+def test_an_order_of_an_earlier_process_is_compared(loads: tuple[dict[str, str], PartsLoadFrame]) -> None:
+    answers, frame = loads
+    answers.update(t="100.0", v="5.00")
+    frame.recall_order(100.0, 5.0)
+    assert [frame.read().order_changed for _ in range(4)] == [None] * 4
+    answers["t"] = "0.0"
+    assert any("its aim is 0 N, 100 N was ordered" in str(frame.read().order_changed) for _ in range(2))
+
+
+def test_an_answer_that_the_description_does_not_fit_is_not_compared_and_costs_no_reading(
+    loads: tuple[dict[str, str], PartsLoadFrame],
+) -> None:
+    answers, frame = loads
+    frame.ramp_to(100.0, 5.0)
+    answers["v"] = "fast"
+    assert [frame.read().order_changed for _ in range(4)] == [None] * 4
+    answers["t"] = "20.0"
+    assert frame.read().order_changed is not None
 
 
 def test_a_dialogue_may_state_further_stops_and_the_ends_of_a_sensor(tmp_path: Path) -> None:

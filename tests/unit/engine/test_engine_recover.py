@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from semlive.data.experiment import Recentre
+from semlive.data.faults import FaultCode
 from semlive.data.loading import LoadSample, MotionState, StageSample
 from semlive.engine import (
     Device,
@@ -22,6 +23,7 @@ from semlive.engine import (
     Ready,
     State,
     StopMotion,
+    Transition,
     Verb,
     changed_since,
     start,
@@ -104,11 +106,71 @@ def test_after_its_last_pair_nothing_is_asked_of_any_device() -> None:
 def test_a_load_or_a_stage_that_is_elsewhere_is_told() -> None:
     run, before = interrupted(1)
     run.force_n -= 30.0
-    assert "look first: the load is 170.0 N now, and was 200.0 N" in taken_up(run, before).state.message
-    assert changed_since(run.state) is not None
+    assert "the load is 170.0 N now, and was 200.0 N" in taken_up(run, before).state.message
+    assert fault_of(run) is FaultCode.MOVED_AT_REST
+    run.tell(Operator(run.now_ns, Verb.RESUME))
+    assert run.state.at is State.RECOVER
+    assert "look first: the load is 170.0 N now, and was 200.0 N" in run.state.message
     run, before = interrupted(1)
     run.xy_um = (60.0, -3.0)
-    assert "the stage is at (60.0, -3.0) um now" in str(changed_since(taken_up(run, before).state))
+    assert "the stage is at (60.0, -3.0) um now" in taken_up(run, before).state.message
+    assert fault_of(run) is FaultCode.MOVED_AT_REST
+
+
+def fault_of(run: Run) -> FaultCode | None:
+    """The code of the fault that the resumed run is in before anything was ordered."""
+    assert run.state.at is State.FAULT
+    assert run.of(RampTo) == run.of(MoveStage) == []
+    return run.of(Transition)[-1].code
+
+
+@pytest.mark.parametrize(("change_mm", "as_left"), [(0.005, True), (-0.04, False), (0.04, False)])
+def test_an_extension_that_is_elsewhere_at_the_same_load_is_a_fault(change_mm: float, as_left: bool) -> None:
+    run, before = interrupted(1)
+    run.crosshead_mm += change_mm
+    taken_up(run, before)
+    if as_left:
+        assert run.state.at is State.RECOVER
+    else:
+        assert fault_of(run) is FaultCode.MOVED_AT_REST
+        assert "the extension is" in run.state.message
+
+
+@pytest.mark.parametrize(("change_mm", "as_left"), [(0.005, True), (0.5, True), (-0.04, False)])
+def test_a_crosshead_that_was_on_its_way_may_be_further_on_it_and_not_behind(change_mm: float, as_left: bool) -> None:
+    run, before = interrupted(1, until=State.RAMPING)
+    before = replace(before, load=LoadSample(0, T0, 0, 120.0, 0.024, MotionState.MOVING, 200.0), position=None)
+    run.load_goal_n = None
+    run.force_n, run.crosshead_mm = 160.0, 0.024 + change_mm
+    assert (changed_since(taken_up(run, before).state) is None) is as_left
+
+
+@pytest.mark.parametrize(("cleared", "code"), [(False, FaultCode.FOREIGN_ORDER), (True, FaultCode.DEVICE_RESTARTED)])
+def test_a_device_that_does_not_hold_the_last_order_is_a_fault_before_the_first_order(cleared: bool, code: FaultCode) -> None:
+    run, before = interrupted(1)
+    run.commands.clear()
+    run.state = start(run.plan, run.now_ns, before=before)
+    run.tell(Opening(run.now_ns))
+    run.tell(LoadReading(run.now_ns, replace(run.load_sample(), order_changed="its target holds 0 N", orders_cleared=cleared)))
+    assert fault_of(run) is code
+    assert len(run.of(StopMotion)) == 1
+    run.readings()
+    run.tell(Operator(run.now_ns, Verb.RESUME))  # before it is known which devices the run has
+    assert run.state.at is State.FAULT
+    assert "cannot resume: the devices and the analysis are not ready yet" in run.state.message
+    run.tell(Ready(run.now_ns, IDENTITY, IDENTITY))
+    assert run.state.at is State.FAULT
+    run.tell(Operator(run.now_ns, Verb.RESUME))
+    assert run.state.at is State.RECOVER
+    run.tell(Operator(run.now_ns, Verb.RESUME))
+    assert State.RAMPING in run.path
+
+
+def test_a_new_run_has_no_order_to_compare() -> None:
+    run = Run(PLAN)
+    run.tell(Opening(run.now_ns))
+    run.tell(LoadReading(run.now_ns, replace(run.load_sample(), order_changed="its target holds 0 N")))
+    assert run.state.at is State.CONNECTING
 
 
 @pytest.mark.parametrize(("device", "as_left"), [(Device.LOAD_FRAME, False), (Device.STAGE, True)])
@@ -153,6 +215,7 @@ def test_what_is_asked_once_is_not_held_against_a_later_fault() -> None:
     run, before = interrupted(1)
     run.force_n -= 30.0
     taken_up(run, before)
+    run.tell(Operator(run.now_ns, Verb.RESUME))
     run.tell(Operator(run.now_ns, Verb.RESUME))
     assert State.RAMPING in run.path
     assert changed_since(run.state) is None
