@@ -5,7 +5,7 @@
 Each scenario is a run of `semlive run CONFIG --attended` in real time with default limits. The device is the program
 tests/benchmarks/peer_frame/map_device.py. It is written from the maker's register or command list and shares no code with the drivers; its
 own record gives the true force, the orders and the stops. NAME is the beginning of a scenario's name. `--write` writes one section of
-docs/safety-campaign.md. Observations are added to FILE, and a scenario that FILE holds is judged without being run again. The exit status
+docs/validation/load-frame-safety.md. Observations are added to FILE, and a scenario that FILE holds is judged without being run again. The exit status
 is 1 if a scenario or a bar failed.
 """
 
@@ -31,7 +31,7 @@ from peer_frame.verdict import figures
 def main() -> int:
     """Run the requested scenarios."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true", help="write the section of docs/safety-campaign.md")
+    parser.add_argument("--write", action="store_true", help="write the section of docs/validation/load-frame-safety.md")
     parser.add_argument("--short", action="store_true", help="only the scenarios that the tests run")
     parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="scenarios whose name begins so")
     parser.add_argument("--jobs", type=int, default=2, help="trials at the same time")

@@ -1,4 +1,4 @@
-"""The decisive part of the campaign over every shipped map and driver (docs/safety-campaign.md).
+"""The decisive part of the campaign over every shipped map and driver (docs/validation/load-frame-safety.md).
 
 All of it is `python tests/benchmarks/bench_every_map.py`.
 """

@@ -14,7 +14,7 @@ from unit_registers import Note, UnitRegisters, f32, u32
 
 
 class BenchRegisters(UnitRegisters):
-    """The bench of docs/bench-registers.md: load control with nonce, counter of readings and a watchdog."""
+    """The bench of docs/reference/bench-registers.md: load control with nonce, counter of readings and a watchdog."""
 
     OVERLOAD_N = 2000.0
 
