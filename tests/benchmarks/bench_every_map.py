@@ -5,7 +5,8 @@
 Each scenario is a run of `semlive run CONFIG --attended` in real time with default limits. The device is the program
 tests/benchmarks/peer_frame/map_device.py. It is written from the maker's register or command list and shares no code with the drivers; its
 own record gives the true force, the orders and the stops. NAME is the beginning of a scenario's name. `--write` writes one section of
-docs/validation/load-frame-safety.md. Observations are added to FILE, and a scenario that FILE holds is judged without being run again. The exit status
+docs/validation/load-frame-safety.md. Observations are added to FILE, and a scenario that FILE holds is judged without being run again. The
+exit status
 is 1 if a scenario or a bar failed.
 """
 
