@@ -41,7 +41,7 @@ SECTIONS = ("tutorials", "how-to", "reference", "explanations", "decisions", "va
 """Folders of pages, in the order of the navigation bar."""
 PUBLIC_MODULES = (
     "semlive",
-    "semlive.report.opened",
+    "semlive.api",
     "semlive.dic",
     "semlive.mechanics",
     "semlive.engine",

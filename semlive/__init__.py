@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from semlive.report.opened import open_log
+    from semlive.api import open_log
 
 __version__ = "0.2.0"
 """Version of the package, the same as in pyproject.toml."""
@@ -19,7 +19,7 @@ __all__ = ["__version__", "open_log"]
 def __getattr__(name: str) -> Any:
     """`open_log`, imported when it is first asked for: the package itself stays light."""
     if name == "open_log":
-        from semlive.report.opened import open_log  # noqa: PLC0415
+        from semlive.api import open_log  # noqa: PLC0415
 
         return open_log
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

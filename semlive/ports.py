@@ -12,9 +12,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Protocol, runtime_checkable
 
-from semlive.data.asking import Word
-from semlive.data.frame_check import FrameCheck
+from semlive.data.checks import FrameCheck
 from semlive.data.loading import DeviceIdentity, LoadSample, StageKind, StageSample
+from semlive.data.operator_prompts import OperatorPrompt
 
 
 @runtime_checkable
@@ -139,7 +139,7 @@ class Stage(Protocol):
 class Trigger(Protocol):
     """Something that makes the SEM scan one frame."""
 
-    def scan_once(self) -> None:
+    def trigger_scan(self) -> None:
         """Ask for one frame; returns when the request was taken."""
         ...
 
@@ -149,14 +149,14 @@ class Trigger(Protocol):
 
 
 @runtime_checkable
-class Desk(Protocol):
+class OperatorInterface(Protocol):
     """Where drivers tell and ask a person; answers may come from elsewhere too."""
 
-    def follow(self, heard: Callable[[Word], object]) -> None:
+    def subscribe(self, heard: Callable[[OperatorPrompt], object]) -> None:
         """Tell `heard` every word from now on, from whichever thread it is said in; in place of whoever followed before."""
         ...
 
-    def overhear(self, heard: Callable[[str], bool]) -> None:
+    def add_answer_source(self, heard: Callable[[str], bool]) -> None:
         """Give every line that is typed there from now on to `heard` first; what it says True to answers no question."""
         ...
 

@@ -6,14 +6,14 @@ from collections.abc import Iterator, Mapping
 
 from pydantic import BaseModel, ConfigDict
 
-from semlive.data.frame_check import Finding, FrameCheck, Verdict
+from semlive.data.checks import Finding, FrameCheck, Verdict
 from semlive.errors import BadConfig
 from semlive.ports import ClockSource
-from semlive_drivers.approach import ApproachSettings, ramp_problem
+from semlive_drivers.device_part import OrderBook
+from semlive_drivers.load_approach import ApproachSettings, ramp_problem
 from semlive_drivers.maps import map_content
 from semlive_drivers.modbus.check import check_modbus
 from semlive_drivers.modbus.settings import checked
-from semlive_drivers.parts import OrderBook
 from semlive_drivers.text.check import check_text
 
 
@@ -36,9 +36,9 @@ class WantedOrders(BaseModel):
             problem = ramp_problem(book, self.approach, load_n, rate_n_s)
             what = f"{load_n:g} N at {rate_n_s:g} N/s"
             if problem is None:
-                yield Finding(what, "can be ordered as meant", Verdict.GOOD)
+                yield Finding(what, "can be ordered as meant", Verdict.OK)
             else:
-                yield Finding(what, problem, Verdict.BAD, "correct the load, the rate or the description")
+                yield Finding(what, problem, Verdict.FAILED, "correct the load, the rate or the description")
 
 
 def check_frame(name: str, settings: Mapping[str, object], clock: ClockSource) -> FrameCheck:

@@ -26,7 +26,7 @@ _WRITE_S = 0.5
 _LONGEST_NOISE_S = 0.5
 
 
-class LineGone(LinkError):
+class LineLost(LinkError):
     """The line itself is gone: pulled out, or closed."""
 
 
@@ -49,21 +49,21 @@ class SerialSettings(BaseModel):
 
 
 @dataclass(slots=True)
-class Past:
+class LineHistory:
     """What is known of a line's past.
 
     Attributes:
-        owed: requests without an answer so far, oldest first, by unit.
+        replies_pending: requests without an answer so far, oldest first, by unit.
         asked_s: monotonic time of the newest of them.
         first: what to say before anything else when the line is opened again: stops that nobody has confirmed.
     """
 
-    owed: dict[int, list[bytes]] = field(default_factory=dict)
+    replies_pending: dict[int, list[bytes]] = field(default_factory=dict)
     asked_s: float = field(default_factory=time.monotonic)
     first: list[bytes] = field(default_factory=list)
 
 
-_PASTS: dict[tuple[str, str], Past] = {}
+_PASTS: dict[tuple[str, str], LineHistory] = {}
 """By path and by who is spoken to there: a stop is owed to that device, not to what was plugged in instead."""
 
 
@@ -93,7 +93,7 @@ class SerialPort:
         self._silence_s = max(character, settings.silence_s)
         self._busy_s = time.monotonic()
         self.unknown = (settings.port, who) not in _PASTS
-        self.past = _PASTS.setdefault((settings.port, who), Past())
+        self.past = _PASTS.setdefault((settings.port, who), LineHistory())
 
     def allow_for(self, settings: SerialSettings) -> None:
         """Another device on the same line, which may need more silence and more patience."""
@@ -105,7 +105,7 @@ class SerialPort:
         """How long so many bytes take on the wire."""
         return count * self._byte_s
 
-    def say(self, data: bytes) -> bool:
+    def write(self, data: bytes) -> bool:
         """Send a request after the silence that it needs.
 
         Returns:
@@ -114,7 +114,7 @@ class SerialPort:
         Raises:
             LinkError: if the line is gone.
         """
-        silent = not self.hear_for(max(0.0, self._busy_s + self._silence_s - time.monotonic()))
+        silent = not self.read_until(max(0.0, self._busy_s + self._silence_s - time.monotonic()))
         try:
             self._port.write(data)
         except (OSError, serial.SerialException) as error:
@@ -123,7 +123,7 @@ class SerialPort:
         self.past.asked_s = time.monotonic()
         return silent
 
-    def hear(self, until_s: float) -> bytes:
+    def read(self, until_s: float) -> bytes:
         """What has come, as soon as anything has; nothing at `until_s` (monotonic).
 
         Raises:
@@ -141,28 +141,28 @@ class SerialPort:
             raise self._gone(error) from error
         return data
 
-    def hear_for(self, seconds: float) -> bytes:
+    def read_until(self, seconds: float) -> bytes:
         """Everything that comes within a time."""
         end_s, heard = time.monotonic() + seconds, b""
-        while more := self.hear(end_s):
+        while more := self.read(end_s):
             heard += more
         return heard
 
-    def quieten(self) -> None:
+    def drain(self) -> None:
         """Throw away what comes until nothing comes any more.
 
         Raises:
             LinkError: if it never ends.
         """
         end_s = time.monotonic() + _LONGEST_NOISE_S
-        while self.hear_for(_QUIET_S):
+        while self.read_until(_QUIET_S):
             if time.monotonic() > end_s:
                 raise LinkError(f"{self.where} does not fall silent; check baud rate, parity and who else speaks on the line")
 
-    def wait_for_the_slowest(self) -> None:
+    def wait_max_reply_time(self) -> None:
         """Listen until no answer to an earlier request can come any more."""
-        self.hear_for(max(0.0, self.past.asked_s + self.settings.slowest_s - time.monotonic()))
-        self.past.owed.clear()
+        self.read_until(max(0.0, self.past.asked_s + self.settings.slowest_s - time.monotonic()))
+        self.past.replies_pending.clear()
         self.unknown = False
 
     def close(self) -> None:
@@ -172,8 +172,8 @@ class SerialPort:
             self._port.close()
         self._endpoint.release()
 
-    def _gone(self, error: Exception) -> LineGone:
-        return LineGone(f"the serial line {self.where} is gone ({error}); check cable and adapter")
+    def _gone(self, error: Exception) -> LineLost:
+        return LineLost(f"the serial line {self.where} is gone ({error}); check cable and adapter")
 
 
 def _opened(settings: SerialSettings) -> serial.Serial:

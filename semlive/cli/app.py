@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from semlive.cli.lazy import Entry, group_of
+from semlive.cli.lazy import CommandEntry, group_of
 from semlive.data.text import printable
 from semlive.errors import BadInput, SemliveError
 
@@ -18,99 +18,109 @@ _HELP = """Live drift- and distortion-corrected strain measurement inside a scan
 New here: semlive demo runs a whole simulated experiment. At an instrument: semlive init writes a configuration, semlive doctor says whether everything is in place, semlive plan shows the experiment before it is run, semlive run runs it."""  # noqa: E501
 _EPILOG = "semlive COMMAND --help says what a command does and what it takes; semlive --install-completion completes names by the tab key."
 
-BEGIN, RUN, AFTER, ALONE = "Before a run", "A run", "After a run", "Without a run"
+PANEL_SETUP, PANEL_RUN, PANEL_ANALYSIS, PANEL_TOOLS = "Before a run", "A run", "After a run", "Without a run"
 COMMANDS = (
-    Entry(
+    CommandEntry(
         "demo",
         "semlive.cli.demo:demo",
         "Run a simulated in-situ tensile experiment through the daemon and compare the result with the truth.",
-        BEGIN,
+        PANEL_SETUP,
     ),
-    Entry("init", "semlive.cli.init:init", "Write a commented configuration after a few questions.", BEGIN),
-    Entry(
+    CommandEntry("init", "semlive.cli.init:init", "Write a commented configuration after a few questions.", PANEL_SETUP),
+    CommandEntry(
         "doctor",
         "semlive.cli.doctor:doctor",
         "Look whether everything a run needs is in place, and say how to mend what is not; nothing is moved.",
-        BEGIN,
+        PANEL_SETUP,
     ),
-    Entry(
+    CommandEntry(
         "plan",
         "semlive.cli.plan:plan",
         "Show an experiment before it is run: time, frames, dose, noise, false strain, how far each fault can carry the load, and advice.",
-        BEGIN,
+        PANEL_SETUP,
     ),
-    Entry(
+    CommandEntry(
         "inspect",
         "semlive.cli.inspect:inspect",
         "Show what exported images say of their scan, where each value comes from, and what is missing.",
-        BEGIN,
+        PANEL_SETUP,
     ),
-    Entry("frame", "semlive.cli.frame:frame", "Look at a load frame, without moving it.", BEGIN),
-    Entry(
+    CommandEntry("frame", "semlive.cli.frame:frame", "Look at a load frame, without moving it.", PANEL_SETUP),
+    CommandEntry(
         "run",
         "semlive.cli.run:run",
         "Run an experiment; type pause, resume, stop, abort or acknowledge and press Enter, or Ctrl-C to stop.",
-        RUN,
+        PANEL_RUN,
     ),
-    Entry("serve", "semlive.cli.serve:serve", "Show a log on the live page until Ctrl-C; nothing can be steered there.", RUN),
-    Entry(
+    CommandEntry("serve", "semlive.cli.serve:serve", "Show a log on the live page until Ctrl-C; nothing can be steered there.", PANEL_RUN),
+    CommandEntry(
         "recover",
         "semlive.cli.recover:recover",
         "Make a torn or damaged log valid: all that is whole, with an index, and a list of what was lost.",
-        RUN,
+        PANEL_RUN,
     ),
-    Entry(
-        "replay", "semlive.cli.replay:replay", "Recompute the analysis from a log and compare it with what the live run recorded.", AFTER
+    CommandEntry(
+        "replay",
+        "semlive.cli.replay:replay",
+        "Recompute the analysis from a log and compare it with what the live run recorded.",
+        PANEL_ANALYSIS,
     ),
-    Entry(
+    CommandEntry(
         "report",
         "semlive.cli.report:report",
         "Write a run as one page: figures as in the method's paper, uncertainty budget, refused frames, settings, versions.",
-        AFTER,
+        PANEL_ANALYSIS,
     ),
-    Entry(
+    CommandEntry(
         "export",
         "semlive.cli.export:export",
         "Write corrected displacement and strain of every frame, drift, distortion, series and configuration.",
-        AFTER,
+        PANEL_ANALYSIS,
     ),
-    Entry(
+    CommandEntry(
         "prune",
         "semlive.cli.prune:prune",
         "Name old runs beyond a limit, and delete them with --delete; a run that is not complete or holds other files is always kept.",
-        AFTER,
+        PANEL_ANALYSIS,
     ),
-    Entry("reanalyse", "semlive.cli.reanalyse:reanalyse", "Analyse logs anew; what goes wrong with one does not stop the rest.", AFTER),
-    Entry(
+    CommandEntry(
+        "reanalyse",
+        "semlive.cli.reanalyse:reanalyse",
+        "Analyse logs anew; what goes wrong with one does not stop the rest.",
+        PANEL_ANALYSIS,
+    ),
+    CommandEntry(
         "diagnose",
         "semlive.cli.diagnose:diagnose",
         "Find where model and data disagree, name the missing effect, and show how much of the gap it closes.",
-        AFTER,
+        PANEL_ANALYSIS,
     ),
-    Entry(
+    CommandEntry(
         "experiment",
         "semlive.cli.experiment:experiment",
         "Propose the experiment that decides what a diagnosis leaves open; decide by it; compare a run with simulations of it.",
-        AFTER,
+        PANEL_ANALYSIS,
     ),
-    Entry(
+    CommandEntry(
         "score",
         "semlive.cli.score:score",
         "Every recovered quantity against truth, with its uncertainty, and whether the stated uncertainties hold.",
-        AFTER,
+        PANEL_ANALYSIS,
     ),
-    Entry("dic", "semlive.cli.dic:dic", "Correlate images (TIFF, PNG, JPEG, BMP...) with a reference: x_current = x + u, in px.", ALONE),
-    Entry(
+    CommandEntry(
+        "dic", "semlive.cli.dic:dic", "Correlate images (TIFF, PNG, JPEG, BMP...) with a reference: x_current = x + u, in px.", PANEL_TOOLS
+    ),
+    CommandEntry(
         "import",
-        "semlive.cli.importing:bring",
+        "semlive.cli.import_maps:import_maps",
         "Make a log of disparity maps that another engine made: VIC-2D, DICe, OpenCorr, pyvale, or plain CSV.",
-        ALONE,
+        PANEL_TOOLS,
     ),
-    Entry(
+    CommandEntry(
         "simulate",
         "semlive.cli.simulate:simulate",
         "Play a scenario's own experiment as fast as it renders, and write what the microscope would have exported.",
-        ALONE,
+        PANEL_TOOLS,
     ),
 )
 app = typer.Typer(cls=group_of(COMMANDS), help=_HELP, epilog=_EPILOG, no_args_is_help=True, pretty_exceptions_enable=False)

@@ -14,14 +14,14 @@ import typer
 import yaml
 from rich.console import Console
 
+from semlive.cli.progress_bar import multi_stage_progress, progress_bar
 from semlive.cli.simulator import running_simulator
 from semlive.cli.tables import result_table, score_table
-from semlive.cli.track import tracked, tracked_stages
 from semlive.errors import BadInput, SemliveError
 from semlive.report.page import report_html
-from semlive.report.score import load_truth, score
-from semlive.service.log_facts import log_facts
-from semlive.service.replay import Watch, last_result, load_series
+from semlive.report.scoring.score import load_truth, score
+from semlive.service.log.run_facts import log_facts
+from semlive.service.replay.replay import ReplayCallbacks, load_series, result_from_maps
 
 
 def demo(
@@ -93,12 +93,12 @@ def _daemon(config: Path) -> int:
 
 def _show(console: Console, folder: Path, truth_file: Path) -> None:
     log = folder / "log" / "demo"
-    with tracked_stages() as progress:
-        result, settings = last_result(log, Watch(progress))
+    with multi_stage_progress() as progress:
+        result, settings = result_from_maps(log, ReplayCallbacks(progress))
     truth = load_truth(truth_file)
     scores = score(result, truth)
     page = folder / "report.html"
-    with tracked("drawing", "figure") as drawing:
+    with progress_bar("drawing", "figure") as drawing:
         page.write_text(report_html("demo", result, load_series(log), settings, log_facts(log), drawing), encoding="utf-8")
     (folder / "score.json").write_text(json.dumps({one.name: one.to_json() for one in scores}, indent=1), encoding="utf-8")
     console.print(result_table(result))

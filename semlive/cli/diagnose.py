@@ -11,13 +11,13 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from semlive.cli.foretold import foretold_table
-from semlive.cli.track import tracked_stages
-from semlive.data.diagnosis import TOO_COARSE, Diagnosis, FoundEffect, Outcome
+from semlive.cli.forecast_table import forecast_table
+from semlive.cli.progress_bar import multi_stage_progress
+from semlive.data.diagnosis import UNDERRESOLVED, Diagnosis, IdentifiedEffect, Outcome
 from semlive.report.diagnosis_page import diagnosis_html
-from semlive.service.diagnosis import diagnose_log, diagnosis_json
-from semlive.service.memory import one_heap
-from semlive.service.model_file import fitting_model, model_of, write_model
+from semlive.service.diagnosis.model_file import compatible_model, model_of, write_model
+from semlive.service.diagnosis.run import diagnose_log, diagnosis_json
+from semlive.service.runtime.memory import single_arena
 
 _SAID = {
     Outcome.NONE: "nothing is missing that these data could show",
@@ -37,9 +37,9 @@ def diagnose(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Find where model and data disagree, name the missing effect, and show how much of the gap it closes."""
-    one_heap()
-    parent = model_of(log) if model is None else fitting_model(log, model)
-    with tracked_stages(quiet=False) as progress:
+    single_arena()
+    parent = model_of(log) if model is None else compatible_model(log, model)
+    with multi_stage_progress(quiet=False) as progress:
         found = diagnose_log(log, seed, progress, parent.known.effects)
     if out is not None:
         write_model(out, found, log, parent)
@@ -59,24 +59,24 @@ def diagnose(
     for effect in found.effects:
         console.print(_effect_table(effect))
     for name in found.coarse:
-        console.print(f"{name}: {TOO_COARSE[name]}")
+        console.print(f"{name}: {UNDERRESOLVED[name]}")
     _say_gap(console, found)
     console.print(_where_table(found))
     if found.rows is None:
-        console.print(found.no_rows)
+        console.print(found.rows_unavailable)
     else:
         console.print(f"rows: {found.rows.pairs} pairs of {found.rows.rows}, each known to {found.rows.noise_px:.4f} px")
     console.print(_grey_line(found))
     if found.experiment is not None:
         console.print(f"to decide between {', '.join(found.experiment.between)}: {found.experiment.about}")
         if found.experiment.foretold:
-            console.print(foretold_table(found.experiment.foretold))
+            console.print(forecast_table(found.experiment.foretold))
 
 
 def _grey_line(found: Diagnosis) -> str:
     grey = found.grey
     if grey is None:
-        return found.no_grey
+        return found.intensity_unavailable
     dark, slope = grey.noise
     left = f"; {grey.left}" if grey.left else ""
     return (
@@ -85,7 +85,7 @@ def _grey_line(found: Diagnosis) -> str:
     )
 
 
-def _effect_table(effect: FoundEffect) -> Table:
+def _effect_table(effect: IdentifiedEffect) -> Table:
     evidence = f"p = {effect.p_value:.3f}, logarithm of the Bayes factor {effect.log_bayes_factor:.1f}"
     table = Table(title=f"{effect.name}: at most {effect.peak_px:.3f} px, {evidence}")
     for heading in ("parameter", "value", "sigma", "unit"):
@@ -93,7 +93,7 @@ def _effect_table(effect: FoundEffect) -> Table:
     for one in effect.parameters:
         table.add_row(one.name, f"{one.value:.4g}", f"{one.sigma:.2g}", one.unit)
     if effect.strain:
-        one = effect.on_modulus
+        one = effect.modulus_bias
         by = "" if one is None else f"; it would change Young's modulus by {100 * one.value:+.2g} +- {100 * one.sigma:.2g} %"
         table.caption = f"this is strain, or looks like it: strain is not corrected for it{by}"
     return table

@@ -16,15 +16,15 @@ from rich.console import Console
 from rich.progress import Progress
 
 from semlive import dic as engine
+from semlive.cli.progress_bar import compile_with_progress
 from semlive.cli.terminal import echo
-from semlive.cli.track import warmed
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.settings import DicSettings
 from semlive.errors import BadInput
-from semlive.formats.pictures import read_picture
+from semlive.formats.images.image_files import read_picture
 from semlive.inputs.files import MOST_IMAGE_BYTES, read_regular
 
-JUDGED_PX = 2048  # edge of the part of the reference whose pattern is judged
+QUALITY_CHECK_MAX_PX = 2048  # edge of the part of the reference whose pattern is judged
 HEADER = "x,y,u,v,sigma_u,sigma_v,zncc,status"
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -58,7 +58,7 @@ def dic(
     for path in cur:
         _read_alike(path, ref, image)  # a wrong file is told before an hour of work, not after; decoding costs a thirtieth of it
     files = _output_files(out, cur)
-    warmed(settings)
+    compile_with_progress(settings)
     for warning in _poor(image, settings, used):
         echo(f"{ref}: {warning}", err=True)
     start = time.perf_counter()
@@ -85,7 +85,7 @@ def dic(
 
 def _poor(image: Image, settings: DicSettings, used: NDArray[np.bool_] | None) -> tuple[str, ...]:
     """What is too poor about the reference, of subsets side by side; of a large one's middle."""
-    (top, height), (left, width) = ((max(0, (n - JUDGED_PX) // 2), min(n, JUDGED_PX)) for n in image.shape)
+    (top, height), (left, width) = ((max(0, (n - QUALITY_CHECK_MAX_PX) // 2), min(n, QUALITY_CHECK_MAX_PX)) for n in image.shape)
     part = np.s_[top : top + height, left : left + width]
     roi = None
     if settings.roi_px is not None:

@@ -12,15 +12,15 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from semlive.cli.progress_bar import compile_with_progress
 from semlive.cli.terminal import cell
-from semlive.cli.track import warmed
-from semlive.data.frame_check import Finding, Verdict
+from semlive.data.checks import Finding, Verdict
 from semlive.data.settings import DicSettings
 from semlive.errors import SemliveError
-from semlive.service.checkup import look
-from semlive.service.config import load_config
+from semlive.service.checks import run_checks
+from semlive.service.config.configuration import load_config
 
-_COLOURS = {Verdict.GOOD: "green", Verdict.OPEN: "yellow", Verdict.BAD: "red"}
+_COLOURS = {Verdict.OK: "green", Verdict.UNKNOWN: "yellow", Verdict.FAILED: "red"}
 
 
 def doctor(
@@ -31,9 +31,9 @@ def doctor(
     """Look whether everything a run needs is in place, and say how to mend what is not; nothing is moved."""
     checked = None if config is None else load_config(config)
     if warm:
-        warmed(DicSettings() if checked is None else checked.dic)
-    findings = tuple(look(checked))
-    bad = [one for one in findings if one.verdict is Verdict.BAD]
+        compile_with_progress(DicSettings() if checked is None else checked.dic)
+    findings = tuple(run_checks(checked))
+    bad = [one for one in findings if one.verdict is Verdict.FAILED]
     if as_json:
         typer.echo(json.dumps({"sound": not bad, "findings": [asdict(one) for one in findings]}))
     else:

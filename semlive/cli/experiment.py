@@ -11,15 +11,15 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from semlive.cli.foretold import foretold_table
-from semlive.cli.track import tracked_stages
-from semlive.data.diagnosis import Foretold, FoundParameter, Outcome
-from semlive.diagnose.compare import compared
-from semlive.diagnose.propose import Kind, asked_for, proposed
-from semlive.service.decision import decide_logs, decision_json
-from semlive.service.diagnosis import diagnose_log, experiments_after, foretold_json, observed
-from semlive.service.model_file import fitting_model, model_of
-from semlive.service.next_experiment import next_config
+from semlive.cli.forecast_table import forecast_table
+from semlive.cli.progress_bar import multi_stage_progress
+from semlive.data.diagnosis import ExperimentForecast, Outcome, ParameterEstimate
+from semlive.diagnose.experiments.proposals import ExperimentKind, choose_proposal, requested_proposal
+from semlive.diagnose.simulation_comparison import compare_with_simulations
+from semlive.service.diagnosis.model_file import compatible_model, model_of
+from semlive.service.diagnosis.next_config import next_config
+from semlive.service.diagnosis.run import diagnose_log, forecast_json, load_observation, propose_next_experiments
+from semlive.service.diagnosis.two_runs import compare_logs, decision_json
 
 _DECIDED = {
     Outcome.NONE: "both scans have the same distortion; nothing in them goes with the dwell or the row time",
@@ -57,35 +57,35 @@ def propose(
     log: Annotated[Path, typer.Argument(help="One MCAP file, or a run folder of segments.")],
     out: Annotated[Path | None, typer.Option("-o", "--out", help="Write the configuration to this file.")] = None,
     model: Annotated[Path | None, typer.Option(help="The model to begin with, as `diagnose -o` writes it.")] = None,
-    kind: Annotated[Kind | None, typer.Option(help="This experiment, whatever a diagnosis leaves open.")] = None,
+    kind: Annotated[ExperimentKind | None, typer.Option(help="This experiment, whatever a diagnosis leaves open.")] = None,
     seed: Annotated[int, typer.Option(help="Of the draws that the verdict is calibrated with.", min=0)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Diagnose a run, and write the experiment that decides between what it leaves open, as a configuration for `semlive run`."""
-    outcome, proposal, menu = None, None, tuple[Foretold, ...]()
+    outcome, proposal, menu = None, None, tuple[ExperimentForecast, ...]()
     if kind is not None:
-        proposal = asked_for(kind)
+        proposal = requested_proposal(kind)
     else:
-        known = (model_of(log) if model is None else fitting_model(log, model)).known.effects
-        with tracked_stages(quiet=False) as progress:
+        known = (model_of(log) if model is None else compatible_model(log, model)).known.effects
+        with multi_stage_progress(quiet=False) as progress:
             found = diagnose_log(log, seed, progress, known)
-            menu = experiments_after(log, found, progress, known)
-        outcome, proposal = found.outcome.value, proposed(found, menu)
+            menu = propose_next_experiments(log, found, progress, known)
+        outcome, proposal = found.outcome.value, choose_proposal(found, menu)
     config = None if proposal is None else next_config(log, proposal)
     if config is not None and out is not None:
         out.write_text(config, encoding="utf-8")
     if as_json:
-        between = [] if proposal is None else list(proposal.between)
-        told = None if proposal is None else {"kind": proposal.kind.value, "between": between, "about": proposal.about}
-        expected = [foretold_json(one) for one in menu]
+        between = [] if proposal is None else list(proposal.candidates)
+        told = None if proposal is None else {"kind": proposal.kind.value, "between": between, "about": proposal.description}
+        expected = [forecast_json(one) for one in menu]
         typer.echo(json.dumps({"outcome": outcome, "experiment": told, "foretold": expected, "config": config}))
     elif config is None:
         typer.echo(f"{outcome}: there is nothing to decide")
     else:
         said = f"{outcome}: " if outcome else ""
-        typer.echo(config if out is None else f"{said}{proposal.about if proposal else ''}; written to {out}")
+        typer.echo(config if out is None else f"{said}{proposal.description if proposal else ''}; written to {out}")
         if menu:
-            Console(stderr=out is None).print(foretold_table(menu))
+            Console(stderr=out is None).print(forecast_table(menu))
 
 
 @experiment.command("decide")
@@ -98,8 +98,8 @@ def decide(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Decide by two runs with different scans what one cannot tell: of the distortion, and of the scan's axes."""
-    with tracked_stages(quiet=False) as progress:
-        found = decide_logs((log, other), progress, (model_of(log) if model is None else fitting_model(log, model)).known.effects)
+    with multi_stage_progress(quiet=False) as progress:
+        found = compare_logs((log, other), progress, (model_of(log) if model is None else compatible_model(log, model)).known.effects)
     if as_json:
         typer.echo(json.dumps(decision_json(found)))
         return
@@ -109,13 +109,13 @@ def decide(
         _tell(effect.parameters)
     if found.turned is not None:
         typer.echo(_BELONGS[found.turned.follows])
-        _tell((found.turned.turn, found.turned.x_excess, found.turned.skew))
+        _tell((found.turned.angle_rad, found.turned.x_excess, found.turned.skew))
     if found.ambiguous:
         typer.echo(f"between {', '.join(found.ambiguous)}")
     typer.echo(f"loudest: {', '.join(f'{name} {factor:.1f}' for name, factor in found.evidence[:4])} (logarithms of Bayes factors)")
 
 
-def _tell(parameters: Sequence[FoundParameter]) -> None:
+def _tell(parameters: Sequence[ParameterEstimate]) -> None:
     for one in parameters:
         typer.echo(f"  {one.name} {one.value:.4g} +- {one.sigma:.2g} {one.unit}")
 
@@ -124,14 +124,14 @@ def _tell(parameters: Sequence[FoundParameter]) -> None:
 def compare(
     log: Annotated[Path, typer.Argument(help="The measured run: one MCAP file, or a run folder of segments.")],
     without: Annotated[Path, typer.Argument(help="The same experiment on the simulator, without the effects that were found.")],
-    having: Annotated[
+    with_effects: Annotated[
         Path, typer.Argument(help="The same with them: the scenario that `simulate --from MODEL.json` wrote.", metavar="WITH")
     ],
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Compare the maps of a run with those of two simulations of it: does the gap shrink with the effects that were found?"""
-    with tracked_stages(quiet=False) as progress:
-        found = compared(*(observed(one, progress) for one in (log, without, having)))
+    with multi_stage_progress(quiet=False) as progress:
+        found = compare_with_simulations(*(load_observation(one, progress) for one in (log, without, with_effects)))
     if as_json:
         typer.echo(json.dumps({**asdict(found), "confirmed": found.confirmed}))
         return

@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
+from semlive.cli.progress_bar import multi_stage_progress
 from semlive.cli.replay import EstimationMethod
-from semlive.cli.track import tracked_stages
 from semlive.report.export import Format, export_log
-from semlive.service.replay import Replay, Source
-from semlive.service.settings_changes import parse_changes
+from semlive.service.config.overrides import parse_changes
+from semlive.service.replay.replay import ReplayRequest, Source
 
 
 def export(
@@ -27,6 +27,6 @@ def export(
     changes = parse_changes(settings or [])
     images = from_images or any(change.of_images for change in changes)
     source = Source.IMAGES if images else Source.DISPARITY
-    with tracked_stages() as progress:
-        done = export_log(Replay(log, method.value if method else None, changes, source, until), kind, out, progress)
+    with multi_stage_progress() as progress:
+        done = export_log(ReplayRequest(log, method.value if method else None, changes, source, until), kind, out, progress)
     typer.echo(f"{out}: {len(done.result.summaries)} frames")

@@ -15,14 +15,14 @@ from rich.console import Console
 from rich.table import Table
 
 from semlive.cli.terminal import cell
-from semlive.data.frame_check import FrameCheck, Verdict
+from semlive.data.checks import FrameCheck, Verdict
 from semlive.errors import BadConfig, SemliveError
 from semlive.ports import FrameChecker
-from semlive.service.clock import open_clock
-from semlive.service.config import Config, load_config
+from semlive.service.config.configuration import Config, load_config
+from semlive.service.runtime.clock import open_clock
 
 frame = typer.Typer(help="Look at a load frame, without moving it.", no_args_is_help=True)
-_COLOURS = {Verdict.GOOD: "green", Verdict.OPEN: "yellow", Verdict.BAD: "red"}
+_COLOURS = {Verdict.OK: "green", Verdict.UNKNOWN: "yellow", Verdict.FAILED: "red"}
 
 
 @frame.callback()
@@ -68,11 +68,11 @@ def check(
     settings["orders"] = orders
     found = _checker()(description, settings, open_clock(None))
     if as_json:
-        sys.stdout.write(json.dumps({**asdict(found), "sound": found.sound}) + "\n")
+        sys.stdout.write(json.dumps({**asdict(found), "sound": found.passed}) + "\n")
     else:
         _show(found)
-    if not found.sound:
-        bad = [finding for finding in found.findings if finding.verdict is Verdict.BAD]
+    if not found.passed:
+        bad = [finding for finding in found.findings if finding.verdict is Verdict.FAILED]
         raise SemliveError(
             f"{found.device} at {found.where}: {len(bad)} of {len(found.findings)} findings are bad; {bad[0].what}: {bad[0].advice}"
         )

@@ -10,8 +10,8 @@ import typer
 
 from semlive.errors import BadConfig
 from semlive.inputs.yaml_text import read_yaml
-from semlive.service.config import checked_text
-from semlive.service.config_text import LABS, FrameKind, Lab, Vendor, configuration_text
+from semlive.service.config.configuration import checked_text
+from semlive.service.config.template import LAB_PRESETS, FrameKind, LabSetup, Vendor, configuration_text
 
 _QUESTIONS = {
     "name": "Name of the run",
@@ -30,7 +30,7 @@ _QUESTIONS = {
 
 def init(
     out: Annotated[Path, typer.Argument(help="File to write.")] = Path("semlive.yaml"),
-    lab: Annotated[str, typer.Option(help=f"Kind of lab to begin with: {', '.join(LABS)}.")] = "modbus-fei",
+    lab: Annotated[str, typer.Option(help=f"Kind of lab to begin with: {', '.join(LAB_PRESETS)}.")] = "modbus-fei",
     yes: Annotated[bool, typer.Option("--yes", help="Ask nothing: every answer as given by options, or as usual in such a lab.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Write over a file that is there.")] = False,
     name: Annotated[str | None, typer.Option(help="Name of the run.")] = None,
@@ -46,13 +46,13 @@ def init(
     load_steps: Annotated[int | None, typer.Option(help="Number of loads.")] = None,
 ) -> None:
     """Write a commented configuration after a few questions."""
-    if lab not in LABS:
-        raise BadConfig(f"--lab {lab}: no such kind of lab; known are {', '.join(LABS)}")
+    if lab not in LAB_PRESETS:
+        raise BadConfig(f"--lab {lab}: no such kind of lab; known are {', '.join(LAB_PRESETS)}")
     if out.exists() and not force:
         raise BadConfig(f"{out}: exists already; give another name, or --force to write over it")
     options = locals()
     given = {key: options[key] for key in _QUESTIONS if options[key] is not None}
-    answers = _answered(LABS[lab], given, ask=not yes)
+    answers = _answered(LAB_PRESETS[lab], given, ask=not yes)
     text = configuration_text(answers)
     checked_text(read_yaml(text, str(out)), str(out))  # what is written can be run
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -60,7 +60,7 @@ def init(
     typer.echo(f"{out} is written; next: semlive doctor {out}, then semlive plan {out} --test-frame FILE")
 
 
-def _answered(usual: Lab, given: dict[str, object], *, ask: bool) -> Lab:
+def _answered(usual: LabSetup, given: dict[str, object], *, ask: bool) -> LabSetup:
     """The usual answers with those that were given, and those that are typed now."""
     told = dataclasses.replace(usual, **given)  # type: ignore[arg-type]  (checked below)
     for key, question in _QUESTIONS.items() if ask else ():

@@ -13,12 +13,12 @@ from semlive.cli.inspect_table import print_inspection
 from semlive.data.frame import ExportedFile
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
-from semlive.formats.inspection import Inspection, as_json, inspect_file, inspect_sidecar
-from semlive.formats.png import is_png
-from semlive.formats.tiff import is_tiff
+from semlive.formats.images.inspection import Inspection, as_json, inspect_file, inspect_sidecar
+from semlive.formats.vendors.png import is_png
+from semlive.formats.vendors.tiff import is_tiff
 from semlive.inputs.files import MOST_IMAGE_BYTES, read_regular
-from semlive.service.config import load_config
-from semlive.service.sidecars import IMAGE_SUFFIXES, SIDECAR_SUFFIXES, sidecar_of
+from semlive.service.config.configuration import load_config
+from semlive.service.watch.sidecars import IMAGE_SUFFIXES, SIDECAR_SUFFIXES, sidecar_of
 
 
 def inspect(

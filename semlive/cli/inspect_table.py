@@ -10,7 +10,7 @@ from rich.table import Table
 
 from semlive.cli.terminal import cell
 from semlive.data.scan import Provenance, Sourced
-from semlive.formats.inspection import Inspection
+from semlive.formats.images.inspection import Inspection
 
 _WORDS = {
     "dwell_time_s": ("dwell time, one pass", 1e6, "us"),

@@ -15,23 +15,23 @@ from typer.core import TyperCommand, TyperGroup
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class CommandEntry:
     """A command as the list of commands knows it.
 
     Attributes:
         name: what is typed.
-        place: ``module:attribute`` of the function, or of the Typer that has commands of its own.
+        import_path: ``module:attribute`` of the function, or of the Typer that has commands of its own.
         short: first line of its help.
         panel: heading that it stands under.
     """
 
     name: str
-    place: str
+    import_path: str
     short: str
     panel: str
 
 
-def group_of(entries: tuple[Entry, ...]) -> type[TyperGroup]:
+def group_of(entries: tuple[CommandEntry, ...]) -> type[TyperGroup]:
     """A group whose commands are names until one of them is called.
 
     Listing them, for help, for completion or to suggest the right spelling, imports none; every import took 2.3 s of processor time.
@@ -54,10 +54,10 @@ def group_of(entries: tuple[Entry, ...]) -> type[TyperGroup]:
     return LazyGroup
 
 
-def load(entry: Entry) -> Any:
+def load(entry: CommandEntry) -> Any:
     """The command itself, imported now."""
-    module, attribute = entry.place.split(":")
-    with ctrl_c_held_back():
+    module, attribute = entry.import_path.split(":")
+    with deferred_keyboard_interrupt():
         found = getattr(import_module(module), attribute)
     if isinstance(found, typer.Typer):
         command: Any = typer.main.get_group(found)
@@ -70,7 +70,7 @@ def load(entry: Entry) -> Any:
 
 
 @contextlib.contextmanager
-def ctrl_c_held_back() -> Iterator[None]:
+def deferred_keyboard_interrupt() -> Iterator[None]:
     """Raise KeyboardInterrupt at the end instead of in the middle.
 
     Importing takes a second, and an extension module that is interrupted in its initialisation says ImportError.

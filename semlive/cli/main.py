@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 
-from semlive.service.jit_cache import settle_jit_cache
+from semlive.service.runtime.jit_cache import configure_jit_cache
 
 _ENDED_BY_CTRL_C = 130
 _STOPPED = 1
@@ -13,7 +13,7 @@ _STOPPED = 1
 
 def main() -> None:
     """Run a command; errors are one line on standard error (exit code 2 for bad input, 1 for a failure on the way)."""
-    settle_jit_cache(os.environ)
+    configure_jit_cache(os.environ)
     try:
         from semlive.cli.app import run_app  # noqa: PLC0415
 

@@ -12,14 +12,14 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from semlive.cli.progress_bar import multi_stage_progress
 from semlive.cli.stop_table import stop_json, stop_table
-from semlive.cli.track import tracked_stages
 from semlive.engine.schedule import dose_c_m2
-from semlive.service.config import Config, load_config
-from semlive.service.model_file import run_with_model
-from semlive.service.planning import Planned, plan_experiment
-from semlive.service.replay import Watch
-from semlive.service.unusual import questions
+from semlive.service.config.configuration import Config, load_config
+from semlive.service.config.plausibility import questions
+from semlive.service.diagnosis.model_file import config_with_model
+from semlive.service.planning.planning import ExperimentPlan, plan_experiment
+from semlive.service.replay.replay import ReplayCallbacks
 
 _ELECTRONS_PER_C = 1.0 / 1.602176634e-19
 
@@ -39,10 +39,10 @@ def plan(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Show an experiment before it is run: time, frames, dose, noise, false strain, how far each fault can carry the load, and advice."""
-    checked = run_with_model(load_config(config), model, resume=False)
-    with tracked_stages() as progress:
+    checked = config_with_model(load_config(config), model, resume=False)
+    with multi_stage_progress() as progress:
         planned = plan_experiment(
-            checked, test_frame, log, Watch(progress), force_noise_n=force_noise_n, force_resolution_n=force_resolution_n
+            checked, test_frame, log, ReplayCallbacks(progress), force_noise_n=force_noise_n, force_resolution_n=force_resolution_n
         )
     dose, asked = _dose(planned, current_na), questions(checked)
     if as_json:
@@ -67,17 +67,17 @@ def plan(
         console.print("nothing to advise")
 
 
-def _dose(planned: Planned, current_na: float) -> float | None:
+def _dose(planned: ExperimentPlan, current_na: float) -> float | None:
     scan = planned.scan
     return None if scan.dwell_s is None else dose_c_m2(planned.schedule.scans, scan.dwell_s, current_na * 1e-9, scan.pixel_size_m)
 
 
-def _json(planned: Planned, dose: float | None) -> dict[str, Any]:
+def _json(planned: ExperimentPlan, dose: float | None) -> dict[str, Any]:
     times, quality = planned.schedule, planned.quality
     return {
         "model": list(planned.effects),
         "duration_s": times.duration_s,
-        "waiting_at_most_s": times.most_s,
+        "waiting_at_most_s": times.max_waiting_s,
         "pairs": len(times.steps),
         "frames": times.pair_frames,
         "scans": times.scans,
@@ -93,10 +93,10 @@ def _json(planned: Planned, dose: float | None) -> dict[str, Any]:
     }
 
 
-def _facts(planned: Planned, dose: float | None, current_na: float) -> Table:
+def _facts(planned: ExperimentPlan, dose: float | None, current_na: float) -> Table:
     times, scan, grid = planned.schedule, planned.scan, planned.grid
     table = Table(box=SIMPLE_HEAD, show_header=False, padding=(0, 1))
-    more = f", and up to {_clock(times.most_s)} of waiting" if times.most_s else ""
+    more = f", and up to {_clock(times.max_waiting_s)} of waiting" if times.max_waiting_s else ""
     rows = [
         ("duration", _clock(times.duration_s) + more),
         ("frames", f"{times.pair_frames} in {len(times.steps)} pairs; the field is scanned {times.scans} times"),
@@ -134,7 +134,7 @@ def _read(config: Config) -> Table:
     return table
 
 
-def _steps(planned: Planned) -> Table:
+def _steps(planned: ExperimentPlan) -> Table:
     table = Table(title="steps", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
     for heading in ("phase", "pairs", "begins", "ends"):
         table.add_column(heading, justify="left" if heading == "phase" else "right")
@@ -144,7 +144,7 @@ def _steps(planned: Planned) -> Table:
     return table
 
 
-def _noise(planned: Planned, window_points: int) -> Table:
+def _noise(planned: ExperimentPlan, window_points: int) -> Table:
     table = Table(title="expected noise of strain, one gauge", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
     for heading in ("points", "gage px", "exx", "eyy", "exy"):
         table.add_column(heading, justify="right")
@@ -156,7 +156,7 @@ def _noise(planned: Planned, window_points: int) -> Table:
     return table
 
 
-def _false_strain(planned: Planned) -> Table:
+def _false_strain(planned: ExperimentPlan) -> Table:
     table = Table(title="false strain if distortion were not corrected, 1e-6", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
     table.add_column("shift px")
     for name in ("exx", "eyy", "exy"):

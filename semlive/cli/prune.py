@@ -12,7 +12,7 @@ import typer
 
 from semlive.cli.terminal import echo
 from semlive.errors import BadConfig, SemliveError
-from semlive.service.retention import OldRun, Retention, delete, finish_deleting, free_bytes, looked_over
+from semlive.service.log.retention import Retention, StoredRun, delete, finish_deleting, free_bytes, select_runs
 
 
 def prune(
@@ -28,7 +28,7 @@ def prune(
     now_s = time.time()
     if do_delete and folder.is_dir():
         finish_deleting(folder)
-    runs = looked_over(folder, Retention(days, gb), now_s)
+    runs = select_runs(folder, Retention(days, gb), now_s)
     deleted, refused = set[Path](), list[str]()
     for run in runs if do_delete else ():
         if run.deleted_because:
@@ -47,7 +47,7 @@ def prune(
         raise SemliveError("; ".join(refused))
 
 
-def _as_json(run: OldRun, deleted: bool) -> dict[str, object]:
+def _as_json(run: StoredRun, deleted: bool) -> dict[str, object]:
     return {
         "run": str(run.folder),
         "bytes": run.size,
@@ -58,7 +58,7 @@ def _as_json(run: OldRun, deleted: bool) -> dict[str, object]:
     }
 
 
-def _line(run: OldRun, deleted: bool) -> str:
+def _line(run: StoredRun, deleted: bool) -> str:
     told = f"{run.folder.name}: {run.size / 1e9:.2f} GB, {_utc(run.ended_s)}, "
     if run.kept_because:
         return f"{told}kept: {run.kept_because}"
@@ -67,7 +67,7 @@ def _line(run: OldRun, deleted: bool) -> str:
     return f"{told}kept: within the limits"
 
 
-def _sum(runs: tuple[OldRun, ...], deleted: set[Path], do_delete: bool) -> str:
+def _sum(runs: tuple[StoredRun, ...], deleted: set[Path], do_delete: bool) -> str:
     beyond = [run for run in runs if (run.folder in deleted if do_delete else run.deleted_because)]
     size_gb = sum(run.size for run in beyond) / 1e9
     if do_delete:

@@ -12,14 +12,14 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from semlive.cli.progress_bar import progress_bar
 from semlive.cli.replay import EstimationMethod
 from semlive.cli.terminal import cell, echo
-from semlive.cli.track import tracked
 from semlive.errors import BadInput, SemliveError
-from semlive.report.campaign import LogDone, all_cores, cluster
+from semlive.report.campaign import LogOutcome, dask_executor, process_pool
 from semlive.report.campaign import reanalyse as analyse_all
-from semlive.service.replay import Replay, Source
-from semlive.service.settings_changes import parse_changes
+from semlive.service.config.overrides import parse_changes
+from semlive.service.replay.replay import ReplayRequest, Source
 
 
 def reanalyse(
@@ -40,9 +40,9 @@ def reanalyse(
         raise BadInput("--from-images and --from-disparity: give one of them.")
     source = Source.IMAGES if from_images else Source.DISPARITY if from_disparity else None
     changes = parse_changes(settings or [])
-    asked = [Replay(log.absolute(), method.value if method else None, changes, source) for log in logs]
-    workers = partial(all_cores, jobs) if dask is None else partial(cluster, dask)
-    with tracked("reanalysing", "job") as progress:
+    asked = [ReplayRequest(log.absolute(), method.value if method else None, changes, source) for log in logs]
+    workers = partial(process_pool, jobs) if dask is None else partial(dask_executor, dask)
+    with progress_bar("reanalysing", "job") as progress:
         done = analyse_all(asked, out.absolute(), workers, progress)
     failed = sum(one.error is not None for one in done)
     if as_json:
@@ -59,7 +59,7 @@ def reanalyse(
         raise SemliveError(f"{failed} of {len(done)} logs failed, the first {said}")
 
 
-def _table(done: tuple[LogDone, ...]) -> Table:
+def _table(done: tuple[LogOutcome, ...]) -> Table:
     table = Table(title="reanalysed", box=SIMPLE_HEAD, padding=(0, 1))
     for name in ("log", "pairs", "E, GPa", "Poisson's ratio", "noise, px", "s"):
         table.add_column(name, justify="left" if name == "log" else "right")

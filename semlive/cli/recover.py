@@ -9,9 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
+from semlive.cli.progress_bar import progress_bar
 from semlive.cli.terminal import echo
-from semlive.cli.track import tracked
-from semlive.service.recover import Damage, Recovered, recover_log
+from semlive.service.log.repair import Damage, RepairSummary, recover_log
 
 
 def recover(
@@ -23,7 +23,7 @@ def recover(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Make a torn or damaged log valid: all that is whole, with an index, and a list of what was lost."""
-    with tracked("recovering", "MB") as progress:
+    with progress_bar("recovering", "MB") as progress:
         recovered = recover_log(log, out, lambda done, size: progress(done >> 20, size >> 20))
     if as_json:
         typer.echo(json.dumps(_as_json(recovered)))
@@ -33,7 +33,7 @@ def recover(
             echo(line)
 
 
-def _as_json(recovered: tuple[Recovered, ...]) -> dict[str, Any]:
+def _as_json(recovered: tuple[RepairSummary, ...]) -> dict[str, Any]:
     return {
         "messages": sum(sum(one.kept.values()) for one in recovered),
         "lost": sum(sum(one.lost.values()) for one in recovered),
@@ -43,7 +43,7 @@ def _as_json(recovered: tuple[Recovered, ...]) -> dict[str, Any]:
                 "source": str(one.source),
                 "log": str(one.path),
                 "kept_as": None if one.kept_as is None else str(one.kept_as),
-                "whole": one.was_whole,
+                "whole": one.was_intact,
                 "kept": dict(one.kept),
                 "lost": dict(one.lost),
                 "lost_is_complete": one.lost_is_complete,
@@ -64,9 +64,9 @@ def _as_json(recovered: tuple[Recovered, ...]) -> dict[str, Any]:
     }
 
 
-def _lines(one: Recovered) -> list[str]:
+def _lines(one: RepairSummary) -> list[str]:
     messages = sum(one.kept.values())
-    if one.was_whole:
+    if one.was_intact:
         return [f"{one.path}: whole, {messages} messages"]
     lines = [f"{one.path}: recovered, {messages} messages" + ("" if one.kept_as is None else f"; the original is {one.kept_as.name}")]
     lines += [f"  {_told(damage)}" for damage in one.damage]

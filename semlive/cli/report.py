@@ -7,13 +7,13 @@ from typing import Annotated
 
 import typer
 
-from semlive.cli.track import tracked, tracked_stages
+from semlive.cli.progress_bar import multi_stage_progress, progress_bar
 from semlive.errors import BadInput
 from semlive.report.page import report_html, unanalysed_html
 from semlive.report.sections import write_figures
-from semlive.service.log_facts import log_facts
-from semlive.service.log_files import beside, log_name
-from semlive.service.replay import Watch, last_result, load_series
+from semlive.service.log.files import log_name, sibling_path
+from semlive.service.log.run_facts import log_facts
+from semlive.service.replay.replay import ReplayCallbacks, load_series, result_from_maps
 
 
 def report(
@@ -26,19 +26,19 @@ def report(
     ] = None,
 ) -> None:
     """Write a run as one page: figures as in the method's paper, uncertainty budget, refused frames, settings, versions."""
-    page = out or beside(log, "-report.html")
+    page = out or sibling_path(log, "-report.html")
     try:
-        with tracked_stages() as progress:
-            result, settings = last_result(log, Watch(progress))
+        with multi_stage_progress() as progress:
+            result, settings = result_from_maps(log, ReplayCallbacks(progress))
     except BadInput as error:
         # A run that ended at an alarm before its first pair has no results, and the alarm is what it is asked about.
         page.write_text(unanalysed_html(log_name(log), str(error), log_facts(log)), encoding="utf-8")
         raise BadInput(f"{str(error).rstrip('.')}; its alarms and refused frames are in {page}") from error
     series = load_series(log)
-    with tracked("drawing", "figure") as drawing:
+    with progress_bar("drawing", "figure") as drawing:
         page.write_text(report_html(log_name(log), result, series, settings, log_facts(log), drawing), encoding="utf-8")
     typer.echo(str(page))
     if pictures is not None:
-        with tracked("writing", "figure") as writing:
+        with progress_bar("writing", "figure") as writing:
             written = write_figures(pictures, result, series, settings, writing)
         typer.echo(f"{len(written)} figures in {pictures}")

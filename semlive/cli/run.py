@@ -13,19 +13,19 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from semlive.cli.page import PORT, Host, Name, PageProcess, Place, Port
-from semlive.cli.progress import ProgressView
+from semlive.cli.live_page import PORT, Host, Name, PageAddress, PageProcess, Port
+from semlive.cli.run_status import ProgressView
 from semlive.data.text import printable
-from semlive.engine import Verb
+from semlive.engine import OperatorCommand
 from semlive.errors import BadConfig, SemliveError
-from semlive.service.alarms import ACKNOWLEDGE, AcknowledgeAll
-from semlive.service.config import load_config
-from semlive.service.daemon import Faces, run_experiment
-from semlive.service.door import Address
-from semlive.service.drivers import desks
-from semlive.service.memory import lean_heap
-from semlive.service.model_file import run_with_model
-from semlive.service.unusual import refuse_unusual
+from semlive.service.config.configuration import load_config
+from semlive.service.config.plausibility import refuse_unusual
+from semlive.service.control.daemon import RunInterface, run_experiment
+from semlive.service.control.socket import SocketAddress
+from semlive.service.diagnosis.model_file import config_with_model
+from semlive.service.log.alarms import ACKNOWLEDGE, AcknowledgeAll
+from semlive.service.runtime.drivers import operator_interfaces
+from semlive.service.runtime.memory import single_arena_small_blocks
 
 
 def run(
@@ -46,26 +46,26 @@ def run(
     page_name: Name = None,
 ) -> None:
     """Run an experiment; type pause, resume, stop, abort or acknowledge and press Enter, or Ctrl-C to stop."""
-    lean_heap()
-    checked = run_with_model(load_config(config), model, resume)
+    single_arena_small_blocks()
+    checked = config_with_model(load_config(config), model, resume)
     refuse_unusual(checked, str(config))
     if yes and not resume:
         raise BadConfig("--yes answers what --resume asks; give both, or leave --yes out")
-    verbs: queue.SimpleQueue[Verb | AcknowledgeAll] = queue.SimpleQueue()
+    verbs: queue.SimpleQueue[OperatorCommand | AcknowledgeAll] = queue.SimpleQueue()
     by_hand = any(
         section is not None and section.driver == "operator" for section in (checked.load_frame, checked.stage, checked.sem.trigger)
     )
     if sys.stdin.isatty() and by_hand:  # other lines answer what the drivers ask
-        for desk in desks().values():
-            desk.overhear(partial(_taken, verbs))
+        for desk in operator_interfaces().values():
+            desk.add_answer_source(partial(_taken, verbs))
     elif sys.stdin.isatty():
         threading.Thread(target=_listen, args=(verbs,), daemon=True).start()
     console = Console(stderr=True)
-    place = Place(page_host, page_port, tuple(page_name or ()))
+    place = PageAddress(page_host, page_port, tuple(page_name or ()))
     with contextlib.ExitStack() as stack:
         with ProgressView(console) as view:
             door = None if no_page else partial(_open_page, stack, view, checked.run.folder / checked.run.name, place)
-            outcome = run_experiment(checked, Faces(view.show, verbs, attended, stop_on_fault, resume, yes, door))
+            outcome = run_experiment(checked, RunInterface(view.show, verbs, attended, stop_on_fault, resume, yes, door))
         for line in (outcome.text, f"log: {outcome.log}"):
             console.print(printable(line), markup=False)
         if stay and not no_page:
@@ -76,7 +76,7 @@ def run(
         raise SemliveError(f"the run did not complete: {outcome.text}")
 
 
-def _open_page(stack: contextlib.ExitStack, view: ProgressView, log: Path, place: Place, address: Address) -> None:
+def _open_page(stack: contextlib.ExitStack, view: ProgressView, log: Path, place: PageAddress, address: SocketAddress) -> None:
     """Start the page and show its address, which holds the token; a run goes on without a page that does not come up."""
 
     def ready(page: str | None, why: str) -> None:
@@ -89,20 +89,20 @@ def _open_page(stack: contextlib.ExitStack, view: ProgressView, log: Path, place
     stack.callback(PageProcess(log, place, ready, address).close)
 
 
-def _listen(verbs: queue.SimpleQueue[Verb | AcknowledgeAll]) -> None:
+def _listen(verbs: queue.SimpleQueue[OperatorCommand | AcknowledgeAll]) -> None:
     """What the operator types, as verbs."""
     for line in sys.stdin:
         if not _taken(verbs, line) and line.strip():
-            sys.stderr.write(f"{printable(line.strip())}: say one of {', '.join((*Verb, ACKNOWLEDGE))}\n")
+            sys.stderr.write(f"{printable(line.strip())}: say one of {', '.join((*OperatorCommand, ACKNOWLEDGE))}\n")
 
 
-def _taken(verbs: queue.SimpleQueue[Verb | AcknowledgeAll], line: str) -> bool:
+def _taken(verbs: queue.SimpleQueue[OperatorCommand | AcknowledgeAll], line: str) -> bool:
     """Whether a line is a verb; a stage that a hand moves would take "stop" for the word that it is done."""
     word = line.strip().lower()
     if word == ACKNOWLEDGE:
         verbs.put(AcknowledgeAll("terminal"))
         return True
-    if word not in list(Verb):
+    if word not in list(OperatorCommand):
         return False
-    verbs.put(Verb(word))
+    verbs.put(OperatorCommand(word))
     return True

@@ -9,14 +9,14 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from semlive.cli.progress_bar import multi_stage_progress
 from semlive.cli.tables import score_table
-from semlive.cli.track import tracked_stages
-from semlive.report.errors import compare
-from semlive.report.score import load_truth
-from semlive.report.score import score as scored
-from semlive.report.score_figures import save_figures
-from semlive.report.truth import Truth
-from semlive.service.replay import Watch, last_result
+from semlive.report.scoring.errors import compare_with_truth
+from semlive.report.scoring.figures import save_figures
+from semlive.report.scoring.score import load_truth
+from semlive.report.scoring.score import score as scored
+from semlive.report.scoring.truth import Truth
+from semlive.service.replay.replay import ReplayCallbacks, result_from_maps
 
 
 def score(
@@ -29,11 +29,11 @@ def score(
     ] = None,
 ) -> None:
     """Every recovered quantity against truth, with its uncertainty, and whether the stated uncertainties hold."""
-    with tracked_stages() as progress:
-        result, _ = last_result(log, Watch(progress))
+    with multi_stage_progress() as progress:
+        result, _ = result_from_maps(log, ReplayCallbacks(progress))
     told = load_truth(truth)
     scores = scored(result, told)
-    written = () if figures is None else save_figures(compare(result, Truth.of(told)), figures)
+    written = () if figures is None else save_figures(compare_with_truth(result, Truth.of(told)), figures)
     if as_json:
         typer.echo(json.dumps({one.name: one.to_json() for one in scores}))
         return

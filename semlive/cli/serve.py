@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from semlive.cli.page import PORT, Host, Name, PageProcess, Place, Port
+from semlive.cli.live_page import PORT, Host, Name, PageAddress, PageProcess, Port
 from semlive.data.text import printable
 from semlive.errors import SemliveError
-from semlive.service.log_files import segments
+from semlive.service.log.files import segments
 
 
 def serve(
@@ -30,7 +30,7 @@ def serve(
         else:
             console.print(printable(why), highlight=False, markup=False, soft_wrap=True)
 
-    page = PageProcess(log, Place(host, port, tuple(name or ())), ready)
+    page = PageProcess(log, PageAddress(host, port, tuple(name or ())), ready)
     try:
         code = page.wait()
     except KeyboardInterrupt:

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from semlive.cli.simulator import simulator_module
 from semlive.errors import BadInput, SemliveError
-from semlive.service.model_scenario import scenario_yaml
+from semlive.service.diagnosis.model_scenario import scenario_yaml
 
 
 def simulate(

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from semlive.errors import BadInput, SemliveError
-from semlive.service.process import start_apart
+from semlive.service.runtime.process import start_in_own_group
 
 _START_TIMEOUT_S = 180.0
 _STOP_TIMEOUT_S = 20.0
@@ -63,7 +63,7 @@ def running_simulator(
     command += ["--rate", "auto" if rate is None else str(rate), "--mode", "triggered" if triggered else "continuous"]
     try:
         with (folder / "simulator.log").open("wb") as log:
-            process = start_apart(command, stdout=log, stderr=log)
+            process = start_in_own_group(command, stdout=log, stderr=log)
             try:
                 ready = _wait_until_ready(process, folder)
                 made = []  # from here on what lies there is a run's

@@ -9,8 +9,8 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from semlive.data.loading import ControlMode
-from semlive.engine.stop_distance import StopDistance, exceeds
-from semlive.service.stop_plan import StopPlan
+from semlive.engine.supervision.stop_distance import StopDistance, exceeds
+from semlive.service.planning.stop_distances import StopPlan
 
 
 def stop_table(stops: StopPlan) -> Table:

@@ -11,14 +11,14 @@ from rich.table import Table
 from semlive.data.pair import PairDecision
 from semlive.data.results import RunResult
 from semlive.data.strain import StrainSummary
-from semlive.pipeline import Begun
-from semlive.report.score import Score
+from semlive.pipeline import AnalysisState
+from semlive.report.scoring.score import Score
 
 
 def score_table(scores: Sequence[Score], *, everything: bool = False) -> Table:
     """Recovered beside true, each with its uncertainty and whether the truth lies within it; by default without every frame and pair."""
     scores = [one for one in scores if everything or not one.detail]
-    wrong = sum(not one.inside(0.95) for one in scores)
+    wrong = sum(not one.covers(0.95) for one in scores)
     held = f"{len(scores) - wrong} of {len(scores)} within the stated 95 %; an rms error is held against the rms of the stated"
     # One line each on a terminal of 80 columns: no frame between columns, the unit beside the name, the error left to --json.
     table = Table(title="recovered against true", caption=held, box=SIMPLE_HEAD, padding=0)
@@ -27,7 +27,7 @@ def score_table(scores: Sequence[Score], *, everything: bool = False) -> Table:
         table.add_column(name, justify="right", no_wrap=True, min_width=9)
     table.add_column("in", no_wrap=True, min_width=4)
     for one in scores:
-        inside = "68 %" if one.inside(0.6827) else "95 %" if one.inside(0.95) else "no"
+        inside = "68 %" if one.covers(0.6827) else "95 %" if one.covers(0.95) else "no"
         numbers = _number(one.truth), _number(one.value), f"{one.sigma:.2g}"
         name = f"{one.name}, {one.unit}" if one.unit else one.name
         table.add_row(name.replace(", the worst of", ", worst of"), *numbers, inside, style="bold red" if inside == "no" else None)
@@ -47,7 +47,7 @@ def result_table(result: RunResult) -> Table:
     return table
 
 
-def changes_table(before: dict[str, Any], after: dict[str, Any], beside: str) -> Table:
+def comparison_table(before: dict[str, Any], after: dict[str, Any], beside: str) -> Table:
     """Two results side by side, as `semlive replay --json` words them: constants, noise, and every frame that both have."""
     table = Table(title=f"{beside} against now", box=SIMPLE_HEAD, padding=(0, 1))
     table.add_column("quantity", no_wrap=True)
@@ -80,9 +80,9 @@ def _frame_rows(known: dict[int, dict[str, Any]], now: dict[str, Any]) -> list[t
     return [(f"frame {now['frame']} {one}, 1e-6", *(1e6 * of["strain_mean"][one] for of in (was, now))) for one in ("exx", "eyy", "exy")]
 
 
-def pair_line(decision: PairDecision, begun: Begun) -> str:
+def pair_status_line(decision: PairDecision, begun: AnalysisState) -> str:
     """What is known of a pair as soon as it is analysed, in one line."""
-    mean, sigma = begun.told[2 * decision.pair + 1].summary.mean, begun.told[2 * decision.pair + 1].summary.mean_sigma
+    mean, sigma = begun.reported[2 * decision.pair + 1].summary.mean, begun.reported[2 * decision.pair + 1].summary.mean_sigma
     strains = "  ".join(f"{one} {getattr(mean, one) * 1e6:+.1f} ± {getattr(sigma, one) * 1e6:.1f}" for one in ("exx", "eyy", "exy"))
     load = f"  load {decision.loads[1].mean_n:.0f} N" if decision.loads else ""
     elastic = begun.elastic[0]

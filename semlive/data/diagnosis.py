@@ -26,7 +26,7 @@ class Outcome(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class FoundParameter:
+class ParameterEstimate:
     """A parameter of an effect.
 
     Attributes:
@@ -43,7 +43,7 @@ class FoundParameter:
 
 
 @dataclass(frozen=True, slots=True)
-class KnownEffect:
+class ModelEffect:
     """An effect as a model has it: enough to predict it in any run.
 
     Attributes:
@@ -58,7 +58,7 @@ class KnownEffect:
 
 
 @dataclass(frozen=True, slots=True)
-class KnownModel:
+class EffectModel:
     """Effects that are known before a run, and what they were found in.
 
     Attributes:
@@ -68,17 +68,17 @@ class KnownModel:
         sha256: of the file.
     """
 
-    effects: tuple[KnownEffect, ...] = ()
+    effects: tuple[ModelEffect, ...] = ()
     size_px: tuple[int, int] | None = None
     pixel_size_um: float | None = None
     sha256: str | None = None
 
 
-NO_MODEL = KnownModel()
+EMPTY_MODEL = EffectModel()
 
 
 @dataclass(frozen=True, slots=True)
-class FoundEffect:
+class IdentifiedEffect:
     """An effect that the data ask for.
 
     Attributes:
@@ -88,31 +88,31 @@ class FoundEffect:
         log_bayes_factor: how much likelier the data are with it, natural logarithm.
         p_value: share of data without it that would ask for any effect as loudly.
         strain: whether it looks like strain, which must then not be corrected for it.
-        law: the same for a model.
+        model_effect: the same for a model.
         amplitudes_px: most likely.
         covariance_px2: of the amplitudes.
         strain_eaten: largest share of an injected strain that a correction for the effect would take away.
     """
 
     name: str
-    parameters: tuple[FoundParameter, ...]
+    parameters: tuple[ParameterEstimate, ...]
     peak_px: float
     log_bayes_factor: float
     p_value: float
     strain: bool
-    law: KnownEffect
+    model_effect: ModelEffect
     amplitudes_px: tuple[float, ...] = ()
     covariance_px2: tuple[tuple[float, ...], ...] = ()
     strain_eaten: float = 0.0
 
     @property
-    def on_modulus(self) -> FoundParameter | None:
+    def modulus_bias(self) -> ParameterEstimate | None:
         """What a correction would change of Young's modulus, relative; None where that is not among the parameters."""
         return next((one for one in self.parameters if one.name == "modulus_change"), None)
 
 
 @dataclass(frozen=True, slots=True)
-class Gap:
+class HeldOutMisfit:
     """Misfit on pairs that the effects were not fitted on, root mean squares of block means.
 
     Attributes:
@@ -121,7 +121,7 @@ class Gap:
         floor_px: what noise alone leaves.
         closure: share of the gap (in squares) that the effects close.
         closure_interval: 95 % interval of the share.
-        clear: what they gain, in its own standard errors.
+        gain_in_sigmas: what they gain, in its own standard errors.
         log_odds: logarithm of the odds that the gain gives for the effects, against effects that have nothing to do with these pairs.
     """
 
@@ -130,12 +130,12 @@ class Gap:
     floor_px: float
     closure: float
     closure_interval: tuple[float, float]
-    clear: float
+    gain_in_sigmas: float
     log_odds: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
-class Disagreement:
+class DomainTest:
     """One domain in which model and data may disagree.
 
     Attributes:
@@ -151,7 +151,7 @@ class Disagreement:
 
 
 @dataclass(frozen=True, slots=True)
-class Foretold:
+class ExperimentForecast:
     """What an experiment is expected to decide.
 
     Attributes:
@@ -171,18 +171,18 @@ class Foretold:
     other: str
 
     @property
-    def said(self) -> str:
+    def summary(self) -> str:
         """The experiment in words."""
         return self.kind.replace("_", " ") + ("" if self.dwell == 1.0 else f", {self.dwell:g} times the dwell")
 
     @property
-    def per_minute(self) -> float:
+    def log_odds_per_minute(self) -> float:
         """Logarithm of the odds for a minute of beam time."""
         return self.log_odds / self.minutes
 
 
 @dataclass(frozen=True, slots=True)
-class Experiment:
+class ExperimentProposal:
     """What would decide between effects.
 
     Attributes:
@@ -193,11 +193,11 @@ class Experiment:
 
     between: tuple[str, ...]
     about: str
-    foretold: tuple[Foretold, ...] = ()
+    foretold: tuple[ExperimentForecast, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class RowChannel:
+class RowDiagnosis:
     """What rows show that were registered by themselves: disparity maps average it over a subset.
 
     Attributes:
@@ -212,25 +212,25 @@ class RowChannel:
         noise_px: standard deviation of a row's shift by noise alone.
         frequency_hz: of the spectrum, thinned to its peaks.
         power: there, a mean over pairs and axes in units of the noise.
-        loud: power that one spectrum of noise in a hundred reaches anywhere.
+        detection_threshold: power that one spectrum of noise in a hundred reaches anywhere.
     """
 
     outcome: Outcome
-    effects: tuple[FoundEffect, ...]
+    effects: tuple[IdentifiedEffect, ...]
     ambiguous: tuple[str, ...]
-    gap: Gap | None
-    where: tuple[Disagreement, ...]
+    gap: HeldOutMisfit | None
+    where: tuple[DomainTest, ...]
     evidence: tuple[tuple[str, float], ...]
     pairs: int
     rows: int
     noise_px: float
     frequency_hz: tuple[float, ...]
     power: tuple[float, ...]
-    loud: float
+    detection_threshold: float
 
 
 @dataclass(frozen=True, slots=True)
-class GreyCourse:
+class IntensityHistory:
     """How a quantity of the grey levels went over a run.
 
     Attributes:
@@ -238,18 +238,18 @@ class GreyCourse:
         unit: of it.
         value: of each frame.
         sigma: standard uncertainty of each.
-        law: what the laws that were found make of it.
+        fitted: what the laws that were found make of it.
     """
 
     name: str
     unit: str
     value: tuple[float, ...]
     sigma: float
-    law: tuple[float, ...]
+    fitted: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class GreyChannel:
+class IntensityDiagnosis:
     """What grey levels show: the tone and the sharpness of every frame against the first pair, on the same material.
 
     Attributes:
@@ -264,34 +264,34 @@ class GreyChannel:
         mean_levels: of the picture.
         contrast_levels: of the pattern.
         clipped: largest share of black or white pixels in a frame.
-        at_s: middle of each frame's scan, seconds after the start of frame 0.
-        courses: over those frames.
+        time_s: middle of each frame's scan, seconds after the start of frame 0.
+        histories: over those frames.
         left: what no law explains, one sentence; empty if nothing is left.
     """
 
     outcome: Outcome
-    effects: tuple[FoundEffect, ...]
+    effects: tuple[IdentifiedEffect, ...]
     ambiguous: tuple[str, ...]
-    where: tuple[Disagreement, ...]
+    where: tuple[DomainTest, ...]
     evidence: tuple[tuple[str, float], ...]
     frames: int
     blocks: int
-    noise: tuple[FoundParameter, FoundParameter]
+    noise: tuple[ParameterEstimate, ParameterEstimate]
     mean_levels: float
     contrast_levels: float
     clipped: float
-    at_s: tuple[float, ...]
-    courses: tuple[GreyCourse, ...]
+    time_s: tuple[float, ...]
+    histories: tuple[IntensityHistory, ...]
     left: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Profile:
+class EffectProfile:
     """How much of an effect's shape each frame shows, beside what the model says.
 
     Attributes:
         name: of the effect.
-        over: what the frames are told apart by: ``time`` or ``load``.
+        abscissa: what the frames are told apart by: ``time`` or ``load``.
         at: (f,) seconds after the start of frame 0, or N.
         data_px: (f,) as measured, all other effects taken off.
         sigma_px: (f,) standard uncertainty.
@@ -299,7 +299,7 @@ class Profile:
     """
 
     name: str
-    over: str
+    abscissa: str
     at: Values
     data_px: Values
     sigma_px: Values
@@ -307,26 +307,26 @@ class Profile:
 
 
 @dataclass(frozen=True, slots=True)
-class OnStrain:
+class StrainBias:
     """What an effect adds to the mean strain under load.
 
     Attributes:
         name: of the effect.
         exx, eyy, exy: at the highest load.
-        modulus: relative change of Young's modulus by a correction, or None without loads.
-        ratio: change of Poisson's ratio by a correction, or None.
+        modulus_change: relative change of Young's modulus by a correction, or None without loads.
+        poissons_ratio_change: change of Poisson's ratio by a correction, or None.
     """
 
     name: str
     exx: float
     eyy: float
     exy: float
-    modulus: float | None
-    ratio: float | None
+    modulus_change: float | None
+    poissons_ratio_change: float | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pictures:
+class DiagnosisFigureData:
     """What a verdict looks like.
 
     Attributes:
@@ -338,7 +338,7 @@ class Pictures:
         profiles: of each effect.
         on_strain: of each effect.
         quantiles: (n, 2) of what is left, whitened: of a normal distribution, and found.
-        neighbours: correlation of what is left with the next frame, and what it scatters by.
+        frame_autocorrelation: correlation of what is left with the next frame, and what it scatters by.
     """
 
     x_px: Values
@@ -346,13 +346,13 @@ class Pictures:
     frame: tuple[int, ...]
     before: Values
     after: Values
-    profiles: tuple[Profile, ...]
-    on_strain: tuple[OnStrain, ...]
+    profiles: tuple[EffectProfile, ...]
+    on_strain: tuple[StrainBias, ...]
     quantiles: Values
-    neighbours: tuple[float, float]
+    frame_autocorrelation: tuple[float, float]
 
 
-TOO_COARSE = {
+UNDERRESOLVED = {
     "baseline_drift_underresolved": "the drift is finer than its knots; what it left was told apart before anything was named",
     "baseline_distortion_underresolved": "the distortion is finer than its knots; what it left was told apart before anything was named",
 }
@@ -373,78 +373,78 @@ class Diagnosis:
         where: all domains, before any effect.
         noise_px: standard deviation of a block's mean in one frame.
         evidence: before any effect was added, each name with the logarithm of its Bayes factor; those without a name among them.
-        known: effects that were in the model before.
-        end_s: when the last point was scanned, seconds after the start of frame 0.
+        model_effects: effects that were in the model before.
+        duration_s: when the last point was scanned, seconds after the start of frame 0.
         size_px: width and height of the frames.
         rows: what rows show; their effects and domains are among those above.
-        no_rows: why there is no row channel, one sentence; empty if there is one.
-        pictures: what it looks like; None where nothing was named in the maps.
+        rows_unavailable: why there is no row channel, one sentence; empty if there is one.
+        figure_data: what it looks like; None where nothing was named in the maps.
         grey: what grey levels show; their effects and domain are among those above.
-        no_grey: why there is no channel of grey levels, one sentence; empty if there is one.
+        intensity_unavailable: why there is no channel of grey levels, one sentence; empty if there is one.
         overlap: each other name with the share of the first effect in the maps that it could take over; none where nothing was named.
         coarse: the baseline's splines that are too coarse for the run, ``baseline_drift_underresolved`` or
             ``baseline_distortion_underresolved``: what they left was added to the baseline before anything was named.
     """
 
     outcome: Outcome
-    effects: tuple[FoundEffect, ...]
+    effects: tuple[IdentifiedEffect, ...]
     ambiguous: tuple[str, ...]
     group: str | None
-    experiment: Experiment | None
-    gap: Gap | None
-    where: tuple[Disagreement, ...]
+    experiment: ExperimentProposal | None
+    gap: HeldOutMisfit | None
+    where: tuple[DomainTest, ...]
     noise_px: float
     evidence: tuple[tuple[str, float], ...] = ()
-    known: tuple[KnownEffect, ...] = ()
-    end_s: float = 0.0
+    model_effects: tuple[ModelEffect, ...] = ()
+    duration_s: float = 0.0
     size_px: tuple[int, int] = (0, 0)
-    rows: RowChannel | None = None
-    no_rows: str = ""
-    pictures: Pictures | None = field(default=None, compare=False)
+    rows: RowDiagnosis | None = None
+    rows_unavailable: str = ""
+    figure_data: DiagnosisFigureData | None = field(default=None, compare=False)
     overlap: tuple[tuple[str, float], ...] = ()
-    grey: GreyChannel | None = None
-    no_grey: str = ""
+    grey: IntensityDiagnosis | None = None
+    intensity_unavailable: str = ""
     coarse: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Decided:
+class SharedEffect:
     """An effect that runs with different scans show.
 
     Attributes:
         name: canonical.
-        names: that it has by its parameters, the likeliest first.
+        aliases: that it has by its parameters, the likeliest first.
         peak_px: the largest displacement that it causes at any point of any run; 0 where each run has its own.
         parameters: what is known of it; none where each run has its own.
     """
 
     name: str
-    names: tuple[str, ...]
+    aliases: tuple[str, ...]
     peak_px: float
-    parameters: tuple[FoundParameter, ...]
+    parameters: tuple[ParameterEstimate, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Turned:
+class ScanRotation:
     """What two runs say of which the second's scan was turned.
 
     Attributes:
-        turn: of the scan, x towards y positive.
+        angle_rad: of the scan, x towards y positive.
         x_excess: of the scan's axes: u = e (x - xc), whether it has a name or not.
         skew: of them: u = skew (y - yc).
         follows: what the distortion goes with: ``column``, ``scan``, ``both``, ``neither``; empty where that cannot be told.
         of_scan: logarithm of the odds that some of it goes with the scan, against none.
     """
 
-    turn: FoundParameter
-    x_excess: FoundParameter
-    skew: FoundParameter
+    angle_rad: ParameterEstimate
+    x_excess: ParameterEstimate
+    skew: ParameterEstimate
     follows: str
     of_scan: float
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
+class TwoRunVerdict:
     """What runs with different scans say together.
 
     Attributes:
@@ -458,9 +458,9 @@ class Decision:
     """
 
     outcome: Outcome
-    effect: Decided | None
+    effect: SharedEffect | None
     ambiguous: tuple[str, ...]
     evidence: tuple[tuple[str, float], ...]
     apart: float
-    effects: tuple[Decided, ...] = ()
-    turned: Turned | None = None
+    effects: tuple[SharedEffect, ...] = ()
+    turned: ScanRotation | None = None

@@ -112,7 +112,7 @@ class DistortionField:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class PairMotion:
     """How the specimen lay in one pair, relative to pair 0: ``p = p0 + shift + gradient (p0 - centre)``.
 
     Attributes:
@@ -153,7 +153,7 @@ class TermTest:
 
     Attributes:
         name: ``magnification``, ``raster_rotation``, or ``coupling`` (whether the drift carries the distortion along).
-        used: whether the estimate has it.
+        included: whether the estimate has it.
         f_ratio: mean square per degree of freedom that the term explains, in units of the noise.
         evidence: natural logarithm of how much likelier the data are with it.
         value: gamma of the coupling, 0 for the others.
@@ -161,7 +161,7 @@ class TermTest:
     """
 
     name: str
-    used: bool
+    included: bool
     f_ratio: float
     evidence: float
     value: float = 0.0
@@ -169,7 +169,7 @@ class TermTest:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RasterWander:
+class RasterDrift:
     """Change of the raster since the start of frame 0, at the middle of every frame; zero where its term is not used.
 
     Attributes:
@@ -194,7 +194,7 @@ class CalibrationQuality:
     Attributes:
         covered: part of the grid, 0 to 1, where the data and not the belief determine the distortion.
         lever_px: extent along x and y of how the picture lay in calibration and translation pairs.
-        wave_sigma_px: standard uncertainty of a wave of one period over the grid, running along x and along y; None from a method that
+        wave_sigma_px: standard uncertainty of a wave of one period over the grid, along x and along y; None from a method that
             does not say.
         refused: why nothing under load is to be corrected with it, one sentence with the figures; empty where it is good enough.
     """
@@ -206,7 +206,7 @@ class CalibrationQuality:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Estimate:
+class EstimateRevision:
     """One revision of everything the estimator knows.
 
     Attributes:
@@ -222,9 +222,9 @@ class Estimate:
 
     drift: DriftEstimate
     distortion: DistortionField
-    motions: tuple[Motion, ...]
+    motions: tuple[PairMotion, ...]
     noise_floor_px: float
     notes: tuple[str, ...]
     terms: tuple[TermTest, ...] = ()
-    raster: RasterWander | None = None
+    raster: RasterDrift | None = None
     calibration: CalibrationQuality | None = None

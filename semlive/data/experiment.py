@@ -85,7 +85,7 @@ class Limits:
         force_slope_max_n_s: fastest change of the load as read, over half a second; None does not look.
         slack_max_mm: how far the crosshead may run while the load changes by less than `slack_force_n`; None: as far as the
             stated stiffness and the distance to the force limit allow.
-        slack_force_n: see `slack_max_mm`.
+        slack_force_n: see `max_travel_without_load_mm`.
         unloaded_max_n: largest load, N, of pairs that are taken before any load; None: 5 % of the larger force limit. The load tolerance
             is allowed in any case, so 0 forbids an intended preload.
         stiffness_min_n_mm: smallest load change per travel of every ramp, N/mm, from the first change of load in the ramp on; below it the
@@ -116,11 +116,11 @@ class Recentre:
     """How the field of view is kept where the plan wants it.
 
     Attributes:
-        beyond_px: nearer than this it is left alone.
+        threshold_px: nearer than this it is left alone.
         um_per_px: motion of the stage or the beam shift that moves the picture by a pixel.
     """
 
-    beyond_px: float
+    threshold_px: float
     um_per_px: float
 
 
@@ -131,12 +131,12 @@ class WarmUp:
     Attributes:
         max_rate_px_s: the forecast drift rate plus its standard uncertainty must not exceed this.
         max_wait_s: after this long the operator is asked.
-        before: TENSION: the gate is before the first load; CALIBRATION: after the first pair.
+        gate_phases: TENSION: the gate is before the first load; CALIBRATION: after the first pair.
     """
 
     max_rate_px_s: float
     max_wait_s: float
-    before: Phase = Phase.TENSION
+    gate_phases: Phase = Phase.TENSION
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +164,7 @@ class Plan:
         limits: soft limits.
         ramp_rate_n_s: rate of load changes.
         triggered: ask the SEM for each frame; otherwise it scans continuously and exports every frame.
-        recentre: whether and how drift and the specimen's own motion are taken back before each step.
+        recentring: whether and how drift and the specimen's own motion are taken back before each step.
         warm_up: how slow the drift must be before the first load; None does not wait.
         adaptive_hold: when a hold lasts longer than it must; None never.
         calibration_gate: nothing is loaded before the translations are known to determine the distortion.
@@ -175,7 +175,7 @@ class Plan:
     limits: Limits
     ramp_rate_n_s: float
     triggered: bool = False
-    recentre: Recentre | None = None
+    recentring: Recentre | None = None
     warm_up: WarmUp | None = None
     adaptive_hold: AdaptiveHold | None = None
     calibration_gate: bool = False

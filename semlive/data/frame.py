@@ -15,24 +15,24 @@ class ExportedFile:
     """One file that the SEM finished writing, as bytes.
 
     Attributes:
-        export: running number of the exported file in this run, from 0, in order of arrival.
+        index: running number of the exported file in this run, from 0, in order of arrival.
         name: file name without folder.
         data: the file's bytes.
         sha256: their SHA-256, hexadecimal.
         mtime_ns: the file's modification time, UTC ns.
         arrival_time_ns: experiment time when the watcher believed it complete, UTC ns.
         sidecar: bytes of the text file beside it, for vendors that write one; None if there is none.
-        settled_time_ns: experiment time when the watcher first saw it as it stayed, UTC ns; 0 if unknown.
+        stable_time_ns: experiment time when the watcher first saw it as it stayed, UTC ns; 0 if unknown.
     """
 
-    export: int
+    index: int
     name: str
     data: bytes
     sha256: str
     mtime_ns: int
     arrival_time_ns: int
     sidecar: bytes | None = None
-    settled_time_ns: int = 0
+    stable_time_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ class MotionState(StrEnum):
     FAULT = "fault"
 
 
-class Trouble(StrEnum):
+class DeviceFault(StrEnum):
     """Why a device says that it is in fault."""
 
     OVERLOAD = "overload"
@@ -25,7 +25,7 @@ class Trouble(StrEnum):
     @property
     def is_emergency(self) -> bool:
         """Somebody or something stopped the machine with its own means, past every program."""
-        return self in (Trouble.LIMIT_SWITCH, Trouble.EMERGENCY_STOP)
+        return self in (DeviceFault.LIMIT_SWITCH, DeviceFault.EMERGENCY_STOP)
 
 
 class StopOnLinkLoss(StrEnum):
@@ -33,7 +33,7 @@ class StopOnLinkLoss(StrEnum):
 
     VERIFIED = "verified"
     ASSUMED = "assumed"
-    ABSENT = "absent"
+    NONE = "absent"
 
 
 class ControlMode(StrEnum):
@@ -116,7 +116,7 @@ class LoadSample:
     simulator_lag_s: float | None = None
     raw: tuple[int, ...] = ()
     gage_strain: float | None = None
-    trouble: Trouble | None = None
+    trouble: DeviceFault | None = None
     rtt_s: float | None = None
     counted: tuple[int, int] | None = None
     order_changed: str | None = None

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.displacement import Displacement
-from semlive.data.drift import Estimate
+from semlive.data.drift import EstimateRevision
 from semlive.data.pair import PairDecision
-from semlive.data.strain import ElasticConstants, GageComparison, StrainField, StrainSummary
+from semlive.data.strain import ElasticConstants, StrainField, StrainGageComparison, StrainSummary
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,17 +38,17 @@ class PairResult:
         frames: the pair's two frames, corrected; none where the pair was told before.
         elastic: elastic constants so far, or None.
         gage: DIC beside the strain gage so far, or None.
-        revised: earlier frames, corrected again because what is known now moved their mean strain by more than its uncertainty.
+        revised_frames: earlier frames, corrected again because what is known now moved their mean strain by more than its uncertainty.
     """
 
     decision: PairDecision
     pairs: int
     maps: tuple[DisparityMap, ...]
-    estimate: Estimate
+    estimate: EstimateRevision
     frames: tuple[FrameResult, ...]
     elastic: ElasticConstants | None
-    gage: GageComparison | None = None
-    revised: tuple[FrameResult, ...] = ()
+    gage: StrainGageComparison | None = None
+    revised_frames: tuple[FrameResult, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,17 +60,17 @@ class RunResult:
         estimate: the newest estimate.
         frames: every accepted frame, frame 0 first; those of a long run may have been handed over one by one and left out here.
         elastic: elastic constants, or None without loads or area.
-        notes: sentences for the operator.
+        messages: sentences for the operator.
         gage: DIC beside the strain gage, or None without one.
         summaries: mean strain of every accepted frame, frame 0 first, whether or not its fields are kept in `frames`.
     """
 
     decisions: tuple[PairDecision, ...]
-    estimate: Estimate
+    estimate: EstimateRevision
     frames: tuple[FrameResult, ...]
     elastic: ElasticConstants | None
-    notes: tuple[str, ...]
-    gage: GageComparison | None = None
+    messages: tuple[str, ...]
+    gage: StrainGageComparison | None = None
     summaries: tuple[StrainSummary, ...] = ()
 
     def __post_init__(self) -> None:

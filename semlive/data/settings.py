@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from semlive.data.diagnosis import NO_MODEL, KnownModel
+from semlive.data.diagnosis import EMPTY_MODEL, EffectModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,4 +216,4 @@ class AnalysisSettings:
     estimate: EstimateSettings = EstimateSettings()
     specimen: SpecimenSettings = SpecimenSettings()
     scan: ScanProfile = ScanProfile()
-    model: KnownModel = NO_MODEL
+    model: EffectModel = EMPTY_MODEL

@@ -69,7 +69,7 @@ class StrainSummary:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredValue:
     """A number with its standard uncertainty."""
 
     value: float
@@ -85,8 +85,8 @@ class ElasticConstants:
         poissons_ratio: minus the slope of transverse over axial strain.
     """
 
-    youngs_modulus_gpa: Measured
-    poissons_ratio: Measured
+    youngs_modulus_gpa: MeasuredValue
+    poissons_ratio: MeasuredValue
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +111,7 @@ class GageStep:
 
 
 @dataclass(frozen=True, slots=True)
-class GageComparison:
+class StrainGageComparison:
     """DIC beside a strain gage on the same specimen; all are slopes, so neither's zero matters.
 
     Attributes:
@@ -122,6 +122,6 @@ class GageComparison:
     """
 
     steps: tuple[GageStep, ...]
-    youngs_modulus_gpa: Measured
-    poissons_ratio: Measured
-    dic_over_gage: Measured
+    youngs_modulus_gpa: MeasuredValue
+    poissons_ratio: MeasuredValue
+    dic_over_gage: MeasuredValue

@@ -3,43 +3,43 @@
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.grid import Grid
 from semlive.data.quality import PatternQuality
-from semlive.data.rows import RowShifts
+from semlive.data.row_shifts import RowShifts
 from semlive.data.settings import DicSettings
 from semlive.dic.api import match
+from semlive.dic.banded import correlate_tiled, is_large
 from semlive.dic.correlate import correlate, warm_up
 from semlive.dic.grid import grid_for
-from semlive.dic.incremental import begin, composed, follow
+from semlive.dic.hold_drift import hold_drift
+from semlive.dic.incremental import advance, begin, compose_maps
+from semlive.dic.integration_blur import IntegrationBlur, blur_of_pair, correlate_with_matched_blur, missing_blur
 from semlive.dic.quality import quality
 from semlive.dic.reference import Reference, prepare
-from semlive.dic.rest import hold_drift
-from semlive.dic.rows import register_rows, row_jitter
-from semlive.dic.smear import Smear, correlate_alike, lacking, smear_of
-from semlive.dic.tiles import correlate_tiled, is_large
+from semlive.dic.row_registration import register_rows, row_jitter
 
 __all__ = [
     "DicSettings",
     "DisparityMap",
     "Grid",
+    "IntegrationBlur",
     "PatternQuality",
     "PoiStatus",
     "Reference",
     "RowShifts",
-    "Smear",
+    "advance",
     "begin",
-    "composed",
+    "blur_of_pair",
+    "compose_maps",
     "correlate",
-    "correlate_alike",
     "correlate_tiled",
-    "follow",
+    "correlate_with_matched_blur",
     "grid_for",
     "hold_drift",
     "is_large",
-    "lacking",
     "match",
+    "missing_blur",
     "prepare",
     "quality",
     "register_rows",
     "row_jitter",
-    "smear_of",
     "warm_up",
 ]

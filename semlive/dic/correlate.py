@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
-from semlive.dic.coarse import match, nearest_field, second_field, smooth_field
 from semlive.dic.grid import grid_for
+from semlive.dic.initial_guess import match, nearest_block_field, residual_affine_field, smooth_field
+from semlive.dic.outlier_rejection import PointMeasurements, rejection_status
 from semlive.dic.reference import Reference, prepare
-from semlive.dic.retry import OTHER_SIDE_PX, apart, guesses
+from semlive.dic.reseed import OTHER_SIDE_PX, neighbour_seeds, seed_distance
 from semlive.dic.uncertainty import noise_variance
-from semlive.dic.verify import Measured, refused
 from semlive.errors import BadInput
-from semlive.kernels import cast
-from semlive.kernels.icgn import CHAINED, SEEDED, SKIP
-from semlive.kernels.planes import planes_through
+from semlive.kernels import interface
+from semlive.kernels.icgn import SEED_FROM_NEIGHBOUR, SEEDED, SKIP
+from semlive.kernels.local_planes import fit_local_planes
 from semlive.kernels.spline import CUBIC, QUINTIC
-from semlive.kernels.threads import at_once
+from semlive.kernels.threads import run_pair_in_parallel
 
 FINAL = np.zeros(256, dtype=np.bool_)  # at each status: nothing more to be tried
 FINAL[[PoiStatus.CONVERGED, PoiStatus.LOW_CONTRAST, PoiStatus.AMBIGUOUS, PoiStatus.MASKED]] = True
@@ -61,21 +61,21 @@ def correlate(
             f"frame {current_frame} is {w1} x {h1} px but its reference, frame {reference_frame}, is {w0} x {h0} px: "
             "export all frames with the same size and databar"
         )
-    current = cast.grey(image)
+    current = interface.to_float32_grey(image)
 
     def guessed() -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
         matches = match(reference.coarse, current)
         return matches, smooth_field(matches, reference.grid) if len(matches) else None
 
-    (matches, guess), interpolator = at_once(
-        guessed, lambda: cast.interpolator(current, ORDER[settings.interpolation]), worth=current.size >= cast.PIXELS_AT_ONCE
+    (matches, guess), interpolator = run_pair_in_parallel(
+        guessed, lambda: interface.interpolator(current, ORDER[settings.interpolation]), worth=current.size >= interface.PIXEL_CHUNK
     )
-    solutions = solve(reference, interpolator, matches, settings, guess, lambda: second_field(matches, reference.grid))
-    found = measured(reference, solutions, settings)
-    return concluded(found, reference.grid, settings, reference_frame=reference_frame, current_frame=current_frame)
+    solutions = solve(reference, interpolator, matches, settings, guess, lambda: residual_affine_field(matches, reference.grid))
+    found = point_measurements(reference, solutions, settings)
+    return to_disparity_map(found, reference.grid, settings, reference_frame=reference_frame, current_frame=current_frame)
 
 
-def measured(reference: Reference, solutions: cast.Solutions, settings: DicSettings) -> Measured:
+def point_measurements(reference: Reference, solutions: interface.Solutions, settings: DicSettings) -> PointMeasurements:
     """What the solutions say, with their uncertainties; zero where nothing converged."""
     valid = solutions.status == PoiStatus.CONVERGED
     p = solutions.parameters
@@ -89,7 +89,7 @@ def measured(reference: Reference, solutions: cast.Solutions, settings: DicSetti
         fitted=sums.gradient_sum.shape[-1],
         pixels=sums.pixels,
     )
-    return Measured(
+    return PointMeasurements(
         u_px=np.where(valid, p[..., 0], 0.0),
         v_px=np.where(valid, p[..., 3], 0.0),
         gradient=p[..., [1, 2, 4, 5]].astype(np.float32, order="C"),
@@ -104,9 +104,11 @@ def measured(reference: Reference, solutions: cast.Solutions, settings: DicSetti
     )
 
 
-def concluded(found: Measured, grid: Grid, settings: DicSettings, *, reference_frame: int, current_frame: int) -> DisparityMap:
+def to_disparity_map(
+    found: PointMeasurements, grid: Grid, settings: DicSettings, *, reference_frame: int, current_frame: int
+) -> DisparityMap:
     """The map of what is believed of it."""
-    verdict = refused(found, grid, curved=settings.shape_function != "affine")
+    verdict = rejection_status(found, grid, curved=settings.shape_function != "affine")
     valid = found.valid & (verdict == PoiStatus.CONVERGED)
 
     def where_valid(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -134,7 +136,7 @@ def solve(
     settings: DicSettings,
     guess: NDArray[np.float64] | None = None,
     second: Callable[[], NDArray[np.float64] | None] = lambda: None,
-) -> cast.Solutions:
+) -> interface.Solutions:
     """Affine parameters at every POI.
 
     A first pass along rows from a smooth field of first guesses; what failed again from the nearest block (a jump within the
@@ -147,7 +149,7 @@ def solve(
         matches: from `coarse.match`.
         settings: tolerance, iterations, smallest ZNCC.
         guess: (ny, nx, 6) first guesses; None takes `coarse.smooth_field`.
-        second: gives others, from `coarse.second_field`, if they are needed.
+        second: gives others, from `coarse.residual_affine_field`, if they are needed.
     """
     grid, solutions = reference.grid, _unsolved(reference)
     status = solutions.status
@@ -155,7 +157,7 @@ def solve(
         return solutions
 
     def attempt(where: NDArray[np.bool_], how: int, seeds: NDArray[np.float64]) -> None:
-        cast.correlate(
+        interface.correlate(
             reference.sums,
             interpolator,
             np.where(where, how, SKIP).astype(np.uint8),
@@ -169,16 +171,16 @@ def solve(
         )
 
     guess = smooth_field(matches, grid) if guess is None else guess
-    attempt(status == PoiStatus.NO_SEED, CHAINED, guess)
+    attempt(status == PoiStatus.NO_SEED, SEED_FROM_NEIGHBOUR, guess)
     if (failed := ~FINAL[status]).any():
-        attempt(failed, CHAINED, nearest_field(matches, grid))
+        attempt(failed, SEED_FROM_NEIGHBOUR, nearest_block_field(matches, grid))
     if (failed := ~FINAL[status]).any() and (other := second()) is not None:
-        attempt(failed & (apart(other, guess) > OTHER_SIDE_PX), CHAINED, other)
+        attempt(failed & (seed_distance(other, guess) > OTHER_SIDE_PX), SEED_FROM_NEIGHBOUR, other)
     fresh = status == PoiStatus.CONVERGED
     for _ in range(MAX_PASSES):
         if not (failed := ~FINAL[status]).any():
             break
-        first, reachable, beyond, torn = guesses(solutions, fresh, grid.step_px)
+        first, reachable, beyond, torn = neighbour_seeds(solutions, fresh, grid.step_px)
         if not (failed & reachable).any():
             break
         attempt(failed & reachable, SEEDED, first)
@@ -187,12 +189,12 @@ def solve(
     return solutions
 
 
-def _unsolved(reference: Reference) -> cast.Solutions:
+def _unsolved(reference: Reference) -> interface.Solutions:
     shape = reference.grid.shape
     status = np.where(reference.status == PoiStatus.CONVERGED, PoiStatus.NO_SEED, reference.status).astype(np.uint8)
     status[(status == PoiStatus.NO_SEED) & reference.coarse.ambiguous] = PoiStatus.AMBIGUOUS
     iterations = np.zeros(shape, dtype=np.int32)
-    return cast.Solutions(parameters=np.zeros((*shape, 6)), zncc=np.zeros(shape), status=status, iterations=iterations)
+    return interface.Solutions(parameters=np.zeros((*shape, 6)), zncc=np.zeros(shape), status=status, iterations=iterations)
 
 
 def warm_up(settings: DicSettings) -> None:
@@ -207,6 +209,6 @@ def warm_up(settings: DicSettings) -> None:
     reference = prepare(image, grid_for(small, 96, 96), small)
     current = np.roll(image, 1, axis=1)
     correlate(reference, current, small, reference_frame=0, current_frame=1)
-    cast.grey(image.astype(np.uint16))
+    interface.to_float32_grey(image.astype(np.uint16))
     nothing = np.zeros((1, 1), dtype=np.bool_)
-    planes_through(np.zeros((1, 1)), np.zeros((1, 1)), nothing, nothing, 1)  # of which a clean pair has no need
+    fit_local_planes(np.zeros((1, 1)), np.zeros((1, 1)), nothing, nothing, 1)  # of which a clean pair has no need

@@ -22,11 +22,11 @@ from semlive.data.settings import DicSettings
 from semlive.dic.correlate import correlate
 from semlive.dic.grid import grid_for
 from semlive.dic.reference import Reference, prepare
-from semlive.kernels.cells import in_cells
+from semlive.kernels.bilinear import interpolate_bilinear
 
-KEPT = 0.95  # of the points that the reference began with; fewer ask for a new one
-KEPT_ZNCC = 0.9  # of the median correlation that it began with
-LEFT_OVER = 0.15  # of the variance of a map: 0.08 to 0.13 measured at 2 to 10 grey of noise, 20 % of strain in four steps
+MIN_TRACKED_FRACTION = 0.95  # of the points that the reference began with; fewer ask for a new one
+MIN_ZNCC_FRACTION = 0.9  # of the median correlation that it began with
+UNCANCELLED_NOISE_FRACTION = 0.15  # of the variance of a map: 0.08 to 0.13 measured at 2 to 10 grey of noise, 20 % of strain in four steps
 CUT_PX = 1.0  # corners of a cell that differ by more than their cell's strain are on two sides of a crack
 MAX_CELL_STRAIN = 0.3
 
@@ -34,33 +34,33 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
-    """A specimen followed from its first reference on; a value, `follow` returns the next one.
+class IncrementalTrack:
+    """A specimen followed from its first reference on; a value, `advance` returns the next one.
 
     Attributes:
         grid: the points, in the first reference.
         first_frame: its number.
-        base: the reference in use.
+        reference: the reference in use.
         base_map: where the points are in it; None while it is the first.
         kept: how many points its first map had, None before.
         zncc: their median correlation then.
         last_image: the latest frame.
         last_map: and its map; None before the first.
-        spare: the track with an earlier reference, if points were lost when that was replaced.
+        fallback: the track with an earlier reference, if points were lost when that was replaced.
     """
 
     grid: Grid
     first_frame: int
-    base: Reference
+    reference: Reference
     base_map: DisparityMap | None = None
     kept: int | None = None
     zncc: float = 0.0
     last_image: Image | None = None
     last_map: DisparityMap | None = None
-    spare: Track | None = None
+    fallback: IncrementalTrack | None = None
 
 
-def begin(image: Image, grid: Grid, settings: DicSettings, frame: int = 0) -> Track:
+def begin(image: Image, grid: Grid, settings: DicSettings, frame: int = 0) -> IncrementalTrack:
     """Start from a first reference.
 
     Args:
@@ -72,10 +72,12 @@ def begin(image: Image, grid: Grid, settings: DicSettings, frame: int = 0) -> Tr
     Raises:
         BadInput: as `prepare`.
     """
-    return Track(grid=grid, first_frame=frame, base=prepare(image, grid, settings))
+    return IncrementalTrack(grid=grid, first_frame=frame, reference=prepare(image, grid, settings))
 
 
-def follow(track: Track, image: Image, settings: DicSettings, frame: int, *, renew: bool = False) -> tuple[DisparityMap, Track]:
+def advance(
+    track: IncrementalTrack, image: Image, settings: DicSettings, frame: int, *, renew: bool = False
+) -> tuple[DisparityMap, IncrementalTrack]:
     """The map from the first reference to one more frame, and the track after it.
 
     Args:
@@ -88,22 +90,22 @@ def follow(track: Track, image: Image, settings: DicSettings, frame: int, *, ren
     Raises:
         BadInput: the frames differ in size.
     """
-    m = _composed(track, correlate(track.base, image, settings, reference_frame=track.first_frame, current_frame=frame))
+    m = _composed(track, correlate(track.reference, image, settings, reference_frame=track.first_frame, current_frame=frame))
     if (renew or _worn(track, m)) and track.last_map is not None and track.last_map.valid.any():
         fresh = _renewed(track, settings)
-        again = _composed(fresh, correlate(fresh.base, image, settings, reference_frame=track.first_frame, current_frame=frame))
+        again = _composed(fresh, correlate(fresh.reference, image, settings, reference_frame=track.first_frame, current_frame=frame))
         if renew or again.valid.sum() > m.valid.sum() or _median_zncc(again) > _median_zncc(m):
             track, m = fresh, again
-    if track.spare is not None and not m.valid.all():
-        m = _returned(m, track.spare, image, settings, frame)
+    if track.fallback is not None and not m.valid.all():
+        m = _returned(m, track.fallback, image, settings, frame)
     if track.kept is None:
         track = dataclasses.replace(track, kept=int(m.valid.sum()), zncc=_median_zncc(m))
     return m, dataclasses.replace(track, last_image=image, last_map=m)
 
 
-def _returned(m: DisparityMap, spare: Track, image: Image, settings: DicSettings, frame: int) -> DisparityMap:
+def _returned(m: DisparityMap, spare: IncrementalTrack, image: Image, settings: DicSettings, frame: int) -> DisparityMap:
     """The map with points that are lost in it but found from the reference before."""
-    found = _composed(spare, correlate(spare.base, image, settings, reference_frame=spare.first_frame, current_frame=frame))
+    found = _composed(spare, correlate(spare.reference, image, settings, reference_frame=spare.first_frame, current_frame=frame))
     back = found.valid & ~m.valid
     names = ("u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc", "status")
     together = {name: np.where(back, getattr(found, name), getattr(m, name)) for name in names}
@@ -114,13 +116,13 @@ def _median_zncc(m: DisparityMap) -> float:
     return float(np.median(m.zncc[m.valid])) if m.valid.any() else 0.0
 
 
-def _worn(track: Track, m: DisparityMap) -> bool:
+def _worn(track: IncrementalTrack, m: DisparityMap) -> bool:
     """Whether the reference no longer resembles the frame."""
     before = track.kept if track.kept is not None else (track.base_map.valid.sum() if track.base_map else m.status.size)
-    return bool(m.valid.sum() < KEPT * before or _median_zncc(m) < KEPT_ZNCC * track.zncc)
+    return bool(m.valid.sum() < MIN_TRACKED_FRACTION * before or _median_zncc(m) < MIN_ZNCC_FRACTION * track.zncc)
 
 
-def _renewed(track: Track, settings: DicSettings) -> Track:
+def _renewed(track: IncrementalTrack, settings: DicSettings) -> IncrementalTrack:
     """The track with the latest frame as reference, its points laid over wherever the first ones are now."""
     image, m = track.last_image, track.last_map
     if image is None or m is None:
@@ -132,24 +134,24 @@ def _renewed(track: Track, settings: DicSettings) -> Track:
     left, top = max(int(x.min()) - step, half), max(int(y.min()) - step, half)
     right, bottom = min(int(x.max()) + 2 * step, width - 1 - half), min(int(y.max()) + 2 * step, height - 1 - half)
     grid = grid_for(dataclasses.replace(settings, roi_px=(left, top, right, bottom)), width, height)
-    spare = track.spare or dataclasses.replace(track, last_image=None, last_map=None)  # the earliest knows most points
-    return Track(
+    spare = track.fallback or dataclasses.replace(track, last_image=None, last_map=None)  # the earliest knows most points
+    return IncrementalTrack(
         grid=track.grid,
         first_frame=track.first_frame,
-        base=prepare(image, grid, settings),
+        reference=prepare(image, grid, settings),
         base_map=m,
         last_image=image,
         last_map=m,
-        spare=None if m.valid.all() else spare,
+        fallback=None if m.valid.all() else spare,
     )
 
 
-def _composed(track: Track, newer: DisparityMap) -> DisparityMap:
+def _composed(track: IncrementalTrack, newer: DisparityMap) -> DisparityMap:
     """A map on the grid of the reference in use, told on the grid of the first."""
-    return newer if track.base_map is None else composed(track.base_map, newer)
+    return newer if track.base_map is None else compose_maps(track.base_map, newer)
 
 
-def composed(older: DisparityMap, newer: DisparityMap) -> DisparityMap:
+def compose_maps(older: DisparityMap, newer: DisparityMap) -> DisparityMap:
     """Two maps one after the other, on the grid of the older one.
 
     Args:
@@ -161,7 +163,7 @@ def composed(older: DisparityMap, newer: DisparityMap) -> DisparityMap:
     fx, fy = (x + older.u_px - grid.x0_px) / grid.step_px, (y + older.v_px - grid.y0_px) / grid.step_px
     inside = older.valid & (fx >= 0) & (fy >= 0) & (fx <= grid.nx - 1) & (fy <= grid.ny - 1)
     values = np.stack((newer.u_px, newer.v_px, newer.sigma_u_px, newer.sigma_v_px, newer.zncc))
-    at, spread, worst, sound = in_cells(fx.ravel(), fy.ravel(), values, np.ascontiguousarray(newer.status))
+    at, spread, worst, sound = interpolate_bilinear(fx.ravel(), fy.ravel(), values, np.ascontiguousarray(newer.status))
     u, v, sigma_u, sigma_v, zncc = at.reshape(-1, *older.grid.shape)
     (spread_u, spread_v), worst = spread.reshape(-1, *older.grid.shape), worst.reshape(older.grid.shape)
     whole = inside & sound.reshape(older.grid.shape)
@@ -172,7 +174,7 @@ def composed(older: DisparityMap, newer: DisparityMap) -> DisparityMap:
 
     def accumulated(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float64]:
         a, b = before**2, after**2
-        return np.sqrt(a + b - (1.0 - LEFT_OVER) * np.minimum(a, b))
+        return np.sqrt(a + b - (1.0 - UNCANCELLED_NOISE_FRACTION) * np.minimum(a, b))
 
     def where_valid(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.where(valid, values, 0.0)

@@ -13,9 +13,9 @@ from semlive.data.quality import PatternQuality
 from semlive.data.settings import DicSettings
 from semlive.dic.grid import grid_for
 from semlive.dic.reference import prepare
-from semlive.dic.rows import instrument_scales, instruments
+from semlive.dic.row_registration import gradient_scales, smoothed_gradients
 from semlive.errors import BadInput
-from semlive.kernels import cast
+from semlive.kernels import interface
 
 # Fourth difference both ways: of speckle as fine as 3.3 px it passes 0.6 grey where the usual second difference passes 5.
 FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
@@ -66,7 +66,7 @@ def quality(
     mask = None if mask is None or mask.all() else mask
     if mask is not None and not mask.any():
         raise BadInput("the mask leaves no pixel of the frame: it is True where the frame may be used")
-    grey = cast.grey(image, mask)
+    grey = interface.to_float32_grey(image, mask)
     used = 1.0 if mask is None else float(mask.mean())
     seen = image if mask is None else image[mask]
     noise, local = _noise(grey, grid, mask)
@@ -171,9 +171,9 @@ def _mean_gradient(grey: NDArray[np.float32], noise: float, mask: NDArray[np.boo
     """Mean length of the gradient (Pan, Lu, Xie 2010, doi:10.1016/j.optlaseng.2009.08.010), of smoothed, rescaled derivatives."""
     if min(grey.shape) < 12:
         return 0.0
-    along_x, along_y = instruments(grey)
+    along_x, along_y = smoothed_gradients(grey)
     used = 1.0 if mask is None else float(mask.mean())
-    scale_x, scale_y = instrument_scales(grey, along_x, along_y, noise * np.sqrt(used))  # there is none where the mask is
+    scale_x, scale_y = gradient_scales(grey, along_x, along_y, noise * np.sqrt(used))  # there is none where the mask is
     length = np.hypot(scale_x * along_x, scale_y * along_y)
     if mask is None:
         return float(np.mean(length))

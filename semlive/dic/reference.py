@@ -11,10 +11,10 @@ from scipy import ndimage
 from semlive.data.disparity import PoiStatus
 from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
-from semlive.dic.coarse import CoarseReference, prepare_coarse
+from semlive.dic.initial_guess import InitialGuessReference, prepare_coarse
 from semlive.errors import BadInput
-from semlive.kernels import cast
-from semlive.kernels.threads import at_once
+from semlive.kernels import interface
+from semlive.kernels.threads import run_pair_in_parallel
 from semlive.kernels.warp import AFFINE, QUADRATIC
 
 SOBEL_VARIANCE = 0.1875  # sum of squares of the Sobel stencil / 8
@@ -40,10 +40,10 @@ class Reference:
 
     grid: Grid
     shape: tuple[int, int]
-    sums: cast.SubsetSums
+    sums: interface.SubsetSums
     status: NDArray[np.uint8]
     noise_grey: float
-    coarse: CoarseReference
+    coarse: InitialGuessReference
 
     def __post_init__(self) -> None:
         for holder in (self.sums, self.coarse):
@@ -60,7 +60,7 @@ def noise_of(image: NDArray[np.float32]) -> float:
     The stencil passes only 0.3 grey of speckle of 40 grey contrast and 6.7 px size, 5 grey of 3.3 px. Constant areas
     (saturated, masked) are left out; the median spares scratches. Rows with TRAITS_PIXELS are enough.
     """
-    return cast.median_stencil(image, _line_step(image)) / (6.0 * 0.6745)
+    return interface.median_stencil(image, _line_step(image)) / (6.0 * 0.6745)
 
 
 def _line_step(image: NDArray[np.float32]) -> int:
@@ -84,7 +84,7 @@ def gradient_gain(
         usable: 1 where a pixel may be used, else 0; None for all.
         used: part of the image that is not masked; the Sobel derivative is zero elsewhere.
     """
-    overlap, energy = cast.gradient_products(image, _line_step(image), axis, usable)
+    overlap, energy = interface.gradient_products(image, _line_step(image), axis, usable)
     overlap -= used * SOBEL_SPLINE_COVARIANCE * noise_grey**2
     return min(max(overlap / energy, 0.1), 3.0) if energy > 0.0 else 1.0
 
@@ -110,20 +110,20 @@ def prepare(
         raise BadInput(f"the mask is {w0} x {h0} px but the frame {w1} x {h1} px: give a mask of its size")
     if grid.subset_px != settings.subset_px:
         raise BadInput(f"the grid was made for subsets of {grid.subset_px} px, the settings say {settings.subset_px}: make a new grid")
-    usable = None if mask is None or mask.all() else usable_part(mask)
-    f = cast.grey(image, None if usable is None else mask)
+    usable = None if mask is None or mask.all() else usable_mask(mask)
+    f = interface.to_float32_grey(image, None if usable is None else mask)
     used = 1.0 if usable is None else np.count_nonzero(usable) / usable.size
-    part = middle(f.shape)
-    coarse, traits = at_once(
+    part = central_region(f.shape)
+    coarse, traits = run_pair_in_parallel(
         lambda: prepare_coarse(f, grid, settings.search_px),
-        lambda: traits_of(np.ascontiguousarray(f[part]), None if usable is None else np.ascontiguousarray(usable[part]), used),
-        worth=f.size >= cast.PIXELS_AT_ONCE,
+        lambda: frame_statistics(np.ascontiguousarray(f[part]), None if usable is None else np.ascontiguousarray(usable[part]), used),
+        worth=f.size >= interface.PIXEL_CHUNK,
     )
     return prepare_part(f, usable, grid, settings, traits, coarse)
 
 
 @dataclass(frozen=True, slots=True)
-class Traits:
+class FrameStatistics:
     """What holds for a whole frame.
 
     Attributes:
@@ -137,16 +137,16 @@ class Traits:
     gain_y: float
 
 
-def middle(shape: tuple[int, ...]) -> tuple[slice, slice]:
+def central_region(shape: tuple[int, ...]) -> tuple[slice, slice]:
     """The part of a frame that its traits are told from: all of it, or the middle of a large one."""
     first = [max(0, (n - TRAITS_EDGE_PX) // 2) for n in shape]
     return slice(first[0], first[0] + TRAITS_EDGE_PX), slice(first[1], first[1] + TRAITS_EDGE_PX)
 
 
-def traits_of(f: NDArray[np.float32], usable: NDArray[np.float32] | None, used: float = 1.0) -> Traits:
-    """Noise and gains from the `middle` of a frame; `usable` as in `prepare_part`, `used` is the part of the frame that is not masked."""
+def frame_statistics(f: NDArray[np.float32], usable: NDArray[np.float32] | None, used: float = 1.0) -> FrameStatistics:
+    """Noise and gains from the `central_region` of a frame; `usable` as in `prepare_part`, `used`: the part that is not masked."""
     noise = noise_of(f)
-    return Traits(noise, gradient_gain(f, 1, noise, usable, used), gradient_gain(f, 0, noise, usable, used))
+    return FrameStatistics(noise, gradient_gain(f, 1, noise, usable, used), gradient_gain(f, 0, noise, usable, used))
 
 
 def prepare_part(
@@ -154,8 +154,8 @@ def prepare_part(
     usable: NDArray[np.float32] | None,
     grid: Grid,
     settings: DicSettings,
-    traits: Traits,
-    coarse: CoarseReference,
+    traits: FrameStatistics,
+    coarse: InitialGuessReference,
 ) -> Reference:
     """Prepare a frame or a part of one, given what holds for the whole.
 
@@ -167,7 +167,7 @@ def prepare_part(
         traits: of the frame.
         coarse: for first guesses in this part.
     """
-    sums = cast.subset_sums(
+    sums = interface.subset_sums(
         f,
         x0_px=grid.x0_px,
         y0_px=grid.y0_px,
@@ -183,12 +183,12 @@ def prepare_part(
     return Reference(grid=grid, shape=f.shape, sums=sums, status=status, noise_grey=traits.noise_grey, coarse=coarse)
 
 
-def usable_part(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
+def usable_mask(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
     """1 where a pixel and the eight around it, which its derivative needs, may be used, else 0."""
     return ndimage.binary_erosion(mask, np.ones((3, 3)), border_value=1).astype(np.float32)
 
 
-def _judge(sums: cast.SubsetSums, noise_grey: float, gain: float) -> NDArray[np.uint8]:
+def _judge(sums: interface.SubsetSums, noise_grey: float, gain: float) -> NDArray[np.uint8]:
     """CONVERGED where a subset has contrast enough in both directions, else LOW_CONTRAST."""
     pixels = np.maximum(sums.pixels, 1.0)
     variance = noise_grey * noise_grey

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from semlive.kernels.phases import phases
+from semlive.kernels.subpixel_phases import phases
 
 TINY = np.finfo(np.float32).eps
 ROUNDING_VARIANCE = 1.0 / 12.0  # of one grey level
@@ -43,7 +43,7 @@ HARMONICS = {"cubic": _noise_harmonics(_cardinal), "quintic": _noise_harmonics(_
 # h is 1 at whole pixels; cubic 0.76 at half, 0.87 on average; quintic 0.84 and 0.92
 
 
-def noise_passed(
+def interpolation_noise_gain(
     shift_px: NDArray[np.float64],
     along_x: NDArray[np.float64],
     along_y: NDArray[np.float64],
@@ -65,7 +65,7 @@ def noise_passed(
 
 
 def _passed(phase: NDArray[np.float32], moved: NDArray[np.float32], interpolation: str) -> NDArray[np.float32]:
-    """`noise_passed` at a phase, 2 pi for a pixel, of subsets whose edges move by so much, first for those along x, then y."""
+    """`interpolation_noise_gain` at a phase, 2 pi for a pixel, of subsets whose edges move by so much, first for those along x, then y."""
     constant, *harmonics = (np.float32(h) for h in HARMONICS[interpolation])
     passed = np.full(phase.shape, constant)
     for k, harmonic in enumerate(harmonics, start=1):

@@ -21,7 +21,7 @@ class Transition:
         cause: why.
         after: the state that was entered; may be the same.
         step: index of the step.
-        guards: the values that decided, by name.
+        details: the values that decided, by name.
         code: the kind of fault, where the state that was entered is one.
     """
 
@@ -30,7 +30,7 @@ class Transition:
     cause: Cause
     after: State
     step: int
-    guards: tuple[Guard, ...] = ()
+    details: tuple[Guard, ...] = ()
     code: FaultCode | None = None
 
 
@@ -77,7 +77,7 @@ class AcceptPair:
 
 
 @dataclass(frozen=True, slots=True)
-class RefuseFrame:
+class RejectFrame:
     """An exported file is not part of a pair, and why (one sentence)."""
 
     export: int
@@ -85,14 +85,14 @@ class RefuseFrame:
 
 
 @dataclass(frozen=True, slots=True)
-class Announce:
+class Notify:
     """Tell the operator one sentence."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
-class Finish:
+class FinishRun:
     """The run is over.
 
     Attributes:
@@ -104,4 +104,4 @@ class Finish:
     text: str
 
 
-Command = Transition | RampTo | MoveStage | StopMotion | TriggerFrame | AcceptPair | RefuseFrame | Announce | Finish
+Command = Transition | RampTo | MoveStage | StopMotion | TriggerFrame | AcceptPair | RejectFrame | Notify | FinishRun

@@ -9,20 +9,20 @@ from dataclasses import replace
 
 from semlive.data.experiment import Plan
 from semlive.data.faults import FaultCode
-from semlive.data.loading import LoadSample, MotionState, StageSample, Trouble
-from semlive.engine import calibration, warm_up
+from semlive.data.loading import DeviceFault, LoadSample, MotionState, StageSample
+from semlive.engine import calibration_gate, warm_up_gate
 from semlive.engine import events as ev
-from semlive.engine.commands import Command, Finish, StopMotion
-from semlive.engine.events import Device, Event, Verb
-from semlive.engine.frames import frame_scanned, frame_unreadable, judge
-from semlive.engine.history import LoadHistory
-from semlive.engine.limits import plan_problem, sample_problem, tightened
-from semlive.engine.motion import advance, begin_step, hold, rest_fault, settle
-from semlive.engine.recover import Interrupted, changes, order_code
+from semlive.engine.commands import Command, FinishRun, StopMotion
+from semlive.engine.events import Device, Event, OperatorCommand
+from semlive.engine.frame_selection import frame_scanned, frame_unreadable, select_pair
+from semlive.engine.limits import plan_problem, sample_problem, with_device_limits
+from semlive.engine.load_history import LoadHistory
+from semlive.engine.motion import continue_motion, hold, rest_fault, settle, start_step
+from semlive.engine.resume import InterruptedRun, device_changes, order_code
+from semlive.engine.state import EngineState, StepContext
 from semlive.engine.states import AT_REST_STATES, FINAL_STATES, Cause, State
-from semlive.engine.supervision import Finding
-from semlive.engine.turn import EngineState, Turn
-from semlive.engine.unloading import loaded_problem, unloading_problem
+from semlive.engine.supervision.ramp_supervision import Finding
+from semlive.engine.supervision.unloading import loaded_problem, unloading_problem
 from semlive.errors import BadInput
 
 _STOP_TOLD_S = 2.0
@@ -30,7 +30,7 @@ _STOP_TOLD_S = 2.0
 _WAITING = "waiting for the word that it rests of"
 
 
-def start(plan: Plan, now_ns: int, *, next_step: int = 0, before: Interrupted | None = None) -> EngineState:
+def start(plan: Plan, now_ns: int, *, next_step: int = 0, before: InterruptedRun | None = None) -> EngineState:
     """The state before anything has happened.
 
     Args:
@@ -43,7 +43,7 @@ def start(plan: Plan, now_ns: int, *, next_step: int = 0, before: Interrupted | 
         BadInput: if the plan has no such step, or breaks its own limits, or is not the one that was interrupted.
     """
     if before is not None:
-        plan, next_step = before.steps_of(plan), len(before.done)
+        plan, next_step = before.steps_of(plan), len(before.completed_pairs)
     all_done = before is not None and next_step == len(plan.steps)
     if not 0 <= next_step < len(plan.steps) and not all_done:
         raise BadInput(f"the plan has {len(plan.steps)} steps, none of index {next_step}; give it at least one step to do")
@@ -54,26 +54,26 @@ def start(plan: Plan, now_ns: int, *, next_step: int = 0, before: Interrupted | 
     state = EngineState(
         plan=plan,
         limits=plan.limits,
-        at=State.IDLE,
+        state=State.IDLE,
         step_index=min(next_step, len(plan.steps) - 1),
         time_ns=now_ns,
         since_ns=now_ns,
         history=LoadHistory(keep_ns=round(keep_s * 1e9)),
-        shift_at_um=(0.0, 0.0) if next_step == 0 and before is None else None,
+        reached_shift_um=(0.0, 0.0) if next_step == 0 and before is None else None,
     )
     if before is None:
         return state
     return replace(
         state,
-        before=before,
+        interrupted_run=before,
         origin_um=before.origin_um,
-        reference=before.done[0].first if before.done else None,
+        reference=before.completed_pairs[0].first if before.completed_pairs else None,
         start_sigma_s=state.start_sigma_s if before.start_sigma_s is None else before.start_sigma_s,
-        seen=before.seen,
-        foreseen=before.foreseen,
-        judged=before.judged,
-        calibrated=calibration.passed([one.step for one in before.done]),
-        warm=warm_up.passed(plan, [one.step for one in before.done]),
+        field_of_view=before.field_of_view,
+        drift_forecast=before.drift_forecast,
+        calibration_assessment=before.calibration_assessment,
+        calibration_gate_passed=calibration_gate.passed([one.step for one in before.completed_pairs]),
+        warm_up_gate_passed=warm_up_gate.passed(plan, [one.step for one in before.completed_pairs]),
     )
 
 
@@ -83,15 +83,15 @@ def step(state: EngineState, event: Event) -> tuple[EngineState, tuple[Command, 
     Raises:
         ImpossibleTransition: never, unless the engine itself is wrong.
     """
-    if state.at in FINAL_STATES:
+    if state.state in FINAL_STATES:
         return state, ()
-    turn = Turn(replace(state, time_ns=max(state.time_ns, event.time_ns)))
+    turn = StepContext(replace(state, time_ns=max(state.time_ns, event.time_ns)))
     _hear(turn, event)
     _look(turn)
     return turn.state, tuple(turn.commands)
 
 
-def _hear(turn: Turn, event: Event) -> None:
+def _hear(turn: StepContext, event: Event) -> None:
     """The event's own consequences."""
     match event:
         case ev.Tick():
@@ -103,32 +103,32 @@ def _hear(turn: Turn, event: Event) -> None:
         case ev.FrameScanned(info=info):
             _wait_over(turn)
             frame_scanned(turn, info)
-        case ev.FieldSeen():
-            turn.update(seen=event)
-        case ev.DriftForeseen():
-            turn.update(foreseen=event)
-        case ev.DriftSeen():
-            turn.update(drifted=event)
-        case ev.CalibrationJudged():
-            turn.update(judged=event)
+        case ev.FieldOfViewMeasured():
+            turn.update(field_of_view=event)
+        case ev.DriftForecastUpdated():
+            turn.update(drift_forecast=event)
+        case ev.HoldDriftMeasured():
+            turn.update(hold_drift=event)
+        case ev.CalibrationAssessed():
+            turn.update(calibration_assessment=event)
         case ev.FrameUnreadable(export=export, reason=reason):
             frame_unreadable(turn, export, reason)
-        case ev.CommandTaken(time_ns=time_ns, device=device):
-            if turn.state.at is State.RAMPING and turn.state.motion.todo[:1] == (device,):
-                turn.update(motion=replace(turn.state.motion, taken_ns=time_ns))
-        case ev.Operator(verb=verb, reason=reason):
+        case ev.CommandAcknowledged(time_ns=time_ns, device=device):
+            if turn.state.state is State.RAMPING and turn.state.motion.pending_devices[:1] == (device,):
+                turn.update(motion=replace(turn.state.motion, acknowledged_ns=time_ns))
+        case ev.OperatorAction(verb=verb, reason=reason):
             _operator(turn, verb, reason)
-        case ev.Opening():
+        case ev.LinksOpening():
             _opening(turn)
-        case ev.Ready():
+        case ev.LinksReady():
             _ready(turn, event)
         case ev.LinkStale(device=device):
             turn.update(stale=turn.state.stale | {device})
         case ev.LinkLost(device=device, reason=reason):
             turn.update(stale=turn.state.stale | {device})
             turn.fault(Cause.LINK_LOST, f"the link to the {device.words} is lost: {reason}", ("device", device.value))
-        case ev.LinkBack(device=device):
-            turn.say(f"the {device.words} answers again")
+        case ev.LinkRestored(device=device):
+            turn.announce(f"the {device.words} answers again")
         case ev.DeviceStopped(device=device, reason=reason):
             _device_stopped(turn, device, reason)
         case ev.DeviceFault(device=device, reason=reason, emergency=emergency, code=code):
@@ -136,95 +136,95 @@ def _hear(turn: Turn, event: Event) -> None:
             turn.fault(cause, f"{device.words}: {reason}", ("device", device.value), code=code)
 
 
-def _opening(turn: Turn) -> None:
+def _opening(turn: StepContext) -> None:
     """The links are being opened, unless there is nothing left to do."""
-    before, steps = turn.state.before, len(turn.state.plan.steps)
-    if turn.state.at is not State.IDLE:
+    before, steps = turn.state.interrupted_run, len(turn.state.plan.steps)
+    if turn.state.state is not State.IDLE:
         return
-    if before is not None and len(before.done) == steps:
+    if before is not None and len(before.completed_pairs) == steps:
         turn.finish(Cause.LAST_STEP, f"all {steps} steps were done before; no device is asked for anything")
     else:
-        turn.go(Cause.OPENING)
+        turn.transition(Cause.OPENING)
 
 
-def _device_stopped(turn: Turn, device: Device, reason: str) -> None:
+def _device_stopped(turn: StepContext, device: Device, reason: str) -> None:
     """Where motion was expected, or nothing was known yet, it is a fault; what is taken up again asks anyway, and says it then."""
     told = f"the {device.words} was stopped: {reason}"
-    if turn.state.at is State.CONNECTING and turn.state.before is not None:
-        turn.update(stopped_when_found=turn.state.stopped_when_found | {device})
-        turn.say(told)
+    if turn.state.state is State.CONNECTING and turn.state.interrupted_run is not None:
+        turn.update(stopped_on_resume=turn.state.stopped_on_resume | {device})
+        turn.announce(told)
     else:
         turn.fault(Cause.DEVICE_STOPPED, told, ("device", device.value))
 
 
-def _wait_over(turn: Turn) -> None:
+def _wait_over(turn: StepContext) -> None:
     """A frame may arrive at the very instant that ends the hold: let the hold end first."""
-    if turn.state.at is State.HOLDING:
+    if turn.state.state is State.HOLDING:
         hold(turn)
 
 
-def _look(turn: Turn) -> None:
+def _look(turn: StepContext) -> None:
     """What the state waits for."""
     _timeouts(turn)
-    match turn.state.at:
+    match turn.state.state:
         case State.RAMPING:
-            advance(turn)
+            continue_motion(turn)
         case State.SETTLING:
             settle(turn)
         case State.HOLDING:
             hold(turn)
         case State.IMAGING:
-            judge(turn)
-        case State.JUDGING if not rest_fault(turn):
-            calibration.wait(turn)
-        case State.WARMING if not rest_fault(turn):
-            warm_up.wait(turn)
+            select_pair(turn)
+        case State.CALIBRATION_GATE if not rest_fault(turn):
+            calibration_gate.evaluate(turn)
+        case State.WARM_UP if not rest_fault(turn):
+            warm_up_gate.evaluate(turn)
         case State.STOPPING:
             _stopping(turn)
-    if turn.state.at is State.STEP_DONE:
+    if turn.state.state is State.STEP_DONE:
         _step_done(turn)
 
 
-def _step_done(turn: Turn) -> None:
+def _step_done(turn: StepContext) -> None:
     """On to the next step, or the end: load and position stay as they are."""
     if turn.state.step_index + 1 == len(turn.state.plan.steps):
         turn.finish(Cause.LAST_STEP, f"all {len(turn.state.plan.steps)} steps are done; load and position are held")
         return
     done, after = turn.state, replace(turn.state, step_index=turn.state.step_index + 1)
-    if calibration.shut(after):
-        turn.go(Cause.JUDGE)
+    if calibration_gate.is_closed(after):
+        turn.transition(Cause.CALIBRATION_CHECK)
         turn.update(step_index=done.step_index + 1)
         return
-    if warm_up.shut(after):
-        warm_up.enter(turn, Cause.WARM_UP)
+    if warm_up_gate.is_closed(after):
+        warm_up_gate.enter(turn, Cause.WARM_UP)
         turn.update(step_index=done.step_index + 1)
         return
-    turn.go(Cause.NEXT_STEP)
+    turn.transition(Cause.NEXT_STEP)
     turn.update(step_index=done.step_index + 1)
-    begin_step(turn)
+    start_step(turn)
 
 
-def _load_reading(turn: Turn, sample: LoadSample) -> None:
+def _load_reading(turn: StepContext, sample: LoadSample) -> None:
     state = turn.state
     watch, sudden = state.watch.with_sample(state.limits, sample)
     turn.update(
         load=sample,
         watch=watch,
-        rest=state.rest.with_sample(sample, ordered=state.at not in AT_REST_STATES),
+        rest=state.rest.with_sample(sample, ordered=state.state not in AT_REST_STATES),
         stale=state.stale - {Device.LOAD_FRAME},
         history=state.history.with_sample(sample.time_ns, sample.force_n, sample.gage_strain),
     )
     problem = sample_problem(state.limits, sample) or sudden
-    if problem is not None and turn.allows(Cause.LIMIT):
+    if problem is not None and turn.is_allowed(Cause.LIMIT):
         guards = (("force_n", sample.force_n), ("extension_mm", sample.extension_mm), ("sequence", sample.sequence))
         turn.fault(Cause.LIMIT, problem, *guards)
-    resuming = turn.state.at is State.CONNECTING and turn.state.before is not None
-    if sample.order_changed is not None and (resuming or turn.state.at in (State.RAMPING, *AT_REST_STATES)):
+    resuming = turn.state.state is State.CONNECTING and turn.state.interrupted_run is not None
+    if sample.order_changed is not None and (resuming or turn.state.state in (State.RAMPING, *AT_REST_STATES)):
         turn.fault(Cause.DEVICE_FAULT, f"load frame: {sample.order_changed}", code=order_code(sample))
     _motion_word(turn, Device.LOAD_FRAME, sample, state.load)
 
 
-def _stage_reading(turn: Turn, sample: StageSample) -> None:
+def _stage_reading(turn: StepContext, sample: StageSample) -> None:
     state = turn.state
     turn.update(
         position=sample,
@@ -234,7 +234,7 @@ def _stage_reading(turn: Turn, sample: StageSample) -> None:
     _motion_word(turn, Device.STAGE, sample, state.position)
 
 
-def _motion_word(turn: Turn, device: Device, now: LoadSample | StageSample, before: LoadSample | StageSample | None) -> None:
+def _motion_word(turn: StepContext, device: Device, now: LoadSample | StageSample, before: LoadSample | StageSample | None) -> None:
     """A device that says it is in trouble is believed.
 
     One whose watchdog stopped it when a run died says so until it is spoken to: told to stop once, before the operator is asked.
@@ -244,27 +244,27 @@ def _motion_word(turn: Turn, device: Device, now: LoadSample | StageSample, befo
     trouble = now.trouble if isinstance(now, LoadSample) else None
     if trouble is not None and trouble.is_emergency:
         # Who was told to stop in an emergency is not kept from ending by the same emergency, which lasts.
-        known = turn.state.at is State.STOPPING and before is not None and before.motion is MotionState.FAULT
-        if turn.allows(Cause.EMERGENCY) and not known:
+        known = turn.state.state is State.STOPPING and before is not None and before.motion is MotionState.FAULT
+        if turn.is_allowed(Cause.EMERGENCY) and not known:
             reason = f"the {device.words} was stopped by its {trouble}; free the machine, then resume"
-            code = FaultCode.LIMIT_SWITCH if trouble is Trouble.LIMIT_SWITCH else FaultCode.EMERGENCY_STOP
+            code = FaultCode.LIMIT_SWITCH if trouble is DeviceFault.LIMIT_SWITCH else FaultCode.EMERGENCY_STOP
             turn.fault(Cause.EMERGENCY, reason, ("device", device.value), ("trouble", trouble.value), code=code)
-    elif turn.state.at is State.CONNECTING and turn.state.before is not None:
+    elif turn.state.state is State.CONNECTING and turn.state.interrupted_run is not None:
         if before is None or before.motion is not MotionState.FAULT:
             turn.commands.append(StopMotion(f"the {device.words} has been in fault since the run was interrupted"))
-    elif turn.allows(Cause.DEVICE_FAULT):
+    elif turn.is_allowed(Cause.DEVICE_FAULT):
         what = "is in fault" if trouble is None else f"is in fault ({trouble})"
         turn.fault(Cause.DEVICE_FAULT, f"the {device.words} says that it {what}; look at it, then resume", ("device", device.value))
 
 
-def _ready(turn: Turn, event: ev.Ready) -> None:
+def _ready(turn: StepContext, event: ev.LinksReady) -> None:
     # Also where a device has said meanwhile that it is in trouble: once it is out of it the run goes on with these devices.
-    limits = tightened(turn.state.plan.limits, event.load_frame)
+    limits = with_device_limits(turn.state.plan.limits, event.load_frame)
     turn.update(load_frame=event.load_frame, stage=event.stage, limits=limits, linked=True)
     if event.stage is None:
-        turn.update(shift_at_um=(0.0, 0.0))
-    cause = Cause.LINKED if turn.state.step_index == 0 and turn.state.before is None else Cause.LINKED_AGAIN
-    if not turn.allows(cause):
+        turn.update(reached_shift_um=(0.0, 0.0))
+    cause = Cause.LINKED if turn.state.step_index == 0 and turn.state.interrupted_run is None else Cause.RECONNECTED
+    if not turn.is_allowed(cause):
         return
     problem = plan_problem(turn.state.plan, limits, turn.state.step_index)
     if problem is not None:
@@ -274,24 +274,24 @@ def _ready(turn: Turn, event: ev.Ready) -> None:
     if found is not None:
         turn.fault(Cause.DEVICE_FAULT, f"the run was interrupted, and {found.reason}: look at the machine, then resume", code=found.code)
         return
-    turn.go(cause)
-    if turn.state.at is State.RECOVER:
+    turn.transition(cause)
+    if turn.state.state is State.RESUMING:
         _ask_to_resume(turn)
 
 
-def _ask_to_resume(turn: Turn) -> None:
+def _ask_to_resume(turn: StepContext) -> None:
     """Say what resuming will do, and what is other than the log left it."""
     now = turn.state
     load = "" if now.step.load_n is None else f" and the load to {now.step.load_n:g} N"
     x, y = now.step.shift_um
     other = changed_since(now)
     first = "" if other is None else f"look first: {other.reason}; "
-    turn.say(f"{first}resume sets the stage to ({x:g}, {y:g}) um{load} and begins step {now.step_index + 1} again; or stop")
+    turn.announce(f"{first}resume sets the stage to ({x:g}, {y:g}) um{load} and begins step {now.step_index + 1} again; or stop")
 
 
 def changed_since(state: EngineState) -> Finding | None:
     """In a run that is resumed: how the devices differ from what its log left, or None."""
-    if state.before is not None and Device.LOAD_FRAME in state.stopped_when_found:
+    if state.interrupted_run is not None and Device.LOAD_FRAME in state.stopped_on_resume:
         # A stage's way has an end; a load frame that nobody had held against the limits is looked at by a person.
         return Finding(FaultCode.UNORDERED_MOTION, f"the {Device.LOAD_FRAME.words} was still moving, and was stopped")
     return _changed(state)
@@ -299,11 +299,11 @@ def changed_since(state: EngineState) -> Finding | None:
 
 def _changed(state: EngineState) -> Finding | None:
     """As `changed_since`, without a load frame that was found in motion, which is a fault of its own."""
-    before = state.before
+    before = state.interrupted_run
     if before is None:
         return None
     tolerance_n = state.plan.hold.load_tolerance(0.0 if before.load is None else before.load.force_n)
-    return changes(before, state.step, tolerance_n, state.load, state.position)
+    return device_changes(before, state.step, tolerance_n, state.load, state.position)
 
 
 def _not_fit_to_move(state: EngineState) -> str | None:
@@ -319,63 +319,63 @@ def _not_fit_to_move(state: EngineState) -> str | None:
     return None if state.load is None else sample_problem(state.limits, state.load) or unloading_problem(state)
 
 
-def _operator(turn: Turn, verb: Verb, reason: str) -> None:
+def _operator(turn: StepContext, verb: OperatorCommand, reason: str) -> None:
     """What the operator says, where the table knows it; elsewhere only an answer."""
     cause = Cause(verb.value)
-    at = turn.state.at
-    if not turn.allows(cause):
-        turn.say(f"cannot {verb} while {at}")
-    elif verb in (Verb.START, Verb.RESUME):
+    at = turn.state.state
+    if not turn.is_allowed(cause):
+        turn.announce(f"cannot {verb} while {at}")
+    elif verb in (OperatorCommand.START, OperatorCommand.RESUME):
         loaded = loaded_problem(turn.state)
-        if loaded is not None and turn.allows(Cause.LIMIT):
+        if loaded is not None and turn.is_allowed(Cause.LIMIT):
             turn.fault(Cause.LIMIT, loaded, code=FaultCode.LOADED_AT_START)
             return
         problem = _not_fit_to_move(turn.state)
         if problem is not None:
-            turn.say(f"cannot {verb}: {problem}")
+            turn.announce(f"cannot {verb}: {problem}")
             return
         _go_on(turn, cause)
-    elif verb is Verb.ABORT:
+    elif verb is OperatorCommand.ABORT:
         turn.stop_and_go(cause, f"aborted by the operator while {at}")
-        turn.commands.append(Finish(turn.state.at, turn.state.message))
+        turn.commands.append(FinishRun(turn.state.state, turn.state.message))
     else:
-        words = "paused" if verb is Verb.PAUSE else "stopped"
+        words = "paused" if verb is OperatorCommand.PAUSE else "stopped"
         turn.stop_and_go(cause, f"{words} while {at}: {reason}" if reason else f"{words} by the operator while {at}")
 
 
-def _go_on(turn: Turn, cause: Cause) -> None:
+def _go_on(turn: StepContext, cause: Cause) -> None:
     """START or RESUME, with every device fit to move."""
-    at, gate = turn.state.at, warm_up.shut(turn.state)
-    if at in (State.PAUSED, State.RECOVER) and calibration.shut(turn.state):
+    at, gate = turn.state.state, warm_up_gate.is_closed(turn.state)
+    if at in (State.PAUSED, State.RESUMING) and calibration_gate.is_closed(turn.state):
         asked = at is State.PAUSED and turn.state.calibration_asked
-        turn.update(before=None, calibrated=asked)
+        turn.update(interrupted_run=None, calibration_gate_passed=asked)
         if not asked:
-            turn.go(Cause.JUDGE)
+            turn.transition(Cause.CALIBRATION_CHECK)
             return
         if gate:
             # The operator was told of the calibration, and not how fast it drifts.
-            warm_up.enter(turn, Cause.WARM_UP)
+            warm_up_gate.enter(turn, Cause.WARM_UP)
             return
-    if at is State.RECOVER and gate and turn.state.step_index > 0:
-        warm_up.enter(turn, Cause.WARM_UP)
-        turn.update(before=None)
+    if at is State.RESUMING and gate and turn.state.step_index > 0:
+        warm_up_gate.enter(turn, Cause.WARM_UP)
+        turn.update(interrupted_run=None)
         return
-    turn.go(cause)
-    if turn.state.at is not State.RAMPING:
+    turn.transition(cause)
+    if turn.state.state is not State.RAMPING:
         _ask_to_resume(turn)
         return
-    turn.update(before=None)
+    turn.update(interrupted_run=None)
     if gate and at is State.PAUSED:
         # The operator was told how fast it drifts, and goes on.
-        turn.update(warm=True)
+        turn.update(warm_up_gate_passed=True)
     elif gate:
         turn.update(warming_since_ns=turn.state.time_ns)
-        warm_up.measure(turn)
+        warm_up_gate.start_extra_pair(turn)
         return
-    begin_step(turn)
+    start_step(turn)
 
 
-def _stopping(turn: Turn) -> None:
+def _stopping(turn: StepContext) -> None:
     """In STOPPING: end when every device says, after the stop, that it does not move.
 
     A device that answers and still moves is waited for without end, because its link thread goes on stopping it; only abort ends that.
@@ -394,7 +394,7 @@ def _stopping(turn: Turn) -> None:
     elif state.seconds_since(state.since_ns) > _STOP_TOLD_S and not state.message.startswith(_WAITING):
         moving = any(_moves_on(state, device) for device in restless)
         until = "which still moves: press its emergency stop" if moving else f"at most {state.limits.stop_timeout_s:g} s"
-        turn.say(f"{_WAITING} {names}, {until}; abort ends without it")
+        turn.announce(f"{_WAITING} {names}, {until}; abort ends without it")
 
 
 def _moves_on(state: EngineState, device: Device) -> bool:
@@ -407,12 +407,12 @@ def _rests_since(sample: LoadSample | StageSample | None, since_ns: int) -> bool
     return sample is not None and sample.time_ns > since_ns and sample.motion is not MotionState.MOVING
 
 
-def _timeouts(turn: Turn) -> None:
+def _timeouts(turn: StepContext) -> None:
     state = turn.state
     rule = state.plan.hold
-    if state.at in (State.RAMPING, State.SETTLING) and state.seconds_since(state.motion.began_ns) > rule.motion_timeout_s:
+    if state.state in (State.RAMPING, State.SETTLING) and state.seconds_since(state.motion.began_ns) > rule.motion_timeout_s:
         reason = f"step {state.step.number} has not settled for {rule.motion_timeout_s:g} s"
         turn.fault(Cause.MOTION_TIMEOUT, reason, ("waited_s", state.seconds_since(state.motion.began_ns)))
-    elif state.at is State.IMAGING and state.seconds_since(state.since_ns) > rule.frame_timeout_s:
+    elif state.state is State.IMAGING and state.seconds_since(state.since_ns) > rule.frame_timeout_s:
         reason = f"no frame for step {state.step.number} for {rule.frame_timeout_s:g} s: is the SEM scanning and exporting into the folder?"
         turn.fault(Cause.FRAME_TIMEOUT, reason, ("waited_s", state.seconds_since(state.since_ns)))

@@ -23,7 +23,7 @@ class Device(StrEnum):
         return {"load_frame": "load frame", "stage": "stage", "sem": "SEM"}[self.value]
 
 
-class Verb(StrEnum):
+class OperatorCommand(StrEnum):
     """What the operator can say."""
 
     START = "start"
@@ -34,14 +34,14 @@ class Verb(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Opening:
+class LinksOpening:
     """The links are being opened."""
 
     time_ns: int
 
 
 @dataclass(frozen=True, slots=True)
-class Ready:
+class LinksReady:
     """All links are open and the analysis is warm.
 
     Attributes:
@@ -79,7 +79,7 @@ class StageReading:
 
 
 @dataclass(frozen=True, slots=True)
-class CommandTaken:
+class CommandAcknowledged:
     """A device took the last motion command: written and read back."""
 
     time_ns: int
@@ -114,7 +114,7 @@ class LinkLost:
 
 
 @dataclass(frozen=True, slots=True)
-class LinkBack:
+class LinkRestored:
     """The same device answers again."""
 
     time_ns: int
@@ -149,22 +149,22 @@ class FrameScanned:
 
 
 @dataclass(frozen=True, slots=True)
-class FieldSeen:
+class FieldOfViewMeasured:
     """A pair was correlated with frame 0.
 
     Attributes:
         time_ns: experiment time.
         pair: its number.
-        moved_px: mean disparity (x, y) of the field since frame 0.
+        shift_px: mean disparity (x, y) of the field since frame 0.
     """
 
     time_ns: int
     pair: int
-    moved_px: tuple[float, float]
+    shift_px: tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class DriftForeseen:
+class DriftForecastUpdated:
     """How fast the drift is expected to be, from the pairs so far.
 
     Attributes:
@@ -180,7 +180,7 @@ class DriftForeseen:
 
 
 @dataclass(frozen=True, slots=True)
-class DriftSeen:
+class HoldDriftMeasured:
     """How fast the drift was between two frames of one rest.
 
     Attributes:
@@ -195,18 +195,18 @@ class DriftSeen:
 
 
 @dataclass(frozen=True, slots=True)
-class CalibrationJudged:
+class CalibrationAssessed:
     """What the calibration is worth, from the pairs so far.
 
     Attributes:
         time_ns: experiment time.
         pair: number of the newest pair that it is known from.
-        refused: why nothing is to be loaded with it, one sentence with the figures; empty where it is good enough.
+        rejection_reason: why nothing is to be loaded with it, one sentence with the figures; empty where it is good enough.
     """
 
     time_ns: int
     pair: int
-    refused: str
+    rejection_reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,7 +219,7 @@ class FrameUnreadable:
 
 
 @dataclass(frozen=True, slots=True)
-class Operator:
+class OperatorAction:
     """The operator said something, or semlive did in the operator's place.
 
     Attributes:
@@ -229,27 +229,27 @@ class Operator:
     """
 
     time_ns: int
-    verb: Verb
+    verb: OperatorCommand
     reason: str = ""
 
 
 Event = (
-    Opening
-    | Ready
+    LinksOpening
+    | LinksReady
     | Tick
     | LoadReading
     | StageReading
-    | CommandTaken
+    | CommandAcknowledged
     | DeviceStopped
     | LinkStale
     | LinkLost
-    | LinkBack
+    | LinkRestored
     | DeviceFault
     | FrameScanned
     | FrameUnreadable
-    | FieldSeen
-    | DriftForeseen
-    | DriftSeen
-    | CalibrationJudged
-    | Operator
+    | FieldOfViewMeasured
+    | DriftForecastUpdated
+    | HoldDriftMeasured
+    | CalibrationAssessed
+    | OperatorAction
 )

@@ -8,7 +8,7 @@ from semlive.data.experiment import Limits, Plan
 from semlive.data.loading import DeviceIdentity, LoadSample
 
 
-def tightened(limits: Limits, load_frame: DeviceIdentity | None) -> Limits:
+def with_device_limits(limits: Limits, load_frame: DeviceIdentity | None) -> Limits:
     """`limits` with the device's own force limit, where that is tighter."""
     if load_frame is None or load_frame.force_max_n is None:
         return limits

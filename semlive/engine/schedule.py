@@ -9,7 +9,7 @@ from semlive.data.experiment import Phase, Plan
 
 
 @dataclass(frozen=True, slots=True)
-class Pace:
+class TimingAssumptions:
     """What takes time besides the plan itself.
 
     Attributes:
@@ -55,12 +55,12 @@ class Schedule:
 
     Attributes:
         steps: in order.
-        most_s: what waiting for drift and relaxation may add at most.
+        max_waiting_s: what waiting for drift and relaxation may add at most.
         scans: how often the field is scanned: every frame that is exported, or the two of each pair where frames are triggered.
     """
 
     steps: tuple[StepTime, ...]
-    most_s: float
+    max_waiting_s: float
     scans: int
 
     @property
@@ -74,7 +74,7 @@ class Schedule:
         return 2 * len(self.steps)
 
 
-def schedule(plan: Plan, pace: Pace) -> Schedule:
+def schedule(plan: Plan, pace: TimingAssumptions) -> Schedule:
     """Expected times of every step.
 
     Args:
@@ -100,7 +100,7 @@ def schedule(plan: Plan, pace: Pace) -> Schedule:
     return Schedule(tuple(steps), most_s, scans)
 
 
-def _until_next_scan(rest_s: float, pace: Pace, *, first: bool) -> float:
+def _until_next_scan(rest_s: float, pace: TimingAssumptions, *, first: bool) -> float:
     """From the end of a hold to the begin of the first scan that counts, which must begin after it.
 
     A microscope that scans all the time began one when the last pair's second scan ended, `export_s` before the step did. In the

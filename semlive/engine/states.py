@@ -43,13 +43,13 @@ class State(StrEnum):
     HOLDING = "holding"
     IMAGING = "imaging"
     STEP_DONE = "step_done"
-    JUDGING = "judging"
-    WARMING = "warming"
+    CALIBRATION_GATE = "judging"
+    WARM_UP = "warming"
     PAUSED = "paused"
     STOPPING = "stopping"
     FAULT = "fault"
-    RECOVER = "recover"
-    ESTOPPED = "estopped"
+    RESUMING = "recover"
+    EMERGENCY_STOP = "estopped"
     COMPLETE = "complete"
     ABORTED = "aborted"
 
@@ -59,23 +59,23 @@ class Cause(StrEnum):
 
     OPENING = "opening"
     LINKED = "linked"
-    LINKED_AGAIN = "linked_again"
+    RECONNECTED = "linked_again"
     START = "start"
     STAGE_ARRIVED = "stage_arrived"
     ARRIVED = "arrived"
     APPROACH_AGAIN = "approach_again"
     SETTLED = "settled"
-    HOLD_OVER = "hold_over"
+    HOLD_COMPLETE = "hold_over"
     DISTURBED = "disturbed"
     PAIR_COMPLETE = "pair_complete"
     NEXT_STEP = "next_step"
     LAST_STEP = "last_step"
     WARM_UP = "warm_up"
     MEASURE_AGAIN = "measure_again"
-    WARM = "warm"
+    WARMED_UP = "warm"
     WARM_UP_TIMEOUT = "warm_up_timeout"
-    JUDGE = "judge"
-    JUDGED = "judged"
+    CALIBRATION_CHECK = "judge"
+    CALIBRATION_ACCEPTED = "judged"
     POOR_CALIBRATION = "poor_calibration"
     PAUSE = "pause"
     RESUME = "resume"
@@ -96,10 +96,10 @@ class Cause(StrEnum):
 FINAL_STATES = frozenset({State.COMPLETE, State.ABORTED})
 
 _STEP_STATES = (State.RAMPING, State.SETTLING, State.HOLDING, State.IMAGING)
-AT_REST_STATES = (State.SETTLING, State.HOLDING, State.IMAGING, State.STEP_DONE, State.JUDGING, State.WARMING)
+AT_REST_STATES = (State.SETTLING, State.HOLDING, State.IMAGING, State.STEP_DONE, State.CALIBRATION_GATE, State.WARM_UP)
 """States of a step in which no motion is ordered."""
-_GATES = (State.JUDGING, State.WARMING)
-_WATCHED_STATES = (State.CONNECTING, State.READY, *_STEP_STATES, State.STEP_DONE, *_GATES, State.PAUSED, State.RECOVER)
+_GATES = (State.CALIBRATION_GATE, State.WARM_UP)
+_WATCHED_STATES = (State.CONNECTING, State.READY, *_STEP_STATES, State.STEP_DONE, *_GATES, State.PAUSED, State.RESUMING)
 _OPEN_STATES = tuple(state for state in State if state not in FINAL_STATES)
 _ANYWHERE_FAULTS = (Cause.LIMIT, Cause.LINK_LOST, Cause.DEVICE_FAULT)
 
@@ -108,7 +108,7 @@ TRANSITIONS = MappingProxyType(
         (State.IDLE, Cause.OPENING): State.CONNECTING,
         (State.IDLE, Cause.LAST_STEP): State.COMPLETE,
         (State.CONNECTING, Cause.LINKED): State.READY,
-        (State.CONNECTING, Cause.LINKED_AGAIN): State.RECOVER,
+        (State.CONNECTING, Cause.RECONNECTED): State.RESUMING,
         (State.READY, Cause.START): State.RAMPING,
         (State.RAMPING, Cause.STAGE_ARRIVED): State.RAMPING,
         (State.RAMPING, Cause.APPROACH_AGAIN): State.RAMPING,
@@ -116,23 +116,23 @@ TRANSITIONS = MappingProxyType(
         (State.SETTLING, Cause.APPROACH_AGAIN): State.RAMPING,
         (State.SETTLING, Cause.SETTLED): State.HOLDING,
         (State.HOLDING, Cause.DISTURBED): State.SETTLING,
-        (State.HOLDING, Cause.HOLD_OVER): State.IMAGING,
+        (State.HOLDING, Cause.HOLD_COMPLETE): State.IMAGING,
         (State.IMAGING, Cause.DISTURBED): State.SETTLING,
         (State.IMAGING, Cause.PAIR_COMPLETE): State.STEP_DONE,
         (State.STEP_DONE, Cause.NEXT_STEP): State.RAMPING,
         (State.STEP_DONE, Cause.LAST_STEP): State.COMPLETE,
-        **{(state, Cause.JUDGE): State.JUDGING for state in (State.STEP_DONE, State.PAUSED, State.RECOVER)},
-        (State.JUDGING, Cause.JUDGED): State.RAMPING,
-        (State.JUDGING, Cause.POOR_CALIBRATION): State.PAUSED,
-        **{(state, Cause.WARM_UP): State.WARMING for state in (State.STEP_DONE, State.JUDGING, State.PAUSED, State.RECOVER)},
-        (State.WARMING, Cause.MEASURE_AGAIN): State.RAMPING,
-        (State.WARMING, Cause.WARM): State.RAMPING,
-        (State.WARMING, Cause.WARM_UP_TIMEOUT): State.PAUSED,
+        **{(state, Cause.CALIBRATION_CHECK): State.CALIBRATION_GATE for state in (State.STEP_DONE, State.PAUSED, State.RESUMING)},
+        (State.CALIBRATION_GATE, Cause.CALIBRATION_ACCEPTED): State.RAMPING,
+        (State.CALIBRATION_GATE, Cause.POOR_CALIBRATION): State.PAUSED,
+        **{(state, Cause.WARM_UP): State.WARM_UP for state in (State.STEP_DONE, State.CALIBRATION_GATE, State.PAUSED, State.RESUMING)},
+        (State.WARM_UP, Cause.MEASURE_AGAIN): State.RAMPING,
+        (State.WARM_UP, Cause.WARMED_UP): State.RAMPING,
+        (State.WARM_UP, Cause.WARM_UP_TIMEOUT): State.PAUSED,
         **{(state, Cause.PAUSE): State.PAUSED for state in (*_STEP_STATES, *_GATES)},
         (State.PAUSED, Cause.RESUME): State.RAMPING,
-        (State.FAULT, Cause.RESUME): State.RECOVER,
-        (State.ESTOPPED, Cause.RESUME): State.RECOVER,
-        (State.RECOVER, Cause.RESUME): State.RAMPING,
+        (State.FAULT, Cause.RESUME): State.RESUMING,
+        (State.EMERGENCY_STOP, Cause.RESUME): State.RESUMING,
+        (State.RESUMING, Cause.RESUME): State.RAMPING,
         **{(state, cause): State.FAULT for state in _WATCHED_STATES for cause in _ANYWHERE_FAULTS},
         (State.CONNECTING, Cause.DEVICE_STOPPED): State.FAULT,
         (State.READY, Cause.DEVICE_STOPPED): State.FAULT,
@@ -143,7 +143,7 @@ TRANSITIONS = MappingProxyType(
         (State.RAMPING, Cause.MOTION_TIMEOUT): State.FAULT,
         (State.SETTLING, Cause.MOTION_TIMEOUT): State.FAULT,
         (State.IMAGING, Cause.FRAME_TIMEOUT): State.FAULT,
-        **{(state, Cause.EMERGENCY): State.ESTOPPED for state in (*_WATCHED_STATES, State.FAULT, State.STOPPING)},
+        **{(state, Cause.EMERGENCY): State.EMERGENCY_STOP for state in (*_WATCHED_STATES, State.FAULT, State.STOPPING)},
         **{(state, Cause.STOP): State.STOPPING for state in _OPEN_STATES if state is not State.STOPPING},
         (State.STOPPING, Cause.AT_REST): State.ABORTED,
         (State.STOPPING, Cause.STOP_UNCONFIRMED): State.ABORTED,
@@ -152,7 +152,7 @@ TRANSITIONS = MappingProxyType(
 )
 
 
-class ImpossibleTransition(RuntimeError):
+class InvalidTransition(RuntimeError):
     """A state and a cause that are not in the table: a mistake in the engine, never the operator's."""
 
 
@@ -165,4 +165,4 @@ def next_state(state: State, cause: Cause) -> State:
     try:
         return TRANSITIONS[state, cause]
     except KeyError:
-        raise ImpossibleTransition(f"{cause} in state {state} is not in the table of transitions") from None
+        raise InvalidTransition(f"{cause} in state {state} is not in the table of transitions") from None

@@ -1,35 +1,41 @@
 """From disparity maps to drift, distortion and motion, with uncertainty."""
 
-from semlive.estimate.accumulate import update
-from semlive.estimate.outlook import forecast
-from semlive.estimate.point_sigma import correction_sigma, correction_sigmas
-from semlive.estimate.posterior import Solution
-from semlive.estimate.publish import checks, correction, estimate, live_rate, mean_strain_covariance
-from semlive.estimate.sequence import follow, live, newest, solve
-from semlive.estimate.state import EstimatorState, init, kept_elsewhere
-from semlive.estimate.told_strain import CorrectionStrain, correction_strain, correction_strain_sigma, correction_strains, strain_moved
+from semlive.estimate.joint.observations.normal_equations import update
+from semlive.estimate.joint.observations.state import EstimatorState, init, offload
+from semlive.estimate.joint.outputs.correction_strain import (
+    CorrectionStrain,
+    correction_strain,
+    correction_strain_sigma,
+    correction_strains,
+    strain_change,
+)
+from semlive.estimate.joint.outputs.drift_forecast import forecast
+from semlive.estimate.joint.outputs.point_sigma import correction_sigma, correction_sigmas
+from semlive.estimate.joint.outputs.results import consistency_messages, correction, current_drift_rate, mean_strain_covariance, to_estimate
+from semlive.estimate.joint.solution.posterior import Solution
+from semlive.estimate.joint.solution.solver import solve, solve_incremental, solve_live, solve_newest
 
 __all__ = [
     "CorrectionStrain",
     "EstimatorState",
     "Solution",
-    "checks",
+    "consistency_messages",
     "correction",
     "correction_sigma",
     "correction_sigmas",
     "correction_strain",
     "correction_strain_sigma",
     "correction_strains",
-    "estimate",
-    "follow",
+    "current_drift_rate",
     "forecast",
     "init",
-    "kept_elsewhere",
-    "live",
-    "live_rate",
     "mean_strain_covariance",
-    "newest",
+    "offload",
     "solve",
-    "strain_moved",
+    "solve_incremental",
+    "solve_live",
+    "solve_newest",
+    "strain_change",
+    "to_estimate",
     "update",
 ]

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from semlive import estimate as joint
 from semlive.data.disparity import DisparityMap
-from semlive.data.drift import Correction, Estimate, FrameTime
+from semlive.data.drift import Correction, EstimateRevision, FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
-from semlive.data.keep import Keep
 from semlive.data.settings import EstimateSettings
+from semlive.data.storage import Storage
 from semlive.data.strain import Tensor2
 from semlive.estimate import sutton
 
@@ -22,7 +22,7 @@ PointSigma = tuple[NDArray[np.float64], NDArray[np.float64]]
 """(ny, nx) along x and along y."""
 
 
-class Learning(Protocol):
+class Estimator(Protocol):
     """From maps to a solution. A state goes back only to the method that it came from."""
 
     def init(self, settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) -> Any:
@@ -33,7 +33,7 @@ class Learning(Protocol):
         """The state with one pair more."""
         ...
 
-    def kept_elsewhere(self, state: Any, pair: int, keep: Keep) -> Any:
+    def offload(self, state: Any, pair: int, keep: Storage) -> Any:
         """The state with the large arrays of a pair, and those that are made of it later, kept by somebody else: the same numbers."""
         ...
 
@@ -41,23 +41,23 @@ class Learning(Protocol):
         """The solution, with its `noise_floor_px`; everything that the data choose is chosen anew."""
         ...
 
-    def follow(self, state: Any, known: Any) -> Any:
+    def solve_incremental(self, state: Any, known: Any) -> Any:
         """The solution after a further pair, given that of an earlier one or None."""
         ...
 
-    def live(self, state: Any, known: Any) -> Any:
+    def solve_live(self, state: Any, known: Any) -> Any:
         """What is wanted at once: with the choices that were made before, and of the newest pairs alone, if that costs less."""
         ...
 
 
-class Telling(Protocol):
+class ResultExtractor(Protocol):
     """From a solution to what is said of it."""
 
-    def estimate(self, solution: Any, revision: int, lately: bool = False) -> Estimate:
+    def to_estimate(self, solution: Any, revision: int, newest_only: bool = False) -> EstimateRevision:
         """Everything known; if so asked, of the newest pairs alone."""
         ...
 
-    def checks(self, solution: Any) -> tuple[str, ...]:
+    def consistency_messages(self, solution: Any) -> tuple[str, ...]:
         """Whether the estimate agrees with itself, one sentence each; costly, so not after every pair."""
         ...
 
@@ -73,7 +73,7 @@ class Telling(Protocol):
         """What the correction gives to each map's mean strain, with its uncertainty `sigma`, to be asked later how far it moved."""
         ...
 
-    def strain_moved(self, solution: Any, told: Any) -> Tensor2:
+    def strain_change(self, solution: Any, told: Any) -> Tensor2:
         """How far a mean strain moves if it is corrected with this solution instead of the one that was told of."""
         ...
 
@@ -82,7 +82,7 @@ class Telling(Protocol):
         ...
 
 
-class Method(Learning, Telling, Protocol):
+class Method(Estimator, ResultExtractor, Protocol):
     """Maps in, estimate and corrections out."""
 
 

@@ -22,8 +22,8 @@ from semlive.kernels.warp import AFFINE, QUADRATIC, compose_inverse, move, reach
 CONVERGED, NOT_CONVERGED, LOW_ZNCC, OUTSIDE_IMAGE = 0, 1, 2, 3  # as in semlive.data.disparity.PoiStatus
 EDGE_SLACK_PX = 0.05  # into the mirrored border: costs 1e-3 px at most, keeps edge subsets that did not move
 MAX_GRADIENT = 0.5  # a subset that turns inside out has lost its way
-SKIP, SEEDED, CHAINED = 0, 1, 2
-FIRST_RATE, LEAST_RATE, LEARNING = 0.25, 0.0125, 0.25  # of convergence: what is left of an update in the next one
+SKIP, SEEDED, SEED_FROM_NEIGHBOUR = 0, 1, 2
+INITIAL_LEARNING_RATE, MIN_LEARNING_RATE, LEARNING = 0.25, 0.0125, 0.25  # of convergence: what is left of an update in the next one
 BLOCK = 256  # columns summed at a time; a constant, for the vectoriser then knows that the sums do not overlap
 SUMS = 9
 CUBIC_SCALE, QUINTIC_SCALE = SCALE[3], SCALE[5]
@@ -303,13 +303,13 @@ def correlate_row(
     weights = np.zeros(size * row_weights.size, dtype=np.float32) if masked else row_weights
     columns = np.zeros(SUMS * BLOCK + LANES, dtype=np.float32)
     left_converged = False
-    rate = FIRST_RATE
+    rate = INITIAL_LEARNING_RATE
     for i in range(todo.size):
         if todo[i] == SKIP:
             left_converged = False
             continue
         xc = x0 + i * step
-        if todo[i] == CHAINED and left_converged:
+        if todo[i] == SEED_FROM_NEIGHBOUR and left_converged:
             move(left, q, float(step))
         else:
             q[:AFFINE] = seed[i]
@@ -347,7 +347,7 @@ def correlate_row(
             if spent > 1:
                 rate += LEARNING * (min(moved / previous, 1.0) - rate)
             previous = moved
-            if 4.0 * max(rate, LEAST_RATE) * moved <= tolerance_px:
+            if 4.0 * max(rate, MIN_LEARNING_RATE) * moved <= tolerance_px:
                 result = CONVERGED if score >= min_zncc else LOW_ZNCC
                 break
         left_converged = result == CONVERGED

@@ -20,7 +20,7 @@ POLES = {
     ),
 }
 GAINS = {CUBIC: (np.float32(6.0),), QUINTIC: tuple(np.float32((1.0 - float(z)) * (1.0 - 1.0 / float(z))) for z in POLES[QUINTIC])}
-TOGETHER = 8  # rows
+ROWS_PER_BATCH = 8  # rows
 HORIZON = 24  # terms of the mirrored start; 0.43^24 = 2e-9, below float32
 
 
@@ -60,20 +60,20 @@ def _filter_together(image, first, left, n, z, gain):
 
     A recursion waits for its last step (8 cycles a sample); several at once wait together (a quarter of the time).
     """
-    for y in range(first, first + TOGETHER):
+    for y in range(first, first + ROWS_PER_BATCH):
         _begin(image[y, left : left + n], z, gain)
     top = uint64(first)
     for x in range(left + 1, left + n):
         here, before = uint64(x), uint64(x - 1)
-        for y in range(TOGETHER):
+        for y in range(ROWS_PER_BATCH):
             row = top + uint64(y)
             image[row, here] = gain * image[row, here] + z * image[row, before]
-    for y in range(first, first + TOGETHER):
+    for y in range(first, first + ROWS_PER_BATCH):
         line = image[y, left : left + n]
         line[n - 1] = (z / (z * z - np.float32(1.0))) * (line[n - 1] + z * line[n - 2])
     for x in range(left + n - 2, left - 1, -1):
         here, after = uint64(x), uint64(x + 1)
-        for y in range(TOGETHER):
+        for y in range(ROWS_PER_BATCH):
             row = top + uint64(y)
             image[row, here] = z * (image[row, after] - image[row, here])
 
@@ -82,9 +82,9 @@ def _filter_together(image, first, left, n, z, gain):
 def filter_rows(image, first, last, left, right, z, gain):
     """Filter rows first..last-1 of columns left..right-1 of an image along x, in place."""
     y = first
-    while y + TOGETHER <= last:
+    while y + ROWS_PER_BATCH <= last:
         _filter_together(image, y, left, right - left, z, gain)
-        y += TOGETHER
+        y += ROWS_PER_BATCH
     while y < last:
         filter_line(image[y, left:right], z, gain)
         y += 1

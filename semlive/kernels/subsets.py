@@ -24,7 +24,7 @@ POWER_X = np.array([0, 1, 0, 0, 1, 0, 2, 1, 0, 2, 1, 0])
 POWER_Y = np.array([0, 0, 1, 0, 0, 1, 0, 1, 2, 0, 1, 2])
 FACTOR = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 1.0, 0.5, 0.5, 1.0, 0.5])
 BLOCK = 256  # columns, a constant
-AFFINE_SUMS, QUADRATIC_SUMS = 18, 28  # column sums of float32
+AFFINE_COLUMN_SUMS, QUADRATIC_SUMS = 18, 28  # column sums of float32
 # Their places: pairs gx gx, gx gy, gy gy by three powers of dy each; gx f, gy f, gx, gy by two; valid; the rest for second order.
 PRODUCT, WITH_IMAGE, ALONE, VALID, PRODUCT_HIGH, WITH_IMAGE_HIGH, ALONE_HIGH = 0, 9, 13, 17, 18, 24, 26
 POWERS = 5  # of dx and dy in the products of second order
@@ -50,7 +50,7 @@ def sobel_rows(image, gradient_x, gradient_y, first, last, width):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def stencils(image, step, out):
+def noise_stencils(image, step, out):
     """Fill `out` with the amounts of the second difference both ways along every `step`-th line, zeros left out; how many there are."""
     height, width = image.shape
     two = np.float32(2.0)
@@ -68,7 +68,7 @@ def stencils(image, step, out):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def plane_rows(image, weights, planes, first, last, gain_x, gain_y):
+def fill_planes(image, weights, planes, first, last, gain_x, gain_y):
     """Rows first..last-1 of `planes`: grey levels and scaled Sobel derivatives of an image, zero in the padding and where `weights` is.
 
     The derivatives are those of `sobel_rows`, written where they are wanted: no image of them is made and copied.
@@ -295,7 +295,7 @@ def sum_rows(
     """
     size = 2 * half + 1
     nx, count = gradient_sum.shape[1:]
-    kinds = AFFINE_SUMS if count == AFFINE else QUADRATIC_SUMS
+    kinds = AFFINE_COLUMN_SUMS if count == AFFINE else QUADRATIC_SUMS
     top = TOP_AFFINE if count == AFFINE else TOP_QUADRATIC
     length = nx + (size - 1) // step + 1
     sums = np.zeros(kinds * BLOCK, dtype=np.float32)

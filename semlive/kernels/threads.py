@@ -81,7 +81,7 @@ def _helper(work: Callable[[], A]) -> _Helper[A] | None:
         return None
 
 
-def spread(work: Callable[[int, int], object], count: int, chunk: int) -> None:
+def parallel_chunks(work: Callable[[int, int], object], count: int, chunk: int) -> None:
     """Call work(first, last) over chunks of range(count) in threads."""
     todo = iter([(first, min(first + chunk, count)) for first in range(0, count, chunk)])
     if thread_count() == 1 or count <= chunk:
@@ -105,7 +105,7 @@ def spread(work: Callable[[int, int], object], count: int, chunk: int) -> None:
         helper.result()
 
 
-def at_once(one: Callable[[], A], other: Callable[[], B], *, worth: bool = True) -> tuple[A, B]:
+def run_pair_in_parallel(one: Callable[[], A], other: Callable[[], B], *, worth: bool = True) -> tuple[A, B]:
     """What two functions return that have nothing to do with one another, at the same time if worth a thread and one is free."""
     helper = _helper(other) if worth else None
     try:

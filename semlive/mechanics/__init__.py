@@ -2,14 +2,15 @@
 
 from semlive.mechanics.displacement import displacement
 from semlive.mechanics.elastic import elastic_constants
-from semlive.mechanics.gage import compare_with_gage, gage_notes
+from semlive.mechanics.false_strain import false_strain, typical_distortion
 from semlive.mechanics.gauge_noise import expected_mean_sigma, expected_sigma
-from semlive.mechanics.local_fit import butterworth, noise_curve, strain_as
 from semlive.mechanics.strain import strain
-from semlive.mechanics.summary import mean_gradient, pooled, summary
-from semlive.mechanics.translation import false_strain, typical_distortion
+from semlive.mechanics.strain_gage import compare_with_gage, gage_notes
+from semlive.mechanics.strain_gauge_fits import butterworth, noise_curve, strain_field
+from semlive.mechanics.summary import average_of_pair, mean_gradient, summary
 
 __all__ = [
+    "average_of_pair",
     "butterworth",
     "compare_with_gage",
     "displacement",
@@ -20,9 +21,8 @@ __all__ = [
     "gage_notes",
     "mean_gradient",
     "noise_curve",
-    "pooled",
     "strain",
-    "strain_as",
+    "strain_field",
     "summary",
     "typical_distortion",
 ]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.strain import ElasticConstants, Measured, StrainSummary
+from semlive.data.strain import ElasticConstants, MeasuredValue, StrainSummary
 from semlive.errors import IllPosed
 
 # Loads closer than this are one load held twice: what is between them is relaxation and noise of the load cell.
@@ -66,8 +66,8 @@ def elastic_constants(
     ratio = -slope[1] / slope[0]
     towards_ratio = np.array([-ratio, -1.0]) / slope[0]  # errors of the load act on both slopes alike and cancel in the ratio
     return ElasticConstants(
-        Measured(float(1e-3 / slope[0]), float(1e-3 * np.sqrt(joint[0, 0] + load_variance[0]) / slope[0] ** 2)),
-        Measured(float(ratio), float(np.sqrt(towards_ratio @ joint @ towards_ratio))),
+        MeasuredValue(float(1e-3 / slope[0]), float(1e-3 * np.sqrt(joint[0, 0] + load_variance[0]) / slope[0] ** 2)),
+        MeasuredValue(float(ratio), float(np.sqrt(towards_ratio @ joint @ towards_ratio))),
     )
 
 

@@ -11,7 +11,7 @@ from semlive.data.displacement import Displacement
 from semlive.data.grid import Grid
 from semlive.data.settings import StrainSettings
 from semlive.data.strain import StrainField, Tensor2
-from semlive.mechanics.local_fit import whole_window
+from semlive.mechanics.strain_gauge_fits import whole_window
 
 Field = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from semlive.data.displacement import Displacement
 from semlive.data.grid import Grid
 
 
-def at_rest(grid: Grid) -> Displacement:
+def zero_displacement(grid: Grid) -> Displacement:
     """Displacement of frame 0 from itself: zero everywhere, without uncertainty."""
     zero, valid = np.zeros(grid.shape), np.ones(grid.shape, dtype=np.bool_)
     zero.setflags(write=False)

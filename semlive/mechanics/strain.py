@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from semlive.data.displacement import Displacement
 from semlive.data.strain import StrainField
 from semlive.errors import IllPosed
-from semlive.kernels.windows import window_moments
+from semlive.kernels.window_moments import window_moments
 
 MIN_FILL = 0.5  # of the window's POI; a window at the edge of the grid is cut to about half, at a corner to a quarter
 MIN_POINTS = 4

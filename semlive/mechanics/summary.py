@@ -10,16 +10,16 @@ from semlive.data.strain import StrainField, StrainSummary, Tensor2
 from semlive.errors import IllPosed
 from semlive.mechanics.gauge_noise import gauge_sigma
 
-NOTHING = Tensor2(0.0, 0.0, 0.0)
-USUAL = StrainSettings()
+ZERO_TENSOR = Tensor2(0.0, 0.0, 0.0)
+DEFAULT_SETTINGS = StrainSettings()
 
 
 def summary(
     displacement: Displacement,
     field: StrainField,
     noise_px: float | None = None,
-    systematic: Tensor2 = NOTHING,
-    settings: StrainSettings = USUAL,
+    systematic: Tensor2 = ZERO_TENSOR,
+    settings: StrainSettings = DEFAULT_SETTINGS,
 ) -> StrainSummary:
     """Mean strain over the valid grid by the best affine fit, its uncertainty, and the scatter of the field.
 
@@ -78,7 +78,7 @@ def mean_gradient(displacement: Displacement) -> tuple[np.ndarray, np.ndarray]:
     raise IllPosed(f"only {count} points of frame {displacement.frame} were measured, too few for a mean strain: check focus and contrast")
 
 
-def pooled(first: StrainSummary, second: StrainSummary) -> StrainSummary:
+def average_of_pair(first: StrainSummary, second: StrainSummary) -> StrainSummary:
     """The two frames of a pair as one, numbered as the first; their sigmas are mostly shared, so they are not reduced."""
     mean, sigma, sd = (
         Tensor2(*(0.5 * (getattr(a, c) + getattr(b, c)) for c in ("exx", "eyy", "exy")))

@@ -11,17 +11,17 @@ frame's pair. Where the start T_n is not known exactly, the drift that a pair's 
 on. Every effect is linear in its own parameters and contributes columns of one design matrix.
 """
 
-from semlive.model.axes import ScanAxes
-from semlive.model.basis import UniformSpline
 from semlive.model.distortion import DistortionSpline
 from semlive.model.drift import DriftSpline
-from semlive.model.effect import Axis, Columns, Effect, Layout, Sighting, TensorColumns
-from semlive.model.forward import offsets, scan_address, with_drift
-from semlive.model.line_shift import LineShifts
+from semlive.model.effect import Axis, Columns, Effect, FrameObservation, Layout, TensorColumns
+from semlive.model.forward import evaluate_drift, predicted_offsets, scan_address
 from semlive.model.motion import MotionKind, PairMotions
-from semlive.model.raster_change import RasterChange, RasterTerm
+from semlive.model.raster_drift import RasterChange, RasterTerm
 from semlive.model.raster_time import sighting
-from semlive.model.start_times import StartErrors
+from semlive.model.row_shift import RowShiftEffect
+from semlive.model.scan_axes import ScanAxes
+from semlive.model.splines import UniformSpline
+from semlive.model.start_time_error import StartTimeErrors
 
 __all__ = [
     "Axis",
@@ -29,19 +29,19 @@ __all__ = [
     "DistortionSpline",
     "DriftSpline",
     "Effect",
+    "FrameObservation",
     "Layout",
-    "LineShifts",
     "MotionKind",
     "PairMotions",
     "RasterChange",
     "RasterTerm",
+    "RowShiftEffect",
     "ScanAxes",
-    "Sighting",
-    "StartErrors",
+    "StartTimeErrors",
     "TensorColumns",
     "UniformSpline",
-    "offsets",
+    "evaluate_drift",
+    "predicted_offsets",
     "scan_address",
     "sighting",
-    "with_drift",
 ]

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semlive.data.grid import Grid
-from semlive.model.basis import UniformSpline
-from semlive.model.effect import Axis, Sighting, TensorColumns
+from semlive.model.effect import Axis, FrameObservation, TensorColumns
 from semlive.model.knots import KnotSpline, towards_start
+from semlive.model.splines import UniformSpline
 
 # Distortion is smooth over most of the frame. With knots 100 px apart a cubic leaves 1e-4 px of a wave of 1100 px, 5e-6 of false
 # strain between two places; a quintic, of as many knots, leaves 3e-7 px.
@@ -65,7 +65,7 @@ class DistortionSpline:
         """False: it belongs to the scan address, drift taken off or not."""
         return False
 
-    def columns(self, seen: Sighting) -> tuple[TensorColumns, ...]:
+    def columns(self, seen: FrameObservation) -> tuple[TensorColumns, ...]:
         """Tensor-product basis rows at the scan addresses."""
         x_px, y_px = seen.x_px, seen.y_px
         if self.carried:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from semlive.model.basis import UniformSpline
-from semlive.model.effect import Axis, Columns, Sighting
+from semlive.model.effect import Axis, Columns, FrameObservation
+from semlive.model.splines import UniformSpline
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class DriftSpline:
         """False."""
         return False
 
-    def columns(self, seen: Sighting) -> tuple[Columns, ...]:
+    def columns(self, seen: FrameObservation) -> tuple[Columns, ...]:
         """Basis rows at the visit times; the mean over the visits where a frame integrates several scans."""
         visits = [self.spline.local(time_s) for time_s in seen.visit_time_s]
         index = np.concatenate([index for index, _ in visits], axis=1)

@@ -21,7 +21,7 @@ class Axis(Enum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
+class FrameObservation:
     """Where and when one frame saw n material points.
 
     Attributes:
@@ -31,7 +31,7 @@ class Sighting:
         y_px: (n,) scan address, row.
         visit_time_s: (visits, n) when the beam was there, seconds after the start of frame 0.
         ideal_px: (n, 2) ideal position in pair 0 relative to the image centre, or None where no effect needs it.
-        turn_rad: rotation of the specimen since pair 0 that columns are linearised about; 0 where it is not known to be rigid.
+        rotation_rad: rotation of the specimen since pair 0 that columns are linearised about; 0 where it is not known to be rigid.
         drift_px: (n, 2) drift at the visits, where the distortion is carried along by it; else None.
     """
 
@@ -41,7 +41,7 @@ class Sighting:
     y_px: NDArray[np.float64]
     visit_time_s: NDArray[np.float64]
     ideal_px: NDArray[np.float64] | None = None
-    turn_rad: float = 0.0
+    rotation_rad: float = 0.0
     drift_px: NDArray[np.float64] | None = None
 
 
@@ -109,7 +109,7 @@ class Effect(Protocol):
         """Whether the columns depend on the ideal position, which is itself estimated (so they are re-linearised)."""
         ...
 
-    def columns(self, seen: Sighting) -> tuple[Columns | TensorColumns, ...]:
+    def columns(self, seen: FrameObservation) -> tuple[Columns | TensorColumns, ...]:
         """The effect's columns for the points of a sighting."""
         ...
 

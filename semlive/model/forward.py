@@ -9,19 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.drift import FrameTime
-from semlive.kernels.columns import curve_at, surface_at
+from semlive.kernels.spline_columns import evaluate_curve, evaluate_surface
 from semlive.model.distortion import DistortionSpline
 from semlive.model.drift import DriftSpline
-from semlive.model.effect import Axis, Columns, Effect, Layout, Sighting, TensorColumns
+from semlive.model.effect import Axis, Columns, Effect, FrameObservation, Layout, TensorColumns
 from semlive.model.raster_time import sighting
 
 ITERATIONS = 8  # distortion gradients are below 2e-2, so each pass gains two digits
 
 
-def offsets(model: Sequence[Effect], parameters: NDArray[np.float64], seen: Sighting) -> NDArray[np.float64]:
+def predicted_offsets(model: Sequence[Effect], parameters: NDArray[np.float64], seen: FrameObservation) -> NDArray[np.float64]:
     """(n, 2) what all effects together add to the ideal position: ``R - p_0``."""
     layout = Layout.of(model)
-    seen = with_drift(model, parameters, seen)
+    seen = evaluate_drift(model, parameters, seen)
     total = np.zeros((len(seen.x_px), 2))
     for effect in model:
         own = parameters[layout.part(effect.name)]
@@ -36,16 +36,16 @@ def offsets(model: Sequence[Effect], parameters: NDArray[np.float64], seen: Sigh
 def _both(columns: Columns | TensorColumns, own: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 2) what columns that act on x and y alike add, with parameters (k, 2)."""
     if isinstance(columns, TensorColumns):
-        return surface_at(columns.index_y, columns.value_y, columns.index_x, columns.value_x, own.reshape(*columns.shape, 2))
-    return curve_at(np.ascontiguousarray(columns.index), np.ascontiguousarray(columns.value), np.ascontiguousarray(own))
+        return evaluate_surface(columns.index_y, columns.value_y, columns.index_x, columns.value_x, own.reshape(*columns.shape, 2))
+    return evaluate_curve(np.ascontiguousarray(columns.index), np.ascontiguousarray(columns.value), np.ascontiguousarray(own))
 
 
-def with_drift(model: Sequence[Effect], parameters: NDArray[np.float64], seen: Sighting) -> Sighting:
+def evaluate_drift(model: Sequence[Effect], parameters: NDArray[np.float64], seen: FrameObservation) -> FrameObservation:
     """The sighting with the drift at its points, where the model's distortion is carried along by it; else as it was."""
     drift = next((effect for effect in model if isinstance(effect, DriftSpline)), None)
     if drift is None or seen.drift_px is not None or not any(isinstance(one, DistortionSpline) and one.carried for one in model):
         return seen
-    return replace(seen, drift_px=offsets((drift,), parameters[Layout.of(model).part(drift.name)], seen))
+    return replace(seen, drift_px=predicted_offsets((drift,), parameters[Layout.of(model).part(drift.name)], seen))
 
 
 def scan_address(
@@ -58,5 +58,5 @@ def scan_address(
     address = p0_px
     for _ in range(ITERATIONS):
         seen = sighting(when, address[:, 0], address[:, 1], p0_px - centre_px)
-        address = p0_px + offsets(model, parameters, seen)
+        address = p0_px + predicted_offsets(model, parameters, seen)
     return address

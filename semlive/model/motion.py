@@ -8,7 +8,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.model.effect import Axis, Columns, Sighting
+from semlive.model.effect import Axis, Columns, FrameObservation
 
 
 class MotionKind(Enum):
@@ -53,11 +53,11 @@ class PairMotions:
         start = _count(self.kinds[:at])
         return slice(start, start + self.kinds[at].value), self.kinds[at]
 
-    def having(self, pair: int, kind: MotionKind) -> PairMotions:
+    def with_pair(self, pair: int, kind: MotionKind) -> PairMotions:
         """The same with one pair more."""
         return PairMotions((*self.pairs, pair), (*self.kinds, kind))
 
-    def columns(self, seen: Sighting) -> tuple[Columns, ...]:
+    def columns(self, seen: FrameObservation) -> tuple[Columns, ...]:
         """Columns of the sighting's own pair; none for the reference pair."""
         if seen.pair not in self.pairs:
             return ()

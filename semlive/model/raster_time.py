@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from semlive.data.drift import FrameTime
 from semlive.data.scan import ScanTiming
-from semlive.model.effect import Sighting
+from semlive.model.effect import FrameObservation
 
 # Drift is smooth over one scan, so the mean over many visits is taken over groups of visits; five groups of 16 visits
 # leave 1/25 of the curvature term of one group, below 1e-4 px for any drift that five knots per frame can follow.
@@ -21,9 +21,9 @@ def visit_offsets_s(timing: ScanTiming) -> NDArray[np.float64]:
     return np.array([float(group.mean()) for group in np.array_split(at, MAX_VISITS)], dtype=np.float64) if scans > MAX_VISITS else at
 
 
-def sighting(when: FrameTime, x_px: ArrayLike, y_px: ArrayLike, ideal_px: NDArray[np.float64] | None = None) -> Sighting:
+def sighting(when: FrameTime, x_px: ArrayLike, y_px: ArrayLike, ideal_px: NDArray[np.float64] | None = None) -> FrameObservation:
     """The sighting of points at scan addresses (x, y), of any shape, in a frame."""
     x, y = np.asarray(x_px, dtype=np.float64).ravel(), np.asarray(y_px, dtype=np.float64).ravel()
     mean_time_s = when.start_s + when.timing.time_in_frame_s(x, y)
     visits = visit_offsets_s(when.timing)[:, None] + mean_time_s
-    return Sighting(when.frame, when.frame // 2, x, y, visits, ideal_px)
+    return FrameObservation(when.frame, when.frame // 2, x, y, visits, ideal_px)

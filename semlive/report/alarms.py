@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from datetime import UTC, datetime
 
-from semlive.service.alarms import Alarm, Alarms
+from semlive.service.log.alarms import Alarm, Alarms
 
 _HEADINGS = ("time (UTC)", "code", "where", "what", "action", "acknowledged")
 

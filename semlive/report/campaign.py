@@ -19,18 +19,18 @@ import h5py
 import numpy as np
 
 from semlive.errors import BadInput, SemliveError
+from semlive.report.export.export import export_log
 from semlive.report.export.fields import Format
-from semlive.report.export.log import export_log
-from semlive.service.correlated import PairMaps, correlate_pairs, numbers_of_pairs, replay_correlated
-from semlive.service.log_pairs import has_images
-from semlive.service.replay import Replay, Replayed, Source, Watch
-from semlive.service.result_json import result_json
+from semlive.service.analysis.result_json import result_json
+from semlive.service.log.pairs import has_images
+from semlive.service.replay.parallel_correlation import PairMaps, correlate_pairs, pair_numbers, replay_from_maps
+from semlive.service.replay.replay import ReplayCallbacks, ReplayRequest, ReplayResult, Source
 
 _JOBS_PER_CORE = 4
 
 
 @dataclass(frozen=True, slots=True)
-class LogDone:
+class LogOutcome:
     """What became of one log.
 
     Attributes:
@@ -62,14 +62,14 @@ class LogDone:
 
 
 def reanalyse(
-    asked: Sequence[Replay], out: Path, executor: Callable[[], Any], progress: Callable[[int, int], None] | None = None
-) -> tuple[LogDone, ...]:
+    asked: Sequence[ReplayRequest], out: Path, executor: Callable[[], Any], progress: Callable[[int, int], None] | None = None
+) -> tuple[LogOutcome, ...]:
     """Analyse logs and write ``summary.csv``, ``summary.json`` and ``combined.h5``.
 
     Args:
         asked: one for each log.
         out: folder.
-        executor: context that gives somebody who works (see `all_cores` and `cluster`).
+        executor: context that gives somebody who works (see `process_pool` and `dask_executor`).
         progress: told jobs done and jobs in all.
 
     Raises:
@@ -89,7 +89,7 @@ def reanalyse(
 
 
 @contextmanager
-def all_cores(count: int | None = None) -> Iterator[Executor]:
+def process_pool(count: int | None = None) -> Iterator[Executor]:
     """Processes of this machine, one for each core, each with one thread for its numerics."""
     before = {name: os.environ.get(name) for name in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
     os.environ.update(dict.fromkeys(before, "1"))  # read by the processes that are spawned next
@@ -105,7 +105,7 @@ def all_cores(count: int | None = None) -> Iterator[Executor]:
 
 
 @contextmanager
-def cluster(address: str) -> Iterator[Executor]:
+def dask_executor(address: str) -> Iterator[Executor]:
     """An existing Dask cluster, whose workers have semlive installed and see logs and output under the same paths.
 
     Raises:
@@ -123,29 +123,33 @@ def cluster(address: str) -> Iterator[Executor]:
         yield client.get_executor(pure=False)
 
 
-def analyse_one(asked: Replay, name: str, part: str) -> LogDone:
+def analyse_log(asked: ReplayRequest, name: str, part: str) -> LogOutcome:
     """One log, in whatever process: its fields go to a file of its own; what goes wrong is told, not raised."""
     begin = time.perf_counter()
     try:
         done = export_log(asked, Format.HDF5, Path(part))
     except Exception as error:
         said = str(error) if isinstance(error, SemliveError) else f"{type(error).__name__}: {error}"
-        return LogDone(str(asked.log), name, said, None, time.perf_counter() - begin)
-    return LogDone(str(asked.log), name, None, result_json(done.result, done.settings), time.perf_counter() - begin)
+        return LogOutcome(str(asked.log), name, said, None, time.perf_counter() - begin)
+    return LogOutcome(str(asked.log), name, None, result_json(done.result, done.settings), time.perf_counter() - begin)
 
 
 def _campaign(
-    asked: Sequence[Replay], names: Sequence[str], out: Path, executor: Callable[[], Any], progress: Callable[[int, int], None] | None
-) -> list[LogDone]:
+    asked: Sequence[ReplayRequest],
+    names: Sequence[str],
+    out: Path,
+    executor: Callable[[], Any],
+    progress: Callable[[int, int], None] | None,
+) -> list[LogOutcome]:
     """All logs; one whose process dies is told as failed, and those that died with it are begun again, each on its own."""
     jobs = {at: (one, names[at], str(_part(out, names[at]))) for at, one in enumerate(asked)}
-    found: dict[int, LogDone] = {}
+    found: dict[int, LogOutcome] = {}
     for round_of in ([list(jobs)], [[at] for at in jobs]):
         for group in round_of:
             left = [at for at in group if at not in found]
             if left:
                 with executor() as pool:
-                    futures = {pool.submit(analyse_one, *jobs[at]): at for at in left}
+                    futures = {pool.submit(analyse_log, *jobs[at]): at for at in left}
                     for future in as_completed(futures):
                         _take(future, futures[future], jobs, found, alone=len(group) == 1)
                         if progress is not None:
@@ -153,28 +157,34 @@ def _campaign(
     return [found[at] for at in jobs]
 
 
-def _take(future: Future[LogDone], at: int, jobs: dict[int, tuple[Replay, str, str]], found: dict[int, LogDone], *, alone: bool) -> None:
+def _take(
+    future: Future[LogOutcome], at: int, jobs: dict[int, tuple[ReplayRequest, str, str]], found: dict[int, LogOutcome], *, alone: bool
+) -> None:
     try:
         found[at] = future.result()
     except Exception as error:
         if alone or not isinstance(error, BrokenProcessPool):
             asked, name, _ = jobs[at]
-            found[at] = LogDone(str(asked.log), name, f"its process died ({type(error).__name__}); is there memory enough?", None, 0.0)
+            found[at] = LogOutcome(str(asked.log), name, f"its process died ({type(error).__name__}); is there memory enough?", None, 0.0)
 
 
-def _one_long_log(asked: Replay, name: str, out: Path, executor: Callable[[], Any], progress: Callable[[int, int], None] | None) -> LogDone:
+def _one_long_log(
+    asked: ReplayRequest, name: str, out: Path, executor: Callable[[], Any], progress: Callable[[int, int], None] | None
+) -> LogOutcome:
     """The pairs of one log correlated by many, then estimated here in their order."""
     begin = time.perf_counter()
     try:
         with executor() as pool:
             done = _correlated_by_many(asked, pool, out, name, progress)
     except SemliveError as error:
-        return LogDone(str(asked.log), name, str(error), None, time.perf_counter() - begin)
-    return LogDone(str(asked.log), name, None, result_json(done.result, done.settings), time.perf_counter() - begin)
+        return LogOutcome(str(asked.log), name, str(error), None, time.perf_counter() - begin)
+    return LogOutcome(str(asked.log), name, None, result_json(done.result, done.settings), time.perf_counter() - begin)
 
 
-def _correlated_by_many(asked: Replay, pool: Executor, out: Path, name: str, progress: Callable[[int, int], None] | None) -> Replayed:
-    numbers = numbers_of_pairs(asked)
+def _correlated_by_many(
+    asked: ReplayRequest, pool: Executor, out: Path, name: str, progress: Callable[[int, int], None] | None
+) -> ReplayResult:
+    numbers = pair_numbers(asked)
     size = max(1, len(numbers) // (_JOBS_PER_CORE * (os.cpu_count() or 1)))
     parts = [numbers[at : at + size] for at in range(0, len(numbers), size)]
     futures = [pool.submit(correlate_pairs, asked, part) for part in parts]
@@ -185,13 +195,13 @@ def _correlated_by_many(asked: Replay, pool: Executor, out: Path, name: str, pro
             if progress is not None:
                 progress(done, len(futures))
 
-    def replayed(_: Replay, watch: Watch | None) -> Replayed:
-        return replay_correlated(asked, arriving(), watch)
+    def replayed(_: ReplayRequest, watch: ReplayCallbacks | None) -> ReplayResult:
+        return replay_from_maps(asked, arriving(), watch)
 
     return export_log(asked, Format.HDF5, _part(out, name), by=replayed)
 
 
-def _source(asked: Replay) -> Source:
+def _source(asked: ReplayRequest) -> Source:
     return asked.source or (Source.IMAGES if has_images(asked.log) else Source.DISPARITY)
 
 
@@ -210,7 +220,7 @@ def _part(out: Path, name: str) -> Path:
     return out / f"{name}.part.h5"
 
 
-def _combine(done: Sequence[LogDone], out: Path) -> None:
+def _combine(done: Sequence[LogOutcome], out: Path) -> None:
     rows = [one.row() for one in done]
     with (out / "summary.csv").open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, list(rows[0]))

@@ -7,11 +7,11 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 
-from semlive.data.diagnosis import GreyChannel, Pictures, Profile, RowChannel
+from semlive.data.diagnosis import DiagnosisFigureData, EffectProfile, IntensityDiagnosis, RowDiagnosis
 from semlive.report.figures import GRID, INK, X_COLOUR, Y_COLOUR, framed
 
 
-def before_and_after(pictures: Pictures) -> Figure:
+def residual_maps(pictures: DiagnosisFigureData) -> Figure:
     """What is left of frames without and with the effects, on one scale, in standard deviations of the noise."""
     count = len(pictures.frame)
     figure = Figure(figsize=(2.7 * count + 0.8, 8.4), layout="constrained")
@@ -33,7 +33,7 @@ def before_and_after(pictures: Pictures) -> Figure:
     return figure
 
 
-def _dots(axes: Axes, pictures: Pictures, values: np.ndarray, limit: float) -> PathCollection:
+def _dots(axes: Axes, pictures: DiagnosisFigureData, values: np.ndarray, limit: float) -> PathCollection:
     size = 1.1e4 / max(len(values), 1)
     drawn = axes.scatter(pictures.x_px, pictures.y_px, c=values, s=size, marker="s", cmap="RdBu_r", vmin=-limit, vmax=limit, linewidths=0)
     axes.invert_yaxis()
@@ -43,39 +43,41 @@ def _dots(axes: Axes, pictures: Pictures, values: np.ndarray, limit: float) -> P
     return drawn
 
 
-def course(profile: Profile) -> Figure:
+def effect_profile(profile: EffectProfile) -> Figure:
     """How much of an effect each frame shows, beside the model."""
     figure, axes = framed(9.0, 3.0)
     order = np.argsort(profile.at, kind="stable")
-    at = profile.at[order] / (60.0 if profile.over == "time" else 1.0)
+    at = profile.at[order] / (60.0 if profile.abscissa == "time" else 1.0)
     axes.errorbar(
         at, profile.data_px[order], 2.0 * profile.sigma_px[order], fmt=".", color=X_COLOUR, elinewidth=0.8, label="maps, two sigma"
     )
     axes.plot(at, profile.model_px[order], "-", color=Y_COLOUR, linewidth=1.0, label="model")
-    over = "start of the frame since frame 0 (min)" if profile.over == "time" else "load (N)"
+    over = "start of the frame since frame 0 (min)" if profile.abscissa == "time" else "load (N)"
     axes.set(xlabel=over, ylabel="part of the shape (px at its peak)")
     axes.legend(frameon=False)
     return figure
 
 
-def row_spectrum(rows: RowChannel) -> Figure:
+def row_spectrum(rows: RowDiagnosis) -> Figure:
     """Power of waves in the rows over their frequency."""
     figure, axes = framed(9.0, 3.0)
     axes.semilogy(rows.frequency_hz, rows.power, color=X_COLOUR, linewidth=0.7)
-    axes.axhline(rows.loud, color=Y_COLOUR, linewidth=0.9, linestyle="--", label="one spectrum of noise in a hundred reaches this")
+    axes.axhline(
+        rows.detection_threshold, color=Y_COLOUR, linewidth=0.9, linestyle="--", label="one spectrum of noise in a hundred reaches this"
+    )
     axes.set(xlabel="frequency (Hz)", ylabel="power, in units of noise")
     axes.legend(frameon=False)
     return figure
 
 
-def grey_courses(grey: GreyChannel) -> Figure:
+def intensity_history(grey: IntensityDiagnosis) -> Figure:
     """Mean, gain, curvature and blur of every frame against the first pair, beside what the laws that were found make of them."""
     figure = Figure(figsize=(9.0, 6.4), layout="constrained")
-    minutes = np.array(grey.at_s) / 60.0
-    for at, course in enumerate(grey.courses):
+    minutes = np.array(grey.time_s) / 60.0
+    for at, course in enumerate(grey.histories):
         axes = figure.add_subplot(2, 2, at + 1)
         axes.errorbar(minutes, course.value, 2.0 * course.sigma, fmt=".", color=X_COLOUR, elinewidth=0.8, label="frames, two sigma")
-        axes.plot(minutes, course.law, "-", color=Y_COLOUR, linewidth=1.0, label="laws")
+        axes.plot(minutes, course.fitted, "-", color=Y_COLOUR, linewidth=1.0, label="laws")
         unit = "" if course.unit == "1" else f" ({course.unit.replace('^2', '²')})"
         axes.set(xlabel="time since frame 0 (min)", ylabel=f"{course.name}{unit}")
         axes.grid(**GRID)
@@ -84,7 +86,7 @@ def grey_courses(grey: GreyChannel) -> Figure:
     return figure
 
 
-def what_is_left(pictures: Pictures) -> Figure:
+def residual_quantiles(pictures: DiagnosisFigureData) -> Figure:
     """Quantiles of the whitened residual against those of a normal distribution."""
     figure, axes = framed(4.6, 3.6)
     normal, found = pictures.quantiles.T

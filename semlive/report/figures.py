@@ -14,7 +14,7 @@ from semlive.data.experiment import Phase
 from semlive.data.pair import PairDecision
 from semlive.data.results import FrameResult, RunResult
 from semlive.data.series import LoadSeries
-from semlive.data.strain import GageComparison
+from semlive.data.strain import StrainGageComparison
 
 X_COLOUR, Y_COLOUR, INK = "#2563eb", "#d97706", "#0f172a"
 GRID: dict[str, Any] = {"color": "#94a3b8", "alpha": 0.25, "linewidth": 0.6}
@@ -110,7 +110,7 @@ def stress_strain(result: RunResult, area_mm2: float, loading_axis: str) -> Figu
     return figure
 
 
-def gage_comparison(gage: GageComparison) -> Figure:
+def gage_comparison(gage: StrainGageComparison) -> Figure:
     """DIC's axial strain over the gage's at every load step, and what is left of it beside the fitted line (Fig. 14)."""
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)

@@ -18,10 +18,10 @@ from semlive.data.series import LoadSeries
 from semlive.data.settings import MEASURES, AnalysisSettings
 from semlive.report import figures
 from semlive.report.alarms import alarms_html
-from semlive.report.budget import uncertainty_budget
 from semlive.report.sections import sections
-from semlive.service.log_facts import LogFacts
-from semlive.service.settings_changes import as_keys
+from semlive.report.uncertainty_budget import uncertainty_budget
+from semlive.service.config.overrides import as_keys
+from semlive.service.log.run_facts import LogFacts
 
 _REASON_NUMBERS = re.compile(r"\d+(?:\.\d+)?")
 STYLE = """
@@ -64,7 +64,7 @@ def report_html(
     body = [f"<h1>{html.escape(name)}</h1>", f'<p class="soft">{html.escape(settings.specimen.name)}</p>', _key_figures(result)]
     drawn = tuple(sections(result, series, settings))
     for number, section in enumerate(drawn, start=1):
-        about = f'<p class="soft">{html.escape(section.about)}</p>'
+        about = f'<p class="soft">{html.escape(section.caption)}</p>'
         body += [f"<h2>{html.escape(section.title)}</h2>", image(section.figure, section.title), about]
         progress(number, len(drawn))
     body += [
@@ -156,9 +156,9 @@ def _frames_table(result: RunResult) -> str:
 
 
 def _notes(result: RunResult) -> str:
-    if not result.notes:
+    if not result.messages:
         return "<p>None.</p>"
-    return "<ul>" + "".join(f"<li>{html.escape(note)}</li>" for note in result.notes) + "</ul>"
+    return "<ul>" + "".join(f"<li>{html.escape(note)}</li>" for note in result.messages) + "</ul>"
 
 
 def settings_html(settings: AnalysisSettings, grid: Grid) -> str:

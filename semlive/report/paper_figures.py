@@ -189,7 +189,7 @@ def translation_path(result: RunResult) -> Figure | None:
     return figure
 
 
-def feigned_strain(result: RunResult, window_points: int) -> Figure | None:
+def false_strain_figure(result: RunResult, window_points: int) -> Figure | None:
     """Fig. 16: the strain that translations of 5 px along x and along y would feign, were this distortion not corrected."""
     distortion = result.estimate.distortion
     if min(distortion.grid.shape) < 7 or not distortion.valid.any():

@@ -35,14 +35,37 @@ class Section:
     Attributes:
         key: for file names.
         title: heading.
-        about: what it shows; the paper's figure that it corresponds to.
+        caption: what it shows; the paper's figure that it corresponds to.
         figure: the figure.
     """
 
     key: str
     title: str
-    about: str
+    caption: str
     figure: Figure
+
+
+_TEXTS = {
+    "load": ("Load", "Load as sampled; accepted frames are shaded."),
+    "fig01-drift-in-frames": ("Drift within frames", "As Fig. 1."),
+    "fig05-drift": ("Drift", "As Fig. 5, with the band of two standard uncertainties in place of the input."),
+    "fig06-pair": ("What is left in a pair", "As Fig. 6: nothing moved between the two frames."),
+    "fig07-left": (
+        "Distortion not told",
+        "As Fig. 7: what all unloaded frames have in common after correction, their mean strain taken out.",
+    ),
+    "fig10-drift-field": ("Drift over a field", "As Fig. 10."),
+    "fig11-distortion": ("Distortion", "As Fig. 11; its best affine map cannot be known and is taken out."),
+    "fig12-unloaded": ("Strain without load", "As Fig. 12: should be zero within the bars."),
+    "fig13-loaded": ("Strain under load", "As Fig. 13."),
+    "strain-maps": ("Strain maps", "The last frame."),
+    "stress-strain": ("Stress and strain", "Means over the field."),
+    "fig14-constants": ("Elastic constants", "As Fig. 14; bars are two standard uncertainties."),
+    "gage": ("Strain gage", "DIC beside the gage."),
+    "fig15-path": ("Translation path", "As Fig. 15."),
+    "fig16-false-strain": ("False strain", "As Fig. 16: without correction, for 5 px."),
+}
+"""Title and description of each section by its key, in the order of the report."""
 
 
 def sections(result: RunResult, series: LoadSeries | None, settings: AnalysisSettings) -> Iterator[Section]:
@@ -55,54 +78,34 @@ def sections(result: RunResult, series: LoadSeries | None, settings: AnalysisSet
     """
     area_mm2, axis, window = settings.specimen.area_mm2, settings.specimen.loading_axis, settings.estimate.window_points
     loaded = series is not None and series.time_ns.size > 0
-    told = [
-        (
-            "load",
-            "Load",
-            "Load as sampled; accepted frames are shaded.",
-            figures.load_over_time(series, result) if series and loaded else None,
-        ),
-        ("fig01-drift-in-frames", "Drift within frames", "As Fig. 1.", paper_figures.drift_within_frames(result)),
-        (
-            "fig05-drift",
-            "Drift",
-            "As Fig. 5, with the band of two standard uncertainties in place of the input.",
-            figures.drift_over_time(result),
-        ),
-        ("fig06-pair", "What is left in a pair", "As Fig. 6: nothing moved between the two frames.", paper_figures.pair_residual(result)),
-        (
-            "fig07-left",
-            "Distortion not told",
-            "As Fig. 7: what all unloaded frames have in common after correction, their mean strain taken out.",
-            paper_figures.distortion_residual(result),
-        ),
-        ("fig10-drift-field", "Drift over a field", "As Fig. 10.", paper_figures.drift_over_field(result)),
-        (
-            "fig11-distortion",
-            "Distortion",
-            "As Fig. 11; its best affine map cannot be known and is taken out.",
-            figures.distortion_fields(result),
-        ),
-        ("fig12-unloaded", "Strain without load", "As Fig. 12: should be zero within the bars.", paper_figures.unloaded_strain(result)),
-        ("fig13-loaded", "Strain under load", "As Fig. 13.", paper_figures.loaded_strain(result, area_mm2)),
-        (
-            "stress-strain",
-            "Stress and strain",
-            "Means over the field.",
-            figures.stress_strain(result, area_mm2, axis) if area_mm2 else None,
-        ),
-        ("fig14-constants", "Elastic constants", "As Fig. 14; bars are two standard uncertainties.", paper_figures.constants(result)),
-        ("gage", "Strain gage", "DIC beside the gage.", figures.gage_comparison(result.gage) if result.gage else None),
-        ("fig15-path", "Translation path", "As Fig. 15.", paper_figures.translation_path(result)),
-        ("fig16-false-strain", "False strain", "As Fig. 16: without correction, for 5 px.", paper_figures.feigned_strain(result, window)),
-    ]
-    if result.frames:
-        last = result.frames[-1]
-        title = f"frame {last.summary.frame}, virtual strain gauge {last.summary.vsg_px:.0f} px"
-        told.insert(9, ("strain-maps", "Strain maps", "The last frame.", figures.strain_maps(last, title)))
-    for key, title, about, figure in told:
+    drawn = {
+        "load": figures.load_over_time(series, result) if series and loaded else None,
+        "fig01-drift-in-frames": paper_figures.drift_within_frames(result),
+        "fig05-drift": figures.drift_over_time(result),
+        "fig06-pair": paper_figures.pair_residual(result),
+        "fig07-left": paper_figures.distortion_residual(result),
+        "fig10-drift-field": paper_figures.drift_over_field(result),
+        "fig11-distortion": figures.distortion_fields(result),
+        "fig12-unloaded": paper_figures.unloaded_strain(result),
+        "fig13-loaded": paper_figures.loaded_strain(result, area_mm2),
+        "strain-maps": _last_maps(result),
+        "stress-strain": figures.stress_strain(result, area_mm2, axis) if area_mm2 else None,
+        "fig14-constants": paper_figures.constants(result),
+        "gage": figures.gage_comparison(result.gage) if result.gage else None,
+        "fig15-path": paper_figures.translation_path(result),
+        "fig16-false-strain": paper_figures.false_strain_figure(result, window),
+    }
+    for key, (title, description) in _TEXTS.items():
+        figure = drawn[key]
         if figure is not None:
-            yield Section(key, title, about, figure)
+            yield Section(key, title, description, figure)
+
+
+def _last_maps(result: RunResult) -> Figure | None:
+    if not result.frames:
+        return None
+    last = result.frames[-1]
+    return figures.strain_maps(last, f"frame {last.summary.frame}, virtual strain gauge {last.summary.vsg_px:.0f} px")
 
 
 def write_figures(

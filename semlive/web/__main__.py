@@ -14,9 +14,9 @@ from pathlib import Path
 import uvicorn
 
 from semlive.web.admission import Admission
-from semlive.web.app import Control, make_app
+from semlive.web.app import ControlAddress, make_app
+from semlive.web.broadcaster import LogBroadcaster
 from semlive.web.connection import bounded
-from semlive.web.hub import Hub
 
 _ENDING_S = 1
 _BACKLOG = 16
@@ -46,8 +46,8 @@ def main() -> None:
     if hasattr(os, "nice"):
         # Whoever looks on comes after control and its links, and before correlation.
         os.nice(5)
-    control = None if arguments.control is None else Control("127.0.0.1", arguments.control, arguments.token_sha256)
-    hub = Hub(arguments.log)
+    control = None if arguments.control is None else ControlAddress("127.0.0.1", arguments.control, arguments.token_sha256)
+    hub = LogBroadcaster(arguments.log)
     listening = _listen(arguments.host, arguments.port, arguments.or_any)
     admission = Admission()
     config = uvicorn.Config(
@@ -95,7 +95,7 @@ def _listen(host: str, port: int, or_any: bool) -> socket.socket:
         return socket.create_server((host, 0), family=family, backlog=128)
 
 
-def _end_with_stdin(hub: Hub, server: uvicorn.Server) -> None:
+def _end_with_stdin(hub: LogBroadcaster, server: uvicorn.Server) -> None:
     """The last results are still shown: whoever started us ends us when the log is finished, or is dead.
 
     Who looks fetches maps and frames when told that they are there, on a busy computer not at once: they are waited for until nobody

@@ -23,12 +23,12 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Receive, Scope, Send
 
 from semlive.errors import SemliveError
-from semlive.service.door import Asked as Said
-from semlive.service.door import Heard, Request, knock, token_digest
+from semlive.service.control.socket import Asked as Said
+from semlive.service.control.socket import Request, RequestStatus, send_request, token_digest
+from semlive.web.access_control import AccessControl
 from semlive.web.admission import Admission, Stage, is_loopback
-from semlive.web.guard import Guard
-from semlive.web.hub import Hub
-from semlive.web.picture import newest_picture
+from semlive.web.broadcaster import LogBroadcaster
+from semlive.web.newest_image import newest_image_png
 
 STATIC = Path(__file__).with_name("static")
 MAX_VIEWERS = 100
@@ -38,11 +38,11 @@ _BEAT_S = 2.0
 _BODY_S = 5.0
 # A token has 128 bits, so this keeps nobody from guessing it; it slows down those who try.
 _WRONG_TOKEN_S = 0.25
-_STATUS = {Heard.TAKEN: 200, Heard.NO_TOKEN: 403, Heard.NO_REQUEST: 400, Heard.NOT_OPEN: 409}
+_STATUS = {RequestStatus.ACCEPTED: 200, RequestStatus.UNAUTHORISED: 403, RequestStatus.NO_REQUEST: 400, RequestStatus.QUESTION_CLOSED: 409}
 
 
 @dataclass(frozen=True, slots=True)
-class Control:
+class ControlAddress:
     """Where the run listens, and what its token is checked by.
 
     Attributes:
@@ -71,7 +71,7 @@ class Viewing(StreamingResponse):
             self._ended()
 
 
-class Page:
+class PageHandlers:
     """The handlers, and what they share.
 
     Args:
@@ -80,7 +80,7 @@ class Page:
         admission: the connections of the server, of which this tells what they are doing.
     """
 
-    def __init__(self, hub: Hub, control: Control | None, admission: Admission) -> None:
+    def __init__(self, hub: LogBroadcaster, control: ControlAddress | None, admission: Admission) -> None:
         self._hub, self._control, self._admission = hub, control, admission
         self._viewers: Counter[str] = Counter()
 
@@ -113,7 +113,7 @@ class Page:
     async def frame(self, asked: Asked) -> Response:
         """The newest exported file as PNG."""
         try:
-            picture = await run_in_threadpool(newest_picture, self._hub, asked.path_params["export"])
+            picture = await run_in_threadpool(newest_image_png, self._hub, asked.path_params["export"])
         except SemliveError as error:
             raise HTTPException(422, str(error)) from error
         if picture is None:
@@ -122,7 +122,7 @@ class Page:
         headers = {"cache-control": "private, max-age=3600", "x-frame-size": f"{width} {height}"}
         return Response(png, media_type="image/png", headers=headers)
 
-    async def say(self, asked: Asked) -> Response:
+    async def command(self, asked: Asked) -> Response:
         """A verb, an answer or an acknowledgement of the operator's, passed on to the run."""
         if self._control is None:
             return _told("this page only shows; steer from the page that semlive run opens", 405)
@@ -144,9 +144,9 @@ class Page:
         by = f"page at {asked.client.host}" if asked.client is not None else "page"
         return await self._passed_on(Request(**said.model_dump(), token=token, by=by), self._control)
 
-    async def _passed_on(self, request: Request, control: Control) -> Response:
+    async def _passed_on(self, request: Request, control: ControlAddress) -> Response:
         try:
-            reply = await knock(control.host, control.port, request)
+            reply = await send_request(control.host, control.port, request)
         except (OSError, TimeoutError):
             return _told("the run does not answer; it is over, or look at its terminal", 502)
         return _told(reply.text, _STATUS[reply.heard])
@@ -165,14 +165,16 @@ class Page:
         yield "retry: 1000\n\n"
         while True:
             version, texts = await self._hub.changes(version, _BEAT_S)
-            yield "".join(f"data: {text}\n\n" for text in texts) or f"data: {self._hub.beat()}\n\n"
+            yield "".join(f"data: {text}\n\n" for text in texts) or f"data: {self._hub.heartbeat()}\n\n"
 
 
 def _told(text: str, status: int) -> JSONResponse:
     return JSONResponse({"text": text}, status)
 
 
-def make_app(hub: Hub, control: Control | None, names: Iterable[str] = (), admission: Admission | None = None) -> Starlette:
+def make_app(
+    hub: LogBroadcaster, control: ControlAddress | None, names: Iterable[str] = (), admission: Admission | None = None
+) -> Starlette:
     """The application over a hub.
 
     Args:
@@ -181,14 +183,14 @@ def make_app(hub: Hub, control: Control | None, names: Iterable[str] = (), admis
         names: further names of this computer.
         admission: the connections of the server; None where nothing bounds them.
     """
-    page = Page(hub, control, admission or Admission())
+    page = PageHandlers(hub, control, admission or Admission())
 
     @contextlib.asynccontextmanager
     async def life(_: Starlette) -> AsyncIterator[None]:
         loop = asyncio.get_running_loop()
         # What goes wrong with one connection is not for the terminal of the run.
         loop.set_exception_handler(lambda _loop, _context: None)
-        hub.begin(loop)
+        hub.start(loop)
         try:
             yield
         finally:
@@ -200,7 +202,7 @@ def make_app(hub: Hub, control: Control | None, names: Iterable[str] = (), admis
         Route("/events", page.events),
         Route("/field/{frame:int}/{name:str}", page.field),
         Route("/frame/{export:int}.png", page.frame),
-        Route("/say", page.say, methods=["POST"]),
+        Route("/say", page.command, methods=["POST"]),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
-    return Starlette(routes=routes, middleware=[Middleware(Guard, names=tuple(names))], lifespan=life)
+    return Starlette(routes=routes, middleware=[Middleware(AccessControl, names=tuple(names))], lifespan=life)

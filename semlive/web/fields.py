@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.grid import Grid
-from semlive.formats.log import LogMessage
-from semlive.formats.maps import decode_displacement, decode_map, decode_strain
-from semlive.formats.messages import DIC_MAP, DISPLACEMENT_FIELD, STRAIN_FIELD
-from semlive.web.view import MapQuality
+from semlive.formats.log.maps import decode_displacement, decode_map, decode_strain
+from semlive.formats.log.messages import DIC_MAP, DISPLACEMENT_FIELD, STRAIN_FIELD
+from semlive.formats.log.writer import LogMessage
+from semlive.web.page_state import MapQuality
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,19 +22,19 @@ from pathlib import Path
 import numpy as np
 
 from semlive.data.clock import Clock
-from semlive.formats.clock_file import encode_clock
-from semlive_simulators.clockwork import BenchClock
-from semlive_simulators.exporters.facts import ImageFacts
+from semlive.formats.tables.clock_file import encode_clock
+from semlive_simulators.bench_clock import BenchClock
+from semlive_simulators.exporters.image_metadata import ImageMetadata
 from semlive_simulators.kernels.pattern import gaussian
-from semlive_simulators.load_frame.lines import ascii_line, rtu_line
 from semlive_simulators.load_frame.rtu import STAGE_UNIT
+from semlive_simulators.load_frame.serial_lines import ascii_line, rtu_line
 from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
-from semlive_simulators.machine import Machine
-from semlive_simulators.passes import Exposure, passes
+from semlive_simulators.microscope.exposure import Exposure, row_passes
+from semlive_simulators.microscope.sem import Exported, Sem
 from semlive_simulators.scenario import BadScenario, Scenario, load_scenario
-from semlive_simulators.sem import Exported, Sem
-from semlive_simulators.specimen import at_rest
-from semlive_simulators.truth import Truth, frame_truth
+from semlive_simulators.specimen.machine import LoadTrain
+from semlive_simulators.specimen.specimen import at_rest
+from semlive_simulators.truth import TruthRecorder, frame_truth
 
 TICK_S = 0.02
 MOST_RATE = 40.0
@@ -72,8 +72,8 @@ class Bench:
         _warm_up(scenario)
         self._rate = _sustainable_rate(scenario) if rate is None else rate
         self._clock = BenchClock(self._rate, self._publish)
-        self._machine = Machine(scenario, self._clock.start_ns)
-        self._truth = Truth(scenario, self._clock.start_ns)
+        self._machine = LoadTrain(scenario, self._clock.start_ns)
+        self._truth = TruthRecorder(scenario, self._clock.start_ns)
         self._sem = Sem(scenario, self._clock, self._machine, self._export, triggered, self._frame_exported, self._fail)
         self._registers = BenchRegisters(scenario, self._clock, self._machine, self._sem)
         self._modbus = ModbusThread(self._registers, port)
@@ -122,7 +122,7 @@ class Bench:
             time.sleep(TICK_S)
             self._machine.advance_to(self._clock.now_ns())
             if self._registers.watchdog.expired:
-                self._machine.expire()
+                self._machine.trip_watchdog()
             if stand is not None:
                 stand.watch_limits()
 
@@ -160,11 +160,11 @@ def _warm_up(scenario: Scenario) -> None:
     """Compile or load the kernels, and use what is slow the first time, before the clock starts."""
     column = scenario.column()
     exposure = Exposure(column, 0, 0.0)
-    for one in passes(column):
+    for one in row_passes(column):
         if one.first_row == 0:  # every visit of a band: what begins later, and what makes grey levels of them all
             exposure.expose(one, at_rest())
     image = np.zeros((scenario.scan.height_px, scenario.scan.width_px), dtype=scenario.detector.dtype)
-    scenario.export.encode(image, ImageFacts(scenario.scan, 0, 0.0, 0.0, 0))
+    scenario.export.encode(image, ImageMetadata(scenario.scan, 0, 0.0, 0.0, 0))
     gaussian(scenario.seed, 0, 0)
     # A full collection over what compiler and libraries left behind takes some 50 ms: 2 s of experiment time at rate 40.
     gc.collect()
@@ -175,7 +175,7 @@ def _warm_up(scenario: Scenario) -> None:
 def _sustainable_rate(scenario: Scenario) -> float:
     """The largest rate, up to `MOST_RATE`, at which this computer renders frames as they are scanned; to be called warm."""
     column = scenario.column()
-    work = passes(column)
+    work = row_passes(column)
     exposure, pieces = Exposure(column, 0, 0.0), work[len(work) // 2 : len(work) // 2 + 4]
     seconds = []
     for _ in range(5):

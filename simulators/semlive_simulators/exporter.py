@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from semlive_simulators.exporters.facts import ImageFacts
 from semlive_simulators.exporters.fei import encode_tiff
+from semlive_simulators.exporters.image_metadata import ImageMetadata
 
-__all__ = ["ImageFacts", "encode_tiff"]
+__all__ = ["ImageMetadata", "encode_tiff"]

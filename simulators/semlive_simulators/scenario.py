@@ -11,19 +11,19 @@ from pydantic import BeforeValidator, ConfigDict, InstanceOf, TypeAdapter, Valid
 from semlive.errors import BadConfig
 from semlive.inputs.files import read_regular
 from semlive.inputs.yaml_text import MOST_BYTES, read_yaml
-from semlive_simulators.column import Column, Detector, Scan, build_column
-from semlive_simulators.effects.composition import Effects
+from semlive_simulators.effects.composition import EffectSet
 from semlive_simulators.effects.distortion import Distortion
 from semlive_simulators.effects.distortion_shapes import named
 from semlive_simulators.effects.drift import Drift
 from semlive_simulators.effects.library import build_effects
 from semlive_simulators.exporters.settings import Export
 from semlive_simulators.load_frame.dynamics import LoadFrameParameters
-from semlive_simulators.load_frame.schedule import PlannedFault
+from semlive_simulators.load_frame.fault_schedule import PlannedFault
 from semlive_simulators.load_frame.strain_gage import StrainGage
-from semlive_simulators.patterns import Pattern
-from semlive_simulators.specimen import Specimen
-from semlive_simulators.stage import BEAM_SHIFT, Actuator, StageParameters
+from semlive_simulators.microscope.column import Column, Detector, Scan, build_column
+from semlive_simulators.microscope.patterns import Pattern
+from semlive_simulators.specimen.specimen import Specimen
+from semlive_simulators.specimen.stage import BEAM_SHIFT, Actuator, StageParameters
 
 FOLDER = Path(__file__).parent / "scenarios"
 
@@ -76,7 +76,7 @@ class Scenario:
     beam_shift: StageParameters = BEAM_SHIFT
     shifts_by: Actuator = Actuator.STAGE
     faults: tuple[PlannedFault, ...] = ()
-    effects: Annotated[InstanceOf[Effects], BeforeValidator(build_effects)] = field(default_factory=Effects)
+    effects: Annotated[InstanceOf[EffectSet], BeforeValidator(build_effects)] = field(default_factory=EffectSet)
 
     def column(self) -> Column:
         """The column of this scenario."""

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from semlive_simulators.effects.interfaces import Instants
 from semlive_simulators.effects.library import as_mapping
-from semlive_simulators.effects.protocol import Instants
-from semlive_simulators.history import NOTHING_DONE, History
 from semlive_simulators.scenario import Scenario
-from semlive_simulators.specimen import Motion, at_rest
-from semlive_simulators.strain_field import specimen_only, strain_field
+from semlive_simulators.specimen.history import EMPTY_HISTORY, History
+from semlive_simulators.specimen.specimen import Motion, at_rest
+from semlive_simulators.specimen.strain_field import strain_field, without_optical_effects
 
 DRIFT_EVERY_S = 5.0
 GRID_PX = 25.0
@@ -49,7 +49,7 @@ def frame_truth(
         "gradient": gradient.tolist(),
         "moving": moving,
     }
-    if not specimen_only(scenario.effects).deforming:
+    if not without_optical_effects(scenario.effects).deforming:
         exy = float(0.5 * (gradient[0, 1] + gradient[1, 0]))
         return truth | {"strain": {"exx": float(gradient[0, 0]), "eyy": float(gradient[1, 1]), "exy": exy}}
     field = strain_field(scenario.effects, scenario.scan, motion, float(middle_s[0]), start_s, FIELD_PX)
@@ -70,7 +70,7 @@ def distortion_truth(scenario: Scenario) -> dict[str, Any]:
     return {"x_px": x_px.tolist(), "y_px": y_px.tolist(), "ex_px": bend[..., 0].tolist(), "ey_px": bend[..., 1].tolist()}
 
 
-def drift_truth(scenario: Scenario, start_ns: int, now_ns: int, history: History = NOTHING_DONE) -> dict[str, Any]:
+def drift_truth(scenario: Scenario, start_ns: int, now_ns: int, history: History = EMPTY_HISTORY) -> dict[str, Any]:
     """True drift every 5 s from the start of the run up to now; jumps are not in it."""
     count = max(0, int((now_ns - start_ns) * 1e-9 / DRIFT_EVERY_S)) + 2
     time_s = np.asarray(np.arange(count) * DRIFT_EVERY_S, dtype=np.float64)
@@ -85,14 +85,14 @@ def drift_truth(scenario: Scenario, start_ns: int, now_ns: int, history: History
     }
 
 
-class Truth:
+class TruthRecorder:
     """Collects frames; gives the whole truth as JSON."""
 
     def __init__(self, scenario: Scenario, start_ns: int) -> None:
         self._scenario = scenario
         self._start_ns = start_ns
         self._frames: list[str] = []
-        self._history = NOTHING_DONE
+        self._history = EMPTY_HISTORY
         self._distortion = json.dumps(distortion_truth(scenario))
 
     def add_frame(self, frame: dict[str, Any], history: History) -> None:

@@ -24,13 +24,13 @@ import numpy as np
 from bench_soak import processes, slope
 
 from semlive.data.frame import ExportedFile
-from semlive.formats.messages import LogLineMessage, StateMessage
-from semlive.service import analysis_link
-from semlive.service.analysis_link import AnalysisLink
-from semlive.service.clock import SystemClock
-from semlive.service.journal import Journal
-from semlive.service.log_files import segment_path
-from semlive.service.record import Recorder
+from semlive.formats.log.messages import LogLineMessage, StateMessage
+from semlive.service.analysis import process
+from semlive.service.analysis.process import AnalysisProcess
+from semlive.service.log.files import segment_path
+from semlive.service.log.recorder import Recorder
+from semlive.service.log.run_log import RunLog
+from semlive.service.runtime.clock import SystemClock
 
 FILE_BYTES = 51_000
 READINGS = 240
@@ -44,14 +44,14 @@ def children() -> set[int]:
 
 def measure(pairs: int, frames: int, folder: Path) -> dict[str, object]:
     """Record so many pairs while nobody reads."""
-    analysis_link._SILENT_AT_FIRST_S = 1e9  # else another would be started in its place
+    process._SILENT_AT_FIRST_S = 1e9  # else another would be started in its place
     clock, before = SystemClock(), children()
     recorder = Recorder(segment_path(folder, "run", 0), clock, sys.exit)
-    link = AnalysisLink(folder, lambda: recorder.refused, lambda _: None, lambda what, _: sys.exit(what))
+    link = AnalysisProcess(folder, lambda: recorder.write_failed, lambda _: None, lambda what, _: sys.exit(what))
     (child,) = children() - before
     os.kill(child, signal.SIGSTOP)
-    journal = Journal(recorder)
-    journal.follow(link.give)
+    journal = RunLog(recorder)
+    journal.subscribe(link.notify_input)
     taken, export = list[tuple[float, float]](), 0
     for _ in range(pairs):
         now_ns = clock.now_ns()
@@ -60,10 +60,10 @@ def measure(pairs: int, frames: int, folder: Path) -> dict[str, object]:
             journal.file(ExportedFile(export, f"{export}.tif", data, f"{export:064x}", now_ns, now_ns))
             export += 1
         for number in range(READINGS):
-            journal.note(LogLineMessage(time_ns=now_ns, level="info", text=f"reading {number}"))
+            journal.write_message(LogLineMessage(time_ns=now_ns, level="info", text=f"reading {number}"))
         for _ in range(STATES):
-            journal.note(StateMessage(time_ns=now_ns, before="holding", after="imaging", cause="hold_over", step=0, guards={}))
-        recorder.flush_wait(60.0)
+            journal.write_message(StateMessage(time_ns=now_ns, before="holding", after="imaging", cause="hold_over", step=0, guards={}))
+        recorder.flush(60.0)
         taken.append((float(len(taken)), processes(os.getpid())["control"]))
     logged_mb = sum(path.stat().st_size for path in folder.iterdir()) / 1e6
     link.kill()

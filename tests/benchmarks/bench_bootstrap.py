@@ -25,28 +25,28 @@ from blind.experiment import Conditions
 from blind.observing import observed
 from scipy.stats import ks_2samp
 
-from semlive.diagnose.evidence import NullDraws, weigh, with_draws
-from semlive.diagnose.judge import DRAWS
-from semlive.diagnose.noise import quiet
-from semlive.diagnose.unknown import UNNAMED
-from semlive.model.effects import DICTIONARY
+from semlive.diagnose.baseline.bayes_factor import NullDraws, score_candidates, with_draws
+from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
+from semlive.diagnose.maps.unnamed_fields import UNNAMED_CLASSES
+from semlive.diagnose.maps.verdict import DRAWS
+from semlive.model.effects import EFFECT_CLASSES
 
 FIRST_SEED, NOISE = 60_001, 700_000
-FAMILIES = (*DICTIONARY, *UNNAMED)
+FAMILIES = (*EFFECT_CLASSES, *UNNAMED_CLASSES)
 LEVELS = (0.01, 0.05, 0.1, 0.2, 0.5)
 
 
 def linear(seed: int) -> list[float]:
     """The loudest of each draw."""
-    bare = quiet(observed(Conditions(seed), (), GRID))
-    heard = with_draws(bare, weigh(bare, FAMILIES), NullDraws.of(bare, DRAWS, seed))
+    bare = noise_scaled_baseline(observed(Conditions(seed), (), GRID))
+    heard = with_draws(bare, score_candidates(bare, FAMILIES), NullDraws.of(bare, DRAWS, seed))
     return [float(one) for one in np.max([one.null for one in heard], axis=0)]
 
 
 def refitted(seed: int, number: int) -> float:
     """The loudest where all is measured and estimated again."""
-    bare = quiet(observed(Conditions(seed, noise_seed=NOISE + 1000 * (seed - FIRST_SEED) + number), (), GRID))
-    return max(one.log_factor for one in weigh(bare, FAMILIES))
+    bare = noise_scaled_baseline(observed(Conditions(seed, noise_seed=NOISE + 1000 * (seed - FIRST_SEED) + number), (), GRID))
+    return max(one.log_factor for one in score_candidates(bare, FAMILIES))
 
 
 def said(drawn: dict[int, list[float]], found: dict[int, list[float]]) -> str:

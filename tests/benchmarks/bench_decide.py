@@ -27,11 +27,11 @@ from blind.scoring import at_least, at_most
 from numexp.world import SCAN
 
 from semlive.data.grid import Grid
-from semlive.diagnose.decide import decide
-from semlive.diagnose.judge import diagnose
-from semlive.diagnose.noise import quiet
+from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
+from semlive.diagnose.maps.verdict import diagnose
+from semlive.diagnose.two_runs.decide import compare_runs
+from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.effects.library import LIBRARY
-from semlive_simulators.effects.protocol import Effect
 
 EDGE = Grid(56, 56, 15, 60, 50, 43)
 """As close to the edges as subsets and moves allow."""
@@ -87,7 +87,7 @@ class Hidden:
         again = Conditions(self.seed + AGAIN, tension=0, scan=HALF, bent_like=self.seed, subset_px=EDGE.subset_px)
         other = observed(again, self.effects(), EDGE)
         made_s = time.process_time()
-        found = decide((quiet(one), quiet(other)))
+        found = compare_runs((noise_scaled_baseline(one), noise_scaled_baseline(other)))
         took_s = time.process_time() - made_s
         alone = diagnose(one) if self.name != NOTHING and self.seed < FIRST_SEED + ALONE else None
         told = {} if found.effect is None else {item.name: [item.value, item.sigma] for item in found.effect.parameters}

@@ -25,10 +25,10 @@ from numexp.noise import NoiseKind
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
-from semlive.diagnose.baseline import Ladder
-from semlive.diagnose.evidence import left_in_common
-from semlive.diagnose.known import family_of
-from semlive.diagnose.noise import quiet
+from semlive.diagnose.baseline.baseline import HyperparameterGrid
+from semlive.diagnose.baseline.bayes_factor import residual_gram
+from semlive.diagnose.baseline.model_effects import effect_class
+from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 
 FAMILIES, FALSE, POWER = 26, 0.01, 0.9
 TRIED = 2.0
@@ -43,7 +43,7 @@ def main() -> None:
     asked = parser.parse_args()
     found: dict[str, list[float]] = {name: [] for name in asked.effects}
     for seed in range(1, asked.seeds + 1):
-        bare = quiet(observed(Conditions(seed), (), GRID))
+        bare = noise_scaled_baseline(observed(Conditions(seed), (), GRID))
         alone = _noiseless(Conditions(seed), ())
         for name in asked.effects:
             case = Case(ONE, (name,), TRIED, seed)
@@ -59,12 +59,12 @@ def _noiseless(conditions: Conditions, effects: tuple) -> np.ndarray:  # type: i
     return observed(quiet_, effects, GRID).disparity_px
 
 
-def least_px(bare: Ladder, name: str, moved: np.ndarray) -> float:  # type: ignore[type-arg]
+def least_px(bare: HyperparameterGrid, name: str, moved: np.ndarray) -> float:  # type: ignore[type-arg]
     """The peak at which what (f, b, 2) an effect moves is detected."""
     observation = bare.design.observation
-    told = left_in_common(bare, moved[..., None])[0, 0]
-    family = family_of(name)
-    laws = [law for values in family.grid(observation.scene) if (law := family.law(observation.scene, values)) is not None]
+    told = residual_gram(bare, moved[..., None])[0, 0]
+    family = effect_class(name)
+    laws = [law for values in family.grid(observation.geometry) if (law := family.law(observation.geometry, values)) is not None]
     amplitudes = laws[0].field_px.shape[-1]
     limit = chi2.isf(FALSE / (FAMILIES * len(laws)), amplitudes)
     needed = brentq(lambda squares: ncx2.sf(limit, amplitudes, squares) - POWER, 1.0, 1000.0)

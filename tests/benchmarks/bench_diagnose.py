@@ -32,13 +32,13 @@ from blind.observing import observed
 from blind.scoring import Verdict, table
 
 from semlive.data.diagnosis import Diagnosis
-from semlive.diagnose.anew import likelier_coupled
-from semlive.diagnose.gap import closure_known
-from semlive.diagnose.judge import diagnose
-from semlive.diagnose.known import joined
-from semlive.diagnose.noise import quiet
-from semlive.diagnose.observation import Observation
-from semlive.model.effects import DICTIONARY, Family
+from semlive.diagnose.baseline.model_effects import add_model_effects
+from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
+from semlive.diagnose.baseline.observation import Observation
+from semlive.diagnose.maps.cross_validation import explained_fraction_known
+from semlive.diagnose.maps.relinearise import choose_coupling
+from semlive.diagnose.maps.verdict import diagnose
+from semlive.model.effects import EFFECT_CLASSES, EffectClass
 
 PAGE = Path(__file__).parents[2] / "docs" / "validation" / "diagnosis.md"
 CLOSURE_AT = [4.0, 16.0]
@@ -97,7 +97,7 @@ def _run(chosen: list[Case], asked: argparse.Namespace) -> None:
                 stream.write(json.dumps({"key": case.key, **verdict}) + "\n")
 
 
-def judge(seen: Observation, dictionary: Sequence[Family] = DICTIONARY) -> tuple[Diagnosis, Verdict]:
+def judge(seen: Observation, dictionary: Sequence[EffectClass] = EFFECT_CLASSES) -> tuple[Diagnosis, Verdict]:
     """A verdict, knowing nothing but data."""
     begin = time.process_time()
     found = diagnose(seen, dictionary=dictionary)
@@ -118,12 +118,12 @@ def closure(case: Case, seen: Observation, found: Diagnosis) -> float | None:
     if case.kind != ONE or case.size not in CLOSURE_AT or not found.effects:
         return None
     alone = _nothing_hidden(case.conditions())
-    if not np.array_equal(alone.used, seen.used):
+    if not np.array_equal(alone.valid_blocks, seen.valid_blocks):
         return None
-    laws = [one.law for one in found.effects]
-    bare = joined(quiet(likelier_coupled(seen, (), laws).observation), ())[0]
-    having = joined(bare, laws)[0]
-    return closure_known(bare, having, alone.disparity_px, 0)
+    laws = [one.model_effect for one in found.effects]
+    bare = add_model_effects(noise_scaled_baseline(choose_coupling(seen, (), laws).observation), ())[0]
+    having = add_model_effects(bare, laws)[0]
+    return explained_fraction_known(bare, having, alone.disparity_px, 0)
 
 
 @lru_cache(maxsize=1)

@@ -34,10 +34,10 @@ from speckle import Affine, Speckle, expose
 from semlive import dic
 from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
-from semlive.dic.coarse import match, smooth_field
 from semlive.dic.correlate import ORDER, solve
-from semlive.kernels import cast, threads
-from semlive.kernels.icgn import CHAINED
+from semlive.dic.initial_guess import match, smooth_field
+from semlive.kernels import interface, threads
+from semlive.kernels.icgn import SEED_FROM_NEIGHBOUR
 
 RUNS = 15
 TURNS = 3  # of RUNS, for ratios
@@ -166,13 +166,15 @@ def scaling(pair: tuple[NDArray[np.uint8], NDArray[np.uint8]], grid: Grid) -> No
 
 def kernel(reference: dic.Reference, image: NDArray[np.uint8], grid: Grid) -> Callable[[], object]:
     """IC-GN alone, from the first guesses on."""
-    current = cast.grey(image)
+    current = interface.to_float32_grey(image)
     seeds = smooth_field(match(reference.coarse, current), grid)
-    interpolator = cast.interpolator(current, ORDER[SETTINGS.interpolation])
-    todo = np.full(grid.shape, CHAINED, dtype=np.uint8)
-    out = cast.Solutions(np.zeros((*grid.shape, 6)), np.zeros(grid.shape), np.zeros(grid.shape, np.uint8), np.zeros(grid.shape, np.int32))
+    interpolator = interface.interpolator(current, ORDER[SETTINGS.interpolation])
+    todo = np.full(grid.shape, SEED_FROM_NEIGHBOUR, dtype=np.uint8)
+    out = interface.Solutions(
+        np.zeros((*grid.shape, 6)), np.zeros(grid.shape), np.zeros(grid.shape, np.uint8), np.zeros(grid.shape, np.int32)
+    )
     limits = {"max_iterations": SETTINGS.max_iterations, "tolerance_px": SETTINGS.tolerance_px, "min_zncc": SETTINGS.min_zncc}
-    return lambda: cast.correlate(reference.sums, interpolator, todo, seeds, out, max_travel_px=8.0, **limits)
+    return lambda: interface.correlate(reference.sums, interpolator, todo, seeds, out, max_travel_px=8.0, **limits)
 
 
 def speed(pairs: dict[int, tuple[NDArray[np.uint8], NDArray[np.uint8]]], grid: Grid) -> None:
@@ -208,8 +210,8 @@ def accuracy(images: tuple[NDArray[np.float64], NDArray[np.float64]], grid: Grid
     for noise in (0.0, 2.0, 5.0, 7.0):
         first, second = (expose(image, noise, seed) for seed, image in enumerate(images))
         reference = dic.prepare(first, grid, SETTINGS)
-        current = cast.grey(second)
-        interpolator = cast.interpolator(current, ORDER[SETTINGS.interpolation])
+        current = interface.to_float32_grey(second)
+        interpolator = interface.interpolator(current, ORDER[SETTINGS.interpolation])
         iterations = solve(reference, interpolator, match(reference.coarse, current), SETTINGS).iterations.mean()
         m = dic.correlate(reference, second, SETTINGS, reference_frame=0, current_frame=1)
         ok = m.valid

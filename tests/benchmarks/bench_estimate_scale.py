@@ -5,9 +5,9 @@ processor time for each update and each estimate of the newest frame after 10, 1
 elimination, memory, and the batch of 15 pairs; ``--write`` puts the table into
 docs/validation/estimation.md. A thousand pairs take four minutes.
 
-``--live`` measures instead all that follows a correlation, `pipeline.update`: estimate, correction of the pair's frames and of earlier ones
-that moved, elastic constants, and everything that is published; and, by itself, what is due afterwards, `pipeline.reconsider`. After 15
-pairs of calibration all others are load steps: ten minutes.
+``--live`` measures instead all that follows a correlation, `pipeline.add_pair`: estimate, correction of the pair's frames and of earlier
+ones that moved, elastic constants, and everything that is published; and, by itself, what is due afterwards,
+`pipeline.review_hyperparameters`. After 15 pairs of calibration all others are load steps: ten minutes.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.settings import AnalysisSettings, EstimateSettings
-from semlive.estimate.sequence import chosen_anew
-from semlive.estimate.smooth import spreads
+from semlive.estimate.joint.elimination.smoother import pair_covariances
+from semlive.estimate.joint.solution.solver import selection_due
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "validation" / "estimation.md"
 BEGIN, END = "<!-- bench_estimate_scale: begin -->", "<!-- bench_estimate_scale: end -->"
@@ -87,11 +87,11 @@ def run(experiment: Experiment, count: int) -> tuple[estimate.EstimatorState, es
         before = state
         state, update_s = timed(lambda b=before, p=pair, t=times, m=maps: estimate.update(b, p, phase, t, m))
         spent.update_s.append(update_s)
-        if known is None or chosen_anew(pair + 1):
-            known, spent.chosen_s[pair + 1] = timed(lambda s=state, k=known: estimate.follow(s, k))
+        if known is None or selection_due(pair + 1):
+            known, spent.chosen_s[pair + 1] = timed(lambda s=state, k=known: estimate.solve_incremental(s, k))
             spent.newest_s.append(float("nan"))
         else:
-            known, newest_s = timed(lambda s=state, k=known: estimate.newest(s, k))
+            known, newest_s = timed(lambda s=state, k=known: estimate.solve_newest(s, k))
             spent.newest_s.append(newest_s)
         if (pair + 1) % 50 == 0:
             sys.stderr.write(f"{pair + 1}/{count}\n")
@@ -115,10 +115,10 @@ def table(count: int, whole: bool, step_px: int) -> list[str]:
         update_s, newest_s = float(np.median(spent.update_s[around])), float(np.nanmedian(spent.newest_s[around]))
         lines.append(f"| {shown} | {update_s:.3f} | {newest_s:.3f} | {update_s + newest_s:.3f} |")
     ran_mb = _peak_mb()
-    smoothed, smooth_s = timed(lambda: estimate.follow(state, known))
-    spread_s = min(timed(lambda: sum(1 for _ in spreads(smoothed.ending)))[1] for _ in range(AGAIN))
+    smoothed, smooth_s = timed(lambda: estimate.solve_incremental(state, known))
+    spread_s = min(timed(lambda: sum(1 for _ in pair_covariances(smoothed.shared_posterior)))[1] for _ in range(AGAIN))
     smoothed_mb = _peak_mb()
-    _, published_s = timed(lambda: estimate.estimate(smoothed, count))
+    _, published_s = timed(lambda: estimate.to_estimate(smoothed, count))
     anew = ""
     if whole:
         _, anew_s = timed(lambda: estimate.solve(state))
@@ -143,7 +143,7 @@ def live_table(count: int) -> list[str]:
     settings = replace(plain, specimen=replace(plain.specimen, area_mm2=1.0))
     taken = experiment.pairs
     steps = [one for one in taken if one.phase is Phase.TENSION]
-    begun, spent, revised = pipeline.begin_from_maps(settings, decision_of(taken[0], 0, settings).first, experiment.grid), [], []
+    begun, spent, revised = pipeline.start_from_maps(settings, decision_of(taken[0], 0, settings).first, experiment.grid), [], []
     due: dict[int, float] = {}
     for pair in range(count):
         like = taken[pair] if pair < len(taken) else steps[(pair - len(taken)) % len(steps)]
@@ -151,12 +151,12 @@ def live_table(count: int) -> list[str]:
         maps = tuple(
             replace(one, reference=one.reference and one.reference % 2 + first, current=one.current % 2 + first) for one in like.maps
         )
-        (begun, result), spent_s = timed(lambda b=begun, d=decision, m=maps: pipeline.update(b, d, m))
+        (begun, result), spent_s = timed(lambda b=begun, d=decision, m=maps: pipeline.add_pair(b, d, m))
         spent.append(spent_s)
-        (begun, anew), spent_s = timed(lambda b=begun: pipeline.reconsider(b))
+        (begun, anew), spent_s = timed(lambda b=begun: pipeline.review_hyperparameters(b))
         if anew:
             due[pair + 1] = spent_s
-        revised.append(len(result.revised) + (len(anew.revised) if anew else 0))
+        revised.append(len(result.revised_frames) + (len(anew.revised_frames) if anew else 0))
         if (pair + 1) % 50 == 0:
             sys.stderr.write(f"{pair + 1}/{count}\n")
     lines = ["| pairs | from maps to published results, s | slowest of ten | frames revised so far |", "|---|---|---|---|"]

@@ -26,17 +26,17 @@ from blind.scoring import at_least
 from numexp.world import SCAN
 
 from semlive.data.grid import Grid
-from semlive.diagnose.evidence import weigh
-from semlive.diagnose.foretelling import planned
-from semlive.diagnose.foretold import expected_odds, odds, predicted
-from semlive.diagnose.known import family_of
-from semlive.diagnose.named import ODDS
-from semlive.diagnose.noise import quiet
-from semlive.diagnose.propose import Kind
-from semlive.diagnose.refine import refined
-from semlive.diagnose.rehearsal import rehearsed
-from semlive_simulators.effects.protocol import Effect
-from semlive_simulators.scan import Scan
+from semlive.diagnose.baseline.bayes_factor import score_candidates
+from semlive.diagnose.baseline.model_effects import effect_class
+from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
+from semlive.diagnose.experiments.expected_odds import expected_odds, log_odds, predict_effect
+from semlive.diagnose.experiments.forecast import planned_run
+from semlive.diagnose.experiments.proposals import ExperimentKind
+from semlive.diagnose.experiments.simulated_run import simulate_baseline
+from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS
+from semlive.diagnose.maps.refinement import refined
+from semlive_simulators.effects.interfaces import Effect
+from semlive_simulators.microscope.scan import Scan
 
 PAGE = Path(__file__).parents[2] / "docs" / "validation" / "diagnosis.md"
 BEGIN, END = "<!-- foretold: begin -->\n", "<!-- foretold: end -->\n"
@@ -70,7 +70,7 @@ class Told:
 
     true: str
     other: str
-    kind: Kind
+    kind: ExperimentKind
     dwell: float
     foretold: float
     given: tuple[float, ...]
@@ -103,16 +103,21 @@ def compared(true: str, other: str, times: float, seed: int, second: int) -> Ite
     """All experiments after one run."""
     size_px = times * PROTOTYPE_PX[true]
     first = observed(Conditions(seed), hidden_effect(true, size_px, seed), GRID)
-    before = quiet(first)
-    rivals = [refined(before, one) for one in weigh(before, [family_of(true), family_of(other)])]
-    for kind, dwell in ((Kind.PARKED, 1.0), (Kind.AGAIN, 1.0), (Kind.OTHER_SCAN, 0.5), (Kind.OTHER_SCAN, 2.0)):
-        ahead = rehearsed(before, planned(first, kind, dwell))
-        foretold = expected_odds(ahead, [predicted(ahead, before, one) for one in rivals])[0, 1]
+    before = noise_scaled_baseline(first)
+    rivals = [refined(before, one) for one in score_candidates(before, [effect_class(true), effect_class(other)])]
+    for kind, dwell in (
+        (ExperimentKind.STATIONARY_SERIES, 1.0),
+        (ExperimentKind.REPEAT, 1.0),
+        (ExperimentKind.CHANGED_SCAN_TIMES, 0.5),
+        (ExperimentKind.CHANGED_SCAN_TIMES, 2.0),
+    ):
+        ahead = simulate_baseline(before, planned_run(first, kind, dwell))
+        foretold = expected_odds(ahead, [predict_effect(ahead, before, one) for one in rivals])[0, 1]
         given = []
         for number in range(second):
             own = SECOND_SEED + 100 * (seed - FIRST_SEED) + number
-            after = quiet(observed(_conditions(kind, dwell, own, seed), _effects(true, size_px, seed, own), GRID))
-            given.append(float(odds(after, [predicted(after, before, one) for one in rivals])[0, 1]))
+            after = noise_scaled_baseline(observed(_conditions(kind, dwell, own, seed), _effects(true, size_px, seed, own), GRID))
+            given.append(float(log_odds(after, [predict_effect(after, before, one) for one in rivals])[0, 1]))
         yield Told(true, other, kind, dwell, float(foretold), tuple(given))
 
 
@@ -120,8 +125,8 @@ def _effects(true: str, size_px: float, seed: int, own: int) -> tuple[Effect, ..
     return hidden_effect(true, size_px, own if true in DRAWN else seed)
 
 
-def _conditions(kind: Kind, dwell: float, seed: int, bent_like: int) -> Conditions:
-    parked = kind is Kind.PARKED
+def _conditions(kind: ExperimentKind, dwell: float, seed: int, bent_like: int) -> Conditions:
+    parked = kind is ExperimentKind.STATIONARY_SERIES
     given = Conditions(seed, calibration=10 if parked else 8, tension=0, bent_like=bent_like, parked=parked, scan=_scan(dwell))
     return replace(given, noise_px=given.noise_px / dwell**0.5)
 
@@ -141,7 +146,7 @@ def table(told: list[Told]) -> str:
         lines.append(f"| `{key[0]}` | `{key[1]}` | {what} | {mean:.1f} | {given.mean():.1f} | {given.min():.1f} |")
     lines.append("")
     for sure, said in ((True, "more than 20"), (False, "20 or less")):
-        given = [one for each in told if (each.foretold > ODDS) == sure for one in each.given]
+        given = [one for each in told if (each.foretold > MIN_LOG_ODDS) == sure for one in each.given]
         won = sum(one > 0.0 for one in given)
         if given:
             least = 100.0 * at_least(won, len(given))

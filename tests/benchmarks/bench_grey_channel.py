@@ -23,21 +23,21 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "dic"))
 from speckle import expose
 
 from semlive import dic
-from semlive.data.diagnosis import GreyChannel
+from semlive.data.diagnosis import IntensityDiagnosis
 from semlive.data.settings import DicSettings
-from semlive.diagnose.grey_channel import diagnose_grey
-from semlive.diagnose.grey_series import GreySeries, frame_of, pair_noise, reference_of
+from semlive.diagnose.intensity.frames import IntensityFrames, intensity_frame, intensity_reference, pair_noise
+from semlive.diagnose.intensity.verdict import diagnose_intensity
 from semlive_simulators.effects.charging_frame_ramp import ChargingFrameRamp
 from semlive_simulators.effects.charging_jump import ChargingJump
 from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
-from semlive_simulators.effects.composition import Effects
+from semlive_simulators.effects.composition import EffectSet
 from semlive_simulators.effects.contamination import Contamination
 from semlive_simulators.effects.defocus import Defocus
 from semlive_simulators.effects.gamma_change import GammaChange
-from semlive_simulators.effects.protocol import Effect
-from semlive_simulators.render import render_frame
+from semlive_simulators.effects.interfaces import Effect
+from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import Scenario, load_scenario
-from semlive_simulators.specimen import at_rest
+from semlive_simulators.specimen.specimen import at_rest
 
 PERCENT = (2, 5, 10)
 WIDE_PX = 5000.0
@@ -74,7 +74,7 @@ def rendered(pairs: int, size_px: tuple[int, int], *effects: Effect, yaw_rad: fl
     paper = load_scenario("paper_x200")
     detector = dataclasses.replace(paper.detector, read_noise=0.0, shot_noise=0.0, bits=16)
     scan = dataclasses.replace(paper.scan, width_px=size_px[0], height_px=size_px[1], frame_time_s=size_px[1] * paper.scan.row_time_s)
-    scenario = dataclasses.replace(paper, scan=scan, effects=Effects(effects), detector=detector)
+    scenario = dataclasses.replace(paper, scan=scan, effects=EffectSet(effects), detector=detector)
     column, images, starts, at_s = scenario.column(), [], [], 2.0
     for pair in range(pairs):
         load_n = 500.0 * max(0, pair + 1 - len(SHIFTS_PX))
@@ -89,7 +89,7 @@ def rendered(pairs: int, size_px: tuple[int, int], *effects: Effect, yaw_rad: fl
     return Run(scenario, tuple(images), tuple(starts))
 
 
-def series(run: Run, percent: float, seed: int) -> GreySeries:
+def series(run: Run, percent: float, seed: int) -> IntensityFrames:
     """Grey of the frames, exposed with noise and correlated."""
     scan = run.scenario.scan
     roi_px = (101, 101, 846, 696) if scan.width_px == 1024 else None
@@ -99,13 +99,15 @@ def series(run: Run, percent: float, seed: int) -> GreySeries:
     ready = dic.prepare(images[0], grid, settings)
     maps = [dic.correlate(ready, one, settings, reference_frame=0, current_frame=at) for at, one in enumerate(images[1:], start=1)]
     grey = [one.astype(np.float32) for one in images]
-    reference = reference_of(grey[0], grey[1], maps[0])
+    reference = intensity_reference(grey[0], grey[1], maps[0])
     assert reference is not None
-    frames = [frame_of(reference, grey[one.current], one, run.start_s[one.current] - run.start_s[0], scan.row_time_s) for one in maps]
-    return GreySeries(reference, tuple(frames), np.array([pair_noise(reference.blocks, grey[0], grey[1], maps[0])]))
+    frames = [
+        intensity_frame(reference, grey[one.current], one, run.start_s[one.current] - run.start_s[0], scan.row_time_s) for one in maps
+    ]
+    return IntensityFrames(reference, tuple(frames), np.array([pair_noise(reference.blocks, grey[0], grey[1], maps[0])]))
 
 
-def said(found: GreyChannel) -> str:
+def said(found: IntensityDiagnosis) -> str:
     """A verdict in a line."""
     effects = []
     for one in found.effects:
@@ -115,13 +117,13 @@ def said(found: GreyChannel) -> str:
     return f"{found.outcome.value} {'; '.join(effects)} {found.left} [noise {dark.value:.1f} + {slope.value:.3f} I]"
 
 
-def nulls(pairs: int, size_px: tuple[int, int], count: int) -> Iterator[tuple[str, GreyChannel]]:
+def nulls(pairs: int, size_px: tuple[int, int], count: int) -> Iterator[tuple[str, IntensityDiagnosis]]:
     """Verdicts where nothing is hidden that grey levels should name."""
     for yaw_rad in YAWS_RAD:
         run = rendered(pairs, size_px, yaw_rad=yaw_rad)
         for percent in PERCENT:
             for seed in range(count):
-                yield f"yaw {yaw_rad} rad, noise {percent} %, seed {seed}", diagnose_grey(series(run, percent, 2 + seed))
+                yield f"yaw {yaw_rad} rad, noise {percent} %, seed {seed}", diagnose_intensity(series(run, percent, 2 + seed))
 
 
 def main() -> None:
@@ -136,7 +138,7 @@ def main() -> None:
         run = rendered(asked.pairs, size_px, *effects)
         for percent in PERCENT:
             begin = time.process_time()
-            found = diagnose_grey(series(run, percent, 1))
+            found = diagnose_intensity(series(run, percent, 1))
             sys.stdout.write(f"{name}, noise {percent} %: {said(found)} [{time.process_time() - begin:.1f} s]\n")
             sys.stdout.flush()
     false, p_values = 0, []

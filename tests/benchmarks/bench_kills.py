@@ -32,8 +32,8 @@ import yaml
 from semlive.cli.demo import daemon_config
 from semlive.cli.simulator import running_simulator
 from semlive.errors import SemliveError
-from semlive.service.log_files import messages
-from semlive.service.tail import Tail
+from semlive.service.log.files import messages
+from semlive.service.log.tail import LogTail
 
 SCENARIO = """
 extends: paper_x200
@@ -80,7 +80,7 @@ class Operator:
     """Follows a run's log, over all its starts."""
 
     def __init__(self, log: Path) -> None:
-        self._log, self._tail = log, Tail(log)
+        self._log, self._tail = log, LogTail(log)
         self._states, self._asked = list[str](), 0
 
     def wait(self, process: subprocess.Popen[str], terminal: int, seconds: float, connected: bool = False) -> None:

@@ -26,8 +26,8 @@ import yaml
 
 from semlive.cli.demo import daemon_config
 from semlive.cli.simulator import running_simulator
-from semlive.formats.log import LogMessage
-from semlive.service.log_files import messages
+from semlive.formats.log.writer import LogMessage
+from semlive.service.log.files import messages
 
 HOLD_S = 30.0
 SMALL = """

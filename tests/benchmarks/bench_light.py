@@ -30,9 +30,9 @@ from numexp.world import HEIGHT_PX, WIDTH_PX
 from semlive import estimate
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
-from semlive.diagnose.light import Whiteness, whiteness
-from semlive.estimate.sequence import chosen_anew
-from semlive_simulators.effects.protocol import Effect
+from semlive.diagnose.residual_whiteness import Whiteness, test_whiteness
+from semlive.estimate.joint.solution.solver import selection_due
+from semlive_simulators.effects.interfaces import Effect
 
 
 def say(line: str) -> None:
@@ -46,17 +46,17 @@ def looks(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRID
     state, solution, decisions = estimate.init(EstimateSettings(), grid, WIDTH_PX, HEIGHT_PX), None, []
     for one in hidden(conditions, effects, grid):
         state = estimate.update(state, one.pose.pair, one.pose.phase, one.times, one.maps)
-        solution = estimate.live(state, solution)
+        solution = estimate.solve_live(state, solution)
         decisions.append(decided(one))
-        if chosen_anew(len(decisions)):
-            solution = estimate.follow(state, solution)
+        if selection_due(len(decisions)):
+            solution = estimate.solve_incremental(state, solution)
         began = time.process_time()
-        yield whiteness(solution, decisions), time.process_time() - began
+        yield test_whiteness(solution, decisions), time.process_time() - began
 
 
 def warned(conditions: Conditions, effects: tuple[Effect, ...]) -> Whiteness | None:
     """The first look of a run that warns."""
-    return next((found for found, _ in looks(conditions, effects) if found is not None and found.loudest is not None), None)
+    return next((found for found, _ in looks(conditions, effects) if found is not None and found.most_significant is not None), None)
 
 
 def nulls(first: int, beyond: int) -> None:
@@ -66,7 +66,7 @@ def nulls(first: int, beyond: int) -> None:
         found = warned(Case(NOTHING, (), 0.0, seed).conditions(), ())
         alarms += found is not None
         if found is not None:
-            say(f"seed {seed}: {found.told()[0]}")
+            say(f"seed {seed}: {found.messages()[0]}")
         if done % 10 == 0 or seed == beyond - 1:
             bound = float(beta.ppf(0.95, alarms + 1, done - alarms))
             say(f"{alarms} of {done} runs warned: at most {100 * bound:.1f} % (one-sided 95 %)")
@@ -76,7 +76,11 @@ def effects(size: float, seed: int) -> None:
     """Each effect once."""
     for name in DETECTABLE_PX:
         found = warned(Conditions(seed), hidden_effect(name, size * DETECTABLE_PX[name], seed))
-        told = "no warning" if found is None or found.loudest is None else f"after {found.pairs} pairs, by {found.loudest.domain}"
+        told = (
+            "no warning"
+            if found is None or found.most_significant is None
+            else f"after {found.pairs} pairs, by {found.most_significant.domain}"
+        )
         say(f"{name:32} {told}")
 
 

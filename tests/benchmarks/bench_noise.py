@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from semlive import dic
 from semlive.data.settings import DicSettings
-from semlive_simulators.column import Column
+from semlive_simulators.microscope.column import Column
 from semlive_simulators.scenario import load_scenario
-from semlive_simulators.specimen import at_rest
+from semlive_simulators.specimen.specimen import at_rest
 
 STARTS_S = {"paper_x200": (0.0, 2500.0, 5000.0), "paper_x10000": (0.0, 1000.0, 2200.0, 4200.0), "short": (0.0,)}
 DRAWS = 4

@@ -33,7 +33,7 @@ import numpy as np
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from semlive.data.loading import MotionState
-from semlive.formats.messages import (
+from semlive.formats.log.messages import (
     ElasticMessage,
     FileMessage,
     LoadSampleMessage,
@@ -41,9 +41,9 @@ from semlive.formats.messages import (
     RunMessage,
     StateMessage,
 )
-from semlive.service.clock import SystemClock
-from semlive.service.log_files import segment_path
-from semlive.service.record import Recorder
+from semlive.service.log.files import segment_path
+from semlive.service.log.recorder import Recorder
+from semlive.service.runtime.clock import SystemClock
 
 STATES = ("ramping", "settling", "holding", "imaging", "step_done")
 TICK_S = 0.05

@@ -22,11 +22,11 @@ from pathlib import Path
 
 import numpy as np
 
-from semlive.formats.log import LogWriter
-from semlive.formats.messages import SEM_ORIGINAL, FileMessage, LogLineMessage
-from semlive.service.clock import SystemClock
-from semlive.service.log_stream import PatientStream, open_new
-from semlive.service.record import Recorder
+from semlive.formats.log.messages import SEM_ORIGINAL, FileMessage, LogLineMessage
+from semlive.formats.log.writer import LogWriter
+from semlive.service.log.recorder import Recorder
+from semlive.service.log.stream import BufferedLogStream, open_new
+from semlive.service.runtime.clock import SystemClock
 
 BAR = 0.6
 
@@ -60,7 +60,7 @@ class ByWriter:
     """The log without its thread."""
 
     def __init__(self, path: Path) -> None:
-        self._stream = PatientStream(open_new(path))
+        self._stream = BufferedLogStream(open_new(path))
         self._writer = LogWriter(self._stream.as_binary())
 
     def take(self, number: int, image: bytes) -> None:
@@ -88,7 +88,7 @@ class ByRecorder:
         self._recorder.write("/log", LogLineMessage(time_ns=number, level="info", text="telemetry"))
         self._recorder.write("/sem/file", announced(number, len(image)))
         self._recorder.write(SEM_ORIGINAL, image, sequence=number)
-        if not self._recorder.flush_wait(60.0):
+        if not self._recorder.flush(60.0):
             sys.exit("the disk did not take an image within a minute")
 
     def close(self) -> None:

@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 from mcap.reader import make_reader
 
-from semlive.service.recover import Recovered, recover_segment
+from semlive.service.log.repair import RepairSummary, recover_segment
 
 PAGE = 4096
 KINDS = ("torn", "torn and rubbish", "bit", "page", "unfinished, bit", "unfinished, page")
@@ -97,7 +97,7 @@ def cases(data: bytes, messages: list[Standing], count: int, seed: int = 6) -> I
         yield Case(f"{kind} at {begin}", bytes(spoilt), [one for one in messages if one.chunk[1] <= begin or one.chunk[0] >= end])
 
 
-def held(case: Case, recovered: Recovered, all_keys: list[tuple[str, int, int, int, bytes]]) -> int:
+def held(case: Case, recovered: RepairSummary, all_keys: list[tuple[str, int, int, int, bytes]]) -> int:
     """Check a recovered log; how many messages it kept beyond what it must.
 
     Raises:

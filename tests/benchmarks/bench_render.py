@@ -10,9 +10,9 @@ import sys
 import time
 
 from semlive_simulators.effects.library import build_effects
-from semlive_simulators.render import render_frame
+from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import Scenario, load_scenario
-from semlive_simulators.specimen import at_rest
+from semlive_simulators.specimen.specimen import at_rest
 
 REPEATS = 3
 LOAD_N = 2200.0

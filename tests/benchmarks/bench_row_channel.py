@@ -22,16 +22,16 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "dic"))
 from speckle import expose
 
 from semlive import dic
-from semlive.data.diagnosis import RowChannel
+from semlive.data.diagnosis import RowDiagnosis
 from semlive.data.settings import DicSettings
-from semlive.diagnose.row_channel import diagnose_rows
-from semlive.diagnose.row_series import RowSeries, row_series
-from semlive_simulators.effects.composition import Effects
+from semlive.diagnose.rows.series import RowSeries, row_series
+from semlive.diagnose.rows.verdict import diagnose_rows
+from semlive_simulators.effects.composition import EffectSet
+from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.effects.mains_hum import MainsHum
-from semlive_simulators.effects.protocol import Effect
 from semlive_simulators.effects.row_jitter import RowJitter
 from semlive_simulators.effects.vibration import Vibration
-from semlive_simulators.render import render_frame
+from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import load_scenario
 
 PERCENT = (2, 5, 10)
@@ -49,7 +49,7 @@ def rendered(pairs: int, *effects: Effect) -> Frames:
     """Pairs of frames without noise."""
     paper = load_scenario("paper_x200")
     detector = dataclasses.replace(paper.detector, read_noise=0.0, shot_noise=0.0)
-    scenario = dataclasses.replace(paper, effects=Effects(effects), detector=detector)
+    scenario = dataclasses.replace(paper, effects=EffectSet(effects), detector=detector)
     column, rng = scenario.column(), np.random.default_rng(17)
     found, start_s = [], 2.0
     for frame in range(2 * pairs):
@@ -71,7 +71,7 @@ def registered(frames: Frames, percent: float, seed: int) -> list[RowSeries]:
     return series
 
 
-def said(found: RowChannel) -> str:
+def said(found: RowDiagnosis) -> str:
     """A verdict in a line."""
     effects = []
     for one in found.effects:

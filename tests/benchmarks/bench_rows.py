@@ -19,7 +19,7 @@ from speckle import Speckle, expose
 
 from semlive import dic
 from semlive.data.settings import DicSettings
-from semlive.dic.rows import register_rows, row_jitter
+from semlive.dic.row_registration import register_rows, row_jitter
 
 
 @dataclass(frozen=True, eq=False)

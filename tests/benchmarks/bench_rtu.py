@@ -27,7 +27,7 @@ from semlive.errors import LinkError
 from semlive_drivers.modbus.client import RtuLink
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.registers import Kind
-from semlive_drivers.modbus.rtu_line import RtuLine
+from semlive_drivers.modbus.rtu.line import RtuLine
 from semlive_drivers.serial_port import SerialSettings
 
 TIMEOUT_S = 0.04
@@ -57,7 +57,7 @@ def semlive_master(path: str) -> Read:
         try:
             return list(link.read(Block(Kind.HOLDING, address, count)))
         except LinkError:
-            while not link.recover():
+            while not link.resync():
                 pass
             return None
 

@@ -24,7 +24,7 @@ import yaml
 
 from semlive.cli.demo import daemon_config
 from semlive.cli.simulator import running_simulator
-from semlive.service.log_files import messages
+from semlive.service.log.files import messages
 
 SCENARIO = """
 extends: paper_x200

@@ -43,11 +43,11 @@ def concluded(experiment: Experiment, sigma_s: float, seed: int) -> RunResult:
     for taken in experiment.pairs:
         decision = decision_of(taken, taken.pair, AnalysisSettings())
         decision = replace(decision, first=astray(decision.first), second=astray(decision.second))
-        begun = begun or pipeline.begin_from_maps(AnalysisSettings(), decision.first, experiment.grid)
-        begun = pipeline.absorb(begun, decision, taken.maps)
+        begun = begun or pipeline.start_from_maps(AnalysisSettings(), decision.first, experiment.grid)
+        begun = pipeline.accumulate(begun, decision, taken.maps)
     if begun is None:
         raise ValueError("an experiment has pairs")
-    return pipeline.conclude(begun)
+    return pipeline.finalise(begun)
 
 
 def errors(experiment: Experiment, result: RunResult) -> dict[str, list[float]]:

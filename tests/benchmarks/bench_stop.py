@@ -24,9 +24,9 @@ import numpy as np
 
 from semlive.data.experiment import Limits
 from semlive.engine.events import Device, Event, LinkLost
-from semlive.service.clock import SystemClock
-from semlive.service.drivers import open_load_frame
-from semlive.service.link import LinkThread
+from semlive.service.control.device_link import DeviceLink
+from semlive.service.runtime.clock import SystemClock
+from semlive.service.runtime.drivers import open_load_frame
 
 CAMPAIGN = Path(__file__).resolve().parents[1] / "fault" / "campaign"
 POLL_S = 0.05
@@ -97,7 +97,7 @@ def measured(runs: int, workers: int) -> dict[str, object]:
         limits = Limits(-50.0, 900.0, -1.0, 1.0, 50.0, 900.0, 100.0)
         events: list[Event] = []
         clock = SystemClock()
-        link = LinkThread(
+        link = DeviceLink(
             Device.LOAD_FRAME,
             lambda: open_load_frame("modbus", {"map": "bench", "port": port}, clock),
             events.append,
@@ -111,7 +111,7 @@ def measured(runs: int, workers: int) -> dict[str, object]:
             frame.stdin.write(f"{chance.uniform(0.3, 0.5)}\n")
             frame.stdin.flush()
             while not _ready(frame):
-                link.feed()
+                link.keep_alive()
                 time.sleep(POLL_S)
             reading_s, violation_s = (float(word) for word in frame.stdout.readline().split())
             assert reading_s >= 0.0, f"no stop within 5 s; {events[-3:]}"

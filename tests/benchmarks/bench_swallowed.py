@@ -27,10 +27,10 @@ from blind.observing import observed
 
 from semlive.data.diagnosis import Diagnosis
 from semlive.data.grid import Grid
-from semlive.diagnose.baseline import Ladder
-from semlive.diagnose.judge import diagnose
-from semlive.diagnose.noise import modes, quiet
-from semlive.diagnose.observation import Observation
+from semlive.diagnose.baseline.baseline import HyperparameterGrid
+from semlive.diagnose.baseline.noise_scale import modes, noise_scaled_baseline
+from semlive.diagnose.baseline.observation import Observation
+from semlive.diagnose.maps.verdict import diagnose
 
 COEFFICIENTS = 6
 """Of the spline over pairs at every position."""
@@ -58,7 +58,7 @@ def experiment(name: str, peak_px: float, conditions: Conditions, grid: Grid = G
 
 def swallowed(seen: Observation) -> Swallowed:
     """Fit both."""
-    bare = quiet(seen)
+    bare = noise_scaled_baseline(seen)
     whole = _between(bare.design.whiten(seen.disparity_px))
     left = _between(bare.residual())
     local = _local(whole)
@@ -83,18 +83,18 @@ def _local(whole: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(basis @ np.linalg.lstsq(basis, flat, rcond=None)[0]).reshape(whole.shape)
 
 
-def _smooth(bare: Ladder) -> NDArray[np.float64]:
+def _smooth(bare: HyperparameterGrid) -> NDArray[np.float64]:
     """(b, m) smooth shapes, all but a shift."""
-    return modes(bare.design.observation.scene).mean(axis=0)[:, 1:]
+    return modes(bare.design.observation.geometry).mean(axis=0)[:, 1:]
 
 
-def _misfit(bare: Ladder, left: NDArray[np.float64]) -> float:
+def _misfit(bare: HyperparameterGrid, left: NDArray[np.float64]) -> float:
     white = bare.design.whiten.inverse @ _smooth(bare)
     basis = np.linalg.qr(white)[0]
     return float(np.mean((basis.T @ left) ** 2))
 
 
-def _px(bare: Ladder, white: NDArray[np.float64]) -> NDArray[np.float64]:
+def _px(bare: HyperparameterGrid, white: NDArray[np.float64]) -> NDArray[np.float64]:
     return bare.design.whiten.factor @ white * bare.design.whiten.sigma_px * np.sqrt(2.0)
 
 

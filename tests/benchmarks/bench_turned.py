@@ -29,11 +29,11 @@ from blind.scoring import at_least, at_most
 from numexp.world import HEIGHT_PX, SCAN, WIDTH_PX
 
 from semlive.data.grid import Grid
-from semlive.diagnose.decide import decide
-from semlive.diagnose.noise import quiet
-from semlive.diagnose.protocols import REACH_PX, square_px
+from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
+from semlive.diagnose.experiments.protocols import REACH_PX, square_px
+from semlive.diagnose.two_runs.decide import compare_runs
 from semlive_simulators.effects.anisotropic_pixel import AnisotropicPixel
-from semlive_simulators.effects.protocol import Effect
+from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.effects.scan_nonlinearity import ScanNonlinearity
 from semlive_simulators.effects.scan_nonorthogonality import ScanNonorthogonality
 from semlive_simulators.effects.stage_backlash import StageBacklash
@@ -150,9 +150,9 @@ class Hidden:
     def verdict(self) -> dict[str, Any]:
         """Of both runs."""
         begin = time.process_time()
-        runs = [quiet(observed(one, self.effects(), SEEN)) for one in self.conditions()]
+        runs = [noise_scaled_baseline(observed(one, self.effects(), SEEN)) for one in self.conditions()]
         made_s = time.process_time()
-        found = decide(runs)
+        found = compare_runs(runs)
         took_s = time.process_time() - made_s
         axes, (e, skew) = found.turned, self.axes()
         assert axes is not None, f"{self.key}: the turn was not seen"
@@ -164,7 +164,7 @@ class Hidden:
             "evidence": dict(found.evidence),
             "apart": found.apart,
             "follows": axes.follows,
-            "turn_off_rad": [axes.turn.value - self.conditions()[1].scan.rotation_rad, axes.turn.sigma],
+            "turn_off_rad": [axes.angle_rad.value - self.conditions()[1].scan.rotation_rad, axes.angle_rad.sigma],
             "x_excess": [axes.x_excess.value, axes.x_excess.sigma, e],
             "skew": [axes.skew.value, axes.skew.sigma, skew],
             "parameters": {item.name: [item.value, item.sigma] for one in found.effects for item in one.parameters},

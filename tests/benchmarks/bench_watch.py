@@ -25,9 +25,9 @@ from pathlib import Path
 import numpy as np
 
 from semlive.data.frame import ExportedFile
-from semlive.service.folder import FileRefused, Folder, WatchSettings
-from semlive_simulators.exporters.facts import ImageFacts, Product
-from semlive_simulators.exporters.settings import Export, Style, Vendor
+from semlive.service.watch.export_folder import ExportFolder, RejectedFile, WatchSettings
+from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata
+from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.scenario import load_scenario
 
 STABLE_S, GIVE_UP_S, SIDECAR_S, MAX_BYTES = 2, 20, 30, 60_000
@@ -71,10 +71,10 @@ class Scene:
     """Where the watch sees the folder, if not at `path`: on another computer's side of a share."""
     expected: dict[str, Expected] = field(default_factory=dict)
     files: list[ExportedFile] = field(default_factory=list)
-    refused: list[FileRefused] = field(default_factory=list)
+    refused: list[RejectedFile] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
     troubles: list[str] = field(default_factory=list)
-    folder: Folder = field(init=False)
+    folder: ExportFolder = field(init=False)
     made: int = 0
 
     def open(self) -> None:
@@ -87,10 +87,10 @@ class Scene:
             max_bytes=MAX_BYTES,
             vendor=self.vendor,
         )
-        self.folder = Folder(settings, self.clock, self.files.append, self.refused.append, self.troubles.append, self.notices.append)
+        self.folder = ExportFolder(settings, self.clock, self.files.append, self.refused.append, self.troubles.append, self.notices.append)
         self.folder.open()
 
-    def product(self, vendor: Vendor | None = None, scale: int = 1) -> tuple[str, Product]:
+    def product(self, vendor: Vendor | None = None, scale: int = 1) -> tuple[str, EncodedFrame]:
         """A new file and its name."""
         vendor = vendor or self.vendors[int(self.rng.integers(len(self.vendors)))]
         self.made += 1
@@ -99,8 +99,8 @@ class Scene:
             SCAN, width_px=SCAN.width_px * scale, height_px=SCAN.height_px * scale, frame_time_s=SCAN.frame_time_s * scale**2
         )
         image = self.rng.integers(1, 256, (scan.height_px, scan.width_px), dtype=np.uint8)
-        facts = ImageFacts(scan, self.clock.ns, 0.0, 0.0, self.made, name)
-        return name, Export(Style.DIRECT, 0.0, 1.0, 1, 0, "x", vendor).encode(image, facts)
+        facts = ImageMetadata(scan, self.clock.ns, 0.0, 0.0, self.made, name)
+        return name, Export(WriteStyle.DIRECT, 0.0, 1.0, 1, 0, "x", vendor).encode(image, facts)
 
     def expect(self, pattern: str, name: str, data: bytes | None, *refusals: str, sidecar: bytes | None = None) -> None:
         """Say what must come of a name."""
@@ -113,7 +113,7 @@ class Scene:
         when = self.clock.ns if mtime_ns is None else mtime_ns
         os.utime(path, ns=(when, when))
 
-    def text_of(self, name: str, made: Product) -> None:
+    def text_of(self, name: str, made: EncodedFrame) -> None:
         """The text beside it, if its vendor writes one."""
         if made.sidecar is not None:
             self.write(Path(name).with_suffix(".txt").name, made.sidecar)
@@ -374,7 +374,7 @@ def wrong_verdicts(scene: Scene) -> list[str]:
         told = len(refusals) == len(want.refusals) and all(part in one for part, one in zip(want.refusals, refusals, strict=False))
         if not (whole and told):
             wrong.append(f"{name} ({want.pattern}): taken {len(came)} times, refused {refusals}")
-    if [one.export for one in scene.files] != list(range(len(scene.files))):
+    if [one.index for one in scene.files] != list(range(len(scene.files))):
         wrong.append("exports are not numbered in order")
     return wrong
 

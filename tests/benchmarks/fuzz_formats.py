@@ -34,11 +34,12 @@ import tifffile
 from semlive.data.frame import ExportedFile
 from semlive.data.settings import ScanProfile, ScanSpeed
 from semlive.errors import BadInput
-from semlive.formats import check_complete, check_finished, may_be_unfinished, read_frame, tiff
-from semlive.formats.inspection import as_json, inspect_file, inspect_sidecar
+from semlive.formats import check_complete, check_finished, ends_like_partial_file, read_frame
+from semlive.formats.images.inspection import as_json, inspect_file, inspect_sidecar
+from semlive.formats.vendors import tiff
 from semlive_simulators.exporters import fei as fei_exporter
-from semlive_simulators.exporters.facts import ImageFacts
-from semlive_simulators.exporters.settings import Export, Style, Vendor
+from semlive_simulators.exporters.image_metadata import ImageMetadata
+from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.scenario import load_scenario
 
 MTIME_NS = 1_772_439_825_123_456_789
@@ -104,10 +105,10 @@ def seeds(samples: Path | None = None) -> list[Seed]:
     image = np.random.default_rng(0).integers(0, 256, (24, 32), dtype=np.uint8)
     found: list[Seed] = []
     for vendor in Vendor:
-        facts = ImageFacts(small, MTIME_NS, 1.0, 2.0, 3, "a.tif")
-        made = Export(Style.DIRECT, 0.0, 1.0, 1, 4, "a", vendor).encode(image, facts)
+        facts = ImageMetadata(small, MTIME_NS, 1.0, 2.0, 3, "a.tif")
+        made = Export(WriteStyle.DIRECT, 0.0, 1.0, 1, 4, "a", vendor).encode(image, facts)
         found.append(_seed(made.image, made.sidecar))
-    tail = fei_exporter.fei_text(ImageFacts(small, MTIME_NS, 0, 0, 0), 0)
+    tail = fei_exporter.fei_text(ImageMetadata(small, MTIME_NS, 0, 0, 0), 0)
     found.append(_seed(_small_tiff(image, []) + tail.encode(), None))
     return found + ([] if samples is None else [seed for path in sorted(samples.iterdir()) for seed in _of_sample(path, image)])
 
@@ -224,7 +225,7 @@ def run_with(data: bytes, sidecar: bytes | None, profile: ScanProfile, tally: Ta
     """Everything that a run does with an exported file."""
     file = ExportedFile(0, "x.tif", data, "", MTIME_NS, MTIME_NS, sidecar)
     if check_complete(data) is None:
-        may_be_unfinished(data)
+        ends_like_partial_file(data)
     check_finished(file, profile, "jeol" if tally.inputs % 4 else None)
     try:
         frame = read_frame(file, profile)

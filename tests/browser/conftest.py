@@ -21,7 +21,7 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from semlive.cli.demo import daemon_config
 from semlive.cli.simulator import running_simulator
-from semlive.service.log_files import messages
+from semlive.service.log.files import messages
 
 # A browser on two busy cores; where a page must be quick, its test says how quick.
 expect.set_options(timeout=30_000)

@@ -21,13 +21,13 @@ from playwright.sync_api import Page, expect
 
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.grid import Grid
-from semlive.engine import Verb
-from semlive.formats.maps import encode_map
-from semlive.formats.messages import DIC_MAP, SEM_ORIGINAL, FaultMessage, FileMessage, OperatorMessage, RunMessage, StateMessage
-from semlive.service.clock import SystemClock
-from semlive.service.door import Address, Door, token_digest
-from semlive.service.log_files import segment_path
-from semlive.service.record import Recorder
+from semlive.engine import OperatorCommand
+from semlive.formats.log.maps import encode_map
+from semlive.formats.log.messages import DIC_MAP, SEM_ORIGINAL, FaultMessage, FileMessage, OperatorMessage, RunMessage, StateMessage
+from semlive.service.control.socket import ControlSocket, SocketAddress, token_digest
+from semlive.service.log.files import segment_path
+from semlive.service.log.recorder import Recorder
+from semlive.service.runtime.clock import SystemClock
 
 
 @dataclass
@@ -35,10 +35,10 @@ class Run:
     """A log that grows and a door that notes what it hears, with a page over both."""
 
     port: int
-    control: Address
+    control: SocketAddress
     recorder: Recorder
     clock: SystemClock
-    heard: list[tuple[Verb | str, str]] = field(default_factory=list)
+    heard: list[tuple[OperatorCommand | str, str]] = field(default_factory=list)
 
     def ask(self, method: str, path: str, body: bytes = b"", **headers: str) -> tuple[int, str]:
         line = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
@@ -62,7 +62,7 @@ class Run:
         told = FileMessage(export=number, name=name, size=4, sha256="", mtime_ns=0, arrival_time_ns=0, decision="arrived", reason="")
         self.recorder.write(SEM_ORIGINAL, b"none", sequence=number)
         self.recorder.write("/sem/file", told)
-        self.recorder.flush_wait()
+        self.recorder.flush()
 
     def enter(self, state: str) -> None:
         now_ns = self.clock.now_ns()
@@ -72,8 +72,8 @@ class Run:
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     folder = tmp_path_factory.mktemp("run")
-    heard: list[tuple[Verb | str, str]] = []
-    opened: queue.Queue[tuple[Address, Callable[[], object]]] = queue.Queue()
+    heard: list[tuple[OperatorCommand | str, str]] = []
+    opened: queue.Queue[tuple[SocketAddress, Callable[[], object]]] = queue.Queue()
     listening = threading.Thread(target=lambda: asyncio.run(listen(heard, opened.put)))
     listening.start()
     control, leave = opened.get(timeout=60)
@@ -91,9 +91,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     listening.join()
 
 
-async def listen(heard: list[tuple[Verb | str, str]], opened: Callable[[tuple[Address, Callable[[], object]]], object]) -> None:
+async def listen(
+    heard: list[tuple[OperatorCommand | str, str]], opened: Callable[[tuple[SocketAddress, Callable[[], object]]], object]
+) -> None:
     """A door, until it is left."""
-    door = Door(
+    door = ControlSocket(
         lambda verb, by: heard.append((verb, by)),
         lambda question, line: (question, line) == ("terminal.1", "5"),
         lambda alarm, by: alarm != "6" and not heard.append((alarm, by)),
@@ -111,7 +113,7 @@ def page_of(folder: Path, *options: str) -> subprocess.Popen[bytes]:
 
 def test_the_page_and_the_token_steer(run: Run) -> None:
     assert run.say({"say": "pause"})[0] == 200
-    assert run.heard.pop() == (Verb.PAUSE, "page at 127.0.0.1")
+    assert run.heard.pop() == (OperatorCommand.PAUSE, "page at 127.0.0.1")
     assert run.say({"question": "terminal.1", "answer": "5"})[0] == 200
     assert run.say({"acknowledge": "5"})[0] == 200
     assert run.heard.pop() == ("5", "page at 127.0.0.1")
@@ -237,7 +239,7 @@ def test_abort_asks_and_keys_are_enough(run: Run, tab: Callable[..., Page]) -> N
         if run.heard:
             break
         page.wait_for_timeout(100)
-    assert [verb for verb, _ in run.heard] == [Verb.ABORT]
+    assert [verb for verb, _ in run.heard] == [OperatorCommand.ABORT]
     run.heard.clear()
 
 
@@ -254,7 +256,7 @@ def test_an_abort_is_heard_however_quickly_the_question_was_asked_before(run: Ru
                 }
             }"""
         )
-    assert [verb for verb, _ in run.heard] == [Verb.ABORT]
+    assert [verb for verb, _ in run.heard] == [OperatorCommand.ABORT]
     run.heard.clear()
 
 
@@ -273,7 +275,7 @@ def test_a_token_is_for_what_was_asked_last_however_quickly_it_was_asked_for_bef
             }""",
             run.control.token,
         )
-    assert [verb for verb, _ in run.heard] == [Verb.STOP]
+    assert [verb for verb, _ in run.heard] == [OperatorCommand.STOP]
     run.heard.clear()
 
 
@@ -285,7 +287,7 @@ def test_enter_keeps_a_token(run: Run, tab: Callable[..., Page]) -> None:
     page.get_by_role("textbox", name="Token").fill(run.control.token)
     with page.expect_response("**/say"):
         page.keyboard.press("Enter")
-    assert [verb for verb, _ in run.heard] == [Verb.PAUSE]
+    assert [verb for verb, _ in run.heard] == [OperatorCommand.PAUSE]
     run.heard.clear()
 
 
@@ -302,7 +304,7 @@ def test_the_refusal_of_an_old_token_does_not_take_the_new_one_away(run: Run, ta
     expect(page.locator("#answer")).to_contain_text("the token is not that of this run")
     with page.expect_response("**/say"):
         page.get_by_role("button", name="Pause").click()
-    assert [verb for verb, _ in run.heard] == [Verb.PAUSE]
+    assert [verb for verb, _ in run.heard] == [OperatorCommand.PAUSE]
     run.heard.clear()
 
 
@@ -310,7 +312,7 @@ def test_a_map_on_its_way_lends_its_name_and_unit_to_no_other(run: Run, tab: Cal
     half, ones = np.full((3, 4), 0.5), np.ones((3, 4))
     ready = np.full((3, 4), PoiStatus.CONVERGED, dtype=np.uint8)
     run.recorder.write(DIC_MAP, encode_map(DisparityMap(0, 1, Grid(10, 10, 5, 4, 3, 21), half, half, half, half, ones, ready)))
-    run.recorder.flush_wait()
+    run.recorder.flush()
     page, held = tab(), []
     page.goto(f"http://127.0.0.1:{run.port}/")
     told = page.locator("#map-now")
@@ -357,7 +359,7 @@ def test_readers_of_screens_are_told_of_a_map_on_its_way(run: Run, tab: Callable
     half, ones = np.full((3, 4), 0.5), np.ones((3, 4))
     ready = np.full((3, 4), PoiStatus.CONVERGED, dtype=np.uint8)
     run.recorder.write(DIC_MAP, encode_map(DisparityMap(0, 1, Grid(10, 10, 5, 4, 3, 21), half, half, half, half, ones, ready)))
-    run.recorder.flush_wait()
+    run.recorder.flush()
     page, held = tab(), []
     page.route("**/field/**", lambda route: held.append(route))
     with page.expect_request("**/field/**"):
@@ -373,7 +375,7 @@ def raised(run: Run, code: str, what: str) -> str:
     """An alarm is written; gives its identity."""
     now_ns = run.clock.now_ns()
     run.recorder.write("/fault", FaultMessage(time_ns=now_ns, what=what, where="load frame", action="stopped", code=code))
-    run.recorder.flush_wait()
+    run.recorder.flush()
     return str(now_ns)
 
 
@@ -382,7 +384,7 @@ def acknowledged(run: Run, identity: str) -> None:
     assert run.heard.pop() == (identity, "page at 127.0.0.1")
     args = {"alarm": identity, "by": "page at 127.0.0.1"}
     run.recorder.write("/operator", OperatorMessage(time_ns=run.clock.now_ns(), what="acknowledge", args=args))
-    run.recorder.flush_wait()
+    run.recorder.flush()
 
 
 def test_an_alarm_is_shown_to_everybody_until_it_is_acknowledged(

@@ -15,8 +15,8 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page, expect
 
-from semlive.formats.log import LogWriter
-from semlive.service.log_files import messages
+from semlive.formats.log.writer import LogWriter
+from semlive.service.log.files import messages
 
 Tab = Callable[..., Page]
 Shoot = Callable[[Page, str], None]

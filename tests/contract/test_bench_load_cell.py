@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
-from semlive_simulators.clockwork import BenchClock
-from semlive_simulators.load_frame.lines import ascii_line, rtu_line
+from semlive_simulators.bench_clock import BenchClock
 from semlive_simulators.load_frame.registers import f32, read_f32
+from semlive_simulators.load_frame.serial_lines import ascii_line, rtu_line
 from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
-from semlive_simulators.machine import Machine
+from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import BadScenario, load_scenario
-from semlive_simulators.sem import Sem
+from semlive_simulators.specimen.machine import LoadTrain
 
 RATE = 100.0
 COARSE = "extends: paper_x200\nscan: {width_px: 64, height_px: 55, frame_time_s: 6.0}\nload_frame: {cell_resolution_n: 2.5}\n"
@@ -33,11 +33,11 @@ def line(request: pytest.FixtureRequest) -> str:
 
 
 @contextlib.contextmanager
-def served(tmp_path: Path) -> Iterator[tuple[ModbusTcpClient, ModbusSerialClient, int, Machine]]:
+def served(tmp_path: Path) -> Iterator[tuple[ModbusTcpClient, ModbusSerialClient, int, LoadTrain]]:
     (tmp_path / "coarse.yaml").write_text(COARSE)
     scenario = load_scenario(str(tmp_path / "coarse.yaml"))
     clock = BenchClock(RATE, lambda _: None)
-    machine = Machine(scenario, clock.start_ns)
+    machine = LoadTrain(scenario, clock.start_ns)
     machine.read(clock.start_ns)  # loads compiled code, which takes longer than a client waits when the computer is busy
     registers = BenchRegisters(scenario, clock, machine, Sem(scenario, clock, machine, tmp_path, True, lambda _: None, lambda _: None))
     server = ModbusThread(registers, 0)
@@ -97,8 +97,8 @@ def test_every_line_says_whole_steps_of_the_load_cell(tmp_path: Path, line: str)
 def test_a_reading_is_the_nearest_step_and_none_by_default() -> None:
     paper = load_scenario("paper_x200")
     assert paper.load_frame.cell_resolution_n == 0.0
-    finest = Machine(paper, 0)
-    coarse = Machine(dataclasses.replace(paper, load_frame=dataclasses.replace(paper.load_frame, cell_resolution_n=2.5)), 0)
+    finest = LoadTrain(paper, 0)
+    coarse = LoadTrain(dataclasses.replace(paper, load_frame=dataclasses.replace(paper.load_frame, cell_resolution_n=2.5)), 0)
     for machine in (finest, coarse):
         machine.ramp_to(777.0, 100.0)
     for second in range(1, 12):

@@ -11,17 +11,17 @@ from pathlib import Path
 import pytest
 from pymodbus.client import ModbusTcpClient
 
-from semlive_simulators.clockwork import BenchClock
-from semlive_simulators.frames import main
+from semlive_simulators.bench_clock import BenchClock
+from semlive_simulators.load_frame.fault_schedule import MachineFault
 from semlive_simulators.load_frame.registers import f32, read_f32
-from semlive_simulators.load_frame.schedule import Mishap
 from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
-from semlive_simulators.machine import Machine
+from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import load_scenario
-from semlive_simulators.sem import Sem
+from semlive_simulators.simulate import main
+from semlive_simulators.specimen.machine import LoadTrain
 
 RATE = 100.0
-ORDERS = {mishap: 101 + place for place, mishap in enumerate(Mishap)}
+ORDERS = {mishap: 101 + place for place, mishap in enumerate(MachineFault)}
 
 
 @dataclass
@@ -29,7 +29,7 @@ class Served:
     """A bench behind a client; reading advances it."""
 
     client: ModbusTcpClient
-    machine: Machine
+    machine: LoadTrain
 
     def inputs(self, address: int, count: int) -> list[int]:
         answer = self.client.read_input_registers(address, count=count, device_id=UNIT)
@@ -39,7 +39,7 @@ class Served:
     def value(self, address: int) -> float:
         return read_f32(self.inputs(address, 2))
 
-    def order(self, what: Mishap, count: int = 0, hundredths: int = 0) -> None:
+    def order(self, what: MachineFault, count: int = 0, hundredths: int = 0) -> None:
         assert not self.client.write_registers(900, [ORDERS[what], 0, count, hundredths], device_id=UNIT).isError()
 
     def go(self, force_n: float, rate_n_s: float = 100.0) -> None:
@@ -65,7 +65,7 @@ def bench(tmp_path: Path) -> Iterator[Served]:
         paper, load_frame=frame, scan=dataclasses.replace(paper.scan, width_px=64, height_px=55, frame_time_s=6.0)
     )
     clock = BenchClock(RATE, lambda _: None)
-    machine = Machine(scenario, clock.start_ns)
+    machine = LoadTrain(scenario, clock.start_ns)
     machine.read(clock.start_ns)  # loads compiled code, which takes longer than a client waits when the computer is busy
     sem = Sem(scenario, clock, machine, tmp_path, True, lambda _: None, lambda _: None)
     server = ModbusThread(BenchRegisters(scenario, clock, machine, sem), 0)
@@ -86,7 +86,7 @@ def test_the_numbers_are_those_of_the_page() -> None:
 
 def test_a_pressed_emergency_stop_is_released_by_time_or_by_word(bench: Served) -> None:
     bench.go(2000.0)
-    bench.order(Mishap.EMERGENCY_STOP, hundredths=60_000)
+    bench.order(MachineFault.EMERGENCY_STOP, hundredths=60_000)
     bench.until(lambda: bench.inputs(300, 1) == [4])
     assert bench.inputs(3, 1) == [2]
     bench.client.write_register(4, 2, device_id=UNIT)
@@ -100,7 +100,7 @@ def test_a_pressed_emergency_stop_is_released_by_time_or_by_word(bench: Served) 
 def test_a_limit_switch_trips(bench: Served) -> None:
     bench.go(2000.0)
     bench.until(lambda: bench.value(4) > 100.0)
-    bench.order(Mishap.LIMIT_SWITCH)
+    bench.order(MachineFault.LIMIT_SWITCH)
     bench.until(lambda: bench.inputs(300, 1) == [3])
     bench.go(0.0, rate_n_s=1.0)  # a second at least, in which it is seen moving
     assert bench.inputs(3, 1) == [1]
@@ -110,7 +110,7 @@ def test_the_grips_slip_by_as_much_as_ordered(bench: Served) -> None:
     bench.load(1500.0)
     bench.client.write_register(4, 2, device_id=UNIT)
     before_n = bench.value(4)
-    bench.order(Mishap.GRIP_SLIP, count=40)
+    bench.order(MachineFault.GRIP_SLIP, count=40)
     stiffness_n_mm = 1 / (1 / load_scenario("paper_x200").specimen.stiffness_n_mm + 1 / 8000)
     bench.until(lambda: bench.value(4) < before_n - 100.0)
     assert before_n - bench.value(4) == pytest.approx(0.04 * stiffness_n_mm, abs=12)
@@ -118,7 +118,7 @@ def test_the_grips_slip_by_as_much_as_ordered(bench: Served) -> None:
 
 def test_a_broken_specimen_lets_load_control_run_to_the_switch(bench: Served) -> None:
     bench.load(1000.0)
-    bench.order(Mishap.FRACTURE)
+    bench.order(MachineFault.FRACTURE)
     bench.until(lambda: abs(bench.value(4)) < 10.0)
     bench.go(1000.0)
     bench.until(lambda: bench.inputs(300, 1) == [3])
@@ -128,7 +128,7 @@ def test_a_broken_specimen_lets_load_control_run_to_the_switch(bench: Served) ->
 def test_a_stalled_stage_is_a_fault_until_its_next_order(bench: Served) -> None:
     bench.client.write_registers(100, [*f32(1900.0), *f32(0.0), 1, 3], device_id=UNIT)
     bench.until(lambda: bench.value(101) > 20.0)
-    bench.order(Mishap.STAGE_STALL)
+    bench.order(MachineFault.STAGE_STALL)
     bench.until(lambda: bench.inputs(100, 1) == [2])
     stuck_um = bench.value(101)
     assert stuck_um < 1800.0
@@ -140,7 +140,7 @@ def test_a_stalled_stage_is_a_fault_until_its_next_order(bench: Served) -> None:
 
 
 def test_frozen_readings_stand_still_with_their_counter_while_the_machine_goes_on(bench: Served) -> None:
-    bench.order(Mishap.FROZEN_READINGS, hundredths=60_000)
+    bench.order(MachineFault.FROZEN_READINGS, hundredths=60_000)
     bench.until(lambda: bench.inputs(10, 2) == bench.inputs(10, 2))
     first, gage = bench.inputs(4, 8), bench.inputs(301, 4)
     stage_count = bench.inputs(105, 2)
@@ -156,7 +156,7 @@ def test_frozen_readings_stand_still_with_their_counter_while_the_machine_goes_o
 
 
 def test_a_gage_with_a_broken_wire_says_nothing(bench: Served) -> None:
-    bench.order(Mishap.GAGE_OFF, hundredths=60_000)
+    bench.order(MachineFault.GAGE_OFF, hundredths=60_000)
     bench.until(lambda: bench.value(301) != bench.value(301))
     assert abs(bench.value(4)) < 10.0
     bench.client.write_registers(900, [0, 0, 0, 0], device_id=UNIT)

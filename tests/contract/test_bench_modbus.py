@@ -13,12 +13,12 @@ from pathlib import Path
 import pytest
 from pymodbus.client import ModbusTcpClient
 
-from semlive_simulators.clockwork import BenchClock
+from semlive_simulators.bench_clock import BenchClock
 from semlive_simulators.load_frame.registers import f32, read_f32
 from semlive_simulators.load_frame.server import BenchRegisters, ModbusThread
-from semlive_simulators.machine import Machine
+from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import load_scenario
-from semlive_simulators.sem import Sem
+from semlive_simulators.specimen.machine import LoadTrain
 
 RATE = 100.0
 DATATYPE = ModbusTcpClient.DATATYPE
@@ -30,7 +30,7 @@ class Served:
 
     client: ModbusTcpClient
     registers: BenchRegisters
-    machine: Machine
+    machine: LoadTrain
     port: int
 
     def inputs(self, address: int, count: int) -> list[int]:
@@ -58,7 +58,7 @@ def bench(tmp_path: Path, mode: str) -> Iterator[Served]:
     paper = load_scenario("paper_x200")
     scenario = dataclasses.replace(paper, scan=dataclasses.replace(paper.scan, width_px=256, height_px=221, frame_time_s=6.63))
     clock = BenchClock(RATE, lambda _: None)
-    machine = Machine(scenario, clock.start_ns)
+    machine = LoadTrain(scenario, clock.start_ns)
     machine.read(clock.start_ns)  # loads compiled code, which takes longer than a client waits when the computer is busy
     failures: list[BaseException] = []
     sem = Sem(scenario, clock, machine, tmp_path, mode == "triggered", lambda _: None, failures.append)
@@ -123,7 +123,7 @@ def test_the_watchdog_counts_wall_time_and_is_fed_by_changes_only(bench: Served)
         time.sleep(0.1)
         bench.client.write_registers(6, [9], device_id=1)
     assert bench.registers.watchdog.expired
-    bench.machine.expire()
+    bench.machine.trip_watchdog()
     assert bench.inputs(3, 1) == [2]
     bench.client.write_registers(6, [10], device_id=1)
     assert not bench.registers.watchdog.expired
@@ -165,7 +165,7 @@ def test_a_strain_gage_says_the_strain_and_a_fault_its_reason(bench: Served) -> 
     bench.until(lambda: bench.inputs(3, 1) == [0])
     said = read_f32(bench.inputs(301, 2))
     assert said == pytest.approx(1.005 * 1000.0 / 711_000 + 4e-6, abs=16e-6)
-    bench.machine.expire()
+    bench.machine.trip_watchdog()
     assert bench.inputs(3, 1) == [2]
     assert bench.inputs(300, 1) == [2]
 

@@ -15,15 +15,15 @@ from pathlib import Path
 import pytest
 from pymodbus.client import ModbusSerialClient
 
-from semlive_simulators.clockwork import BenchClock
-from semlive_simulators.load_frame.lines import ascii_line, rtu_line
+from semlive_simulators.bench_clock import BenchClock
+from semlive_simulators.load_frame.ascii_stand import AsciiTestStand
 from semlive_simulators.load_frame.registers import f32, read_f32
 from semlive_simulators.load_frame.rtu import STAGE_UNIT, crc16
-from semlive_simulators.load_frame.serial_ascii import SerialStand
+from semlive_simulators.load_frame.serial_lines import ascii_line, rtu_line
 from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
-from semlive_simulators.machine import Machine
+from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import load_scenario
-from semlive_simulators.sem import Sem
+from semlive_simulators.specimen.machine import LoadTrain
 
 RATE = 50.0
 PAPER = load_scenario("paper_x200")
@@ -36,14 +36,14 @@ class Lines:
 
     rtu: str
     serial: str
-    stand: SerialStand
-    machine: Machine
+    stand: AsciiTestStand
+    machine: LoadTrain
 
 
 @pytest.fixture
 def lines(tmp_path: Path) -> Iterator[Lines]:
     clock = BenchClock(RATE, lambda _: None)
-    machine = Machine(SMALL, clock.start_ns)
+    machine = LoadTrain(SMALL, clock.start_ns)
     machine.read(clock.start_ns)  # loads compiled code, which takes longer than a client waits when the computer is busy
     sem = Sem(SMALL, clock, machine, tmp_path, True, lambda _: None, lambda _: None)
     registers = BenchRegisters(SMALL, clock, machine, sem)

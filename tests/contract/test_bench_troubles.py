@@ -16,19 +16,19 @@ from pymodbus.framer import FramerType
 
 from semlive.errors import LinkError
 from semlive_drivers.modbus.load_frame import open_load_frame
-from semlive_simulators.clockwork import BenchClock
-from semlive_simulators.load_frame.lines import ascii_line, rtu_line
+from semlive_simulators.bench_clock import BenchClock
+from semlive_simulators.load_frame.line_faults import Line, LineFault
+from semlive_simulators.load_frame.serial_lines import ascii_line, rtu_line
 from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
-from semlive_simulators.load_frame.trouble import Line, Trouble
-from semlive_simulators.machine import Machine
+from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import load_scenario
-from semlive_simulators.sem import Sem
+from semlive_simulators.specimen.machine import LoadTrain
 
 Client = ModbusTcpClient | ModbusSerialClient
 PAPER = load_scenario("paper_x200")
 TIMEOUT_S = 1.0
 LINES = {"tcp": 0b001, "rtu": 0b010, "serial": 0b100}
-REPLIES = [trouble for trouble in Trouble if trouble is not Trouble.SILENT]
+REPLIES = [trouble for trouble in LineFault if trouble is not LineFault.SILENT]
 
 
 class Wall:
@@ -49,11 +49,11 @@ class Troubled:
     rtu: str
     stand: str
     control: ModbusTcpClient
-    machine: Machine
+    machine: LoadTrain
     now_ns: Callable[[], int]
 
-    def order(self, trouble: Trouble, line: str, count: int = 1, wait_s: float = 0.1) -> None:
-        words = [list(Trouble).index(trouble) + 1, LINES[line], count, round(wait_s * 100)]
+    def order(self, trouble: LineFault, line: str, count: int = 1, wait_s: float = 0.1) -> None:
+        words = [list(LineFault).index(trouble) + 1, LINES[line], count, round(wait_s * 100)]
         assert not self.control.write_registers(900, words, device_id=UNIT).isError()
 
     @contextlib.contextmanager
@@ -74,7 +74,7 @@ class Troubled:
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Troubled]:
     scenario = replace(PAPER, scan=replace(PAPER.scan, width_px=64, height_px=55, frame_time_s=6.0))
     clock = BenchClock(5.0, lambda _: None)  # nothing advances the machine between requests
-    machine = Machine(scenario, clock.start_ns)
+    machine = LoadTrain(scenario, clock.start_ns)
     sem = Sem(scenario, clock, machine, tmp_path_factory.mktemp("export"), True, lambda _: None, lambda _: None)
     registers = BenchRegisters(scenario, clock, machine, sem)
     server = ModbusThread(registers, 0)
@@ -85,7 +85,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Troubled]:
     control = ModbusTcpClient("127.0.0.1", port=port, timeout=20, retries=0)
     assert control.connect()
     assert control.socket is not None
-    troubles.spare(control.socket.getsockname()[1])
+    troubles.exempt(control.socket.getsockname()[1])
     with rtu_line(port, UNIT, troubles) as rtu, ascii_line(machine, clock.now_ns, troubles) as (stand, _):
         yield Troubled(port, rtu, stand, control, machine, clock.now_ns)
     control.close()
@@ -116,16 +116,16 @@ def asked(client: Client, address: int, count: int) -> list[int] | None:
 
 @pytest.mark.parametrize("line", ["tcp", "rtu"])
 @pytest.mark.parametrize("trouble", REPLIES)
-def test_a_master_gets_the_truth_or_an_error_and_then_the_truth_again(bench: Troubled, line: str, trouble: Trouble) -> None:
+def test_a_master_gets_the_truth_or_an_error_and_then_the_truth_again(bench: Troubled, line: str, trouble: LineFault) -> None:
     with bench.master(line) as client:
         assert asked(client, 0, 2) == [0x5E31, 1]
         bench.order(trouble, line, wait_s=0.1)
         spoilt = asked(client, 0, 2)
         # An echo over TCP has the right transaction number: pymodbus takes it for an answer without registers.
-        assert spoilt in (None, [0x5E31, 1]) or (line, trouble, spoilt) == ("tcp", Trouble.ECHO, [])
-        if trouble in (Trouble.LATE, Trouble.SPLIT, Trouble.TWICE):
+        assert spoilt in (None, [0x5E31, 1]) or (line, trouble, spoilt) == ("tcp", LineFault.ECHO, [])
+        if trouble in (LineFault.LATE, LineFault.SPLIT, LineFault.TWICE):
             assert spoilt is not None  # within the master's patience
-        if trouble is Trouble.LOST or (line, trouble) == ("rtu", Trouble.WRONG_CHECK):
+        if trouble is LineFault.LOST or (line, trouble) == ("rtu", LineFault.WRONG_CHECK):
             assert spoilt is None
         time.sleep(0.15)  # what comes late has come
         if not client.connected:
@@ -136,7 +136,7 @@ def test_a_master_gets_the_truth_or_an_error_and_then_the_truth_again(bench: Tro
 @pytest.mark.parametrize("line", ["tcp", "rtu"])
 def test_a_reply_later_than_the_masters_patience_is_an_error(bench: Troubled, line: str) -> None:
     with bench.master(line) as client:
-        bench.order(Trouble.LATE, line, wait_s=2 * TIMEOUT_S)
+        bench.order(LineFault.LATE, line, wait_s=2 * TIMEOUT_S)
         assert asked(client, 0, 2) is None
 
 
@@ -149,10 +149,10 @@ def test_a_lost_reply_has_acted_and_a_silent_device_has_not(bench: Troubled, lin
     def told() -> list[int]:
         return list(bench.control.read_holding_registers(6, count=1, device_id=UNIT).registers)
 
-    bench.order(Trouble.LOST, line)
+    bench.order(LineFault.LOST, line)
     beat(21)
     assert told() == [21]
-    bench.order(Trouble.SILENT, line, wait_s=1.5 * TIMEOUT_S)
+    bench.order(LineFault.SILENT, line, wait_s=1.5 * TIMEOUT_S)
     beat(22)
     assert told() == [21]
     time.sleep(TIMEOUT_S)
@@ -162,7 +162,7 @@ def test_a_lost_reply_has_acted_and_a_silent_device_has_not(bench: Troubled, lin
 
 def test_trouble_counts_replies_and_keeps_to_its_line(bench: Troubled) -> None:
     with bench.master("tcp") as tcp, bench.master("rtu") as rtu:
-        bench.order(Trouble.LOST, "rtu", count=2)
+        bench.order(LineFault.LOST, "rtu", count=2)
         assert asked(tcp, 0, 2) is not None
         assert [asked(rtu, 0, 2) is None for _ in range(3)] == [True, True, False]
 
@@ -179,9 +179,9 @@ def test_the_driver_says_link_error_or_the_truth_and_a_new_link_works(bench: Tro
             said_n = device.read().force_n
         device.close()
         assert said_n is None or abs(said_n - 200.0) < 10
-        assert said_n is not None or trouble not in (Trouble.LATE, Trouble.SPLIT, Trouble.TWICE)
-        assert said_n is None or trouble not in (Trouble.LOST, Trouble.WRONG_CHECK)
-        bench.order(Trouble.TWICE, "tcp", count=0)  # an order for no reply at all
+        assert said_n is not None or trouble not in (LineFault.LATE, LineFault.SPLIT, LineFault.TWICE)
+        assert said_n is None or trouble not in (LineFault.LOST, LineFault.WRONG_CHECK)
+        bench.order(LineFault.TWICE, "tcp", count=0)  # an order for no reply at all
         again = open_load_frame(settings, Wall())
         assert abs(again.read().force_n - 200.0) < 10
         again.close()
@@ -191,17 +191,17 @@ def test_the_driver_says_link_error_or_the_truth_and_a_new_link_works(bench: Tro
 @pytest.mark.parametrize(
     ("trouble", "hears"),
     [
-        (Trouble.LATE, b"S M\r\n"),
-        (Trouble.LOST, b""),
-        (Trouble.NOISE, b"\xc3\x5a\xf1S M\r\n"),
-        (Trouble.WRONG_CHECK, b"\xd3 M\r\n"),
-        (Trouble.SPLIT, b"S M\r\n"),
-        (Trouble.ECHO, b"pS M\r\n"),
-        (Trouble.TWICE, b"S M\r\nS M\r\n"),
-        (Trouble.SILENT, b""),
+        (LineFault.LATE, b"S M\r\n"),
+        (LineFault.LOST, b""),
+        (LineFault.NOISE, b"\xc3\x5a\xf1S M\r\n"),
+        (LineFault.WRONG_CHECK, b"\xd3 M\r\n"),
+        (LineFault.SPLIT, b"S M\r\n"),
+        (LineFault.ECHO, b"pS M\r\n"),
+        (LineFault.TWICE, b"S M\r\nS M\r\n"),
+        (LineFault.SILENT, b""),
     ],
 )
-def test_letters_over_pyserial(bench: Troubled, trouble: Trouble, hears: bytes) -> None:
+def test_letters_over_pyserial(bench: Troubled, trouble: LineFault, hears: bytes) -> None:
     with serial.Serial(bench.stand, 115_200) as port:
 
         def heard(wanted: bytes) -> bytes:
@@ -211,13 +211,13 @@ def test_letters_over_pyserial(bench: Troubled, trouble: Trouble, hears: bytes) 
             port.timeout = 0.25
             return first + port.read(64)
 
-        bench.order(trouble, "serial", wait_s=30.0 if trouble is Trouble.SILENT else 0.1)
+        bench.order(trouble, "serial", wait_s=30.0 if trouble is LineFault.SILENT else 0.1)
         began = time.monotonic()
         port.write(b"p")
         assert heard(hears) == hears
-        if trouble is Trouble.SILENT:
+        if trouble is LineFault.SILENT:
             assert not bench.control.write_registers(900, [0, 0, 0, 0], device_id=UNIT).isError()
-        if trouble in (Trouble.LATE, Trouble.SPLIT, Trouble.TWICE):
+        if trouble in (LineFault.LATE, LineFault.SPLIT, LineFault.TWICE):
             assert time.monotonic() - began > 0.1
         port.write(b"p")
         assert heard(b"S M\r\n") == b"S M\r\n"
@@ -238,21 +238,21 @@ def test_a_scenario_plans_trouble_for_a_while(tmp_path: Path) -> None:
     )
     scenario = load_scenario(str(path))
     clock = BenchClock(20.0, lambda _: None)
-    machine = Machine(scenario, clock.start_ns)
+    machine = LoadTrain(scenario, clock.start_ns)
     sem = Sem(scenario, clock, machine, tmp_path, True, lambda _: None, lambda _: None)
     registers = BenchRegisters(scenario, clock, machine, sem)
     troubles, now = registers.troubles, clock.start_ns
 
-    def what(line: Line) -> Trouble | None:
+    def what(line: Line) -> LineFault | None:
         found = troubles.take(line, troubles.mark())
         return found.trouble if found else None
 
-    seen: list[tuple[Trouble | None, Trouble | None]] = []
+    seen: list[tuple[LineFault | None, LineFault | None]] = []
     clock.now_ns = lambda: now  # type: ignore[method-assign]
     for second in (19, 21, 26, 31, 66):
         now = clock.start_ns + second * 1_000_000_000
         seen.append((what(Line.TCP), what(Line.RTU)))
-    late, lost = Trouble.LATE, Trouble.LOST
+    late, lost = LineFault.LATE, LineFault.LOST
     assert seen == [(None, None), (lost, None), (lost, late), (late, late), (None, None)]
 
 

@@ -11,7 +11,7 @@ import typer
 from typer.testing import CliRunner
 
 from semlive.cli.dic import dic
-from semlive.dic import tiles
+from semlive.dic import banded
 from semlive.errors import BadInput
 
 
@@ -164,8 +164,8 @@ def test_large_frames_are_worked_on_in_bands_and_nobody_sees_it(folder, monkeypa
     mask[30:50, 40:60] = 0
     cv2.imwrite(str(folder / "mask.png"), mask)
     tables = []
-    for limit in (tiles.BAND_POINTS, 50):
-        monkeypatch.setattr(tiles, "BAND_POINTS", limit)
+    for limit in (banded.BAND_POINTS, 50):
+        monkeypatch.setattr(banded, "BAND_POINTS", limit)
         out = folder / f"{limit}.csv"
         result = run(folder / "ref.tif", folder / "a.tif", "--subset", 21, "--mask", folder / "mask.png", "--out", out, "--json")
         assert result.exit_code == 0, result.output

@@ -13,19 +13,19 @@ from pymodbus.client import ModbusTcpClient
 
 from semlive.cli.app import run_app
 from semlive_drivers.maps import map_text
-from semlive_simulators.clockwork import BenchClock
-from semlive_simulators.load_frame.lines import rtu_line
+from semlive_simulators.bench_clock import BenchClock
+from semlive_simulators.load_frame.serial_lines import rtu_line
 from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
-from semlive_simulators.machine import Machine
+from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import load_scenario
-from semlive_simulators.sem import Sem
+from semlive_simulators.specimen.machine import LoadTrain
 
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[int, str]]:
     """TCP port and serial path of a bench on which nothing scans."""
     scenario, clock = load_scenario("paper_x200"), BenchClock(1.0, lambda _: None)
-    machine = Machine(scenario, clock.start_ns)
+    machine = LoadTrain(scenario, clock.start_ns)
     machine.read(clock.start_ns)
     sem = Sem(scenario, clock, machine, tmp_path_factory.mktemp("export"), True, lambda _: None, lambda _: None)
     registers = BenchRegisters(scenario, clock, machine, sem)

@@ -13,8 +13,8 @@ import yaml
 
 from semlive.cli.inspect import inspect
 from semlive.errors import BadImage
-from semlive_simulators.exporters.facts import ImageFacts
-from semlive_simulators.exporters.settings import Export, Style, Vendor
+from semlive_simulators.exporters.image_metadata import ImageMetadata
+from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.scenario import load_scenario
 
 KEYS = ["file", "vendor", "width", "height", "databar_rows", "dwell_time_s", "row_time_s", "frame_time_s", "integrations"]
@@ -35,7 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scan = load_scenario("paper_x200").scan
     image = np.random.default_rng(1).integers(0, 256, (scan.height_px, scan.width_px), dtype=np.uint8)
     for vendor in (Vendor.FEI, Vendor.JEOL, Vendor.ZEISS):
-        made = Export(Style.DIRECT, 0.5, 1.5, 6, 60, "a", vendor).encode(image, ImageFacts(scan, END_NS, 0, 0, 4, f"{vendor}.tif"))
+        made = Export(WriteStyle.DIRECT, 0.5, 1.5, 6, 60, "a", vendor).encode(image, ImageMetadata(scan, END_NS, 0, 0, 4, f"{vendor}.tif"))
         (where / f"{vendor}.tif").write_bytes(made.image)
         if made.sidecar is not None:
             (where / f"{vendor}.txt").write_bytes(made.sidecar)

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 import tifffile
 
-from semlive_simulators.frames import main
-from semlive_simulators.render import render_frame
+from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import load_scenario
-from semlive_simulators.specimen import at_rest
+from semlive_simulators.simulate import main
+from semlive_simulators.specimen.specimen import at_rest
 
 SMALL = """
 extends: paper_x200

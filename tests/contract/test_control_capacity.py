@@ -17,12 +17,12 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from semlive.engine import Verb
-from semlive.formats.messages import RunMessage
-from semlive.service.clock import SystemClock
-from semlive.service.door import Address, Door, Heard, Request, knock, token_digest
-from semlive.service.log_files import segment_path
-from semlive.service.record import Recorder
+from semlive.engine import OperatorCommand
+from semlive.formats.log.messages import RunMessage
+from semlive.service.control.socket import ControlSocket, Request, RequestStatus, SocketAddress, send_request, token_digest
+from semlive.service.log.files import segment_path
+from semlive.service.log.recorder import Recorder
+from semlive.service.runtime.clock import SystemClock
 from semlive.web.app import MAX_VIEWERS
 
 NESTED = b'{"say":' + b"[" * 2000 + b"]" * 2000 + b"}"
@@ -33,8 +33,8 @@ class Stand:
     """A page over a door that notes which verbs it was given."""
 
     port: int
-    door: Address
-    verbs: list[Verb] = field(default_factory=list)
+    door: SocketAddress
+    verbs: list[OperatorCommand] = field(default_factory=list)
 
     def post(self, body: bytes, token: str | None = None) -> int:
         """The status of one request to the page."""
@@ -53,15 +53,15 @@ class Stand:
 @pytest.fixture(scope="module")
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stand]:
     folder = tmp_path_factory.mktemp("run")
-    verbs: list[Verb] = []
-    opened: queue.Queue[tuple[Address, Callable[[], object]]] = queue.Queue()
+    verbs: list[OperatorCommand] = []
+    opened: queue.Queue[tuple[SocketAddress, Callable[[], object]]] = queue.Queue()
     listening = threading.Thread(target=lambda: asyncio.run(listen(verbs, opened.put)))
     listening.start()
     door, leave = opened.get(timeout=60)
     clock = SystemClock()
     recorder = Recorder(segment_path(folder, "run", 0), clock, lambda _: None)
     recorder.write("/run", RunMessage(run="run", started_time_ns=clock.now_ns(), host="lab", versions={}, config={}))
-    recorder.flush_wait()
+    recorder.flush()
     command = [sys.executable, "-m", "semlive.web", str(folder), "--host", "127.0.0.1", "--port", "0", "--exit-with-stdin"]
     command += ["--control", str(door.port), "--token-sha256", token_digest(door.token)]
     page = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
@@ -80,8 +80,8 @@ def stand(running: Stand) -> Stand:
     return running
 
 
-async def listen(verbs: list[Verb], opened: Callable[[tuple[Address, Callable[[], object]]], object]) -> None:
-    door = Door(lambda verb, _: verbs.append(verb), lambda *_: True, lambda *_: True)
+async def listen(verbs: list[OperatorCommand], opened: Callable[[tuple[SocketAddress, Callable[[], object]]], object]) -> None:
+    door = ControlSocket(lambda verb, _: verbs.append(verb), lambda *_: True, lambda *_: True)
     loop, over = asyncio.get_running_loop(), asyncio.Event()
     opened((await door.open(), lambda: loop.call_soon_threadsafe(over.set)))
     await over.wait()
@@ -126,8 +126,8 @@ def renewed(port: int, count: int, sent: bytes = b"") -> Iterator[None]:
             one.join()
 
 
-def ask(stand: Stand, verb: Verb) -> Heard:
-    return asyncio.run(knock(stand.door.host, stand.door.port, Request(token=stand.door.token, say=verb))).heard
+def ask(stand: Stand, verb: OperatorCommand) -> RequestStatus:
+    return asyncio.run(send_request(stand.door.host, stand.door.port, Request(token=stand.door.token, say=verb))).heard
 
 
 @pytest.mark.parametrize(
@@ -142,7 +142,7 @@ def ask(stand: Stand, verb: Verb) -> Heard:
 def test_the_page_takes_stop_whatever_number_of_connections_is_open(stand: Stand, count: int, sent: bytes) -> None:
     with connections(stand.port, count, sent):
         assert [stand.stop() for _ in range(20)] == [200] * 20
-    assert stand.verbs == [Verb.STOP] * 20
+    assert stand.verbs == [OperatorCommand.STOP] * 20
 
 
 def test_the_page_takes_stop_while_wrong_tokens_and_unsent_bodies_are_renewed(stand: Stand) -> None:
@@ -152,7 +152,7 @@ def test_the_page_takes_stop_while_wrong_tokens_and_unsent_bodies_are_renewed(st
         began = time.monotonic()
         assert [stand.stop() for _ in range(20)] == [200] * 20
         assert time.monotonic() - began < 10.0
-    assert stand.verbs == [Verb.STOP] * 20
+    assert stand.verbs == [OperatorCommand.STOP] * 20
 
 
 @contextlib.contextmanager
@@ -184,13 +184,15 @@ def test_stop_gets_through_while_connections_are_opened_without_pause(stand: Sta
     with flooded(stand.port, sent):
         assert [stand.stop() for _ in range(10)] == [200] * 10
     with flooded(stand.door.port, b'{"token": "wrong", "say": "stop"}\n'):
-        assert [ask(stand, Verb.STOP) for _ in range(10)] == [Heard.TAKEN] * 10
+        assert [ask(stand, OperatorCommand.STOP) for _ in range(10)] == [RequestStatus.ACCEPTED] * 10
 
 
 @pytest.mark.parametrize("sent", [b"", b'{"token": "wrong", "say": "stop"}\n', b'{"token": '])
 def test_control_takes_a_request_while_others_hold_its_socket(stand: Stand, sent: bytes) -> None:
     with renewed(stand.door.port, 40, sent), connections(stand.door.port, 200, sent):
-        assert [ask(stand, verb) for verb in (Verb.PAUSE, Verb.RESUME, Verb.STOP) * 4] == [Heard.TAKEN] * 12
+        assert [ask(stand, verb) for verb in (OperatorCommand.PAUSE, OperatorCommand.RESUME, OperatorCommand.STOP) * 4] == [
+            RequestStatus.ACCEPTED
+        ] * 12
         assert stand.stop() == 200
     assert len(stand.verbs) == 13
 

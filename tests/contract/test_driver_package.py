@@ -26,7 +26,8 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 
 def test_its_driver_is_found_by_name(installed: dict[str, str]) -> None:
-    code = "import time; from semlive.service.clock import open_clock; from semlive.service.drivers import open_load_frame as o\n"
+    code = "import time; from semlive.service.runtime.clock import open_clock; "
+    code += "from semlive.service.runtime.drivers import open_load_frame as o\n"
     code += "from semlive_example_frame.machine import Machine\n"
     code += "frame = o('example_json', {'port': Machine().port}, open_clock(None)); print(frame.identity.name); frame.close()"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=installed)

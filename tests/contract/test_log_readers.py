@@ -21,12 +21,11 @@ from semlive.data.frame import Frame, FrameInfo
 from semlive.data.grid import Grid
 from semlive.data.pair import Pair, PairDecision
 from semlive.data.scan import Provenance, ScanTiming, Sourced
-from semlive.data.strain import ElasticConstants, Measured, StrainField, StrainSummary, Tensor2
-from semlive.formats import message_values as values
-from semlive.formats.foxglove import PICTURE_TOPICS, SEM_IMAGE
-from semlive.formats.log import LogMessage, LogWriter
-from semlive.formats.maps import encode_map, encode_strain
-from semlive.formats.messages import (
+from semlive.data.strain import ElasticConstants, MeasuredValue, StrainField, StrainSummary, Tensor2
+from semlive.formats.log import conversions as values
+from semlive.formats.log.foxglove import IMAGE_TOPICS, SEM_IMAGE
+from semlive.formats.log.maps import encode_map, encode_strain
+from semlive.formats.log.messages import (
     DIC_MAP,
     RAW_TOPICS,
     STRAIN_FIELD,
@@ -42,7 +41,8 @@ from semlive.formats.messages import (
     to_json,
     topic_of,
 )
-from semlive.service.display import pictures
+from semlive.formats.log.writer import LogMessage, LogWriter
+from semlive.service.analysis.preview_images import preview_images
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from read_by_others import by_node, check_messages, counts, node_modules, viewers_understand
@@ -92,7 +92,7 @@ def outputs() -> list[LogMessage]:
         values.drift_message(drift),
         values.distortion_message(distortion, 2),
         values.strain_message(StrainSummary(3, tensor, tensor, tensor, 83.0, None), 2),
-        values.elastic_message(ElasticConstants(Measured(71.0, 0.1), Measured(0.33, 0.01)), 2),
+        values.elastic_message(ElasticConstants(MeasuredValue(71.0, 0.1), MeasuredValue(0.33, 0.01)), 2),
         values.elastic_message(None, 2),
     ]
     return [*maps, *fields, *map(told, summaries)]
@@ -108,7 +108,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with path.open("wb") as stream:
         writer = LogWriter(stream)
         made = outputs()
-        for at, one in enumerate([*map(told, said), pair, *made, *pictures(Pair(PAIR, *FRAMES), made)]):
+        for at, one in enumerate([*map(told, said), pair, *made, *preview_images(Pair(PAIR, *FRAMES), made)]):
             writer.write(one.topic, one.payload, END_NS + at, one.publish_time_ns, one.sequence if one.topic in RAW_TOPICS else None)
             writer.flush()
         writer.finish()
@@ -134,7 +134,7 @@ def test_pictures_are_lossless_and_fields_are_shown_to_the_last_bit(log: Path) -
     shown: dict[str, dict[int, Any]] = {}
     with log.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        for _, channel, message, decoded in reader.iter_decoded_messages(topics=list(PICTURE_TOPICS)):
+        for _, channel, message, decoded in reader.iter_decoded_messages(topics=list(IMAGE_TOPICS)):
             shown.setdefault(channel.topic, {})[message.sequence] = decoded
     assert {topic: sorted(found) for topic, found in shown.items()} == {
         SEM_IMAGE: [7, 9],
@@ -164,7 +164,7 @@ def test_pictures_are_lossless_and_fields_are_shown_to_the_last_bit(log: Path) -
 
 def test_a_pair_that_could_not_be_analysed_is_shown_all_the_same() -> None:
     fault = told(FaultMessage(time_ns=1, what="", where="", action=""))
-    assert [one.topic for one in pictures(Pair(PAIR, *FRAMES), [fault])] == [SEM_IMAGE, SEM_IMAGE]
+    assert [one.topic for one in preview_images(Pair(PAIR, *FRAMES), [fault])] == [SEM_IMAGE, SEM_IMAGE]
 
 
 def test_lines_of_the_log_are_foxglove_s_and_older_ones_are_still_read(log: Path) -> None:

@@ -11,11 +11,11 @@ import pytest
 import tifffile
 
 from semlive.data.settings import DicSettings
-from semlive_simulators.frames import main
-from semlive_simulators.patterns import GoldFilm
-from semlive_simulators.player import Player
+from semlive_simulators.microscope.patterns import GoldFilm
 from semlive_simulators.scenario import load_scenario
-from semlive_simulators.stage import Actuator
+from semlive_simulators.simulate import main
+from semlive_simulators.specimen.protocol_player import ProtocolPlayer
+from semlive_simulators.specimen.stage import Actuator
 
 PAPER = load_scenario("paper_x10000")
 
@@ -57,7 +57,7 @@ def test_the_path_is_crooked_and_every_point_stays_in_the_field() -> None:
     assert roi is not None
     x0, y0, x1, y1 = roi
     places, planned, calibration, commanded = [], [], [], []
-    for shot in Player(PAPER).play():
+    for shot in ProtocolPlayer(PAPER).play():
         places.append(shot.window.motion.shift_px[0] + PAPER.drift.at([shot.start_s])[0])
         if shot.stop.phase == "calibration":
             planned.append(PAPER.experiment["protocol"]["calibration_shifts_px"][shot.frame // 2])

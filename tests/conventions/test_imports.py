@@ -43,7 +43,7 @@ BREAKS = [
     ("drivers", "drivers/semlive_drivers/modbus/broken.py", "import semlive.service"),
     ("drivers", "drivers/semlive_drivers/broken.py", "import semlive_simulators"),
     ("drivers", "drivers/semlive_drivers/broken.py", "import semlive.process_lock"),
-    ("drivers", "drivers/semlive_drivers/csv_tail.py", "import semlive.formats.frames"),
+    ("drivers", "drivers/semlive_drivers/csv_load_file.py", "import semlive.formats.images.frames"),
     ("layers", "semlive/process_lock.py", "import semlive.ports"),
     ("pure", "semlive/engine/broken.py", "import time"),
     ("pure", "semlive/dic/broken.py", "import os.path"),

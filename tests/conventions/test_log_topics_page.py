@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from semlive.data.disparity import PoiStatus
-from semlive.formats.messages import RAW_TOPICS, TOPICS
+from semlive.formats.log.messages import RAW_TOPICS, TOPICS
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "log-topics.md"
 COLUMNS = 5

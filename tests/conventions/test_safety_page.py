@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from semlive.data.faults import FaultCode
-from semlive.engine.load_change import RATE_FACTOR
-from semlive.engine.load_response import ARRIVED_AND_MOVING_S
-from semlive.engine.ramp_readings import MOST_UNSEEN_S, STARTING_S
-from semlive.engine.rest import UNORDERED_MOTION_S
-from semlive.engine.stop_distance import FASTEST_FACTOR
-from semlive.engine.travel_response import STANDSTILL_S
-from semlive.service.stop_pursuit import DISOBEYED_S
+from semlive.engine.supervision.load_change import RATE_FACTOR
+from semlive.engine.supervision.load_response import ARRIVED_AND_MOVING_S
+from semlive.engine.supervision.ramp_readings import MOST_UNSEEN_S, STARTING_S
+from semlive.engine.supervision.standstill import UNORDERED_MOTION_S
+from semlive.engine.supervision.stop_distance import FASTEST_FACTOR
+from semlive.engine.supervision.travel_response import STANDSTILL_S
+from semlive.service.control.stop_pursuit import DISOBEYED_S
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "safety.md"
 

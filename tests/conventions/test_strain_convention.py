@@ -39,8 +39,8 @@ def test_positive_drift_moves_features_towards_positive_x_and_y(rate_x_px_s: flo
     pair = given(0, 1, rate_x_px_s * elapsed_s, rate_y_px_s * elapsed_s)
     state = estimating.update(state, 0, Phase.CALIBRATION, (when(0, 0.0), when(1, FRAME_S)), (pair,))
     solution = estimating.solve(state)
-    found = estimating.estimate(solution, 3)
-    np.testing.assert_allclose(estimating.live_rate(solution), (rate_x_px_s, rate_y_px_s), atol=2e-6)
+    found = estimating.to_estimate(solution, 3)
+    np.testing.assert_allclose(estimating.current_drift_rate(solution), (rate_x_px_s, rate_y_px_s), atol=2e-6)
     expected = found.drift.time_s[:, None] * np.array([rate_x_px_s, rate_y_px_s])
     np.testing.assert_allclose(found.drift.drift_px, expected, atol=2e-4)
     assert found.drift.revision == 3

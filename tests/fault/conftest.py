@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 import yaml
 
-from semlive.service.log_files import messages
+from semlive.service.log.files import messages
 
 ENTRY_POINTS = """
 [semlive.load_frames]

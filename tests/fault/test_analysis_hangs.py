@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from semlive.formats.log import LogMessage
-from semlive.formats.messages import SEM_SIDECAR, RunMessage
-from semlive.service import analysis_link
-from semlive.service.analysis import READY
-from semlive.service.analysis_link import AnalysisLink
-from semlive.service.config import parse_config
-from semlive.service.journal import Journal
-from semlive.service.record import Recorder
+from semlive.formats.log.messages import SEM_SIDECAR, RunMessage
+from semlive.formats.log.writer import LogMessage
+from semlive.service.analysis import process
+from semlive.service.analysis.process import AnalysisProcess
+from semlive.service.analysis.worker import READY_TEXT
+from semlive.service.config.configuration import parse_config
+from semlive.service.log.recorder import Recorder
+from semlive.service.log.run_log import RunLog
 
 CONFIG = {
     "sem": {"folder": "export", "pixel_size_um": 1.25},
@@ -49,35 +49,35 @@ def test_a_hung_analysis_is_started_again_and_what_waits_for_it_takes_no_memory(
         monkeypatch.undo()
         troubles.append(what)
 
-    link = AnalysisLink(tmp_path, lambda: recorder.refused, said.append, in_trouble)
-    journal = Journal(recorder)
-    journal.follow(link.give)
+    link = AnalysisProcess(tmp_path, lambda: recorder.write_failed, said.append, in_trouble)
+    journal = RunLog(recorder)
+    journal.subscribe(link.notify_input)
     config = parse_config(CONFIG, "here").model_dump(mode="json")
-    journal.note(RunMessage(run="run", started_time_ns=1, host="here", versions={}, config=config))
+    journal.write_message(RunMessage(run="run", started_time_ns=1, host="here", versions={}, config=config))
     wait_until(lambda: bool(said), 120.0)
     (child,) = children() - before
     os.kill(child, signal.SIGSTOP)
-    monkeypatch.setattr(analysis_link, "_SILENT_S", 2.0)
+    monkeypatch.setattr(process, "_SILENT_S", 2.0)
     tracemalloc.start()
     for number in range(WAITING):
-        link.give(recorder.write(SEM_SIDECAR, bytes(BYTES), sequence=number))
-    assert recorder.flush_wait()
-    assert recorder.flush_wait()  # it lets go of what it wrote with the next
+        link.notify_input(recorder.write(SEM_SIDECAR, bytes(BYTES), sequence=number))
+    assert recorder.flush()
+    assert recorder.flush()  # it lets go of what it wrote with the next
     kept, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert kept < WAITING * BYTES / 10
     wait_until(lambda: bool(troubles), 60.0)
     assert "hung: it was silent for" in troubles[0]
     assert link.drain(120.0)
-    assert [READY in one.payload.decode() for one in said] == [True]
+    assert [READY_TEXT in one.payload.decode() for one in said] == [True]
     assert len(troubles) == 1
     assert recorder.close()
 
 
 def test_what_is_not_in_the_log_is_not_waited_for(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "run.000.mcap", Now(), pytest.fail)
-    link = AnalysisLink(tmp_path, lambda: recorder.refused, lambda _: None, lambda _what, _lost: None)
-    link.give(LogMessage(SEM_SIDECAR, 1, 1, 0, b""))
+    link = AnalysisProcess(tmp_path, lambda: recorder.write_failed, lambda _: None, lambda _what, _lost: None)
+    link.notify_input(LogMessage(SEM_SIDECAR, 1, 1, 0, b""))
     began_s = time.monotonic()
     assert not link.close(0.2)
     assert time.monotonic() - began_s < 10.0
@@ -93,17 +93,17 @@ def test_steps_of_the_wall_clock_do_not_end_analysis(
     with monkeypatch.context() as environment:
         environment.setenv("LD_PRELOAD", str(clock_peer))
         environment.setenv("SICK_CLOCK", str(offset))
-        link = AnalysisLink(tmp_path, lambda: recorder.refused, said.append, lambda what, _lost: troubles.append(what))
-    journal = Journal(recorder)
-    journal.follow(link.give)
+        link = AnalysisProcess(tmp_path, lambda: recorder.write_failed, said.append, lambda what, _lost: troubles.append(what))
+    journal = RunLog(recorder)
+    journal.subscribe(link.notify_input)
     config = parse_config(CONFIG, "here").model_dump(mode="json")
     # It sleeps between two looks at the log for as long as what it was promised is not there.
-    link.give(LogMessage("/run", 1, 1, 0, b""))
+    link.notify_input(LogMessage("/run", 1, 1, 0, b""))
     for seconds in (3600, -7200, 86400, 0):
         time.sleep(4.0 if seconds == 3600 else 0.3)
         offset.write_text(str(seconds))
     time.sleep(0.5)
-    journal.note(RunMessage(run="run", started_time_ns=1, host="here", versions={}, config=config))
+    journal.write_message(RunMessage(run="run", started_time_ns=1, host="here", versions={}, config=config))
     wait_until(lambda: bool(said), 120.0)
     assert troubles == []
     link.kill()

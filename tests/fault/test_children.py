@@ -15,13 +15,13 @@ from .by_hand import lives
 # Starts analysis and page on a log that does not exist, and analysis once more from a thread that ends.
 PARENT = """
 import subprocess, sys, threading, time
-from semlive.service.process import start_child
+from semlive.service.runtime.process import start_child
 log, started = sys.argv[1], []
 def start(module, *arguments):
     started.append(start_child(module, [*arguments], stdout=subprocess.PIPE))
-start("semlive.service.analysis", "--log", log)
+start("semlive.service.analysis.worker", "--log", log)
 start("semlive.web", log, "--host", "127.0.0.1", "--port", "0", "--exit-with-stdin")
-thread = threading.Thread(target=start, args=("semlive.service.analysis", "--log", log))
+thread = threading.Thread(target=start, args=("semlive.service.analysis.worker", "--log", log))
 thread.start()
 thread.join()
 print(*(one.pid for one in started), flush=True)
@@ -43,6 +43,14 @@ def test_children_end_within_two_seconds_of_the_parents_death(tmp_path: Path, wa
 
 
 def test_a_child_whose_parent_died_before_it_began_does_nothing(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "semlive.service.child", str(os.getpid() + 1), "semlive.service.analysis", "--log", str(tmp_path)]
+    command = [
+        sys.executable,
+        "-m",
+        "semlive.service.runtime.child_process",
+        str(os.getpid() + 1),
+        "semlive.service.analysis.worker",
+        "--log",
+        str(tmp_path),
+    ]
     done = subprocess.run(command, check=False, stdin=subprocess.DEVNULL, capture_output=True, timeout=60)
     assert (done.returncode, done.stdout) == (1, b"")

@@ -14,9 +14,9 @@ from io import FileIO, RawIOBase
 from pathlib import Path
 from typing import Any, cast
 
-from semlive.formats.messages import SEM_ORIGINAL, FaultMessage
-from semlive.service.log_files import messages
-from semlive.service.record import Recorder
+from semlive.formats.log.messages import SEM_ORIGINAL, FaultMessage
+from semlive.service.log.files import messages
+from semlive.service.log.recorder import Recorder
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from bench_record import measured
@@ -97,16 +97,16 @@ def test_a_slow_disk_is_told_and_nothing_is_lost(tmp_path: Path, wait_until: Cal
 
     said: list[str] = []
     recorder = Recorder(tmp_path / "run.000.mcap", Ticking(), said.append, open_raw=open_raw, slow_after_s=2.0)
-    assert recorder.behind is None
+    assert recorder.backlog_message is None
     for number in range(50):
         recorder.write("/fault", FaultMessage(time_ns=number, what="x", where="", action=""))
         recorder.write(SEM_ORIGINAL, bytes(1000), sequence=number)
-    assert recorder.behind is None
-    wait_until(lambda: recorder.behind is not None)
-    assert "the disk is too slow" in (recorder.behind or "")
+    assert recorder.backlog_message is None
+    wait_until(lambda: recorder.backlog_message is not None)
+    assert "the disk is too slow" in (recorder.backlog_message or "")
     SlowDisk.go_on.set()
-    assert recorder.flush_wait()
-    assert recorder.behind is None
+    assert recorder.flush()
+    assert recorder.backlog_message is None
     assert recorder.close()
     assert said == []
     assert len(list(messages(tmp_path))) == 100

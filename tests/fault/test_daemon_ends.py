@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 import tifffile
 
-from semlive.formats.messages import SEM_ORIGINAL
-from semlive.service.log_files import messages
+from semlive.formats.log.messages import SEM_ORIGINAL
+from semlive.service.log.files import messages
 
 IMAGES = 40
 

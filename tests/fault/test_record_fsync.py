@@ -14,12 +14,12 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
-from semlive.formats.log import LogMessage, LogWriter
-from semlive.formats.messages import SEM_ORIGINAL, LogLineMessage, to_json
-from semlive.service.log_files import messages
-from semlive.service.log_segment import REWRITING
-from semlive.service.recover import recover_leftovers, recover_log
-from semlive.service.tail import Tail
+from semlive.formats.log.messages import SEM_ORIGINAL, LogLineMessage, to_json
+from semlive.formats.log.writer import LogMessage, LogWriter
+from semlive.service.log.files import messages
+from semlive.service.log.repair import recover_log, repair_partial_segments
+from semlive.service.log.segment import REWRITING
+from semlive.service.log.tail import LogTail
 
 ORIGINALS = 30
 
@@ -27,9 +27,9 @@ ORIGINALS = 30
 WRITER = """
 import json, sys, time
 from pathlib import Path
-from semlive.formats.messages import FileMessage, LogLineMessage, RunMessage
-from semlive.service.record import Recorder
-from semlive.service.tail import Tail
+from semlive.formats.log.messages import FileMessage, LogLineMessage, RunMessage
+from semlive.service.log.recorder import Recorder
+from semlive.service.log.tail import Tail
 class Clock:
     def now_ns(self): return time.time_ns()
     def mono_ns(self): return time.monotonic_ns()
@@ -183,7 +183,7 @@ def grown(path: Path, lines: range, after_ns: int | None = None, lost: int | Non
 
 def test_messages_that_stand_in_two_segments_are_given_once(tmp_path: Path) -> None:
     """As after a kill between the end of the new segment and the cut of the old one."""
-    live, first, second = Tail(tmp_path), tmp_path / "run.000.mcap.part", tmp_path / "run.001.mcap.part"
+    live, first, second = LogTail(tmp_path), tmp_path / "run.000.mcap.part", tmp_path / "run.001.mcap.part"
     grown(first, range(1, 21), lost=15)
     followed = list(live.poll())
     grown(second, range(11, 31), after_ns=10)
@@ -199,7 +199,7 @@ def test_a_segment_that_was_being_written_again_when_its_writer_was_killed_belon
     grown(first, range(1, 21), lost=12)
     grown(second, range(11, 15), after_ns=10)
     assert [one.log_time_ns for one in messages(tmp_path)] == [*range(1, 12), *range(13, 21)]
-    recover_leftovers(tmp_path)
+    repair_partial_segments(tmp_path)
     assert list(messages(tmp_path)) == [line(number) for number in range(1, 21)]
     assert names(tmp_path) == ["run.000.mcap", "run.000.original", "run.001.mcap", "run.001.original"]
 

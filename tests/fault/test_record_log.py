@@ -18,12 +18,12 @@ import pytest
 from mcap.reader import make_reader
 
 from semlive.errors import BadConfig, BadLog, SemliveError
-from semlive.formats.log import RUN_METADATA, LogMessage, LogWriter
-from semlive.formats.messages import SEM_ORIGINAL, FaultMessage, LogLineMessage, RunMessage, from_json
-from semlive.service.log_files import messages, segment_path, segments
-from semlive.service.log_stream import open_new
-from semlive.service.record import Recorder
-from semlive.service.tail import Tail
+from semlive.formats.log.messages import SEM_ORIGINAL, FaultMessage, LogLineMessage, RunMessage, from_json
+from semlive.formats.log.writer import RUN_METADATA, LogMessage, LogWriter
+from semlive.service.log.files import messages, segment_path, segments
+from semlive.service.log.recorder import Recorder
+from semlive.service.log.stream import open_new
+from semlive.service.log.tail import LogTail
 
 
 @dataclass
@@ -104,7 +104,7 @@ def test_messages_of_many_threads_stand_in_the_order_of_their_log_times(tmp_path
 def test_a_log_grows_as_a_part_that_can_be_read_after_flush_wait(tmp_path: Path) -> None:
     recorder = Recorder(segment_path(tmp_path, "run", 0), StuckClock(), unfaulted)
     recorder.write("/log", line("one"))
-    assert recorder.flush_wait()
+    assert recorder.flush()
     assert [path.name for path in segments(tmp_path)] == ["run.000.mcap.part"]
     damage: list[str] = []
     [message] = messages(tmp_path, damage.append)
@@ -119,12 +119,12 @@ def test_nothing_is_lost_when_the_disk_is_full_for_a_while(tmp_path: Path) -> No
     recorder = Recorder(tmp_path / "run.000.mcap", StuckClock(), said.append, open_raw=open_raw, retry_after_s=0.01)
     for number in range(200):
         recorder.write("/fault", FaultMessage(time_ns=number, what="x" * 50, where="", action=""))
-        assert number or recorder.flush_wait()
-    assert not recorder.flush_wait(0.2)
+        assert number or recorder.flush()
+    assert not recorder.flush(0.2)
     assert len(said) == 1
     assert "No space left" in said[0]
     opened[0].room = 10**9
-    assert recorder.flush_wait()
+    assert recorder.flush()
     assert "is written now" in said[1]
     assert recorder.close()
     assert [message.publish_time_ns - 10**18 for message in messages(tmp_path)] == list(range(200))
@@ -193,8 +193,8 @@ def test_segments_of_a_run_are_read_in_order(tmp_path: Path) -> None:
 KILLED = """
 import os, signal, sys, time
 from pathlib import Path
-from semlive.formats.messages import FaultMessage, LogLineMessage
-from semlive.service.record import Recorder
+from semlive.formats.log.messages import FaultMessage, LogLineMessage
+from semlive.service.log.recorder import Recorder
 class Clock:
     def now_ns(self): return time.time_ns()
     def mono_ns(self): return time.monotonic_ns()
@@ -244,29 +244,29 @@ def test_a_log_that_is_moved_or_cut_while_it_is_written_is_behind(tmp_path: Path
     recorder = Recorder(path, StuckClock(), unfaulted)
     away = recorder.part.with_name("rotated.1")
     recorder.write("/fault", FaultMessage(time_ns=1, what="x", where="", action=""))
-    assert recorder.flush_wait()
+    assert recorder.flush()
     recorder.part.rename(away)
-    wait_until(lambda: "moved or removed" in (recorder.behind or ""))
-    assert recorder.refused
+    wait_until(lambda: "moved or removed" in (recorder.backlog_message or ""))
+    assert recorder.write_failed
     away.rename(recorder.part)
-    wait_until(lambda: recorder.behind is None)
+    wait_until(lambda: recorder.backlog_message is None)
     os.truncate(recorder.part, 10)
-    wait_until(lambda: "cut short" in (recorder.behind or ""))
+    wait_until(lambda: "cut short" in (recorder.backlog_message or ""))
     recorder.write("/fault", FaultMessage(time_ns=2, what="x" * 1000, where="", action=""))
-    assert recorder.flush_wait()
+    assert recorder.flush()
     time.sleep(1.1)
-    assert "cut short" in (recorder.behind or "")
+    assert "cut short" in (recorder.backlog_message or "")
     assert recorder.close()
 
 
 def test_a_large_segment_is_followed_by_another_and_readers_see_one_log(tmp_path: Path) -> None:
     recorder = Recorder(segment_path(tmp_path, "run", 0), StuckClock(), unfaulted, segment_bytes=20_000)
-    tail, followed = Tail(tmp_path), list[LogMessage]()
+    tail, followed = LogTail(tmp_path), list[LogMessage]()
     recorder.write("/run", RunMessage(run="run", started_time_ns=1, host="here", versions={}, config={}))
     for number in range(40):
         recorder.write(SEM_ORIGINAL, bytes(2_000), sequence=number)
         recorder.write("/log", LogLineMessage(time_ns=number, level="info", text="x"))
-        assert number % 10 or recorder.flush_wait()
+        assert number % 10 or recorder.flush()
         followed += tail.poll()
         assert not tail.finished
     assert recorder.close()
@@ -293,11 +293,11 @@ def test_the_next_segment_is_begun_when_the_disk_takes_it_again(tmp_path: Path, 
     )
     refuse.set()
     recorder.write(SEM_ORIGINAL, bytes(10_000), sequence=0)
-    wait_until(lambda: "No space left" in (recorder.behind or ""))
+    wait_until(lambda: "No space left" in (recorder.backlog_message or ""))
     recorder.write(SEM_ORIGINAL, bytes(10), sequence=1)
     refuse.clear()
-    assert recorder.flush_wait()
-    assert recorder.behind is None
+    assert recorder.flush()
+    assert recorder.backlog_message is None
     assert recorder.close()
     assert [one.sequence for one in messages(tmp_path)] == [0, 1]
     assert ["next segment cannot be created" in said[0], "is written now" in said[1]] == [True, True]

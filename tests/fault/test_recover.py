@@ -15,10 +15,10 @@ import pytest
 from mcap.reader import make_reader
 
 from semlive.errors import BadLog, SemliveError
-from semlive.formats.log import LogWriter
-from semlive.formats.messages import DIC_MAP, SEM_ORIGINAL, LogLineMessage, OperatorMessage, StateMessage, to_json
-from semlive.service.log_files import messages
-from semlive.service.recover import ORIGINAL, recover_leftovers, recover_log, recover_segment
+from semlive.formats.log.messages import DIC_MAP, SEM_ORIGINAL, LogLineMessage, OperatorMessage, StateMessage, to_json
+from semlive.formats.log.writer import LogWriter
+from semlive.service.log.files import messages
+from semlive.service.log.repair import ORIGINAL, recover_log, recover_segment, repair_partial_segments
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from bench_recover import campaign, standing
@@ -103,7 +103,7 @@ def test_a_damaged_log_is_recovered_in_place_and_the_original_is_kept(tmp_path: 
     assert Path(segment["kept_as"]).read_bytes() == bytes(data)
     assert [message.sequence for message in messages(tmp_path) if message.topic == SEM_ORIGINAL] == [0, 3, 9, 12, 15, 18, 21, 24, 27]
     [again] = recover_log(tmp_path)
-    assert again.was_whole
+    assert again.was_intact
     assert sum(again.kept.values()) == 329
     assert sorted(one.name for one in tmp_path.iterdir()) == ["run.000.mcap", f"run.000{ORIGINAL}"]
 
@@ -128,15 +128,15 @@ def test_where_it_goes_and_what_is_refused(tmp_path: Path) -> None:
     (folder / "run.001.mcap.part").write_bytes(written(folder / "x", 3, finish=False)[:-200])
     (folder / "x").unlink()
     recovered = recover_log(folder, tmp_path / "out")
-    assert [one.was_whole for one in recovered] == [True, False]
+    assert [one.was_intact for one in recovered] == [True, False]
     assert sorted(one.name for one in (tmp_path / "out").iterdir()) == ["run.000.mcap", "run.001.mcap"]
     assert sorted(one.name for one in folder.iterdir()) == ["run.000.mcap", "run.001.mcap.part"]
     with pytest.raises(BadLog, match="exists already"):
         recover_log(folder, tmp_path / "out")
-    [left] = recover_leftovers(folder)
+    [left] = repair_partial_segments(folder)
     assert left.path.name == "run.001.mcap"
     assert left.kept_as == folder / f"run.001{ORIGINAL}"
-    assert recover_leftovers(folder) == ()
+    assert repair_partial_segments(folder) == ()
     (tmp_path / "image.mcap").write_bytes(b"\x89PNG\r\n\x1a\n" * 100)
     with pytest.raises(BadLog, match=r"image\.mcap: not an MCAP file"):
         recover_segment(tmp_path / "image.mcap")
@@ -148,8 +148,8 @@ def test_where_it_goes_and_what_is_refused(tmp_path: Path) -> None:
 KILLED = """
 import os, sys, time
 from pathlib import Path
-from semlive.formats.messages import LogLineMessage
-from semlive.service.record import Recorder
+from semlive.formats.log.messages import LogLineMessage
+from semlive.service.log.recorder import Recorder
 class Clock:
     def now_ns(self): return time.time_ns()
     def mono_ns(self): return time.monotonic_ns()
@@ -168,11 +168,11 @@ def test_a_log_that_is_being_written_is_left_alone_and_a_killed_one_is_finished(
         assert writer.stdout is not None
         assert writer.stdout.readline() == "flushed\n"
         with pytest.raises(BadLog, match="is being written by a running semlive"):
-            recover_leftovers(tmp_path)
+            repair_partial_segments(tmp_path)
         os.kill(writer.pid, signal.SIGKILL)
     deadline = time.monotonic() + 10
     while (tmp_path / "run.000.mcap.part").exists() and time.monotonic() < deadline:
-        [recovered] = recover_leftovers(tmp_path)
+        [recovered] = repair_partial_segments(tmp_path)
         assert recovered.kept == {"/log": 100}
     with (tmp_path / "run.000.mcap").open("rb") as stream:
         summary = make_reader(stream, validate_crcs=True).get_summary()

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 from semlive.errors import LinkRefused
-from semlive.formats.log import LogWriter
-from semlive.formats.messages import CommandMessage, FaultMessage, Payload, StateMessage, topic_of
-from semlive.service.log_files import segments
-from semlive.service.refused_start import REFUSED_START, named_in, refused_start
+from semlive.formats.log.messages import CommandMessage, FaultMessage, Payload, StateMessage, topic_of
+from semlive.formats.log.writer import LogWriter
+from semlive.service.control.refused_start import REFUSED_START, named_in, refused_start
+from semlive.service.log.files import segments
 
 REFUSED = FaultMessage(time_ns=5, what="no answer", where=REFUSED_START, action="refused the start", code="link_lost")
 CONNECTING = StateMessage(time_ns=2, before="idle", after="connecting", cause="opening", step=0, guards={})

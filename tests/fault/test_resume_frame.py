@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 import yaml
 
-from semlive.service.analysis import READY
+from semlive.service.analysis.worker import READY_TEXT
 
 from .by_hand import lives
 
@@ -106,7 +106,7 @@ def test_a_frame_that_was_restarted_after_a_kill_is_a_fault_and_yes_does_not_con
     (fault,) = patient.logged("/fault")
     assert fault["code"] == "device_restarted"
     assert "target (holding register 0) holds 0 N, 300 N was written" in fault["what"]
-    wait_until(lambda: sum(one["text"] == READY for one in patient.logged("/log")) == 2)
+    wait_until(lambda: sum(one["text"] == READY_TEXT for one in patient.logged("/log")) == 2)
     time.sleep(3.0)
     assert frame_peer.motions() == 1
     os.write(terminal, b"resume\n")
@@ -149,4 +149,4 @@ def _children(pid: int) -> list[int]:
     """Analysis and page; not what looks at the system for a moment."""
     tasks = Path(f"/proc/{pid}/task").iterdir()
     found = [int(child) for task in tasks for child in (task / "children").read_text().split()]
-    return [child for child in found if b"semlive.service.child" in Path(f"/proc/{child}/cmdline").read_bytes()]
+    return [child for child in found if b"semlive.service.runtime.child_process" in Path(f"/proc/{child}/cmdline").read_bytes()]

@@ -14,16 +14,16 @@ from typing import Any
 import pytest
 
 from semlive.errors import BadConfig
-from semlive.formats.log import LogMessage, LogWriter
-from semlive.formats.messages import LogLineMessage, RunMessage
-from semlive.service.analysis import LOG_REPLACED
-from semlive.service.analysis_link import AnalysisLink
-from semlive.service.config import parse_config
-from semlive.service.journal import Journal
-from semlive.service.lock import only_one, only_one_at
-from semlive.service.log_files import messages
-from semlive.service.record import Recorder
-from semlive.service.tail import LogReplaced, Tail
+from semlive.formats.log.messages import LogLineMessage, RunMessage
+from semlive.formats.log.writer import LogMessage, LogWriter
+from semlive.service.analysis.process import AnalysisProcess
+from semlive.service.analysis.worker import LOG_REPLACED
+from semlive.service.config.configuration import parse_config
+from semlive.service.log.files import messages
+from semlive.service.log.lock import only_one_at, run_lock
+from semlive.service.log.recorder import Recorder
+from semlive.service.log.run_log import RunLog
+from semlive.service.log.tail import LogReplaced, LogTail
 
 CONFIG = {
     "sem": {"folder": "export", "pixel_size_um": 1.25},
@@ -94,18 +94,18 @@ def test_a_place_is_held_by_whatever_path_it_is_reached(tmp_path: Path) -> None:
         with only_one_at(tmp_path / "runs" / "two"):
             pass
     run.mkdir()
-    with only_one(run):
+    with run_lock(run):
         run.rmdir()
         run.mkdir()
-        with pytest.raises(BadConfig, match="another semlive is at work"), only_one(run):
+        with pytest.raises(BadConfig, match="another semlive is at work"), run_lock(run):
             pass
-    with only_one(run):
+    with run_lock(run):
         pass
 
 
 def test_a_reader_does_not_go_on_in_another_runs_segment(tmp_path: Path) -> None:
     write(tmp_path / "run.000.mcap", 100, 5)
-    tail = Tail(tmp_path)
+    tail = LogTail(tmp_path)
     assert [one.log_time_ns for one in tail.poll()] == [100, 101, 102, 103, 104]
     (tmp_path / "run.000.mcap.part").unlink()
     assert list(tail.poll()) == []
@@ -120,7 +120,7 @@ def test_a_reader_does_not_go_on_in_another_runs_segment(tmp_path: Path) -> None
 def test_a_reader_of_a_later_segment_does_not_go_back_to_another_runs_first(tmp_path: Path) -> None:
     write(tmp_path / "run.000.mcap", 100, 2, part=False)
     write(tmp_path / "run.001.mcap", 200, 2)
-    tail = Tail(tmp_path)
+    tail = LogTail(tmp_path)
     assert [one.log_time_ns for one in tail.poll()] == [100, 101, 200, 201]
     shutil.rmtree(tmp_path)
     write(tmp_path / "run.000.mcap", 900, 9)
@@ -129,7 +129,7 @@ def test_a_reader_of_a_later_segment_does_not_go_back_to_another_runs_first(tmp_
 
 def test_an_analysis_that_is_started_again_refuses_another_runs_log(tmp_path: Path) -> None:
     write(tmp_path / "run.000.mcap", 900, 9)
-    command = [sys.executable, "-m", "semlive.service.analysis", "--log", str(tmp_path), "--inputs", "1", "--began-ns", "100"]
+    command = [sys.executable, "-m", "semlive.service.analysis.worker", "--log", str(tmp_path), "--inputs", "1", "--began-ns", "100"]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120)
     assert done.returncode == LOG_REPLACED
     assert done.stderr == f"{tmp_path}: is not the log of this run any more; look at what became of the folder.\n"
@@ -140,18 +140,18 @@ def test_analysis_of_a_replaced_folder_is_given_up_at_once(tmp_path: Path, wait_
     folder = tmp_path / "run"
     folder.mkdir()
     recorder, said, troubles = Recorder(folder / "run.000.mcap", Now(1000), lambda _: None), list[LogMessage](), list[tuple[str, bool]]()
-    link = AnalysisLink(folder, lambda: recorder.refused, said.append, lambda what, lost: troubles.append((what, lost)))
-    journal = Journal(recorder)
-    journal.follow(link.give)
+    link = AnalysisProcess(folder, lambda: recorder.write_failed, said.append, lambda what, lost: troubles.append((what, lost)))
+    journal = RunLog(recorder)
+    journal.subscribe(link.notify_input)
     config = parse_config(CONFIG, "here").model_dump(mode="json")
-    journal.note(RunMessage(run="run", started_time_ns=1, host="here", versions={}, config=config))
+    journal.write_message(RunMessage(run="run", started_time_ns=1, host="here", versions={}, config=config))
     wait_until(lambda: bool(said), 120.0)
     shutil.rmtree(folder)
     folder.mkdir()
     other = Recorder(folder / "run.000.mcap", Now(9_000_000), pytest.fail)
     other.write("/run", RunMessage(run="run", started_time_ns=9, host="here", versions={}, config=config))
-    assert other.flush_wait()
-    journal.note(RunMessage(run="run", started_time_ns=2, host="here", versions={}, config=config))
+    assert other.flush()
+    journal.write_message(RunMessage(run="run", started_time_ns=2, host="here", versions={}, config=config))
     wait_until(lambda: bool(troubles), 60.0)
     assert troubles == [(f"the analysis process ended: {folder} was replaced by the log of another run; it is given up", True)]
     assert not link.drain(10.0)

@@ -13,11 +13,11 @@ import pytest
 
 from semlive.data.frame import ExportedFile
 from semlive.data.settings import ScanProfile
-from semlive.service.folder import FileRefused, Folder, WatchSettings
-from semlive.service.names import NameCount
-from semlive.service.sidecars import sidecar_names
-from semlive_simulators.exporters.facts import ImageFacts, Product
-from semlive_simulators.exporters.settings import Export, Style, Vendor
+from semlive.service.watch.export_folder import ExportFolder, RejectedFile, WatchSettings
+from semlive.service.watch.file_numbering import FileNumbering
+from semlive.service.watch.sidecars import sidecar_names
+from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata
+from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.scenario import load_scenario
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
@@ -26,9 +26,11 @@ from bench_watch import HandClock, measure
 SCAN = dataclasses.replace(load_scenario("paper_x200").scan, width_px=32, height_px=24, frame_time_s=0.108)
 
 
-def made(vendor: Vendor, seed: int = 1, bar: int = 0) -> Product:
+def made(vendor: Vendor, seed: int = 1, bar: int = 0) -> EncodedFrame:
     image = np.random.default_rng(seed).integers(1, 256, (24, 32), dtype=np.uint8)
-    return Export(Style.DIRECT, 0.0, 1.0, 1, bar, "x", vendor).encode(image, ImageFacts(SCAN, 10**18 + seed * 10**9, 0, 0, seed, "a.tif"))
+    return Export(WriteStyle.DIRECT, 0.0, 1.0, 1, bar, "x", vendor).encode(
+        image, ImageMetadata(SCAN, 10**18 + seed * 10**9, 0, 0, seed, "a.tif")
+    )
 
 
 class Watched:
@@ -37,11 +39,11 @@ class Watched:
     def __init__(self, path: Path, **settings: object) -> None:
         self.path, self.clock = path, HandClock()
         self.files: list[ExportedFile] = []
-        self.refused: list[FileRefused] = []
+        self.refused: list[RejectedFile] = []
         self.troubles: list[str] = []
         self.notices: list[str] = []
         chosen = WatchSettings(path, give_up_after_s=20.0, **settings)  # type: ignore[arg-type]
-        self.folder = Folder(chosen, self.clock, self.files.append, self.refused.append, self.troubles.append, self.notices.append)
+        self.folder = ExportFolder(chosen, self.clock, self.files.append, self.refused.append, self.troubles.append, self.notices.append)
         self.folder.open()
 
     def wait(self, seconds: int) -> None:
@@ -153,8 +155,8 @@ def test_numbers_that_are_missing_or_go_back_are_told(watched: Callable[..., Wat
 
 
 def test_each_kind_of_name_counts_for_itself() -> None:
-    names = NameCount()
-    assert [names.notice(name) for name in ("a_1.tif", "b_7.tif", "a_2.tif", "b_8.tif", "scan.tif")] == [None] * 5
+    names = FileNumbering()
+    assert [names.check_gap(name) for name in ("a_1.tif", "b_7.tif", "a_2.tif", "b_8.tif", "scan.tif")] == [None] * 5
 
 
 def test_texts_are_found_under_every_name_that_vendors_give_them() -> None:
@@ -169,4 +171,4 @@ def test_only_a_file_that_was_seen_to_come_tells_of_clocks(watched: Callable[...
     folder.write("b.tif", made(Vendor.FEI, 2).image)
     came_ns = folder.clock.ns
     folder.wait(4)
-    assert [file.settled_time_ns for file in folder.files] == [0, came_ns]
+    assert [file.stable_time_ns for file in folder.files] == [0, came_ns]

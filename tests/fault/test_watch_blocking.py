@@ -15,9 +15,9 @@ import pytest
 import tifffile
 
 from semlive.data.frame import ExportedFile
-from semlive.service.file_reader import FileReader, StillReading, read_regular
-from semlive.service.folder import FileRefused, Folder, WatchSettings
-from semlive.service.log_files import messages
+from semlive.service.log.files import messages
+from semlive.service.watch.export_folder import ExportFolder, RejectedFile, WatchSettings
+from semlive.service.watch.file_reader import FileReader, StillReading, read_regular
 
 from .by_hand import HandClock, image
 
@@ -30,12 +30,12 @@ class Watched:
     reader: FileReader = field(default_factory=FileReader)
     clock: HandClock = field(default_factory=HandClock)
     files: list[ExportedFile] = field(default_factory=list)
-    refused: list[FileRefused] = field(default_factory=list)
+    refused: list[RejectedFile] = field(default_factory=list)
     replaced: list[str] = field(default_factory=list)
 
     def open(self) -> Watched:
         settings = WatchSettings(self.path, stable_for_s=2.0, give_up_after_s=20.0)
-        self.folder = Folder(
+        self.folder = ExportFolder(
             settings, self.clock, self.files.append, self.refused.append, pytest.fail, on_replaced=self.replaced.append, reader=self.reader
         )
         self.folder.open()

@@ -15,8 +15,8 @@ import tifffile
 
 from semlive.data.frame import ExportedFile
 from semlive.errors import BadConfig
-from semlive.service.folder import FileRefused, Folder, WatchSettings
-from semlive.service.watch import FolderWatcher
+from semlive.service.watch.export_folder import ExportFolder, RejectedFile, WatchSettings
+from semlive.service.watch.thread import FolderWatcher
 
 from .by_hand import HandClock, image
 
@@ -29,11 +29,11 @@ class Watched:
     settings: WatchSettings
     clock: HandClock = field(default_factory=HandClock)
     files: list[ExportedFile] = field(default_factory=list)
-    refused: list[FileRefused] = field(default_factory=list)
+    refused: list[RejectedFile] = field(default_factory=list)
     troubles: list[str] = field(default_factory=list)
 
     def open(self) -> Watched:
-        self.folder = Folder(self.settings, self.clock, self.files.append, self.refused.append, self.troubles.append)
+        self.folder = ExportFolder(self.settings, self.clock, self.files.append, self.refused.append, self.troubles.append)
         self.folder.open()
         return self
 
@@ -55,7 +55,7 @@ def test_a_file_is_delivered_once_with_its_bytes_after_it_stood_still(watched: W
     assert watched.files == []
     watched.wait(4)
     [file] = watched.files
-    assert (file.export, file.name, file.data) == (0, "a.tif", image(1))
+    assert (file.index, file.name, file.data) == (0, "a.tif", image(1))
     assert file.mtime_ns == (watched.path / "a.tif").stat().st_mtime_ns
     assert file.arrival_time_ns <= watched.clock.ns
     watched.wait(10)
@@ -114,7 +114,7 @@ def test_files_are_delivered_in_order_of_their_time(watched: Watched) -> None:
         (watched.path / name).write_bytes(image(number))
         os.utime(watched.path / name, ns=(0, 10**18 + number))
     watched.wait(5)
-    assert [(file.name, file.export) for file in watched.files] == [("c.tif", 0), ("a.tif", 1), ("b.tif", 2)]
+    assert [(file.name, file.index) for file in watched.files] == [("c.tif", 0), ("a.tif", 1), ("b.tif", 2)]
 
 
 def test_the_same_bytes_under_a_new_name_are_refused_by_name(watched: Watched) -> None:
@@ -152,7 +152,7 @@ def test_files_from_before_are_no_files_of_this_run(tmp_path: Path) -> None:
     assert "was there before the run" in watched.refused[0].reason
     adopting = Watched(tmp_path, WatchSettings(tmp_path, adopt=True, first_export=5)).open()
     adopting.wait(10)
-    assert [(file.name, file.export) for file in adopting.files] == [("old.tif", 5)]
+    assert [(file.name, file.index) for file in adopting.files] == [("old.tif", 5)]
 
 
 def test_a_file_that_never_becomes_whole_is_refused_once_and_taken_if_it_does_later(watched: Watched) -> None:
@@ -217,7 +217,7 @@ def test_the_thread_delivers_soon_and_stops(tmp_path: Path) -> None:
             came.set()
 
     settings = WatchSettings(tmp_path, poll_s=0.02, stable_for_s=0.1)
-    refused: list[FileRefused] = []
+    refused: list[RejectedFile] = []
     watcher = FolderWatcher(settings, WallClock(), take, refused.append, lambda text: None)
     watcher.start()
     for number in range(3):
@@ -265,7 +265,7 @@ def test_a_dead_watch_is_known(tmp_path: Path) -> None:
         raise RuntimeError(file.name)
 
     told: list[str] = []
-    refused: list[FileRefused] = []
+    refused: list[RejectedFile] = []
     watcher = FolderWatcher(WatchSettings(tmp_path, poll_s=0.02, stable_for_s=0.05), WallClock(), break_down, refused.append, told.append)
     watcher.start()
     assert not watcher.failed

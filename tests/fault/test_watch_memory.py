@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from semlive.service.folder import Folder, WatchSettings
-from semlive.service.known_files import BEFORE, COPY, KnownFile, KnownFiles
-from semlive.service.names import NameCount
+from semlive.service.watch.export_folder import ExportFolder, WatchSettings
+from semlive.service.watch.file_numbering import FileNumbering
+from semlive.service.watch.file_registry import DUPLICATE, PREEXISTING, FileRegistry, RegisteredFile
 
 from .by_hand import HandClock, image
 
@@ -21,11 +21,11 @@ FILES, PICTURE = 600, image(1)
 
 
 def test_it_remembers_as_a_dictionary_does_beyond_its_room() -> None:
-    rng, known = np.random.default_rng(1), KnownFiles(room=16)
-    files: dict[str, KnownFile] = {}
+    rng, known = np.random.default_rng(1), FileRegistry(room=16)
+    files: dict[str, RegisteredFile] = {}
     for number in range(2000):
         name = f"{'ä' * int(rng.integers(0, 60))}{rng.integers(0, 500)}.tif"
-        one = KnownFile(
+        one = RegisteredFile(
             (int(rng.integers(0, 2**60)), -number, number), number, hashlib.sha256(name.encode()).hexdigest() if number % 3 else ""
         )
         if (before := files.get(name)) is not None:
@@ -35,23 +35,23 @@ def test_it_remembers_as_a_dictionary_does_beyond_its_room() -> None:
         assert known.get(name) == one
     assert len(known) == len(files)
     assert {name: known.get(name) for name in files} == files
-    assert all(known.stands(name, one.state) and not known.stands(name, (1, 2, 3)) for name, one in files.items())
-    assert known.get("other.tif") is known.stands("other.tif", (1, 2, 3)) is None
+    assert all(known.is_unchanged(name, one.state) and not known.is_unchanged(name, (1, 2, 3)) for name, one in files.items())
+    assert known.get("other.tif") is known.is_unchanged("other.tif", (1, 2, 3)) is None
     for name, one in files.items():
-        twin = known.twin(one.sha256) if one.sha256 else name
+        twin = known.same_content(one.sha256) if one.sha256 else name
         assert twin is not None
         assert name.startswith(twin)
-    assert known.twin("00" * 31 + "01") is None
+    assert known.same_content("00" * 31 + "01") is None
 
 
 def test_names_that_are_no_text_and_what_became_of_files() -> None:
-    known = KnownFiles(room=16)
+    known = FileRegistry(room=16)
     name = os.fsdecode(b"a\xff.tif") if os.name == "posix" else "a.tif"
     sha256 = hashlib.sha256(b"1").hexdigest()
-    known.put(name, KnownFile((1, 2, 3), 7, sha256))
-    assert known.get(name) == KnownFile((1, 2, 3), 7, sha256)
-    assert known.twin(sha256) == name.encode("utf-8", "backslashreplace").decode()
-    told = [KnownFile((1, 2, 3), export).what for export in (7, BEFORE, COPY)]
+    known.put(name, RegisteredFile((1, 2, 3), 7, sha256))
+    assert known.get(name) == RegisteredFile((1, 2, 3), 7, sha256)
+    assert known.same_content(sha256) == name.encode("utf-8", "backslashreplace").decode()
+    told = [RegisteredFile((1, 2, 3), export).description for export in (7, PREEXISTING, DUPLICATE)]
     assert told == ["was taken as export 7", "was there before the run", "was refused as a copy"]
 
 
@@ -59,7 +59,7 @@ def test_a_folder_takes_no_more_memory_for_more_files(tmp_path: Path) -> None:
     """Each took 0.6 kB for good, and 0.4 kB more at every scan."""
     clock, taken = HandClock(), [0]
     settings = WatchSettings(tmp_path, sidecar_timeout_s=2.0)
-    folder = Folder(settings, clock, lambda file: taken.append(taken.pop() + 1), print, print)
+    folder = ExportFolder(settings, clock, lambda file: taken.append(taken.pop() + 1), print, print)
     folder.open()
 
     def come(first: int) -> None:
@@ -77,7 +77,7 @@ def test_a_folder_takes_no_more_memory_for_more_files(tmp_path: Path) -> None:
         return tracemalloc.get_traced_memory()[1] - before
 
     # Threads of other tests may end meanwhile, and take or free what they like: 7.7 MB once.
-    here = tracemalloc.Filter(True, inspect.getfile(Folder), all_frames=True)
+    here = tracemalloc.Filter(True, inspect.getfile(ExportFolder), all_frames=True)
     come(0)
     tracemalloc.start(5)
     try:
@@ -92,10 +92,10 @@ def test_a_folder_takes_no_more_memory_for_more_files(tmp_path: Path) -> None:
 
 
 def test_kinds_of_names_are_forgotten() -> None:
-    names = NameCount()
-    names.notice("a1.tif")
+    names = FileNumbering()
+    names.check_gap("a1.tif")
     for minute in range(5000):
-        names.notice(f"{minute}:01.tif")
-    assert names.notice("4999:03.tif") is not None
-    assert names.notice("a9.tif") is None
+        names.check_gap(f"{minute}:01.tif")
+    assert names.check_gap("4999:03.tif") is not None
+    assert names.check_gap("a9.tif") is None
     assert len(names._newest) <= 100  # pyright: ignore[reportPrivateUsage]

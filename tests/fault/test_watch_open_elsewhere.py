@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from semlive.data.frame import ExportedFile
-from semlive.service.folder import FileRefused, Folder, WatchSettings
-from semlive.service.open_elsewhere import held_back, open_elsewhere
+from semlive.service.watch.export_folder import ExportFolder, RejectedFile, WatchSettings
+from semlive.service.watch.file_locks import is_locked_error, open_elsewhere
 
 from .by_hand import HandClock, image
 
@@ -22,13 +22,15 @@ class Watched:
     held: set[str] = field(default_factory=set)
     clock: HandClock = field(default_factory=HandClock)
     files: list[ExportedFile] = field(default_factory=list)
-    refused: list[FileRefused] = field(default_factory=list)
+    refused: list[RejectedFile] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         settings = WatchSettings(self.path, stable_for_s=2.0, give_up_after_s=20.0)
         said = self.said.append
-        self.folder = Folder(settings, self.clock, self.files.append, self.refused.append, said, said, lambda path: path.name in self.held)
+        self.folder = ExportFolder(
+            settings, self.clock, self.files.append, self.refused.append, said, said, lambda path: path.name in self.held
+        )
         self.folder.open()
 
     def wait(self, seconds: int) -> None:
@@ -53,13 +55,13 @@ def test_a_whole_file_is_not_taken_while_its_writer_has_it_open(tmp_path: Path) 
 
 
 def test_what_the_system_says_of_a_held_file_is_known() -> None:
-    assert held_back(OSError(errno.EBUSY, "busy"))
-    assert held_back(OSError(errno.ETXTBSY, "text file busy"))
-    assert not held_back(OSError(errno.EACCES, "permission denied"))
+    assert is_locked_error(OSError(errno.EBUSY, "busy"))
+    assert is_locked_error(OSError(errno.ETXTBSY, "text file busy"))
+    assert not is_locked_error(OSError(errno.EACCES, "permission denied"))
     refused = OSError(errno.EACCES, "the process cannot access the file")
     for number, held in ((32, True), (33, True), (5, False)):
         refused.winerror = number  # type: ignore[attr-defined]  # as Windows sets it
-        assert held_back(refused) is held
+        assert is_locked_error(refused) is held
 
 
 def test_what_this_system_tells_of_an_open_file(tmp_path: Path) -> None:

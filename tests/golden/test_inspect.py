@@ -13,10 +13,10 @@ import numpy as np
 
 from semlive.data.frame import ExportedFile
 from semlive.data.settings import ScanProfile, ScanSpeed
-from semlive.formats.inspection import as_json, inspect_file
-from semlive_simulators.exporters.facts import ImageFacts
-from semlive_simulators.exporters.settings import Export, Style, Vendor
-from semlive_simulators.scan import Scan
+from semlive.formats.images.inspection import as_json, inspect_file
+from semlive_simulators.exporters.image_metadata import ImageMetadata
+from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
+from semlive_simulators.microscope.scan import Scan
 from semlive_simulators.scenario import load_scenario
 
 GOLDEN = Path(__file__).with_name("inspect.json")
@@ -31,7 +31,9 @@ def printed() -> dict[str, object]:
     files: list[dict[str, object]] = []
     for vendor in Vendor:
         name = f"frame.{vendor.value}"
-        made = Export(Style.DIRECT, 0.5, 1.5, 6, 60, "a", vendor).encode(image, ImageFacts(scan, END_NS, 12.5, -3.25, frame=4, name=name))
+        made = Export(WriteStyle.DIRECT, 0.5, 1.5, 6, 60, "a", vendor).encode(
+            image, ImageMetadata(scan, END_NS, 12.5, -3.25, frame=4, name=name)
+        )
         file = ExportedFile(0, name, made.image, "", END_NS, END_NS, made.sidecar)
         files.append(as_json(inspect_file(file, PROFILE), name))
         if vendor is Vendor.FEI:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from semlive.formats.messages import TOPICS, json_schema
+from semlive.formats.log.messages import TOPICS, json_schema
 
 GOLDEN = Path(__file__).with_name("log_schemas.json")
 

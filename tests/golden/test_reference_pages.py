@@ -26,30 +26,30 @@ from semlive.cli.app import COMMANDS
 from semlive.cli.lazy import load
 from semlive.data.experiment import Limits
 from semlive.data.settings import DicSettings, EstimateSettings, ScanProfile, ScanSpeed, SpecimenSettings, StrainSettings
-from semlive.service import config
-from semlive.service.config_checks import CONFIRMABLE
-from semlive.service.model_section import ModelSection
-from semlive_drivers.approach import ApproachSettings
-from semlive_drivers.assembled import AssembledSettings
-from semlive_drivers.csv_tail import Column, CsvSettings
-from semlive_drivers.frame import FrameSettings
+from semlive.service.config import configuration
+from semlive.service.config.checks import CONFIRMABLE
+from semlive.service.config.model_section import ModelSection
+from semlive_drivers.composite_config import AssembledSettings
+from semlive_drivers.composite_load_frame import FrameSettings
+from semlive_drivers.csv_load_file import Column, CsvSettings
+from semlive_drivers.load_approach import ApproachSettings
 from semlive_drivers.modbus.settings import ModbusSettings, PartSettings, SerialLine, StageSettings
-from semlive_drivers.operator import OperatorSettings
-from semlive_drivers.operator_frame import OperatorFrameSettings
-from semlive_drivers.operator_trigger import OperatorTriggerSettings
+from semlive_drivers.operator.load_frame import OperatorFrameSettings
+from semlive_drivers.operator.stage import OperatorSettings
+from semlive_drivers.operator.trigger import OperatorTriggerSettings
 from semlive_drivers.text.part import TextSettings
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference"
 SECTIONS: tuple[tuple[str, type], ...] = (
-    ("run", config.RunSection),
-    ("sem", config.SemSection),
+    ("run", configuration.RunSection),
+    ("sem", configuration.SemSection),
     ("sem.profile", ScanProfile),
     ("sem.scan_profiles", ScanSpeed),
-    ("load_frame, stage, sem.trigger", config.DriverSection),
+    ("load_frame, stage, sem.trigger", configuration.DriverSection),
     ("specimen", SpecimenSettings),
-    ("protocol", config.ProtocolSection),
-    ("protocol.warm_up", config.WarmUpSection),
-    ("protocol.adaptive_hold", config.AdaptiveHoldSection),
+    ("protocol", configuration.ProtocolSection),
+    ("protocol.warm_up", configuration.WarmUpSection),
+    ("protocol.adaptive_hold", configuration.AdaptiveHoldSection),
     ("limits", Limits),
     ("dic", DicSettings),
     ("estimate", EstimateSettings),
@@ -138,7 +138,8 @@ UNUSUAL = (
     "a stiffness in kN/mm, pixels in nm, times in us, a ramp that is shorter than four readings, a stress above",
     "`specimen.yield_strength_mpa`, a force limit of 100 times the largest load. `semlive plan` and `semlive doctor` show them as",
     "questions. `semlive run` refuses them until they are corrected, or confirmed by their keys:",
-    "`confirmed_unusual: [specimen.area_mm2]`. Limits and reasons are in `semlive/service/unusual.py`. Keys that can be confirmed:\n",
+    "`confirmed_unusual: [specimen.area_mm2]`. Limits and reasons are in"
+    " `semlive/service/config/plausibility.py`. Keys that can be confirmed:\n",
 )
 
 

@@ -8,9 +8,9 @@ import hashlib
 import numpy as np
 import pytest
 
-from semlive_simulators.render import render_frame
+from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import load_scenario
-from semlive_simulators.specimen import Motion, at_rest
+from semlive_simulators.specimen.specimen import Motion, at_rest
 
 PULLED = Motion(
     np.array([300.0, 400.0]), np.array([[3.0, -2.0], [3.4, -2.9]]), np.array([np.zeros((2, 2)), [[-1e-3, -1e-4], [1e-4, 3e-3]]])

@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from semlive_simulators.effects.library import MATERIAL, as_mapping, build_effects
-from semlive_simulators.elliptic import EllipticHole
-from semlive_simulators.history import History, LoadStep
 from semlive_simulators.kernels.grains import grain_grey, smooth_field
-from semlive_simulators.render import render_frame
+from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import Scenario, load_scenario
-from semlive_simulators.specimen import Motion, at_rest
-from semlive_simulators.strain_field import strain_field
+from semlive_simulators.specimen.elliptic import EllipticHole
+from semlive_simulators.specimen.history import History, LoadStep
+from semlive_simulators.specimen.specimen import Motion, at_rest
+from semlive_simulators.specimen.strain_field import strain_field
 from semlive_simulators.truth import frame_truth
 
 NU = 0.33
@@ -95,7 +95,7 @@ def test_the_picture_shows_each_point_where_the_truth_says_it_went(chosen: dict[
     world, force = dataclasses.replace(scene(), effects=build_effects(chosen)), 1500.0
     motion = at_rest((1.3, -0.7), world.specimen.gradient(force), force)
     column = world.column()
-    x_px, y_px, at = column.seen(range(120), 0, 0.0, motion, 0)
+    x_px, y_px, at = column.specimen_points(range(120), 0, 0.0, motion, 0)
     planes = world.effects.material_px(x_px, y_px, at)
     centre = world.scan.centre_px
     gradient = motion.gradient[0]

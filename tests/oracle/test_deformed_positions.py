@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from semlive_simulators.effects.library import build_effects
-from semlive_simulators.render import render_frame
+from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import Scenario, load_scenario
-from semlive_simulators.specimen import at_rest
+from semlive_simulators.specimen.specimen import at_rest
 
 START_S, FORCE_N, NU = 900.0, 2200.0, 0.33
 FAR_STRAIN = FORCE_N / (10.0 * 71.1e3)
@@ -106,7 +106,7 @@ def test_the_beam_looks_where_brute_force_says(name: str, opening: str, ellipse:
     column, choice = world.column(), random.Random(3)
     visit, worst, near = column.visits - 1, 0.0, 0
     for first in (0, 280, 430, 450, 590, 880):
-        x_px, y_px, _ = column.seen(range(first, first + 4), visit, START_S, motion, 0)
+        x_px, y_px, _ = column.specimen_points(range(first, first + 4), visit, START_S, motion, 0)
         for _ in range(30):
             # half of them where the opening's edge is, wherever drift and shift have carried it
             x, y = choice.randrange(1024) if choice.random() < 0.5 else choice.randrange(250, 420), choice.randrange(4)

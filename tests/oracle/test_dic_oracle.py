@@ -7,10 +7,10 @@ from scipy import ndimage, optimize
 from semlive import dic
 from semlive.data.disparity import PoiStatus
 from semlive.data.settings import DicSettings
-from semlive.dic.coarse import match
 from semlive.dic.correlate import solve
-from semlive.dic.uncertainty import noise_passed
-from semlive.kernels import cast
+from semlive.dic.initial_guess import match
+from semlive.dic.uncertainty import interpolation_noise_gain
+from semlive.kernels import interface
 from semlive.kernels.icgn import SEEDED
 
 HALF = 15
@@ -21,19 +21,19 @@ SETTINGS = DicSettings(subset_px=2 * HALF + 1, step_px=9, roi_px=(30, 30, 100, 7
 def test_prefilter_is_scipys(shape):
     image = np.random.default_rng(1).uniform(-120.0, 120.0, shape).astype(np.float32)
     expected = ndimage.spline_filter(image.astype(np.float64), order=3, mode="mirror")
-    assert np.max(np.abs(cast.coefficients(image) - expected)) < 2e-4
+    assert np.max(np.abs(interface.coefficients(image) - expected)) < 2e-4
 
 
 def test_coefficients_interpolate_the_samples():
     image = np.random.default_rng(2).uniform(-120.0, 120.0, (50, 40)).astype(np.float32)
-    c = np.pad(cast.coefficients(image).astype(np.float64), 1, mode="reflect")
+    c = np.pad(interface.coefficients(image).astype(np.float64), 1, mode="reflect")
     rows = (c[:-2] + 4.0 * c[1:-1] + c[2:]) / 6.0
     assert np.max(np.abs((rows[:, :-2] + 4.0 * rows[:, 1:-1] + rows[:, 2:]) / 6.0 - image)) < 1e-4
 
 
 def test_interpolator_is_mirrored_about_the_outer_samples():
     image = np.random.default_rng(3).uniform(-1.0, 1.0, (30, 40)).astype(np.float32)
-    c = cast.interpolator(image)
+    c = interface.interpolator(image)
     assert np.array_equal(c[2:-2, 0], c[2:-2, 4])
     assert np.array_equal(c[2:-2, 2 + 40 + 1], c[2:-2, 2 + 40 - 3])
     assert np.array_equal(c[1], c[3])
@@ -43,7 +43,7 @@ def test_line_derivative_is_the_splines():
     lines = np.random.default_rng(4).uniform(-1.0, 1.0, (7, 60)).astype(np.float32)
     h = 1e-4
     x = np.arange(1.0, 59.0)
-    for line, derivative in zip(lines, cast.line_derivative(lines), strict=True):
+    for line, derivative in zip(lines, interface.spline_line_derivative(lines), strict=True):
         c = ndimage.spline_filter1d(line.astype(np.float64), order=3, mode="mirror")
         ahead, behind = (ndimage.map_coordinates(c, [x + s], order=3, mode="mirror", prefilter=False) for s in (h, -h))
         assert np.max(np.abs((ahead - behind) / (2.0 * h) - derivative)) < 1e-5
@@ -66,8 +66,8 @@ def solved_pair(noise):
     first, second = smooth_random_pair(noise)
     grid = dic.grid_for(SETTINGS, 140, 110)
     reference = dic.prepare(first, grid, SETTINGS)
-    current = cast.grey(second)
-    solutions = solve(reference, cast.interpolator(current), match(reference.coarse, current), SETTINGS)
+    current = interface.to_float32_grey(second)
+    solutions = solve(reference, interface.interpolator(current), match(reference.coarse, current), SETTINGS)
     assert np.all(solutions.status == PoiStatus.CONVERGED)
     return first.astype(float), second.astype(float), grid, reference, solutions
 
@@ -95,10 +95,10 @@ def solved_steep():
     settings = DicSettings(2 * HALF + 1, 1, (70, 55, 70, 55), tolerance_px=1e-6)
     grid = dic.grid_for(settings, 140, 110)
     reference = dic.prepare(first, grid, settings)
-    solutions = cast.Solutions(np.zeros((1, 1, 6)), np.zeros((1, 1)), np.zeros((1, 1), np.uint8), np.zeros((1, 1), np.int32))
-    cast.correlate(
+    solutions = interface.Solutions(np.zeros((1, 1, 6)), np.zeros((1, 1)), np.zeros((1, 1), np.uint8), np.zeros((1, 1), np.int32))
+    interface.correlate(
         reference.sums,
-        cast.interpolator(cast.grey(second)),
+        interface.interpolator(interface.to_float32_grey(second)),
         np.full((1, 1), SEEDED, np.uint8),
         0.9 * p.reshape(1, 1, 6),
         solutions,
@@ -200,17 +200,19 @@ def test_noise_passed_by_interpolation_is_what_noise_shows():
     for phase in (0.0, 0.2, 0.5, 0.9):
         shifted = ndimage.shift(noise, phase, order=3, mode="mirror")
         zero = np.zeros(1)
-        assert noise_passed(np.array([phase]), zero, zero, 43)[0] == pytest.approx(np.var(shifted), rel=0.01)
+        assert interpolation_noise_gain(np.array([phase]), zero, zero, 43)[0] == pytest.approx(np.var(shifted), rel=0.01)
     # A stretch of a whole pixel over the subset meets every phase alike.
-    everywhere = noise_passed(np.array([0.3]), np.array([1.0 / 43.0]), np.zeros(1), 43)[0]
-    assert everywhere == pytest.approx(np.mean(noise_passed(np.linspace(0.0, 1.0, 64, endpoint=False), np.zeros(64), np.zeros(64), 43)))
+    everywhere = interpolation_noise_gain(np.array([0.3]), np.array([1.0 / 43.0]), np.zeros(1), 43)[0]
+    assert everywhere == pytest.approx(
+        np.mean(interpolation_noise_gain(np.linspace(0.0, 1.0, 64, endpoint=False), np.zeros(64), np.zeros(64), 43))
+    )
 
 
 @pytest.mark.parametrize("parameters", [6, 12])
 def test_variances_and_covariance_are_those_of_the_inverse_matrix(parameters):
     image = ndimage.gaussian_filter(np.random.default_rng(8).standard_normal((60, 70)), (1.0, 3.0)).astype(np.float32) * 100.0
     image += np.roll(image, (2, 2), axis=(0, 1))  # slanted, so that u and v are correlated
-    sums = cast.subset_sums(image, x0_px=15, y0_px=15, step_px=13, shape=(3, 4), half_px=10, parameters=parameters)
+    sums = interface.subset_sums(image, x0_px=15, y0_px=15, step_px=13, shape=(3, 4), half_px=10, parameters=parameters)
     lower = np.tril(sums.lower)
     inverse = np.linalg.inv(lower @ np.swapaxes(lower, -1, -2))
     for name, (i, j) in (("variance_u", (0, 0)), ("variance_v", (3, 3)), ("covariance", (0, 3))):

@@ -7,8 +7,8 @@ from scipy import ndimage, optimize
 from semlive import dic
 from semlive.data.disparity import PoiStatus
 from semlive.data.settings import DicSettings
-from semlive.dic.uncertainty import noise_passed
-from semlive.kernels import cast, warp
+from semlive.dic.uncertainty import interpolation_noise_gain
+from semlive.kernels import interface, warp
 from semlive.kernels.icgn import SEEDED
 
 HALF = 15
@@ -26,13 +26,13 @@ CASES = [
 def test_quintic_prefilter_is_scipys(shape):
     image = np.random.default_rng(1).uniform(-120.0, 120.0, shape).astype(np.float32)
     expected = ndimage.spline_filter(image.astype(np.float64), order=5, mode="mirror")
-    assert np.max(np.abs(cast.coefficients(image, 5) - expected)) < 2e-3  # coefficients reach 5000
+    assert np.max(np.abs(interface.coefficients(image, 5) - expected)) < 2e-3  # coefficients reach 5000
 
 
 def test_quintic_interpolator_is_mirrored_about_the_outer_samples():
     image = np.random.default_rng(3).uniform(-1.0, 1.0, (30, 40)).astype(np.float32)
-    c = cast.interpolator(image, 5)
-    expected = np.pad(cast.coefficients(image, 5), 3, mode="reflect")
+    c = interface.interpolator(image, 5)
+    expected = np.pad(interface.coefficients(image, 5), 3, mode="reflect")
     assert np.array_equal(c[:, :46], expected)
     assert not c[:, 46:].any()
 
@@ -42,7 +42,7 @@ def test_noise_passed_by_the_quintic_spline_is_what_noise_shows():
     zero = np.zeros(1)
     for phase in (0.0, 0.2, 0.5, 0.9):
         shifted = ndimage.shift(noise, phase, order=5, mode="mirror")
-        assert noise_passed(np.array([phase]), zero, zero, 43, "quintic")[0] == pytest.approx(np.var(shifted), rel=0.01)
+        assert interpolation_noise_gain(np.array([phase]), zero, zero, 43, "quintic")[0] == pytest.approx(np.var(shifted), rel=0.01)
 
 
 def bent_pair():
@@ -83,14 +83,15 @@ def solved(interpolation, shape_function, masked):
     grid = dic.grid_for(settings, 140, 110)
     reference = dic.prepare(first, grid, settings, mask if masked else None)
     shape = grid.shape
-    solutions = cast.Solutions(
+    solutions = interface.Solutions(
         np.zeros((*shape, 6)), np.zeros(shape), np.zeros(shape, np.uint8), np.zeros(shape, np.int32), np.zeros((*shape, 6))
     )
     x, _ = grid.mesh()
     seeds = np.zeros((*shape, 6))
     seeds[..., 0], seeds[..., 3] = -2.4 + 4e-3 * (x - 70), 1.7 + 2e-3 * (x - 70)
-    cast.correlate(
-        reference.sums, cast.interpolator(cast.grey(second), ORDER[interpolation]), np.full(shape, SEEDED, np.uint8), seeds, solutions,
+    interface.correlate(
+        reference.sums, interface.interpolator(interface.to_float32_grey(second), ORDER[interpolation]), np.full(shape, SEEDED, np.uint8),
+        seeds, solutions,
         max_iterations=50, tolerance_px=1e-5, min_zncc=0.5, max_travel_px=4.0, order=ORDER[interpolation],
     )  # fmt: skip
     return first.astype(float), second.astype(float), mask, grid, reference, solutions

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from semlive_simulators.effects.interfaces import Effect, TimingEffect
 from semlive_simulators.effects.library import LIBRARY, build_effects
-from semlive_simulators.effects.protocol import Effect, Retimes
-from semlive_simulators.history import History, LoadStep, Move
 from semlive_simulators.kernels.pattern import gaussian
 from semlive_simulators.scenario import Scenario, load_scenario
-from semlive_simulators.specimen import at_rest
+from semlive_simulators.specimen.history import History, LoadStep, Move
+from semlive_simulators.specimen.specimen import at_rest
 
 W, H, FRAME = 90, 40, 7
 DWELL_S, ROW_S = 1e-4, 94.67 / 884
@@ -225,7 +225,7 @@ SPECIAL: dict[str, dict[str, Any]] = {"charging_jump": {"defaults": "x200", "mea
 
 def points(scenario: Scenario) -> list[tuple[int, int, float, float, float, float]]:
     """(x, y, material x, material y, seconds since the run began, seconds since the frame began) of sampled pixels."""
-    x_px, y_px, at = scenario.column().seen(range(H), 0, START_S, at_rest(load_n=LOAD_N, history=HISTORY), FRAME)
+    x_px, y_px, at = scenario.column().specimen_points(range(H), 0, START_S, at_rest(load_n=LOAD_N, history=HISTORY), FRAME)
     samples = [(x, y) for y in range(0, H, 3) for x in (0, 1, 2, 13, 44, 45, W - 1)]
     return [(x, y, x_px[y, x], y_px[y, x], at.time_s[y, x], at.in_frame_s[y, x]) for x, y in samples]
 
@@ -249,7 +249,7 @@ def test_the_image_moves_by_the_formula(name: str, magnification: str) -> None:
 def test_no_effect_is_forgotten() -> None:
     silent = {"timestamp_offset", "load_cell_zero", "load_cell_gain", "load_cell_drift", "load_frame_compliance", "friction_hysteresis"}
     grey = {"contamination", "gamma_change", "poisson_noise", "dic_subpixel_bias"}
-    retiming = {name for name, kind in LIBRARY.items() if issubclass(kind, Retimes)}
+    retiming = {name for name, kind in LIBRARY.items() if issubclass(kind, TimingEffect)}
     assert set(LIBRARY) == set(RASTER) | set(MATERIAL) | retiming | silent | grey | {"distortion_scale_drift"}
 
 
@@ -281,7 +281,7 @@ def test_pixels_are_visited_at_the_times_of_the_formula(name: str) -> None:
     column = scenario.column()
     assert column.timing.row_start_s.shape[0] == getattr(effect, "scans", 1)
     for visit in range(column.timing.row_start_s.shape[0]):
-        x_px, y_px, at = column.seen(range(H), visit, START_S, at_rest(), FRAME)
+        x_px, y_px, at = column.specimen_points(range(H), visit, START_S, at_rest(), FRAME)
         for y in range(0, H, 3):
             for x in (0, 1, 44, W - 1):
                 time_s = START_S + TIMES[name](effect, x, y, visit)
@@ -316,7 +316,7 @@ def test_what_shakes_the_beam_is_averaged_by_integration() -> None:
     column = scenario.column()
     by_name: dict[str, Any] = {member.name: member for member in scenario.effects.members}
     for visit in range(3):
-        x_px, _, at = column.seen(range(H), visit, START_S, at_rest(), FRAME)
+        x_px, _, at = column.specimen_points(range(H), visit, START_S, at_rest(), FRAME)
         for y in (0, 17, H - 1):
             for x in (0, 30, W - 1):
                 time_s = START_S + (visit * H * ROW_S + y * ROW_S + x * DWELL_S) / 3

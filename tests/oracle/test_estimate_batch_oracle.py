@@ -16,10 +16,10 @@ from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import EstimateSettings
-from semlive.estimate.accumulate import map_columns, marginal, relinearised
-from semlive.estimate.posterior import posterior
-from semlive.estimate.prior import GAUGE_PX, Hyper, belief_precision, gauge_precision
-from semlive.estimate.state import EstimatorState
+from semlive.estimate.joint.observations.normal_equations import map_columns, marginal, relinearise
+from semlive.estimate.joint.observations.priors import GAUGE_PX, Hyperparameters, gauge_precision, prior_precision
+from semlive.estimate.joint.observations.state import EstimatorState
+from semlive.estimate.joint.solution.posterior import posterior
 from semlive.model import UniformSpline
 
 GRID = Grid(40, 40, 20, 10, 8, 43)
@@ -54,7 +54,7 @@ def prior_roots(state: EstimatorState) -> Iterator[tuple[slice, np.ndarray]]:
     """Square roots of gauges and beliefs one by one: a root of their sum, which spans 14 decades, would lose the small ones."""
     assert state.drift is not None
     gauges = {"distortion": state.distortion.affine_rows(GRID) / GAUGE_PX, "drift": state.drift.rows([0.0]) / GAUGE_PX}
-    belief = belief_precision(state, Hyper())
+    belief = prior_precision(state, Hyperparameters())
     for name in state.layout.names:
         part = state.layout.part(name)
         for axis in (0, 1) if name in gauges else ():
@@ -75,7 +75,7 @@ def dense(state: EstimatorState) -> np.ndarray:
     n, blocks = state.layout.size, state.blocks.size
     rows, values = [], []
     for one in state.rows:
-        for axis, (index, design) in enumerate(map_columns(state, one, state.about)):
+        for axis, (index, design) in enumerate(map_columns(state, one, state.linearisation_point)):
             block = np.zeros((blocks, n + 2 * blocks))
             block[:, index] = design
             if one.reference == 0:
@@ -98,7 +98,7 @@ def dense(state: EstimatorState) -> np.ndarray:
 @pytest.mark.parametrize("scans", [1, 7])
 def test_updates_equal_one_dense_least_squares(scans: int) -> None:
     state = accumulated(scans)
-    prior = gauge_precision(state) + belief_precision(state, Hyper())
+    prior = gauge_precision(state) + prior_precision(state, Hyperparameters())
     mean, _ = posterior(marginal(state), prior, 1.0)
     expected = dense(state)
     for name in state.layout.names:
@@ -110,9 +110,9 @@ def test_relinearised_sums_equal_sums_about_the_same_point() -> None:
     """Re-linearising touches only the motions' rows and columns; summing everything anew must give the same."""
     state = accumulated()
     about = np.random.default_rng(3).normal(size=state.layout.size)
-    quick = relinearised(state, about)
-    twice = relinearised(relinearised(state, 2 * about), about)
-    prior = gauge_precision(state) + belief_precision(state, Hyper())
+    quick = relinearise(state, about)
+    twice = relinearise(relinearise(state, 2 * about), about)
+    prior = gauge_precision(state) + prior_precision(state, Hyperparameters())
     np.testing.assert_allclose(posterior(marginal(quick), prior, 1.0)[0], dense(quick), rtol=0, atol=1e-7)
     np.testing.assert_allclose(quick.precision, twice.precision, rtol=1e-12)
     assert not np.allclose(quick.precision, state.precision)

@@ -13,10 +13,10 @@ import pytest
 
 from semlive_simulators.effects.library import build_effects
 from semlive_simulators.kernels.exposure import gaussians
-from semlive_simulators.patterns import GoldFilm
-from semlive_simulators.render import render_frame
+from semlive_simulators.microscope.patterns import GoldFilm
+from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import Scenario, load_scenario
-from semlive_simulators.specimen import Motion
+from semlive_simulators.specimen.specimen import Motion
 
 START_S, FRAME = 1200.0, 7
 WALK = {"step_px_per_sqrt_s": 0.3, "span_s": 3000.0, "shortest_period_s": 60.0, "seed": 9}
@@ -104,7 +104,7 @@ def test_every_visit_looks_where_it_should_when_everything_happens_at_once(mode:
     drift, worst = drift_at(world, z), 0.0
     for first in (0, 300, 441, 878):
         for visit in {0, scan.integrations // 2, scan.integrations - 1}:
-            x_px, y_px, _ = column.seen(range(first, first + 4), visit, START_S, motion, FRAME)
+            x_px, y_px, _ = column.specimen_points(range(first, first + 4), visit, START_S, motion, FRAME)
             for _ in range(25):
                 x, y = choice.randrange(scan.width_px), choice.randrange(4)
                 expected = point_seen(world, motion, jump_s, drift, x, first + y, visit)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from semlive_simulators.column import Column
-from semlive_simulators.patterns import Speckle
-from semlive_simulators.render import render_frame
+from semlive_simulators.microscope.column import Column
+from semlive_simulators.microscope.patterns import Speckle
+from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import Scenario, load_scenario
-from semlive_simulators.specimen import Motion, at_rest
+from semlive_simulators.specimen.specimen import Motion, at_rest
 
 MASK = (1 << 64) - 1
 

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 
 from semlive import dic
-from semlive_simulators.effects.composition import Effects
+from semlive_simulators.effects.composition import EffectSet
 from semlive_simulators.effects.mains_hum import MainsHum
 from semlive_simulators.effects.row_jitter import RowJitter
-from semlive_simulators.render import render_frame
+from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import load_scenario
 
 WIDTH, HEIGHT = 320, 240
@@ -18,7 +18,7 @@ HUM_HZ = 50.0
 def pair(*effects):
     paper = load_scenario("paper_x200")
     scan = dataclasses.replace(paper.scan, width_px=WIDTH, height_px=HEIGHT, frame_time_s=HEIGHT * paper.scan.row_time_s)
-    scenario = dataclasses.replace(paper, scan=scan, effects=Effects(effects))
+    scenario = dataclasses.replace(paper, scan=scan, effects=EffectSet(effects))
     column = scenario.column()
     starts_s = (0.0, np.ceil(scan.frame_time_s) + 0.5 / HUM_HZ)  # hum of opposite phase, which the pair shows doubled
     return scan, [render_frame(scenario, start_s, frame=frame, column=column) for frame, start_s in enumerate(starts_s)]

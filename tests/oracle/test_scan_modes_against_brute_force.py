@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from semlive_simulators.render import render_frame
-from semlive_simulators.scan import Scan
+from semlive_simulators.microscope.render import render_frame
+from semlive_simulators.microscope.scan import Scan
 from semlive_simulators.scenario import Scenario, load_scenario
-from semlive_simulators.specimen import Motion, at_rest
+from semlive_simulators.specimen.specimen import Motion, at_rest
 
 WIDTH, HEIGHT, START_S = 72, 51, 5.0
 MODES: dict[str, dict[str, Any]] = {
@@ -66,7 +66,7 @@ def test_every_visit_looks_where_and_when_it_should(mode: dict[str, Any]) -> Non
     world = scenario(**mode)
     column, motion = world.column(), pulled()
     for visit in range(world.scan.integrations):
-        x_px, y_px, at = column.seen(range(10, HEIGHT), visit, START_S, motion, 0)
+        x_px, y_px, at = column.specimen_points(range(10, HEIGHT), visit, START_S, motion, 0)
         for y in range(10, HEIGHT, 4):
             for x in (0, 1, 17, 36, WIDTH - 1):
                 expected = brute_point(world, motion, x, y, visit)

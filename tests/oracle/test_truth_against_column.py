@@ -11,10 +11,10 @@ from scipy.ndimage import map_coordinates
 
 from semlive.data.frame import FrameInfo
 from semlive.data.scan import Provenance, ScanTiming, Sourced
-from semlive.report.truth import Truth, seen
+from semlive.report.scoring.truth import Truth, true_motion
 from semlive_simulators.scenario import Scenario, load_scenario
-from semlive_simulators.specimen import Motion, at_rest
-from semlive_simulators.truth import Truth as Kept
+from semlive_simulators.specimen.specimen import Motion, at_rest
+from semlive_simulators.truth import TruthRecorder as Kept
 from semlive_simulators.truth import frame_truth
 
 START_NS = 1_767_600_000_000_000_000
@@ -47,7 +47,7 @@ def material(scenario: Scenario, motion: Motion, number: int, address_px: np.nda
     column, points = scenario.column(), []
     low, high = int(address_px[:, 1].min()) - 20, int(address_px[:, 1].max()) + 21
     for visit in range(column.timing.row_start_s.shape[0]):
-        x, y, _ = column.seen(range(low, high), visit, STARTS_S[number], motion, number)
+        x, y, _ = column.specimen_points(range(low, high), visit, STARTS_S[number], motion, number)
         at = np.stack((address_px[:, 1] - low, address_px[:, 0]))
         points.append(np.stack([map_coordinates(one, at, order=3) for one in (x, y)], axis=-1))
     return np.mean(points, axis=0)
@@ -60,7 +60,7 @@ def test_points_are_followed_to_where_the_column_shows_them(name: str) -> None:
         scenario = replace(scenario, scan=replace(scenario.scan, integrations=4))
     x, y = np.meshgrid(np.linspace(110, 840, 5), np.linspace(380, 520, 4))
     address = np.stack((x.ravel(), y.ravel()), axis=-1)
-    found = seen(told(scenario), info(scenario, 0), info(scenario, 1), address)
+    found = true_motion(told(scenario), info(scenario, 0), info(scenario, 1), address)
     here = material(scenario, MOTIONS[0], 0, address)
     there = material(scenario, MOTIONS[1], 1, address + found.displacement_px + found.correction_px)
     assert np.abs(there - here).max() < 2e-4

@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
 from bench_sandbox import command, pair
 
-from semlive.service.jit_cache import KERNELS
+from semlive.service.runtime.jit_cache import KERNELS
 
 pytestmark = pytest.mark.checkout
 

@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from semlive_simulators import stage
 from semlive_simulators.effects.library import build_effects
-from semlive_simulators.load_frame import dynamics, schedule
+from semlive_simulators.load_frame import dynamics, fault_schedule
 from semlive_simulators.load_frame.dynamics import Drive, LoadFrameState
-from semlive_simulators.load_frame.schedule import Mishap, PlannedFault
-from semlive_simulators.machine import STEP_NS, Machine
+from semlive_simulators.load_frame.fault_schedule import MachineFault, PlannedFault
 from semlive_simulators.scenario import load_scenario
+from semlive_simulators.specimen import stage
+from semlive_simulators.specimen.machine import STEP_NS, LoadTrain
 
 SCENARIO = load_scenario("paper_x200")
 MACHINE = SCENARIO.load_frame
@@ -98,7 +98,7 @@ def test_the_force_limit_stops_the_machine_with_a_fault_and_lets_it_unload() -> 
 
 
 def test_an_expired_watchdog_is_a_fault_until_the_next_order() -> None:
-    expired = dynamics.expire(loaded(300.0))
+    expired = dynamics.trip_watchdog(loaded(300.0))
     assert expired.faulty
     assert run(expired, 5.0)[-1].extension_mm == expired.extension_mm
     assert not dynamics.stop(expired).faulty
@@ -147,7 +147,7 @@ def test_crosshead_and_strain_gage_see_plastic_strain() -> None:
     plastic = build_effects({"plastic_hardening": {"area_mm2": 10.0, "proof_stress_mpa": 95.0, "exponent": 2.25}})
     readings = []
     for scenario in (SCENARIO, dataclasses.replace(SCENARIO, effects=plastic)):
-        machine = Machine(scenario, 0)
+        machine = LoadTrain(scenario, 0)
         machine.ramp_to(2200.0, 100.0)
         readings.append(machine.read(30_000_000_000))
     elastic, longer = readings
@@ -196,35 +196,35 @@ def test_a_broken_specimen_carries_nothing_and_load_control_runs_away_to_the_swi
     assert (state.drive, state.extension_mm) == (Drive.LIMIT, 0.3)
 
 
-@pytest.mark.parametrize(("what", "drive"), [(Mishap.EMERGENCY_STOP, Drive.EMERGENCY), (Mishap.LIMIT_SWITCH, Drive.LIMIT)])
-def test_a_planned_stop_comes_at_its_instant(what: Mishap, drive: Drive) -> None:
+@pytest.mark.parametrize(("what", "drive"), [(MachineFault.EMERGENCY_STOP, Drive.EMERGENCY), (MachineFault.LIMIT_SWITCH, Drive.LIMIT)])
+def test_a_planned_stop_comes_at_its_instant(what: MachineFault, drive: Drive) -> None:
     ramping = dynamics.ramp_to(loaded(300.0), 800.0, 10.0)
     faults = (PlannedFault(7.0, what),)
-    assert schedule.struck(ramping, faults, 6.9, 6.95) == ramping
-    stopped = schedule.struck(ramping, faults, 6.95, 7.0)
+    assert fault_schedule.apply_faults(ramping, faults, 6.9, 6.95) == ramping
+    stopped = fault_schedule.apply_faults(ramping, faults, 6.95, 7.0)
     assert (stopped.drive, stopped.faulty, stopped.moving) == (drive, True, False)
-    assert schedule.struck(dynamics.stop(stopped), faults, 7.0, 7.05).drive is Drive.HOLDING
+    assert fault_schedule.apply_faults(dynamics.stop(stopped), faults, 7.0, 7.05).drive is Drive.HOLDING
 
 
 def test_a_pressed_emergency_stop_obeys_nobody_until_it_is_released() -> None:
-    faults = (PlannedFault(7.0, Mishap.EMERGENCY_STOP, lasts_s=3.0),)
-    state = schedule.struck(loaded(300.0), faults, 6.95, 7.0)
+    faults = (PlannedFault(7.0, MachineFault.EMERGENCY_STOP, lasts_s=3.0),)
+    state = fault_schedule.apply_faults(loaded(300.0), faults, 6.95, 7.0)
     for now_s in (7.05, 8.0, 9.95):
         ordered = dynamics.ramp_to(dynamics.stop(state), 800.0, 10.0)
-        state = schedule.struck(ordered, faults, now_s - DT_S, now_s)
+        state = fault_schedule.apply_faults(ordered, faults, now_s - DT_S, now_s)
         assert state.drive is Drive.EMERGENCY
-    assert schedule.struck(dynamics.stop(state), faults, 10.0, 10.05).drive is Drive.HOLDING
+    assert fault_schedule.apply_faults(dynamics.stop(state), faults, 10.0, 10.05).drive is Drive.HOLDING
 
 
 def test_planned_slip_and_fracture_take_the_load_away() -> None:
     held = loaded(300.0)
-    slipped = schedule.struck(held, (PlannedFault(1.0, Mishap.GRIP_SLIP, slip_mm=0.01),), 0.95, 1.0)
+    slipped = fault_schedule.apply_faults(held, (PlannedFault(1.0, MachineFault.GRIP_SLIP, slip_mm=0.01),), 0.95, 1.0)
     assert held.force_n - slipped.force_n == pytest.approx(0.01 * held.stiffness_n_mm)
-    assert schedule.struck(held, (PlannedFault(1.0, Mishap.FRACTURE),), 0.95, 1.0).force_n == 0.0
+    assert fault_schedule.apply_faults(held, (PlannedFault(1.0, MachineFault.FRACTURE),), 0.95, 1.0).force_n == 0.0
 
 
 def moved(state: stage.StageState, x_um: float, y_um: float) -> stage.StageState:
-    state = stage.go(state, TABLE, x_um, y_um, seed=5)
+    state = stage.start_move(state, TABLE, x_um, y_um, seed=5)
     while state.moving:
         state = stage.step(state, TABLE, DT_S)
     return state
@@ -248,7 +248,7 @@ def test_the_table_comes_to_rest_at_another_place_from_the_other_side() -> None:
     quiet = dataclasses.replace(TABLE, position_noise_um=0.0)
 
     def goto(state: stage.StageState, x_um: float) -> stage.StageState:
-        state = stage.go(state, quiet, x_um, 0.0, seed=1)
+        state = stage.start_move(state, quiet, x_um, 0.0, seed=1)
         while state.moving:
             state = stage.step(state, quiet, DT_S)
         return state
@@ -260,7 +260,7 @@ def test_the_table_comes_to_rest_at_another_place_from_the_other_side() -> None:
 
 
 def test_the_stage_takes_its_time() -> None:
-    state = stage.go(stage.StageState(), TABLE, 40.0, 0.0, seed=1)
+    state = stage.start_move(stage.StageState(), TABLE, 40.0, 0.0, seed=1)
     for _ in range(20):
         state = stage.step(state, TABLE, DT_S)
     assert state.moving
@@ -294,7 +294,7 @@ def test_a_held_load_creeps_where_a_held_position_relaxes() -> None:
     assert held[1].extension_mm - 2010.0 / state.stiffness_n_mm == pytest.approx(
         MACHINE.relaxation_fraction * held[1].extension_mm, rel=0.01
     )
-    for order in (dynamics.stop, dynamics.expire, lambda one: dynamics.jog(one, 0.01)):
+    for order in (dynamics.stop, dynamics.trip_watchdog, lambda one: dynamics.jog(one, 0.01)):
         assert not order(held[1]).keeps_load
 
 
@@ -316,7 +316,7 @@ def test_the_strain_gage_sees_the_specimen_creep() -> None:
     said = []
     for chosen in ({}, {"creep_in_hold": creep}):
         world = dataclasses.replace(SCENARIO, strain_gage=gage, effects=build_effects(chosen))
-        machine = Machine(world, 0)
+        machine = LoadTrain(world, 0)
         machine.ramp_to(1000.0, 200.0)
         said.append([machine.read(round(time_s * 1e9)).strain_gage for time_s in (0.0, 60.0, 300.0)])
     crept = said[1][1] - said[0][1], said[1][2] - said[0][2]
@@ -332,7 +332,7 @@ def test_the_strain_gage_is_a_mean_over_its_length() -> None:
     gage = dataclasses.replace(SCENARIO.strain_gage, noise=0.0)
     said = []
     for chosen in ({}, {"hole": hole}, {"charging_local_lens": lens}):
-        machine = Machine(dataclasses.replace(SCENARIO, strain_gage=gage, effects=build_effects(chosen)), 0)
+        machine = LoadTrain(dataclasses.replace(SCENARIO, strain_gage=gage, effects=build_effects(chosen)), 0)
         machine.ramp_to(force_n, 200.0)
         said.append(machine.read(60_000_000_000).strain_gage)
         true_n = machine.window(59.9, 60.0).motion.load_at(np.array([60.0]))[0]
@@ -347,8 +347,8 @@ def test_the_strain_gage_is_a_mean_over_its_length() -> None:
 def test_what_is_planned_for_a_step_of_the_machine_happens_once() -> None:
     """Steps of 50 ms are no binary fractions: (n + 1) * 0.05 - 0.05 lies below n * 0.05 for some n, these among them."""
     for number in (12, 14, 17, 19, 24, 161, 164):
-        faults = (PlannedFault(number * STEP_NS * 1e-9, Mishap.GRIP_SLIP, slip_mm=0.01),)
-        slipped = Machine(dataclasses.replace(SCENARIO, faults=faults), 0)
+        faults = (PlannedFault(number * STEP_NS * 1e-9, MachineFault.GRIP_SLIP, slip_mm=0.01),)
+        slipped = LoadTrain(dataclasses.replace(SCENARIO, faults=faults), 0)
         slipped.advance_to(12_000_000_000)
         force_n = slipped.window(11.0, 12.0).force_mean_n
         assert force_n == pytest.approx(-0.01 * stiffness_n_mm_in_series(), rel=5e-3)

@@ -15,7 +15,7 @@ from semlive.data.frame import ExportedFile
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
 from semlive.formats import check_complete, read_frame
-from semlive.formats.fei import parse_ini, parse_xml
+from semlive.formats.vendors.fei import parse_ini, parse_xml
 
 SOON_S = 2.0
 PROFILE = ScanProfile(dwell_time_s=1e-5, row_time_s=1e-2, pixel_size_m=1e-8)

@@ -15,19 +15,19 @@ from mcap.reader import make_reader
 from semlive.data.clock import Clock
 from semlive.data.disparity import DisparityMap
 from semlive.data.displacement import Displacement
-from semlive.data.drift import DistortionField, DriftEstimate, DriftForecast, Motion
+from semlive.data.drift import DistortionField, DriftEstimate, DriftForecast, PairMotion
 from semlive.data.experiment import Phase, Step
 from semlive.data.frame import FrameInfo
 from semlive.data.grid import Grid
 from semlive.data.loading import FrameLoad, LoadSample, MotionState, StageSample
 from semlive.data.pair import PairDecision
 from semlive.data.scan import Provenance, ScanTiming, Sourced
-from semlive.data.strain import ElasticConstants, Measured, StrainField, StrainSummary, Tensor2
+from semlive.data.strain import ElasticConstants, MeasuredValue, StrainField, StrainSummary, Tensor2
 from semlive.errors import BadLog
-from semlive.formats import message_values as values
-from semlive.formats.log import LogMessage, LogWriter, read_messages
-from semlive.formats.maps import decode_displacement, decode_map, decode_strain, encode_displacement, encode_map, encode_strain
-from semlive.formats.messages import DIC_MAP, SEM_ORIGINAL, TOPICS, DicMessage, LogLineMessage, from_json, json_schema, to_json
+from semlive.formats.log import conversions as values
+from semlive.formats.log.maps import decode_displacement, decode_map, decode_strain, encode_displacement, encode_map, encode_strain
+from semlive.formats.log.messages import DIC_MAP, SEM_ORIGINAL, TOPICS, DicMessage, LogLineMessage, from_json, json_schema, to_json
+from semlive.formats.log.writer import LogMessage, LogWriter, read_messages
 
 FLOAT = st.floats(allow_nan=False, allow_infinity=False)
 POSITIVE = st.floats(1e-9, 1e6)
@@ -53,7 +53,7 @@ SAMPLES = st.builds(
     LoadSample, COUNT, TIME_NS, TIME_NS, FLOAT, FLOAT, st.sampled_from(MotionState), FLOAT, st.none() | FLOAT, REGISTERS, st.none() | FLOAT
 )
 STAGES = st.builds(StageSample, COUNT, TIME_NS, TIME_NS, FLOAT, FLOAT, st.sampled_from(MotionState), REGISTERS)
-MEASURED = st.builds(Measured, FLOAT, FLOAT)
+MEASURED = st.builds(MeasuredValue, FLOAT, FLOAT)
 GRIDS = st.builds(Grid, COUNT, COUNT, SIZE, st.integers(1, 6), st.integers(1, 6), SIZE)
 
 
@@ -110,7 +110,7 @@ def test_estimates_come_back_to_the_last_bit(grid: Grid, seed: int) -> None:
     assert field_back.grid == grid
     for name in ("ex_px", "ey_px", "sigma_px", "valid"):
         assert np.array_equal(getattr(field_back, name), getattr(field, name))
-    motion = Motion(3, rng.normal(size=2), rng.normal(size=2), rng.normal(size=(2, 2)), rng.normal(size=(2, 2)))
+    motion = PairMotion(3, rng.normal(size=2), rng.normal(size=2), rng.normal(size=(2, 2)), rng.normal(size=(2, 2)))
     motion_back = values.motion(from_json("/motion", to_json(values.motion_message(motion, 4))))  # type: ignore[arg-type]
     for name in ("shift_px", "shift_sigma_px", "gradient", "gradient_sigma"):
         assert np.array_equal(getattr(motion_back, name), getattr(motion, name))

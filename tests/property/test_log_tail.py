@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from semlive.errors import BadLog
-from semlive.formats.log import LogMessage, LogWriter
-from semlive.formats.messages import SEM_ORIGINAL, LogLineMessage
-from semlive.service.log_files import messages
-from semlive.service.record import Recorder
-from semlive.service.recover import recover_segment
-from semlive.service.tail import Tail, follow
+from semlive.formats.log.messages import SEM_ORIGINAL, LogLineMessage
+from semlive.formats.log.writer import LogMessage, LogWriter
+from semlive.service.log.files import messages
+from semlive.service.log.recorder import Recorder
+from semlive.service.log.repair import recover_segment
+from semlive.service.log.tail import LogTail, follow
 
 
 def write(path: Path, first: int, count: int, finish: bool = True) -> bytes:
@@ -34,7 +34,7 @@ def test_a_file_cut_at_every_byte_gives_each_message_once_when_its_chunk_is_whol
     whole = list(messages(tmp_path / "whole.mcap"))
     ends = [end for end in range(len(data)) if data[end : end + 1] == b"\x07" and int.from_bytes(data[end + 1 : end + 9], "little") < 100]
     path = tmp_path / "run.000.mcap.part"
-    tail, read = Tail(path), list[LogMessage]()
+    tail, read = LogTail(path), list[LogMessage]()
     with path.open("wb") as growing:
         for at in range(len(data)):
             growing.write(data[at : at + 1])
@@ -54,15 +54,15 @@ def test_a_file_cut_at_every_byte_gives_each_message_once_when_its_chunk_is_whol
 def test_a_cut_read_anew_gives_what_a_following_reader_was_given(tmp_path: Path) -> None:
     data = write(tmp_path / "whole.mcap", 0, 6)
     path = tmp_path / "cut.mcap.part"
-    follower, followed = Tail(path), 0
+    follower, followed = LogTail(path), 0
     for at in range(0, len(data) + 1, 13):
         path.write_bytes(data[:at])
         followed += len(list(follower.poll()))
-        assert len(list(Tail(path).poll())) == followed
+        assert len(list(LogTail(path).poll())) == followed
 
 
 def test_renames_and_new_segments_are_followed(tmp_path: Path) -> None:
-    tail = Tail(tmp_path)
+    tail = LogTail(tmp_path)
     assert list(tail.poll()) == []
     part, finished = tmp_path / "run.000.mcap.part", tmp_path / "run.000.mcap"
     data = write(part, 0, 6)
@@ -81,7 +81,7 @@ def test_renames_and_new_segments_are_followed(tmp_path: Path) -> None:
 
 def test_a_torn_segment_is_given_up_when_the_next_one_exists(tmp_path: Path) -> None:
     told: list[str] = []
-    tail = Tail(tmp_path, told.append)
+    tail = LogTail(tmp_path, told.append)
     data = write(tmp_path / "run.000.mcap.part", 0, 6, finish=False)
     (tmp_path / "run.000.mcap.part").write_bytes(data[:-120])
     first = list(tail.poll())
@@ -97,7 +97,7 @@ def test_a_segment_recovered_under_the_reader_gives_nothing_twice(tmp_path: Path
     part = tmp_path / "run.000.mcap.part"
     data = bytearray(write(part, 0, 20, finish=False))
     part.write_bytes(data[: len(data) // 2])
-    tail = Tail(tmp_path)
+    tail = LogTail(tmp_path)
     read = list(tail.poll())
     part.write_bytes(data)
     recover_segment(part)
@@ -108,7 +108,7 @@ def test_a_segment_recovered_under_the_reader_gives_nothing_twice(tmp_path: Path
 
 def test_what_was_not_taken_comes_again(tmp_path: Path) -> None:
     write(tmp_path / "run.000.mcap", 0, 12)
-    tail, read = Tail(tmp_path), list[LogMessage]()
+    tail, read = LogTail(tmp_path), list[LogMessage]()
     while one := next(tail.poll(), None):
         read.append(one)
     assert read == list(messages(tmp_path))
@@ -124,7 +124,7 @@ def test_damage_in_the_middle_is_passed_over_and_told(tmp_path: Path) -> None:
     assert told == ["run.000.mcap: a chunk is damaged: its checksum is wrong."]
     (tmp_path / "run.001.mcap").write_bytes(b"no log at all")
     with pytest.raises(BadLog, match=r"run\.001\.mcap: not an MCAP file"):
-        list(Tail(tmp_path).poll())
+        list(LogTail(tmp_path).poll())
 
 
 class Ticking:
@@ -146,7 +146,7 @@ def test_a_recorder_is_followed_to_its_end(tmp_path: Path) -> None:
         recorder.write("/log", LogLineMessage(time_ns=number, level="info", text="x"))
         if number % 50 == 0:
             recorder.write(SEM_ORIGINAL, bytes(100_000), sequence=number)
-            assert recorder.flush_wait()
+            assert recorder.flush()
     assert recorder.close()
     reader.join(10)
     assert read == list(messages(tmp_path))

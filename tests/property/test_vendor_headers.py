@@ -15,14 +15,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from semlive.errors import BadInput
-from semlive.formats import fei, hitachi, jeol, tescan, zeiss
-from semlive.formats.frames import read_sidecar
-from semlive.formats.header import Header
-from semlive.formats.inspection import as_json, inspect_sidecar
-from semlive.formats.moment import dated, iso
-from semlive.formats.quantity import quantity
-from semlive.formats.resolve import find
-from semlive.service.names import NameCount
+from semlive.formats.images.frame_metadata import fill_missing
+from semlive.formats.images.frames import read_sidecar
+from semlive.formats.images.inspection import as_json, inspect_sidecar
+from semlive.formats.metadata.header import Header
+from semlive.formats.metadata.quantity import quantity
+from semlive.formats.metadata.timestamps import dated, iso
+from semlive.formats.vendors import fei, hitachi, jeol, tescan, zeiss
+from semlive.service.watch.file_numbering import FileNumbering
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from fuzz_formats import PROFILES, Tally, campaign, seeds
@@ -57,7 +57,7 @@ def _resolved(header: Header | None) -> None:
     for profile in PROFILES:
         height_px, said = 1, "a.tif"
         try:
-            height_px = find("a.tif", header, 64, 48, profile).height_px
+            height_px = fill_missing("a.tif", header, 64, 48, profile).height_px
         except BadInput as refusal:
             said = str(refusal)
         assert 1 <= height_px <= 48
@@ -89,7 +89,7 @@ def test_any_number_date_and_name_is_one_or_none(text: str, other: str) -> None:
         iso(text)
         for order in ("dmy", "mdy", "ymd"):
             dated(text, order, other)
-        NameCount().notice(text)
+        FileNumbering().check_gap(text)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -18,7 +18,7 @@ from pymodbus.client import ModbusTcpClient
 
 from semlive.cli.demo import daemon_config
 from semlive.cli.simulator import running_simulator
-from semlive.service.tail import Tail
+from semlive.service.log.tail import LogTail
 
 RATE = 20.0
 SCENARIO = """
@@ -133,10 +133,10 @@ class Watched:
 
     log: Path
     messages: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
-    _tail: Tail = field(init=False)
+    _tail: LogTail = field(init=False)
 
     def __post_init__(self) -> None:
-        self._tail = Tail(self.log)
+        self._tail = LogTail(self.log)
 
     def until(self, true: Callable[[dict[str, list[dict[str, Any]]]], bool], process: subprocess.Popen[str], timeout_s: float) -> None:
         """Wait until the messages fulfil a condition, which is tested after every message."""

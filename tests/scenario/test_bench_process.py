@@ -19,11 +19,11 @@ import pytest
 import tifffile
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
-from semlive.formats.clock_file import decode_clock
+from semlive.formats.tables.clock_file import decode_clock
 from semlive_simulators.load_frame.registers import f32
-from semlive_simulators.render import render_frame
+from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import load_scenario
-from semlive_simulators.specimen import at_rest
+from semlive_simulators.specimen.specimen import at_rest
 
 SMALL = """
 extends: paper_x200

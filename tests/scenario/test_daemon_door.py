@@ -14,16 +14,16 @@ from typing import Any
 
 import pytest
 
-from semlive.engine import Verb
-from semlive.service.door import LINE_BYTES, Heard, Reply, Request, knock
-from semlive.service.log_files import messages
+from semlive.engine import OperatorCommand
+from semlive.service.control.socket import LINE_BYTES, Reply, Request, RequestStatus, send_request
+from semlive.service.log.files import messages
 
 DAEMON = """
 import json, queue, sys
 from dataclasses import asdict
 from pathlib import Path
-from semlive.service.config import load_config
-from semlive.service.daemon import Faces, run_experiment
+from semlive.service.config.configuration import load_config
+from semlive.service.control.daemon import Faces, run_experiment
 
 tell = lambda address: print(json.dumps(asdict(address)), flush=True)
 run_experiment(load_config(Path(sys.argv[1])), Faces(lambda _: None, queue.SimpleQueue(), attended=True, door=tell))
@@ -41,7 +41,7 @@ class Steered:
 
     def ask(self, **asked: Any) -> Reply:
         request = Request(**{"token": self.address["token"], **asked})
-        return asyncio.run(knock(self.address["host"], self.address["port"], request))
+        return asyncio.run(send_request(self.address["host"], self.address["port"], request))
 
     def logged(self, topic: str) -> list[dict[str, Any]]:
         there = self.one.log.is_dir() and list(self.one.log.iterdir())
@@ -81,9 +81,9 @@ def send(steered: Steered, line: bytes) -> bytes:
 def test_nobody_is_heard_without_the_token(steered: Steered) -> None:
     steered.wait_until(lambda: len(steered.words("asked")) == 1)
     for token in ("", "a", steered.address["token"][:-1], steered.address["token"] + "a"):
-        assert steered.ask(token=token, say=Verb.ABORT).heard is Heard.NO_TOKEN
+        assert steered.ask(token=token, say=OperatorCommand.ABORT).heard is RequestStatus.UNAUTHORISED
     told = {"token": "", "question": "terminal.1", "answer": "100"}
-    assert Reply.model_validate_json(send(steered, json.dumps(told).encode() + b"\n")).heard is Heard.NO_TOKEN
+    assert Reply.model_validate_json(send(steered, json.dumps(told).encode() + b"\n")).heard is RequestStatus.UNAUTHORISED
     assert steered.logged("/state")[-1]["after"] == "ramping"
     assert {told["what"] for told in steered.logged("/operator")} == {"start", "asked"}
 
@@ -93,43 +93,43 @@ def test_nobody_is_heard_without_the_token(steered: Steered) -> None:
 )
 def test_what_is_no_request_is_told_so(steered: Steered, line: bytes) -> None:
     line = line.replace(b"%s", steered.address["token"].encode())
-    assert Reply.model_validate_json(send(steered, line)).heard is Heard.NO_REQUEST
+    assert Reply.model_validate_json(send(steered, line)).heard is RequestStatus.NO_REQUEST
 
 
 def test_a_line_that_is_too_long_is_not_read(steered: Steered) -> None:
     assert send(steered, b"x" * (4 * LINE_BYTES)) == b""
-    assert steered.ask(question="terminal.7", answer="").heard is Heard.NOT_OPEN
-    assert steered.ask(question="nobody.1", answer="").heard is Heard.NOT_OPEN
-    assert steered.ask(acknowledge="5").heard is Heard.NOT_OPEN
+    assert steered.ask(question="terminal.7", answer="").heard is RequestStatus.QUESTION_CLOSED
+    assert steered.ask(question="nobody.1", answer="").heard is RequestStatus.QUESTION_CLOSED
+    assert steered.ask(acknowledge="5").heard is RequestStatus.QUESTION_CLOSED
 
 
 def test_a_load_is_entered_from_elsewhere(steered: Steered) -> None:
     (asked,) = steered.words("asked")
     assert asked["text"].startswith("in MICROTEST, bring the load to 100 N at ")
     assert (asked["question"], asked["wanted"]) == ("terminal.1", "load_n")
-    assert steered.ask(question=asked["question"], answer="ninety").heard is Heard.TAKEN
+    assert steered.ask(question=asked["question"], answer="ninety").heard is RequestStatus.ACCEPTED
     steered.wait_until(lambda: len(steered.words("told")) == 1)
     assert steered.words("told")[0]["text"] == "ninety is no load; type the load in N as MICROTEST shows it"
     assert not steered.words("answered")
-    assert steered.ask(question=asked["question"], answer=" 99,5 ").heard is Heard.TAKEN
+    assert steered.ask(question=asked["question"], answer=" 99,5 ").heard is RequestStatus.ACCEPTED
     steered.reach("holding")
     (answered,) = steered.words("answered")
     assert (answered["text"], answered["question"]) == ("99,5", "terminal.1")
     assert steered.logged("/load_frame/sample")[-1]["force_n"] == 99.5
-    assert steered.ask(question=asked["question"], answer="99.5").heard is Heard.NOT_OPEN
+    assert steered.ask(question=asked["question"], answer="99.5").heard is RequestStatus.QUESTION_CLOSED
 
 
 def test_a_run_is_paused_resumed_and_stopped_from_elsewhere(steered: Steered) -> None:
-    assert steered.ask(say=Verb.PAUSE, by="page").heard is Heard.TAKEN
+    assert steered.ask(say=OperatorCommand.PAUSE, by="page").heard is RequestStatus.ACCEPTED
     steered.reach("paused")
-    assert steered.ask(say=Verb.RESUME, by="page").heard is Heard.TAKEN
+    assert steered.ask(say=OperatorCommand.RESUME, by="page").heard is RequestStatus.ACCEPTED
     steered.wait_until(lambda: len(steered.words("asked")) == 2)
-    assert steered.ask(say=Verb.STOP, by="page").heard is Heard.TAKEN
+    assert steered.ask(say=OperatorCommand.STOP, by="page").heard is RequestStatus.ACCEPTED
     assert steered.process.wait(150) == 0
     last = steered.logged("/state")[-1]
     assert (last["after"], last["before"]) == ("aborted", "stopping")
     assert steered.words("taken_back")[-1]["question"] == "terminal.2"
-    said = {told["what"]: told["args"] for told in steered.logged("/operator") if told["what"] in list(Verb)}
+    said = {told["what"]: told["args"] for told in steered.logged("/operator") if told["what"] in list(OperatorCommand)}
     assert said == {"start": {}, "pause": {"by": "page"}, "resume": {"by": "page"}, "stop": {"by": "page"}}
     with pytest.raises(ConnectionRefusedError):
-        steered.ask(say=Verb.ABORT)
+        steered.ask(say=OperatorCommand.ABORT)

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from pymodbus.client import ModbusTcpClient
 
-from semlive.service.alarms import Alarms, after_message
-from semlive.service.log_files import messages
+from semlive.service.log.alarms import Alarms, after_message
+from semlive.service.log.files import messages
 
 EMERGENCY_STOP, LIMIT_SWITCH, FRACTURE = 101, 102, 104
 

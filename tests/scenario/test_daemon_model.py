@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import yaml
 
-from semlive.service.log_files import messages
+from semlive.service.log.files import messages
 
 PAIRS = 6
 ENDS_S = 600.0

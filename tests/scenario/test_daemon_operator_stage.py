@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from pymodbus.client import ModbusTcpClient
 
-from semlive.service.log_files import messages
+from semlive.service.log.files import messages
 
 UM_PER_PX = 1.25
 SHIFT_PX = 24.0

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from semlive.service.log_files import messages
+from semlive.service.log.files import messages
 
 ROOM_BYTES = 2 * 2**20  # of new memory, for control and analysis together
 GROUPS = Path("/sys/fs/cgroup")

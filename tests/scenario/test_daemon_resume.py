@@ -19,13 +19,13 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from semlive.errors import BadConfig
-from semlive.formats.log import LogMessage
-from semlive.formats.messages import LoadSampleMessage
-from semlive.service.analysis import INPUT_TOPICS, READY, AnalysisState, feed, is_output, meanwhile
-from semlive.service.config import load_config
-from semlive.service.log_files import messages, segments
-from semlive.service.pipe import read_message
-from semlive.service.resume import read_earlier
+from semlive.formats.log.messages import LoadSampleMessage
+from semlive.formats.log.writer import LogMessage
+from semlive.service.analysis.pipe import read_message
+from semlive.service.analysis.worker import INPUT_TOPICS, READY_TEXT, WorkerState, background_work, is_output, process_message
+from semlive.service.config.configuration import load_config
+from semlive.service.control.resume import read_previous_segments
+from semlive.service.log.files import messages, segments
 
 PAIRS = 3
 HALF = 1
@@ -174,7 +174,7 @@ def test_the_next_segment_begins_with_where_the_run_stood_and_time_goes_on(resum
 def analysed_again(log: Path) -> list[LogMessage]:
     """What analysis makes of the whole folder without a break."""
     count = sum(one.topic in INPUT_TOPICS for one in messages(log))
-    command = [sys.executable, "-m", "semlive.service.analysis", "--log", str(log), "--inputs", str(count)]
+    command = [sys.executable, "-m", "semlive.service.analysis.worker", "--log", str(log), "--inputs", str(count)]
     stream = BytesIO(subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=ENDS_S, check=True).stdout)
     outputs = []
     while (message := read_message(stream)) is not None:
@@ -194,7 +194,7 @@ def told(message: LogMessage) -> tuple[str, int, bytes]:
 def test_live_results_are_byte_for_byte_those_of_the_whole_folder_without_a_break(resumed: Any) -> None:
     live = [one for one in messages(resumed.log) if is_output(one)]
     again = analysed_again(resumed.log)
-    assert READY in live[0].payload.decode()
+    assert READY_TEXT in live[0].payload.decode()
     assert [told(one)[0::2] for one in live] == [told(one)[0::2] for one in again]
     out = subprocess.run(
         [sys.executable, "-m", "semlive", "replay", str(resumed.log), "--json"], capture_output=True, text=True, timeout=ENDS_S, check=True
@@ -208,12 +208,12 @@ def test_live_results_are_byte_for_byte_those_of_the_whole_folder_without_a_brea
 def test_wherever_the_log_is_torn_it_is_known_what_analysis_has_said(resumed: Any, tmp_path: Path) -> None:
     config = load_config(resumed.write_config())
     whole = segments(resumed.log)[0]
-    state, said, after = AnalysisState(), list[LogMessage](), [0]
+    state, said, after = WorkerState(), list[LogMessage](), [0]
     for one in messages(whole):
         if one.topic in INPUT_TOPICS:
-            state, outputs = feed(state, one)
+            state, outputs = process_message(state, one)
             said.extend(outputs)
-            state, outputs = meanwhile(state)
+            state, outputs = background_work(state)
             said.extend(outputs)
             after.append(len(said))
     size = whole.stat().st_size
@@ -223,7 +223,7 @@ def test_wherever_the_log_is_torn_it_is_known_what_analysis_has_said(resumed: An
         folder.mkdir()
         torn = folder / f"{resumed.log.name}.000.mcap.part"
         torn.write_bytes(whole.read_bytes()[:torn_at])
-        earlier = read_earlier(folder, config)
+        earlier = read_previous_segments(folder, config)
         kept = [one for one in messages(torn) if is_output(one)]
         assert [told(one)[0::2] for one in kept] == [told(one)[0::2] for one in said[: earlier.outputs]]
         assert earlier.outputs <= after[earlier.inputs]
@@ -235,9 +235,9 @@ def test_wherever_the_log_is_torn_it_is_known_what_analysis_has_said(resumed: An
 def test_a_run_that_is_complete_or_another_or_of_another_configuration_is_refused(resumed: Any) -> None:
     config = load_config(resumed.write_config())
     with pytest.raises(BadConfig, match="this run is complete"):
-        read_earlier(resumed.log, config)
+        read_previous_segments(resumed.log, config)
     other = config.model_copy(update={"protocol": config.protocol.model_copy(update={"hold_s": 25.0})})
     with pytest.raises(BadConfig, match=r"protocol.hold_s is 25.0 in the configuration and 30.0 in the log; a run goes on with"):
-        read_earlier(resumed.log, other)
+        read_previous_segments(resumed.log, other)
     with pytest.raises(BadConfig, match="no such run to take up again; leave --resume out"):
-        read_earlier(resumed.log.with_name("no-such"), config)
+        read_previous_segments(resumed.log.with_name("no-such"), config)

@@ -14,19 +14,19 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
-from semlive.estimate.sequence import chosen_anew
-from semlive.formats.foxglove import SEM_IMAGE
-from semlive.formats.log import LogMessage
-from semlive.formats.maps import decode_displacement, decode_strain
-from semlive.formats.messages import DISPLACEMENT_FIELD, STRAIN_FIELD
-from semlive.report.campaign import all_cores, reanalyse
-from semlive.service.analysis import INPUT_TOPICS, AnalysisState, feed
-from semlive.service.log_files import messages
-from semlive.service.map_store import MapStore
-from semlive.service.pipe import read_message
-from semlive.service.replay import Replay, Source, replay
-from semlive.service.result_json import result_json
-from semlive.service.settings_changes import parse_changes
+from semlive.estimate.joint.solution.solver import selection_due
+from semlive.formats.log.foxglove import SEM_IMAGE
+from semlive.formats.log.maps import decode_displacement, decode_strain
+from semlive.formats.log.messages import DISPLACEMENT_FIELD, STRAIN_FIELD
+from semlive.formats.log.writer import LogMessage
+from semlive.report.campaign import process_pool, reanalyse
+from semlive.service.analysis.pipe import read_message
+from semlive.service.analysis.result_json import result_json
+from semlive.service.analysis.worker import INPUT_TOPICS, WorkerState, process_message
+from semlive.service.config.overrides import parse_changes
+from semlive.service.log.files import messages
+from semlive.service.replay.replay import ReplayRequest, Source, replay
+from semlive.service.storage.map_store import MapStore
 
 PX, BOTH = 5, 2
 
@@ -77,7 +77,7 @@ def test_live_and_replayed_results_agree(finished: Any) -> None:
 
 def test_a_replay_from_the_log_s_maps_is_the_live_result_to_the_last_bit(finished: Any) -> None:
     (live,) = logged(finished.log, "/result")
-    done = replay(Replay(finished.log, source=Source.DISPARITY))
+    done = replay(ReplayRequest(finished.log, source=Source.DISPARITY))
     assert done.unchanged
     assert done.recorded == live
     assert json.dumps(result_json(done.result, done.settings), sort_keys=True) == json.dumps(live, sort_keys=True)
@@ -85,26 +85,26 @@ def test_a_replay_from_the_log_s_maps_is_the_live_result_to_the_last_bit(finishe
 
 def test_a_replay_from_images_that_keeps_nothing_in_memory_is_the_live_result_too(finished: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     (live,) = logged(finished.log, "/result")
-    monkeypatch.setattr("semlive.service.replay.MapStore", lambda: MapStore(in_memory_bytes=0))
-    done = replay(Replay(finished.log, source=Source.IMAGES))
+    monkeypatch.setattr("semlive.service.replay.replay.MapStore", lambda: MapStore(in_memory_bytes=0))
+    done = replay(ReplayRequest(finished.log, source=Source.IMAGES))
     assert json.dumps(result_json(done.result, done.settings), sort_keys=True) == json.dumps(live, sort_keys=True)
 
 
 def test_the_first_pairs_are_the_same_from_images_and_from_maps(finished: Any) -> None:
-    from_images, from_maps = (replay(Replay(finished.log, source=source, until=2)) for source in Source)
+    from_images, from_maps = (replay(ReplayRequest(finished.log, source=source, until=2)) for source in Source)
     assert len(from_images.result.decisions) == len(from_maps.result.decisions) == 3
     assert result_json(from_images.result, from_images.settings) == result_json(from_maps.result, from_maps.settings)
 
 
 def test_a_log_s_pairs_correlated_by_two_processes_are_the_live_result(finished: Any, tmp_path: Path) -> None:
     (live,) = logged(finished.log, "/result")
-    (done,) = reanalyse([Replay(finished.log)], tmp_path / "out", lambda: all_cores(2))
+    (done,) = reanalyse([ReplayRequest(finished.log)], tmp_path / "out", lambda: process_pool(2))
     assert done.error is None
     assert json.dumps(done.told, sort_keys=True) == json.dumps(live, sort_keys=True)
 
 
 def test_another_subset_needs_the_images(finished: Any) -> None:
-    done = replay(Replay(finished.log, changes=parse_changes(["dic.subset=31"]), until=1))
+    done = replay(ReplayRequest(finished.log, changes=parse_changes(["dic.subset=31"]), until=1))
     assert result_json(done.result, done.settings)["vsg_px"] == 8 * 8 + 31
 
 
@@ -133,7 +133,7 @@ def test_the_strain_gage_goes_from_its_register_to_the_comparison_with_dic(finis
 def analysed_again(log: Path) -> list[LogMessage]:
     """What the analysis process makes of a log when it has to catch up from it."""
     count = sum(message.topic in INPUT_TOPICS for message in messages(log))
-    command = [sys.executable, "-m", "semlive.service.analysis", "--log", str(log), "--inputs", str(count)]
+    command = [sys.executable, "-m", "semlive.service.analysis.worker", "--log", str(log), "--inputs", str(count)]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=250, check=True)
     stream, outputs = BytesIO(done.stdout), []
     while (message := read_message(stream)) is not None:
@@ -165,11 +165,11 @@ def test_a_pair_named_long_after_its_frames_were_read_still_has_them(finished: A
     inputs = [message for message in messages(finished.log) if message.topic in INPUT_TOPICS]
     early = [message for message in inputs if message.topic != "/pair"]
     late = next(message for message in inputs if message.topic == "/pair")
-    state, outputs = AnalysisState(), ()
+    state, outputs = WorkerState(), ()
     for message in early:
-        state, _ = feed(state, message)
+        state, _ = process_message(state, message)
     assert len(state.frames) > 8
-    _, outputs = feed(state, late)
+    _, outputs = process_message(state, late)
     assert any(message.topic == STRAIN_FIELD for message in outputs)
 
 
@@ -181,7 +181,7 @@ def test_a_pair_is_told_before_what_it_makes_due(finished: Any) -> None:
     assert [one["revision"] for one in drifts] == list(range(1, len(drifts) + 1))
     told = [one["pairs"] for one in drifts]
     assert sorted(set(told)) == list(range(1, pairs + 1))
-    assert [told.count(number) for number in range(1, pairs + 1)] == [1 + chosen_anew(number) for number in range(1, pairs + 1)]
+    assert [told.count(number) for number in range(1, pairs + 1)] == [1 + selection_due(number) for number in range(1, pairs + 1)]
     topics = [one.topic for one in outputs]
     seconds = [at for at, one in enumerate(outputs) if one.topic == "/drift/estimate"]
     for before, anew in itertools.pairwise(seconds):

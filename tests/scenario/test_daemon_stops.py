@@ -18,7 +18,7 @@ import pytest
 from mcap.reader import make_reader
 
 from semlive.cli.simulator import running_simulator
-from semlive.service.log_files import messages
+from semlive.service.log.files import messages
 
 
 def logged(log: Path, topic: str) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from semlive.service.log_files import messages
+from semlive.service.log.files import messages
 
 # With 40 s a frame the hold of a step ends soon after a scan has begun, which a microscope that is not asked wastes.
 SCENARIO = """

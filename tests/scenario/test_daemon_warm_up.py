@@ -15,8 +15,8 @@ from scipy.interpolate import CubicHermiteSpline
 
 from semlive.cli.demo import daemon_config
 from semlive.cli.simulator import running_simulator
-from semlive.service.log_files import messages
-from semlive.service.replay import Replay, replay
+from semlive.service.log.files import messages
+from semlive.service.replay.replay import ReplayRequest, replay
 
 RATE = 20.0
 LIMIT_PX_S = 0.015
@@ -100,7 +100,7 @@ def test_frames_scanned_in_a_hold_tell_its_drift(log: Path) -> None:
         assert all(rest + [rests for time_ns, rests in at_rest if one["begin_time_ns"] < time_ns < one["end_time_ns"]])
     # What the pairs say of the same drift when all is known; before the first pair they say nothing, and how many frames begin there is
     # the scan's matter.
-    drift = replay(Replay(log)).result.estimate.drift
+    drift = replay(ReplayRequest(log)).result.estimate.drift
     rate = CubicHermiteSpline(drift.time_s, drift.drift_px, drift.rate_px_s).derivative()
     zero_ns = logged(log, "/pair")[0]["first"]["start_time_ns"]["value"]
     middles_s = [(0.5 * (one["begin_time_ns"] + one["end_time_ns"]) - zero_ns) / 1e9 for one in seen]

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from semlive.service.log_files import messages
+from semlive.service.log.files import messages
 
 BENCH_EFFECTS = """
 effects:

@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from semlive.cli.app import app
-from semlive.service.log_files import messages
+from semlive.service.log.files import messages
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "conventions"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))

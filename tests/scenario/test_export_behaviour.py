@@ -14,12 +14,12 @@ import pytest
 import tifffile
 
 from semlive.data.clock import Clock
-from semlive_simulators.clockwork import BenchClock
-from semlive_simulators.exporters.settings import Collision, Style, Vendor
-from semlive_simulators.machine import Machine
-from semlive_simulators.render import render_frame
+from semlive_simulators.bench_clock import BenchClock
+from semlive_simulators.exporters.settings import Collision, Vendor, WriteStyle
+from semlive_simulators.microscope.render import render_frame
+from semlive_simulators.microscope.sem import Exported, Sem
 from semlive_simulators.scenario import Scenario, load_scenario
-from semlive_simulators.sem import Exported, Sem
+from semlive_simulators.specimen.machine import LoadTrain
 
 RATE = 10.0
 PAPER = load_scenario("paper_x200")
@@ -55,7 +55,7 @@ def watched(
     clock = BenchClock(RATE, published)
     exported: list[Exported] = []
     failures: list[BaseException] = []
-    sem = Sem(scenario, clock, Machine(scenario, clock.start_ns), folder, False, exported.append, failures.append)
+    sem = Sem(scenario, clock, LoadTrain(scenario, clock.start_ns), folder, False, exported.append, failures.append)
     looks: list[Look] = []
     clock.begin()
     sem.start()
@@ -108,7 +108,7 @@ def test_a_temporary_name_is_gone_when_the_final_one_is_there(tmp_path: Path) ->
     def growing(looks: list[Look]) -> bool:
         return any(len(set(sizes(looks, name))) > 2 for name in names(looks, ".tmp"))
 
-    looks, _, _ = watched(tmp_path, small(style=Style.RENAME, duration_s=3.0), 1, caught=growing)
+    looks, _, _ = watched(tmp_path, small(style=WriteStyle.RENAME, duration_s=3.0), 1, caught=growing)
     assert all(len(set(sizes(looks, name))) == 1 for name in names(looks))
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith("x200_0001")] == ["x200_0001.tif"]
 
@@ -117,7 +117,9 @@ def test_a_preallocated_file_has_its_size_before_its_rows(tmp_path: Path) -> Non
     def half(looks: list[Look]) -> list[Look]:
         return [look for look in looks if any(look.data[:100]) and not any(look.data[-1000:])]
 
-    looks, exported, _ = watched(tmp_path, small(style=Style.PREALLOCATE, vendor=Vendor.ZEISS, duration_s=2.0, delay_s=0.1), 1, caught=half)
+    looks, exported, _ = watched(
+        tmp_path, small(style=WriteStyle.PREALLOCATE, vendor=Vendor.ZEISS, duration_s=2.0, delay_s=0.1), 1, caught=half
+    )
     middle = half(looks)[0]
     # A look may also fall into the write that preallocates, which the kernel does page by page: then nothing is in it yet.
     assert {look.size for look in looks if look.name == middle.name and any(look.data)} == {(tmp_path / middle.name).stat().st_size}
@@ -199,12 +201,12 @@ def test_a_share_slower_than_the_scans_delays_files_but_neither_scans_nor_clock(
         assert np.array_equal(tifffile.imread(folder / item.file)[:110], item.image)
 
 
-@pytest.mark.parametrize(("style", "left"), [(Style.DIRECT, 0.6), (Style.RENAME, 0.6), (Style.PREALLOCATE, 1.0)])
-def test_a_file_is_never_finished_and_the_next_one_is(tmp_path: Path, style: Style, left: float) -> None:
+@pytest.mark.parametrize(("style", "left"), [(WriteStyle.DIRECT, 0.6), (WriteStyle.RENAME, 0.6), (WriteStyle.PREALLOCATE, 1.0)])
+def test_a_file_is_never_finished_and_the_next_one_is(tmp_path: Path, style: WriteStyle, left: float) -> None:
     scenario = small(vendor=Vendor.JEOL, style=style, never_finished=(1,), delay_s=0.1, duration_s=0.5, chunks=4)
     looks, exported, _ = watched(tmp_path, scenario, 2)
     assert [item.frame for item in exported[:2]] == [0, 2]
-    working = "x200_0002.tif.tmp" if style is Style.RENAME else "x200_0002.tif"
+    working = "x200_0002.tif.tmp" if style is WriteStyle.RENAME else "x200_0002.tif"
     sizes_seen = sizes(looks, working)
     whole = (tmp_path / "x200_0001.tif").stat().st_size
     assert max(sizes_seen) == pytest.approx(left * whole, rel=0.02)

@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from semlive_simulators.clockwork import BenchClock
-from semlive_simulators.effects.composition import Effects
+from semlive_simulators.bench_clock import BenchClock
+from semlive_simulators.effects.composition import EffectSet
 from semlive_simulators.effects.stage_step_transient import StageStepTransient
 from semlive_simulators.effects.vibration import Vibration
 from semlive_simulators.effects.wrong_row_time import WrongRowTime
-from semlive_simulators.machine import STEP_NS, Machine
-from semlive_simulators.passes import passes
-from semlive_simulators.render import render_frame
+from semlive_simulators.microscope.exposure import row_passes
+from semlive_simulators.microscope.render import render_frame
+from semlive_simulators.microscope.sem import Exported, Sem
 from semlive_simulators.scenario import Scenario, load_scenario
-from semlive_simulators.sem import Exported, Sem
-from semlive_simulators.stage import Actuator
+from semlive_simulators.specimen.machine import STEP_NS, LoadTrain
+from semlive_simulators.specimen.stage import Actuator
 
 RATE = 20.0
 PAPER = load_scenario("paper_x200")
@@ -40,10 +40,10 @@ def small(**scan: Any) -> Scenario:
     return replace(PAPER, scan=raster, export=export, first_scan_s=0.5)
 
 
-def live(scenario: Scenario, folder: Path, frames: int = 1) -> tuple[list[Exported], Machine, BenchClock]:
+def live(scenario: Scenario, folder: Path, frames: int = 1) -> tuple[list[Exported], LoadTrain, BenchClock]:
     """Frames of a bench on which load frame, stage and beam all move meanwhile."""
     clock = BenchClock(RATE, lambda _: None)
-    machine = Machine(scenario, clock.start_ns)
+    machine = LoadTrain(scenario, clock.start_ns)
     exported: list[Exported] = []
     failures: list[BaseException] = []
     sem = Sem(scenario, clock, machine, folder, False, exported.append, failures.append)
@@ -81,7 +81,7 @@ def test_a_live_frame_is_the_rendered_one_to_the_last_bit(tmp_path: Path, kind: 
 
 
 def test_effects_that_hang_on_moves_and_on_time_see_the_same_live(tmp_path: Path) -> None:
-    effects = Effects((StageStepTransient(0.1, 5.0), WrongRowTime(0.044), Vibration.defaults("x200")))
+    effects = EffectSet((StageStepTransient(0.1, 5.0), WrongRowTime(0.044), Vibration.defaults("x200")))
     scenario = replace(small(integrations=4), effects=effects)
     exported, _, clock = live(scenario, tmp_path)
     first = exported[0]
@@ -90,7 +90,7 @@ def test_effects_that_hang_on_moves_and_on_time_see_the_same_live(tmp_path: Path
 
 
 def test_a_frame_takes_as_long_as_its_rows_do_not_as_the_header_says(tmp_path: Path) -> None:
-    scenario = replace(small(), effects=Effects((WrongRowTime(0.25),)))
+    scenario = replace(small(), effects=EffectSet((WrongRowTime(0.25),)))
     exported, _, _ = live(scenario, tmp_path, frames=2)
     assert exported[0].end_time_ns - exported[0].start_time_ns == 1_500_000_000
     assert exported[1].start_time_ns - exported[0].start_time_ns == 1_800_000_000
@@ -101,7 +101,7 @@ def test_a_frame_takes_as_long_as_its_rows_do_not_as_the_header_says(tmp_path: P
 def test_the_work_of_a_frame_is_spread_evenly_over_its_time(kind: str) -> None:
     column = load_scenario("paper_x10000").column()
     column = replace(column, scan=replace(column.scan, **{"integrations": 16, **SCANS[kind]}))
-    work = passes(column)
+    work = row_passes(column)
     due_s = np.array([one.end_s for one in work])
     rows = np.array([one.end_row - one.first_row for one in work])
     done = np.cumsum(rows) / rows.sum()
@@ -115,7 +115,7 @@ def test_the_work_of_a_frame_is_spread_evenly_over_its_time(kind: str) -> None:
 def test_the_memory_of_motion_reaches_over_a_long_frame() -> None:
     """16 scans of 94.67 s are 25 minutes."""
     scenario = replace(PAPER, scan=replace(PAPER.scan, integrations=16))
-    machine = Machine(scenario, 0)
+    machine = LoadTrain(scenario, 0)
     frame_s = scenario.frame_duration_s
     assert frame_s == pytest.approx(1514.72)
     for end_s in (frame_s, 1.9 * frame_s, 2.9 * frame_s):  # the memory is cut back now and then
@@ -126,7 +126,7 @@ def test_the_memory_of_motion_reaches_over_a_long_frame() -> None:
 
 
 def test_shifts_of_the_beam_are_remembered_apart_from_the_stage() -> None:
-    machine = Machine(PAPER, 0)
+    machine = LoadTrain(PAPER, 0)
     machine.move_stage(10.0, 0.0)
     machine.advance_to(5_000_000_000)
     machine.move_stage(-20.0, 5.0, Actuator.BEAM_SHIFT)

@@ -17,10 +17,10 @@ from semlive.data.results import RunResult
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import AnalysisSettings, DicSettings, SpecimenSettings
 from semlive.errors import IllPosed
-from semlive.formats.maps import encode_map
-from semlive_simulators.render import render_frame
+from semlive.formats.log.maps import encode_map
+from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import Scenario, load_scenario
-from semlive_simulators.specimen import at_rest
+from semlive_simulators.specimen.specimen import at_rest
 
 SHIFTS = [(0.0, 0.0), (25.3, 0.8), (-7.6, -20.9), (0.4, 28.7), (-27.8, 6.3)]
 LOADS_N = [100.0, 1100.0, 2100.0]
@@ -61,7 +61,7 @@ def analysed() -> tuple[RunResult, Scenario]:
         begun, result = pipeline.analyse(settings, begun, pair)
         assert min(one.valid.mean() for one in result.maps) > 0.999
     assert begun is not None
-    return pipeline.conclude(begun), scenario
+    return pipeline.finalise(begun), scenario
 
 
 def test_drift_within_each_frame_is_right(analysed: tuple[RunResult, Scenario]) -> None:
@@ -91,9 +91,10 @@ def test_what_was_foreseen_of_its_frames_gives_a_pair_the_same_maps_sooner() -> 
     first, second = pairs(load_scenario("paper_x200"))[:2]
     begun, _ = pipeline.analyse(AnalysisSettings(), None, first)
     foreseen = {
-        one.info.export: pipeline.foresee(begun, one, first=expected) for one, expected in ((second.first, True), (second.second, False))
+        one.info.export: pipeline.precorrelate(begun, one, first=expected)
+        for one, expected in ((second.first, True), (second.second, False))
     }
-    assert [one.made_ready is None for one in foreseen.values()] == [False, True]
+    assert [one.prepared_reference is None for one in foreseen.values()] == [False, True]
     plain, sooner = pipeline.correlate(begun, second), pipeline.correlate(begun, second, foreseen)
     assert [encode_map(one) for one in sooner] == [encode_map(one) for one in plain]
     astray = {second.first.info.export: foreseen[second.second.info.export]}
@@ -104,8 +105,8 @@ def test_integrated_scans_are_compared_when_the_pair_is_whole() -> None:
     first, second = pairs(load_scenario("paper_x200"))[:2]
     begun, _ = pipeline.analyse(AnalysisSettings(), None, first)
     timing = replace(second.first.info.timing, integrations=Sourced(16, Provenance.FILE))
-    known = pipeline.foresee(begun, replace(second.first, info=replace(second.first.info, timing=timing)), first=True)
-    assert known.made_ready is not None
+    known = pipeline.precorrelate(begun, replace(second.first, info=replace(second.first.info, timing=timing)), first=True)
+    assert known.prepared_reference is not None
     assert known.from_frame_0 is None
 
 

@@ -16,33 +16,33 @@ from numexp.experiment import make_experiment
 
 from semlive.data.grid import Grid
 from semlive.data.settings import AnalysisSettings, DicSettings, EstimateSettings, SpecimenSettings
-from semlive.report.errors import Errors, compare
-from semlive.report.truth import Truth
+from semlive.report.scoring.errors import RunErrors, compare_with_truth
+from semlive.report.scoring.truth import Truth
 
 GRID = Grid(101, 101, 15, 50, 40, 43)
 
 
 @pytest.fixture(scope="module", params=[4])
-def errors(request: pytest.FixtureRequest) -> Errors:
+def errors(request: pytest.FixtureRequest) -> RunErrors:
     experiment = make_experiment(CASES["exact"], request.param, GRID, 9)
     settings = AnalysisSettings(
         dic=DicSettings(step_px=GRID.step_px), estimate=EstimateSettings(window_points=5), specimen=SpecimenSettings("", 10.0, "y")
     )
-    return compare(concluded(experiment, settings), Truth.of(truth(experiment)))
+    return compare_with_truth(concluded(experiment, settings), Truth.of(truth(experiment)))
 
 
-def test_motion_is_judged_in_the_gauge_in_which_it_can_be_known(errors: Errors) -> None:
+def test_motion_is_judged_in_the_gauge_in_which_it_can_be_known(errors: RunErrors) -> None:
     """With the affine part B of the distortion counted on the wrong side, shifts are B d off: 0.02 px with drift of 10 px."""
     worst = np.max([np.abs(one.measured_px - one.true_px) for one in errors.shifts], axis=0)
     assert worst[1] < 1e-3
     assert worst[0] < 1e-3
 
 
-def test_drift_within_frames_is_judged_in_its_gauge(errors: Errors) -> None:
+def test_drift_within_frames_is_judged_in_its_gauge(errors: RunErrors) -> None:
     assert np.max([np.abs(one.error_px) for one in errors.drift]) < 1e-4
 
 
-def test_distortion_displacement_and_strain_have_no_error_of_their_own(errors: Errors) -> None:
+def test_distortion_displacement_and_strain_have_no_error_of_their_own(errors: RunErrors) -> None:
     """3e-3 px of the distortion are the spline's, where it bends most at the grid's edge."""
     assert np.abs(errors.distortion.error_px).max() < 5e-3
     assert np.max([np.abs(one.displacement_px).max() for one in errors.frames]) < 1e-4

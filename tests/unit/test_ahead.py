@@ -7,12 +7,12 @@ from collections.abc import Iterator
 
 import pytest
 
-from semlive.service.ahead import ahead
+from semlive.service.replay.prefetch import prefetch
 
 
 def test_everything_comes_in_its_order() -> None:
-    assert list(ahead(iter(range(100)))) == list(range(100))
-    assert list(ahead(iter(()))) == []
+    assert list(prefetch(iter(range(100)))) == list(range(100))
+    assert list(prefetch(iter(()))) == []
 
 
 def test_what_making_raises_is_raised_where_the_next_would_be() -> None:
@@ -20,7 +20,7 @@ def test_what_making_raises_is_raised_where_the_next_would_be() -> None:
         yield 1
         raise ValueError("the second is damaged")
 
-    found = ahead(made())
+    found = prefetch(made())
     assert next(found) == 1
     with pytest.raises(ValueError, match="second is damaged"):
         next(found)
@@ -34,7 +34,7 @@ def test_whoever_stops_asking_stops_the_making_too() -> None:
             made.append(len(made))
             yield made[-1]
 
-    found = ahead(numbers(), 2)
+    found = prefetch(numbers(), 2)
     assert [next(found), next(found)] == [0, 1]
     found.close()  # pyright: ignore[reportAttributeAccessIssue]  (a generator)
     assert not any(one.name == "ahead" for one in threading.enumerate())

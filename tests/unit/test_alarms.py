@@ -7,8 +7,8 @@ from functools import reduce
 import pytest
 
 from semlive.data.faults import FaultCode
-from semlive.formats.messages import FaultMessage, LogLineMessage, OperatorMessage, Payload, StateMessage
-from semlive.service.alarms import Alarms, acknowledgements, after
+from semlive.formats.log.messages import FaultMessage, LogLineMessage, OperatorMessage, Payload, StateMessage
+from semlive.service.log.alarms import Alarms, acknowledgements, after
 
 START_NS = 1_800_000_000_000_000_000
 

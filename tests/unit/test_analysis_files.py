@@ -14,8 +14,7 @@ import pytest
 from semlive.data.clock import Clock
 from semlive.data.frame import ExportedFile
 from semlive.data.scan import Provenance
-from semlive.formats.log import LogMessage
-from semlive.formats.messages import (
+from semlive.formats.log.messages import (
     SEM_ORIGINAL,
     SEM_SIDECAR,
     ClockOffsetMessage,
@@ -26,13 +25,14 @@ from semlive.formats.messages import (
     from_json,
     to_json,
 )
-from semlive.service.analysis import AnalysisState, feed, is_output
-from semlive.service.config import parse_config
-from semlive.service.journal import Journal
-from semlive.service.log_files import messages
-from semlive.service.record import Recorder
-from semlive_simulators.exporters.facts import ImageFacts, Product
-from semlive_simulators.exporters.settings import Export, Style, Vendor
+from semlive.formats.log.writer import LogMessage
+from semlive.service.analysis.worker import WorkerState, is_output, process_message
+from semlive.service.config.configuration import parse_config
+from semlive.service.log.files import messages
+from semlive.service.log.recorder import Recorder
+from semlive.service.log.run_log import RunLog
+from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata
+from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.scenario import load_scenario
 
 S = 10**9
@@ -50,12 +50,14 @@ CONFIG = {
 }
 
 
-def product(seed: int, vendor: Vendor = Vendor.JEOL, frame: int = 0) -> Product:
+def product(seed: int, vendor: Vendor = Vendor.JEOL, frame: int = 0) -> EncodedFrame:
     image = np.random.default_rng(seed).integers(0, 256, (48, 64), dtype=np.uint8)
-    return Export(Style.DIRECT, 0.0, 1.0, 1, 0, "x", vendor).encode(image, ImageFacts(SCAN, END_NS + frame * S, 0, 0, frame, "a.tif"))
+    return Export(WriteStyle.DIRECT, 0.0, 1.0, 1, 0, "x", vendor).encode(
+        image, ImageMetadata(SCAN, END_NS + frame * S, 0, 0, frame, "a.tif")
+    )
 
 
-def exported(number: int, made: Product, settled_ns: int = END_NS + S) -> ExportedFile:
+def exported(number: int, made: EncodedFrame, settled_ns: int = END_NS + S) -> ExportedFile:
     sha256 = hashlib.sha256(made.image).hexdigest()
     return ExportedFile(number, f"x_{number}.tif", made.image, sha256, settled_ns, settled_ns + 2 * S, made.sidecar, settled_ns)
 
@@ -78,9 +80,9 @@ def logged(tmp_path: Path, *files: ExportedFile) -> list[LogMessage]:
     shutil.rmtree(tmp_path / "run", ignore_errors=True)
     (tmp_path / "run").mkdir()
     recorder = Recorder(tmp_path / "run" / "run.000.mcap", _Now(), lambda _: None)
-    journal = Journal(recorder)
+    journal = RunLog(recorder)
     config = parse_config(CONFIG, "here").model_dump(mode="json")
-    journal.note(RunMessage(run="run", started_time_ns=END_NS, host="here", versions={}, config=config))
+    journal.write_message(RunMessage(run="run", started_time_ns=END_NS, host="here", versions={}, config=config))
     for file in files:
         journal.file(file)
     assert recorder.close()
@@ -88,9 +90,9 @@ def logged(tmp_path: Path, *files: ExportedFile) -> list[LogMessage]:
 
 
 def analysed(log: list[LogMessage]) -> list[object]:
-    state, told = AnalysisState(), []
+    state, told = WorkerState(), []
     for message in log:
-        state, outputs = feed(state, message)
+        state, outputs = process_message(state, message)
         told += [from_json(one.topic, one.payload) for one in outputs]
     return told
 
@@ -98,7 +100,7 @@ def analysed(log: list[LogMessage]) -> list[object]:
 @pytest.mark.parametrize(("guards", "early_s"), [({"held_s": 30.2, "late_s": 0.2}, 0.2), ({"held_s": 30.2}, 0.0)])
 def test_a_frame_that_began_before_the_end_of_the_hold_was_noticed_is_meant_for_the_pair(guards: dict[str, Any], early_s: float) -> None:
     over = StateMessage(time_ns=END_NS, before="holding", after="imaging", cause="hold_over", step=0, guards=guards)
-    state, _ = feed(AnalysisState(), LogMessage("/state", END_NS, END_NS, 0, to_json(over)))
+    state, _ = process_message(WorkerState(), LogMessage("/state", END_NS, END_NS, 0, to_json(over)))
     assert state.imaging_since_ns == END_NS - round(early_s * S)
 
 
@@ -148,9 +150,9 @@ def test_the_clocks_of_sem_and_share_are_told_with_the_first_frame(tmp_path: Pat
 
 
 def test_what_analysis_says_of_clocks_counts_as_its_own_when_a_run_is_taken_up_again(tmp_path: Path) -> None:
-    state, outputs = AnalysisState(), []
+    state, outputs = WorkerState(), []
     for message in logged(tmp_path, exported(0, product(1)), exported(1, product(1)), exported(2, product(2))):
-        state, more = feed(state, message)
+        state, more = process_message(state, message)
         outputs += more
     assert {one.topic for one in outputs} == {"/log", "/clock/offset", "/sem/scan", "/sem/file"}
     assert all(is_output(one) for one in outputs)

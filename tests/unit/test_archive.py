@@ -14,8 +14,8 @@ from hypothesis import strategies as some
 from hypothesis.extra.numpy import array_shapes, arrays
 from numpy.typing import NDArray
 
-from semlive.service import map_store
-from semlive.service.archive import Archive
+from semlive.service.storage import map_store
+from semlive.service.storage.pair_archive import PairArchive
 
 
 class Side(Enum):
@@ -58,9 +58,9 @@ def same(one: Held, other: Held) -> bool:
 
 @given(some.lists(VALUES, max_size=6))
 def test_values_come_back_as_they_were(values: list[Held]) -> None:
-    archive = Archive()
-    shelf = archive.longer((), values)
-    archive.settle()
+    archive = PairArchive()
+    shelf = archive.append((), values)
+    archive.flush()
     assert len(shelf) == len(values)
     assert all(same(one, other) for one, other in zip(shelf, values, strict=True))
     assert all(same(one, other) for one, other in zip(reversed(shelf), reversed(values), strict=True))
@@ -72,9 +72,9 @@ def held(number: int, size: int = 3) -> Held:
 
 
 def test_a_shelf_that_grows_is_another_one() -> None:
-    archive = Archive()
-    before = archive.longer((), [held(0), held(1)])
-    one, two = archive.longer(before, [held(2)]), archive.longer(before, [held(7), held(8)])
+    archive = PairArchive()
+    before = archive.append((), [held(0), held(1)])
+    one, two = archive.append(before, [held(2)]), archive.append(before, [held(7), held(8)])
     assert [[each.number for each in shelf] for shelf in (before, one, two)] == [[0, 1], [0, 1, 2], [0, 1, 7, 8]]
     assert [each.number for each in two[-3:]] == [1, 7, 8]
     with pytest.raises(IndexError):
@@ -82,37 +82,37 @@ def test_a_shelf_that_grows_is_another_one() -> None:
 
 
 def test_what_has_the_same_number_takes_its_place() -> None:
-    archive = Archive()
-    first = archive.updated({}, {4: held(4), 0: held(0)})
-    second = archive.updated(first, {2: held(2), 4: held(40)})
+    archive = PairArchive()
+    first = archive.update({}, {4: held(4), 0: held(0)})
+    second = archive.update(first, {2: held(2), 4: held(40)})
     assert {number: one.number for number, one in first.items()} == {0: 0, 4: 4}
     assert {number: one.number for number, one in second.items()} == {0: 0, 2: 2, 4: 40}
-    assert archive.updated(second, {}) is second
+    assert archive.update(second, {}) is second
     with pytest.raises(KeyError):
         second[3]
 
 
 def test_an_array_that_is_kept_already_is_not_kept_twice() -> None:
-    archive = Archive()
-    kept = archive.array(np.arange(1000.0))
-    shelf = archive.longer((), [Held(0, 0.0, "", None, (), kept)])
+    archive = PairArchive()
+    kept = archive.store_array(np.arange(1000.0))
+    shelf = archive.append((), [Held(0, 0.0, "", None, (), kept)])
     assert np.shares_memory(shelf[0].array, kept)
     assert shelf[0].array.ctypes.data % 64 == 0
 
 
 def test_order_in_memory_is_kept_because_sums_follow_it() -> None:
-    archive = Archive()
+    archive = PairArchive()
     given_ = np.asfortranarray(np.arange(12.0).reshape(3, 4))
-    (one,) = archive.longer((), [Held(0, 0.0, "", None, (), given_)])
+    (one,) = archive.append((), [Held(0, 0.0, "", None, (), given_)])
     assert one.array.flags.f_contiguous
     np.testing.assert_array_equal(one.array, given_)
 
 
 def test_a_file_is_gone_when_no_shelf_holds_anything_in_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(map_store, "_SLAB_BYTES", 64 * 1024)
-    archive = Archive()
-    old = archive.longer((), [held(number, 4000) for number in range(20)])
-    new = archive.longer(old[10:], [held(20, 4000)])
+    archive = PairArchive()
+    old = archive.append((), [held(number, 4000) for number in range(20)])
+    new = archive.append(old[10:], [held(20, 4000)])
     store = archive._store
     alive = sum(one() is not None for one in store._slabs.values())
     del old
@@ -122,11 +122,11 @@ def test_a_file_is_gone_when_no_shelf_holds_anything_in_it(monkeypatch: pytest.M
 
 def test_what_finds_no_room_in_files_stays_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tempfile, "tempdir", "/no/such/folder")
-    archive = Archive()
-    shelf = archive.longer((), [held(number) for number in range(3)])
-    assert [one.number for one in archive.longer(shelf, [held(3)])] == [0, 1, 2, 3]
+    archive = PairArchive()
+    shelf = archive.append((), [held(number) for number in range(3)])
+    assert [one.number for one in archive.append(shelf, [held(3)])] == [0, 1, 2, 3]
 
 
 def test_what_no_value_can_be_made_of_is_refused() -> None:
     with pytest.raises(TypeError, match="unhashable"):
-        Archive().longer((), [[1, 2]])
+        PairArchive().append((), [[1, 2]])

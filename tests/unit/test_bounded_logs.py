@@ -15,15 +15,15 @@ import zstandard
 from mcap.writer import CompressionType, Writer
 
 from semlive.errors import BadConfig, BadInput, BadLog
-from semlive.formats.expand import ANY_RATIO_BYTES, expanded
-from semlive.formats.log import LogWriter, read_messages
-from semlive.formats.segment import MAGIC
+from semlive.formats.log.repair import MAGIC
+from semlive.formats.log.writer import LogWriter, read_messages
+from semlive.formats.metadata.expand import ANY_RATIO_BYTES, expanded
 from semlive.inputs.json_text import MOST_NESTED, parse_json
-from semlive.report.truth import load_truth
-from semlive.service.log_files import messages
-from semlive.service.log_pairs import first_run, topic_counts
-from semlive.service.model_file import read_model
-from semlive.service.recover import recover_segment
+from semlive.report.scoring.truth import load_truth
+from semlive.service.diagnosis.model_file import read_model
+from semlive.service.log.files import messages
+from semlive.service.log.pairs import first_run, topic_counts
+from semlive.service.log.repair import recover_segment
 
 HEAD = MAGIC + struct.pack("<BQ", 1, 8) + bytes(8)
 DEEP = b"[" * 100_000 + b"]" * 100_000

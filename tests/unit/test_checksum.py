@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from semlive.formats.checksum import crc32
+from semlive.formats.metadata.checksum import crc32
 
 
 def test_it_is_the_one_of_the_standard() -> None:

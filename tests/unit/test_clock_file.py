@@ -9,8 +9,8 @@ import pytest
 
 from semlive.data.clock import Clock
 from semlive.errors import BadInput
-from semlive.formats.clock_file import decode_clock, encode_clock
-from semlive_simulators.clockwork import BenchClock
+from semlive.formats.tables.clock_file import decode_clock, encode_clock
+from semlive_simulators.bench_clock import BenchClock
 
 
 def test_a_clock_comes_back_to_the_nanosecond() -> None:
@@ -43,10 +43,10 @@ def test_late_work_stretches_the_clock_for_everybody(capsys: pytest.CaptureFixtu
     assert clock.now_ns() == clock.start_ns
     assert published == []
     clock.begin()
-    clock.expect("strip", clock.start_ns + 10**13)  # 100 s by the wall
+    clock.register_work("strip", clock.start_ns + 10**13)  # 100 s by the wall
     assert clock.lag_s() == 0.0
     due_ns = clock.start_ns + 1_000_000_000
-    clock.expect("strip", due_ns)
+    clock.register_work("strip", due_ns)
     time.sleep(0.05)  # 5 s of experiment time
     before = clock.now_ns()
     assert clock.lag_s() >= 3.9
@@ -68,7 +68,7 @@ def test_work_in_time_leaves_the_clock_alone() -> None:
     published: list[Clock] = []
     clock = BenchClock(1.0, published.append)
     clock.begin()
-    clock.expect("strip", clock.now_ns() + 60_000_000_000)
+    clock.register_work("strip", clock.now_ns() + 60_000_000_000)
     clock.done("strip")
     assert clock.stretches == 0
     assert len(published) == 1

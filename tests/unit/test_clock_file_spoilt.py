@@ -9,14 +9,14 @@ import pytest
 
 from semlive.data.clock import Clock
 from semlive.errors import BadConfig
-from semlive.formats.clock_file import encode_clock
-from semlive.service.clock import FileClock
+from semlive.formats.tables.clock_file import encode_clock
+from semlive.service.runtime.clock import SimulatedClock
 
 
 def test_time_goes_on_over_a_spoilt_clock_file(tmp_path: Path) -> None:
     path = tmp_path / "clock.json"
     path.write_bytes(encode_clock(Clock(10**18, time.monotonic_ns(), 20.0)))
-    clock = FileClock(path)
+    clock = SimulatedClock(path)
     before_ns = clock.now_ns()
     for spoilt in (b"", b"not a clock"):
         path.write_bytes(spoilt)
@@ -28,4 +28,4 @@ def test_a_clock_file_that_is_none_from_the_beginning_is_named(tmp_path: Path) -
     path = tmp_path / "clock.json"
     path.write_bytes(b"not a clock")
     with pytest.raises(BadConfig, match=r"clock\.json"):
-        FileClock(path)
+        SimulatedClock(path)

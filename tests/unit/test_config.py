@@ -11,7 +11,7 @@ import yaml
 
 from semlive.data.experiment import Phase
 from semlive.errors import BadConfig
-from semlive.service.config import load_config, parse_config
+from semlive.service.config.configuration import load_config, parse_config
 
 
 def given(**more: Any) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from semlive.errors import BadConfig
-from semlive.service.config import load_config, parse_config
+from semlive.service.config.configuration import load_config, parse_config
 
 GIVEN: dict[str, Any] = {
     "sem": {"folder": "export", "pixel_size_um": 1.25},

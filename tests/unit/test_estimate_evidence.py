@@ -8,9 +8,17 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 
-from semlive.estimate.evidence import CANDIDATES, PLAIN, STILL_PX, SWINGS, Known, Misfit, smoothest
-from semlive.estimate.evidence import _scores as scores
-from semlive.estimate.prior import Filter, Kind, Smoothness
+from semlive.estimate.joint.observations.priors import DifferencePenalty, Kind, Smoothness
+from semlive.estimate.joint.selection.marginal_likelihood import (
+    CANDIDATES,
+    NON_OSCILLATING_PRIORS,
+    OSCILLATING_PRIORS,
+    STILL_PX,
+    LocalLikelihood,
+    SmoothnessPrior,
+    select_smoothness,
+)
+from semlive.estimate.joint.selection.marginal_likelihood import _scores as scores
 from semlive.model import DriftSpline, UniformSpline
 
 NOISE_PX = 0.01
@@ -21,10 +29,10 @@ ROWS = DRIFT.rows(TIME_S)
 BENT_PX = np.cumsum(np.cumsum(RNG.normal(0.0, 0.05, DRIFT.spline.size)))
 
 
-def told(value_px: np.ndarray) -> tuple[Misfit, Known]:
+def told(value_px: np.ndarray) -> tuple[LocalLikelihood, SmoothnessPrior]:
     """What values with noise say of one component of the drift, and what is believed anyway."""
-    data = Misfit(ROWS.T @ ROWS / NOISE_PX**2, ROWS.T @ value_px / NOISE_PX**2, np.zeros(DRIFT.spline.size))
-    return data, Known(DRIFT, np.zeros((DRIFT.spline.size,) * 2))
+    data = LocalLikelihood(ROWS.T @ ROWS / NOISE_PX**2, ROWS.T @ value_px / NOISE_PX**2, np.zeros(DRIFT.spline.size))
+    return data, SmoothnessPrior(DRIFT, np.zeros((DRIFT.spline.size,) * 2))
 
 
 def held_out(value_px: np.ndarray, belief: np.ndarray) -> float:
@@ -37,24 +45,24 @@ def held_out(value_px: np.ndarray, belief: np.ndarray) -> float:
     return float(total)
 
 
-@pytest.mark.parametrize("kind", [(3, 0.0), (2, 0.0), next(iter(SWINGS))])
+@pytest.mark.parametrize("kind", [(3, 0.0), (2, 0.0), next(iter(OSCILLATING_PRIORS))])
 def test_the_choice_is_by_how_well_earlier_values_foretell_later_ones(kind: Kind) -> None:
     value_px = np.sin(TIME_S / 90.0) + RNG.normal(0.0, NOISE_PX, len(TIME_S))
     data, known = told(value_px)
     sizes = np.array([0.01, 0.1, 0.5])
-    found = scores(data.believing(known.base), known, kind, sizes)
+    found = scores(data.with_prior(known.base), known, kind, sizes)
     wanted = [held_out(value_px, known.base + Smoothness(kind[0], size, kind[1]).roughness(DRIFT)) for size in sizes]
     np.testing.assert_allclose(np.diff(found), np.diff(wanted), rtol=1e-4)
 
 
-@pytest.mark.parametrize("kind", [(2, 0.0), list(SWINGS)[-2], list(SWINGS)[-1]])
+@pytest.mark.parametrize("kind", [(2, 0.0), list(OSCILLATING_PRIORS)[-2], list(OSCILLATING_PRIORS)[-1]])
 def test_beliefs_that_are_far_too_tight_are_as_likely_as_they_are(kind: Kind) -> None:
     """Long swings and small sizes: the logarithm is right to 0.05, where rounding once put 15 into it."""
     value_px = 1e-3 * TIME_S + 1e-8 * TIME_S**2 + RNG.normal(0.0, NOISE_PX, len(TIME_S))
     data, known = told(value_px)
-    start = Misfit(data.precision, data.pull - data.precision @ BENT_PX, BENT_PX)
+    start = LocalLikelihood(data.precision, data.gradient - data.precision @ BENT_PX, BENT_PX)
     some = [0, 4, 16, -1]
-    found = scores(start.believing(known.base), known, kind, CANDIDATES)[some]
+    found = scores(start.with_prior(known.base), known, kind, CANDIDATES)[some]
     rows = Smoothness(kind[0], 1.0, kind[1]).filter.rows(DRIFT.spline.size)
     wanted = [in_many_digits(value_px, known.base, rows, size) for size in CANDIDATES[some]]
     np.testing.assert_allclose(np.diff(found), np.diff(wanted), atol=0.05)
@@ -88,18 +96,21 @@ def test_a_drift_that_swings_is_told_from_one_that_wanders_and_one_that_creeps()
     noise = RNG.normal(0.0, NOISE_PX, (3, len(TIME_S)))
     bends = np.concatenate(([0.0, 0.0], np.cumsum(np.cumsum(RNG.normal(0.0, 0.05, DRIFT.spline.size - 2)))))
     swing, wander, creep = 0.4 * np.sin(2.0 * np.pi * TIME_S / 255.0), ROWS @ bends, 1e-3 * TIME_S + 1e-7 * TIME_S**2
-    found = [smoothest(*told(value + one), PLAIN, CANDIDATES) for value, one in zip((swing, wander, creep), noise, strict=True)]
-    assert found[0].swing_knots == pytest.approx(255.0 / 30.0, rel=0.25)
+    found = [
+        select_smoothness(*told(value + one), NON_OSCILLATING_PRIORS, CANDIDATES)
+        for value, one in zip((swing, wander, creep), noise, strict=True)
+    ]
+    assert found[0].oscillation_period_knots == pytest.approx(255.0 / 30.0, rel=0.25)
     assert found[1].size_px == pytest.approx(0.05, rel=0.6)
     assert found[2].size_px < STILL_PX
-    assert found[2].swing_knots == 0.0
+    assert found[2].oscillation_period_knots == 0.0
 
 
 def test_a_filter_is_its_matrix_and_its_transpose() -> None:
     value = RNG.normal(size=12)
-    for one in (Filter(2, 1.0), Filter(3, 1.0), Smoothness(2, 0.1, 7.0).filter):
+    for one in (DifferencePenalty(2, 1.0), DifferencePenalty(3, 1.0), Smoothness(2, 0.1, 7.0).filter):
         rows = one.rows(12)
         np.testing.assert_allclose(one.of(value), rows @ value, atol=1e-12)
-        np.testing.assert_allclose(one.back(one.of(value)), rows.T @ rows @ value, atol=1e-9)
+        np.testing.assert_allclose(one.reversed(one.of(value)), rows.T @ rows @ value, atol=1e-9)
         assert one.of(value[: one.reach]).size == 0
-    np.testing.assert_allclose(Filter(3, 1.0).rows(9), np.diff(np.eye(9), n=3, axis=0))
+    np.testing.assert_allclose(DifferencePenalty(3, 1.0).rows(9), np.diff(np.eye(9), n=3, axis=0))

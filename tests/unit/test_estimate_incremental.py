@@ -16,27 +16,27 @@ from semlive.data.grid import Grid
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import EstimateSettings
 from semlive.errors import IllPosed
-from semlive.estimate.accumulate import (
+from semlive.estimate.joint.elimination.arrowhead import factorise, marginalise, sides
+from semlive.estimate.joint.elimination.elimination import eliminate_all
+from semlive.estimate.joint.elimination.shared_parameters import parameter_codes, parameter_indices, temporal_splines
+from semlive.estimate.joint.elimination.smoother import covariances, distortion_covariance, mean_of, pair_covariances, solve_shared
+from semlive.estimate.joint.observations.block_means import BlockColumns, Blocks, PackedColumns, block_columns
+from semlive.estimate.joint.observations.normal_equations import (
     DENSE_PAIRS,
-    carried_along,
+    gradient,
     map_columns,
     marginal,
-    pull,
-    relinearised,
-    with_line_shifts,
-    with_nothing_chosen,
+    relinearise,
+    reset_model_selection,
+    with_advected_distortion,
+    with_row_shifts,
 )
-from semlive.estimate.arrow import eliminated, factored, sides
-from semlive.estimate.blocks import BlockColumns, Blocks, PackedColumns, block_columns
-from semlive.estimate.border import codes_of, joint_of, strands
-from semlive.estimate.chain import chained
-from semlive.estimate.late import banded, score
-from semlive.estimate.line_term import row_groups
-from semlive.estimate.posterior import Solution, posterior
-from semlive.estimate.prior import Hyper, Smoothness, belief_precision, gauge_precision
-from semlive.estimate.sequence import chosen_anew
-from semlive.estimate.smooth import border_covariance, covariances, ended, mean_of, spreads
-from semlive.estimate.state import EstimatorState
+from semlive.estimate.joint.observations.priors import Hyperparameters, Smoothness, gauge_precision, prior_precision
+from semlive.estimate.joint.observations.state import EstimatorState
+from semlive.estimate.joint.selection.long_run import banded_system, log_evidence
+from semlive.estimate.joint.selection.row_term import row_groups
+from semlive.estimate.joint.solution.posterior import Solution, posterior
+from semlive.estimate.joint.solution.solver import selection_due
 from semlive.model import Axis, Columns, DistortionSpline, sighting
 
 GRID = Grid(40, 40, 20, 10, 8, 43)
@@ -111,7 +111,7 @@ def at_once(state: EstimatorState, prior: np.ndarray, asked_of: Callable[[np.nda
     total[:n, :n] = prior
     level = np.zeros((blocks, 2))
     for rows in sorted(state.rows, key=lambda one: (one.current, one.reference)):
-        for axis, (index, design) in enumerate(map_columns(state, rows, state.about)):
+        for axis, (index, design) in enumerate(map_columns(state, rows, state.linearisation_point)):
             whole, weight = np.zeros((blocks, n + 2 * blocks)), rows.weight[:, axis]
             whole[:, index] = design
             if rows.reference == 0:
@@ -137,7 +137,7 @@ def named(state: EstimatorState, parameters: np.ndarray) -> dict[str, np.ndarray
     by_pair = ("motion", "start_time")
     found = {name: parameters[state.layout.part(name)] for name, size in state.layout.of_each() if size and name not in by_pair}
     motion, starts = (parameters[state.layout.part(name)] for name in by_pair)
-    late = [state.starts.late_px(2 * pair + 1, starts) for pair in sorted(state.starts.pairs)]
+    late = [state.start_time_errors.late_px(2 * pair + 1, starts) for pair in sorted(state.start_time_errors.pairs)]
     found["drift"] = np.concatenate((found["drift"], *late))  # as far as the drift had gone on
     return found | {f"motion {pair}": motion[state.motions.part(pair)[0]] for pair in state.motions.pairs}
 
@@ -147,15 +147,15 @@ def test_every_pair_in_any_order_gives_the_batch(order: tuple[int, ...]) -> None
     state = estimating.init(SETTINGS, GRID, 280, 240)
     for count, pair in enumerate(order, 1):
         state = estimating.update(state, pair, PHASES[pair], times(pair), maps(pair))
-        moved = relinearised(state, about_of(state, 3))
-        prior = gauge_precision(moved) + belief_precision(moved, Hyper())
-        factor = factored(marginal(moved)[0] + prior, sides(moved))
+        moved = relinearise(state, about_of(state, 3))
+        prior = gauge_precision(moved) + prior_precision(moved, Hyperparameters())
+        factor = factorise(marginal(moved)[0] + prior, sides(moved))
         near = factor.solve(marginal(moved)[1])
-        mean = near + factor.solve(pull(moved, near) - prior @ near)
+        mean = near + factor.solve(gradient(moved, near) - prior @ near)
         sorted_state = accumulated(tuple(sorted(order[:count])))
         assert sorted_state.drift == state.drift
-        batch = relinearised(sorted_state, about_of(sorted_state, 3))
-        expected = at_once(batch, gauge_precision(batch) + belief_precision(batch, Hyper()))
+        batch = relinearise(sorted_state, about_of(sorted_state, 3))
+        expected = at_once(batch, gauge_precision(batch) + prior_precision(batch, Hyperparameters()))
         found, wanted = named(moved, mean), named(batch, expected)
         assert found.keys() == wanted.keys()
         for name, one in found.items():
@@ -169,9 +169,11 @@ def close(found: dict[str, np.ndarray], wanted: dict[str, np.ndarray]) -> bool:
 
 def batch_of(known: Solution) -> dict[str, np.ndarray]:
     """All rows at once with a solution's choices, linearised where it is."""
-    state, border, scale = known.state, known.ending.chain.border, known.hyper.noise_scale**2
-    gauge, belief = gauge_precision(state), belief_precision(state, known.hyper)
-    in_time = [(joint_of(state.layout, one.codes(0, one.spline.size)), one) for one in strands(state, known.hyper, border)]
+    state, border, scale = known.state, known.shared_posterior.chain.border, known.hyper.noise_scale**2
+    gauge, belief = gauge_precision(state), prior_precision(state, known.hyper)
+    in_time = [
+        (parameter_indices(state.layout, one.codes(0, one.spline.size)), one) for one in temporal_splines(state, known.hyper, border)
+    ]
     rest = belief.copy()
     for at, _ in in_time:
         rest[np.ix_(at, at)] = 0.0
@@ -193,9 +195,9 @@ def test_the_newest_pair_and_all_before_it_are_those_of_the_batch(order: tuple[i
     state = accumulated(order[:1])
     for pair in order[1:]:
         state = estimating.update(state, pair, PHASES[pair], times(pair), maps(pair))
-        known = estimating.newest(state, known)
+        known = estimating.solve_newest(state, known)
         wanted = batch_of(known)
-        assert close(named(known.state, mean_of(known.ending)), wanted)
+        assert close(named(known.state, mean_of(known.shared_posterior)), wanted)
         filtered = named(known.state, known.mean)
         last = max((0, *state.motions.pairs), key=lambda one: times(one)[0].start_s)
         newest = {name: wanted[name] for name in ("distortion", "axes", *([f"motion {last}"] if last else []))}
@@ -211,20 +213,20 @@ def test_the_newest_pair_and_all_before_it_are_those_of_the_batch(order: tuple[i
 def test_uncertainty_of_every_pair_is_that_of_the_whole_matrix() -> None:
     known = estimating.solve(accumulated((0, 3, 1, 4)))
     state = known.state
-    prior = gauge_precision(state) + belief_precision(state, known.hyper)
-    covariance = factored(marginal(state)[0] * known.hyper.noise_scale**-2.0 + prior, sides(state)).inverse()
+    prior = gauge_precision(state) + prior_precision(state, known.hyper)
+    covariance = factorise(marginal(state)[0] * known.hyper.noise_scale**-2.0 + prior, sides(state)).inverse()
     sigma = np.sqrt(np.diag(covariance))
-    ending = ended(known.ending.chain)
-    found = {one.pair: one for one in spreads(ending)}
+    ending = solve_shared(known.shared_posterior.chain)
+    found = {one.pair: one for one in pair_covariances(ending)}
     assert sorted(found) == [0, 1, 3, 4]
     for one in found.values():
         assert {*(np.arange(state.layout.size)[state.layout.part("drift")][:8])} <= {*one.index}
         expected = covariance[np.ix_(one.index, one.index)]
         assert np.abs((one.covariance - expected) / sigma[one.index, None] / sigma[one.index]).max() < 1e-6
     part = state.layout.part("distortion")
-    assert np.abs((border_covariance(ending) - covariance[part, part]) / sigma[part, None] / sigma[part]).max() < 1e-6
+    assert np.abs((distortion_covariance(ending) - covariance[part, part]) / sigma[part, None] / sigma[part]).max() < 1e-6
     assert np.abs((ending.covariance_of(np.eye(len(sigma))) - covariance) / sigma[:, None] / sigma).max() < 1e-6
-    newest = next(spreads(ending, newest=True))
+    newest = next(pair_covariances(ending, newest=True))
     np.testing.assert_allclose(newest.covariance, found[4].covariance, rtol=1e-9)
 
 
@@ -232,23 +234,25 @@ def test_a_long_time_without_a_pair_is_bridged_in_steps() -> None:
     state = accumulated((0, 1))
     later = tuple(when(frame, 900.0 + 14.0 * (frame % 2)) for frame in (4, 5))
     state = estimating.update(state, 2, PHASES[2], (later[0], later[1]), maps(2))
-    state = relinearised(state, about_of(state, 3))
-    prior = gauge_precision(state) + belief_precision(state, Hyper())
-    near = factored(marginal(state)[0] + prior, sides(state)).solve(marginal(state)[1])
-    ending = ended(chained(state, Hyper(), near))
+    state = relinearise(state, about_of(state, 3))
+    prior = gauge_precision(state) + prior_precision(state, Hyperparameters())
+    near = factorise(marginal(state)[0] + prior, sides(state)).solve(marginal(state)[1])
+    ending = solve_shared(eliminate_all(state, Hyperparameters(), near))
     assert sum(step.pair is None for step in ending.chain.steps) == 1
-    assert max(len(step.gone) for step in ending.steps_back()) < 100
+    assert max(len(step.eliminated) for step in ending.backward_pass()) < 100
     assert close(named(state, mean_of(ending)), named(state, at_once(state, prior)))
 
 
 def test_pairs_with_shifts_of_rows_are_eliminated_to_what_one_least_squares_gives() -> None:
     order = (0, 1, 2, 3, 4, 5)
     whole = accumulated(order)
-    state = with_line_shifts(whole, row_groups(whole), about_of(whole, 3))
-    hyper = Hyper(line_px=0.03)
-    prior = gauge_precision(state) + belief_precision(state, hyper)
-    near = state.about + factored(marginal(state)[0] + prior, sides(state)).solve(pull(state, state.about) - prior @ state.about)
-    ending = ended(chained(state, hyper, near))
+    state = with_row_shifts(whole, row_groups(whole), about_of(whole, 3))
+    hyper = Hyperparameters(row_shift_px=0.03)
+    prior = gauge_precision(state) + prior_precision(state, hyper)
+    near = state.linearisation_point + factorise(marginal(state)[0] + prior, sides(state)).solve(
+        gradient(state, state.linearisation_point) - prior @ state.linearisation_point
+    )
+    ending = solve_shared(eliminate_all(state, hyper, near))
     assert close(named(state, mean_of(ending)), named(state, at_once(state, prior)))
     part = state.layout.part("line_shift")
     spread = np.zeros((part.stop - part.start, state.layout.size))
@@ -258,11 +262,11 @@ def test_pairs_with_shifts_of_rows_are_eliminated_to_what_one_least_squares_give
 
 def test_what_is_made_again_begins_with_nothing_chosen() -> None:
     whole = accumulated((0, 1, 2, 3))
-    first = relinearised(whole, about_of(whole, 3))
-    chosen = with_line_shifts(carried_along(first), row_groups(first), first.about)
-    again = with_nothing_chosen(chosen, lambda one: one)
-    assert (again.distortion.carried, again.lines.size) == (False, 0)
-    np.testing.assert_array_equal(again.about, first.about)
+    first = relinearise(whole, about_of(whole, 3))
+    chosen = with_row_shifts(with_advected_distortion(first), row_groups(first), first.linearisation_point)
+    again = reset_model_selection(chosen, lambda one: one)
+    assert (again.distortion.carried, again.row_shifts.size) == (False, 0)
+    np.testing.assert_array_equal(again.linearisation_point, first.linearisation_point)
     np.testing.assert_allclose(again.precision, first.precision, rtol=1e-9, atol=1e-6)
     np.testing.assert_allclose(again.information, first.information, rtol=1e-9, atol=1e-6)
 
@@ -270,33 +274,33 @@ def test_what_is_made_again_begins_with_nothing_chosen() -> None:
 def test_what_pairs_touch_is_as_uncertain_on_one_way_back_as_asked_one_by_one() -> None:
     known = estimating.solve(accumulated((0, 3, 1, 4)))
     layout, rng = known.state.layout, np.random.default_rng(5)
-    touched = {one.pair: one.index for one in spreads(known.ending)}
-    border = joint_of(layout, known.ending.chain.border.codes()[: known.ending.chain.border.known])
+    touched = {one.pair: one.index for one in pair_covariances(known.shared_posterior)}
+    border = parameter_indices(layout, known.shared_posterior.chain.border.codes()[: known.shared_posterior.chain.border.known])
     wanted = {pair: np.unique(np.concatenate((touched[pair], border))) for pair in (3, 0, 4)}
-    rows = {pair: (codes_of(layout, index), rng.normal(size=(3, len(index)))) for pair, index in wanted.items()}
-    found = covariances(known.ending, rows)
+    rows = {pair: (parameter_codes(layout, index), rng.normal(size=(3, len(index)))) for pair, index in wanted.items()}
+    found = covariances(known.shared_posterior, rows)
     assert list(found) == [3, 0, 4]
     for pair, (_, own) in rows.items():
         whole = np.zeros((3, layout.size))
         whole[:, wanted[pair]] = own
         np.testing.assert_allclose(found[pair], known.covariance_of(whole), rtol=1e-6)
     with pytest.raises(KeyError):
-        covariances(known.ending, {7: rows[3]})
+        covariances(known.shared_posterior, {7: rows[3]})
 
 
 def test_what_shifts_of_rows_took_off_is_given_back_when_they_are_in_the_model_no_more() -> None:
     plain = estimating.solve(accumulated((0, 1, 2)))
-    assert plain.state.lines.size == 0
-    shifted = with_line_shifts(plain.state, row_groups(plain.state), plain.mean)
+    assert plain.state.row_shifts.size == 0
+    shifted = with_row_shifts(plain.state, row_groups(plain.state), plain.mean)
     rng = np.random.default_rng(11)
     mean = np.zeros(shifted.layout.size)
     mean[plain.state.layout.within(shifted.layout)] = plain.mean
-    mean[shifted.layout.part("line_shift")] = rng.normal(0, 0.05, shifted.lines.size)
-    ending = ended(chained(shifted, replace(plain.hyper, line_px=0.05), mean))
+    mean[shifted.layout.part("line_shift")] = rng.normal(0, 0.05, shifted.row_shifts.size)
+    ending = solve_shared(eliminate_all(shifted, replace(plain.hyper, row_shift_px=0.05), mean))
     with_lines = Solution(shifted, ending.chain.hyper, mean, ending, plain.noise_floor_px)
     dmap = maps(2)[-1]
     told, now = (estimating.correction_strain(one, dmap) for one in (with_lines, plain))
-    moved = estimating.strain_moved(plain, told)
+    moved = estimating.strain_change(plain, told)
     assert np.abs(told.value - now.value).max() > 1e-6
     np.testing.assert_allclose([moved.exx, moved.eyy, moved.exy], told.value - now.value, atol=1e-12)
 
@@ -318,40 +322,40 @@ def test_a_long_run_makes_its_choices_anew() -> None:
     assert whole.hyper.rotation_rad != known.hyper.rotation_rad
     assert whole.hyper.noise_scale == pytest.approx(known.hyper.noise_scale, rel=0.02)  # its noise stayed the same
     assert whole.noise_floor_px / known.noise_floor_px == pytest.approx(whole.hyper.noise_scale / known.hyper.noise_scale)
-    assert [one.used for one in whole.terms] == [one.used for one in known.terms]
+    assert [one.included for one in whole.terms] == [one.included for one in known.terms]
     wanted = batch_of(whole)
     for name, one in named(whole.state, whole.mean).items():  # as stiff as the data choose the drift to be, neither is better than this
         np.testing.assert_allclose(one, wanted[name], atol=1e-7)
-    followed = estimating.follow(state, known)
+    followed = estimating.solve_incremental(state, known)
     part = state.layout.part("distortion")
-    sigma = np.sqrt(np.diag(border_covariance(whole.ending)))  # linearised about an earlier solution, so not quite the same
+    sigma = np.sqrt(np.diag(distortion_covariance(whole.shared_posterior)))  # linearised about an earlier solution, so not quite the same
     assert np.abs((followed.mean[part] - whole.mean[part]) / sigma).max() < 0.1
-    assert len(estimating.estimate(followed, count).motions) == count
+    assert len(estimating.to_estimate(followed, count).motions) == count
 
 
 def test_choices_given_the_border_weigh_candidates_as_the_whole_matrix_does() -> None:
-    state = relinearised(accumulated((0, 1, 2, 3)), about_of(accumulated((0, 1, 2, 3)), 3))
+    state = relinearise(accumulated((0, 1, 2, 3)), about_of(accumulated((0, 1, 2, 3)), 3))
     hypers = [
-        replace(Hyper(noise_scale=1.3), drift=(Smoothness(order, size), Smoothness(2, 0.05)), raster_px=(raster, 0.0))
+        replace(Hyperparameters(noise_scale=1.3), drift=(Smoothness(order, size), Smoothness(2, 0.05)), raster_px=(raster, 0.0))
         for order, size, raster in ((2, 0.05, 0.0), (3, 1e-3, 0.0), (2, 0.3, 0.1))
     ]
     nothing = np.zeros(2 * state.blocks.size)
-    band = banded(state, hypers[0], np.zeros(state.layout.size), nothing)
-    local = joint_of(state.layout, band.codes)
+    band = banded_system(state, hypers[0], np.zeros(state.layout.size), nothing)
+    local = parameter_indices(state.layout, band.codes)
     in_time = local < state.layout.part("axes").start  # drift and raster
     found, wanted = [], []
     for hyper in hypers:
-        believed = (belief_precision(state, hyper) + gauge_precision(state))[np.ix_(local, local)]
+        believed = (prior_precision(state, hyper) + gauge_precision(state))[np.ix_(local, local)]
         whole, asked = state.precision[np.ix_(local, local)] / 1.3**2 + believed, state.information[local] / 1.3**2
         parts = np.linalg.slogdet(believed[np.ix_(in_time, in_time)])[1], np.linalg.slogdet(whole)[1]
         wanted.append(0.5 * (asked @ np.linalg.solve(whole, asked) + parts[0] - parts[1]))
-        found.append(score(band, hyper))
+        found.append(log_evidence(band, hyper))
     np.testing.assert_allclose(np.diff(found), np.diff(wanted), rtol=1e-6)
     near = np.random.default_rng(1).normal(0, 0.01, state.layout.size)
-    border = band.border.place(codes_of(state.layout, np.arange(state.layout.size))) >= 0
-    moved = banded(state, hypers[0], np.where(border, 0.0, near), nothing)
+    border = band.border.place(parameter_codes(state.layout, np.arange(state.layout.size))) >= 0
+    moved = banded_system(state, hypers[0], np.where(border, 0.0, near), nothing)
     np.testing.assert_allclose(
-        [score(moved, one) - score(moved, hypers[0]) for one in hypers], np.array(found) - found[0], rtol=1e-6, atol=1e-6
+        [log_evidence(moved, one) - log_evidence(moved, hypers[0]) for one in hypers], np.array(found) - found[0], rtol=1e-6, atol=1e-6
     )
 
 
@@ -367,19 +371,19 @@ def test_packed_columns_hold_what_they_were_made_of() -> None:
 
 
 def test_choices_are_made_at_powers_of_two_and_half_way_between() -> None:
-    assert [n for n in range(1, 50) if chosen_anew(n)] == [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48]
+    assert [n for n in range(1, 50) if selection_due(n)] == [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48]
 
 
 def test_between_choices_the_data_decide_everything_but_the_choices() -> None:
     known = estimating.solve(accumulated((0, 1, 2, 3)))
     state = accumulated((0, 1, 2, 3, 4))
-    followed = estimating.follow(state, known)
+    followed = estimating.solve_incremental(state, known)
     assert followed.hyper == known.hyper
     assert followed.terms == known.terms
-    prior = gauge_precision(state) + belief_precision(state, known.hyper)
+    prior = gauge_precision(state) + prior_precision(state, known.hyper)
     again = followed.state
     near, factor = posterior(marginal(again), prior, known.hyper.noise_scale)
-    asked = pull(again, near) * known.hyper.noise_scale**-2.0 - prior @ near
+    asked = gradient(again, near) * known.hyper.noise_scale**-2.0 - prior @ near
     expected = near + np.linalg.solve(factor @ factor.T, asked)
     np.testing.assert_allclose(followed.mean, expected, atol=1e-8)
     spread = np.diag(followed.covariance_of(np.eye(len(expected))))
@@ -389,32 +393,32 @@ def test_between_choices_the_data_decide_everything_but_the_choices() -> None:
 def test_on_the_schedule_and_without_a_solution_before_all_is_chosen_anew() -> None:
     early = estimating.solve(accumulated((0, 1)))
     state = accumulated((0, 1, 2, 3))
-    np.testing.assert_array_equal(estimating.follow(state, early).mean, estimating.solve(state).mean)
+    np.testing.assert_array_equal(estimating.solve_incremental(state, early).mean, estimating.solve(state).mean)
     five = accumulated((0, 1, 2, 3, 4))
-    np.testing.assert_array_equal(estimating.follow(five, None).mean, estimating.solve(five).mean)
+    np.testing.assert_array_equal(estimating.solve_incremental(five, None).mean, estimating.solve(five).mean)
 
 
 def test_a_carried_distortion_takes_new_pairs_up() -> None:
     known = estimating.solve(accumulated((0, 1, 2, 3)))
-    known = replace(known, state=carried_along(known.state))
-    followed = estimating.follow(accumulated((0, 1, 2, 3, 4)), known)
+    known = replace(known, state=with_advected_distortion(known.state))
+    followed = estimating.solve_incremental(accumulated((0, 1, 2, 3, 4)), known)
     assert followed.state.distortion.carried
     assert sorted(followed.state.motions.pairs) == [1, 2, 3, 4]
-    about = replace(followed.state, about=followed.mean)
-    whole = mean_of(ended(chained(carried_along(about), known.hyper, followed.mean)))
+    about = replace(followed.state, linearisation_point=followed.mean)
+    whole = mean_of(solve_shared(eliminate_all(with_advected_distortion(about), known.hyper, followed.mean)))
     part = about.layout.part("drift")
     assert np.abs(followed.mean[part] - whole[part]).max() < 0.01
     with pytest.raises(IllPosed, match="another run"):
-        estimating.follow(accumulated((0, 1, 2, 4, 5)), known)
+        estimating.solve_incremental(accumulated((0, 1, 2, 4, 5)), known)
 
 
 def test_the_arrow_factor_is_that_of_the_whole_matrix() -> None:
     state = accumulated((0, 1, 2, 3, 4))
     precision, information = marginal(state)
-    whole = precision + gauge_precision(state) + belief_precision(state, Hyper())
+    whole = precision + gauge_precision(state) + prior_precision(state, Hyperparameters())
     where = sides(state)
     assert not whole[np.ix_(where.x, where.y)].any()
-    factor = factored(whole, where)
+    factor = factorise(whole, where)
     scale = 1.0 / np.sqrt(np.diag(whole))
     inverse = np.linalg.inv(whole * scale[:, None] * scale) * scale[:, None] * scale
     spread = np.sqrt(np.diag(inverse))
@@ -427,7 +431,7 @@ def test_the_arrow_factor_is_that_of_the_whole_matrix() -> None:
     part = state.layout.part("drift")
     gone = np.ones(len(whole), dtype=bool)
     gone[part] = False
-    left, asked = eliminated(whole, information, where, gone)
+    left, asked = marginalise(whole, information, where, gone)
     expected = np.linalg.inv(inverse[part, part])
     np.testing.assert_allclose(left, expected, atol=1e-6 * np.abs(expected).max())
     np.testing.assert_allclose(np.linalg.solve(left, asked), factor.solve(information)[part], atol=1e-5)

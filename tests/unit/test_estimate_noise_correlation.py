@@ -7,8 +7,8 @@ import pytest
 from scipy.ndimage import uniform_filter
 
 from semlive.data.grid import Grid
-from semlive.estimate.blocks import Blocks
-from semlive.estimate.posterior import _scatter  # pyright: ignore[reportPrivateUsage]
+from semlive.estimate.joint.observations.block_means import Blocks
+from semlive.estimate.joint.solution.posterior import _scatter  # pyright: ignore[reportPrivateUsage]
 
 GRID = Grid(101, 101, 5, 150, 120, 43)
 
@@ -29,4 +29,4 @@ def test_white_noise_leaves_blocks_independent() -> None:
 
 def test_overlapping_subsets_share_what_they_overlap() -> None:
     blocks = Blocks.of(GRID)
-    assert _scatter(blocks, residuals(2, 9), np.inf) == pytest.approx(blocks.scatter, rel=0.15)
+    assert _scatter(blocks, residuals(2, 9), np.inf) == pytest.approx(blocks.block_variance_ratio, rel=0.15)

@@ -98,7 +98,7 @@ def test_distortion_is_not_claimed_without_translations_in_both_directions(shift
     state = first()
     for pair, (x, y) in enumerate(shifts, 1):
         state = moved(state, pair, x, y)
-    found = estimating.estimate(estimating.solve(state), 0)
+    found = estimating.to_estimate(estimating.solve(state), 0)
     assert any("distortion not determined yet: needs translations in both directions" in note for note in found.notes)
     assert found.distortion.valid.mean() < 0.5
     if not shifts:
@@ -109,7 +109,7 @@ def test_distortion_is_claimed_after_a_cross() -> None:
     state = first()
     for pair, (x, y) in enumerate([(20.0, 0.0), (-20.0, 0.0), (0.0, 20.0), (0.0, -20.0)], 1):
         state = moved(state, pair, x, y)
-    found = estimating.estimate(estimating.solve(state), 0)
+    found = estimating.to_estimate(estimating.solve(state), 0)
     assert not any("not determined yet" in note for note in found.notes)
     assert found.distortion.valid.all()
     np.testing.assert_allclose([one.shift_px for one in found.motions], [(0, 0), (20, 0), (-20, 0), (0, 20), (0, -20)], atol=0.05)
@@ -122,7 +122,7 @@ def test_a_pair_may_come_without_some_of_its_maps() -> None:
     lost = shifted(0, 5, 0.0, 0.0, status=PoiStatus.OUTSIDE_IMAGE)
     state = estimating.update(state, 2, Phase.TENSION, times(2, 120.0), (shifted(4, 5, 0.0, 0.0), lost))
     state = moved(state, 3, 0.0, 20.0)
-    found = estimating.estimate(estimating.solve(state), 0)
+    found = estimating.to_estimate(estimating.solve(state), 0)
     assert [one.pair for one in found.motions] == [0, 1, 2, 3]
     assert found.motions[2].shift_sigma_px.min() > 100.0
     assert np.isfinite(found.drift.drift_px).all()

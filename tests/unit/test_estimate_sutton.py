@@ -25,7 +25,7 @@ from semlive.data.scan import Provenance, Sourced
 from semlive.data.settings import AnalysisSettings, EstimateSettings
 from semlive.errors import IllPosed
 from semlive.estimate import sutton
-from semlive.estimate.sutton.parametric import classical
+from semlive.estimate.sutton.lens_distortion import fit_lens_distortion
 from semlive.estimate.sutton.surface import Surface
 
 GRID = Grid(101, 101, 25, 30, 24, 43)
@@ -46,7 +46,7 @@ def given(experiment: Experiment, settings: EstimateSettings, pairs: int = 99) -
 def test_the_papers_world_without_noise_is_found(equation_9: Experiment) -> None:
     """Drift is quadratic, so its velocity is in the spline; what is left is the wave between knots."""
     solution = sutton.solve(given(equation_9, EstimateSettings()))
-    found = sutton.estimate(solution, 3)
+    found = sutton.to_estimate(solution, 3)
     assert found.drift.drift_px == pytest.approx(equation_9.world.column.drift.at(found.drift.time_s), abs=1e-3)
     assert found.drift.revision == 3
     for one in equation_9.pairs[1:]:
@@ -76,11 +76,11 @@ def _with_hole(dmap: DisparityMap) -> DisparityMap:
 
 def test_one_pair_gives_drift_and_says_what_it_cannot(equation_9: Experiment) -> None:
     solution = sutton.solve(given(equation_9, EstimateSettings(), pairs=1))
-    found = sutton.estimate(solution, 1)
+    found = sutton.to_estimate(solution, 1)
     assert not found.distortion.valid.any()
     assert any("distortion not determined" in note for note in found.notes)
     with pytest.raises(IllPosed, match="no translated image"):
-        classical(solution)
+        fit_lens_distortion(solution)
 
 
 def test_what_is_missing_is_said() -> None:
@@ -99,7 +99,7 @@ def test_a_surface_is_the_spline_that_it_was_given() -> None:
 
 
 def test_classical_forms_have_a_centre_and_miss_a_wave(equation_9: Experiment) -> None:
-    fit = classical(sutton.solve(given(equation_9, EstimateSettings())))
+    fit = fit_lens_distortion(sutton.solve(given(equation_9, EstimateSettings())))
     assert fit.at(np.array([[511.5, 441.5]])) == pytest.approx(0.0)
     assert fit.residual_px > 1e-3
 
@@ -107,11 +107,11 @@ def test_classical_forms_have_a_centre_and_miss_a_wave(equation_9: Experiment) -
 def test_the_pipeline_estimates_by_the_method_that_the_settings_name(equation_9: Experiment) -> None:
     settings = AnalysisSettings(estimate=EstimateSettings(method="sutton2007"))
     decisions = [decision(one) for one in equation_9.pairs]
-    begun = pipeline.begin_from_maps(settings, decisions[0].first, GRID)
+    begun = pipeline.start_from_maps(settings, decisions[0].first, GRID)
     for one, taken in zip(equation_9.pairs, decisions, strict=True):
-        begun = pipeline.absorb(begun, taken, one.maps)
-    result = pipeline.conclude(begun)
-    assert "published procedure" in result.notes[0]
+        begun = pipeline.accumulate(begun, taken, one.maps)
+    result = pipeline.finalise(begun)
+    assert "published procedure" in result.messages[0]
     assert len(result.frames) == 30
     assert max(abs(one.summary.mean.eyy) for one in result.frames) <= 1e-6
 

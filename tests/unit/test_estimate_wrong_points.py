@@ -15,7 +15,7 @@ from blind.experiment import Conditions
 from blind.observing import observed
 
 from semlive.data.grid import Grid
-from semlive.estimate.blocks import Blocks, alone
+from semlive.estimate.joint.observations.block_means import Blocks, isolated_outliers
 
 GRID = Grid(101, 101, 60, 13, 10, 43)
 EVERY = np.ones(GRID.shape, dtype=np.bool_)
@@ -32,7 +32,7 @@ def smooth(rng: np.random.Generator, noise_px: float = 0.02) -> np.ndarray:
 def test_noise_and_bending_are_not_wrong(noise_px: float) -> None:
     rng = np.random.default_rng(1)
     for _ in range(50):
-        assert not alone(smooth(rng, noise_px), EVERY).any()
+        assert not isolated_outliers(smooth(rng, noise_px), EVERY).any()
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,7 @@ def test_a_point_that_is_off_all_its_neighbours_is_wrong(place: tuple[int, int],
     value = smooth(np.random.default_rng(2))
     value[place] += wrong_px
 
-    assert np.argwhere(alone(value, EVERY)).tolist() == [list(place)]
+    assert np.argwhere(isolated_outliers(value, EVERY)).tolist() == [list(place)]
 
 
 @pytest.mark.parametrize("way", [(1.0, 0.0), (0.0, 1.0), (0.6, 0.8), (0.95, -0.3)])
@@ -51,7 +51,7 @@ def test_a_slip_line_or_a_jump_between_rows_is_not_wrong(way: tuple[float, float
     x, y = GRID.mesh()
     beyond = way[0] * (x - 440.0) + way[1] * (y - 350.0) > 0.0
 
-    assert not alone(smooth(np.random.default_rng(3)) + 2.0 * beyond, EVERY).any()
+    assert not isolated_outliers(smooth(np.random.default_rng(3)) + 2.0 * beyond, EVERY).any()
 
 
 def test_a_point_without_a_neighbour_is_not_judged() -> None:
@@ -60,8 +60,8 @@ def test_a_point_without_a_neighbour_is_not_judged() -> None:
     valid[0, 0] = True
     value[0, 0] += 0.5
 
-    assert not alone(value, valid).any()
-    assert not alone(value, np.zeros_like(valid)).any()
+    assert not isolated_outliers(value, valid).any()
+    assert not isolated_outliers(value, np.zeros_like(valid)).any()
 
 
 def test_where_subsets_overlap_the_median_of_a_block_decides_as_before() -> None:

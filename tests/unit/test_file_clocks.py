@@ -11,8 +11,8 @@ import pytest
 from semlive.data.frame import ExportedFile, FrameInfo
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import ScanProfile
-from semlive.formats.messages import ClockOffsetMessage
-from semlive.service.file_clocks import FileClocks, probe_share
+from semlive.formats.log.messages import ClockOffsetMessage
+from semlive.service.watch.clock_offsets import FileClockOffsets, probe_share
 
 S = 10**9
 T0 = 1_772_439_825 * S
@@ -21,20 +21,31 @@ TIMING = ScanTiming(Sourced(1e-5, KNOWN), Sourced(0.02, KNOWN), Sourced(20.0, KN
 
 
 def after(
-    clocks: FileClocks, end_ns: int, export: int, offset_s: float, delay_s: float
-) -> tuple[FileClocks, tuple[ClockOffsetMessage, ...]]:
+    clocks: FileClockOffsets, end_ns: int, export: int, offset_s: float, delay_s: float
+) -> tuple[FileClockOffsets, tuple[ClockOffsetMessage, ...]]:
     """A scan that ended, whose file settled later, by a SEM whose clock is off and prints whole seconds."""
     printed = (end_ns + round(offset_s * S)) // S * S + S // 2
     info = FrameInfo(
-        export, "a.tif", "fei", 8, 8, 0, TIMING, Sourced(0, KNOWN), 0.3, Sourced(1e-6, KNOWN), embedded_time_ns=printed, start_anchor="end"
+        export,
+        "a.tif",
+        "fei",
+        8,
+        8,
+        0,
+        TIMING,
+        Sourced(0, KNOWN),
+        0.3,
+        Sourced(1e-6, KNOWN),
+        embedded_time_ns=printed,
+        start_anchor="end",
     )
     settled = end_ns + round(delay_s * S)
-    file = ExportedFile(export, "a.tif", b"", "", settled - S // 2, settled + 2 * S, settled_time_ns=settled)
-    return clocks.after(file, info, ScanProfile())
+    file = ExportedFile(export, "a.tif", b"", "", settled - S // 2, settled + 2 * S, stable_time_ns=settled)
+    return clocks.updated(file, info, ScanProfile())
 
 
 def test_a_clock_an_hour_ahead_is_known_within_the_time_that_an_export_takes() -> None:
-    clocks, told = FileClocks.looked_at_every(1.0), []
+    clocks, told = FileClockOffsets.with_poll_interval(1.0), []
     for number in range(20):
         clocks, more = after(clocks, T0 + round(number * 31.37 * S), number, 3600.0, 0.5 + 0.1 * (number % 5))
         told += more
@@ -48,14 +59,14 @@ def test_a_clock_an_hour_ahead_is_known_within_the_time_that_an_export_takes() -
 
 
 def test_a_right_clock_is_told_without_advice() -> None:
-    clocks, told = after(FileClocks.looked_at_every(1.0), T0, 0, 0.0, 1.0)
+    clocks, told = after(FileClockOffsets.with_poll_interval(1.0), T0, 0, 0.0, 1.0)
     assert [one.advice for one in told] == ["", ""]
     assert [one.reason for one in told] == ["the first file tells it"] * 2
     assert clocks.sem.sigma_s == pytest.approx((1 / 12 + 4.0 + 1.0) ** 0.5)
 
 
 def test_late_files_are_no_step_of_a_clock_and_a_clock_that_is_set_is() -> None:
-    clocks = FileClocks.looked_at_every(1.0)
+    clocks = FileClockOffsets.with_poll_interval(1.0)
     for number in range(5):
         clocks, _ = after(clocks, T0 + number * 40 * S, number, 0.0, 1.0)
     late = clocks
@@ -75,17 +86,17 @@ def test_late_files_are_no_step_of_a_clock_and_a_clock_that_is_set_is() -> None:
 
 
 def test_files_of_older_logs_tell_nothing() -> None:
-    clocks = FileClocks.looked_at_every(1.0)
+    clocks = FileClockOffsets.with_poll_interval(1.0)
     info = FrameInfo(0, "a.tif", "fei", 8, 8, 0, TIMING, Sourced(0, KNOWN), 0.3, Sourced(1e-6, KNOWN), embedded_time_ns=T0)
-    assert clocks.after(ExportedFile(0, "a.tif", b"", "", T0, T0), info, ScanProfile()) == (clocks, ())
+    assert clocks.updated(ExportedFile(0, "a.tif", b"", "", T0, T0), info, ScanProfile()) == (clocks, ())
 
 
 def test_a_time_that_marks_the_start_is_held_against_the_end() -> None:
     info = FrameInfo(
         0, "a", "fei", 8, 8, 0, TIMING, Sourced(0, KNOWN), 0.3, Sourced(1e-6, KNOWN), embedded_time_ns=T0, start_anchor="start"
     )
-    file = replace(ExportedFile(0, "a", b"", "", T0 + 20 * S, T0 + 22 * S), settled_time_ns=T0 + 21 * S)
-    clocks, _ = FileClocks.looked_at_every(1.0).after(file, info, ScanProfile())
+    file = replace(ExportedFile(0, "a", b"", "", T0 + 20 * S, T0 + 22 * S), stable_time_ns=T0 + 21 * S)
+    clocks, _ = FileClockOffsets.with_poll_interval(1.0).updated(file, info, ScanProfile())
     assert clocks.sem.offset_s == pytest.approx(-1.0)
 
 

@@ -16,8 +16,8 @@ from semlive.data.scan import Provenance
 from semlive.data.settings import ScanProfile, ScanSpeed
 from semlive.errors import BadImage
 from semlive.formats import read_frame, read_info
-from semlive.formats.frames import read_header, read_pixels, read_sidecar
-from semlive.formats.inspection import inspect_file, inspect_sidecar
+from semlive.formats.images.frames import read_header, read_pixels, read_sidecar
+from semlive.formats.images.inspection import inspect_file, inspect_sidecar
 
 MTIME_NS = 1_700_000_000_000_000_000
 FILE, DERIVED, CONFIG, ASSUMED = Provenance.FILE, Provenance.DERIVED, Provenance.CONFIG, Provenance.ASSUMED

@@ -14,13 +14,14 @@ from semlive.data.frame import ExportedFile, FrameInfo
 from semlive.data.scan import Provenance
 from semlive.data.settings import ScanProfile, ScanSpeed
 from semlive.errors import BadImage
-from semlive.formats import fei, hitachi, jeol, read_frame, read_info, tescan, zeiss
-from semlive.formats.header import Header
-from semlive.formats.moment import dated, iso
-from semlive.formats.quantity import quantity
-from semlive.formats.resolve import frame_info
-from semlive_simulators.exporters.facts import ImageFacts
-from semlive_simulators.exporters.settings import Export, Style, Vendor
+from semlive.formats import read_frame, read_info
+from semlive.formats.images.frame_metadata import frame_info
+from semlive.formats.metadata.header import Header
+from semlive.formats.metadata.quantity import quantity
+from semlive.formats.metadata.timestamps import dated, iso
+from semlive.formats.vendors import fei, hitachi, jeol, tescan, zeiss
+from semlive_simulators.exporters.image_metadata import ImageMetadata
+from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.scenario import load_scenario
 
 MTIME_NS = int(datetime(2016, 8, 16, 19, tzinfo=UTC).timestamp()) * 10**9
@@ -284,8 +285,8 @@ END_NS = 1_772_439_825_123_456_789
 @pytest.mark.parametrize("vendor", [vendor for vendor in Vendor if vendor not in (Vendor.TIFF, Vendor.PNG)])
 def test_files_of_the_virtual_microscope_come_back_with_its_truth(vendor: Vendor) -> None:
     image = np.random.default_rng(1).integers(0, 256, (200, 256), dtype=np.uint8)
-    facts = ImageFacts(SCAN, END_NS, 1.0, 2.0, frame=4, name="a.tif")
-    made = Export(Style.DIRECT, 0.0, 1.0, 1, 20, "a", vendor).encode(image, facts)
+    facts = ImageMetadata(SCAN, END_NS, 1.0, 2.0, frame=4, name="a.tif")
+    made = Export(WriteStyle.DIRECT, 0.0, 1.0, 1, 20, "a", vendor).encode(image, facts)
     speed = {Vendor.TESCAN: "7", Vendor.JEOL: "9", Vendor.HITACHI: "Slow3"}.get(vendor, "")
     profile = ScanProfile(databar_rows=20, speeds=(ScanSpeed(speed, dwell_time_s=SCAN.dwell_time_s, row_time_s=SCAN.row_time_s),))
     file = ExportedFile(0, "a.tif", made.image, "", END_NS, END_NS, made.sidecar)

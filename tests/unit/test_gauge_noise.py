@@ -10,7 +10,7 @@ from semlive.data.displacement import Displacement
 from semlive.data.grid import Grid
 from semlive.data.settings import StrainSettings
 from semlive.data.strain import Tensor2
-from semlive.mechanics.local_fit import gradients, whole_window
+from semlive.mechanics.strain_gauge_fits import gradients, whole_window
 
 GRID = Grid(30, 30, 5, 60, 50, 21)
 SIGMA_U_PX, SIGMA_V_PX = 0.02, 0.03
@@ -32,7 +32,7 @@ def noisy() -> Displacement:
 def test_gauges_scatter_as_stated(settings: StrainSettings) -> None:
     square, said = [], None
     for _ in range(12):
-        field = mechanics.strain_as(moved := noisy(), 9, settings)
+        field = mechanics.strain_field(moved := noisy(), 9, settings)
         said = mechanics.summary(moved, field, settings=settings).gauge_sigma
         square.append([np.mean(one[4:-4, 4:-4] ** 2) for one in (field.exx, field.eyy, field.exy)])
     assert said is not None
@@ -50,7 +50,7 @@ def test_what_the_correction_adds_is_in_it_and_a_filtered_gauge_states_nothing()
     assert more.exx == alone.exx
     assert more.eyy == pytest.approx(float(np.hypot(alone.eyy, 1e-3)))
     filtered = StrainSettings(butterworth_points=11.0)
-    assert mechanics.summary(moved, mechanics.strain_as(moved, 9, filtered), settings=filtered).gauge_sigma is None
+    assert mechanics.summary(moved, mechanics.strain_field(moved, 9, filtered), settings=filtered).gauge_sigma is None
 
 
 @pytest.mark.parametrize("settings", [StrainSettings(), StrainSettings(order=2), StrainSettings(order=2, weights="gaussian")])

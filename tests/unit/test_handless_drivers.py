@@ -11,8 +11,8 @@ from semlive.data.loading import ControlMode, MotionState, StageKind
 from semlive.errors import BadConfig, LinkError
 from semlive.ports import LoadFrame, Stage
 from semlive_drivers import null
-from semlive_drivers import operator as by_hand
-from semlive_drivers.console import Console
+from semlive_drivers.operator import stage as by_hand
+from semlive_drivers.operator.console import Console
 
 
 class Clock:
@@ -60,7 +60,7 @@ def test_the_null_driver_has_no_settings() -> None:
     ],
 )
 def test_a_hand_is_told_in_pixels_and_directions(dx_um: float, dy_um: float, um_per_px: float | None, words: str) -> None:
-    assert by_hand.sentence(dx_um, dy_um, StageKind.SPECIMEN, um_per_px) == words
+    assert by_hand.move_instruction(dx_um, dy_um, StageKind.SPECIMEN, um_per_px) == words
 
 
 def test_a_stage_moved_by_hand_moves_until_it_is_confirmed() -> None:

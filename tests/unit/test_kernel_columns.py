@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from semlive.kernels.cells import in_cells
-from semlive.kernels.columns import curve_at, local_sums, on_intervals, piecewise, surface_at, tensor_sums
+from semlive.kernels.bilinear import interpolate_bilinear
+from semlive.kernels.spline_columns import evaluate_curve, evaluate_piecewise, evaluate_surface, local_sums, piecewise, tensor_sums
 
 RNG = np.random.default_rng(8)
 POINTS, BLOCKS, NY, NX = 60, 5, 7, 9
@@ -25,20 +25,20 @@ ROWS_Y, ROWS_X = dense(INDEX_Y, VALUE_Y, NY), dense(INDEX_X, VALUE_X, NX)
 def test_a_surface_is_the_product_of_rows_along_y_and_x():
     surface = RNG.normal(size=(NY, NX, 2))
     expected = np.einsum("pj,pi,jic->pc", ROWS_Y, ROWS_X, surface)
-    np.testing.assert_allclose(surface_at(INDEX_Y, VALUE_Y, INDEX_X, VALUE_X, surface), expected, atol=1e-12)
+    np.testing.assert_allclose(evaluate_surface(INDEX_Y, VALUE_Y, INDEX_X, VALUE_X, surface), expected, atol=1e-12)
 
 
 def test_numbers_of_terms_that_are_known_beforehand_give_the_same():
     six_y, six_x = RNG.integers(0, 4, (POINTS, 1)) + np.arange(6), RNG.integers(0, 3, (POINTS, 1)) + np.arange(6)
     value_y, value_x, surface = RNG.normal(size=(POINTS, 6)), RNG.normal(size=(POINTS, 6)), RNG.normal(size=(NY + 3, NX, 2))
     rows_y, rows_x = dense(six_y, value_y, NY + 3), dense(six_x, value_x, NX)
-    found = surface_at(six_y, value_y, six_x, value_x, surface)
+    found = evaluate_surface(six_y, value_y, six_x, value_x, surface)
     np.testing.assert_allclose(found, np.einsum("pj,pi,jic->pc", rows_y, rows_x, surface), atol=1e-12)
     sums = tensor_sums(BLOCK, BLOCKS, six_y, value_y, six_x, value_x, (NY + 3, NX))
     np.testing.assert_allclose(sums, np.einsum("pb,pj,pi->bji", np.eye(BLOCKS)[BLOCK], rows_y, rows_x), atol=1e-12)
     for count in (4, 5, 6):
         table, at = RNG.normal(size=(count, count)), RNG.uniform(-1.0, 4.0, POINTS)
-        index, value = on_intervals(at, 0.0, 1.0, 3, table)
+        index, value = evaluate_piecewise(at, 0.0, 1.0, 3, table)
         fraction = at - np.clip(np.floor(at), 0, 2)
         np.testing.assert_array_equal(index[:, -1], np.clip(np.floor(at), 0, 2) + count - 1)
         np.testing.assert_allclose(value, sum(table[k] * fraction[:, None] ** k for k in range(count)), atol=1e-9)
@@ -46,13 +46,13 @@ def test_numbers_of_terms_that_are_known_beforehand_give_the_same():
 
 def test_a_curve_is_the_product_of_rows():
     curve = RNG.normal(size=(NX, 2))
-    np.testing.assert_allclose(curve_at(INDEX_X, VALUE_X, curve), ROWS_X @ curve, atol=1e-12)
+    np.testing.assert_allclose(evaluate_curve(INDEX_X, VALUE_X, curve), ROWS_X @ curve, atol=1e-12)
 
 
 def test_fields_between_points_are_bilinear_and_say_how_their_corners_differ():
     fields, status = RNG.normal(size=(3, NY, NX)), RNG.integers(0, 3, (NY, NX)).astype(np.uint8)
     x, y = RNG.uniform(-1.0, NX, POINTS), RNG.uniform(-1.0, NY, POINTS)
-    value, spread, worst, sound = in_cells(x, y, fields, status)
+    value, spread, worst, sound = interpolate_bilinear(x, y, fields, status)
     i, j = np.clip(np.floor(x).astype(int), 0, NX - 2), np.clip(np.floor(y).astype(int), 0, NY - 2)
     tx, ty = np.clip(x - i, 0.0, 1.0), np.clip(y - j, 0.0, 1.0)
     corners = fields[:, [j, j, j + 1, j + 1], [i, i + 1, i, i + 1]]
@@ -77,11 +77,11 @@ def test_polynomials_by_pieces():
 
 def test_an_index_that_does_not_fit_is_refused():
     with pytest.raises(ValueError, match="index_x must lie between 0 and 7"):
-        surface_at(INDEX_Y, VALUE_Y, INDEX_X, VALUE_X, np.zeros((NY, 8, 2)))
+        evaluate_surface(INDEX_Y, VALUE_Y, INDEX_X, VALUE_X, np.zeros((NY, 8, 2)))
     with pytest.raises(ValueError, match="index_y must count up by one along each row"):
-        surface_at(INDEX_Y[:, ::2].copy(), VALUE_Y[:, ::2].copy(), INDEX_X, VALUE_X, np.zeros((NY, NX, 2)))
+        evaluate_surface(INDEX_Y[:, ::2].copy(), VALUE_Y[:, ::2].copy(), INDEX_X, VALUE_X, np.zeros((NY, NX, 2)))
     with pytest.raises(ValueError, match="index must lie between 0 and 7"):
-        curve_at(INDEX_X, VALUE_X, np.zeros((8, 2)))
+        evaluate_curve(INDEX_X, VALUE_X, np.zeros((8, 2)))
     with pytest.raises(ValueError, match="block must lie between 0 and 3"):
         tensor_sums(BLOCK, 4, INDEX_Y, VALUE_Y, INDEX_X, VALUE_X, (NY, NX))
     with pytest.raises(ValueError, match="less the first coefficient"):
@@ -92,7 +92,7 @@ def test_an_index_that_does_not_fit_is_refused():
 
 def test_positions_outside_belong_to_the_outermost_interval():
     table = RNG.normal(size=(4, 5))
-    index, value = on_intervals(np.array([-1.0, 2.5, 9.0]), 1.0, 2.0, 3, table)
+    index, value = evaluate_piecewise(np.array([-1.0, 2.5, 9.0]), 1.0, 2.0, 3, table)
     assert index[:, 0].tolist() == [0, 0, 2]
     np.testing.assert_array_equal(index, index[:, :1] + np.arange(5))
     fraction = np.array([-1.0, 0.75, 2.0])

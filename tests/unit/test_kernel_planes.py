@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from semlive.kernels.planes import SOFT, planes_through
+from semlive.kernels.local_planes import SOFT, fit_local_planes
 
 RNG = np.random.default_rng(3)
 U, V = RNG.standard_normal((2, 9, 12))
@@ -14,7 +14,7 @@ TRUSTED[:3, :3] = False
 def test_planes_are_those_of_least_squares():
     at = np.zeros(U.shape, dtype=bool)
     at[[0, 4, 8], [0, 6, 11]] = True
-    u, v, slopes, count = planes_through(U, V, TRUSTED, at, 2)
+    u, v, slopes, count = fit_local_planes(U, V, TRUSTED, at, 2)
     for k, (j, i) in enumerate(zip(*np.nonzero(at), strict=True)):
         window = np.s_[max(j - 2, 0) : j + 3, max(i - 2, 0) : i + 3]
         rows, columns = np.nonzero(TRUSTED[window])
@@ -34,6 +34,6 @@ def test_planes_are_those_of_least_squares():
 
 def test_planes_check_their_arrays():
     with pytest.raises(ValueError, match=r"^v must have shape"):
-        planes_through(U, V[:4], TRUSTED, TRUSTED, 1)
+        fit_local_planes(U, V[:4], TRUSTED, TRUSTED, 1)
     with pytest.raises(ValueError, match=r"^at must be bool"):
-        planes_through(U, V, TRUSTED, TRUSTED.astype(np.uint8), 1)
+        fit_local_planes(U, V, TRUSTED, TRUSTED.astype(np.uint8), 1)

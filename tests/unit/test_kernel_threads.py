@@ -42,14 +42,14 @@ def allowed(request, monkeypatch):
 
 def test_every_piece_is_done_once_by_as_many_as_are_allowed(allowed):
     work = Watched(allowed)
-    threads.spread(work, 23, 2)
+    threads.parallel_chunks(work, 23, 2)
     assert sorted(work.done) == [(k, min(k + 2, 23)) for k in range(0, 23, 2)]
     assert work.most == allowed
 
 
 def test_two_chains_at_once_keep_to_what_is_allowed(allowed):
     work = Watched(allowed)
-    threads.at_once(lambda: threads.spread(work, 20, 1), lambda: threads.spread(work, 20, 1))
+    threads.run_pair_in_parallel(lambda: threads.parallel_chunks(work, 20, 1), lambda: threads.parallel_chunks(work, 20, 1))
     assert len(work.done) == 40
     assert work.most == allowed
 
@@ -57,13 +57,16 @@ def test_two_chains_at_once_keep_to_what_is_allowed(allowed):
 def test_a_thread_that_has_done_with_one_chain_goes_on_with_the_other(monkeypatch):
     monkeypatch.setattr(threads, "thread_count", lambda: 2)
     work = Watched(2)
-    assert threads.at_once(lambda: threads.spread(work, 30, 1), lambda: time.sleep(0.01) or "short") == (None, "short")
+    assert threads.run_pair_in_parallel(lambda: threads.parallel_chunks(work, 30, 1), lambda: time.sleep(0.01) or "short") == (
+        None,
+        "short",
+    )
     assert work.most == 2
     assert len(work.who) == 2
 
 
 def test_nothing_to_do_is_done(allowed):
-    threads.spread(Watched(), 0, 4)
+    threads.parallel_chunks(Watched(), 0, 4)
 
 
 def test_an_error_in_a_thread_is_not_lost(allowed):
@@ -72,12 +75,12 @@ def test_an_error_in_a_thread_is_not_lost(allowed):
             raise ArithmeticError("row 6")
 
     with pytest.raises(ArithmeticError, match="row 6"):
-        threads.spread(work, 20, 2)
+        threads.parallel_chunks(work, 20, 2)
     for one, other in ((lambda: 1, lambda: work(6, 8)), (lambda: work(6, 8), lambda: 1)):
         with pytest.raises(ArithmeticError, match="row 6"):
-            threads.at_once(one, other)
+            threads.run_pair_in_parallel(one, other)
     fine = Watched(allowed)
-    threads.spread(fine, 20, 1)
+    threads.parallel_chunks(fine, 20, 1)
     assert fine.most == allowed  # those that failed have given their place back
 
 
@@ -86,10 +89,10 @@ def test_a_thread_that_ends_before_it_runs_a_line_is_not_waited_for(allowed, mon
     before = len(threads._helping)
     monkeypatch.setattr(threads._thread, "start_new_thread", lambda _run, _arguments: 1)
     work = Watched()
-    threads.spread(work, 20, 1)
+    threads.parallel_chunks(work, 20, 1)
     assert sorted(work.done) == [(k, k + 1) for k in range(20)]
     assert work.most == 1
-    assert threads.at_once(lambda: "one", lambda: "other") == ("one", "other")
+    assert threads.run_pair_in_parallel(lambda: "one", lambda: "other") == ("one", "other")
     with pytest.raises(ArithmeticError, match="mine"):
-        threads.at_once(lambda: 1, lambda: (_ for _ in ()).throw(ArithmeticError("mine")))
+        threads.run_pair_in_parallel(lambda: 1, lambda: (_ for _ in ()).throw(ArithmeticError("mine")))
     assert len(threads._helping) == before

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from semlive.kernels.windows import powers, window_moments
+from semlive.kernels.window_moments import powers, window_moments
 
 VALUE = np.random.default_rng(4).normal(size=(7, 9))
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from semlive.kernels import cast, icgn
+from semlive.kernels import icgn, interface
 
 IMAGE = np.random.default_rng(0).normal(0.0, 40.0, (40, 50)).astype(np.float32)
 GRID = {"x0_px": 10, "y0_px": 10, "step_px": 5, "shape": (3, 4), "half_px": 5}
@@ -21,12 +21,12 @@ GRID = {"x0_px": 10, "y0_px": 10, "step_px": 5, "shape": (3, 4), "half_px": 5}
 )
 def test_checked_names_what_is_wrong(array, message):
     with pytest.raises(ValueError, match="^thing must .*" + message):
-        cast.checked(array, "thing", np.float32, (2, None))
+        interface.checked(array, "thing", np.float32, (2, None))
 
 
 def test_checked_returns_the_very_array():
     array = np.zeros((2, 3), np.float32)
-    assert cast.checked(array, "thing", np.float32, (2, 3)) is array
+    assert interface.checked(array, "thing", np.float32, (2, 3)) is array
 
 
 @pytest.mark.parametrize(
@@ -35,12 +35,12 @@ def test_checked_returns_the_very_array():
 )
 def test_grey_takes_8_and_16_bit_images_only(image):
     with pytest.raises(ValueError, match=r"^image must be"):
-        cast.grey(image)
+        interface.to_float32_grey(image)
 
 
 def test_grey_of_any_layout_is_contiguous_and_centred():
     image = np.arange(4000, dtype=np.uint16).reshape(40, 100)[::2, ::3]
-    grey = cast.grey(image)
+    grey = interface.to_float32_grey(image)
     assert grey.flags.c_contiguous
     assert grey.dtype == np.float32
     assert abs(float(grey.mean())) < 1e-2
@@ -49,28 +49,28 @@ def test_grey_of_any_layout_is_contiguous_and_centred():
 
 def test_functions_refuse_wrong_images():
     wrong = IMAGE.astype(np.float64)
-    for call in (cast.coefficients, cast.interpolator, cast.gradients, cast.line_derivative):
+    for call in (interface.coefficients, interface.interpolator, interface.gradients, interface.spline_line_derivative):
         with pytest.raises(ValueError, match="float32, not float64"):
             call(wrong)
     with pytest.raises(ValueError, match="at least 4 px"):
-        cast.coefficients(IMAGE[:2])
+        interface.coefficients(IMAGE[:2])
     with pytest.raises(ValueError, match="at least 4 samples"):
-        cast.line_derivative(np.zeros((5, 3), np.float32))
+        interface.spline_line_derivative(np.zeros((5, 3), np.float32))
 
 
 @pytest.mark.parametrize("change", [{"x0_px": 4}, {"y0_px": 4}, {"shape": (3, 9)}, {"shape": (6, 4)}, {"half_px": 11}, {"step_px": 0}])
 def test_subsets_must_lie_in_the_image(change):
     with pytest.raises(ValueError, match="leave the 50 x 40 px image"):
-        cast.subset_sums(IMAGE, IMAGE, IMAGE, **{**GRID, **change})
+        interface.subset_sums(IMAGE, IMAGE, IMAGE, **{**GRID, **change})
 
 
 def test_gradients_must_have_the_images_shape():
     with pytest.raises(ValueError, match="gradient_y must have shape"):
-        cast.subset_sums(IMAGE, IMAGE, IMAGE[:30], **GRID)
+        interface.subset_sums(IMAGE, IMAGE, IMAGE[:30], **GRID)
 
 
 def solutions():
-    return cast.Solutions(np.zeros((3, 4, 6)), np.zeros((3, 4)), np.zeros((3, 4), np.uint8), np.zeros((3, 4), np.int32))
+    return interface.Solutions(np.zeros((3, 4, 6)), np.zeros((3, 4)), np.zeros((3, 4), np.uint8), np.zeros((3, 4), np.int32))
 
 
 @pytest.mark.parametrize(
@@ -84,11 +84,11 @@ def solutions():
     ],
 )
 def test_correlate_checks_every_array(name, value):
-    sums = cast.subset_sums(IMAGE, *cast.gradients(IMAGE), **GRID)
-    arguments = {"current": cast.interpolator(IMAGE), "todo": np.full((3, 4), icgn.SEEDED, np.uint8), "seeds": np.zeros((3, 4, 6))}
+    sums = interface.subset_sums(IMAGE, *interface.gradients(IMAGE), **GRID)
+    arguments = {"current": interface.interpolator(IMAGE), "todo": np.full((3, 4), icgn.SEEDED, np.uint8), "seeds": np.zeros((3, 4, 6))}
     numbers = {"max_iterations": 9, "tolerance_px": 1e-3, "min_zncc": 0.5, "max_travel_px": 5.0}
     out = solutions()
-    cast.correlate(sums, **arguments, solutions=out, **numbers)
+    interface.correlate(sums, **arguments, solutions=out, **numbers)
     assert np.all(out.status == icgn.CONVERGED)
     with pytest.raises(ValueError, match=f"^{name} must"):
-        cast.correlate(sums, **{**arguments, name: value}, solutions=solutions(), **numbers)
+        interface.correlate(sums, **{**arguments, name: value}, solutions=solutions(), **numbers)

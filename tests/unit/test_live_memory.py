@@ -14,16 +14,16 @@ from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.experiment import Phase, Step
 from semlive.data.frame import FrameInfo
 from semlive.data.grid import Grid
-from semlive.data.keep import IN_MEMORY, Keep
 from semlive.data.pair import PairDecision
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import AnalysisSettings, EstimateSettings
-from semlive.estimate.blocks import BlockColumns, PackedColumns, StoredColumns
-from semlive.formats.messages import DriftMessage, from_json, to_json
+from semlive.data.storage import IN_MEMORY, Storage
+from semlive.estimate.joint.observations.block_means import BlockColumns, PackedColumns, StoredColumns
+from semlive.formats.log.messages import DriftMessage, from_json, to_json
 from semlive.model import Axis
-from semlive.service.archive import Archive
-from semlive.service.map_store import MapStore, beside_memory
-from semlive.service.seen import drift_word
+from semlive.service.control.analysis_events import parse_drift_update
+from semlive.service.storage.map_store import MapStore, offload_pair
+from semlive.service.storage.pair_archive import PairArchive
 
 GRID = Grid(40, 40, 10, 40, 30, 43)
 EVERY, LAST = 49, 61  # between two choices
@@ -54,16 +54,16 @@ def maps(pair: int) -> tuple[DisparityMap, ...]:
     return tuple(found)
 
 
-def followed(begun: pipeline.Begun | None, pairs: range, keep: Keep) -> pipeline.Begun:
+def followed(begun: pipeline.AnalysisState | None, pairs: range, keep: Storage) -> pipeline.AnalysisState:
     """As the daemon's analysis does it, but for the pixels."""
     settings = AnalysisSettings(estimate=EstimateSettings(drift_knots_per_frame=1.0, distortion_knot_px=160.0))
     for pair in pairs:
-        begun = begun or pipeline.begin_from_maps(settings, decision(0).first, GRID)
-        begun, _ = pipeline.update(begun, decision(pair), tuple(begun.keep.map(one) for one in maps(pair)))
-        begun = beside_memory(begun, pair, (), keep)
-        begun, _ = pipeline.reconsider(begun)
-        if isinstance(keep, Archive | MapStore):
-            keep.settle()
+        begun = begun or pipeline.start_from_maps(settings, decision(0).first, GRID)
+        begun, _ = pipeline.add_pair(begun, decision(pair), tuple(begun.storage.store_map(one) for one in maps(pair)))
+        begun = offload_pair(begun, pair, (), keep)
+        begun, _ = pipeline.review_hyperparameters(begun)
+        if isinstance(keep, PairArchive | MapStore):
+            keep.flush()
     assert begun is not None
     return begun
 
@@ -74,7 +74,7 @@ def held_bytes() -> int:
     return tracemalloc.get_traced_memory()[0]
 
 
-def grown_bytes(keep: Keep) -> float:
+def grown_bytes(keep: Storage) -> float:
     """By how much a pair makes what is held in memory grow, between two choices."""
     begun = followed(None, range(EVERY), keep)
     tracemalloc.start()
@@ -95,20 +95,20 @@ def test_a_pair_of_a_replay_takes_little_memory() -> None:
 
 def test_a_pair_of_a_live_run_takes_next_to_none() -> None:
     """Some 0.6 kB a pair, and what NumPy holds ready once, which within ten pairs looks like 3 kB a pair."""
-    assert grown_bytes(Archive()) < 6_000
+    assert grown_bytes(PairArchive()) < 6_000
 
 
 def test_a_run_kept_beside_memory_is_the_same_to_the_last_bit() -> None:
     """Beyond 32 pairs, from where on pairs are eliminated one by one, and with a choice at 48."""
-    runs = [followed(None, range(50), one) for one in (Archive(), MapStore(in_memory_bytes=0), IN_MEMORY)]
+    runs = [followed(None, range(50), one) for one in (PairArchive(), MapStore(in_memory_bytes=0), IN_MEMORY)]
     *others, plain = runs
     for one in others:
         np.testing.assert_array_equal(one.solution.mean, plain.solution.mean)
         assert (one.solution.hyper, one.solution.terms) == (plain.solution.hyper, plain.solution.terms)
         assert list(one.pairs) == list(plain.pairs)
-        assert list(one.told) == list(plain.told)
-        assert [told.summary for told in one.told.values()] == [told.summary for told in plain.told.values()]
-        results = [pipeline.conclude(each) for each in (one, plain)]
+        assert list(one.reported) == list(plain.reported)
+        assert [told.summary for told in one.reported.values()] == [told.summary for told in plain.reported.values()]
+        results = [pipeline.finalise(each) for each in (one, plain)]
         assert results[0].summaries == results[1].summaries
         assert results[0].estimate.motions[-1].shift_px.tolist() == results[1].estimate.motions[-1].shift_px.tolist()
 
@@ -133,9 +133,9 @@ def test_stored_columns_are_what_was_stored() -> None:
 def test_what_finds_no_room_in_files_stays_in_memory_if_it_may(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tempfile, "tempdir", "/no/such/folder")
     array = np.arange(10.0)
-    assert MapStore(in_memory_bytes=0, stays=True).array(array) is array
+    assert MapStore(in_memory_bytes=0, stays=True).store_array(array) is array
     with pytest.raises(OSError, match="No such file"):
-        MapStore(in_memory_bytes=0).array(array)
+        MapStore(in_memory_bytes=0).store_array(array)
 
 
 def test_control_reads_of_a_drift_what_it_decides_on() -> None:
@@ -153,11 +153,11 @@ def test_control_reads_of_a_drift_what_it_decides_on() -> None:
         rate_y_px_s=column[-1][1],
     )
     payload = to_json(told)
-    word = drift_word(payload)
+    word = parse_drift_update(payload)
     assert (word.revision, word.newest_pair, word.rate_x_px_s, word.forecast) == (500, count // 40 - 1, column[-1][0], None)
     del told, column
     peaks = []
-    for read in (lambda: drift_word(payload), lambda: from_json("/drift/estimate", payload)):
+    for read in (lambda: parse_drift_update(payload), lambda: from_json("/drift/estimate", payload)):
         tracemalloc.start()
         read()
         peaks.append(tracemalloc.get_traced_memory()[1])

@@ -7,15 +7,15 @@ import itertools
 import numpy as np
 import pytest
 
-from semlive.data.drift import Motion
+from semlive.data.drift import PairMotion
 from semlive.errors import IllPosed
-from semlive.estimate.magnification import (
+from semlive.estimate.joint.outputs.stage_path import stage_path, stage_path_messages
+from semlive.estimate.pixel_size import (
     PixelSize,
     magnification_from_distances,
     magnification_from_metadata,
     magnification_from_translations,
 )
-from semlive.estimate.stage_path import stage_path, stage_path_notes
 
 X_UM, Y_UM, SHEAR = 1.25, 1.27, 0.004
 # The raster's x axis along the specimen's x; its y axis leans towards it by the shear.
@@ -110,14 +110,14 @@ def test_the_path_of_the_stage_tells_scale_and_angle() -> None:
 
 
 def test_the_path_is_told_only_where_it_can_be() -> None:
-    def motion(pair: int, shift: np.ndarray) -> Motion:
-        return Motion(pair, shift, np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2)))
+    def motion(pair: int, shift: np.ndarray) -> PairMotion:
+        return PairMotion(pair, shift, np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2)))
 
     commands = [(pair, (float(x), float(y))) for pair, (x, y) in enumerate(CROSS_PX)]
     motions = [motion(pair, 0.8 * shift) for pair, shift in enumerate(CROSS_PX)]
-    (said,) = stage_path_notes(commands, motions)
+    (said,) = stage_path_messages(commands, motions)
     assert "0.8 px/um along the stage's x" in said
     assert "90.00" in said
-    assert stage_path_notes(commands[:5], motions) == ()
-    assert stage_path_notes(commands, motions[:3]) == ()
-    assert stage_path_notes([(pair, (0.0, 0.0)) for pair, _ in commands], motions) == ()
+    assert stage_path_messages(commands[:5], motions) == ()
+    assert stage_path_messages(commands, motions[:3]) == ()
+    assert stage_path_messages([(pair, (0.0, 0.0)) for pair, _ in commands], motions) == ()

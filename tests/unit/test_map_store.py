@@ -10,8 +10,8 @@ import pytest
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.grid import Grid
-from semlive.service import map_store
-from semlive.service.map_store import MapStore
+from semlive.service.storage import map_store
+from semlive.service.storage.map_store import MapStore
 
 GRID = Grid(10, 20, 5, 40, 30, 43)
 RNG = np.random.default_rng(1)
@@ -25,8 +25,8 @@ def random_map(number: int) -> DisparityMap:
 def test_maps_come_back_as_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(map_store, "_SLAB_BYTES", 256 * 1024)  # five maps of 50 kB
     store, given = MapStore(in_memory_bytes=100_000), [random_map(number) for number in range(40)]
-    kept = [store.map(one) for one in given]
-    store.settle()
+    kept = [store.store_map(one) for one in given]
+    store.flush()
     assert kept[0] is given[0]  # as long as there is room
     assert kept[-1] is not given[-1]
     for before, after in zip(given, kept, strict=True):
@@ -42,8 +42,8 @@ def test_maps_come_back_as_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_is_kept_outlives_the_store() -> None:
     store = MapStore(in_memory_bytes=0)
     given = random_map(2)
-    kept = store.map(given)
-    store.settle()
+    kept = store.store_map(given)
+    store.flush()
     del store
     np.testing.assert_array_equal(kept.u_px, given.u_px)
 
@@ -59,10 +59,10 @@ def test_pages_given_back_do_not_count_as_memory(tmp_path: Path) -> None:
 
     store, one = MapStore(in_memory_bytes=0), random_map(2)
     before = mapped_kb()
-    kept = [store.map(one) for _ in range(1000)]  # 50 MB
+    kept = [store.store_map(one) for _ in range(1000)]  # 50 MB
     assert all(one.status.any() and one.u_px.any() and one.v_px.any() for one in kept)
     full = mapped_kb()
-    with store.settling():
+    with store.flushing():
         pass
     assert full - before > 40_000
     assert mapped_kb() - before < 15_000

@@ -7,14 +7,14 @@ import pytest
 
 from semlive import mechanics
 from semlive.data.loading import FrameLoad
-from semlive.data.strain import GageComparison, Measured, StrainSummary, Tensor2
+from semlive.data.strain import MeasuredValue, StrainGageComparison, StrainSummary, Tensor2
 from semlive.errors import IllPosed
-from semlive.mechanics.gage import mean_gage
+from semlive.mechanics.strain_gage import mean_gage_strain
 
 AREA_MM2, MODULUS_MPA, RATIO = 10.0, 71_100.0, 0.33
 LOADS_N = np.linspace(100.0, 2200.0, 7)
 
-Points = list[tuple[int, float, Measured, StrainSummary]]
+Points = list[tuple[int, float, MeasuredValue, StrainSummary]]
 
 
 def steps(factor: float = 1.0, noise: float = 0.0, seed: int = 0, said_noise: float = 1e-7) -> Points:
@@ -23,7 +23,7 @@ def steps(factor: float = 1.0, noise: float = 0.0, seed: int = 0, said_noise: fl
     for pair, load_n in enumerate(LOADS_N):
         axial = load_n / AREA_MM2 / MODULUS_MPA
         by_dic = Tensor2(-RATIO * axial + 2e-5 + noise * rng.normal(), axial - 5e-5 + noise * rng.normal(), 0.0)
-        by_gage = Measured(factor * axial + 3e-4 + (said_noise * rng.normal() if noise else 0.0), said_noise)
+        by_gage = MeasuredValue(factor * axial + 3e-4 + (said_noise * rng.normal() if noise else 0.0), said_noise)
         points.append((pair, float(load_n), by_gage, StrainSummary(2 * pair, by_dic, each, each, 83.0)))
     return points
 
@@ -59,7 +59,7 @@ def test_what_is_stated_holds() -> None:
     assert np.all((rms > 0.85) & (rms < 1.12)), rms
 
 
-def _figures(found: GageComparison) -> tuple[Measured, Measured, Measured]:
+def _figures(found: StrainGageComparison) -> tuple[MeasuredValue, MeasuredValue, MeasuredValue]:
     return found.youngs_modulus_gpa, found.poissons_ratio, found.dic_over_gage
 
 
@@ -80,8 +80,8 @@ def test_one_load_or_a_gage_that_stands_still_is_refused() -> None:
 
 def test_a_gage_that_was_silent_in_one_frame_says_nothing_of_the_pair() -> None:
     told, silent = FrameLoad(1.0, 1.0, 1.0, 0.0, 2e-4, 4e-7), FrameLoad(1.0, 1.0, 1.0, 0.0)
-    assert mean_gage(told, silent) is None
-    both = mean_gage(told, FrameLoad(1.0, 1.0, 1.0, 0.0, 4e-4, 3e-7))
+    assert mean_gage_strain(told, silent) is None
+    both = mean_gage_strain(told, FrameLoad(1.0, 1.0, 1.0, 0.0, 4e-4, 3e-7))
     assert both is not None
     assert both.value == pytest.approx(3e-4)
     assert both.sigma == pytest.approx(2.5e-7)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import tracemalloc
 from pathlib import Path
 
-from semlive.formats.messages import FileMessage, from_json, to_json
-from semlive.service.memory import give_back
+from semlive.formats.log.messages import FileMessage, from_json, to_json
+from semlive.service.runtime.memory import trim_heap
 
 MESSAGES = 5000
 
@@ -51,6 +51,6 @@ def test_what_lies_free_in_between_is_given_back() -> None:
     kept = blocks[::50]
     full = resident_kb()
     del blocks
-    give_back()
+    trim_heap()
     assert full - resident_kb() > 50_000
     assert all(kept)

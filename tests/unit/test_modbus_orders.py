@@ -7,16 +7,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from semlive.errors import BadConfig, LinkError
-from semlive_drivers.exactness import require_exact, towards_zero
 from semlive_drivers.modbus.codec import Block, decode
 from semlive_drivers.modbus.device_map import Write
 from semlive_drivers.modbus.orders import Request, encoded, requests_of, runs_of
-from semlive_drivers.modbus.registers import DType, Kind, Point
+from semlive_drivers.modbus.registers import DType, Kind, RegisterPoint
+from semlive_drivers.order_exactness import require_exact, towards_zero
 
 SCALED = {
-    "target": Point(Kind.HOLDING, 10, DType.I16, scale=0.1),
-    "rate": Point(Kind.HOLDING, 12, scale=0.1),
-    "command": Point(Kind.HOLDING, 14),
+    "target": RegisterPoint(Kind.HOLDING, 10, DType.I16, scale=0.1),
+    "rate": RegisterPoint(Kind.HOLDING, 12, scale=0.1),
+    "command": RegisterPoint(Kind.HOLDING, 14),
 }
 RAMP = Write(set={"target": "force_n", "rate": "rate_n_s", "command": 1})
 
@@ -31,14 +31,18 @@ def test_registers_that_the_map_does_not_name_are_not_written() -> None:
 
 
 def test_adjacent_registers_are_one_request_in_whatever_order_they_are_named() -> None:
-    points = {"command": Point(Kind.HOLDING, 4), "rate": Point(Kind.HOLDING, 2, DType.F32), "target": Point(Kind.HOLDING, 0, DType.F32)}
+    points = {
+        "command": RegisterPoint(Kind.HOLDING, 4),
+        "rate": RegisterPoint(Kind.HOLDING, 2, DType.F32),
+        "target": RegisterPoint(Kind.HOLDING, 0, DType.F32),
+    }
     assert runs_of(points) == [("target", "rate", "command")]
-    assert runs_of({**points, "enable": Point(Kind.COIL, 5)}) == [("target", "rate", "command"), ("enable",)]
+    assert runs_of({**points, "enable": RegisterPoint(Kind.COIL, 5)}) == [("target", "rate", "command"), ("enable",)]
 
 
 @given(st.lists(st.integers(0, 40), unique=True, min_size=1, max_size=12))
 def test_every_named_register_is_written_once_and_the_last_named_one_in_the_last_request(addresses: list[int]) -> None:
-    points = {f"p{address}": Point(Kind.HOLDING, address) for address in addresses}
+    points = {f"p{address}": RegisterPoint(Kind.HOLDING, address) for address in addresses}
     requests = requests_of(Write(set=dict.fromkeys(points, 7)), points, {})
     written = [address for request in requests for address in range(request.block.address, request.block.address + request.block.count)]
     assert sorted(written) == sorted(addresses)
@@ -48,7 +52,7 @@ def test_every_named_register_is_written_once_and_the_last_named_one_in_the_last
 
 def test_two_points_in_one_register_are_refused() -> None:
     with pytest.raises(BadConfig, match="lie in the same register 3"):
-        runs_of({"one": Point(Kind.HOLDING, 2, DType.F32), "other": Point(Kind.HOLDING, 3)})
+        runs_of({"one": RegisterPoint(Kind.HOLDING, 2, DType.F32), "other": RegisterPoint(Kind.HOLDING, 3)})
 
 
 @pytest.mark.parametrize(
@@ -80,7 +84,7 @@ def test_a_stop_is_not_refused_for_the_numbers_it_repeats() -> None:
 
 @given(st.floats(0.0101, 600.0))
 def test_a_speed_or_a_travel_is_never_sent_larger_than_it_is_meant(value: float) -> None:
-    point = Point(Kind.HOLDING, 0, scale=0.01)
+    point = RegisterPoint(Kind.HOLDING, 0, scale=0.01)
     for name in ("speed_mm_s", "travel_mm"):
         sent = decode(point, encoded("p", point, name, {name: value}))
         assert 0 < sent <= value * (1 + 1e-6)
@@ -93,7 +97,7 @@ def test_rounding_errors_do_not_lose_a_count() -> None:
 
 
 def test_a_float_too_small_for_its_format_is_refused() -> None:
-    point = Point(Kind.HOLDING, 0, DType.F32)
+    point = RegisterPoint(Kind.HOLDING, 0, DType.F32)
     with pytest.raises(LinkError):
         encoded("rate", point, "rate_n_s", {"rate_n_s": 1e-50})
     with pytest.raises(LinkError):

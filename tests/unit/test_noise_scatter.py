@@ -9,7 +9,7 @@ from scipy.ndimage import uniform_filter
 from semlive import mechanics
 from semlive.data.displacement import Displacement
 from semlive.data.grid import Grid
-from semlive.report.noise import independent_values, noise_scatter
+from semlive.report.noise_propagation import effective_sample_size, noise_scatter
 
 GRID = Grid(30, 30, 5, 60, 48, 21)
 SIGMA_U_PX, SIGMA_V_PX = 0.02, 0.03
@@ -39,7 +39,7 @@ def test_the_scatter_of_strain_is_predicted(full: bool) -> None:
             assert field.valid.all()
             for name, values in found.items():
                 values.append(float(np.var(getattr(field, name)[part])))
-        chance = 3 / np.sqrt(2 * len(drawn) * independent_values(GRID, points))
+        chance = 3 / np.sqrt(2 * len(drawn) * effective_sample_size(GRID, points))
         for name, values in found.items():
             assert np.sqrt(np.mean(values)) / getattr(expected, name) == pytest.approx(1.0, abs=max(0.02, chance)), (points, name)
 
@@ -53,6 +53,6 @@ def test_single_points_scatter_as_stated_but_for_their_own_mean() -> None:
 
 def test_points_whose_subsets_do_not_touch_are_independent() -> None:
     apart = Grid(30, 30, 21, 12, 10, 21)
-    assert independent_values(apart) == pytest.approx(120.0)
+    assert effective_sample_size(apart) == pytest.approx(120.0)
     white = noise_scatter(apart, 3, 0.02, 0.02, full=True)
     assert white.exx == pytest.approx(0.02 / (21 * np.sqrt(6)), rel=0.02)

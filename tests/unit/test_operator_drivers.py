@@ -13,10 +13,10 @@ import pytest
 from semlive.data.loading import ControlMode, MotionState, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError, LinkRefused
 from semlive.ports import LoadFrame, Trigger
-from semlive_drivers.assembled import open_load_frame as open_assembled
-from semlive_drivers.console import Console
-from semlive_drivers.operator_frame import open_load_frame
-from semlive_drivers.operator_trigger import open_trigger
+from semlive_drivers.composite_config import open_load_frame as open_assembled
+from semlive_drivers.operator.console import Console
+from semlive_drivers.operator.load_frame import open_load_frame
+from semlive_drivers.operator.trigger import open_trigger
 
 
 class Clock:
@@ -59,7 +59,7 @@ def until(true: object) -> None:
 
 def test_who_overhears_takes_lines_before_they_answer(desk: Desk) -> None:
     taken: list[str] = []
-    desk.console.overhear(lambda line: line == "stop" and not taken.append(line))
+    desk.console.add_answer_source(lambda line: line == "stop" and not taken.append(line))
     desk.types("stop")
     until(lambda: taken == ["stop"])  # nobody has asked anything yet
     answered: list[str] = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from semlive_drivers.device_part import PartCommand
 from semlive_drivers.modbus.codec import Block, encode
 from semlive_drivers.modbus.device_map import DeviceMap, Write
 from semlive_drivers.modbus.orders import requests_of
@@ -20,7 +21,6 @@ from semlive_drivers.modbus.read_back import (
     remembered,
 )
 from semlive_drivers.modbus.registers import Kind
-from semlive_drivers.parts import Do
 
 
 def described(**more: object) -> DeviceMap:
@@ -49,7 +49,7 @@ POINTS = {name: text.point() for name, text in DEVICE.points.items()}
 VALUES = {"force_n": 300.0, "rate_n_s": 30.0, "nonce": 7.0}
 
 
-def written(memory: Memory, what: Do, device: DeviceMap = DEVICE) -> Memory:
+def written(memory: Memory, what: PartCommand, device: DeviceMap = DEVICE) -> Memory:
     for write in device.orders[what]:
         for request in requests_of(write, POINTS, VALUES):
             memory = remembered(memory, comparable(device), write, request, POINTS)
@@ -61,17 +61,17 @@ def held(**values: float) -> dict[str, tuple[int, ...]]:
 
 
 def test_targets_and_rates_are_compared_commands_only_where_they_are_verified_and_nonces_never() -> None:
-    after_ramp = written({}, Do.RAMP)
+    after_ramp = written({}, PartCommand.RAMP)
     assert set(after_ramp) == {"target", "rate"}
-    after_stop = written(after_ramp, Do.STOP)
+    after_stop = written(after_ramp, PartCommand.STOP)
     assert set(after_stop) == {"target", "rate", "command"}
-    assert set(written(after_stop, Do.RAMP)) == {"target", "rate"}
+    assert set(written(after_stop, PartCommand.RAMP)) == {"target", "rate"}
     spared = described(changes_by_itself=["rate"])
-    assert set(written({}, Do.RAMP, spared)) == {"target"}
+    assert set(written({}, PartCommand.RAMP, spared)) == {"target"}
 
 
 def test_another_value_is_named_with_its_register_and_unit() -> None:
-    memory, nothing = compared(written({}, Do.RAMP), comparable(DEVICE), POINTS, held(target=300.0, rate=30.0))
+    memory, nothing = compared(written({}, PartCommand.RAMP), comparable(DEVICE), POINTS, held(target=300.0, rate=30.0))
     assert nothing is None
     _, difference = compared(memory, comparable(DEVICE), POINTS, held(target=380.0, rate=30.0))
     assert difference == "its target (holding register 10) holds 380 N, 300 N was written"
@@ -80,7 +80,7 @@ def test_another_value_is_named_with_its_register_and_unit() -> None:
 
 
 def test_a_value_that_the_device_rounds_is_what_later_ones_are_compared_with() -> None:
-    memory, nothing = compared(written({}, Do.RAMP), comparable(DEVICE), POINTS, held(target=299.5))
+    memory, nothing = compared(written({}, PartCommand.RAMP), comparable(DEVICE), POINTS, held(target=299.5))
     assert nothing is None
     assert memory["target"] == Entry((3000,), (2995,))
     assert compared(memory, comparable(DEVICE), POINTS, held(target=299.5))[1] is None
@@ -89,16 +89,16 @@ def test_a_value_that_the_device_rounds_is_what_later_ones_are_compared_with() -
 
 def test_the_first_read_back_finds_a_value_that_was_not_taken() -> None:
     for value in (0.0, 290.0, -300.0):
-        _, difference = compared(written({}, Do.RAMP), comparable(DEVICE), POINTS, held(target=value))
+        _, difference = compared(written({}, PartCommand.RAMP), comparable(DEVICE), POINTS, held(target=value))
         assert difference is not None
 
 
 def test_what_an_order_wrote_that_failed_is_not_compared() -> None:
-    assert set(forgotten(written({}, Do.RAMP), ["target"])) == {"rate"}
+    assert set(forgotten(written({}, PartCommand.RAMP), ["target"])) == {"rate"}
 
 
 def test_registers_that_are_all_cleared_are_a_restart_and_one_of_them_is_not() -> None:
-    memory = written({}, Do.RAMP)
+    memory = written({}, PartCommand.RAMP)
     assert cleared(memory, held(target=0.0, rate=0.0))
     assert not cleared(memory, held(target=0.0, rate=30.0))
     assert not cleared(memory, held(target=0.0))
@@ -107,7 +107,7 @@ def test_registers_that_are_all_cleared_are_a_restart_and_one_of_them_is_not() -
 
 def test_the_order_of_an_earlier_process_is_compared_in_its_values_and_may_be_rounded() -> None:
     memory: Memory = {}
-    for write in DEVICE.orders[Do.STOP] + DEVICE.orders[Do.RAMP]:
+    for write in DEVICE.orders[PartCommand.STOP] + DEVICE.orders[PartCommand.RAMP]:
         for request in requests_of(write, POINTS, VALUES):
             memory = expected(memory, comparable(DEVICE), write, request, POINTS)
     assert set(memory) == {"target", "rate"}

@@ -13,10 +13,9 @@ from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.experiment import Phase, Step
 from semlive.data.grid import Grid
 from semlive.data.loading import MotionState
-from semlive.data.strain import Measured, Tensor2
-from semlive.formats.log import LogMessage
-from semlive.formats.maps import encode_map
-from semlive.formats.messages import (
+from semlive.data.strain import MeasuredValue, Tensor2
+from semlive.formats.log.maps import encode_map
+from semlive.formats.log.messages import (
     DIC_MAP,
     DriftForecastMessage,
     DriftMessage,
@@ -33,11 +32,12 @@ from semlive.formats.messages import (
     to_json,
     topic_of,
 )
+from semlive.formats.log.writer import LogMessage
+from semlive.web.downsampled_series import MAX_ROWS, DownsampledSeries, LoadRow, append
 from semlive.web.fields import FieldStore, fields_of
-from semlive.web.follow import after, with_fields
-from semlive.web.trace import MAX_ROWS, LoadRow, Trace, added
-from semlive.web.view import View
-from semlive.web.wire import changed, encoded, whole
+from semlive.web.page_state import PageState
+from semlive.web.reducer import reduce, with_maps
+from semlive.web.serialise import full_state, state_diff, to_json_line
 
 START_NS = 1_800_000_000_000_000_000
 CONFIG: dict[str, Any] = {
@@ -105,7 +105,7 @@ STORY: tuple[Payload, ...] = (
     StrainMessage(
         revision=1, frame=2, mean=Tensor2(1e-4, 2e-4, 0.0), mean_sigma=Tensor2(1e-6, 2e-6, 0.0), sd=Tensor2(0.0, 3e-4, 0.0), vsg_px=83.0
     ),
-    ElasticMessage(revision=2, youngs_modulus_gpa=Measured(70.0, 1.0), poissons_ratio=Measured(0.3, 0.01)),
+    ElasticMessage(revision=2, youngs_modulus_gpa=MeasuredValue(70.0, 1.0), poissons_ratio=MeasuredValue(0.3, 0.01)),
     OperatorMessage(time_ns=at(5), what="asked", args={"text": "bring the load", "question": "terminal.1", "wanted": "load_n"}),
     OperatorMessage(time_ns=at(5), what="told", args={"text": "that is no load"}),
     FaultMessage(time_ns=at(6), what="it is full", where="log", action="paused the run"),
@@ -116,24 +116,24 @@ STORY: tuple[Payload, ...] = (
 )
 
 
-def views() -> list[View]:
-    told = [View()]
+def views() -> list[PageState]:
+    told = [PageState()]
     for number, payload in enumerate(STORY):
-        told.append(after(told[-1], message(payload, START_NS + number)))
+        told.append(reduce(told[-1], message(payload, START_NS + number)))
     return told
 
 
 def test_pieces_add_up_to_the_whole() -> None:
-    shown: dict[str, Any] = json.loads(encoded(whole(View())))
+    shown: dict[str, Any] = json.loads(to_json_line(full_state(PageState())))
     rows: list[Any] = []
     everything = views()
     for before, now in pairwise(everything):
-        parts = json.loads(encoded(changed(before, now)))
+        parts = json.loads(to_json_line(state_diff(before, now)))
         news = parts.pop("load", None)
         if news is not None:
             rows[news["from"] :] = news["rows"]
         shown.update(parts)
-        all_at_once = json.loads(encoded(whole(now)))
+        all_at_once = json.loads(to_json_line(full_state(now)))
         assert all_at_once.pop("load") == {"from": 0, "rows": rows}
         shown.pop("load", None)
         assert shown == all_at_once
@@ -141,8 +141,8 @@ def test_pieces_add_up_to_the_whole() -> None:
 
 def test_what_did_not_change_is_not_told() -> None:
     now = views()[-1]
-    assert changed(now, now) == {}
-    assert set(changed(now, after(now, message(load(9, 5.0), START_NS + 99)))) == {"reading", "load"}
+    assert state_diff(now, now) == {}
+    assert set(state_diff(now, reduce(now, message(load(9, 5.0), START_NS + 99)))) == {"reading", "load"}
 
 
 def test_a_fault_comes_with_what_to_do() -> None:
@@ -156,33 +156,33 @@ def test_a_fault_comes_with_what_to_do() -> None:
 
 
 def test_an_alarm_stays_until_it_is_acknowledged() -> None:
-    view = after(
+    view = reduce(
         views()[-1], message(FaultMessage(time_ns=at(9), what="it moves on", where="load frame", action="", code="stop_not_obeyed"), 99)
     )
     assert [one.disobeyed for one in view.alarms] == [False, False, True]
     assert "own emergency stop" in view.alarms[-1].advice
     assert {one.acknowledged_s for one in view.alarms} == {None}
     for number in range(300):
-        view = after(view, message(LogLineMessage(time_ns=at(10 + number), level="warning", text="slow"), 100 + number))
-        view = after(
+        view = reduce(view, message(LogLineMessage(time_ns=at(10 + number), level="warning", text="slow"), 100 + number))
+        view = reduce(
             view, message(FaultMessage(time_ns=at(10 + number), what="no points", where="pair 3", action="left out"), 100 + number)
         )
     assert len(view.alarms) <= 301
     assert view.alarms[0].disobeyed
     args = {"alarm": view.alarms[0].identity, "by": "terminal"}
-    view = after(view, message(OperatorMessage(time_ns=at(400), what="acknowledge", args=args), 999))
+    view = reduce(view, message(OperatorMessage(time_ns=at(400), what="acknowledge", args=args), 999))
     assert not any(one.disobeyed for one in view.alarms)
     newest = view.alarms[-1]
     args = {"alarm": newest.identity, "by": "terminal"}
-    view = after(view, message(OperatorMessage(time_ns=at(401), what="acknowledge", args=args), 1000))
+    view = reduce(view, message(OperatorMessage(time_ns=at(401), what="acknowledge", args=args), 1000))
     assert (view.alarms[-1].acknowledged_s, view.alarms[-1].acknowledged_by) == (401.0, "terminal")
 
 
 def test_names_from_outside_are_shown_without_control_characters() -> None:
     name = "a\x1b[2J\n\u202eb.tif"
-    view = after(views()[-1], message(FileMessage(**FILE, export=2, name=name, decision="arrived", reason=""), 99))
-    view = after(view, message(FileMessage(**FILE, export=2, name=name, decision="refused", reason=f"{name} is torn"), 99))
-    view = after(view, message(LogLineMessage(time_ns=at(9), level="warning", text=f"seen: {name}"), 99))
+    view = reduce(views()[-1], message(FileMessage(**FILE, export=2, name=name, decision="arrived", reason=""), 99))
+    view = reduce(view, message(FileMessage(**FILE, export=2, name=name, decision="refused", reason=f"{name} is torn"), 99))
+    view = reduce(view, message(LogLineMessage(time_ns=at(9), level="warning", text=f"seen: {name}"), 99))
     shown = "a\\x1b[2J\\n\\u202eb.tif"
     assert (view.frames.name, view.frames.refused[0].name, view.frames.refused[0].reason) == (shown, shown, f"{shown} is torn")
     assert view.alarms[-1].text == f"seen: {shown}"
@@ -199,14 +199,14 @@ def test_a_question_stays_until_it_is_answered_or_taken_back() -> None:
     asked = next(one for one in told if one.desk.told)
     assert [(one.question, one.wanted) for one in asked.desk.questions] == [("terminal.1", "load_n")]
     assert not told[-1].desk.questions
-    ended = after(asked, message(state(9, "fault", "aborted", "abort"), START_NS + 99))
+    ended = reduce(asked, message(state(9, "fault", "aborted", "abort"), START_NS + 99))
     assert not ended.desk.questions
 
 
 def test_the_gate_s_verdict_and_the_pair_that_it_adds() -> None:
     told = next(one for one in views() if one.schedule.measures)
     assert told.drift.verdict == "warming up: forecast 3 ± 0.6 px/min, 0.6 px/min wanted, waited 2 min"
-    steps = whole(told)["schedule"]["steps"]
+    steps = full_state(told)["schedule"]["steps"]
     assert [(one["warm_up"], one["load_n"]) for one in steps] == [(True, None), (False, None), (False, 100.0), (False, 200.0)]
     done = Step(0, Phase.CALIBRATION, (0.0, 0.0), (0.0, 0.0), None, warm_up=True)
     assert told.schedule.planned[0].warm_up is False
@@ -224,11 +224,11 @@ def test_drift_is_that_of_the_newest_revision_and_its_forecast_goes_on_from_ther
 
 
 def test_a_week_of_readings_is_no_longer_than_a_page_can_draw() -> None:
-    trace, peak_s = Trace(), 3000.0
+    trace, peak_s = DownsampledSeries(), 3000.0
     for number in range(60_000):
         time_s = 0.1 * number
         force_n = 500.0 if time_s == peak_s else 0.0
-        trace = added(trace, LoadRow(time_s, force_n, force_n, 0.0, 0.0))
+        trace = append(trace, LoadRow(time_s, force_n, force_n, 0.0, 0.0))
     assert len(trace.rows) <= MAX_ROWS
     assert max(row.high_n for row in trace.rows) == 500.0
     times = [row.time_s for row in trace.rows]
@@ -254,7 +254,7 @@ def test_maps_are_what_was_correlated_and_points_that_do_not_count_are_no_number
     assert np.array_equal(np.delete(values.ravel(), 6), np.delete(field.ravel(), 6))
     assert store.read(4, "disparity_u") is None
     assert store.read(3, "../../passwords") is None
-    view = with_fields(views()[-1], fields)
+    view = with_maps(views()[-1], fields)
     assert view.maps.grid == (10, 20, 5, 4, 3, 21)
     assert [(one.frame, one.fields) for one in view.maps.frames] == [(3, ("disparity_u", "disparity_v", "zncc"))]
     assert (view.quality[-1].converged, view.quality[-1].zncc) == (11, pytest.approx(0.9))

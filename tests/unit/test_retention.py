@@ -12,11 +12,11 @@ from typer.testing import CliRunner
 
 from semlive.cli.app import app
 from semlive.errors import BadInput
-from semlive.formats.messages import LogLineMessage, ResultMessage, StateMessage
-from semlive.service.lock import only_one
-from semlive.service.log_files import segment_path, segments
-from semlive.service.record import Recorder
-from semlive.service.retention import Retention, delete, looked_over
+from semlive.formats.log.messages import LogLineMessage, ResultMessage, StateMessage
+from semlive.service.log.files import segment_path, segments
+from semlive.service.log.lock import run_lock
+from semlive.service.log.recorder import Recorder
+from semlive.service.log.retention import Retention, delete, select_runs
 
 NOW_S = 2e9
 DAY_S = 86_400.0
@@ -37,7 +37,7 @@ def make_run(root: Path, name: str, age_days: float, state: str = "complete", co
     recorder = Recorder(segment_path(folder, name, 0), Clock(), pytest.fail, segment_bytes=5_000)
     recorder.write("/state", StateMessage(time_ns=1, before="imaging", after=state, cause="done", step=None, guards={}))
     recorder.write("/log", LogLineMessage(time_ns=1, level="info", text="x" * 6_000))
-    assert recorder.flush_wait()
+    assert recorder.flush()
     if concluded:
         recorder.write("/result", ResultMessage({"pairs": 1}))
     assert recorder.close()
@@ -53,14 +53,14 @@ def aged(folder: Path, age_days: float) -> None:
 
 
 def beyond(root: Path, **limits: float) -> list[str]:
-    return [one.folder.name for one in looked_over(root, Retention(**limits), NOW_S) if one.deleted_because]
+    return [one.folder.name for one in select_runs(root, Retention(**limits), NOW_S) if one.deleted_because]
 
 
 def test_the_oldest_go_first_and_only_as_many_as_the_limit_asks(tmp_path: Path) -> None:
     for name, age_days in (("young", 1), ("middle", 20), ("oldest", 40)):
         make_run(tmp_path, name, age_days)
     (tmp_path / "not-a-run").mkdir()
-    one_gb = looked_over(tmp_path, Retention(), NOW_S)[0].size / 1e9
+    one_gb = select_runs(tmp_path, Retention(), NOW_S)[0].size / 1e9
     assert beyond(tmp_path) == []
     assert beyond(tmp_path, days=30) == ["oldest"]
     assert beyond(tmp_path, days=10) == ["oldest", "middle"]
@@ -95,7 +95,7 @@ def test_what_somebody_could_need_is_kept_whatever_the_limit(tmp_path: Path, spo
     folder = make_run(tmp_path, "one", 400)
     assert beyond(tmp_path, days=30) == ["one"]
     spoil(folder)
-    (run,) = looked_over(tmp_path, Retention(days=0, gb=0), NOW_S)
+    (run,) = select_runs(tmp_path, Retention(days=0, gb=0), NOW_S)
     assert why in (run.kept_because or "")
     assert run.deleted_because is None
 
@@ -103,14 +103,14 @@ def test_what_somebody_could_need_is_kept_whatever_the_limit(tmp_path: Path, spo
 @pytest.mark.parametrize(("state", "concluded"), [("aborted", True), ("holding", True), ("complete", False)])
 def test_a_run_that_can_be_taken_up_again_is_kept(tmp_path: Path, state: str, concluded: bool) -> None:
     make_run(tmp_path, "one", 400, state, concluded)
-    (run,) = looked_over(tmp_path, Retention(days=30), NOW_S)
+    (run,) = select_runs(tmp_path, Retention(days=30), NOW_S)
     assert "taken up again" in (run.kept_because or "")
 
 
 def test_a_run_at_work_or_written_to_since_is_not_deleted(tmp_path: Path) -> None:
     folder = make_run(tmp_path, "one", 400)
-    (run,) = looked_over(tmp_path, Retention(days=30), NOW_S)
-    with only_one(folder):
+    (run,) = select_runs(tmp_path, Retention(days=30), NOW_S)
+    with run_lock(folder):
         assert beyond(tmp_path, days=30) == []
         with pytest.raises(BadInput, match="another semlive"):
             delete(run, NOW_S)

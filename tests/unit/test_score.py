@@ -13,17 +13,17 @@ from scipy.ndimage import gaussian_filter
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.errors import BadInput
-from semlive.report.errors import DistortionError, DriftWithin, Errors, FrameErrors, ShiftError
-from semlive.report.noise import noise_scatter
-from semlive.report.score import Score, independent, scores_of
-from semlive.report.score_figures import save_figures
-from semlive.report.truth import over_subset
+from semlive.report.noise_propagation import noise_scatter
+from semlive.report.scoring.errors import DistortionError, DriftWithin, FrameErrors, RunErrors, ShiftError
+from semlive.report.scoring.figures import save_figures
+from semlive.report.scoring.score import Score, independent_samples, scores_of
+from semlive.report.scoring.truth import average_over_subset
 
 GRID = Grid(20, 20, 10, 40, 30, 10)
 FRAMES = 24
 
 
-def drawn(seed: int, stated: float = 1.0) -> Errors:
+def drawn(seed: int, stated: float = 1.0) -> RunErrors:
     """Errors of a run whose true uncertainties are known; it states `stated` times as much."""
     rng = np.random.default_rng(seed)
     ny, nx = GRID.shape
@@ -47,16 +47,16 @@ def drawn(seed: int, stated: float = 1.0) -> Errors:
         )
         for n in range(1, FRAMES)
     )  # fmt: skip
-    return Errors(GRID, drift, distortion, shifts, frames, 0.02)
+    return RunErrors(GRID, drift, distortion, shifts, frames, 0.02)
 
 
-def judged(errors: Errors) -> dict[str, Score]:
+def judged(errors: RunErrors) -> dict[str, Score]:
     return {one.name: one for one in scores_of(errors)}
 
 
 def test_honest_uncertainties_are_found_honest() -> None:
     """At 95 % a few of many rows are outside by chance: over seeds no more than that."""
-    outside = [not one.inside(0.95) for seed in range(20) for one in scores_of(drawn(seed)) if not one.detail]
+    outside = [not one.covers(0.95) for seed in range(20) for one in scores_of(drawn(seed)) if not one.detail]
     assert np.mean(outside) < 0.08
 
 
@@ -64,37 +64,37 @@ def test_honest_uncertainties_are_found_honest() -> None:
 @pytest.mark.parametrize("stated", [0.5, 2.0])
 def test_wrong_uncertainties_show_as_wrong(name: str, stated: float) -> None:
     said = judged(drawn(1, stated))
-    assert not said[f"coverage at 68 %, {name}"].inside(0.95)
+    assert not said[f"coverage at 68 %, {name}"].covers(0.95)
     assert np.sign(said[f"coverage at 68 %, {name}"].error) == np.sign(stated - 1)
 
 
 def test_an_rms_error_larger_than_stated_is_outside() -> None:
-    assert not judged(drawn(2, 0.7))["distortion, rms error"].inside(0.95)
-    assert not judged(drawn(2, 0.7))["displacement, rms error"].inside(0.95)
-    assert not judged(drawn(2, 0.8))["scatter of eyy, calibration, over 50 px"].inside(0.95)
+    assert not judged(drawn(2, 0.7))["distortion, rms error"].covers(0.95)
+    assert not judged(drawn(2, 0.7))["displacement, rms error"].covers(0.95)
+    assert not judged(drawn(2, 0.8))["scatter of eyy, calibration, over 50 px"].covers(0.95)
 
 
 def test_one_value_is_judged_by_the_normal_distribution() -> None:
-    assert Score("a", 0.0, 0.999, 1.0, "").inside(0.6827)
-    assert not Score("a", 0.0, -1.001, 1.0, "").inside(0.6827)
-    assert Score("a", 1.0, 2.959, 1.0, "").inside(0.95)
-    assert not Score("a", 1.0, 2.961, 1.0, "").inside(0.95)
+    assert Score("a", 0.0, 0.999, 1.0, "").covers(0.6827)
+    assert not Score("a", 0.0, -1.001, 1.0, "").covers(0.6827)
+    assert Score("a", 1.0, 2.959, 1.0, "").covers(0.95)
+    assert not Score("a", 1.0, 2.961, 1.0, "").covers(0.95)
 
 
 def test_an_rms_of_many_is_judged_more_narrowly_and_a_worst_of_many_more_widely() -> None:
     one = Score("rms", 0.0, 1.2, 1.0, "px")
-    assert one.inside(0.95)
-    assert not replace(one, freedom=100.0).inside(0.95)
+    assert one.covers(0.95)
+    assert not replace(one, freedom=100.0).covers(0.95)
     worst = Score("worst", 0.0, 2.8, 1.0, "px")
-    assert not worst.inside(0.95)
-    assert replace(worst, candidates=50.0).inside(0.95)
+    assert not worst.covers(0.95)
+    assert replace(worst, candidates=50.0).covers(0.95)
 
 
 def test_independent_values_are_counted_from_the_errors_themselves() -> None:
     rng = np.random.default_rng(3)
-    assert independent(rng.normal(size=(30, 40))) == pytest.approx(1200, rel=0.15)
-    assert independent(np.full((30, 40), 0.7)) == pytest.approx(1.0)
-    smooth = [independent(gaussian_filter(rng.normal(size=(90, 110)), 3.0)[15:-15, 15:-15]) for _ in range(30)]
+    assert independent_samples(rng.normal(size=(30, 40))) == pytest.approx(1200, rel=0.15)
+    assert independent_samples(np.full((30, 40), 0.7)) == pytest.approx(1.0)
+    smooth = [independent_samples(gaussian_filter(rng.normal(size=(90, 110)), 3.0)[15:-15, 15:-15]) for _ in range(30)]
     # The field's edges count as modes too: 22 % too many here.
     assert np.mean(smooth) == pytest.approx(60 * 80 / (2 * np.pi * 3.0**2), rel=0.35)
 
@@ -127,5 +127,5 @@ def test_a_field_is_seen_by_its_mean_over_a_subset() -> None:
 
     x, y, square = at[:, 0], at[:, 1], 43.0**2
     exact = np.stack((1.0 + 0.5 * x + 1e-3 * (x**2 + square / 12) * y, 2e-4 * (y**4 + y**2 * square / 2 + square**2 / 80)), axis=-1)
-    assert np.allclose(over_subset(bent, at, 43), exact, rtol=1e-9)
-    assert np.allclose(over_subset(bent, at, 0), bent(at), rtol=1e-12)
+    assert np.allclose(average_over_subset(bent, at, 43), exact, rtol=1e-9)
+    assert np.allclose(average_over_subset(bent, at, 0), bent(at), rtol=1e-12)

@@ -9,8 +9,8 @@ import pytest
 
 from semlive.data.clock import Clock
 from semlive.errors import BadConfig
-from semlive.formats.clock_file import encode_clock
-from semlive.service.clock import FileClock, SystemClock, open_clock
+from semlive.formats.tables.clock_file import encode_clock
+from semlive.service.runtime.clock import SimulatedClock, SystemClock, open_clock
 
 
 def publish(path: Path, clock: Clock) -> None:
@@ -30,7 +30,7 @@ def test_at_an_instrument_experiment_time_is_utc() -> None:
 def test_a_published_rate_is_followed(tmp_path: Path) -> None:
     path = tmp_path / "clock.json"
     publish(path, Clock(10**18, time.monotonic_ns(), 100.0))
-    clock = FileClock(path)
+    clock = SimulatedClock(path)
     early_ns = time.monotonic_ns()
     first = clock.now_ns()
     late_ns = time.monotonic_ns()
@@ -44,7 +44,7 @@ def test_a_stretched_clock_is_taken_up_and_never_goes_back(tmp_path: Path) -> No
     path = tmp_path / "clock.json"
     published = Clock(10**18, time.monotonic_ns(), 100.0)
     publish(path, published)
-    clock = FileClock(path)
+    clock = SimulatedClock(path)
     before = clock.now_ns()
     stretched = published.stretched(2000 * 10**9)  # 20 s by the wall
     publish(path, stretched)

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from semlive_simulators.effects.composition import Effects
+from semlive_simulators.effects.composition import EffectSet
+from semlive_simulators.effects.interfaces import Instants
 from semlive_simulators.effects.library import LIBRARY, as_mapping, build_effects
-from semlive_simulators.effects.protocol import Instants
-from semlive_simulators.history import History, LoadStep, Move
-from semlive_simulators.machine import Machine
-from semlive_simulators.render import render_frame
+from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import BadScenario, Scenario, load_scenario
-from semlive_simulators.specimen import at_rest
-from semlive_simulators.truth import Truth, frame_truth
+from semlive_simulators.specimen.history import History, LoadStep, Move
+from semlive_simulators.specimen.machine import LoadTrain
+from semlive_simulators.specimen.specimen import at_rest
+from semlive_simulators.truth import TruthRecorder, frame_truth
 
 NAMES = [
     "row_jitter",
@@ -156,7 +156,7 @@ def peak_px(scenario: Scenario) -> float:
         load_n = sum(step.change_n for step in STEPS if step.time_s <= start_s)
         motion = at_rest(load_n=load_n, history=HISTORY)
         for rows in (range(0, 12), range(400, 406), range(878, 884)):
-            x_px, y_px, at = column.seen(rows, 0, start_s, motion, 3 * number)
+            x_px, y_px, at = column.specimen_points(rows, 0, start_s, motion, 3 * number)
             found = max(found, float(np.hypot(at.x_px - x_px, at.y_px - y_px).max()))
     return found
 
@@ -191,7 +191,7 @@ def test_defaults_are_as_large_as_experience_says(name: str, magnification: str)
 
 def test_nothing_is_on_by_default() -> None:
     paper = load_scenario("paper_x200")
-    assert paper.effects == Effects()
+    assert paper.effects == EffectSet()
     small = dataclasses.replace(paper, scan=dataclasses.replace(paper.scan, width_px=64, height_px=48))
     assert np.array_equal(render_frame(small, 9.0), render_frame(dataclasses.replace(small, effects=build_effects({})), 9.0))
     nought = {"mains_hum": {"amplitude_x_px": 0, "amplitude_y_px": 0, "frequency_hz": 50, "phase_rad": 0}}
@@ -338,7 +338,9 @@ def test_sharper_dots_do_not_move() -> None:
     slopes = [np.abs(np.diff(levels(scenario, 0.0), axis=1)).max() for scenario in (sharp, soft)]
     assert slopes[0] > 1.5 * slopes[1]
     rows = range(0, 4)
-    assert np.array_equal(sharp.column().seen(rows, 0, 0.0, at_rest(), 0)[0], soft.column().seen(rows, 0, 0.0, at_rest(), 0)[0])
+    assert np.array_equal(
+        sharp.column().specimen_points(rows, 0, 0.0, at_rest(), 0)[0], soft.column().specimen_points(rows, 0, 0.0, at_rest(), 0)[0]
+    )
 
 
 def test_instruments_say_what_the_formulas_say() -> None:
@@ -365,7 +367,7 @@ def test_instruments_say_what_the_formulas_say() -> None:
 def test_the_load_frame_believes_its_cell(name: str) -> None:
     scenario = dataclasses.replace(load_scenario("paper_x200"), effects=build_effects({name: "x200"}))
     quiet = dataclasses.replace(scenario.load_frame, cell_noise_n=0.0, relaxation_fraction=0.0)
-    machine = Machine(dataclasses.replace(scenario, load_frame=quiet), 0)
+    machine = LoadTrain(dataclasses.replace(scenario, load_frame=quiet), 0)
     machine.ramp_to(1000.0, 100.0)
     reading = machine.read(30_000_000_000)
     assert reading.force_n == pytest.approx(1000.0, abs=1.05)  # 1 N of true force is arrived
@@ -376,7 +378,7 @@ def test_the_load_frame_believes_its_cell(name: str) -> None:
 
 def test_the_machine_remembers_what_was_done() -> None:
     scenario = load_scenario("paper_x200")
-    machine = Machine(scenario, 0)
+    machine = LoadTrain(scenario, 0)
     machine.move_stage(10.0, -5.0)
     machine.advance_to(5_000_000_000)
     machine.ramp_to(200.0, 100.0)
@@ -397,7 +399,7 @@ def test_truth_tells_effects_drift_and_strain() -> None:
     frame = frame_truth(scenario, "a.tif", 0, 40.0, at_rest(load_n=2000.0, history=history), 2000.0, False)
     creep = 6e-8 * 2000.0 * math.log(1 + (40.0 + 94.67 / 2 - 10.0) / 10.0)
     assert frame["strain"]["eyy"] == pytest.approx(creep)
-    truth = Truth(scenario, 0)
+    truth = TruthRecorder(scenario, 0)
     truth.add_frame(frame, history)
     told = json.loads(truth.encode(100_000_000_000, 0, 0.0))
     assert told["effects"] == as_mapping(scenario.effects)

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 import tifffile
 
-from semlive_simulators.exporter import ImageFacts, encode_tiff
+from semlive_simulators.exporter import ImageMetadata, encode_tiff
 from semlive_simulators.scenario import load_scenario
 
 END_NS = 1_772_439_825_123_456_789
 SCAN = load_scenario("paper_x200").scan
-FACTS = ImageFacts(SCAN, END_NS, 12.5, -3.25, frame=4)
+FACTS = ImageMetadata(SCAN, END_NS, 12.5, -3.25, frame=4)
 IMAGE = np.random.default_rng(1).integers(0, 256, (SCAN.height_px, SCAN.width_px), dtype=np.uint8)
 DATA = encode_tiff(IMAGE, FACTS, databar_rows=60)
 

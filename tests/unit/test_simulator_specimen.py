@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from semlive_simulators.patterns import Speckle
-from semlive_simulators.render import render_frame
+from semlive_simulators.microscope.patterns import Speckle
+from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import BadScenario, load_scenario, names
-from semlive_simulators.specimen import Motion
+from semlive_simulators.specimen.specimen import Motion
 
 
 @pytest.mark.parametrize("name", ["paper_x200", "short"])

@@ -14,21 +14,21 @@ import pytest
 import tifffile
 from rsciio.tiff import file_reader
 
-from semlive_simulators.exporters.facts import ImageFacts, Pixels, Product
-from semlive_simulators.exporters.settings import Export, Style, Vendor
+from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata, Pixels
+from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.scenario import load_scenario
 
 END_NS = 1_772_439_825_123_456_789
 END = datetime.fromtimestamp(END_NS // 10**9, UTC)
 SCAN = load_scenario("paper_x200").scan
-FACTS = ImageFacts(SCAN, END_NS, 12.5, -3.25, frame=4, name="x200_0005.tif")
+FACTS = ImageMetadata(SCAN, END_NS, 12.5, -3.25, frame=4, name="x200_0005.tif")
 IMAGE = np.random.default_rng(1).integers(0, 256, (SCAN.height_px, SCAN.width_px), dtype=np.uint8)
 BAR = 60
 VENDORS = list(Vendor)
 
 
-def product(vendor: Vendor, image: Pixels = IMAGE) -> Product:
-    return Export(Style.DIRECT, 0.5, 1.5, 6, BAR, "x200_", vendor).encode(image, FACTS)
+def product(vendor: Vendor, image: Pixels = IMAGE) -> EncodedFrame:
+    return Export(WriteStyle.DIRECT, 0.5, 1.5, 6, BAR, "x200_", vendor).encode(image, FACTS)
 
 
 def read(vendor: Vendor, image: Pixels = IMAGE) -> np.ndarray:
@@ -89,7 +89,7 @@ def test_zeiss_keys_and_their_traps() -> None:
 
 def test_zeiss_pixel_size_is_told_for_an_image_of_1024_px() -> None:
     wide = replace(SCAN, width_px=512, height_px=442, frame_time_s=47.0)
-    data = Export(Style.DIRECT, 0.5, 1.5, 6, BAR, "a", Vendor.ZEISS).encode(IMAGE[:442, :512], replace(FACTS, scan=wide)).image
+    data = Export(WriteStyle.DIRECT, 0.5, 1.5, 6, BAR, "a", Vendor.ZEISS).encode(IMAGE[:442, :512], replace(FACTS, scan=wide)).image
     with tifffile.TiffFile(io.BytesIO(data)) as tif:
         told = tif.sem_metadata
     assert told is not None
@@ -151,7 +151,7 @@ def test_hitachi_sidecar_has_the_day_first_and_counts_the_bar() -> None:
 
 
 def test_integration_is_told_as_each_vendor_tells_it() -> None:
-    export = Export(Style.DIRECT, 0.5, 1.5, 6, 0, "a", Vendor.FEI)
+    export = Export(WriteStyle.DIRECT, 0.5, 1.5, 6, 0, "a", Vendor.FEI)
     lines = replace(FACTS, scan=replace(SCAN, integrations=4, integration="line"))
     frames = replace(FACTS, scan=replace(SCAN, integrations=16, integration="frame"))
     told = {}

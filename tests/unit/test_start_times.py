@@ -41,10 +41,10 @@ def concluded(sigma_s: float, method: str = "joint", seed: int | None = None) ->
             for info in (decision.first, decision.second)
         )
         decision = replace(decision, first=first, second=second)
-        begun = begun or pipeline.begin_from_maps(settings, first, EXPERIMENT.grid)
-        begun = pipeline.absorb(begun, decision, taken.maps)
+        begun = begun or pipeline.start_from_maps(settings, first, EXPERIMENT.grid)
+        begun = pipeline.accumulate(begun, decision, taken.maps)
     assert begun is not None
-    return pipeline.conclude(begun)
+    return pipeline.finalise(begun)
 
 
 def test_strain_is_uncertain_by_the_fraction_to_which_the_time_between_starts_is() -> None:

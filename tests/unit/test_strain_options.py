@@ -42,7 +42,7 @@ def brute_force(one: Displacement, window: int, at: tuple[int, int], order: int,
 
 def test_the_defaults_are_the_plane_over_a_square() -> None:
     one = noisy(1)
-    a, b = mechanics.strain(one, 5), mechanics.strain_as(one, 5, StrainSettings())
+    a, b = mechanics.strain(one, 5), mechanics.strain_field(one, 5, StrainSettings())
     for name in ("exx", "eyy", "exy", "valid"):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
 
@@ -51,7 +51,9 @@ def test_the_defaults_are_the_plane_over_a_square() -> None:
 @pytest.mark.parametrize("weights", ["uniform", "gaussian"])
 def test_orders_and_weights_with_masks_and_edges(order: int, weights: str) -> None:
     one, gaussian = noisy(2), weights == "gaussian"
-    field = mechanics.strain_as(one, 7, StrainSettings(order=order, weights="gaussian" if gaussian else "uniform", butterworth_points=None))
+    field = mechanics.strain_field(
+        one, 7, StrainSettings(order=order, weights="gaussian" if gaussian else "uniform", butterworth_points=None)
+    )
     assert field.valid.mean() > 0.5
     for iy, ix in np.argwhere(field.valid)[::17]:
         expected = brute_force(one, 7, (int(iy), int(ix)), order, gaussian)
@@ -61,7 +63,7 @@ def test_orders_and_weights_with_masks_and_edges(order: int, weights: str) -> No
 def test_second_order_is_exact_at_edges_where_strain_varies() -> None:
     x, y = GRID.mesh()
     one = moved(1e-5 * (x - 100) ** 2, 2e-5 * (y - 90) * (x - 60))
-    plane, bent = (mechanics.strain_as(one, 9, StrainSettings(order=order, weights="gaussian")) for order in (1, 2))
+    plane, bent = (mechanics.strain_field(one, 9, StrainSettings(order=order, weights="gaussian")) for order in (1, 2))
     truth = 2e-5 * (x - 100)
     assert np.abs(bent.exx - truth)[bent.valid].max() < 1e-12
     assert np.abs(plane.exx - truth)[:, 0].max() > 1e-4
@@ -72,10 +74,10 @@ def test_green_lagrange_sees_no_strain_in_a_rotation() -> None:
     x, y = GRID.mesh()
     c, s = np.cos(0.03), np.sin(0.03)
     one = moved((c - 1) * x - s * y, s * x + (c - 1) * y)
-    green, small = (mechanics.strain_as(one, 5, StrainSettings(measure=name)) for name in ("green_lagrange", "engineering"))
+    green, small = (mechanics.strain_field(one, 5, StrainSettings(measure=name)) for name in ("green_lagrange", "engineering"))
     assert max(np.abs(part).max() for part in (green.exx, green.eyy, green.exy)) < 1e-12
     assert small.exx.mean() == pytest.approx(c - 1)
-    stretched = mechanics.strain_as(moved(0.02 * x, -0.01 * y), 5, StrainSettings(measure="green_lagrange"))
+    stretched = mechanics.strain_field(moved(0.02 * x, -0.01 * y), 5, StrainSettings(measure="green_lagrange"))
     assert stretched.exx.mean() == pytest.approx(0.02 + 0.5 * 0.02**2)
 
 
@@ -83,10 +85,10 @@ def test_the_filter_passes_uniform_strain_and_cuts_noise() -> None:
     x, y = GRID.mesh()
     rng = np.random.default_rng(4)
     mask = rng.random(GRID.shape) > 0.05
-    exact = mechanics.strain_as(moved(2e-3 * x + 1e-3 * y, -1e-3 * y, mask), 5, StrainSettings(butterworth_points=12.0))
+    exact = mechanics.strain_field(moved(2e-3 * x + 1e-3 * y, -1e-3 * y, mask), 5, StrainSettings(butterworth_points=12.0))
     assert np.abs(exact.exx[exact.valid] - 2e-3).max() < 1e-12
     noise = moved(rng.normal(0, 0.02, GRID.shape), rng.normal(0, 0.02, GRID.shape))
-    raw, cut = (mechanics.strain_as(noise, 5, StrainSettings(butterworth_points=points)) for points in (None, 12.0))
+    raw, cut = (mechanics.strain_field(noise, 5, StrainSettings(butterworth_points=points)) for points in (None, 12.0))
     assert cut.exx.std() < 0.5 * raw.exx.std()
     wave = np.cos(np.pi * (np.arange(GRID.nx) + 0.5) * 4 / GRID.nx) * np.ones(GRID.shape)  # two periods of 12 points
     assert np.ptp(mechanics.butterworth(moved(wave, wave), 12.0).u_px) / np.ptp(wave) == pytest.approx(0.5**0.5, rel=0.02)

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from semlive.errors import BadConfig
-from semlive.service.settings_changes import parse_changes
+from semlive.service.config.overrides import parse_changes
 from semlive_drivers.maps import map_content, map_text
 from semlive_drivers.modbus.settings import PartSettings, checked
-from semlive_drivers.operator import open_stage
+from semlive_drivers.operator.stage import open_stage
 from semlive_simulators.scenario import BadScenario, load_scenario
 
 

@@ -17,7 +17,7 @@ import pytest
 import yaml
 
 from semlive.cli.app import COMMANDS
-from semlive.service.supervisor import Supervisor
+from semlive.service.control.systemd import SystemdNotifier
 
 ROOT = Path(__file__).resolve().parents[2]
 UNIT = ROOT / "deploy" / "semlive@.service"
@@ -40,14 +40,14 @@ def systemd_peer() -> str:
 
 
 def test_without_a_manager_nothing_is_said() -> None:
-    silent = Supervisor({"WATCHDOG_USEC": "1000"})
+    silent = SystemdNotifier({"WATCHDOG_USEC": "1000"})
     silent.ready("run a")
     assert silent.watchdog_s is None
-    asyncio.run(silent.beat())
+    asyncio.run(silent.watchdog())
 
 
 def test_ready_and_stopping_are_said(manager: socket.socket) -> None:
-    one = Supervisor({"NOTIFY_SOCKET": manager.getsockname()})
+    one = SystemdNotifier({"NOTIFY_SOCKET": manager.getsockname()})
     one.ready("run a")
     one.status("half way")
     one.stopping()
@@ -57,7 +57,7 @@ def test_ready_and_stopping_are_said(manager: socket.socket) -> None:
 def test_abstract_names_are_understood() -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as one:
         one.bind("\0semlive-test")
-        Supervisor({"NOTIFY_SOCKET": "@semlive-test"}).stopping()
+        SystemdNotifier({"NOTIFY_SOCKET": "@semlive-test"}).stopping()
         assert one.recv(100) == b"STOPPING=1"
 
 
@@ -74,9 +74,9 @@ def said(manager: socket.socket) -> list[bytes]:
 def test_the_watchdog_hears_a_living_loop_and_no_blocked_one(manager: socket.socket) -> None:
     beats, blocked = list[bytes](), list[bytes]()
 
-    async def live(one: Supervisor) -> float:
+    async def live(one: SystemdNotifier) -> float:
         began_s = time.monotonic()
-        beating = asyncio.create_task(one.beat())
+        beating = asyncio.create_task(one.watchdog())
         while len(beats) < 4:
             await asyncio.sleep(0.005)
             beats.extend(said(manager))
@@ -86,7 +86,7 @@ def test_the_watchdog_hears_a_living_loop_and_no_blocked_one(manager: socket.soc
         beating.cancel()
         return took_s
 
-    one = Supervisor({"NOTIFY_SOCKET": manager.getsockname(), "WATCHDOG_USEC": "90000", "WATCHDOG_PID": "7"}, pid=7)
+    one = SystemdNotifier({"NOTIFY_SOCKET": manager.getsockname(), "WATCHDOG_USEC": "90000", "WATCHDOG_PID": "7"}, pid=7)
     assert one.watchdog_s == pytest.approx(0.09)
     took_s = asyncio.run(live(one))
     assert set(beats) == {b"WATCHDOG=1"}
@@ -96,12 +96,12 @@ def test_the_watchdog_hears_a_living_loop_and_no_blocked_one(manager: socket.soc
 
 
 def test_a_watchdog_of_another_process_is_not_ours(manager: socket.socket) -> None:
-    assert Supervisor({"NOTIFY_SOCKET": manager.getsockname(), "WATCHDOG_USEC": "9", "WATCHDOG_PID": "7"}, pid=8).watchdog_s is None
+    assert SystemdNotifier({"NOTIFY_SOCKET": manager.getsockname(), "WATCHDOG_USEC": "9", "WATCHDOG_PID": "7"}, pid=8).watchdog_s is None
 
 
 def test_a_manager_that_is_gone_or_deaf_stops_nobody(tmp_path: Path, manager: socket.socket) -> None:
-    Supervisor({"NOTIFY_SOCKET": str(tmp_path / "nobody")}).stopping()
-    deaf = Supervisor({"NOTIFY_SOCKET": manager.getsockname()})
+    SystemdNotifier({"NOTIFY_SOCKET": str(tmp_path / "nobody")}).stopping()
+    deaf = SystemdNotifier({"NOTIFY_SOCKET": manager.getsockname()})
     for _ in range(2000):
         deaf.status("x" * 1000)
 

@@ -14,10 +14,10 @@ from typer.testing import CliRunner
 
 from semlive.cli.app import app
 from semlive.errors import BadConfig
-from semlive.service.config import load_config, parse_config
-from semlive.service.config_checks import CONFIRMABLE
-from semlive.service.config_text import LABS
-from semlive.service.unusual import questions, refuse_unusual
+from semlive.service.config.checks import CONFIRMABLE
+from semlive.service.config.configuration import load_config, parse_config
+from semlive.service.config.plausibility import questions, refuse_unusual
+from semlive.service.config.template import LAB_PRESETS
 from semlive_simulators.scenario import load_scenario, names
 
 ROOT = Path(__file__).parents[2]
@@ -93,7 +93,7 @@ def test_what_is_usual_is_not_asked_about() -> None:
 @pytest.mark.checkout
 def test_the_examples_and_scenarios_are_usual(tmp_path: Path) -> None:
     paths = [ROOT / "deploy" / "example.yaml", *(ROOT / "deploy" / "examples").glob("*.yaml")]
-    assert len(paths) == 1 + len(LABS)
+    assert len(paths) == 1 + len(LAB_PRESETS)
     for path in paths:
         assert questions(load_config(path)) == ()
     for name in names():

@@ -4,7 +4,7 @@ import subprocess
 from importlib.metadata import version
 from pathlib import Path
 
-from semlive.service.versions import commit_of, versions
+from semlive.service.runtime.versions import commit_of, versions
 
 
 def git(folder: Path, *arguments: str) -> str:

@@ -13,7 +13,7 @@ from semlive.inputs.files import read_regular
 from semlive.inputs.kinds import changed_kind
 from semlive.inputs.yaml_text import MOST_BYTES, YamlText, read_yaml
 
-UNCONFIRMED = "from public documents, confirm before motion"
+UNCONFIRMED_NOTE = "from public documents, confirm before motion"
 """What a description says of itself that nobody has held beside the machine."""
 
 M = TypeVar("M", bound=BaseModel)
@@ -58,7 +58,7 @@ def _description(name: str) -> tuple[dict[str, Any], YamlText]:
     return content, text
 
 
-def checked_map(model: type[M], name: str) -> M:
+def validate_map(model: type[M], name: str) -> M:
     """A description, checked.
 
     Raises:

@@ -21,9 +21,9 @@ from semlive_drivers.endpoint_lock import reserve_tcp
 from semlive_drivers.modbus.blind import BlindWriter, exchange, owe, owed, settle
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.registers import Kind
-from semlive_drivers.modbus.rtu import reading, values_in, writing
-from semlive_drivers.modbus.rtu_line import RtuLine
-from semlive_drivers.modbus.shared_line import LineShare
+from semlive_drivers.modbus.rtu.frames import read_request, values_in, write_request
+from semlive_drivers.modbus.rtu.line import RtuLine
+from semlive_drivers.modbus.rtu.shared_line import LineClient
 
 # Every failure becomes a LinkError; pymodbus's own lines on stderr would tell the operator the same thing twice.
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
@@ -74,7 +74,7 @@ class Link(Protocol):
         """Write in one request; raises LinkError on no or a wrong answer."""
         ...
 
-    def write_blind(self, pdus: Sequence[bytes]) -> bool:
+    def write_without_reply(self, pdus: Sequence[bytes]) -> bool:
         """Write requests without waiting for an answer, also after a failure and after `close`; never raises.
 
         The link cannot be used for anything else afterwards. What was written is written first when the unit is opened again.
@@ -84,7 +84,7 @@ class Link(Protocol):
         """
         ...
 
-    def recover(self) -> bool:
+    def resync(self) -> bool:
         """After a failed request: make the link believable again without opening another; False if that cannot be."""
         ...
 
@@ -188,13 +188,13 @@ class ModbusLink:
         else:
             self._ask(doing, self._client.write_registers, address, list(registers))
 
-    def write_blind(self, pdus: Sequence[bytes]) -> bool:
-        """Write on the old connection and on a fresh one, as `Link.write_blind`."""
+    def write_without_reply(self, pdus: Sequence[bytes]) -> bool:
+        """Write on the old connection and on a fresh one, as `Link.write_without_reply`."""
         self._client.close()
         owe(self._key, pdus)
         return self._blind.write(pdus)
 
-    def recover(self) -> bool:
+    def resync(self) -> bool:
         """Never: another socket is opened."""
         return False
 
@@ -231,15 +231,15 @@ class RtuLink:
     """
 
     def __init__(
-        self, line: RtuLine | LineShare, unit: int, probes: Sequence[Block], reopen: Callable[[], RtuLine | LineShare] | None = None
+        self, line: RtuLine | LineClient, unit: int, probes: Sequence[Block], reopen: Callable[[], RtuLine | LineClient] | None = None
     ) -> None:
         self._reopen = reopen
         self.where = f"{line.where} unit {unit}"
         self._line, self._unit, self._probes = line, unit, tuple(probes)
-        if isinstance(line, LineShare):
-            line.say_first(unit)
-        if line.owes(unit):
-            line.settle(unit, self._probes)
+        if isinstance(line, LineClient):
+            line.send_urgent(unit)
+        if line.has_pending_reply(unit):
+            line.drain(unit, self._probes)
 
     def read(self, block: Block) -> tuple[int, ...]:
         """The registers of a block, as `Link.read`.
@@ -247,7 +247,7 @@ class RtuLink:
         Raises:
             LinkError: on no or a wrong answer.
         """
-        return values_in(self._ask(reading(block), f"reading {_WORDS[block.kind]} {block.address}"), block)
+        return values_in(self._ask(read_request(block), f"reading {_WORDS[block.kind]} {block.address}"), block)
 
     def write(self, address: int, registers: Sequence[int], kind: Kind = Kind.HOLDING, *, single: bool = False) -> None:
         """Write in one request, as `Link.write`.
@@ -255,12 +255,12 @@ class RtuLink:
         Raises:
             LinkError: on no or a wrong answer.
         """
-        self._ask(writing(kind, address, registers, single), f"writing {_WORDS[kind]} {address}")
+        self._ask(write_request(kind, address, registers, single), f"writing {_WORDS[kind]} {address}")
 
-    def write_blind(self, pdus: Sequence[bytes]) -> bool:
-        """Write on the line, or on the line opened again where it is closed, as `Link.write_blind`."""
+    def write_without_reply(self, pdus: Sequence[bytes]) -> bool:
+        """Write on the line, or on the line opened again where it is closed, as `Link.write_without_reply`."""
         try:
-            self._line.shout(self._unit, pdus)
+            self._line.broadcast(self._unit, pdus)
             return True
         except LinkError:
             if self._reopen is None:
@@ -270,17 +270,17 @@ class RtuLink:
         except SemliveError:
             return False
         try:
-            line.shout(self._unit, pdus)
+            line.broadcast(self._unit, pdus)
         except LinkError:
             return False
         finally:
             line.close()
         return True
 
-    def recover(self) -> bool:
+    def resync(self) -> bool:
         """Settle the unit with one probe of at most `_PROBE_S`; False if it does not answer. A stop on a lost link waits for this probe."""
         try:
-            self._line.settle(self._unit, self._probes, patient=False, wait_s=_PROBE_S)
+            self._line.drain(self._unit, self._probes, patient=False, wait_s=_PROBE_S)
         except LinkError:
             return False
         return True
@@ -290,7 +290,7 @@ class RtuLink:
         self._line.close()
 
     def _ask(self, pdu: bytes, doing: str) -> bytes:
-        reply = self._line.ask(self._unit, pdu, doing)
+        reply = self._line.transact(self._unit, pdu, doing)
         if reply[0] != pdu[0]:
             raise _refusal(self.where, doing, reply[1])
         return reply

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from semlive.errors import BadConfig, LinkError
-from semlive_drivers.modbus.registers import MAX_BLOCK, DType, Kind, Point, Words
+from semlive_drivers.modbus.registers import MAX_BLOCK, DType, Kind, RegisterPoint, WordOrder
 
 _FORMATS = {
     **{DType.U16: ">H", DType.I16: ">h", DType.U32: ">I", DType.I32: ">i", DType.F32: ">f"},
@@ -33,13 +33,13 @@ class Block:
     address: int
     count: int
 
-    def slice(self, point: Point) -> slice:
+    def slice(self, point: RegisterPoint) -> slice:
         """Where a point lies in the block's registers."""
         first = point.address - self.address
         return slice(first, first + point.dtype.registers)
 
 
-def block_of(points: Iterable[Point], max_block: int = MAX_BLOCK) -> Block:
+def block_of(points: Iterable[RegisterPoint], max_block: int = MAX_BLOCK) -> Block:
     """The smallest block that holds all points.
 
     Args:
@@ -60,17 +60,17 @@ def block_of(points: Iterable[Point], max_block: int = MAX_BLOCK) -> Block:
     return Block(kinds.pop(), first, count)
 
 
-def number_in(point: Point, registers: Sequence[int]) -> float | int:
+def number_in(point: RegisterPoint, registers: Sequence[int]) -> float | int:
     """The bare number of a point, before sign, factors and scale."""
-    ordered = registers if point.words is Words.HIGH_FIRST else registers[::-1]
-    raw = struct.pack(f"{'>' if point.byte_order is Words.HIGH_FIRST else '<'}{len(ordered)}H", *ordered)
+    ordered = registers if point.words is WordOrder.HIGH_FIRST else registers[::-1]
+    raw = struct.pack(f"{'>' if point.byte_order is WordOrder.HIGH_FIRST else '<'}{len(ordered)}H", *ordered)
     (number,) = struct.unpack(_FORMATS[point.dtype], raw)
     if point.bit_count:
         return number >> point.first_bit & ((1 << point.bit_count) - 1)
     return number
 
 
-def decode(point: Point, registers: Sequence[int], others: Mapping[str, Sequence[int]] | None = None) -> float:
+def decode(point: RegisterPoint, registers: Sequence[int], others: Mapping[str, Sequence[int]] | None = None) -> float:
     """The value of a point from its own registers.
 
     Args:
@@ -92,7 +92,7 @@ def decode(point: Point, registers: Sequence[int], others: Mapping[str, Sequence
     return value + point.offset
 
 
-def _told_by(point: Point, others: Mapping[str, Sequence[int]]) -> float:
+def _told_by(point: RegisterPoint, others: Mapping[str, Sequence[int]]) -> float:
     """What other points say of the sign and the size of a number."""
     factor = -1.0 if point.sign is not None and point.sign.of(others[point.sign.point][0]) else 1.0
     for told in point.factors:
@@ -110,7 +110,7 @@ def _told_by(point: Point, others: Mapping[str, Sequence[int]]) -> float:
     return factor
 
 
-def count_of(point: Point, others: Mapping[str, Sequence[int]] | None = None) -> float:
+def count_of(point: RegisterPoint, others: Mapping[str, Sequence[int]] | None = None) -> float:
     """Value of one count of a point, always positive; 0 for floats, whose number format sets no step.
 
     Args:
@@ -123,7 +123,7 @@ def count_of(point: Point, others: Mapping[str, Sequence[int]] | None = None) ->
     return 0.0 if point.dtype.is_float else abs(point.scale * _told_by(point, others or {}))
 
 
-def require_in_range(name: str, point: Point, registers: Sequence[int], value: float, *, unsigned: bool) -> None:
+def require_in_range(name: str, point: RegisterPoint, registers: Sequence[int], value: float, *, unsigned: bool) -> None:
     """Refuse a reading at the end of what its number or its sensor can tell: such a sensor is saturated or not connected.
 
     Args:
@@ -149,7 +149,7 @@ def require_in_range(name: str, point: Point, registers: Sequence[int], value: f
 _SATURATED = "the sensor is saturated or not connected; check sensor, cable and amplifier"
 
 
-def decode_or_none(point: Point, registers: Sequence[int]) -> float | None:
+def decode_optional(point: RegisterPoint, registers: Sequence[int]) -> float | None:
     """The value of a point that may have none: a broken wire or an amplifier that is off reads as no number."""
     try:
         return decode(point, registers)
@@ -157,12 +157,12 @@ def decode_or_none(point: Point, registers: Sequence[int]) -> float | None:
         return None
 
 
-def decode_int(point: Point, registers: Sequence[int]) -> int:
+def decode_int(point: RegisterPoint, registers: Sequence[int]) -> int:
     """The value of a point that counts or names, without scale."""
     return round(decode(point, registers) / point.scale)
 
 
-def encode(point: Point, value: float) -> tuple[int, ...]:
+def encode(point: RegisterPoint, value: float) -> tuple[int, ...]:
     """The registers of a value.
 
     Raises:
@@ -175,5 +175,5 @@ def encode(point: Point, value: float) -> tuple[int, ...]:
         raise LinkError(f"{value:g} does not fit into register {point.address} ({point.dtype}); correct the scale") from None
     if not math.isfinite(number):
         raise LinkError(f"{value:g} cannot be commanded (register {point.address})")
-    registers = struct.unpack(f"{'>' if point.byte_order is Words.HIGH_FIRST else '<'}{len(raw) // 2}H", raw)
-    return registers if point.words is Words.HIGH_FIRST else registers[::-1]
+    registers = struct.unpack(f"{'>' if point.byte_order is WordOrder.HIGH_FIRST else '<'}{len(raw) // 2}H", raw)
+    return registers if point.words is WordOrder.HIGH_FIRST else registers[::-1]

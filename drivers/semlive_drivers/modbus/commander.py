@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from semlive.errors import LinkError
-from semlive_drivers.maps import UNCONFIRMED
+from semlive_drivers.device_part import MOTIONS, PartCommand
+from semlive_drivers.maps import UNCONFIRMED_NOTE
 from semlive_drivers.modbus.client import Link, Refused, write_verified
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.device_map import DeviceMap, Write
 from semlive_drivers.modbus.orders import Request, blind_pdus, requests_of, runs_of
 from semlive_drivers.modbus.read_back import Memory, cleared, comparable, compared, differing, expected, forgotten, groups_of, remembered
-from semlive_drivers.modbus.registers import Point
+from semlive_drivers.modbus.registers import RegisterPoint
 from semlive_drivers.modbus.settings import PartSettings
-from semlive_drivers.parts import MOTIONS, Do
 
 _FOREIGN = "another program or a person commands it, or it was restarted"
 _CLEARED = "its registers were cleared, so it was restarted; check its zero, position and settings"
@@ -39,7 +39,7 @@ class Commander:
         self,
         link: Link,
         device: DeviceMap,
-        points: Mapping[str, Point],
+        points: Mapping[str, RegisterPoint],
         settings: PartSettings,
         read: Callable[[Block], tuple[int, ...]],
         nonce: int,
@@ -53,14 +53,14 @@ class Commander:
         self._unreadable: set[str] = set()
         self._together = True
         self._next_group = 0
-        self._read_back: set[Do] = set()
+        self._read_back: set[PartCommand] = set()
         self._differing = frozenset[str]()
         self.cleared = False
         for writes in (*device.orders.values(), *(stop.writes for stop in device.other_stops)):
             for write in writes:
                 runs_of({name: points[name] for name in write.set}, device.max_block)
 
-    def give(self, what: Do, values: Mapping[str, float]) -> None:
+    def give(self, what: PartCommand, values: Mapping[str, float]) -> None:
         """Give an order; returns when it was taken, and read back where the registers can be read.
 
         Raises:
@@ -68,14 +68,14 @@ class Commander:
         """
         if what in MOTIONS and not (self._device.confirmed or self._settings.confirmed):
             raise LinkError(
-                f"{self._link.where}: the description of {self._device.name} is {UNCONFIRMED}; "
+                f"{self._link.where}: the description of {self._device.name} is {UNCONFIRMED_NOTE}; "
                 "check it with `semlive frame check`, move the machine by its own panel and watch the values, then set confirmed: true"
             )
         # Everything is encoded and checked before anything is written.
-        entries = self._entries(self._device.orders[what], values, exact=what is not Do.STOP)
+        entries = self._entries(self._device.orders[what], values, exact=what is not PartCommand.STOP)
         self._last.update(values)
         differing, self._differing, self.cleared = self._differing, frozenset(), False
-        if what is Do.STOP:
+        if what is PartCommand.STOP:
             # A value that another program wrote and the stop does not write again is no order of semlive any more.
             self._memory = forgotten(self._memory, differing)
             self._write_all(entries)
@@ -88,15 +88,15 @@ class Commander:
 
     def stop_blind(self) -> bool:
         """Write a stop without waiting for an answer; never raises."""
-        entries = self._entries(self._device.orders.get(Do.STOP, ()), {}, exact=False)
+        entries = self._entries(self._device.orders.get(PartCommand.STOP, ()), {}, exact=False)
         pdus = [pdu for _, requests in entries for pdu in blind_pdus(requests)]
-        return bool(pdus) and self._link.write_blind(pdus)
+        return bool(pdus) and self._link.write_without_reply(pdus)
 
     def stop_by(self, method: int) -> None:
         """Write the further stop of this index; raises LinkError if the device did not take it."""
         self._write_all(self._entries(self._device.other_stops[method].writes, {}, exact=False))
 
-    def recall(self, what: Do, values: Mapping[str, float]) -> None:
+    def recall(self, what: PartCommand, values: Mapping[str, float]) -> None:
         """Compare the device from now on with an order of an earlier process, which may have sent a stop after it; writes nothing.
 
         A value that a stop writes differently is not compared. An order that cannot be encoded is not compared.
@@ -104,7 +104,7 @@ class Commander:
         try:
             entries = self._entries(self._device.orders.get(what, ()), values, exact=False)
             self._last.update(values)
-            stops = self._entries(self._device.orders.get(Do.STOP, ()), {}, exact=False)
+            stops = self._entries(self._device.orders.get(PartCommand.STOP, ()), {}, exact=False)
         except LinkError:
             return
         memory = self._expected(entries)
@@ -132,11 +132,11 @@ class Commander:
         found = self._compare(*groups[self._next_group])
         return None if found is None else f"{found}: {_CLEARED if self.cleared else _FOREIGN}"
 
-    def _read_back_order(self, what: Do, entries: Sequence[tuple[Write, Sequence[Request]]]) -> None:
+    def _read_back_order(self, what: PartCommand, entries: Sequence[tuple[Write, Sequence[Request]]]) -> None:
         """Read an order back once; a way of a ramp that was read back before is looked at with the next reading only."""
         names = {name for _, requests in entries for request in requests for name in request.names}
         unsure = [name for name, entry in self._memory.items() if name in names - self._unreadable and entry.held is None]
-        if not unsure or (what is not Do.RAMP and what in self._read_back):
+        if not unsure or (what is not PartCommand.RAMP and what in self._read_back):
             return
         self._read_back.add(what)
         for group, block in groups_of(unsure, self._points, self._device.max_block, together=self._together):

@@ -18,14 +18,14 @@ _MOTION = {0: MotionState.STOPPED, 1: MotionState.MOVING, 2: MotionState.FAULT}
 
 
 @dataclass(frozen=True, slots=True)
-class Greeting:
+class DeviceInfo:
     """What a device says of itself when the link is opened."""
 
     simulated: bool
     has_watchdog: bool
 
 
-def greet(link: Link, registers: StageMap, expected: int | None) -> Greeting:
+def identify(link: Link, registers: StageMap, expected: int | None) -> DeviceInfo:
     """Check who answers.
 
     Raises:
@@ -38,14 +38,14 @@ def greet(link: Link, registers: StageMap, expected: int | None) -> Greeting:
         decode_int(p, raw[block.slice(p)]) for p in (registers.identity, registers.version, registers.abilities)
     )
     if expected is None:
-        return Greeting(simulated=False, has_watchdog=False)
+        return DeviceInfo(simulated=False, has_watchdog=False)
     if identity != expected:
         raise LinkRefused(
             f"{link.where} is another device: its identity is {identity:#06x} instead of {expected:#06x}; check host and unit"
         )
     if version != MAP_VERSION:
         raise LinkRefused(f"{link.where} speaks version {version} of the register map, not {MAP_VERSION}; update the driver or the device")
-    return Greeting(simulated=bool(abilities & SIMULATOR_BIT), has_watchdog=bool(abilities & WATCHDOG_BIT))
+    return DeviceInfo(simulated=bool(abilities & SIMULATOR_BIT), has_watchdog=bool(abilities & WATCHDOG_BIT))
 
 
 def motion_state(link: Link, word: int) -> MotionState:
@@ -60,7 +60,7 @@ def motion_state(link: Link, word: int) -> MotionState:
         raise LinkError(f"{link.where} says motion state {word}, which does not exist; check the register map") from None
 
 
-class FrozenCheck:
+class StaleReadingCheck:
     """Tells a frozen reading by the device's counter of readings."""
 
     def __init__(self, link: Link, frozen_after_s: float) -> None:

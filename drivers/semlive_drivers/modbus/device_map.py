@@ -6,10 +6,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from semlive.data.loading import MotionState, Trouble
-from semlive_drivers.maps import checked_map
-from semlive_drivers.modbus.registers import MAX_BLOCK, Bits, DType, Factor, Kind, Point, Words
-from semlive_drivers.parts import Do
+from semlive.data.loading import DeviceFault, MotionState
+from semlive_drivers.device_part import PartCommand
+from semlive_drivers.maps import validate_map
+from semlive_drivers.modbus.registers import MAX_BLOCK, BitField, DType, Factor, Kind, RegisterPoint, WordOrder
 from semlive_drivers.units import factor
 
 ORDERED = ("force_n", "rate_n_s", "travel_mm", "speed_mm_s", "watchdog_s", "nonce")
@@ -28,14 +28,14 @@ def _unit(name: str) -> str:
 Unit = Annotated[str, AfterValidator(_unit)]
 
 
-class PointText(_Described):
-    """A point as it is written in a description; see `Point`."""
+class PointConfig(_Described):
+    """A point as it is written in a description; see `RegisterPoint`."""
 
     kind: Kind
     address: int
     dtype: DType = DType.U16
-    words: Words = Words.HIGH_FIRST
-    byte_order: Words = Words.HIGH_FIRST
+    words: WordOrder = WordOrder.HIGH_FIRST
+    byte_order: WordOrder = WordOrder.HIGH_FIRST
     scale: float = 1.0
     offset: float = 0.0
     bits: tuple[int, int] | None = None
@@ -45,22 +45,22 @@ class PointText(_Described):
     """Point and bit that is set when the number is negative."""
     decimals: tuple[str, int, int] | None = None
     """Point, lowest bit and number of bits that hold the number of decimals."""
-    factors: list[FactorText] = []
+    factors: list[FactorConfig] = []
     range: tuple[float, float] | None = None
     """Values at or beyond which a reading is none, in the unit of the value: the ends of the sensor."""
 
     @model_validator(mode="after")
-    def _range_rises(self) -> PointText:
+    def _range_rises(self) -> PointConfig:
         if self.range is not None and not self.range[0] < self.range[1]:
             raise ValueError(f"range {list(self.range)} must give the low end first")
         return self
 
-    def point(self) -> Point:
+    def point(self) -> RegisterPoint:
         """The value of it."""
-        factors = tuple(Factor(Bits(text.point, *text.bits), tuple(text.values.items())) for text in self.factors)
+        factors = tuple(Factor(BitField(text.point, *text.bits), tuple(text.values.items())) for text in self.factors)
         if self.decimals is not None:
-            factors = (*factors, Factor(Bits(*self.decimals)))
-        return Point(
+            factors = (*factors, Factor(BitField(*self.decimals)))
+        return RegisterPoint(
             self.kind,
             self.address,
             self.dtype,
@@ -70,13 +70,13 @@ class PointText(_Described):
             self.offset,
             *(self.bits or (0, 0)),
             self.sentinels,
-            None if self.sign is None else Bits(self.sign[0], self.sign[1], 1),
+            None if self.sign is None else BitField(self.sign[0], self.sign[1], 1),
             factors,
             self.range,
         )
 
 
-class FactorText(_Described):
+class FactorConfig(_Described):
     """A table of what a number in another point's word means for the size of this one."""
 
     point: str
@@ -117,14 +117,14 @@ class Motion(_Described):
         return {condition.point for condition in (*self.moving, *self.fault)} | ({self.point} if self.point else set())
 
 
-class Reason(_Described):
+class FaultReason(_Described):
     """Where the device tells why it is in fault, and in which words."""
 
     point: str
-    words: dict[int, Trouble]
+    words: dict[int, DeviceFault]
 
 
-class Tells(_Described):
+class Readouts(_Described):
     """Which point says what; ``unit`` is that of the point's value."""
 
     force: str | None = None
@@ -139,7 +139,7 @@ class Tells(_Described):
     strain_gage: str | None = None
     strain_gage_unit: Unit = "1"
     motion: Motion | None = None
-    trouble: Reason | None = None
+    trouble: FaultReason | None = None
     """Asked for only while the device is in fault."""
 
 
@@ -171,7 +171,7 @@ class Heartbeat(_Described):
     """What is written again and again, or the highest number before the counter begins anew at 0 (0: 65,535)."""
 
 
-class SerialText(_Described):
+class SerialConfig(_Described):
     """How the device's line is set as it leaves the factory; the configuration says how it is here."""
 
     baud: int = 19_200
@@ -191,9 +191,9 @@ class DeviceMap(_Described):
     confirmed: bool = False
     """True only where the device itself was seen to move as described; otherwise motion asks for `confirmed: true` in the configuration."""
     notes: str = ""
-    serial: SerialText = SerialText()
+    serial: SerialConfig = SerialConfig()
     max_block: int = Field(default=MAX_BLOCK, ge=1, le=MAX_BLOCK)
-    points: dict[str, PointText]
+    points: dict[str, PointConfig]
     every_turn: list[list[str]] = []
     """Groups of points, each read in one request with every reading."""
     identity: list[Condition] = []
@@ -203,10 +203,10 @@ class DeviceMap(_Described):
     simulated: Condition | None = None
     stops_by_itself: Condition | None = None
     """True of a device that stops when its watchdog expires, once it is armed."""
-    tells: Tells = Tells()
+    tells: Readouts = Readouts()
     valid: list[Condition] = []
     """What must be true of every reading; otherwise it is none."""
-    orders: dict[Do, list[Write]] = {}
+    orders: dict[PartCommand, list[Write]] = {}
     other_stops: list[OtherStop] = []
     """Further ways to stop, in the order in which they are tried; only what the device's documents state."""
     changes_by_itself: list[str] = []
@@ -275,7 +275,7 @@ def load_map(name: str) -> DeviceMap:
     Raises:
         BadConfig: if there is none, or something in it is wrong.
     """
-    return checked_map(DeviceMap, name)
+    return validate_map(DeviceMap, name)
 
 
 def number(value: Any, values: dict[str, float]) -> float:

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 
 from semlive.errors import SemliveError
 from semlive.ports import ClockSource
-from semlive_drivers.frame import FrameSettings, PartsLoadFrame
+from semlive_drivers.composite_load_frame import CompositeLoadFrame, FrameSettings
 from semlive_drivers.modbus.part import open_part
 from semlive_drivers.modbus.settings import checked
 
 
-def open_load_frame(settings: Mapping[str, object], clock: ClockSource) -> PartsLoadFrame:
+def open_load_frame(settings: Mapping[str, object], clock: ClockSource) -> CompositeLoadFrame:
     """Open the link and check who answers.
 
     Raises:
@@ -23,7 +23,7 @@ def open_load_frame(settings: Mapping[str, object], clock: ClockSource) -> Parts
     known = checked(FrameSettings, own, "modbus load frame")
     part = open_part(rest, clock)
     try:
-        return PartsLoadFrame([part], known, clock)
+        return CompositeLoadFrame([part], known, clock)
     except SemliveError:
         part.close()
         raise

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from semlive.errors import BadConfig, LinkError
-from semlive_drivers.exactness import is_rounded_down, require_exact, towards_zero, unit_of
+from semlive_drivers.device_part import PartCommand
 from semlive_drivers.modbus.codec import Block, block_of, decode, encode
 from semlive_drivers.modbus.device_map import ORDERED, DeviceMap, Write, number
-from semlive_drivers.modbus.registers import MAX_BLOCK, Point
-from semlive_drivers.modbus.rtu import writing
-from semlive_drivers.parts import Do
+from semlive_drivers.modbus.registers import MAX_BLOCK, RegisterPoint
+from semlive_drivers.modbus.rtu.frames import write_request
+from semlive_drivers.order_exactness import is_rounded_down, require_exact, towards_zero, unit_of
 
 _WORDS = {"holding": "holding register", "coil": "coil", "input": "input register", "discrete": "discrete input"}
 
@@ -36,7 +36,7 @@ class Request:
     verify: bool = False
 
 
-def runs_of(points: Mapping[str, Point], max_block: int = MAX_BLOCK) -> list[tuple[str, ...]]:
+def runs_of(points: Mapping[str, RegisterPoint], max_block: int = MAX_BLOCK) -> list[tuple[str, ...]]:
     """The points of an order in groups without a gap, each of which is one request.
 
     Args:
@@ -68,7 +68,7 @@ def blind_pdus(requests: Sequence[Request]) -> list[bytes]:
 
     A device that answers late works on them one after the other, so the last request, which has the command, is written first as well.
     """
-    pdus = [writing(request.block.kind, request.block.address, request.registers, request.single) for request in requests]
+    pdus = [write_request(request.block.kind, request.block.address, request.registers, request.single) for request in requests]
     return [pdus[-1], *pdus] if len(pdus) > 1 else pdus
 
 
@@ -77,13 +77,13 @@ def named(write: Write, value: str) -> list[str]:
     return [name for name, given in write.set.items() if isinstance(given, str) and given.removeprefix("-") == value]
 
 
-def place_of(name: str, point: Point) -> str:
+def place_of(name: str, point: RegisterPoint) -> str:
     """A point and its address, for a person."""
     return f"{name} ({_WORDS[point.kind.value]} {point.address})"
 
 
 def requests_of(
-    write: Write, points: Mapping[str, Point], values: Mapping[str, float], max_block: int = MAX_BLOCK, *, exact: bool = True
+    write: Write, points: Mapping[str, RegisterPoint], values: Mapping[str, float], max_block: int = MAX_BLOCK, *, exact: bool = True
 ) -> list[Request]:
     """The requests of one entry of an order: one for each group of adjacent registers, none of which the map does not name.
 
@@ -107,7 +107,7 @@ def requests_of(
     return requests
 
 
-def encoded(name: str, point: Point, given: float | str, values: Mapping[str, float], *, exact: bool = True) -> tuple[int, ...]:
+def encoded(name: str, point: RegisterPoint, given: float | str, values: Mapping[str, float], *, exact: bool = True) -> tuple[int, ...]:
     """The registers of one value of an order; arguments and errors as for `requests_of`."""
     value, called = number(given, dict(values)), given if isinstance(given, str) else "constant"
     counts = (value - point.offset) / point.scale
@@ -122,14 +122,14 @@ def encoded(name: str, point: Point, given: float | str, values: Mapping[str, fl
     return registers
 
 
-def _float(point: Point, registers: Sequence[int]) -> float:
+def _float(point: RegisterPoint, registers: Sequence[int]) -> float:
     """The value of a float that was encoded here; 0 for one too small for its format."""
     return decode(point, registers) if any(registers) else point.offset
 
 
 @dataclass(frozen=True, slots=True)
 class DescribedOrders:
-    """What a described device can be ordered, as `semlive_drivers.parts.OrderBook`; needs no link.
+    """What a described device can be ordered, as `semlive_drivers.device_part.OrderBook`; needs no link.
 
     Attributes:
         device: its description.
@@ -137,14 +137,14 @@ class DescribedOrders:
     """
 
     device: DeviceMap
-    points: Mapping[str, Point]
+    points: Mapping[str, RegisterPoint]
 
     @property
-    def can(self) -> frozenset[Do]:
+    def can(self) -> frozenset[PartCommand]:
         """What the device can be told."""
         return frozenset(self.device.orders)
 
-    def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
+    def order_problem(self, what: PartCommand, values: Mapping[str, float]) -> str | None:
         """Why an order cannot be given as it is meant, or None."""
         known = {**dict.fromkeys(ORDERED, 0.0), **values}
         try:
@@ -156,5 +156,5 @@ class DescribedOrders:
 
     def step_of(self, value: str) -> float:
         """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull; 0 where the number format sets none."""
-        points = [self.points[name] for write in self.device.orders.get(Do.PULL, ()) for name in named(write, value)]
+        points = [self.points[name] for write in self.device.orders.get(PartCommand.JOG_TENSION, ()) for name in named(write, value)]
         return max((abs(point.scale) for point in points if not point.dtype.is_float), default=0.0)

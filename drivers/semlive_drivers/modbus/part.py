@@ -6,21 +6,21 @@ import contextlib
 import functools
 from collections.abc import Mapping, Sequence
 
-from semlive.data.loading import MotionState, Trouble
+from semlive.data.loading import DeviceFault, MotionState
 from semlive.errors import LinkError, LinkRefused, SemliveError
 from semlive.ports import ClockSource
+from semlive_drivers.device_part import WITHHELD, PartCommand, PartReading, Stops, Way
 from semlive_drivers.modbus.client import Link, ModbusLink, RtuLink
 from semlive_drivers.modbus.codec import Block, block_of, count_of, decode, encode, number_in, require_in_range
 from semlive_drivers.modbus.commander import Commander
-from semlive_drivers.modbus.device import FrozenCheck
+from semlive_drivers.modbus.device import StaleReadingCheck
 from semlive_drivers.modbus.device_map import Condition, DeviceMap, load_map
 from semlive_drivers.modbus.orders import DescribedOrders
 from semlive_drivers.modbus.read_back import TargetWatch
-from semlive_drivers.modbus.registers import Point, overridden_points
-from semlive_drivers.modbus.rtu_line import NoAnswer
+from semlive_drivers.modbus.registers import RegisterPoint, overridden_points
+from semlive_drivers.modbus.rtu.line import NoReply
+from semlive_drivers.modbus.rtu.shared_line import open_shared_line
 from semlive_drivers.modbus.settings import ModbusSettings, PartSettings, checked
-from semlive_drivers.modbus.shared_line import join_line
-from semlive_drivers.parts import WITHHELD, Do, Said, Stops, Way
 from semlive_drivers.serial_port import SerialSettings
 from semlive_drivers.units import factor
 
@@ -30,12 +30,14 @@ class ModbusPart:
 
     manual = False
 
-    def __init__(self, link: Link, device: DeviceMap, points: Mapping[str, Point], settings: PartSettings, clock: ClockSource) -> None:
+    def __init__(
+        self, link: Link, device: DeviceMap, points: Mapping[str, RegisterPoint], settings: PartSettings, clock: ClockSource
+    ) -> None:
         self._link, self._device, self._points, self._settings, self._clock = link, device, points, settings, clock
         self._blocks = [(names, block_of((points[name] for name in names), device.max_block)) for names in device.every_turn]
         gage = device.tells.strain_gage if settings.strain_gage else None
         self._gage = None if gage is None else (gage, block_of((points[gage],)))
-        self._frozen = FrozenCheck(link, settings.frozen_after_s)
+        self._frozen = StaleReadingCheck(link, settings.frozen_after_s)
         self._commander = Commander(link, device, points, settings, self._again, clock.mono_ns() // 1_000_000 % 65_536)
         self.book = DescribedOrders(device, points)
         self._target = TargetWatch()
@@ -48,10 +50,10 @@ class ModbusPart:
         self._greet()
         checked_identity = settings.identity is not None
         self.simulated = checked_identity and self._true(device.simulated)
-        self.stops_by_itself = bool(checked_identity and settings.watchdog_s and self._true(device.stops_by_itself))
+        self.has_watchdog = bool(checked_identity and settings.watchdog_s and self._true(device.stops_by_itself))
         self.stops = Stops(self._commander.stop_blind, self._ways())
-        if settings.watchdog_s and Do.ARM in device.orders:
-            self.tell(Do.ARM, {})
+        if settings.watchdog_s and PartCommand.ARM in device.orders:
+            self.command(PartCommand.ARM, {})
 
     @property
     def where(self) -> str:
@@ -59,11 +61,11 @@ class ModbusPart:
         return self._link.where
 
     @property
-    def can(self) -> frozenset[Do]:
+    def capabilities(self) -> frozenset[PartCommand]:
         """What it can be told."""
         return self.book.can
 
-    def read(self) -> Said:
+    def read(self) -> PartReading:
         """A fresh reading, after feeding the device's watchdog.
 
         Raises:
@@ -72,7 +74,7 @@ class ModbusPart:
         self._begin_turn()
         self._in_turn = False
         self._feed()
-        return self.look()
+        return self.identify()
 
     def order_changed(self) -> str | None:
         """How the device's own orders differ from what was given last, as a sentence, or None; begins a turn that `read` ends.
@@ -86,10 +88,10 @@ class ModbusPart:
 
     @property
     def cleared(self) -> bool:
-        """Whether the registers of the last order are all 0, as `semlive_drivers.parts.OrderHolder`."""
+        """Whether the registers of the last order are all 0, as `semlive_drivers.device_part.OrderHolder`."""
         return self._commander.cleared
 
-    def recall(self, what: Do, values: Mapping[str, float]) -> None:
+    def recall(self, what: PartCommand, values: Mapping[str, float]) -> None:
         """Compare the device from now on with an order of an earlier process; writes nothing."""
         self._commander.recall(what, values)
 
@@ -99,7 +101,7 @@ class ModbusPart:
             self._recovered = False
         self._in_turn = True
 
-    def look(self) -> Said:
+    def identify(self) -> PartReading:
         """A fresh reading, without writing anything; raises as `read`."""
         words: dict[str, Sequence[int]] = {}
         raw: tuple[int, ...] = ()
@@ -121,14 +123,14 @@ class ModbusPart:
         self._words = words
         return self._said(words, raw, gage_strain)
 
-    def tell(self, what: Do, values: Mapping[str, float]) -> None:
+    def command(self, what: PartCommand, values: Mapping[str, float]) -> None:
         """Give an order; returns when it was taken, and read back where the map says so.
 
         Raises:
             LinkError: if the device did not take it, or its description is not confirmed and it would move.
         """
         self._commander.give(what, values)
-        if what in (Do.RAMP, Do.STOP):
+        if what in (PartCommand.RAMP, PartCommand.STOP):
             self._target, self._target_jump = self._target.after_order(values.get("force_n"), self._now_s), None
 
     def resolution(self) -> tuple[float, float]:
@@ -138,7 +140,7 @@ class ModbusPart:
         force, extension = (0.0 if name is None else count_of(self._points[name], told) * factor(unit, name) for name, unit in named)
         return force, extension
 
-    def shout_stop(self) -> None:
+    def blind_stop(self) -> None:
         """Write a stop without waiting for an answer."""
         self.stops.blind()
 
@@ -150,13 +152,13 @@ class ModbusPart:
         """Further ways to stop that the map states; last, where its watchdog is armed, to feed that no more."""
         others = self._device.other_stops
         stated = tuple(Way(stop.says, functools.partial(self._commander.stop_by, place)) for place, stop in enumerate(others))
-        return (*stated, Way(WITHHELD, self._withhold)) if self.stops_by_itself and self._device.heartbeat is not None else stated
+        return (*stated, Way(WITHHELD, self._withhold)) if self.has_watchdog and self._device.heartbeat is not None else stated
 
     def _withhold(self) -> None:
         """Feed the watchdog no more, until the link is opened again."""
         self._withheld = True
 
-    def word(self, name: str) -> int:
+    def read_point(self, name: str) -> int:
         """The bare number of a point, read for itself."""
         point = self._points[name]
         return int(number_in(point, self._link.read(block_of((point,)))))
@@ -165,7 +167,7 @@ class ModbusPart:
         """Read, and once more where the link recovers from a lost answer."""
         try:
             return self._link.read(block)
-        except NoAnswer:
+        except NoReply:
             if not self._recover():
                 raise
             return self._link.read(block)
@@ -178,7 +180,7 @@ class ModbusPart:
             wanted = condition.equals
             if place == 0 and isinstance(self._settings.identity, int):
                 wanted = [self._settings.identity]
-            said = self.word(condition.point)
+            said = self.read_point(condition.point)
             if condition.model_copy(update={"equals": wanted}).holds(said):
                 continue
             hint = condition.says or "check host and unit"
@@ -190,10 +192,10 @@ class ModbusPart:
     def _read_identity(self) -> None:
         """Somebody must answer sensibly, whoever it is."""
         for condition in self._device.identity[:1]:
-            self.word(condition.point)
+            self.read_point(condition.point)
 
     def _true(self, condition: Condition | None) -> bool:
-        return condition is not None and condition.holds(self.word(condition.point))
+        return condition is not None and condition.holds(self.read_point(condition.point))
 
     def _feed(self) -> None:
         beat = self._device.heartbeat
@@ -204,14 +206,14 @@ class ModbusPart:
         point = self._points[beat.point]
         try:
             self._link.write(point.address, encode(point, self._beat), point.kind)
-        except NoAnswer:
+        except NoReply:
             if not self._recover():
                 raise
 
     def _recover(self) -> bool:
         """Once in a turn, so that a turn stays short."""
         again, self._recovered = not self._recovered, True
-        return again and self._link.recover()
+        return again and self._link.resync()
 
     def _word(self, name: str, words: Mapping[str, Sequence[int]]) -> int:
         return int(number_in(self._points[name], words[name]))
@@ -228,14 +230,14 @@ class ModbusPart:
                 raise LinkError(f"{self.where}: {error}") from error
         return value * factor(unit, name)
 
-    def _said(self, words: Mapping[str, Sequence[int]], raw: tuple[int, ...], gage_strain: float | None) -> Said:
+    def _said(self, words: Mapping[str, Sequence[int]], raw: tuple[int, ...], gage_strain: float | None) -> PartReading:
         tells, counted = self._device.tells, None
         if tells.counter is not None:
             counted = self._word(tells.counter, words), 1 << 16 * self._points[tells.counter].dtype.registers
             self._frozen.check(counted[0], self._clock.mono_ns())
         motion, target_n = self._motion(words), self._value(tells.target, words, tells.force_unit)
         self._watch_target(motion, target_n, words)
-        return Said(
+        return PartReading(
             force_n=self._value(tells.force, words, tells.force_unit),
             extension_mm=self._value(tells.extension, words, tells.extension_unit),
             motion=motion,
@@ -245,7 +247,7 @@ class ModbusPart:
             gage_strain=gage_strain,
             raw=raw,
             trouble=self._trouble() if motion is MotionState.FAULT else None,
-            counted=counted,
+            reading_counter=counted,
         )
 
     def _watch_target(self, motion: MotionState | None, target_n: float | None, words: Mapping[str, Sequence[int]]) -> None:
@@ -262,10 +264,10 @@ class ModbusPart:
     def _now_s(self) -> float:
         return self._clock.mono_ns() / 1e9
 
-    def _trouble(self) -> Trouble | None:
+    def _trouble(self) -> DeviceFault | None:
         """Why it is in fault; a word that is not known tells nothing."""
         reason = self._device.tells.trouble
-        return None if reason is None else reason.words.get(self.word(reason.point))
+        return None if reason is None else reason.words.get(self.read_point(reason.point))
 
     def _motion(self, words: Mapping[str, Sequence[int]]) -> MotionState | None:
         motion = self._device.tells.motion
@@ -299,9 +301,9 @@ def open_link(settings: ModbusSettings, device: DeviceMap | None, probes: Sequen
         return ModbusLink(settings.host, settings.port, settings.unit, settings.timeout_s)
     given = settings.serial.over(device.serial) if device else settings.serial.model_dump(exclude_none=True)
     serial, who = SerialSettings.model_validate(given), device.name if device else "modbus"
-    line = join_line(serial, settings.timeout_s, who)
+    line = open_shared_line(serial, settings.timeout_s, who)
     try:
-        return RtuLink(line, settings.unit, probes, lambda: join_line(serial, settings.timeout_s, who))
+        return RtuLink(line, settings.unit, probes, lambda: open_shared_line(serial, settings.timeout_s, who))
     except LinkError:
         line.close()
         raise
@@ -318,10 +320,10 @@ def open_part(settings: Mapping[str, object], clock: ClockSource, where: str = "
     known = checked(PartSettings, settings, where)
     device = load_map(known.map)
     points = overridden_points({name: text.point() for name, text in device.points.items()}, known.registers, f"{where}: registers")
-    link = open_link(known, device, probes_of(device, points))
+    link = open_link(known, device, probe_blocks(device, points))
     try:
         return ModbusPart(link, device, points, known, clock)
-    except NoAnswer as error:
+    except NoReply as error:
         link.close()
         raise LinkRefused(str(error)) from error
     except SemliveError:
@@ -329,7 +331,7 @@ def open_part(settings: Mapping[str, object], clock: ClockSource, where: str = "
         raise
 
 
-def probes_of(device: DeviceMap, points: Mapping[str, Point]) -> tuple[Block, ...]:
+def probe_blocks(device: DeviceMap, points: Mapping[str, RegisterPoint]) -> tuple[Block, ...]:
     """Blocks of a device that can be read without harm: what is read anyway."""
     blocks = [block_of((points[name] for name in names), device.max_block) for names in device.every_turn]
     return (*blocks, *(block_of((points[condition.point],)) for condition in device.identity))

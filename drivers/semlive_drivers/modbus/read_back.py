@@ -11,12 +11,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from semlive.errors import LinkError
-from semlive_drivers.exactness import unit_of
+from semlive_drivers.device_part import MOTIONS
 from semlive_drivers.modbus.codec import Block, block_of, count_of, decode
 from semlive_drivers.modbus.device_map import DeviceMap, Write
 from semlive_drivers.modbus.orders import Request, place_of, runs_of
-from semlive_drivers.modbus.registers import Point
-from semlive_drivers.parts import MOTIONS
+from semlive_drivers.modbus.registers import RegisterPoint
+from semlive_drivers.order_exactness import unit_of
 
 _VALUES = ("force_n", "rate_n_s", "travel_mm", "speed_mm_s")
 _CLOSE = 0.01
@@ -72,7 +72,7 @@ def comparable(device: DeviceMap) -> Comparable:
     return Comparable({name: called for name, called in values.items() if name not in excluded}, frozenset(excluded))
 
 
-def remembered(memory: Memory, which: Comparable, write: Write, request: Request, points: Mapping[str, Point]) -> dict[str, Entry]:
+def remembered(memory: Memory, which: Comparable, write: Write, request: Request, points: Mapping[str, RegisterPoint]) -> dict[str, Entry]:
     """The memory after a request was written; with ``verify`` it was read back as well."""
     after = dict(memory)
     for name in request.names:
@@ -89,7 +89,9 @@ def forgotten(memory: Memory, names: Iterable[str]) -> dict[str, Entry]:
     return {name: entry for name, entry in memory.items() if name not in gone}
 
 
-def groups_of(names: Iterable[str], points: Mapping[str, Point], max_block: int, *, together: bool) -> list[tuple[tuple[str, ...], Block]]:
+def groups_of(
+    names: Iterable[str], points: Mapping[str, RegisterPoint], max_block: int, *, together: bool
+) -> list[tuple[tuple[str, ...], Block]]:
     """Points in groups that are read in one request each.
 
     Args:
@@ -109,12 +111,14 @@ def groups_of(names: Iterable[str], points: Mapping[str, Point], max_block: int,
     return [(group, block_of((points[name] for name in group), max_block)) for group in groups]
 
 
-def _span(names: Sequence[str], points: Mapping[str, Point]) -> int:
+def _span(names: Sequence[str], points: Mapping[str, RegisterPoint]) -> int:
     first = min(points[name].address for name in names)
     return max(points[name].address + points[name].dtype.registers for name in names) - first
 
 
-def compared(memory: Memory, which: Comparable, points: Mapping[str, Point], read: Registers) -> tuple[dict[str, Entry], str | None]:
+def compared(
+    memory: Memory, which: Comparable, points: Mapping[str, RegisterPoint], read: Registers
+) -> tuple[dict[str, Entry], str | None]:
     """Registers that were read back, beside what was written there.
 
     A device may keep a value differently (rounded to its own steps): the first read-back after an order may differ by 1 % or one count
@@ -147,12 +151,12 @@ def differing(memory: Memory, read: Registers) -> frozenset[str]:
     return frozenset(name for name, words in read.items() if name in memory and tuple(words) != memory[name].held)
 
 
-def expected(memory: Memory, which: Comparable, write: Write, request: Request, points: Mapping[str, Point]) -> dict[str, Entry]:
+def expected(memory: Memory, which: Comparable, write: Write, request: Request, points: Mapping[str, RegisterPoint]) -> dict[str, Entry]:
     """The memory with the values of a request that an earlier process wrote; a command may have been cleared since, so it is left out."""
     return remembered(memory, which, write.model_copy(update={"verify": False}), request, points)
 
 
-def _close(point: Point, written: Sequence[int], now: Sequence[int]) -> bool:
+def _close(point: RegisterPoint, written: Sequence[int], now: Sequence[int]) -> bool:
     try:
         meant, held = decode(point, written), decode(point, now)
     except LinkError:
@@ -160,12 +164,12 @@ def _close(point: Point, written: Sequence[int], now: Sequence[int]) -> bool:
     return abs(held - meant) <= max(_CLOSE * abs(meant), count_of(point)) and (held != 0 or meant == 0)
 
 
-def _sentence(name: str, called: str, point: Point, written: Sequence[int], now: Sequence[int]) -> str:
+def _sentence(name: str, called: str, point: RegisterPoint, written: Sequence[int], now: Sequence[int]) -> str:
     unit = f" {unit_of(called)}" if called else ""
     return f"its {place_of(name, point)} holds {_shown(point, now)}{unit}, {_shown(point, written)}{unit} was written"
 
 
-def _shown(point: Point, words: Sequence[int]) -> str:
+def _shown(point: RegisterPoint, words: Sequence[int]) -> str:
     try:
         return f"{decode(point, words):g}"
     except LinkError:

@@ -50,7 +50,7 @@ class DType(StrEnum):
         return self.value.startswith("f")
 
 
-class Words(StrEnum):
+class WordOrder(StrEnum):
     """Order of the registers of a long number, or of the two bytes in a register."""
 
     HIGH_FIRST = "high_first"
@@ -58,7 +58,7 @@ class Words(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Bits:
+class BitField:
     """Part of the word of another point.
 
     Attributes:
@@ -85,12 +85,12 @@ class Factor:
         factors: by the number there, what to multiply with; None takes the number as that of decimals.
     """
 
-    bits: Bits
+    bits: BitField
     factors: tuple[tuple[int, float], ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class RegisterPoint:
     """One number in a device: value = (sign * number * factors) * scale + offset.
 
     Attributes:
@@ -112,14 +112,14 @@ class Point:
     kind: Kind
     address: int
     dtype: DType = DType.U16
-    words: Words = Words.HIGH_FIRST
+    words: WordOrder = WordOrder.HIGH_FIRST
     scale: float = 1.0
-    byte_order: Words = Words.HIGH_FIRST
+    byte_order: WordOrder = WordOrder.HIGH_FIRST
     offset: float = 0.0
     first_bit: int = 0
     bit_count: int = 0
     sentinels: tuple[int, ...] = ()
-    sign: Bits | None = None
+    sign: BitField | None = None
     factors: tuple[Factor, ...] = ()
     range: tuple[float, float] | None = None
 
@@ -141,17 +141,17 @@ class Point:
 class StageMap:
     """Where a stage keeps what."""
 
-    identity: Point = Point(Kind.INPUT, 0)
-    version: Point = Point(Kind.INPUT, 1)
-    abilities: Point = Point(Kind.INPUT, 2)
-    motion: Point = Point(Kind.INPUT, 100)
-    x: Point = Point(Kind.INPUT, 101, DType.F32)
-    y: Point = Point(Kind.INPUT, 103, DType.F32)
-    counter: Point = Point(Kind.INPUT, 105, DType.U32)
-    target_x: Point = Point(Kind.HOLDING, 100, DType.F32)
-    target_y: Point = Point(Kind.HOLDING, 102, DType.F32)
-    command: Point = Point(Kind.HOLDING, 104)
-    nonce: Point = Point(Kind.HOLDING, 105)
+    identity: RegisterPoint = RegisterPoint(Kind.INPUT, 0)
+    version: RegisterPoint = RegisterPoint(Kind.INPUT, 1)
+    abilities: RegisterPoint = RegisterPoint(Kind.INPUT, 2)
+    motion: RegisterPoint = RegisterPoint(Kind.INPUT, 100)
+    x: RegisterPoint = RegisterPoint(Kind.INPUT, 101, DType.F32)
+    y: RegisterPoint = RegisterPoint(Kind.INPUT, 103, DType.F32)
+    counter: RegisterPoint = RegisterPoint(Kind.INPUT, 105, DType.U32)
+    target_x: RegisterPoint = RegisterPoint(Kind.HOLDING, 100, DType.F32)
+    target_y: RegisterPoint = RegisterPoint(Kind.HOLDING, 102, DType.F32)
+    command: RegisterPoint = RegisterPoint(Kind.HOLDING, 104)
+    nonce: RegisterPoint = RegisterPoint(Kind.HOLDING, 105)
 
 
 STAGE_POINTS = ("motion", "x", "y", "counter", "target_x", "target_y", "command", "nonce")
@@ -162,7 +162,7 @@ def stage_at(first_register: int) -> StageMap:
     """The map of a stage whose block begins elsewhere."""
     usual = StageMap()
     away = first_register - usual.motion.address
-    points: dict[str, Point] = {name: getattr(usual, name) for name in STAGE_POINTS}
+    points: dict[str, RegisterPoint] = {name: getattr(usual, name) for name in STAGE_POINTS}
     return replace(usual, **{name: replace(point, address=point.address + away) for name, point in points.items()})
 
 
@@ -170,7 +170,7 @@ def stage_at(first_register: int) -> StageMap:
 class TriggerMap:
     """Where a scan generator is asked for a frame."""
 
-    scan: Point = Point(Kind.HOLDING, 200)
+    scan: RegisterPoint = RegisterPoint(Kind.HOLDING, 200)
 
 
 Map = TypeVar("Map", StageMap, TriggerMap)
@@ -181,17 +181,19 @@ def overridden(registers: Map, overrides: Mapping[str, Mapping[str, Any]], where
 
     Args:
         registers: the defaults.
-        overrides: by name of the point, the fields of `Point` that differ.
+        overrides: by name of the point, the fields of `RegisterPoint` that differ.
         where: what to call the settings in an error.
 
     Raises:
         BadConfig: for a point or field that does not exist, or a value that cannot be.
     """
-    points: dict[str, Point] = {f.name: getattr(registers, f.name) for f in fields(registers)}
+    points: dict[str, RegisterPoint] = {f.name: getattr(registers, f.name) for f in fields(registers)}
     return replace(registers, **overridden_points(points, overrides, where))
 
 
-def overridden_points(points: Mapping[str, Point], overrides: Mapping[str, Mapping[str, Any]], where: str) -> dict[str, Point]:
+def overridden_points(
+    points: Mapping[str, RegisterPoint], overrides: Mapping[str, Mapping[str, Any]], where: str
+) -> dict[str, RegisterPoint]:
     """Points by name with some replaced, field by field; arguments and errors as for `overridden`."""
     changed = dict(points)
     for name, values in overrides.items():
@@ -208,12 +210,12 @@ def _range(given: Any) -> tuple[float, float]:
     return low, high
 
 
-def _changed(point: Point, values: Mapping[str, Any], where: str) -> Point:
+def _changed(point: RegisterPoint, values: Mapping[str, Any], where: str) -> RegisterPoint:
     parsers: dict[str, Callable[[Any], Any]] = {
         "address": int,
         "dtype": DType,
-        "words": Words,
-        "byte_order": Words,
+        "words": WordOrder,
+        "byte_order": WordOrder,
         "scale": float,
         "offset": float,
         "kind": Kind,

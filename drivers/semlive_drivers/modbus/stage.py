@@ -9,7 +9,7 @@ from semlive.errors import SemliveError
 from semlive.ports import ClockSource
 from semlive_drivers.modbus.client import Link, write_verified
 from semlive_drivers.modbus.codec import block_of, decode, decode_int, encode
-from semlive_drivers.modbus.device import FrozenCheck, greet, motion_state
+from semlive_drivers.modbus.device import StaleReadingCheck, identify, motion_state
 from semlive_drivers.modbus.orders import Request, blind_pdus, runs_of
 from semlive_drivers.modbus.part import open_link
 from semlive_drivers.modbus.registers import StageMap, overridden, stage_at
@@ -29,13 +29,13 @@ class ModbusStage:
         self._status = block_of((r.motion, r.x, r.y, r.counter))
         self._order = {name: getattr(r, name) for name in ("target_x", "target_y", "command", "nonce")}
         self._runs = runs_of(self._order)
-        self._frozen = FrozenCheck(link, settings.frozen_after_s)
+        self._frozen = StaleReadingCheck(link, settings.frozen_after_s)
         self._sequence = 0
         self._last_um = (0.0, 0.0)
         self._nonce = clock.mono_ns() // 1_000_000 % 65_536
-        greeting = greet(link, registers, settings.identity)
+        greeting = identify(link, registers, settings.identity)
         # The map has no watchdog for the stage: nobody stops it when the link is gone.
-        self._identity = DeviceIdentity(f"{_NAMES[settings.kind]} at {link.where}", greeting.simulated, StopOnLinkLoss.ABSENT)
+        self._identity = DeviceIdentity(f"{_NAMES[settings.kind]} at {link.where}", greeting.simulated, StopOnLinkLoss.NONE)
 
     @property
     def identity(self) -> DeviceIdentity:
@@ -88,7 +88,7 @@ class ModbusStage:
 
     def stop_blind(self) -> bool:
         """Write a stop without waiting for an answer, as `semlive.ports.BlindStop`."""
-        return self._link.write_blind(blind_pdus(self._requests(STOP)))
+        return self._link.write_without_reply(blind_pdus(self._requests(STOP)))
 
     def close(self) -> None:
         """Close the link."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
-from semlive.data.frame_check import Finding, FrameCheck, Verdict
+from semlive.data.checks import Finding, FrameCheck, Verdict
 from semlive.errors import LinkError
 from semlive.ports import ClockSource
-from semlive_drivers.parts import OrderBook
+from semlive_drivers.device_part import OrderBook
 from semlive_drivers.text.part import TextPart, open_part
 
 
@@ -29,14 +29,14 @@ def check_text(
         findings = (
             []
             if dialogue.identity
-            else [Finding("identity", "the description has none", Verdict.OPEN, "make sure that the line is this machine's")]
+            else [Finding("identity", "the description has none", Verdict.UNKNOWN, "make sure that the line is this machine's")]
         )
-        findings += [Finding("identity", step.ask, Verdict.GOOD) for step in dialogue.identity]
+        findings += [Finding("identity", step.ask, Verdict.OK) for step in dialogue.identity]
         findings += [finding for ask in dialogue.every_turn for finding in _asked(part, ask)]
         try:
-            part.look()
+            part.identify()
         except LinkError as error:
-            findings.append(Finding("reading", str(error), Verdict.BAD, "every reading would be refused until that is mended"))
+            findings.append(Finding("reading", str(error), Verdict.FAILED, "every reading would be refused until that is mended"))
         findings += orders(part.book)
     finally:
         part.close()
@@ -47,14 +47,14 @@ def _asked(part: TextPart, ask: str) -> Iterator[Finding]:
     try:
         reply = part.ask(ask)
     except LinkError as error:
-        yield Finding(ask, str(error), Verdict.BAD, "check line, station and description")
+        yield Finding(ask, str(error), Verdict.FAILED, "check line, station and description")
         part.recover()
         return
     for group, value in reply.items():
         if not isinstance(value, float) or group not in part.dialogue.plausible:
-            yield Finding(group, f"{value:g}" if isinstance(value, float) else str(value), Verdict.OPEN)
+            yield Finding(group, f"{value:g}" if isinstance(value, float) else str(value), Verdict.UNKNOWN)
             continue
         low, high = part.dialogue.plausible[group]
         good = low <= value <= high
         advice = "" if good else f"{low:g} to {high:g} is plausible at rest: check unit and description"
-        yield Finding(group, f"{value:g}", Verdict.GOOD if good else Verdict.BAD, advice)
+        yield Finding(group, f"{value:g}", Verdict.OK if good else Verdict.FAILED, advice)

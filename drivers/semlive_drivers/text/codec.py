@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from semlive.errors import LinkError
-from semlive_drivers.exactness import is_rounded_down, require_exact, towards_zero, unit_of
-from semlive_drivers.modbus.rtu import crc16
+from semlive_drivers.modbus.rtu.frames import crc16
+from semlive_drivers.order_exactness import is_rounded_down, require_exact, towards_zero, unit_of
 from semlive_drivers.units import factor
 
 _PLACE = re.compile(r"\{(?P<name>[a-z_0-9]+)(?::(?P<sign>\+?)(?P<digits>\d+)(?:\.(?P<decimals>\d+))?(?P<outward>!?))?\}")
@@ -47,7 +47,7 @@ class Checksum:
         return self.lead.encode() + digits.upper().encode()
 
 
-def places(template: str) -> set[str]:
+def template_fields(template: str) -> set[str]:
     """The names that a template wants."""
     return {place["name"] for place in _PLACE.finditer(template)}
 
@@ -57,7 +57,7 @@ def step_of(template: str, name: str) -> float:
     return next((10.0 ** -int(place["decimals"] or 0) for place in _PLACE.finditer(template) if place["name"] == name), 0.0)
 
 
-def filled(template: str, values: Mapping[str, float], *, exact: bool = True) -> bytes:
+def fill_template(template: str, values: Mapping[str, float], *, exact: bool = True) -> bytes:
     """A request.
 
     Args:
@@ -105,7 +105,7 @@ def without_check(line: bytes, checksum: Checksum | None, where: str) -> bytes:
     length = len(checksum.of(b""))
     text, said = line[:-length], line[-length:]
     if len(line) < length or said.upper() != checksum.of(text):
-        raise LinkError(f"{where} gave a reply with a wrong checksum: {shown(line)}; check cable and baud rate")
+        raise LinkError(f"{where} gave a reply with a wrong checksum: {printable(line)}; check cable and baud rate")
     return text
 
 
@@ -113,7 +113,7 @@ class NotUnderstood(LinkError):
     """A reply that does not fit the pattern of its question."""
 
 
-def understood(pattern: re.Pattern[str], text: str, units: Mapping[str, str], where: str) -> dict[str, str | float]:
+def parse_reply(pattern: re.Pattern[str], text: str, units: Mapping[str, str], where: str) -> dict[str, str | float]:
     """What a reply says, by the pattern's groups; numbers in N, mm and s, by the unit in the reply or else the usual one.
 
     Args:
@@ -128,7 +128,7 @@ def understood(pattern: re.Pattern[str], text: str, units: Mapping[str, str], wh
     """
     found = pattern.fullmatch(text)
     if found is None:
-        said_text = shown(text.encode(errors="replace"))
+        said_text = printable(text.encode(errors="replace"))
         raise NotUnderstood(f"{where} said {said_text}, which is no answer to what was asked; check the device and its description")
     said: dict[str, str | float] = {}
     for name, value in found.groupdict().items():
@@ -147,7 +147,7 @@ def understood(pattern: re.Pattern[str], text: str, units: Mapping[str, str], wh
 
 
 def resolutions(pattern: re.Pattern[str], text: str, units: Mapping[str, str], where: str) -> dict[str, float]:
-    """The step of each number in a reply by its last decimal, in N, mm and s; arguments as for `understood`, whose replies these are."""
+    """The step of each number in a reply by its last decimal, in N, mm and s; arguments as for `parse_reply`, whose replies these are."""
     found, steps = pattern.fullmatch(text), dict[str, float]()
     for name, value in (found.groupdict() if found else {}).items():
         if value is not None and _NUMBER.fullmatch(value):
@@ -156,6 +156,6 @@ def resolutions(pattern: re.Pattern[str], text: str, units: Mapping[str, str], w
     return steps
 
 
-def shown(line: bytes) -> str:
+def printable(line: bytes) -> str:
     """Bytes as a person can read them."""
     return repr(line[:60].decode("ascii", errors="backslashreplace"))

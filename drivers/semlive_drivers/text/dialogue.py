@@ -8,10 +8,10 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from semlive.data.loading import MotionState
-from semlive_drivers.maps import checked_map
-from semlive_drivers.modbus.device_map import SerialText
-from semlive_drivers.parts import Do
-from semlive_drivers.text.codec import CheckKind, Checksum, places
+from semlive_drivers.device_part import PartCommand
+from semlive_drivers.maps import validate_map
+from semlive_drivers.modbus.device_map import SerialConfig
+from semlive_drivers.text.codec import CheckKind, Checksum, template_fields
 from semlive_drivers.units import factor
 
 ORDERED = ("force_n", "rate_n_s", "rate_n_min", "travel_mm", "to_mm", "speed_mm_s", "speed_mm_min", "station")
@@ -30,7 +30,7 @@ def _compiled(text: str) -> str:
     return text
 
 
-class Ask(_Described):
+class Query(_Described):
     """A question."""
 
     send: str
@@ -80,7 +80,7 @@ class ChecksumText(_Described):
     lead: str = ""
 
 
-class Dialogue(_Described):
+class TextProtocol(_Described):
     """A whole description."""
 
     protocol: Literal["ascii"]
@@ -89,7 +89,7 @@ class Dialogue(_Described):
     confirmed: bool = False
     """True only where the device itself was seen to move as described; otherwise motion asks for `confirmed: true` in the configuration."""
     notes: str = ""
-    serial: SerialText = SerialText(baud=9600, parity="none", slowest_s=0.5)
+    serial: SerialConfig = SerialConfig(baud=9600, parity="none", slowest_s=0.5)
     ends: str = "\r\n"
     """Of each line of a reply."""
     checksum: ChecksumText | None = None
@@ -98,7 +98,7 @@ class Dialogue(_Described):
     """A reply of just this means: I do not understand, or will not."""
     units: dict[str, str] = {}
     """Usual units by group, where the reply does not tell."""
-    asks: dict[str, Ask]
+    asks: dict[str, Query]
     every_turn: list[str] = Field(min_length=1)
     """Questions of every reading, in order."""
     identity: list[Step] = []
@@ -109,8 +109,8 @@ class Dialogue(_Described):
     motion: dict[str, MotionState] = {}
     """What the words of the group ``motion`` mean."""
     valid: list[BitRule] = []
-    orders: dict[Do, list[Step]] = {}
-    read_back: dict[Do, list[Step]] = {}
+    orders: dict[PartCommand, list[Step]] = {}
+    read_back: dict[PartCommand, list[Step]] = {}
     """Questions about an order that are asked between the readings after it, as are those of the order that compare with ``equals``."""
     other_stops: list[OtherStop] = []
     """Further ways to stop, in the order in which they are tried; only what the device's documents state."""
@@ -125,14 +125,14 @@ class Dialogue(_Described):
         return {group for name in self.every_turn for group in re.compile(self.asks[name].reply).groupindex}
 
     @model_validator(mode="after")
-    def _fits_together(self) -> Dialogue:
+    def _fits_together(self) -> TextProtocol:
         every = (*self.orders.values(), *self.read_back.values(), self.identity, *(stop.steps for stop in self.other_stops))
         steps = [step for steps in every for step in steps]
         for name in (*self.every_turn, *(step.ask for step in steps if step.ask)):
             if name not in self.asks:
                 raise ValueError(f"{name!r} is not among asks")
         for template in (*(ask.send for ask in self.asks.values()), *(step.send for step in steps)):
-            if unknown := places(template) - set(ORDERED):
+            if unknown := template_fields(template) - set(ORDERED):
                 raise ValueError(f"{template!r} wants {', '.join(sorted(unknown))}; there are {', '.join(ORDERED)}")
         for step in steps:
             if bool(step.send) == bool(step.ask):
@@ -153,10 +153,10 @@ class Dialogue(_Described):
         return self
 
 
-def load_dialogue(name: str) -> Dialogue:
+def load_dialogue(name: str) -> TextProtocol:
     """A description by name or path.
 
     Raises:
         BadConfig: if there is none, or something in it is wrong.
     """
-    return checked_map(Dialogue, name)
+    return validate_map(TextProtocol, name)

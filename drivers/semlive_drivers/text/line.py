@@ -6,7 +6,7 @@ import time
 
 from semlive.errors import LinkError
 from semlive_drivers.serial_port import SerialPort, SerialSettings
-from semlive_drivers.text.codec import shown
+from semlive_drivers.text.codec import printable
 
 _DEVICE = 0
 _LONGEST = 4096
@@ -29,11 +29,11 @@ class TextLine:
         self._timeout_s = timeout_s
         self.where = settings.port
         for stop in self._port.past.first:
-            self._port.say(stop)
+            self._port.write(stop)
         if self._port.unknown or self._owed:
             self.recover()
 
-    def say(self, request: bytes) -> None:
+    def write(self, request: bytes) -> None:
         """Send something that has no reply.
 
         Raises:
@@ -42,7 +42,7 @@ class TextLine:
         self._send(request)
         self._port.past.first.clear()
 
-    def shout(self, request: bytes) -> None:
+    def write_without_reply(self, request: bytes) -> None:
         """Send something whatever the state of the line, and again first thing when it is opened anew.
 
         A line that is closed or gone is opened for this request alone.
@@ -55,15 +55,15 @@ class TextLine:
             if request not in remembered:
                 remembered.append(request)
         try:
-            self._port.say(request)
+            self._port.write(request)
         except LinkError:
             again = SerialPort(self._port.settings, self._who)
             try:
-                again.say(request)
+                again.write(request)
             finally:
                 again.close()
 
-    def ask(self, request: bytes, ends: bytes, lines: int) -> list[bytes]:
+    def query(self, request: bytes, ends: bytes, lines: int) -> list[bytes]:
         """The lines of a reply, without their ends.
 
         Raises:
@@ -72,7 +72,7 @@ class TextLine:
         self._send(request)
         wait_s = self._timeout_s + self._port.take_bytes_s(len(request))
         until_s, heard = time.monotonic() + wait_s, b""
-        while more := self._port.hear(until_s):
+        while more := self._port.read(until_s):
             heard += more
             if self._port.settings.echo:
                 heard = heard.removeprefix(request)
@@ -82,7 +82,7 @@ class TextLine:
             return heard.split(ends)[:lines]
         self._owed.append(request)
         what = f"gave no whole answer within {self._timeout_s:g} s" if heard.count(ends) < lines else "said more than was asked"
-        raise LinkError(f"{self.where} {what} to {shown(request)} ({shown(heard)} came); check cable, baud rate and device")
+        raise LinkError(f"{self.where} {what} to {printable(request)} ({printable(heard)} came); check cable, baud rate and device")
 
     def recover(self) -> None:
         """Listen until nothing late can come any more.
@@ -90,8 +90,8 @@ class TextLine:
         Raises:
             LinkError: if the line is gone or does not fall silent.
         """
-        self._port.wait_for_the_slowest()
-        self._port.quieten()
+        self._port.wait_max_reply_time()
+        self._port.drain()
 
     def close(self) -> None:
         """Close the line; what is owed is remembered."""
@@ -99,11 +99,11 @@ class TextLine:
 
     @property
     def _owed(self) -> list[bytes]:
-        return self._port.past.owed.setdefault(_DEVICE, [])
+        return self._port.past.replies_pending.setdefault(_DEVICE, [])
 
     def _send(self, request: bytes) -> None:
         if self._owed:
             raise LinkError(f"{self.where} is not settled: an answer is still owed")
-        if not self._port.say(request):
+        if not self._port.write(request):
             self._owed.append(request)
             raise LinkError(f"{self.where} spoke unasked; check who else is on the line")

@@ -13,13 +13,13 @@ from pydantic import BaseModel, ConfigDict, Field
 from semlive.data.loading import MotionState
 from semlive.errors import BadConfig, LinkError, LinkRefused, SemliveError
 from semlive.ports import ClockSource
-from semlive_drivers.maps import UNCONFIRMED
+from semlive_drivers.device_part import MOTIONS, PartCommand, PartReading, Stops, Way
+from semlive_drivers.maps import UNCONFIRMED_NOTE
+from semlive_drivers.modbus.rtu.shared_line import is_shared
 from semlive_drivers.modbus.settings import SerialLine, checked
-from semlive_drivers.modbus.shared_line import is_shared
-from semlive_drivers.parts import MOTIONS, Do, Said, Stops, Way
 from semlive_drivers.serial_port import SerialSettings
-from semlive_drivers.text.codec import NotUnderstood, filled, resolutions, step_of, understood, with_check, without_check
-from semlive_drivers.text.dialogue import Dialogue, Step, load_dialogue
+from semlive_drivers.text.codec import NotUnderstood, fill_template, parse_reply, resolutions, step_of, with_check, without_check
+from semlive_drivers.text.dialogue import Step, TextProtocol, load_dialogue
 from semlive_drivers.text.line import TextLine
 from semlive_drivers.text.read_back import Memory, compared, questions, values_of, without
 from semlive_drivers.units import factor
@@ -48,18 +48,18 @@ class TextSettings(BaseModel):
 
 
 class TextOrders:
-    """What a device can be ordered by its dialogue, as `semlive_drivers.parts.OrderBook`.
+    """What a device can be ordered by its dialogue, as `semlive_drivers.device_part.OrderBook`.
 
     Args:
         dialogue: the description.
         known: the values of an order in all the ways in which a dialogue may want them.
     """
 
-    def __init__(self, dialogue: Dialogue, known: Callable[[Do, Mapping[str, float]], Mapping[str, float]]) -> None:
+    def __init__(self, dialogue: TextProtocol, known: Callable[[PartCommand, Mapping[str, float]], Mapping[str, float]]) -> None:
         self._dialogue, self._known = dialogue, known
         self.can = frozenset(dialogue.orders)
 
-    def order_problem(self, what: Do, values: Mapping[str, float]) -> str | None:
+    def order_problem(self, what: PartCommand, values: Mapping[str, float]) -> str | None:
         """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""
         try:
             self.require_exact(what, self._known(what, values))
@@ -67,14 +67,14 @@ class TextOrders:
             return str(error)
         return None
 
-    def require_exact(self, what: Do, values: Mapping[str, float]) -> None:
+    def require_exact(self, what: PartCommand, values: Mapping[str, float]) -> None:
         """Refuse an order whose numbers the requests do not hold as they are meant; raises LinkError."""
         for step in self._dialogue.orders.get(what, ()):
-            filled(step.send, values)
+            fill_template(step.send, values)
 
     def step_of(self, value: str) -> float:
         """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull, in that unit; 0 where a way is ordered by its end."""
-        steps = self._dialogue.orders.get(Do.PULL, ())
+        steps = self._dialogue.orders.get(PartCommand.JOG_TENSION, ())
         per_minute = value.replace("_mm_s", "_mm_min")
         return max((max(step_of(step.send, value), step_of(step.send, per_minute) / 60.0) for step in steps), default=0.0)
 
@@ -83,10 +83,10 @@ class TextPart:
     """The Part over a serial line of text; opened by `open_part`."""
 
     simulated = False
-    stops_by_itself = False
+    has_watchdog = False
     manual = False
 
-    def __init__(self, line: TextLine, dialogue: Dialogue, settings: TextSettings) -> None:
+    def __init__(self, line: TextLine, dialogue: TextProtocol, settings: TextSettings) -> None:
         self._line, self.dialogue, self._settings = line, dialogue, settings
         self._units = {**dialogue.units, **settings.units}
         self._patterns = {name: re.compile(ask.reply) for name, ask in dialogue.asks.items()}
@@ -107,19 +107,19 @@ class TextPart:
                 raise LinkRefused(f"{self.where} is another device than {dialogue.name}: {error}") from error
 
     @property
-    def can(self) -> frozenset[Do]:
+    def capabilities(self) -> frozenset[PartCommand]:
         """What it can be told."""
         return frozenset(self.dialogue.orders)
 
-    def read(self) -> Said:
+    def read(self) -> PartReading:
         """A fresh reading.
 
         Raises:
             LinkError: if nothing sensible comes back, or the device says that it is none.
         """
-        return self.look()
+        return self.identify()
 
-    def look(self) -> Said:
+    def identify(self) -> PartReading:
         """A fresh reading; raises as `read`."""
         reply: Reply = {}
         for name in self.dialogue.every_turn:
@@ -137,7 +137,7 @@ class TextPart:
                 raise LinkError(f"{self.where}: {group} is at the end of its range ({value:g}): {saturated}")
         extension_mm = _number(reply, "extension")
         self._extension_mm = self._extension_mm if extension_mm is None else extension_mm
-        return Said(
+        return PartReading(
             force_n=_number(reply, "force"),
             extension_mm=extension_mm,
             motion=self._motion(reply),
@@ -152,20 +152,20 @@ class TextPart:
             LinkError: if it does not come, or is no such answer.
         """
         ask, check = self.dialogue.asks[name], self.dialogue.check
-        heard = self._line.ask(self._request(ask.send), self.dialogue.ends.encode(), ask.lines)
+        heard = self._line.query(self._request(ask.send), self.dialogue.ends.encode(), ask.lines)
         lines = [without_check(line, check, self.where) for line in heard]
         text = "\n".join(line.decode("ascii", errors="replace") for line in lines)
         if self.dialogue.refused and text == self.dialogue.refused:
             raise LinkError(f"{self.where} does not understand {ask.send.strip()!r}; check the description and the device's settings")
         self._steps |= resolutions(self._patterns[name], text, self._units, self.where)
-        return understood(self._patterns[name], text, self._units, self.where)
+        return parse_reply(self._patterns[name], text, self._units, self.where)
 
     def recover(self) -> None:
         """Listen until nothing late can come any more."""
         with contextlib.suppress(LinkError):
             self._line.recover()
 
-    def tell(self, what: Do, values: Mapping[str, float]) -> None:
+    def command(self, what: PartCommand, values: Mapping[str, float]) -> None:
         """Give an order; returns when every step of it was taken.
 
         Raises:
@@ -173,11 +173,11 @@ class TextPart:
         """
         if what in MOTIONS and not (self.dialogue.confirmed or self._settings.confirmed):
             raise LinkError(
-                f"{self.where}: the description of {self.dialogue.name} is {UNCONFIRMED}; "
+                f"{self.where}: the description of {self.dialogue.name} is {UNCONFIRMED_NOTE}; "
                 "check it with `semlive frame check`, move the machine by its own panel and watch the values, then set confirmed: true"
             )
         known = {**self._values, **self._derived(what, values)}
-        if what is not Do.STOP:  # every number is checked before anything is sent
+        if what is not PartCommand.STOP:  # every number is checked before anything is sent
             self.book.require_exact(what, known)
         self._values = known
         # A motion replaces the order before it, and one that fails leaves values that nobody knows. After a stop the values of the last
@@ -189,8 +189,8 @@ class TextPart:
         if what in MOTIONS:
             self._memory = values_of((*self.dialogue.orders[what], *self.dialogue.read_back.get(what, ())), known)
 
-    def recall(self, what: Do, values: Mapping[str, float]) -> None:
-        """Compare the device from now on with an order of an earlier process, as `semlive_drivers.parts.OrderHolder`; sends nothing."""
+    def recall(self, what: PartCommand, values: Mapping[str, float]) -> None:
+        """Compare the device from now on with an order of an earlier process, as `OrderHolder` does; sends nothing."""
         steps = (*self.dialogue.orders.get(what, ()), *self.dialogue.read_back.get(what, ()))
         self._memory = values_of(steps, self._derived(what, values))
 
@@ -224,7 +224,7 @@ class TextPart:
         """Smallest change of force, N, and of extension, mm, by the last decimal that the device tells."""
         return self._steps.get("force", 0.0), self._steps.get("extension", 0.0)
 
-    def shout_stop(self) -> None:
+    def blind_stop(self) -> None:
         """Send a stop without waiting for an answer."""
         self.stops.blind()
 
@@ -239,10 +239,10 @@ class TextPart:
     def _stop_blind(self) -> bool:
         """Send a stop without waiting for an answer, as `semlive.ports.BlindStop`."""
         sent = False
-        for step in self.dialogue.orders.get(Do.STOP, ()):
+        for step in self.dialogue.orders.get(PartCommand.STOP, ()):
             if step.send:
                 with contextlib.suppress(LinkError, LinkRefused):
-                    self._line.shout(self._request(step.send))
+                    self._line.write_without_reply(self._request(step.send))
                     sent = True
         return sent
 
@@ -251,9 +251,9 @@ class TextPart:
             self._do(step)
 
     def _request(self, template: str) -> bytes:
-        return with_check(filled(template.rstrip("\r\n"), self._values, exact=False), self.dialogue.check) + _tail(template)
+        return with_check(fill_template(template.rstrip("\r\n"), self._values, exact=False), self.dialogue.check) + _tail(template)
 
-    def _derived(self, what: Do, values: Mapping[str, float]) -> dict[str, float]:
+    def _derived(self, what: PartCommand, values: Mapping[str, float]) -> dict[str, float]:
         """The values of an order in all the ways in which a dialogue may want them."""
         derived = dict(values)
         if "speed_mm_s" in derived:
@@ -261,12 +261,12 @@ class TextPart:
         if "rate_n_s" in derived:
             derived["rate_n_min"] = derived["rate_n_s"] * 60.0
         if "travel_mm" in derived:
-            derived["to_mm"] = self._extension_mm + (derived["travel_mm"] if what is Do.PULL else -derived["travel_mm"])
+            derived["to_mm"] = self._extension_mm + (derived["travel_mm"] if what is PartCommand.JOG_TENSION else -derived["travel_mm"])
         return derived
 
     def _do(self, step: Step) -> None:
         if step.send:
-            self._line.say(self._request(step.send))
+            self._line.write(self._request(step.send))
             return
         end_s = time.monotonic() + step.within_s
         while (wrong := self._wrong(step)) and time.monotonic() < end_s:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from semlive_drivers.exactness import unit_of
+from semlive_drivers.order_exactness import unit_of
 from semlive_drivers.text.dialogue import Step
 
 

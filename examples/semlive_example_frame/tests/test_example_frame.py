@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from semlive_example_frame.rig import ExampleRig
 
-from semlive_drivers.contract import CHECKS, Check
+from semlive_drivers.conformance import CHECKS, Check
 
 
 @pytest.fixture

@@ -5,44 +5,44 @@ in time at every position; integration, the first frame along the beam's way; th
 once from the first frames of the pairs (bundle adjustment); and again with the distortion taken out, until it settles.
 A batch and a reference for comparison: the second frames tell of drift alone, and there is no covariance but a plain estimate.
 
-What the paper leaves open is stated in `Options` and in the settings. Its figures on its own numerical experiment are not
+What the paper leaves open is stated in `SuttonOptions` and in the settings. Its figures on its own numerical experiment are not
 reached without a smoothing of the local drift over positions, which it does not mention: 60 px, Gaussian, by default.
 """
 
-from semlive.estimate.sutton.procedure import Options, SuttonSolution, follow, solve
-from semlive.estimate.sutton.publish import (
-    checks,
+from semlive.estimate.sutton.procedure import SuttonOptions, SuttonSolution, solve, solve_incremental
+from semlive.estimate.sutton.results import (
+    consistency_messages,
     correction,
     correction_sigmas,
     correction_strain_sigma,
     correction_strains,
-    estimate,
-    live_rate,
+    current_drift_rate,
     mean_strain_covariance,
-    strain_moved,
+    strain_change,
+    to_estimate,
 )
-from semlive.estimate.sutton.state import SuttonState, init, kept_elsewhere, update
+from semlive.estimate.sutton.state import SuttonState, init, offload, update
 
-live = follow
+solve_live = solve_incremental
 """A batch has no shorter way."""
 
 __all__ = [
-    "Options",
+    "SuttonOptions",
     "SuttonSolution",
     "SuttonState",
-    "checks",
+    "consistency_messages",
     "correction",
     "correction_sigmas",
     "correction_strain_sigma",
     "correction_strains",
-    "estimate",
-    "follow",
+    "current_drift_rate",
     "init",
-    "kept_elsewhere",
-    "live",
-    "live_rate",
     "mean_strain_covariance",
+    "offload",
     "solve",
-    "strain_moved",
+    "solve_incremental",
+    "solve_live",
+    "strain_change",
+    "to_estimate",
     "update",
 ]

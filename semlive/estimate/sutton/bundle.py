@@ -18,7 +18,7 @@ RIDGE = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Translated:
+class TranslatedImage:
     """What one translated image gives, frame 0 being the other.
 
     Attributes:
@@ -35,7 +35,7 @@ class Translated:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Bundle:
+class BundleAdjustment:
     """Distortion and motions that go together.
 
     Attributes:
@@ -53,7 +53,7 @@ class Bundle:
     shift_sigma: dict[int, float]
 
 
-def adjusted(images: Sequence[Translated], flat: Surface, grid_px: Array) -> Bundle:
+def adjust(images: Sequence[TranslatedImage], flat: Surface, grid_px: Array) -> BundleAdjustment:
     """Least squares for all coefficients and motions together.
 
     Args:
@@ -81,4 +81,4 @@ def adjusted(images: Sequence[Translated], flat: Surface, grid_px: Array) -> Bun
     left = [one.moved_px - solution[at] - surface.at(one.after_px) + surface.at(one.before_px) for at, one in enumerate(images, size)]
     shifts = {one.pair: solution[at] for at, one in enumerate(images, size)}
     sigma = {one.pair: float(np.sqrt(covariance[at, at])) for at, one in enumerate(images, size)}
-    return Bundle(surface, shifts, 1.4826 * float(np.median(np.abs(np.concatenate(left)))), covariance[:size, :size], sigma)
+    return BundleAdjustment(surface, shifts, 1.4826 * float(np.median(np.abs(np.concatenate(left)))), covariance[:size, :size], sigma)

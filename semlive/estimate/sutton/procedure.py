@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from semlive.data.drift import FrameTime
 from semlive.errors import IllPosed
-from semlive.estimate.sutton.bundle import Bundle, Translated, adjusted
+from semlive.estimate.sutton.bundle import BundleAdjustment, TranslatedImage, adjust
 from semlive.estimate.sutton.drift import LocalDrift, Removal, estimated
 from semlive.estimate.sutton.state import PairMaps, SuttonState
 from semlive.estimate.sutton.surface import Surface
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class SuttonOptions:
     """What the paper leaves open.
 
     Attributes:
@@ -38,7 +38,7 @@ class Options:
     remove_drift: bool = True
 
 
-PUBLISHED = Options()
+PUBLISHED_OPTIONS = SuttonOptions()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,9 +54,9 @@ class SuttonSolution:
     """
 
     state: SuttonState
-    options: Options
+    options: SuttonOptions
     drifts: tuple[LocalDrift, ...]
-    bundle: Bundle | None
+    bundle: BundleAdjustment | None
     changes_px: tuple[float, ...]
 
     @property
@@ -82,12 +82,12 @@ class SuttonSolution:
         return drift if self.bundle is None else drift + self.bundle.surface.at(address_px - self.options.carried * drift)
 
 
-def follow(state: SuttonState, known: SuttonSolution | None) -> SuttonSolution:
+def solve_incremental(state: SuttonState, known: SuttonSolution | None) -> SuttonSolution:
     """The solution after a further pair: a batch, so the same as `solve`, with the options of the earlier solution."""
-    return solve(state, known.options if known is not None else PUBLISHED)
+    return solve(state, known.options if known is not None else PUBLISHED_OPTIONS)
 
 
-def solve(state: SuttonState, options: Options = PUBLISHED) -> SuttonSolution:
+def solve(state: SuttonState, options: SuttonOptions = PUBLISHED_OPTIONS) -> SuttonSolution:
     """The whole procedure on everything given so far.
 
     Raises:
@@ -102,7 +102,7 @@ def solve(state: SuttonState, options: Options = PUBLISHED) -> SuttonSolution:
     here = _grid_points(state)
     flat = _flat(state, [here, *(one.after_px for one in images), *(one.before_px for one in images)])
     for _ in range(options.passes):
-        bundle = adjusted(translated(solution), flat, here)
+        bundle = adjust(translated(solution), flat, here)
         solution = _relaxed(solution, bundle, here)
         if solution.changes_px[-1] <= options.settled_px or not options.remove_drift:
             break
@@ -110,7 +110,7 @@ def solve(state: SuttonState, options: Options = PUBLISHED) -> SuttonSolution:
     return solution
 
 
-def _relaxed(solution: SuttonSolution, new: Bundle, here: Array) -> SuttonSolution:
+def _relaxed(solution: SuttonSolution, new: BundleAdjustment, here: Array) -> SuttonSolution:
     """The new motions, and the distortion between old and new; the first is taken as it is."""
     old = solution.bundle
     if old is None:
@@ -121,7 +121,7 @@ def _relaxed(solution: SuttonSolution, new: Bundle, here: Array) -> SuttonSoluti
     return replace(solution, bundle=replace(new, surface=surface), changes_px=(*solution.changes_px, change))
 
 
-def _drifts(state: SuttonState, options: Options, removal: Removal | None) -> tuple[LocalDrift, ...]:
+def _drifts(state: SuttonState, options: SuttonOptions, removal: Removal | None) -> tuple[LocalDrift, ...]:
     smoothing_px = state.settings.sutton_smoothing_px
     return tuple(
         estimated(phase, state.grid, state.height_px, options.drift_coefficients, smoothing_px, removal) for phase in _phases(state)
@@ -150,7 +150,7 @@ def _removal(solution: SuttonSolution) -> Removal | None:
     return removal
 
 
-def translated(solution: SuttonSolution) -> list[Translated]:
+def translated(solution: SuttonSolution) -> list[TranslatedImage]:
     """The translated images of the calibration with drift removed."""
     state, carried, found = solution.state, solution.options.carried, []
     reference = state.pairs[0].times[0]
@@ -162,7 +162,7 @@ def translated(solution: SuttonSolution) -> list[Translated]:
         after = before + np.stack((dmap.u_px[dmap.valid], dmap.v_px[dmap.valid]), axis=1)
         drift_before, drift_after = solution.drift_px(before, reference), solution.drift_px(after, one.times[0])
         moved = after - drift_after - before + drift_before
-        found.append(Translated(one.pair, before - carried * drift_before, after - carried * drift_after, moved))
+        found.append(TranslatedImage(one.pair, before - carried * drift_before, after - carried * drift_after, moved))
     return found
 
 

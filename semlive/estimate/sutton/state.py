@@ -9,8 +9,8 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
-from semlive.data.keep import Keep
 from semlive.data.settings import EstimateSettings
+from semlive.data.storage import Storage
 from semlive.errors import IllPosed
 
 
@@ -111,7 +111,7 @@ def update(
     return replace(state, pairs=(*state.pairs, PairMaps(pair, phase, times, maps)))
 
 
-def kept_elsewhere(state: SuttonState, pair: int, keep: Keep) -> SuttonState:
+def offload(state: SuttonState, pair: int, keep: Storage) -> SuttonState:
     """The state itself: it holds the maps, which whoever gave them keeps."""
     del pair, keep
     return state

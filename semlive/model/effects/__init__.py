@@ -1,6 +1,7 @@
 """Effects that can be named: one file each, with what it does, what it is confounded with, and which experiment decides."""
 
-from semlive.model.effects import (
+from semlive.model.effects.effect_class import BasisField, EffectClass, NonlinearParameter, ReportedParameter
+from semlive.model.effects.maps import (
     aspect_drift,
     bending_misalignment,
     charging_frame_ramp,
@@ -26,8 +27,7 @@ from semlive.model.effects import (
     tilt_with_load,
     wrong_row_time,
 )
-from semlive.model.effects.family import Family, Law, Reported, Theta
-from semlive.model.effects.scene import Scene
+from semlive.model.effects.run_geometry import RunGeometry
 
 _FILES = (
     wrong_row_time,
@@ -52,10 +52,20 @@ _FILES = (
     charging_local_lens,
     dic_subpixel_bias,
 )
-DICTIONARY: tuple[Family, ...] = tuple(one.FAMILY for one in _FILES)
+EFFECT_CLASSES: tuple[EffectClass, ...] = tuple(one.FAMILY for one in _FILES)
 """Every effect that is looked for, in the order of the groups: scan, field, specimen, drift, charge and correlation."""
 
-BETWEEN_SCANS: tuple[Family, ...] = tuple(one.FAMILY for one in (flyback_settling, frame_start_settling, line_sync_hum, wrong_row_time))
+TWO_RUN_EFFECT_CLASSES: tuple[EffectClass, ...] = tuple(
+    one.FAMILY for one in (flyback_settling, frame_start_settling, line_sync_hum, wrong_row_time)
+)
 """What two runs with different scans tell from the distortion; one run shows none of them but the last, and that hardly."""
 
-__all__ = ["BETWEEN_SCANS", "DICTIONARY", "Family", "Law", "Reported", "Scene", "Theta"]
+__all__ = [
+    "EFFECT_CLASSES",
+    "TWO_RUN_EFFECT_CLASSES",
+    "BasisField",
+    "EffectClass",
+    "NonlinearParameter",
+    "ReportedParameter",
+    "RunGeometry",
+]

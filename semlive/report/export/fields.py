@@ -57,13 +57,13 @@ class Format(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Story:
+class RunMetadata:
     """What is told of a run besides its frames.
 
     Attributes:
         name: of the log.
         result: estimate, decisions and summaries.
-        told: the result as `semlive replay --json` prints it.
+        result_json: the result as `semlive replay --json` prints it.
         settings: every setting by its whole name.
         configuration: the run's, as the log has it.
         load: load as sampled, None without a load frame.
@@ -71,7 +71,7 @@ class Story:
 
     name: str
     result: RunResult
-    told: Mapping[str, Any]
+    result_json: Mapping[str, Any]
     settings: Mapping[str, Any]
     configuration: Mapping[str, Any]
     load: LoadSeries | None
@@ -80,11 +80,11 @@ class Story:
 class Writer(Protocol):
     """One export: every frame in turn, then the story."""
 
-    def frame(self, frame: FrameResult) -> None:
+    def write_frame(self, frame: FrameResult) -> None:
         """Write one frame."""
         ...
 
-    def story(self, story: Story) -> None:
+    def write_metadata(self, story: RunMetadata) -> None:
         """Write everything else."""
         ...
 
@@ -141,12 +141,12 @@ def load_series(load: LoadSeries) -> dict[str, Array]:
     return found if load.gage_strain is None else {**found, "gage_strain": load.gage_strain}
 
 
-def frame_series(story: Story) -> dict[str, Array]:
+def frame_series(story: RunMetadata) -> dict[str, Array]:
     """(frames,) one number for each frame: when, load, shift, mean strain with its uncertainty; NaN where there is none."""
     decisions = {one.pair: one for one in story.result.decisions}
-    infos = [(decisions[one["pair"]].first, decisions[one["pair"]].second)[one["frame"] % 2] for one in story.told["frames"]]
+    infos = [(decisions[one["pair"]].first, decisions[one["pair"]].second)[one["frame"] % 2] for one in story.result_json["frames"]]
     zero_ns = infos[0].start_time_ns.value
-    frames = story.told["frames"]
+    frames = story.result_json["frames"]
     series: dict[str, Array] = {
         "frame": np.array([one["frame"] for one in frames]),
         "pair": np.array([one["pair"] for one in frames]),
@@ -165,12 +165,12 @@ def frame_series(story: Story) -> dict[str, Array]:
     return series
 
 
-def phases(story: Story) -> list[str]:
+def phases(story: RunMetadata) -> list[str]:
     """The phase of each frame."""
-    return [one["phase"] for one in story.told["frames"]]
+    return [one["phase"] for one in story.result_json["frames"]]
 
 
-def constants(story: Story) -> dict[str, float]:
+def constants(story: RunMetadata) -> dict[str, float]:
     """Elastic constants and their standard uncertainties; empty where they are not known."""
-    elastic = story.told["elastic"] or {}
+    elastic = story.result_json["elastic"] or {}
     return {name if part == "value" else f"{name}_sigma": value[part] for name, value in elastic.items() for part in ("value", "sigma")}

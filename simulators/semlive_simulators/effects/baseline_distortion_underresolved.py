@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Visits, by
+from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVisits, Plane, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,9 +27,9 @@ class BaselineDistortionUnderresolved(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> BaselineDistortionUnderresolved:
         """0.05 px over 110 px."""
-        return cls(by(magnification, 0.05, 0.05), 110.0)
+        return cls(pick_by_magnification(magnification, 0.05, 0.05), 110.0)
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """A grid of hills."""
         x, y = 2 * np.pi * at.x_px / self.wavelength_px, 2 * np.pi * at.y_px / self.wavelength_px
         return self.amplitude_px * np.sin(x) * np.cos(y), self.amplitude_px * np.cos(x) * np.sin(y)

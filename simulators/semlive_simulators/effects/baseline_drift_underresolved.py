@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, pick_by_magnification
 from semlive_simulators.kernels.exposure import gaussians
 
 
@@ -33,7 +33,7 @@ class BaselineDriftUnderresolved(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> BaselineDriftUnderresolved:
         """0.1 or 2 px, periods from half a minute to four."""
-        return cls(by(magnification, 0.1, 2.0), 30.0, 240.0)
+        return cls(pick_by_magnification(magnification, 0.1, 2.0), 30.0, 240.0)
 
     def drift_px(self, at: Instants) -> Array:
         """Both axes independent."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from semlive_simulators.effects.protocol import Array, Effect, Magnification, Plane, Visits, by
+from semlive_simulators.effects.interfaces import Array, Effect, Magnification, PixelVisits, Plane, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +25,9 @@ class BendingMisalignment(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> BendingMisalignment:
         """A radius of 6.5 m at 2200 N: 0.02 px at the edge at x200, 0.05 px in the corner."""
-        return cls(by(magnification, 7e-8, 7e-8), 0.33)
+        return cls(pick_by_magnification(magnification, 7e-8, 7e-8), 0.33)
 
-    def material_px(self, x_px: Array, y_px: Array, at: Visits) -> Plane:
+    def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> Plane:
         """A beam bent to a circle."""
         centre = at.scan.centre_px
         x, y = x_px - centre[0], y_px - centre[1]

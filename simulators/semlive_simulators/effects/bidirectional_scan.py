@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Visits, by
-from semlive_simulators.scan import Scan, Timing
+from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVisits, Plane, pick_by_magnification
+from semlive_simulators.microscope.scan import Scan, Timing
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,12 +26,12 @@ class BidirectionalScan(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> BidirectionalScan:
         """1 px."""
-        return cls(by(magnification, 1.0, 1.0))
+        return cls(pick_by_magnification(magnification, 1.0, 1.0))
 
     def retime(self, timing: Timing, scan: Scan) -> Timing:
         """Odd rows are reversed."""
         return replace(timing, reversed_rows=np.arange(scan.height_px) % 2 == 1)
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """Alternates from row to row."""
         return np.where(at.y_px % 2 == 1, -0.5, 0.5) * self.lag_px, np.zeros((1, 1))

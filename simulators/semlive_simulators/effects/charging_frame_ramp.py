@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Magnification, Plane, Visits, by
+from semlive_simulators.effects.interfaces import Array, Effect, Magnification, PixelVisits, Plane, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,16 +33,16 @@ class ChargingFrameRamp(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> ChargingFrameRamp:
         """0.3 or 2 px, 5 grey levels."""
-        return cls(by(magnification, 0.15, 1.0), by(magnification, 0.3, 2.0), 5.0, 20.0, 1800.0)
+        return cls(pick_by_magnification(magnification, 0.15, 1.0), pick_by_magnification(magnification, 0.3, 2.0), 5.0, 20.0, 1800.0)
 
-    def _charge(self, at: Visits) -> Array:
+    def _charge(self, at: PixelVisits) -> Array:
         return np.expm1(-at.in_frame_s / self.charging_s) * np.expm1(-at.start_s / self.dose_s)
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """The field pushes the beam aside."""
         charge = self._charge(at)
         return self.x_px * charge, self.y_px * charge
 
-    def grey(self, grey: Array, x_px: Array, y_px: Array, at: Visits) -> Array:
+    def grey(self, grey: Array, x_px: Array, y_px: Array, at: PixelVisits) -> Array:
         """The field pushes electrons towards the detector."""
         return grey + self.brightness_levels * self._charge(at)

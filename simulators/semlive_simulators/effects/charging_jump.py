@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Magnification, Plane, Visits, after, by
+from semlive_simulators.effects.interfaces import Array, Effect, Magnification, PixelVisits, Plane, pick_by_magnification, step_function
 from semlive_simulators.kernels.exposure import gaussians
 from semlive_simulators.kernels.pattern import gaussian
 
@@ -36,7 +36,7 @@ class ChargingJump(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> ChargingJump:
         """1 or 10 px every twenty minutes."""
-        return cls(by(magnification, 1.0, 10.0), 1200.0, 25.0, 0.3)
+        return cls(pick_by_magnification(magnification, 1.0, 10.0), 1200.0, 25.0, 0.3)
 
     def instants_s(self, until_s: float) -> Array:
         """T_k of all breakdowns that can have happened."""
@@ -44,18 +44,18 @@ class ChargingJump(Effect):
         share = np.array([0.5 * (1 + math.erf(z / math.sqrt(2))) for z in gaussians(self.seed, 50, 0, count)])
         return np.asarray((np.arange(count) + share) * self.mean_interval_s, dtype=np.float64)
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """From one pixel to the next."""
         u, v = np.zeros((1, 1)), np.zeros((1, 1))
         first, last = float(at.time_s.min()), float(at.time_s.max())
         for number, time_s in enumerate(self.instants_s(last)):
             if time_s <= last:
-                step = np.ones((1, 1)) if time_s <= first else after(at.time_s, time_s)
+                step = np.ones((1, 1)) if time_s <= first else step_function(at.time_s, time_s)
                 u = u + self.sd_px * gaussian(self.seed, 51, number) * step
                 v = v + self.sd_px * gaussian(self.seed, 52, number) * step
         return u, v
 
-    def grey(self, grey: Array, x_px: Array, y_px: Array, at: Visits) -> Array:
+    def grey(self, grey: Array, x_px: Array, y_px: Array, at: PixelVisits) -> Array:
         """Flashes."""
         for time_s in self.instants_s(float(at.time_s.max())):
             grey = grey + self.flash_levels * ((at.time_s >= time_s) & (at.time_s < time_s + self.flash_s))

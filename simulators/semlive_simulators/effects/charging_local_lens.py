@@ -7,7 +7,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Magnification, Plane, Visits, approach, by
+from semlive_simulators.effects.interfaces import (
+    Array,
+    Effect,
+    Magnification,
+    PixelVisits,
+    Plane,
+    exponential_approach,
+    pick_by_magnification,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,11 +42,11 @@ class ChargingLocalLens(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> ChargingLocalLens:
         """0.3 or 2 px around two grains."""
-        return cls(by(magnification, 0.3, 2.0), 80.0, 10.0, 900.0, ((310.0, 250.0), (720.0, 610.0)))
+        return cls(pick_by_magnification(magnification, 0.3, 2.0), 80.0, 10.0, 900.0, ((310.0, 250.0), (720.0, 610.0)))
 
-    def material_px(self, x_px: Array, y_px: Array, at: Visits) -> Plane:
+    def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> Plane:
         """Away from each grain."""
-        charge = approach(at.time_s, self.peak_px, self.charging_s)
+        charge = exponential_approach(at.time_s, self.peak_px, self.charging_s)
         u, v = np.zeros(x_px.shape), np.zeros(x_px.shape)
         for grain_x, grain_y in self.grains_px:
             dx, dy = x_px - grain_x, y_px - grain_y
@@ -46,9 +54,9 @@ class ChargingLocalLens(Effect):
             u, v = u + lens * dx, v + lens * dy
         return u, v
 
-    def grey(self, grey: Array, x_px: Array, y_px: Array, at: Visits) -> Array:
+    def grey(self, grey: Array, x_px: Array, y_px: Array, at: PixelVisits) -> Array:
         """Brighter around each grain."""
-        charge = approach(at.time_s, self.brightness_levels, self.charging_s)
+        charge = exponential_approach(at.time_s, self.brightness_levels, self.charging_s)
         for grain_x, grain_y in self.grains_px:
             square = (x_px - grain_x) ** 2 + (y_px - grain_y) ** 2
             grey = grey + charge * np.exp(-0.5 * square / self.width_px**2)

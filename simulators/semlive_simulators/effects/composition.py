@@ -7,35 +7,35 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive_simulators.effects.protocol import (
+from semlive_simulators.effects.interfaces import (
     Array,
-    Blurs,
-    ChangesGrey,
-    ChangesNoise,
-    ChangesSpeckle,
-    Cuts,
-    Deflects,
-    Deforms,
-    Drifts,
+    DeformationEffect,
+    DriftEffect,
     Effect,
-    Flows,
+    ExtensometerEffect,
+    HoleEffect,
     Instants,
-    MovesSpecimen,
-    Offsets,
+    IntensityEffect,
+    LoadCellEffect,
+    NoiseEffect,
+    PixelOffsetEffect,
+    PixelVisits,
     Plane,
-    ReadsExtension,
-    ReadsLoad,
-    Retimes,
-    Stamps,
-    Visits,
+    PlasticityEffect,
+    ProbeEffect,
+    ScanEffect,
+    SpecimenMotionEffect,
+    SpeckleEffect,
+    TimestampEffect,
+    TimingEffect,
 )
-from semlive_simulators.patterns import Pattern
-from semlive_simulators.scan import Scan, Timing, timing
-from semlive_simulators.specimen import Motion
+from semlive_simulators.microscope.patterns import Pattern
+from semlive_simulators.microscope.scan import Scan, Timing, timing
+from semlive_simulators.specimen.specimen import Motion
 
 
 @dataclass(frozen=True, slots=True)
-class Effects:
+class EffectSet:
     """The effects that are switched on, none by default; sums are in their order."""
 
     members: tuple[Effect, ...] = ()
@@ -48,52 +48,55 @@ class Effects:
     @property
     def by_pixel(self) -> bool:
         """Whether anything must be worked out pixel by pixel."""
-        return any(isinstance(member, Offsets | Deforms | Blurs | ChangesGrey | ChangesNoise) for member in self.members)
+        return any(
+            isinstance(member, PixelOffsetEffect | DeformationEffect | ProbeEffect | IntensityEffect | NoiseEffect)
+            for member in self.members
+        )
 
     def timing(self, scan: Scan) -> Timing:
         """When pixels are truly visited."""
         result = timing(scan)
         for member in self.members:
-            if isinstance(member, Retimes):
+            if isinstance(member, TimingEffect):
                 result = member.retime(result, scan)
         return result
 
     def deflection(self, at: Instants) -> Array | None:
         """Sum of the deflections, (n, 2, 2); None without any."""
-        found = [member.deflection(at) for member in self.members if isinstance(member, Deflects)]
+        found = [member.deflection(at) for member in self.members if isinstance(member, ScanEffect)]
         return np.sum(found, axis=0) if found else None
 
     def drift_px(self, at: Instants) -> Array | None:
         """Sum of the drifts, (n, 2); None without any."""
-        found = [member.drift_px(at) for member in self.members if isinstance(member, Drifts)]
+        found = [member.drift_px(at) for member in self.members if isinstance(member, DriftEffect)]
         return np.sum(found, axis=0) if found else None
 
-    def offset_px(self, at: Visits) -> list[Plane]:
+    def offset_px(self, at: PixelVisits) -> list[Plane]:
         """The offsets of every effect that has one."""
-        return [member.offset_px(at) for member in self.members if isinstance(member, Offsets)]
+        return [member.offset_px(at) for member in self.members if isinstance(member, PixelOffsetEffect)]
 
-    def material_px(self, x_px: Array, y_px: Array, at: Visits) -> list[Plane]:
+    def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> list[Plane]:
         """The deformations of every effect that has one."""
-        return [member.material_px(x_px, y_px, at) for member in self.members if isinstance(member, Deforms)]
+        return [member.material_px(x_px, y_px, at) for member in self.members if isinstance(member, DeformationEffect)]
 
-    def absent(self, x_px: Array, y_px: Array, at: Visits) -> NDArray[np.bool_]:
+    def absent(self, x_px: Array, y_px: Array, at: PixelVisits) -> NDArray[np.bool_]:
         """Which material points no longer exist."""
         gone = np.zeros(np.broadcast_shapes(x_px.shape, y_px.shape), dtype=bool)
         for member in self.members:
-            if isinstance(member, Cuts):
+            if isinstance(member, HoleEffect):
                 gone |= member.absent(x_px, y_px, at)
         return gone
 
     @property
     def deforming(self) -> bool:
         """Whether any effect deforms."""
-        return any(isinstance(member, Deforms) for member in self.members)
+        return any(isinstance(member, DeformationEffect) for member in self.members)
 
     def moved(self, at: Instants) -> Motion:
         """The motion of the specimen, the effects' share included, at instants (n,)."""
         motion = at.motion.at(at.time_s)
         for member in self.members:
-            if isinstance(member, MovesSpecimen):
+            if isinstance(member, SpecimenMotionEffect):
                 shift = motion.shift_px + member.specimen_shift_px(at)
                 motion = replace(motion, shift_px=shift, gradient=motion.gradient + member.specimen_gradient(at))
         return motion
@@ -101,15 +104,15 @@ class Effects:
     def plastic_strain(self, peak_n: float) -> float:
         """Sum of the plastic strains along y after a load was the highest so far."""
         peak = np.array([peak_n])
-        return float(sum(member.plastic_strain(peak)[0] for member in self.members if isinstance(member, Flows)))
+        return float(sum(member.plastic_strain(peak)[0] for member in self.members if isinstance(member, PlasticityEffect)))
 
     def optics(self) -> Optics:
         """What probe, pattern and detector become."""
         return Optics(self.members)
 
-    def readings(self) -> Readings:
+    def readings(self) -> SensorEffects:
         """What load cell, extension and clock say."""
-        return Readings(self.members)
+        return SensorEffects(self.members)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +125,7 @@ class Optics:
         """(n, 2, 2) lower triangle L of the probe's covariance L L^T."""
         covariance = np.broadcast_to(at.scan.spot_px**2 * np.eye(2), (at.time_s.size, 2, 2))
         for member in self.members:
-            if isinstance(member, Blurs):
+            if isinstance(member, ProbeEffect):
                 covariance = covariance + member.blur_px2(at)
         probe = np.zeros(covariance.shape)
         probe[:, 0, 0] = np.sqrt(covariance[:, 0, 0])
@@ -133,27 +136,27 @@ class Optics:
     def speckle(self, speckle: Pattern) -> Pattern:
         """The pattern."""
         for member in self.members:
-            if isinstance(member, ChangesSpeckle):
+            if isinstance(member, SpeckleEffect):
                 speckle = member.changed(speckle)
         return speckle
 
-    def grey(self, grey: Array, x_px: Array, y_px: Array, at: Visits) -> Array:
+    def grey(self, grey: Array, x_px: Array, y_px: Array, at: PixelVisits) -> Array:
         """Grey levels before noise."""
         for member in self.members:
-            if isinstance(member, ChangesGrey):
+            if isinstance(member, IntensityEffect):
                 grey = member.grey(grey, x_px, y_px, at)
         return grey
 
     def variance(self, variance: Array, grey: Array) -> Array:
         """Variance of the noise."""
         for member in self.members:
-            if isinstance(member, ChangesNoise):
+            if isinstance(member, NoiseEffect):
                 variance = member.variance(variance, grey)
         return variance
 
 
 @dataclass(frozen=True, slots=True)
-class Readings:
+class SensorEffects:
     """The effects on what instruments say."""
 
     members: tuple[Effect, ...]
@@ -161,26 +164,28 @@ class Readings:
     def load_n(self, reading_n: float, time_s: float, motion: Motion) -> float:
         """What the load cell says."""
         for member in self.members:
-            if isinstance(member, ReadsLoad):
+            if isinstance(member, LoadCellEffect):
                 reading_n = member.load_reading_n(reading_n, time_s, motion)
         return reading_n
 
     def extension_mm(self, reading_mm: float, load_n: float) -> float:
         """What the extension says."""
         for member in self.members:
-            if isinstance(member, ReadsExtension):
+            if isinstance(member, ExtensometerEffect):
                 reading_mm = member.extension_reading_mm(reading_mm, load_n)
         return reading_mm
 
     def specimen_strain(self, time_s: float, motion: Motion, scan: Scan) -> float:
         """The strain along y that a gage sees besides elastic and plastic strain."""
         at = Instants(np.array([time_s]), time_s, 0, scan, motion)
-        moving = [member for member in self.members if isinstance(member, MovesSpecimen) and not isinstance(member, Flows)]
+        moving = [
+            member for member in self.members if isinstance(member, SpecimenMotionEffect) and not isinstance(member, PlasticityEffect)
+        ]
         return float(sum(member.specimen_gradient(at)[0, 1, 1] for member in moving))
 
     def stamp_s(self, true_s: float) -> float:
         """What the microscope's clock shows."""
         for member in self.members:
-            if isinstance(member, Stamps):
+            if isinstance(member, TimestampEffect):
                 true_s = member.stamp_s(true_s)
         return true_s

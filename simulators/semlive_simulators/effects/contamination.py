@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Magnification, Visits, by
+from semlive_simulators.effects.interfaces import Array, Effect, Magnification, PixelVisits, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +29,9 @@ class Contamination(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> Contamination:
         """14 or 36 % in two hours, in a box a little smaller than the frame."""
-        return cls(by(magnification, 2e-5, 5e-5), 1000.0, 860.0)
+        return cls(pick_by_magnification(magnification, 2e-5, 5e-5), 1000.0, 860.0)
 
-    def grey(self, grey: Array, x_px: Array, y_px: Array, at: Visits) -> Array:
+    def grey(self, grey: Array, x_px: Array, y_px: Array, at: PixelVisits) -> Array:
         """Darker inside the box."""
         centre = at.scan.centre_px
         inside = (np.abs(x_px - centre[0]) <= 0.5 * self.box_width_px) & (np.abs(y_px - centre[1]) <= 0.5 * self.box_height_px)

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class CreepInHold(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> CreepInHold:
         """Near yield: 0.14 px at the edge 125 s after a step to 2200 N."""
-        return cls(by(magnification, 6e-8, 6e-8), 10.0, 0.33)
+        return cls(pick_by_magnification(magnification, 6e-8, 6e-8), 10.0, 0.33)
 
     def specimen_shift_px(self, at: Instants) -> Array:
         """The centre stays."""

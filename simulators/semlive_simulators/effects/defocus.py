@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by, isotropic
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, isotropic, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Defocus(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> Defocus:
         """0.7 px of blur and 0.07 px at the edge in two hours."""
-        return cls(by(magnification, 1e-4, 1e-4), 2e-4)
+        return cls(pick_by_magnification(magnification, 1e-4, 1e-4), 2e-4)
 
     def blur_px2(self, at: Instants) -> Array:
         """Grows with time."""

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Magnification, Plane, Visits, by
+from semlive_simulators.effects.interfaces import Array, Effect, Magnification, PixelVisits, Plane, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,9 +27,9 @@ class DicShapeMismatch(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> DicShapeMismatch:
         """0.2 px at 2200 N, of which subsets of 43 px miss 0.017 px."""
-        return cls(by(magnification, 1e-4, 1e-4), 200.0)
+        return cls(pick_by_magnification(magnification, 1e-4, 1e-4), 200.0)
 
-    def material_px(self, x_px: Array, y_px: Array, at: Visits) -> Plane:
+    def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> Plane:
         """Waves in the direction of the displacement."""
         centre, k = at.scan.centre_px, 2 * np.pi / self.wavelength_px
         amplitude_px = self.amplitude_px_per_n * at.load_n

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from semlive_simulators.effects.protocol import Effect, Magnification, by
-from semlive_simulators.patterns import Pattern
+from semlive_simulators.effects.interfaces import Effect, Magnification, pick_by_magnification
+from semlive_simulators.microscope.patterns import Pattern
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +28,8 @@ class DicSubpixelBias(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> DicSubpixelBias:
         """A sixth of the width: edges of less than a pixel."""
-        return cls(by(magnification, 0.16, 0.16))
+        return cls(pick_by_magnification(magnification, 0.16, 0.16))
 
     def changed(self, speckle: Pattern) -> Pattern:
         """Sharper."""
-        return speckle.harder(self.edge_factor)
+        return speckle.with_sharper_edges(self.edge_factor)

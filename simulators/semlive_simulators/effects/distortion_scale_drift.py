@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Visits, approach, by
+from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVisits, Plane, exponential_approach, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +25,9 @@ class DistortionScaleDrift(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> DistortionScaleDrift:
         """A tenth of the distortion."""
-        return cls(by(magnification, 0.1, 0.1), 3600.0)
+        return cls(pick_by_magnification(magnification, 0.1, 0.1), 3600.0)
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """The distortion, scaled."""
-        eta = approach(at.time_s, self.change, self.time_constant_s)
+        eta = exponential_approach(at.time_s, self.change, self.time_constant_s)
         return eta * at.distortion_px[0], eta * at.distortion_px[1]

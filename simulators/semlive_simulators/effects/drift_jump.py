@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Visits, after, by
+from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVisits, Plane, pick_by_magnification, step_function
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,9 +27,9 @@ class DriftJump(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> DriftJump:
         """0.5 or 5 px after ten minutes."""
-        return cls(by(magnification, 0.3, 3.0), by(magnification, 0.5, 5.0), 600.0)
+        return cls(pick_by_magnification(magnification, 0.3, 3.0), pick_by_magnification(magnification, 0.5, 5.0), 600.0)
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """From one pixel to the next."""
-        step = after(at.time_s, self.at_s)
+        step = step_function(at.time_s, self.at_s)
         return self.x_px * step, self.y_px * step

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Visits, by
+from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVisits, Plane, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +27,8 @@ class FlybackSettling(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> FlybackSettling:
         """0.5 px over 5 columns of 100 us, or 3 px over 40 columns of 5 us."""
-        return cls(by(magnification, 0.5, 3.0), by(magnification, 5e-4, 2e-4))
+        return cls(pick_by_magnification(magnification, 0.5, 3.0), pick_by_magnification(magnification, 5e-4, 2e-4))
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """Falls from the left edge."""
         return self.amplitude_px * np.exp(-at.x_px * at.scan.dwell_time_s / self.settling_s), np.zeros((1, 1))

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Effect, Magnification, by
-from semlive_simulators.scan import Scan, Timing
+from semlive_simulators.effects.interfaces import Effect, Magnification, pick_by_magnification
+from semlive_simulators.microscope.scan import Scan, Timing
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class FrameIntegration(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> FrameIntegration:
         """4 or 16 scans."""
-        return cls(round(by(magnification, 4, 16)))
+        return cls(round(pick_by_magnification(magnification, 4, 16)))
 
     def retime(self, timing: Timing, scan: Scan) -> Timing:
         """Each visit becomes `scans` visits in the same time."""

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Visits, by
+from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVisits, Plane, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +29,13 @@ class FrameStartSettling(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> FrameStartSettling:
         """0.3 or 2 px for 5 or 0.5 s."""
-        return cls(by(magnification, 0.15, 1.0), by(magnification, 0.3, 2.0), by(magnification, 5.0, 0.5))
+        return cls(
+            pick_by_magnification(magnification, 0.15, 1.0),
+            pick_by_magnification(magnification, 0.3, 2.0),
+            pick_by_magnification(magnification, 5.0, 0.5),
+        )
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """Falls from the upper edge."""
         fall = np.exp(-at.y_px * at.scan.row_time_s / self.settling_s)
         return self.amplitude_x_px * fall, self.amplitude_y_px * fall

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from semlive_simulators.effects.protocol import Effect, Magnification, by
-from semlive_simulators.specimen import Motion
+from semlive_simulators.effects.interfaces import Effect, Magnification, pick_by_magnification
+from semlive_simulators.specimen.specimen import Motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class FrictionHysteresis(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> FrictionHysteresis:
         """15 N."""
-        return cls(by(magnification, 15.0, 15.0))
+        return cls(pick_by_magnification(magnification, 15.0, 15.0))
 
     def load_reading_n(self, reading_n: float, time_s: float, motion: Motion) -> float:
         """Against the motion."""

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Magnification, Visits, by
+from semlive_simulators.effects.interfaces import Array, Effect, Magnification, PixelVisits, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +31,9 @@ class GammaChange(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> GammaChange:
         """A little flatter and darker after ten minutes."""
-        return cls(by(magnification, 1.05, 1.05), 0.9, -8.0, 600.0)
+        return cls(pick_by_magnification(magnification, 1.05, 1.05), 0.9, -8.0, 600.0)
 
-    def grey(self, grey: Array, x_px: Array, y_px: Array, at: Visits) -> Array:
+    def grey(self, grey: Array, x_px: Array, y_px: Array, at: PixelVisits) -> Array:
         """Another curve."""
         changed = 255.0 * self.gain * (np.maximum(grey, 0.0) / 255.0) ** self.gamma + self.offset_levels
         return np.where(at.time_s >= self.at_s, changed, grey)

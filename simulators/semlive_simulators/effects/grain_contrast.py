@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from semlive_simulators.effects.protocol import Array, Effect, Magnification, Visits, by
+from semlive_simulators.effects.interfaces import Array, Effect, Magnification, PixelVisits, pick_by_magnification
 from semlive_simulators.kernels.grains import grain_grey
 
 
@@ -36,8 +36,8 @@ class GrainContrast(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> GrainContrast:
         """Pancake grains of 0.15 x 0.6 mm; at x10,000 subgrains of 5 x 10 um."""
-        return cls(1, by(magnification, 120.0, 200.0), by(magnification, 480.0, 400.0), 12.0)
+        return cls(1, pick_by_magnification(magnification, 120.0, 200.0), pick_by_magnification(magnification, 480.0, 400.0), 12.0)
 
-    def grey(self, grey: Array, x_px: Array, y_px: Array, at: Visits) -> Array:
+    def grey(self, grey: Array, x_px: Array, y_px: Array, at: PixelVisits) -> Array:
         """Each grain's offset."""
         return grey + self.levels * grain_grey(x_px, y_px, self.seed, self.width_px, self.length_px, self.edge_px)

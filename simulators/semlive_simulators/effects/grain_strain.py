@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from semlive_simulators.effects.protocol import Array, Effect, Magnification, Plane, Visits, by
+from semlive_simulators.effects.interfaces import Array, Effect, Magnification, PixelVisits, Plane, pick_by_magnification
 from semlive_simulators.kernels.grains import smooth_field
 
 
@@ -36,9 +36,9 @@ class GrainStrain(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> GrainStrain:
         """A seventh of the mean elastic strain, 4.4e-4 at 2200 N."""
-        return cls(2, by(magnification, 160.0, 250.0), 2e-7)
+        return cls(2, pick_by_magnification(magnification, 160.0, 250.0), 2e-7)
 
-    def material_px(self, x_px: Array, y_px: Array, at: Visits) -> Plane:
+    def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> Plane:
         """Independent along and across."""
         size_px = self.strain_sd_per_n * at.load_n * self.grain_px / math.sqrt(36.0 / 7.0)
         return (

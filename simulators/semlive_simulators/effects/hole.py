@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive_simulators.effects.protocol import Array, Effect, Magnification, Plane, Visits, by
-from semlive_simulators.elliptic import EllipticHole
+from semlive_simulators.effects.interfaces import Array, Effect, Magnification, PixelVisits, Plane, pick_by_magnification
+from semlive_simulators.specimen.elliptic import EllipticHole
 
 
 class Opening(Effect):
@@ -26,17 +26,17 @@ class Opening(Effect):
         """The ellipse, from the centre of the frame."""
         raise NotImplementedError(f"{type(self).__name__} has no shape")
 
-    def material_px(self, x_px: Array, y_px: Array, at: Visits) -> Plane:
+    def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> Plane:
         """What the opening adds to the uniform deformation."""
         centre = at.scan.centre_px
         return self.shape.displacement_px(x_px - centre[0], y_px - centre[1], self.strain_per_n * at.load_n, self.poissons_ratio)
 
-    def absent(self, x_px: Array, y_px: Array, at: Visits) -> NDArray[np.bool_]:
+    def absent(self, x_px: Array, y_px: Array, at: PixelVisits) -> NDArray[np.bool_]:
         """Inside."""
         centre = at.scan.centre_px
         return self.shape.outside(x_px - centre[0], y_px - centre[1]) < 1.0
 
-    def grey(self, grey: Array, x_px: Array, y_px: Array, at: Visits) -> Array:
+    def grey(self, grey: Array, x_px: Array, y_px: Array, at: PixelVisits) -> Array:
         """Dark inside."""
         centre = at.scan.centre_px
         return self.shape.darkened(grey, x_px - centre[0], y_px - centre[1], self.grey_level, self.edge_px)
@@ -65,7 +65,7 @@ class Hole(Opening):
     @classmethod
     def defaults(cls, magnification: Magnification) -> Hole:
         """Radius 0.19 mm in AL2024-T4 of 10 mm^2; at x10,000 3.8 um, a pulled out inclusion."""
-        return cls(by(magnification, 150.0, 150.0), 1.0 / (10.0 * 71.1e3), 0.33)
+        return cls(pick_by_magnification(magnification, 150.0, 150.0), 1.0 / (10.0 * 71.1e3), 0.33)
 
     @property
     def shape(self) -> EllipticHole:

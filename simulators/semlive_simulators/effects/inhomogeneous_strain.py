@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Magnification, Plane, Visits, by
+from semlive_simulators.effects.interfaces import Array, Effect, Magnification, PixelVisits, Plane, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,9 +28,9 @@ class InhomogeneousStrain(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> InhomogeneousStrain:
         """0.22 px at 2200 N."""
-        return cls(by(magnification, 1e-4, 1e-4), 250.0)
+        return cls(pick_by_magnification(magnification, 1e-4, 1e-4), 250.0)
 
-    def material_px(self, x_px: Array, y_px: Array, at: Visits) -> Plane:
+    def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> Plane:
         """Bands at 45 degrees sliding over each other."""
         centre = at.scan.centre_px
         along = (x_px - centre[0] + y_px - centre[1]) / math.sqrt(2)

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class InplaneMisalignment(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> InplaneMisalignment:
         """A shear of 1e-4 and a rotation of 2e-4 at 2200 N."""
-        return cls(by(magnification, 5e-8, 5e-8), by(magnification, 1e-7, 1e-7))
+        return cls(pick_by_magnification(magnification, 5e-8, 5e-8), pick_by_magnification(magnification, 1e-7, 1e-7))
 
     def specimen_shift_px(self, at: Instants) -> Array:
         """The centre stays."""

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Effect, Magnification, by
-from semlive_simulators.scan import Scan, Timing
+from semlive_simulators.effects.interfaces import Effect, Magnification, pick_by_magnification
+from semlive_simulators.microscope.scan import Scan, Timing
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +20,7 @@ class InterlacedScan(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> InterlacedScan:
         """There is nothing to choose."""
-        by(magnification, 0.0, 0.0)
+        pick_by_magnification(magnification, 0.0, 0.0)
         return cls()
 
     def retime(self, timing: Timing, scan: Scan) -> Timing:

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Visits, by
+from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVisits, Plane, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +29,9 @@ class JumpWithinPair(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> JumpWithinPair:
         """0.5 or 5 px before the sixth frame."""
-        return cls(by(magnification, 0.3, 3.0), by(magnification, 0.5, 5.0), 5)
+        return cls(pick_by_magnification(magnification, 0.3, 3.0), pick_by_magnification(magnification, 0.5, 5.0), 5)
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """The same everywhere."""
         there = np.full((1, 1), 1.0 if at.frame >= self.first_frame else 0.0)
         return self.x_px * there, self.y_px * there

@@ -15,7 +15,7 @@ from semlive_simulators.effects.bidirectional_scan import BidirectionalScan
 from semlive_simulators.effects.charging_frame_ramp import ChargingFrameRamp
 from semlive_simulators.effects.charging_jump import ChargingJump
 from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
-from semlive_simulators.effects.composition import Effects
+from semlive_simulators.effects.composition import EffectSet
 from semlive_simulators.effects.contamination import Contamination
 from semlive_simulators.effects.creep_in_hold import CreepInHold
 from semlive_simulators.effects.defocus import Defocus
@@ -33,6 +33,7 @@ from semlive_simulators.effects.grain_strain import GrainStrain
 from semlive_simulators.effects.hole import Hole
 from semlive_simulators.effects.inhomogeneous_strain import InhomogeneousStrain
 from semlive_simulators.effects.inplane_misalignment import InplaneMisalignment
+from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.effects.interlaced_scan import InterlacedScan
 from semlive_simulators.effects.jump_within_pair import JumpWithinPair
 from semlive_simulators.effects.line_sync_hum import LineSyncHum
@@ -48,7 +49,6 @@ from semlive_simulators.effects.notch import Notch
 from semlive_simulators.effects.out_of_plane_translation import OutOfPlaneTranslation
 from semlive_simulators.effects.plastic_hardening import PlasticHardening
 from semlive_simulators.effects.poisson_noise import PoissonNoise
-from semlive_simulators.effects.protocol import Effect
 from semlive_simulators.effects.random_walk_drift import RandomWalkDrift
 from semlive_simulators.effects.raster_rotation_drift import RasterRotationDrift
 from semlive_simulators.effects.refocus_magnification_step import RefocusMagnificationStep
@@ -137,7 +137,7 @@ _KNOWN = MATERIAL | LIBRARY
 _ADAPTERS: dict[str, TypeAdapter[Effect]] = {name: TypeAdapter(kind) for name, kind in _KNOWN.items()}
 
 
-def build_effects(chosen: object) -> Effects:
+def build_effects(chosen: object) -> EffectSet:
     """Effects as a scenario names them.
 
     Args:
@@ -148,15 +148,15 @@ def build_effects(chosen: object) -> Effects:
         ValueError: an effect or a parameter is unknown, or a value is wrong.
     """
     if chosen is None:
-        return Effects()
-    if isinstance(chosen, Effects):
+        return EffectSet()
+    if isinstance(chosen, EffectSet):
         return chosen
     if not isinstance(chosen, dict):
         raise ValueError("effects must be a mapping from names to parameters")
     unknown = sorted(str(name) for name in chosen if name not in _KNOWN)
     if unknown:
         raise ValueError(f"unknown effect {', '.join(unknown)}; the known ones are {', '.join(LIBRARY | MATERIAL)}")
-    return Effects(tuple(_built(name, chosen[name]) for name in _KNOWN if chosen.get(name) is not None))
+    return EffectSet(tuple(_built(name, chosen[name]) for name in _KNOWN if chosen.get(name) is not None))
 
 
 def _built(name: str, parameters: Any) -> Effect:
@@ -179,6 +179,6 @@ def _built(name: str, parameters: Any) -> Effect:
         raise ValueError(f"{name}: {error}") from error
 
 
-def as_mapping(effects: Effects) -> dict[str, dict[str, Any]]:
+def as_mapping(effects: EffectSet) -> dict[str, dict[str, Any]]:
     """What `build_effects` would read, plain values only."""
     return {member.name: _ADAPTERS[member.name].dump_python(member, mode="json") for member in effects.members}

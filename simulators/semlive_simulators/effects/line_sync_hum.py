@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Visits, by
+from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVisits, Plane, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,9 +27,9 @@ class LineSyncHum(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> LineSyncHum:
         """0.02 or 0.5 px at 50 Hz."""
-        return cls(by(magnification, 0.02, 0.5), 50.0)
+        return cls(pick_by_magnification(magnification, 0.02, 0.5), 50.0)
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """A wave along x."""
         wave = np.sin(2 * np.pi * self.frequency_hz * at.x_px * at.scan.dwell_time_s)
         return self.amplitude_px * wave, np.zeros((1, 1))

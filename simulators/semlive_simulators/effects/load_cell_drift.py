@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from semlive_simulators.effects.protocol import Effect, Magnification, by
-from semlive_simulators.specimen import Motion
+from semlive_simulators.effects.interfaces import Effect, Magnification, pick_by_magnification
+from semlive_simulators.specimen.specimen import Motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class LoadCellDrift(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> LoadCellDrift:
         """7 N in an hour."""
-        return cls(by(magnification, 0.002, 0.002))
+        return cls(pick_by_magnification(magnification, 0.002, 0.002))
 
     def load_reading_n(self, reading_n: float, time_s: float, motion: Motion) -> float:
         """More with time."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from semlive_simulators.effects.protocol import Effect, Magnification, by
-from semlive_simulators.specimen import Motion
+from semlive_simulators.effects.interfaces import Effect, Magnification, pick_by_magnification
+from semlive_simulators.specimen.specimen import Motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class LoadCellZero(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> LoadCellZero:
         """20 N, about 1 % of the largest load."""
-        return cls(by(magnification, 20.0, 20.0))
+        return cls(pick_by_magnification(magnification, 20.0, 20.0))
 
     def load_reading_n(self, reading_n: float, time_s: float, motion: Motion) -> float:
         """More by the zero."""

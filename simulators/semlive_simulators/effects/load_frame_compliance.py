@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from semlive_simulators.effects.protocol import Effect, Magnification, by
+from semlive_simulators.effects.interfaces import Effect, Magnification, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class LoadFrameCompliance(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> LoadFrameCompliance:
         """5000 N/mm, a third of the specimen's."""
-        return cls(by(magnification, 5000.0, 5000.0))
+        return cls(pick_by_magnification(magnification, 5000.0, 5000.0))
 
     def extension_reading_mm(self, reading_mm: float, load_n: float) -> float:
         """More by what the fixtures give."""

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class LoadStepTransient(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> LoadStepTransient:
         """1 or 50 px after a step of 350 N."""
-        return cls(by(magnification, 0.001, 0.05), by(magnification, 0.003, 0.15), 60.0)
+        return cls(pick_by_magnification(magnification, 0.001, 0.05), pick_by_magnification(magnification, 0.003, 0.15), 60.0)
 
     def drift_px(self, at: Instants) -> Array:
         """Falls after every step."""

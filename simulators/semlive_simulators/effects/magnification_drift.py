@@ -5,7 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, approach, by, isotropic
+from semlive_simulators.effects.interfaces import (
+    Array,
+    Effect,
+    Instants,
+    Magnification,
+    exponential_approach,
+    isotropic,
+    pick_by_magnification,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +33,8 @@ class MagnificationDrift(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> MagnificationDrift:
         """3e-4, which is 0.15 px at the edge."""
-        return cls(by(magnification, 3e-4, 3e-4), 3600.0)
+        return cls(pick_by_magnification(magnification, 3e-4, 3e-4), 3600.0)
 
     def deflection(self, at: Instants) -> Array:
         """Isotropic."""
-        return isotropic(approach(at.time_s, self.change, self.time_constant_s))
+        return isotropic(exponential_approach(at.time_s, self.change, self.time_constant_s))

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by, isotropic
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, isotropic, pick_by_magnification
 from semlive_simulators.kernels.pattern import gaussian
 
 
@@ -28,7 +28,7 @@ class MagnificationFrameInstability(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> MagnificationFrameInstability:
         """5e-5, which is 0.026 px at the edge."""
-        return cls(by(magnification, 5e-5, 5e-5))
+        return cls(pick_by_magnification(magnification, 5e-5, 5e-5))
 
     def deflection(self, at: Instants) -> Array:
         """Isotropic, the same throughout a frame."""

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Visits, by
+from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVisits, Plane, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,9 +33,9 @@ class MainsHum(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> MainsHum:
         """0.02 or 0.5 px at 50 Hz."""
-        return cls(by(magnification, 0.02, 0.5), by(magnification, 0.01, 0.25), 50.0, 0.4)
+        return cls(pick_by_magnification(magnification, 0.02, 0.5), pick_by_magnification(magnification, 0.01, 0.25), 50.0, 0.4)
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """The same wave in both axes."""
         angle = 2 * np.pi * self.frequency_hz * at.time_s + self.phase_rad
         wave = np.sin(angle)

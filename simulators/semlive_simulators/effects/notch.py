@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from semlive_simulators.effects.hole import Opening
-from semlive_simulators.effects.protocol import Magnification, by
-from semlive_simulators.elliptic import EllipticHole
+from semlive_simulators.effects.interfaces import Magnification, pick_by_magnification
+from semlive_simulators.specimen.elliptic import EllipticHole
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class Notch(Opening):
     @classmethod
     def defaults(cls, magnification: Magnification) -> Notch:
         """A slit 1 mm (at x10,000: 20 um) deep with a tip of 60 px, which has 8.3 times the strain far away."""
-        return cls(by(magnification, -200.0, -200.0), 0.0, 800.0, 60.0, 1.0 / (10.0 * 71.1e3), 0.33)
+        return cls(pick_by_magnification(magnification, -200.0, -200.0), 0.0, 800.0, 60.0, 1.0 / (10.0 * 71.1e3), 0.33)
 
     @property
     def shape(self) -> EllipticHole:

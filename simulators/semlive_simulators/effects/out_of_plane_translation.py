@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by, isotropic
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, isotropic, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class OutOfPlaneTranslation(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> OutOfPlaneTranslation:
         """4.4 um at 2200 N, which is 0.16 px at the edge."""
-        return cls(by(magnification, 0.002, 0.002), 14.1)
+        return cls(pick_by_magnification(magnification, 0.002, 0.002), 14.1)
 
     def deflection(self, at: Instants) -> Array:
         """Isotropic and proportional to the load."""

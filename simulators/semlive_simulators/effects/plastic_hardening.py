@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class PlasticHardening(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> PlasticHardening:
         """AL2024 annealed, 10 mm^2: 0.2 % plastic at 95 MPa, 1.3 % at 2200 N."""
-        return cls(by(magnification, 10.0, 10.0), 95.0, 2.25)
+        return cls(pick_by_magnification(magnification, 10.0, 10.0), 95.0, 2.25)
 
     def plastic_strain(self, peak_n: Array) -> Array:
         """Plastic strain along y after loads (n,) were the highest so far, N."""

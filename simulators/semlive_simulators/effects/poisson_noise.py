@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Magnification, by
+from semlive_simulators.effects.interfaces import Array, Effect, Magnification, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class PoissonNoise(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> PoissonNoise:
         """8 or 11 grey levels in the bright dots."""
-        return cls(1.0, by(magnification, 0.35, 0.7))
+        return cls(1.0, pick_by_magnification(magnification, 0.35, 0.7))
 
     def variance(self, variance: Array, grey: Array) -> Array:
         """A line over the signal."""

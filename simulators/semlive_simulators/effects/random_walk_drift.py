@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, pick_by_magnification
 from semlive_simulators.kernels.exposure import gaussians
 
 
@@ -33,7 +33,7 @@ class RandomWalkDrift(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> RandomWalkDrift:
         """0.85 or 25 px in two hours."""
-        return cls(by(magnification, 0.01, 0.3), 20_000.0, 60.0)
+        return cls(pick_by_magnification(magnification, 0.01, 0.3), 20_000.0, 60.0)
 
     def drift_px(self, at: Instants) -> Array:
         """Both axes independent."""

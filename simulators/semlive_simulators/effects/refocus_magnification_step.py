@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by, isotropic
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, isotropic, pick_by_magnification
 from semlive_simulators.kernels.pattern import gaussian
 
 
@@ -28,7 +28,7 @@ class RefocusMagnificationStep(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> RefocusMagnificationStep:
         """5e-4, which is 0.26 px at the edge."""
-        return cls(by(magnification, 5e-4, 5e-4))
+        return cls(pick_by_magnification(magnification, 5e-4, 5e-4))
 
     def deflection(self, at: Instants) -> Array:
         """Isotropic, the same throughout a frame."""

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Visits, by
+from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVisits, Plane, pick_by_magnification
 from semlive_simulators.kernels.exposure import gaussians
 
 
@@ -28,9 +28,9 @@ class RowJitter(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> RowJitter:
         """0.03 or 0.2 px."""
-        return cls(by(magnification, 0.03, 0.2))
+        return cls(pick_by_magnification(magnification, 0.03, 0.2))
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """One offset in x to a row."""
         rows = at.y_px.shape[0]
         stream = 1_000_003 * at.frame + at.visit

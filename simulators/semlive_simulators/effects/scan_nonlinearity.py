@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Visits, by
+from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVisits, Plane, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +29,13 @@ class ScanNonlinearity(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> ScanNonlinearity:
         """About 1 or 2 px in the corners."""
-        return cls(by(magnification, 0.6, 1.2), by(magnification, 0.4, 0.8), by(magnification, 0.1, 0.2))
+        return cls(
+            pick_by_magnification(magnification, 0.6, 1.2),
+            pick_by_magnification(magnification, 0.4, 0.8),
+            pick_by_magnification(magnification, 0.1, 0.2),
+        )
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """Columns in x, rows in y."""
         x, y = at.from_centre_px
         X, Y = x / (0.5 * (at.scan.width_px - 1)), y / (0.5 * (at.scan.height_px - 1))

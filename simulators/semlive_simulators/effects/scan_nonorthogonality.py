@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class ScanNonorthogonality(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> ScanNonorthogonality:
         """0.01 rad, which is 4.4 px at the edge."""
-        return cls(by(magnification, 0.01, 0.01))
+        return cls(pick_by_magnification(magnification, 0.01, 0.01))
 
     def deflection(self, at: Instants) -> Array:
         """The same at all times."""

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, approach, by
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, exponential_approach, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +27,8 @@ class ScanShearDrift(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> ScanShearDrift:
         """5e-5, which is 0.022 px at the edge."""
-        return cls(by(magnification, 5e-5, 5e-5), 3600.0)
+        return cls(pick_by_magnification(magnification, 5e-5, 5e-5), 3600.0)
 
     def deflection(self, at: Instants) -> Array:
         """Rows slide over each other."""
-        return approach(at.time_s, self.change, self.time_constant_s)[:, None, None] * np.array([[0.0, 1.0], [0.0, 0.0]])
+        return exponential_approach(at.time_s, self.change, self.time_constant_s)[:, None, None] * np.array([[0.0, 1.0], [0.0, 0.0]])

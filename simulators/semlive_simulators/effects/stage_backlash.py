@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class StageBacklash(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> StageBacklash:
         """1 um: 0.8 or 40 px."""
-        return cls(by(magnification, 1.0, 1.0))
+        return cls(pick_by_magnification(magnification, 1.0, 1.0))
 
     def specimen_shift_px(self, at: Instants) -> Array:
         """Jumps with every change of direction."""

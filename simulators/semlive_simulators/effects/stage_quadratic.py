@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class StageQuadratic(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> StageQuadratic:
         """0.5 px at 40 um, or 12 px at 1 um."""
-        return cls(by(magnification, 4e-4, 0.3))
+        return cls(pick_by_magnification(magnification, 4e-4, 0.3))
 
     def specimen_shift_px(self, at: Instants) -> Array:
         """As the last move left it."""

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class StageStepTransient(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> StageStepTransient:
         """0.5 px after 25 px, or 3 px after 10 px."""
-        return cls(by(magnification, 0.02, 0.3), 60.0)
+        return cls(pick_by_magnification(magnification, 0.02, 0.3), 60.0)
 
     def drift_px(self, at: Instants) -> Array:
         """Falls after every move."""

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, pick_by_magnification
 from semlive_simulators.kernels.pattern import gaussian
 
 
@@ -28,7 +28,7 @@ class StageYaw(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> StageYaw:
         """3e-4 rad, which is 0.15 px at the edge."""
-        return cls(by(magnification, 3e-4, 3e-4))
+        return cls(pick_by_magnification(magnification, 3e-4, 3e-4))
 
     def specimen_shift_px(self, at: Instants) -> Array:
         """The centre stays."""

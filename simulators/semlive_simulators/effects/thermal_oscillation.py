@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class ThermalOscillation(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> ThermalOscillation:
         """0.2 or 5 px every eight minutes."""
-        return cls(by(magnification, 0.1, 2.5), by(magnification, 0.2, 5.0), 480.0, 0.7)
+        return cls(pick_by_magnification(magnification, 0.1, 2.5), pick_by_magnification(magnification, 0.2, 5.0), 480.0, 0.7)
 
     def drift_px(self, at: Instants) -> Array:
         """Both axes in step."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Visits, by
+from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVisits, Plane, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +25,9 @@ class TiltWithLoad(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> TiltWithLoad:
         """2.2 mrad at 2200 N: 0.04 px in the corner at x200."""
-        return cls(by(magnification, 1e-6, 1e-6), 14.1)
+        return cls(pick_by_magnification(magnification, 1e-6, 1e-6), 14.1)
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """Perspective."""
         x, y = at.from_centre_px
         distance_px = 1e3 * self.working_distance_mm / at.scan.pixel_size_um

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from semlive_simulators.effects.protocol import Effect, Magnification, by
+from semlive_simulators.effects.interfaces import Effect, Magnification, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class TimestampOffset(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> TimestampOffset:
         """5 s."""
-        return cls(by(magnification, 5.0, 5.0))
+        return cls(pick_by_magnification(magnification, 5.0, 5.0))
 
     def stamp_s(self, true_s: float) -> float:
         """Later by the offset."""

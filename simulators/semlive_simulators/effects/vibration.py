@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Effect, Magnification, Plane, Visits, by
+from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVisits, Plane, pick_by_magnification
 from semlive_simulators.kernels.pattern import gaussian
 
 
@@ -32,9 +32,9 @@ class Vibration(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> Vibration:
         """0.01 or 0.3 px at 23.7 Hz."""
-        return cls(by(magnification, 0.01, 0.3), by(magnification, 0.01, 0.2), 23.7)
+        return cls(pick_by_magnification(magnification, 0.01, 0.3), pick_by_magnification(magnification, 0.01, 0.2), 23.7)
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """The same wave in both axes."""
         wave = np.sin(2 * np.pi * (self.frequency_hz * at.in_frame_s + gaussian(self.seed, 4, at.frame)))
         return self.amplitude_x_px * wave, self.amplitude_y_px * wave

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Magnification, by
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, pick_by_magnification
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class WarmupTransient(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> WarmupTransient:
         """2 or 20 px in ten minutes."""
-        return cls(by(magnification, 1.0, 10.0), by(magnification, 2.0, 20.0), 600.0)
+        return cls(pick_by_magnification(magnification, 1.0, 10.0), pick_by_magnification(magnification, 2.0, 20.0), 600.0)
 
     def drift_px(self, at: Instants) -> Array:
         """Fades."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from semlive_simulators.effects.protocol import Effect, Magnification, by
-from semlive_simulators.scan import Scan, Timing
+from semlive_simulators.effects.interfaces import Effect, Magnification, pick_by_magnification
+from semlive_simulators.microscope.scan import Scan, Timing
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class WrongDwell(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> WrongDwell:
         """3 %."""
-        return cls(by(magnification, 0.03, 0.03))
+        return cls(pick_by_magnification(magnification, 0.03, 0.03))
 
     def retime(self, timing: Timing, scan: Scan) -> Timing:
         """The way through a row is stretched."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from semlive_simulators.effects.protocol import Effect, Magnification, by
-from semlive_simulators.scan import Scan, Timing
+from semlive_simulators.effects.interfaces import Effect, Magnification, pick_by_magnification
+from semlive_simulators.microscope.scan import Scan, Timing
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class WrongRowTime(Effect):
     @classmethod
     def defaults(cls, magnification: Magnification) -> WrongRowTime:
         """4.4 %: the fly-back was forgotten, as W t_D = 0.1024 s is taken for t_R = 0.1071 s."""
-        return cls(by(magnification, 0.044, 0.044))
+        return cls(pick_by_magnification(magnification, 0.044, 0.044))
 
     def retime(self, timing: Timing, scan: Scan) -> Timing:
         """All row starts are stretched."""

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive_simulators.exporters.facts import ImageFacts, Pixels
+from semlive_simulators.exporters.image_metadata import ImageMetadata, Pixels
 
 
-def databar(facts: ImageFacts, rows: int) -> NDArray[np.uint8]:
+def databar(facts: ImageMetadata, rows: int) -> NDArray[np.uint8]:
     """The bar below the image, (rows, width): what an operator reads, and a scale bar."""
     scan = facts.scan
     bar = np.full((rows, scan.width_px), 12, dtype=np.uint8)
@@ -35,12 +35,12 @@ def databar(facts: ImageFacts, rows: int) -> NDArray[np.uint8]:
     return bar
 
 
-def appended(image: Pixels, facts: ImageFacts, rows: int) -> Pixels:
+def appended(image: Pixels, facts: ImageMetadata, rows: int) -> Pixels:
     """The image with a bar of so many rows below it."""
     return np.concatenate([image, _as_deep(databar(facts, rows), image)]) if rows else image
 
 
-def burnt_in(image: Pixels, facts: ImageFacts, rows: int) -> Pixels:
+def burnt_in(image: Pixels, facts: ImageMetadata, rows: int) -> Pixels:
     """The image with a bar in place of its last rows."""
     return np.concatenate([image[:-rows], _as_deep(databar(facts, rows), image)]) if rows else image
 

@@ -8,10 +8,10 @@ carries fractions of a second in AcquisitionDatetime, as newer software does. No
 from __future__ import annotations
 
 from semlive_simulators.exporters import databar, tiff
-from semlive_simulators.exporters.facts import ImageFacts, Pixels, Product
+from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata, Pixels
 
 
-def fei_text(facts: ImageFacts, databar_rows: int) -> str:
+def fei_text(facts: ImageMetadata, databar_rows: int) -> str:
     """The INI text of tag 34682."""
     scan, end = facts.scan, facts.end_time
     pixel_m = _fei(scan.pixel_size_um / 1e6)
@@ -43,7 +43,7 @@ def fei_text(facts: ImageFacts, databar_rows: int) -> str:
     return "\r\n".join(blocks)
 
 
-def fei_xml(facts: ImageFacts) -> str:
+def fei_xml(facts: ImageMetadata) -> str:
     """The XML of tag 34683."""
     scan = facts.scan
     pixel_m = repr(scan.pixel_size_um / 1e6)
@@ -64,7 +64,7 @@ def _fei(value: float) -> str:
     return f"{mantissa}e{int(exponent):+04d}" if mark else mantissa
 
 
-def encode_tiff(image: Pixels, facts: ImageFacts, databar_rows: int) -> bytes:
+def encode_tiff(image: Pixels, facts: ImageMetadata, databar_rows: int) -> bytes:
     """A whole file: header, pixels and databar, then the directory and what it points to."""
     pixels = databar.appended(image, facts, databar_rows)
     height, width = pixels.shape
@@ -86,6 +86,6 @@ def encode_tiff(image: Pixels, facts: ImageFacts, databar_rows: int) -> bytes:
     return tiff.file_bytes(tiff.row_strips(pixels, 1), entries, directory_first=False)
 
 
-def encode(image: Pixels, facts: ImageFacts, databar_rows: int) -> Product:
+def encode(image: Pixels, facts: ImageMetadata, databar_rows: int) -> EncodedFrame:
     """A frame as FEI software exports it."""
-    return Product(encode_tiff(image, facts, databar_rows))
+    return EncodedFrame(encode_tiff(image, facts, databar_rows))

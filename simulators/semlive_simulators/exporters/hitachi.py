@@ -6,10 +6,10 @@ The date has the day first; ``DataSize`` counts the bar as image.
 from __future__ import annotations
 
 from semlive_simulators.exporters import databar, plain
-from semlive_simulators.exporters.facts import ImageFacts, Pixels, Product
+from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata, Pixels
 
 
-def sidecar_text(facts: ImageFacts, databar_rows: int) -> str:
+def sidecar_text(facts: ImageMetadata, databar_rows: int) -> str:
     """The text file beside the image."""
     scan, end = facts.scan, facts.end_time
     values = {
@@ -26,7 +26,7 @@ def sidecar_text(facts: ImageFacts, databar_rows: int) -> str:
     return "".join(["[SemImageFile]\r\n", *(f"{key}={value}\r\n" for key, value in values.items())])
 
 
-def encode(image: Pixels, facts: ImageFacts, databar_rows: int) -> Product:
+def encode(image: Pixels, facts: ImageMetadata, databar_rows: int) -> EncodedFrame:
     """A frame as Hitachi software exports it."""
     pixels = databar.appended(image, facts, databar_rows)
-    return Product(plain.tiff_bytes(pixels), sidecar_text(facts, databar_rows).encode("cp1252"))
+    return EncodedFrame(plain.tiff_bytes(pixels), sidecar_text(facts, databar_rows).encode("cp1252"))

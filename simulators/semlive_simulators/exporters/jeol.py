@@ -14,10 +14,10 @@ import numpy as np
 import tifffile
 
 from semlive_simulators.exporters import databar, tiff
-from semlive_simulators.exporters.facts import ImageFacts, Pixels, Product
+from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata, Pixels
 
 
-def sidecar_text(facts: ImageFacts) -> str:
+def sidecar_text(facts: ImageMetadata) -> str:
     """The text file beside the image."""
     scan, end = facts.scan, facts.end_time
     field_um = scan.width_px * scan.pixel_size_um
@@ -49,7 +49,7 @@ def _lzw(pixels: Pixels) -> bytes:
     return data[first : first + length]
 
 
-def encode(image: Pixels, facts: ImageFacts, databar_rows: int) -> Product:
+def encode(image: Pixels, facts: ImageMetadata, databar_rows: int) -> EncodedFrame:
     """A frame as JEOL software exports it."""
     pixels = databar.appended(image, facts, databar_rows)
     height, width = pixels.shape
@@ -69,4 +69,4 @@ def encode(image: Pixels, facts: ImageFacts, databar_rows: int) -> Product:
         tiff.shorts(317, 2),
         *([] if deep else [tiff.shorts(320, *tiff.GREY_RAMP)]),
     ]
-    return Product(tiff.file_bytes([_lzw(pixels)], entries, directory_first=False), sidecar_text(facts).encode("cp1252"))
+    return EncodedFrame(tiff.file_bytes([_lzw(pixels)], entries, directory_first=False), sidecar_text(facts).encode("cp1252"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 
 from semlive_simulators.exporters import databar, tiff
-from semlive_simulators.exporters.facts import ImageFacts, Pixels, Product
+from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata, Pixels
 
 
 def tiff_bytes(pixels: Pixels) -> bytes:
@@ -23,12 +23,12 @@ def tiff_bytes(pixels: Pixels) -> bytes:
     return tiff.file_bytes(tiff.row_strips(pixels, height), entries, directory_first=False)
 
 
-def encode_tiff(image: Pixels, facts: ImageFacts, databar_rows: int) -> Product:
+def encode_tiff(image: Pixels, facts: ImageMetadata, databar_rows: int) -> EncodedFrame:
     """A frame as TIFF."""
-    return Product(tiff_bytes(databar.appended(image, facts, databar_rows)))
+    return EncodedFrame(tiff_bytes(databar.appended(image, facts, databar_rows)))
 
 
-def encode_png(image: Pixels, facts: ImageFacts, databar_rows: int) -> Product:
+def encode_png(image: Pixels, facts: ImageMetadata, databar_rows: int) -> EncodedFrame:
     """A frame as PNG."""
     _, encoded = cv2.imencode(".png", databar.appended(image, facts, databar_rows))
-    return Product(encoded.tobytes())
+    return EncodedFrame(encoded.tobytes())

@@ -10,7 +10,7 @@ from enum import StrEnum
 from pydantic import ConfigDict
 
 from semlive_simulators.exporters import fei, hitachi, jeol, plain, tescan, zeiss
-from semlive_simulators.exporters.facts import ImageFacts, Pixels, Product
+from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata, Pixels
 
 
 class Vendor(StrEnum):
@@ -25,7 +25,7 @@ class Vendor(StrEnum):
     PNG = "png"
 
 
-class Style(StrEnum):
+class WriteStyle(StrEnum):
     """How a file comes into being."""
 
     DIRECT = "direct"
@@ -40,7 +40,7 @@ class Collision(StrEnum):
     NUMBER = "number"
 
 
-Encoder = Callable[[Pixels, ImageFacts, int], Product]
+Encoder = Callable[[Pixels, ImageMetadata, int], EncodedFrame]
 _ENCODERS: dict[Vendor, Encoder] = {
     Vendor.FEI: fei.encode,
     Vendor.ZEISS: zeiss.encode,
@@ -75,7 +75,7 @@ class Export:
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 
-    style: Style
+    style: WriteStyle
     delay_s: float
     duration_s: float
     chunks: int
@@ -115,6 +115,6 @@ class Export:
         stem = name.removesuffix(self.suffix)
         return next(other for count in itertools.count(1) if not taken(other := f"{stem}_{count}{self.suffix}"))
 
-    def encode(self, image: Pixels, facts: ImageFacts) -> Product:
+    def encode(self, image: Pixels, facts: ImageMetadata) -> EncodedFrame:
         """The files of a frame."""
         return _ENCODERS[self.vendor](image, facts, self.databar_rows)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive_simulators.exporters import databar, tiff
-from semlive_simulators.exporters.facts import ImageFacts, Pixels, Product
+from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata, Pixels
 
 SAVED_AFTER_S = 11
 """Between the two times in a file, as in one from a MIRA3."""
@@ -42,7 +42,7 @@ def _engineering(value: float) -> str:
     return f"{mantissa:.{digits}f}e{exponent}" if exponent else f"{mantissa:.{digits}f}"
 
 
-def tescan_tag(image: NDArray[np.uint8], facts: ImageFacts, databar_rows: int) -> bytes:
+def tescan_tag(image: NDArray[np.uint8], facts: ImageMetadata, databar_rows: int) -> bytes:
     """The content of tag 50431."""
     scan, end = facts.scan, facts.end_time
     pixel = _engineering(scan.pixel_size_um * 1e-6)
@@ -64,7 +64,7 @@ def tescan_tag(image: NDArray[np.uint8], facts: ImageFacts, databar_rows: int) -
     return b"".join(blocks) + struct.pack("<IH", 2, 0)
 
 
-def encode(image: Pixels, facts: ImageFacts, databar_rows: int) -> Product:
+def encode(image: Pixels, facts: ImageMetadata, databar_rows: int) -> EncodedFrame:
     """A frame as TESCAN software exports it, 16 bit whatever the detector gave."""
     shallow = image.astype(np.uint8) if image.dtype == np.uint8 else (image >> 8).astype(np.uint8)
     deep = image.astype(np.uint16) * np.uint16(257) if image.dtype == np.uint8 else image
@@ -91,4 +91,4 @@ def encode(image: Pixels, facts: ImageFacts, databar_rows: int) -> Product:
         tiff.text(315, "supervisor"),
         tiff.raw_bytes(50431, tescan_tag(shallow, facts, databar_rows)),
     ]
-    return Product(tiff.file_bytes(tiff.row_strips(pixels, _ROWS_PER_STRIP), entries, directory_first=False))
+    return EncodedFrame(tiff.file_bytes(tiff.row_strips(pixels, _ROWS_PER_STRIP), entries, directory_first=False))

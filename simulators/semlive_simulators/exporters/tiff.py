@@ -9,7 +9,7 @@ import struct
 from collections.abc import Sequence
 from itertools import accumulate
 
-from semlive_simulators.exporters.facts import Pixels
+from semlive_simulators.exporters.image_metadata import Pixels
 
 _BYTE, _ASCII, _SHORT, _LONG, _RATIONAL = 1, 2, 3, 4, 5
 Entry = tuple[int, int, int, bytes]

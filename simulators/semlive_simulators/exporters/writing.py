@@ -8,8 +8,8 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
-from semlive_simulators.exporters.facts import Product
-from semlive_simulators.exporters.settings import Export, Style
+from semlive_simulators.exporters.image_metadata import EncodedFrame
+from semlive_simulators.exporters.settings import Export, WriteStyle
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class FilePlan:
         return self.writes[-1].due_s
 
 
-def plan_files(product: Product, name: str, export: Export, frame: int = 0) -> tuple[FilePlan, ...]:
+def plan_files(product: EncodedFrame, name: str, export: Export, frame: int = 0) -> tuple[FilePlan, ...]:
     """The image file, then its sidecar, which is small and comes at once or, beside an image that is never finished, not at all."""
     data, pieces = product.image, export.chunks
     bounds = [round(part * len(data) / pieces) for part in range(pieces + 1)]
@@ -57,9 +57,9 @@ def plan_files(product: Product, name: str, export: Export, frame: int = 0) -> t
         Write(export.delay_s + export.duration_s * (part + 1) / pieces, bounds[part], data[bounds[part] : bounds[part + 1]])
         for part in range(pieces)
     ]
-    if export.style is Style.PREALLOCATE:
+    if export.style is WriteStyle.PREALLOCATE:
         writes.insert(0, Write(export.delay_s, 0, bytes(len(data))))
-    working_name = f"{name}.tmp" if export.style is Style.RENAME else name
+    working_name = f"{name}.tmp" if export.style is WriteStyle.RENAME else name
     if frame in export.never_finished:
         return (FilePlan(name, working_name, tuple(_until(writes, round(export.finished_part * len(data)), len(data))), finished=False),)
     image = FilePlan(name, working_name, tuple(writes))

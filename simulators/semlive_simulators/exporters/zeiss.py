@@ -10,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from semlive_simulators.exporters import databar, tiff
-from semlive_simulators.exporters.facts import ImageFacts, Pixels, Product
+from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata, Pixels
 
 _TRAP = "50 ns"
 
 
-def cz_sem_text(facts: ImageFacts) -> str:
+def cz_sem_text(facts: ImageMetadata) -> str:
     """The text of tag 34118: four blocks of numbers, then keys and their lines."""
     scan, end = facts.scan, facts.end_time
     pixel_m = scan.pixel_size_um * 1e-6
@@ -79,7 +79,7 @@ def _length(metres: float) -> str:
     return f"{metres * 1e9:.4g} nm"
 
 
-def encode(image: Pixels, facts: ImageFacts, databar_rows: int) -> Product:
+def encode(image: Pixels, facts: ImageMetadata, databar_rows: int) -> EncodedFrame:
     """A frame as SmartSEM exports it; the annotation takes the image's own last rows."""
     pixels = databar.burnt_in(image, facts, databar_rows)
     height, width = pixels.shape
@@ -103,4 +103,4 @@ def encode(image: Pixels, facts: ImageFacts, databar_rows: int) -> Product:
         tiff.text(34118, told, "cp1252"),
         tiff.raw_bytes(34119, told.encode("utf-16-le") + b"\0\0"),
     ]
-    return Product(tiff.file_bytes([tiff.row_strips(pixels, height)[0]], entries, directory_first=True))
+    return EncodedFrame(tiff.file_bytes([tiff.row_strips(pixels, height)[0]], entries, directory_first=True))

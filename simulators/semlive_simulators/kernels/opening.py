@@ -1,6 +1,6 @@
 """An elliptic opening in an elastic plate, point by point in real numbers, so that the loops run in the processor's vectors.
 
-The formulas and their sources are those of `semlive_simulators.elliptic`.
+The formulas and their sources are those of `semlive_simulators.specimen.elliptic`.
 """
 
 from __future__ import annotations

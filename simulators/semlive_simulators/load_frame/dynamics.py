@@ -155,12 +155,12 @@ def stop(state: LoadFrameState) -> LoadFrameState:
     return replace(state, drive=Drive.HOLDING, target_n=state.force_n, keeps_load=False)
 
 
-def expire(state: LoadFrameState) -> LoadFrameState:
+def trip_watchdog(state: LoadFrameState) -> LoadFrameState:
     """The watchdog expired: stop, hold position, say so."""
-    return state if state.faulty else tripped(state, Drive.WATCHDOG)
+    return state if state.faulty else with_fault(state, Drive.WATCHDOG)
 
 
-def tripped(state: LoadFrameState, fault: Drive) -> LoadFrameState:
+def with_fault(state: LoadFrameState, fault: Drive) -> LoadFrameState:
     """Stopped by a fault, holding position."""
     return replace(state, drive=fault, target_n=state.force_n, keeps_load=False)
 
@@ -240,7 +240,7 @@ def _stopped_by_switch(moved: LoadFrameState, before: LoadFrameState, parameters
     outwards = moved.extension_mm - before.extension_mm
     low, high = parameters.extension_min_mm, parameters.extension_max_mm
     if (moved.extension_mm > high and outwards > 0) or (moved.extension_mm < low and outwards < 0):
-        return tripped(replace(moved, extension_mm=min(max(moved.extension_mm, low), high)), Drive.LIMIT)
+        return with_fault(replace(moved, extension_mm=min(max(moved.extension_mm, low), high)), Drive.LIMIT)
     return moved
 
 

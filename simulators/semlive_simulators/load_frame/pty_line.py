@@ -12,7 +12,7 @@ import threading
 import tty
 from collections.abc import Callable
 
-from semlive_simulators.load_frame.trouble import Piece
+from semlive_simulators.load_frame.line_faults import LineChunk
 
 _BITS_PER_BYTE = 10  # start, 8 data, stop
 _MIN_SILENCE_S = 0.004
@@ -28,7 +28,7 @@ class PtyLine:
         baud: what the wire would carry.
     """
 
-    def __init__(self, name: str, answer: Callable[[bytes], tuple[Piece, ...]], baud: int) -> None:
+    def __init__(self, name: str, answer: Callable[[bytes], tuple[LineChunk, ...]], baud: int) -> None:
         self._answer = answer
         self._byte_s = _BITS_PER_BYTE / baud
         self._stop = threading.Event()

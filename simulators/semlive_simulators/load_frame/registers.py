@@ -60,7 +60,7 @@ class StageInputs:
 
 
 @dataclass(frozen=True, slots=True)
-class MoreInputs:
+class DiagnosticInputs:
     """Input registers 300-304."""
 
     fault: int

@@ -11,28 +11,28 @@ import time
 from pymodbus.constants import ExcCodes
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from semlive_simulators.clockwork import BenchClock
+from semlive_simulators.bench_clock import BenchClock
 from semlive_simulators.load_frame.dynamics import FAULTS
+from semlive_simulators.load_frame.fault_schedule import MachineFault, troubles
+from semlive_simulators.load_frame.faulty_tcp import FaultyTcpServer
+from semlive_simulators.load_frame.line_faults import Line, LineFault, LineFaultInjector
 from semlive_simulators.load_frame.registers import (
     FAULT,
     MOVING,
     STOPPED,
     CrossheadOrders,
+    DiagnosticInputs,
     LoadFrameInputs,
     LoadFrameOrders,
-    MoreInputs,
     SemInputs,
     StageInputs,
     StageOrders,
     TroubleOrders,
 )
-from semlive_simulators.load_frame.schedule import Mishap, troubles
-from semlive_simulators.load_frame.trouble import Line, Trouble, Troubles
-from semlive_simulators.load_frame.troubled_tcp import TroubledServer
-from semlive_simulators.machine import Machine
+from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import Scenario
-from semlive_simulators.sem import Sem
-from semlive_simulators.stage import Actuator
+from semlive_simulators.specimen.machine import LoadTrain
+from semlive_simulators.specimen.stage import Actuator
 
 UNIT = 1
 _READ_HOLDING, _READ_INPUT = 3, 4
@@ -70,13 +70,13 @@ class Watchdog:
 class BenchRegisters:
     """Answers reads and acts on writes; the register map is docs/reference/bench-registers.md."""
 
-    def __init__(self, scenario: Scenario, clock: BenchClock, machine: Machine, sem: Sem) -> None:
+    def __init__(self, scenario: Scenario, clock: BenchClock, machine: LoadTrain, sem: Sem) -> None:
         self._scenario = scenario
         self._clock = clock
         self._machine = machine
         self._sem = sem
         self.watchdog = Watchdog()
-        self.troubles = Troubles(troubles(scenario.faults), lambda: (clock.now_ns() - clock.start_ns) * 1e-9)
+        self.troubles = LineFaultInjector(troubles(scenario.faults), lambda: (clock.now_ns() - clock.start_ns) * 1e-9)
 
     async def action(
         self, function: int, start: int, address: int, count: int, registers: list[int], values: list[int] | list[bool] | None
@@ -120,7 +120,7 @@ class BenchRegisters:
         )
         beam = StageInputs(_stage_state(reading.beam_moving), reading.beam_x_um, reading.beam_y_um, reading.number)
         drive = reading.load_frame_drive
-        more = MoreInputs(FAULTS.index(drive) + 1 if drive in FAULTS else 0, reading.strain_gage, reading.load_frame_number)
+        more = DiagnosticInputs(FAULTS.index(drive) + 1 if drive in FAULTS else 0, reading.strain_gage, reading.load_frame_number)
         block = list(registers)
         for address, part in ((0, load_frame), (100, stage), (200, self._sem_inputs()), (300, more), (400, beam)):
             words = part.registers()
@@ -195,8 +195,8 @@ class BenchRegisters:
         return None
 
     def _order_trouble(self, orders: TroubleOrders) -> ExcCodes | None:
-        kinds, lines = tuple(Trouble), [line for bit, line in enumerate(Line) if orders.lines >> bit & 1]
-        mishaps = dict(enumerate(Mishap, _FIRST_MISHAP))
+        kinds, lines = tuple(LineFault), [line for bit, line in enumerate(Line) if orders.lines >> bit & 1]
+        mishaps = dict(enumerate(MachineFault, _FIRST_MISHAP))
         if orders.what in mishaps:
             self._machine.faults.order(mishaps[orders.what], orders.wait_s, orders.count * 1e-3)
             return None
@@ -269,7 +269,7 @@ class ModbusThread:
         self._server_stop = asyncio.Event()
         # What goes wrong is told in one sentence by `start`; the library would add its own.
         logging.getLogger("pymodbus.logging").addHandler(logging.NullHandler())
-        server = TroubledServer(_device(self._registers), ("127.0.0.1", self._wanted_port), self._registers.troubles)
+        server = FaultyTcpServer(_device(self._registers), ("127.0.0.1", self._wanted_port), self._registers.troubles)
         await server.serve_forever(background=True)
         self._port = server.transport.sockets[0].getsockname()[1]  # type: ignore[union-attr]
         self._listening.set()

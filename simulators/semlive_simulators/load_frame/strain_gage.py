@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pydantic import ConfigDict
 
 from semlive_simulators.kernels.pattern import gaussian
-from semlive_simulators.specimen import Specimen
+from semlive_simulators.specimen.specimen import Specimen
 
 _STREAM = 5
 

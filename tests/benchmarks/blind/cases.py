@@ -17,10 +17,10 @@ from blind.strange import STRANGE
 from numexp.noise import NoiseKind
 
 from semlive.data.grid import Grid
-from semlive.diagnose.observation import Observation
-from semlive.model.effects import DICTIONARY, Family
+from semlive.diagnose.baseline.observation import Observation
+from semlive.model.effects import EFFECT_CLASSES, EffectClass
+from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.effects.library import LIBRARY
-from semlive_simulators.effects.protocol import Effect
 from semlive_simulators.effects.wrong_row_time import WrongRowTime
 
 GRID = Grid(101, 101, 15, 50, 40, 43)
@@ -126,9 +126,9 @@ class Case:
             outliers=float(rng.uniform(0.0, 0.003)),
         )
 
-    def dictionary(self) -> tuple[Family, ...]:
+    def dictionary(self) -> tuple[EffectClass, ...]:
         """The effects that diagnosis knows."""
-        return tuple(one for one in DICTIONARY if self.kind != LEFT_OUT or one.name not in self.names)
+        return tuple(one for one in EFFECT_CLASSES if self.kind != LEFT_OUT or one.name not in self.names)
 
     def observed(self) -> Observation:
         """The data."""

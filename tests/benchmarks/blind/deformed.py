@@ -12,9 +12,9 @@ from semlive_simulators.effects.aspect_drift import AspectDrift
 from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
 from semlive_simulators.effects.creep_in_hold import CreepInHold
 from semlive_simulators.effects.distortion_scale_drift import DistortionScaleDrift
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, PixelVisits, Plane
 from semlive_simulators.effects.load_step_transient import LoadStepTransient
 from semlive_simulators.effects.magnification_drift import MagnificationDrift
-from semlive_simulators.effects.protocol import Array, Effect, Instants, Plane, Visits
 from semlive_simulators.effects.raster_rotation_drift import RasterRotationDrift
 from semlive_simulators.effects.scan_shear_drift import ScanShearDrift
 from semlive_simulators.effects.stage_step_transient import StageStepTransient
@@ -24,7 +24,7 @@ STRETCH = 0.7
 """exp(-(T / tau)^0.7) in place of exp(-T / tau)."""
 OVERTONE, LAG_RAD = 0.15, 0.9
 LATER_SHARE, LATER_S = 0.3, 200.0
-T = TypeVar("T", Instants, Visits)
+T = TypeVar("T", Instants, PixelVisits)
 
 
 def stretched_s(time_s: Array, tau_s: float) -> Array:
@@ -57,12 +57,12 @@ class _Shear(ScanShearDrift):
 
 
 class _DistortionScale(DistortionScaleDrift):
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         return DistortionScaleDrift.offset_px(self, _later(at, self.time_constant_s))
 
 
 class _Lens(ChargingLocalLens):
-    def material_px(self, x_px: Array, y_px: Array, at: Visits) -> Plane:
+    def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> Plane:
         return ChargingLocalLens.material_px(self, x_px, y_px, _later(at, self.charging_s))
 
 

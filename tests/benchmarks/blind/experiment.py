@@ -20,10 +20,10 @@ from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive_simulators.effects.distortion import Distortion
-from semlive_simulators.effects.protocol import Effect, Instants, Visits
-from semlive_simulators.history import History, LoadStep, Move
-from semlive_simulators.scan import Scan
-from semlive_simulators.specimen import Motion, at_rest
+from semlive_simulators.effects.interfaces import Effect, Instants, PixelVisits
+from semlive_simulators.microscope.scan import Scan
+from semlive_simulators.specimen.history import History, LoadStep, Move
+from semlive_simulators.specimen.specimen import Motion, at_rest
 
 Field: TypeAlias = NDArray[np.float64]
 GRID = Grid(101, 101, 5, 150, 120, 43)
@@ -263,7 +263,7 @@ def seen_at(world: World, at: Field, frame: int, motion: Motion) -> Field:
         beyond = at[:, 1] - np.clip(at[:, 1], 0, scan.height_px - 1)
         time_s = start_s(frame) + in_frame + beyond * timing_.row_time_s
         bend = world.bend_px(at)
-        visit = Visits(
+        visit = PixelVisits(
             at[:, :1], at[:, 1:], time_s[:, None], start_s(frame), frame, 0, _NOBODY, scan, motion, (bend[:, :1], bend[:, 1:])
         )  # fmt: skip
         shifted = at - bend
@@ -275,7 +275,7 @@ def seen_at(world: World, at: Field, frame: int, motion: Motion) -> Field:
     return np.mean(visits, axis=0)
 
 
-def _undeformed(world: World, point: Field, visit: Visits, inverse: Field) -> Field:
+def _undeformed(world: World, point: Field, visit: PixelVisits, inverse: Field) -> Field:
     found = point
     for _ in range(6):
         moved = world.column.effects.material_px(found[:, :1], found[:, 1:], visit)

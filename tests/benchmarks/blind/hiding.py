@@ -10,8 +10,8 @@ from typing import Any
 
 from blind.experiment import AREA_MM2, TOP_STRAIN, YOUNGS_GPA
 
+from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.effects.library import LIBRARY
-from semlive_simulators.effects.protocol import Effect
 
 HALF_WIDTH_PX, HALF_HEIGHT_PX, PIXEL_MM = 512.0, 442.0, 1.25e-3
 TOP_N = TOP_STRAIN * YOUNGS_GPA * 1e3 * AREA_MM2

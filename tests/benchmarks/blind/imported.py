@@ -14,8 +14,8 @@ from scipy.ndimage import map_coordinates, uniform_filter
 
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.grid import Grid
-from semlive.service.importing import Import, import_folder
-from semlive_simulators.effects.protocol import Effect
+from semlive.service.replay.import_maps import ImportRequest, import_folder
+from semlive_simulators.effects.interfaces import Effect
 
 
 def imported(folder: Path, conditions: Conditions, effects: tuple[Effect, ...], grid: Grid) -> Path:
@@ -31,7 +31,7 @@ def imported(folder: Path, conditions: Conditions, effects: tuple[Effect, ...], 
             (folder / f"disparity_{dmap.reference}_{dmap.current}.csv").write_text(map_text(dmap))
     (folder / "frames.csv").write_text("\n".join([*lines, ""]))
     log = folder.with_suffix(".mcap")
-    import_folder(Import(folder, log, subset_px=43))
+    import_folder(ImportRequest(folder, log, subset_px=43))
     return log
 
 

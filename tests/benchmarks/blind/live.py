@@ -17,13 +17,13 @@ from semlive.data.settings import AnalysisSettings
 UM_PER_PX = 1.25
 
 
-def followed(pairs: Iterable[HiddenPair], settings: AnalysisSettings) -> Iterator[tuple[pipeline.Begun, PairResult]]:
+def followed(pairs: Iterable[HiddenPair], settings: AnalysisSettings) -> Iterator[tuple[pipeline.AnalysisState, PairResult]]:
     """What is known after each pair."""
     begun = None
     for one in pairs:
         decision = decided(one)
-        begun = begun or pipeline.begin_from_maps(settings, decision.first, one.maps[0].grid)
-        begun, result = pipeline.update(begun, decision, one.maps)
+        begun = begun or pipeline.start_from_maps(settings, decision.first, one.maps[0].grid)
+        begun, result = pipeline.add_pair(begun, decision, one.maps)
         yield begun, result
 
 

@@ -8,8 +8,8 @@ from numexp.world import HEIGHT_PX, WIDTH_PX
 from semlive import estimate
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
-from semlive.diagnose.observation import Observation, StepFacts, first_solution, observe
-from semlive_simulators.effects.protocol import Effect
+from semlive.diagnose.baseline.observation import Observation, StepConditions, baseline_solution, make_observation
+from semlive_simulators.effects.interfaces import Effect
 
 
 def observed(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRID) -> Observation:
@@ -18,6 +18,6 @@ def observed(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = G
     state = estimate.init(EstimateSettings(), grid, WIDTH_PX, HEIGHT_PX)
     for one in pairs:
         state = estimate.update(state, one.pose.pair, one.pose.phase, one.times, one.maps)
-    steps = [StepFacts(one.pose.pair, one.pose.phase, (one.pose.load_n, one.pose.load_n), one.pose.commanded_px) for one in pairs]
-    solution, other = first_solution(state)
-    return observe(solution, steps, other)
+    steps = [StepConditions(one.pose.pair, one.pose.phase, (one.pose.load_n, one.pose.load_n), one.pose.commanded_px) for one in pairs]
+    solution, other = baseline_solution(state)
+    return make_observation(solution, steps, other)

@@ -14,9 +14,9 @@ from numexp.world import start_s
 
 from semlive.data.experiment import Step
 from semlive.data.settings import DicSettings
-from semlive_simulators.effects.composition import Effects
-from semlive_simulators.effects.protocol import Effect
-from semlive_simulators.render import render_frame
+from semlive_simulators.effects.composition import EffectSet
+from semlive_simulators.effects.interfaces import Effect
+from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import load_scenario
 
 
@@ -24,7 +24,7 @@ def rendered_log(folder: Path, conditions: Conditions, effects: tuple[Effect, ..
     """A log of the poses, with the paper's own drift, distortion, dots and noise (0.025 px) and the effects."""
     paper = load_scenario("paper_x200")
     speckle = replace(paper.speckle, seed=paper.speckle.seed + conditions.seed)
-    scenario = replace(paper, seed=conditions.seed, speckle=speckle, effects=Effects(effects))
+    scenario = replace(paper, seed=conditions.seed, speckle=speckle, effects=EffectSet(effects))
     column, told = scenario.column(), poses(conditions)
     starts_s = [start_s(2 * pose.pair + member) for pose in told for member in (0, 1)]
     images = (render_frame(scenario, at_s, told[frame // 2].motion, frame, column) for frame, at_s in enumerate(starts_s))

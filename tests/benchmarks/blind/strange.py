@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.protocol import Effect, Plane, Visits
+from semlive_simulators.effects.interfaces import Effect, PixelVisits, Plane
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class MovingWave(Stranger):
 
     name: ClassVar[str] = "moving_wave"
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """Along x."""
         wave = self.size_px * np.sin(2.0 * np.pi * (at.x_px / 400.0 - at.time_s / 700.0) + self.drawn().uniform(0.0, 6.0))
         return wave, np.zeros_like(wave)
@@ -45,7 +45,7 @@ class CrossTalk(Stranger):
 
     name: ClassVar[str] = "column_cross_talk"
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """Along both axes."""
         size = self.size_px * (at.frame % 2)
         wave = size * np.sin(2.0 * np.pi * at.x_px / 300.0 + self.drawn().uniform(0.0, 6.0)) + 0.0 * at.y_px
@@ -57,7 +57,7 @@ class FieldOfEachPair(Stranger):
 
     name: ClassVar[str] = "field_of_each_pair"
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """A cubic in x and y."""
         rng = np.random.default_rng((self.seed, 92, at.frame // 2))
         x, y = at.from_centre_px
@@ -71,7 +71,7 @@ class SlipBand(Stranger):
 
     name: ClassVar[str] = "slip_band"
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """Along a line through the field."""
         angle = self.drawn().uniform(0.3, 1.2)
         x, y = at.from_centre_px
@@ -84,7 +84,7 @@ class Spiral(Stranger):
 
     name: ClassVar[str] = "spiral_drift"
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """Turned more outside than inside, without its rotation."""
         x, y = at.from_centre_px
         x, y = x / 512.0, y / 512.0
@@ -97,7 +97,7 @@ class QuadraticBump(Stranger):
 
     name: ClassVar[str] = "quadratic_bump"
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """Along y alone."""
         rng = self.drawn()
         x, y = at.from_centre_px

@@ -26,10 +26,10 @@ def concluded(experiment: Experiment, settings: AnalysisSettings) -> RunResult:
     begun = None
     for taken in experiment.pairs:
         decision = decision_of(taken, taken.pair, settings)
-        begun = begun or pipeline.begin_from_maps(settings, decision.first, experiment.grid)
-        begun = pipeline.absorb(begun, decision, taken.maps)
+        begun = begun or pipeline.start_from_maps(settings, decision.first, experiment.grid)
+        begun = pipeline.accumulate(begun, decision, taken.maps)
     assert begun is not None  # an experiment has pairs
-    return pipeline.conclude(begun)
+    return pipeline.finalise(begun)
 
 
 def decision_of(taken: Taken, pair: int, settings: AnalysisSettings) -> PairDecision:

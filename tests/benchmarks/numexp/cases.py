@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from numexp.noise import NoiseKind
 
 from semlive_simulators.effects.baseline_drift_underresolved import BaselineDriftUnderresolved
+from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.effects.magnification_drift import MagnificationDrift
-from semlive_simulators.effects.protocol import Effect
 
 Effects = Callable[[int], tuple[Effect, ...]]
 MAGNIFICATION_CHANGE = 5e-4

@@ -19,9 +19,9 @@ from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
 from semlive.data.strain import StrainField, StrainSummary, Tensor2
-from semlive.estimate.posterior import Solution
-from semlive_simulators.effects.protocol import Instants
-from semlive_simulators.specimen import at_rest
+from semlive.estimate.joint.solution.posterior import Solution
+from semlive_simulators.effects.interfaces import Instants
+from semlive_simulators.specimen.specimen import at_rest
 
 GRID = Grid(101, 101, 25, 30, 24, 43)
 CALIBRATION_PAIRS, LOAD_STEPS = 7, 3
@@ -56,7 +56,7 @@ def normalised(case: Case, seed: int, grid: Grid = GRID) -> Normalised:
     for taken in experiment.pairs:
         state = estimate.update(state, taken.pair, taken.phase, taken.times, taken.maps)
     solution = estimate.solve(state)
-    found = estimate.estimate(solution, 0)
+    found = estimate.to_estimate(solution, 0)
     return {
         "drift within frames": _drift(experiment, found.drift),
         "drift rate of scans to come": _forecast(experiment, found.drift.forecast),
@@ -123,7 +123,7 @@ def _frames(experiment: Experiment, solution: Solution) -> Normalised:
             gauges.append(_gauges(field, said, true))
             if taken.phase is Phase.TENSION:
                 loaded.append((float(true[1]) * MODULUS_GPA * 1e3 * AREA_MM2, said))
-    steps = [(loaded[at][0], mechanics.pooled(loaded[at][1], loaded[at + 1][1])) for at in range(0, len(loaded), 2)]
+    steps = [(loaded[at][0], mechanics.average_of_pair(loaded[at][1], loaded[at + 1][1])) for at in range(0, len(loaded), 2)]
     shared = estimate.mean_strain_covariance(solution, [one.frame for _, one in steps])
     elastic = mechanics.elastic_constants(steps, AREA_MM2, "y", covariance=shared)
     modulus, ratio = elastic.youngs_modulus_gpa, elastic.poissons_ratio

@@ -16,8 +16,8 @@ from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.scan import Provenance, ScanTiming, Sourced
-from semlive_simulators.scan import Scan
-from semlive_simulators.specimen import Motion
+from semlive_simulators.microscope.scan import Scan
+from semlive_simulators.specimen.specimen import Motion
 
 GRID = Grid(101, 101, 5, 150, 120, 43)
 ARM_PX = (8.0, -16.0, 24.0, -32.0, 16.0, -8.0, 32.0)

@@ -15,7 +15,7 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.drift import Correction, DistortionField
 from semlive.data.settings import EstimateSettings
 from semlive.estimate import sutton
-from semlive.estimate.sutton.parametric import classical
+from semlive.estimate.sutton.lens_distortion import fit_lens_distortion
 
 
 def uncorrected(experiment: Experiment) -> Found:
@@ -34,7 +34,7 @@ def joint(experiment: Experiment) -> Found:
     begin = time.process_time()
     solution = estimate.solve(state)
     spent_s = time.process_time() - begin
-    found = estimate.estimate(solution, len(experiment.pairs))
+    found = estimate.to_estimate(solution, len(experiment.pairs))
     grown = None if found.raster is None else float(found.raster.magnification[-1] - found.raster.magnification[0])
     return Found(found.distortion, lambda dmap: estimate.correction(solution, dmap), grown, tuple(spent), spent_s)
 
@@ -42,22 +42,22 @@ def joint(experiment: Experiment) -> Found:
 def sutton2007(experiment: Experiment) -> Found:
     """The published procedure with its defaults."""
     begin = time.process_time()
-    solution = _sutton(experiment, sutton.Options())
+    solution = _sutton(experiment, sutton.SuttonOptions())
     spent_s = time.process_time() - begin
-    distortion = sutton.estimate(solution, len(experiment.pairs)).distortion
+    distortion = sutton.to_estimate(solution, len(experiment.pairs)).distortion
     return Found(distortion, lambda dmap: sutton.correction(solution, dmap), None, (), spent_s)
 
 
 def no_drift(experiment: Experiment) -> Found:
     """The published procedure with drift left in: distortion alone is calibrated and corrected."""
-    solution = _sutton(experiment, sutton.Options(remove_drift=False))
-    return Found(sutton.estimate(solution, 0).distortion, lambda dmap: sutton.correction(solution, dmap))
+    solution = _sutton(experiment, sutton.SuttonOptions(remove_drift=False))
+    return Found(sutton.to_estimate(solution, 0).distortion, lambda dmap: sutton.correction(solution, dmap))
 
 
 def parametric(experiment: Experiment) -> Found:
     """The published procedure with the classical forms for distortion."""
-    solution = _sutton(experiment, sutton.Options(passes=1))
-    fit = classical(solution)
+    solution = _sutton(experiment, sutton.SuttonOptions(passes=1))
+    fit = fit_lens_distortion(solution)
     here = np.stack(experiment.grid.mesh(), axis=-1).reshape(-1, 2)
 
     def total(address: Field, frame: int) -> Field:
@@ -83,7 +83,7 @@ METHODS: dict[str, Callable[[Experiment], Found]] = {
 }
 
 
-def _sutton(experiment: Experiment, options: sutton.Options) -> sutton.SuttonSolution:
+def _sutton(experiment: Experiment, options: sutton.SuttonOptions) -> sutton.SuttonSolution:
     state = sutton.init(EstimateSettings(), experiment.grid, WIDTH_PX, HEIGHT_PX)
     for taken in experiment.pairs:
         state = sutton.update(state, taken.pair, taken.phase, taken.times, taken.maps)

@@ -13,14 +13,14 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive_simulators.column import Column
-from semlive_simulators.effects.composition import Effects
+from semlive_simulators.effects.composition import EffectSet
 from semlive_simulators.effects.distortion import AxisDistortion, Distortion
 from semlive_simulators.effects.drift import AxisDrift, Drift
-from semlive_simulators.effects.protocol import Effect
-from semlive_simulators.scan import Scan
+from semlive_simulators.effects.interfaces import Effect
+from semlive_simulators.microscope.column import Column
+from semlive_simulators.microscope.scan import Scan
 from semlive_simulators.scenario import Scenario, load_scenario
-from semlive_simulators.specimen import Motion, at_rest
+from semlive_simulators.specimen.specimen import Motion, at_rest
 
 Field: TypeAlias = NDArray[np.float64]
 
@@ -98,7 +98,7 @@ def make_world(
     """
     drift = Drift(*(_axis_drift(rng, run_s) for _ in range(2)))
     distortion = distortion or Distortion(*(_axis_distortion(rng) for _ in range(2)))
-    scenario = replace(_paper(), scan=scan, drift=drift, distortion=distortion, effects=Effects(effects))
+    scenario = replace(_paper(), scan=scan, drift=drift, distortion=distortion, effects=EffectSet(effects))
     return World(scenario.column(), distortion, carried)
 
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from semlive_simulators.exporters.facts import ImageFacts
-from semlive_simulators.exporters.settings import Export, Style, Vendor
-from semlive_simulators.scan import Scan
+from semlive_simulators.exporters.image_metadata import ImageMetadata
+from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
+from semlive_simulators.microscope.scan import Scan
 
 WIDTH_PX, HEIGHT_PX, SCAN_S = 256, 221, 0.2
-_EXPORT = Export(Style.DIRECT, 0.0, 0.0, 6, 20, "frame", Vendor.FEI)
+_EXPORT = Export(WriteStyle.DIRECT, 0.0, 0.0, 6, 20, "frame", Vendor.FEI)
 
 
 class FrameWriter:
@@ -29,7 +29,7 @@ class FrameWriter:
         image = np.clip(self._grey + noise, 1, 254).astype(np.uint8)
         scan = Scan(WIDTH_PX, HEIGHT_PX, 0.8 * SCAN_S / (WIDTH_PX * HEIGHT_PX), SCAN_S, 0.0, 1.0, 1, "frame")
         name = f"frame_{self._number:04d}"
-        facts = ImageFacts(scan, time.time_ns(), 12.5, -3.25, frame=self._number, name=name)
+        facts = ImageMetadata(scan, time.time_ns(), 12.5, -3.25, frame=self._number, name=name)
         self._number += 1
         working = self._folder / f"{name}.tmp"
         working.write_bytes(_EXPORT.encode(image, facts).image)

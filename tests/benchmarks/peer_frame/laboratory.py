@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from semlive.errors import SemliveError
-from semlive.service.tail import Tail
+from semlive.service.log.tail import LogTail
 
 from .building import ROOT
 from .configuration import configuration
@@ -86,7 +86,7 @@ class Follower:
     """What the run's log tells while it grows; instants are those of reading, CLOCK_MONOTONIC in s."""
 
     log: Path
-    tail: Tail | None = None
+    tail: LogTail | None = None
     states: list[tuple[str, int | None, float]] = field(default_factory=list)
     faults: list[Fault] = field(default_factory=list)
     loaded_pairs: int = 0
@@ -96,7 +96,7 @@ class Follower:
         if self.tail is None:
             if not self.log.is_dir():
                 return
-            self.tail = Tail(self.log)
+            self.tail = LogTail(self.log)
         try:
             for message in self.tail.poll():
                 if message.topic == "/state":

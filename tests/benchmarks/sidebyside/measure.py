@@ -21,14 +21,14 @@ from semlive.data.results import FrameResult, RunResult
 from semlive.data.settings import AnalysisSettings
 from semlive.data.strain import ElasticConstants
 from semlive.errors import BadInput
-from semlive.formats.maps import decode_map
-from semlive.formats.messages import DIC_MAP
-from semlive.report.errors import COMPONENTS, Errors, compare
-from semlive.report.noise import NoiseCorrelation, gauge_rows, independent_values, noise_scatter
-from semlive.report.score import Score, score
-from semlive.report.truth import Truth, load_truth, over_subset, seen
-from semlive.service.log_files import messages
-from semlive.service.replay import last_result
+from semlive.formats.log.maps import decode_map
+from semlive.formats.log.messages import DIC_MAP
+from semlive.report.noise_propagation import NoiseCorrelation, effective_sample_size, gauge_rows, noise_scatter
+from semlive.report.scoring.errors import COMPONENTS, RunErrors, compare_with_truth
+from semlive.report.scoring.score import Score, score
+from semlive.report.scoring.truth import Truth, average_over_subset, load_truth, true_motion
+from semlive.service.log.files import messages
+from semlive.service.replay.replay import result_from_maps
 
 Field = NDArray[np.float64]
 FIELDS = ("u", "v", *COMPONENTS)
@@ -66,7 +66,7 @@ class RunFigures:
 
     frames: int
     points: int
-    errors: Errors
+    errors: RunErrors
     scores: tuple[Score, ...]
     elastic: ElasticConstants | None
     true_elastic: tuple[float, float]
@@ -88,9 +88,9 @@ def measure(run: Path, windows: tuple[int, ...]) -> RunFigures:
         raise BadInput(f"{run}: holds no log/demo; give a folder that semlive demo wrote")
     told = load_truth(truth_file)
     truth = Truth.of(told)
-    whole, settings = last_result(log)
+    whole, settings = result_from_maps(log)
     result = compared(whole)
-    errors = compare(result, truth)
+    errors = compare_with_truth(result, truth)
     shares = dict(_shares(log, result, truth))
     phases = {
         phase.value: _phase(result, errors, shares, phase, windows, _alike(log, result, settings, phase))
@@ -121,8 +121,8 @@ def _alike(log: Path, result: RunResult, settings: AnalysisSettings, phase: Phas
     pairs = [one for one in result.decisions if one.step.phase is phase]
     chosen = (result.decisions[0], pairs[len(pairs) // 2])
     images = (exported_frame(log, one.first.export, settings).image for one in chosen)
-    first, second = (dic.smear_of(one, _within(log, one.pair)) for one in chosen)
-    return noise_correlation(*images, result.frames[0].displacement.grid, settings, dic.lacking(first, second))
+    first, second = (dic.blur_of_pair(one, _within(log, one.pair)) for one in chosen)
+    return noise_correlation(*images, result.frames[0].displacement.grid, settings, dic.missing_blur(first, second))
 
 
 def _within(log: Path, pair: int) -> DisparityMap:
@@ -148,18 +148,18 @@ def _shares(log: Path, result: RunResult, truth: Truth) -> Iterator[tuple[int, t
         # Displacement is disparity less correction, so what the correction has too little the displacement has too much. Maps, and
         # the correction learnt from them, show what bends within a subset by its mean.
         info, subset_px = infos[disparity.current], disparity.grid.subset_px
-        share = over_subset(partial(_correction, truth, infos[0], info), address, subset_px) - given
+        share = average_over_subset(partial(_correction, truth, infos[0], info), address, subset_px) - given
         share = np.where(valid[..., None], share - share[valid].mean(axis=0), 0.0)
         yield disparity.current, (share, disparity)
 
 
 def _correction(truth: Truth, first: FrameInfo, info: FrameInfo, address: Field) -> Field:
-    return seen(truth, first, info, address).correction_px
+    return true_motion(truth, first, info, address).correction_px
 
 
 def _phase(
     result: RunResult,
-    errors: Errors,
+    errors: RunErrors,
     shares: dict[int, tuple[Field, DisparityMap]],
     phase: Phase,
     windows: tuple[int, ...],
@@ -174,7 +174,7 @@ def _phase(
     rows = []
     for points in windows:
         expected = noise_scatter(errors.grid, points, float(said[0]), float(said[1]), full=True, correlation=alike)
-        values = independent_values(errors.grid, points) * len(chosen) / (1 + (len(chosen) - 1) / 4)
+        values = effective_sample_size(errors.grid, points) * len(chosen) / (1 + (len(chosen) - 1) / 4)
         rows.append(
             GaugeRow(
                 points,

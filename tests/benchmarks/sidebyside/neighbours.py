@@ -12,10 +12,10 @@ from semlive.data.frame import ExportedFile, Frame
 from semlive.data.grid import Grid
 from semlive.data.settings import AnalysisSettings
 from semlive.errors import BadInput
-from semlive.formats.frames import read_frame
-from semlive.formats.messages import SEM_ORIGINAL
-from semlive.report.noise import NoiseCorrelation
-from semlive.service.log_files import messages
+from semlive.formats.images.frames import read_frame
+from semlive.formats.log.messages import SEM_ORIGINAL
+from semlive.report.noise_propagation import NoiseCorrelation
+from semlive.service.log.files import messages
 
 DRAWS = 12
 
@@ -39,7 +39,7 @@ def noise_correlation(
     second: NDArray[np.unsignedinteger],
     grid: Grid,
     settings: AnalysisSettings,
-    smear: dic.Smear | None,
+    smear: dic.IntegrationBlur | None,
     draws: int = DRAWS,
 ) -> NoiseCorrelation:
     """Correlate two frames of a run with more noise on both, again and again; what differs between draws is noise.
@@ -55,7 +55,7 @@ def noise_correlation(
         rng = np.random.default_rng(draw)
         one, two = (_noisier(image, noise_grey, rng) for image in (first, second))
         reference = dic.prepare(one, grid, settings.dic)
-        maps.append(dic.correlate_alike(reference, two, settings.dic, smear, reference_frame=0, current_frame=1))
+        maps.append(dic.correlate_with_matched_blur(reference, two, settings.dic, smear, reference_frame=0, current_frame=1))
     valid = np.all([one.valid for one in maps], axis=0)
     lags = -(-grid.subset_px // grid.step_px)
     found = []

@@ -16,7 +16,7 @@ from pymodbus.client import ModbusTcpClient
 from semlive.data.loading import MotionState, StopOnLinkLoss
 from semlive.errors import LinkError
 from semlive.ports import StopMethods
-from semlive.service.clock import FileClock
+from semlive.service.runtime.clock import SimulatedClock
 from semlive_drivers.modbus.load_frame import open_load_frame
 from semlive_drivers.modbus.stage import open_stage
 from semlive_drivers.modbus.trigger import open_trigger
@@ -39,7 +39,7 @@ def ready(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, object
 
 
 def test_the_strain_gage_is_read_along_with_the_load_where_the_settings_say_that_there_is_one(ready: dict[str, object]) -> None:
-    clock = FileClock(Path(str(ready["clock_file"])))
+    clock = SimulatedClock(Path(str(ready["clock_file"])))
     plain = open_load_frame({"port": ready["port"]}, clock)
     without = plain.read()
     plain.close()
@@ -53,7 +53,7 @@ def test_the_strain_gage_is_read_along_with_the_load_where_the_settings_say_that
 
 
 def test_a_load_frame_that_is_left_alone_in_a_ramp_stops_by_itself(ready: dict[str, object]) -> None:
-    clock = FileClock(Path(str(ready["clock_file"])))
+    clock = SimulatedClock(Path(str(ready["clock_file"])))
     settings = {"port": ready["port"], "watchdog_s": 2.0}
     device = open_load_frame(settings, clock)
     assert device.identity.simulated
@@ -84,7 +84,7 @@ def test_a_load_frame_that_is_left_alone_in_a_ramp_stops_by_itself(ready: dict[s
 
 
 def test_a_load_frame_that_does_not_obey_its_stop_can_be_stopped_in_other_ways(ready: dict[str, object]) -> None:
-    device = open_load_frame({"port": ready["port"], "watchdog_s": 1.0}, FileClock(Path(str(ready["clock_file"]))))
+    device = open_load_frame({"port": ready["port"], "watchdog_s": 1.0}, SimulatedClock(Path(str(ready["clock_file"]))))
     assert isinstance(device, StopMethods)
     assert device.stop_methods == ("stop of the displacement control", "watchdog withheld")
     for method in range(2):
@@ -99,7 +99,7 @@ def test_a_load_frame_that_does_not_obey_its_stop_can_be_stopped_in_other_ways(r
 
 
 def test_a_stage_goes_where_it_is_sent(ready: dict[str, object]) -> None:
-    with closing(open_stage({"port": ready["port"], "timeout_s": 5.0}, FileClock(Path(str(ready["clock_file"]))))) as stage:
+    with closing(open_stage({"port": ready["port"], "timeout_s": 5.0}, SimulatedClock(Path(str(ready["clock_file"]))))) as stage:
         stage.move_to(40.0, -5.0)
         assert stage.read().motion is MotionState.MOVING
         wait_until(lambda: stage.read().motion is MotionState.STOPPED)
@@ -108,7 +108,7 @@ def test_a_stage_goes_where_it_is_sent(ready: dict[str, object]) -> None:
 
 
 def test_a_second_trigger_finds_the_sem_busy(ready: dict[str, object]) -> None:
-    with closing(open_trigger({"port": ready["port"]}, FileClock(Path(str(ready["clock_file"]))))) as trigger:
+    with closing(open_trigger({"port": ready["port"]}, SimulatedClock(Path(str(ready["clock_file"]))))) as trigger:
         trigger.scan_once()
         with pytest.raises(LinkError, match="the device is busy"):
             trigger.scan_once()

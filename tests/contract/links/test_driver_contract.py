@@ -12,19 +12,19 @@ import pytest
 
 from semlive.ports import LoadFrame
 from semlive_drivers import null
-from semlive_drivers.assembled import open_load_frame as open_assembled
-from semlive_drivers.console import Console
-from semlive_drivers.contract import CHECKS, Check
+from semlive_drivers.composite_config import open_load_frame as open_assembled
+from semlive_drivers.conformance import CHECKS, Check
 from semlive_drivers.modbus.load_frame import open_load_frame as open_modbus
-from semlive_drivers.operator_frame import open_load_frame as open_operator
+from semlive_drivers.operator.console import Console
+from semlive_drivers.operator.load_frame import open_load_frame as open_operator
 from semlive_drivers.text.load_frame import open_load_frame as open_text
-from semlive_simulators.clockwork import BenchClock
-from semlive_simulators.load_frame.lines import ascii_line, rtu_line
+from semlive_simulators.bench_clock import BenchClock
+from semlive_simulators.load_frame.line_faults import Line, LineFault
+from semlive_simulators.load_frame.serial_lines import ascii_line, rtu_line
 from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
-from semlive_simulators.load_frame.trouble import Line, Trouble
-from semlive_simulators.machine import Machine
+from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import load_scenario
-from semlive_simulators.sem import Sem
+from semlive_simulators.specimen.machine import LoadTrain
 
 from .emulated import Device, Spring, laumas_tlb, leadshine, oriental_az, over_rtu, over_tcp
 from .processes import WallClock
@@ -46,7 +46,7 @@ class SomeRig:
         tolerance_n: float = 1.0,
     ) -> None:
         self._open, self._moves, self._deaf = open_frame, moves, deaf
-        self.reachable_n, self.tolerance_n, self.can_be_cut = reachable_n, tolerance_n, deaf is not None
+        self.reachable_n, self.tolerance_n, self.can_disconnect = reachable_n, tolerance_n, deaf is not None
 
     def open(self) -> LoadFrame:
         return self._open()
@@ -54,11 +54,11 @@ class SomeRig:
     def moves(self) -> bool:
         return self._moves()
 
-    def cut(self) -> None:
+    def disconnect(self) -> None:
         if self._deaf is not None:
             self._deaf(True)
 
-    def mend(self) -> None:
+    def reconnect(self) -> None:
         if self._deaf is not None:
             self._deaf(False)
 
@@ -66,7 +66,7 @@ class SomeRig:
 def bench(stack: ExitStack, line: Line) -> SomeRig:
     """The simulated bench, over one of its lines."""
     scenario, clock = load_scenario("paper_x200"), BenchClock(1.0 if line is Line.SERIAL else 2.0, lambda _: None)
-    machine = Machine(scenario, clock.start_ns)
+    machine = LoadTrain(scenario, clock.start_ns)
     machine.read(clock.start_ns)
     sem = Sem(scenario, clock, machine, Path(), True, lambda _: None, lambda _: None)
     registers = BenchRegisters(scenario, clock, machine, sem)
@@ -77,7 +77,7 @@ def bench(stack: ExitStack, line: Line) -> SomeRig:
     troubles = registers.troubles
 
     def deaf(yes: bool) -> None:
-        troubles.order(Trouble.SILENT, [line], 1, 60.0) if yes else troubles.clear()
+        troubles.order(LineFault.SILENT, [line], 1, 60.0) if yes else troubles.clear()
 
     def moves() -> bool:
         reading = machine.read(clock.now_ns())

@@ -16,12 +16,12 @@ import pytest
 
 from semlive import process_lock
 from semlive.cli.app import run_app
-from semlive.data.frame_check import Verdict
+from semlive.data.checks import Verdict
 from semlive.endpoints import addresses_of
 from semlive.errors import LinkError, LinkRefused
 from semlive.process_lock import Holder, ProcessLock
-from semlive.service.checkup.surroundings import ends_of, lines
-from semlive.service.config import Config, DriverSection
+from semlive.service.checks.instrument import check_device_endpoints, endpoints_in
+from semlive.service.config.configuration import Config, DriverSection
 from semlive_drivers.endpoint_lock import reserve_serial, reserve_tcp
 from semlive_drivers.modbus.client import ModbusLink
 from semlive_drivers.modbus.codec import Block
@@ -248,17 +248,17 @@ def test_what_a_holder_wrote_is_shown_without_control_characters(tmp_path: Path)
 
 def test_doctor_leaves_a_device_alone_that_a_run_holds(server: socket.socket) -> None:
     port = port_of(server)
-    (end,) = ends_of({"map": "bench", "host": "127.0.0.1", "port": port})
+    (end,) = endpoints_in({"map": "bench", "host": "127.0.0.1", "port": port})
     frame = DriverSection(driver="modbus", settings={"map": "bench", "host": "127.0.0.1", "port": port})
     config = Config.model_validate(
         {"sem": {"folder": "export", "pixel_size_um": 1.0}, "stage": {"driver": "null"}, "protocol": {"calibration_shifts_px": [[0, 0]]}}
     ).model_copy(update={"load_frame": frame})
     assert end == ("127.0.0.1", port, 1)
     with process("tcp", "localhost", str(port), "1"):
-        (found, *_) = lines(config)
+        (found, *_) = check_device_endpoints(config)
         with pytest.raises(TimeoutError):
             server.accept()
-    assert found.verdict is Verdict.BAD
+    assert found.verdict is Verdict.FAILED
     assert f"127.0.0.1:{port} unit 1 is driven by another semlive already" in found.said
-    (found, *_) = lines(config)
-    assert found.verdict is Verdict.GOOD
+    (found, *_) = check_device_endpoints(config)
+    assert found.verdict is Verdict.OK

@@ -27,12 +27,12 @@ from semlive.data.loading import MotionState
 from semlive.errors import LinkError
 from semlive_drivers.modbus.check import check_modbus
 from semlive_drivers.modbus.load_frame import open_load_frame
-from semlive_simulators.clockwork import BenchClock
-from semlive_simulators.load_frame.lines import rtu_line
+from semlive_simulators.bench_clock import BenchClock
+from semlive_simulators.load_frame.serial_lines import rtu_line
 from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
-from semlive_simulators.machine import Machine
+from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import load_scenario
-from semlive_simulators.sem import Sem
+from semlive_simulators.specimen.machine import LoadTrain
 
 from .processes import WallClock, wait_until
 
@@ -80,7 +80,7 @@ class Bench:
 
     port: int
     rtu: str
-    machine: Machine
+    machine: LoadTrain
 
     def at_rest(self) -> None:
         """As it was found: the next test begins with a stopped frame."""
@@ -104,7 +104,7 @@ def joined(socat: str, folder: Path, one: str, other: str) -> Iterator[tuple[str
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     scenario, clock = load_scenario("paper_x200"), BenchClock(1.0, lambda _: None)
-    machine = Machine(scenario, clock.start_ns)
+    machine = LoadTrain(scenario, clock.start_ns)
     machine.read(clock.start_ns)
     sem = Sem(scenario, clock, machine, tmp_path_factory.mktemp("export"), True, lambda _: None, lambda _: None)
     registers = BenchRegisters(scenario, clock, machine, sem)

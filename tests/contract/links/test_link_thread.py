@@ -15,13 +15,13 @@ import pytest
 from semlive.data.experiment import Limits
 from semlive.data.loading import DeviceIdentity, LoadSample, MotionState, StopOnLinkLoss
 from semlive.engine import (
-    CommandTaken,
+    CommandAcknowledged,
     Device,
     DeviceFault,
     DeviceStopped,
     Event,
-    LinkBack,
     LinkLost,
+    LinkRestored,
     LinkStale,
     LoadReading,
     MoveStage,
@@ -29,7 +29,7 @@ from semlive.engine import (
     StageReading,
 )
 from semlive.errors import BadConfig, LinkError, LinkRefused
-from semlive.service.link import LinkThread
+from semlive.service.control.device_link import DeviceLink
 from semlive_drivers.modbus.load_frame import open_load_frame
 from semlive_drivers.modbus.stage import open_stage
 
@@ -38,7 +38,7 @@ from .processes import WallClock, peer, wait_until
 CLOCK = WallClock()
 DEAD_MAN_S = 0.4
 LIMITS = Limits(-50.0, 1000.0, -1.0, 1.0, 100.0, 500.0, 100.0, stale_after_s=0.5, lost_after_s=1.5)
-IDENTITY = DeviceIdentity("few lines", simulated=True, stop_on_link_loss=StopOnLinkLoss.ABSENT)
+IDENTITY = DeviceIdentity("few lines", simulated=True, stop_on_link_loss=StopOnLinkLoss.NONE)
 
 
 @dataclass
@@ -105,15 +105,15 @@ class Listener:
 
 
 @contextmanager
-def linked(open_device: Callable, heard: Callable[[Event], None], *, fed: bool = True, limits: Limits = LIMITS) -> Iterator[LinkThread]:
+def linked(open_device: Callable, heard: Callable[[Event], None], *, fed: bool = True, limits: Limits = LIMITS) -> Iterator[DeviceLink]:
     """An open link, fed from a thread unless told otherwise, and then often enough on any computer."""
     dead_man_s = 30.0 if fed else DEAD_MAN_S
-    link = LinkThread(Device.LOAD_FRAME, open_device, heard, clock=CLOCK, limits=limits, poll_s=0.02, dead_man_s=dead_man_s)
+    link = DeviceLink(Device.LOAD_FRAME, open_device, heard, clock=CLOCK, limits=limits, poll_s=0.02, dead_man_s=dead_man_s)
     over = threading.Event()
 
     def feeding() -> None:
         while not over.wait(0.05):
-            link.feed()
+            link.keep_alive()
 
     feeder = threading.Thread(target=feeding)
     link.open()
@@ -135,7 +135,7 @@ def test_samples_flow_and_commands_are_taken() -> None:
         wait_until(lambda: len(heard.of(LoadReading)) > 5)
         assert link.sample_age_s < 0.5
         link.send(RampTo(100.0, 10.0))
-        wait_until(lambda: heard.of(CommandTaken))
+        wait_until(lambda: heard.of(CommandAcknowledged))
         wait_until(lambda: heard.of(LoadReading)[-1].sample.force_n == 100.0)
         before = bench.commands
         link.close()
@@ -145,12 +145,12 @@ def test_samples_flow_and_commands_are_taken() -> None:
 def test_a_stage_is_a_link_like_any_other() -> None:
     heard = Listener()
     with peer() as bench:
-        link = LinkThread(Device.STAGE, lambda: open_stage({"port": bench.port}, CLOCK), heard, clock=CLOCK, limits=LIMITS, poll_s=0.02)
+        link = DeviceLink(Device.STAGE, lambda: open_stage({"port": bench.port}, CLOCK), heard, clock=CLOCK, limits=LIMITS, poll_s=0.02)
         link.open()
         link.send(MoveStage(5.0, 6.0))
-        wait_until(lambda: link.feed() or any(e.sample.x_um == 5.0 for e in heard.of(StageReading)))
+        wait_until(lambda: link.keep_alive() or any(e.sample.x_um == 5.0 for e in heard.of(StageReading)))
         link.send(RampTo(5.0, 6.0))
-        wait_until(lambda: link.feed() or heard.of(DeviceFault))
+        wait_until(lambda: link.keep_alive() or heard.of(DeviceFault))
         link.close()
     assert "a stage cannot do" in heard.of(DeviceFault)[0].reason
 
@@ -172,9 +172,9 @@ def test_when_control_stops_feeding_the_device_is_stopped_once_and_takes_nothing
         wait_until(lambda: heard.of(DeviceFault))
         assert device.times("ramp_to") == []
         assert len(device.times("stop")) == 1
-        link.feed()
+        link.keep_alive()
         link.send(RampTo(10.0, 1.0))
-        wait_until(lambda: link.feed() or heard.of(CommandTaken))
+        wait_until(lambda: link.keep_alive() or heard.of(CommandAcknowledged))
 
 
 def test_a_limit_stops_the_device_before_anybody_is_told() -> None:
@@ -215,7 +215,7 @@ def test_a_limit_stops_a_real_link() -> None:
     heard = Listener()
     with peer() as bench, linked(lambda: open_load_frame({"port": bench.port}, CLOCK), heard) as link:
         link.send(RampTo(400.0, 10.0))
-        wait_until(lambda: heard.of(CommandTaken))
+        wait_until(lambda: heard.of(CommandAcknowledged))
         bench.set_force(1200.0)
         wait_until(lambda: heard.of(DeviceStopped))
         assert bench.last_command == 2
@@ -250,18 +250,18 @@ def test_a_hung_device_gets_stale_then_lost_and_is_stopped_first_when_it_is_back
         assert "gave no answer within 0.3 s" in heard.of(LinkLost)[0].reason
         assert link.sample_age_s > 1.5
         bench.go_on()
-        wait_until(lambda: heard.of(LinkBack))
+        wait_until(lambda: heard.of(LinkRestored))
         assert (bench.commands, bench.last_command) == (before + 1, 2)
         count = len(heard.of(LoadReading))
         wait_until(lambda: len(heard.of(LoadReading)) > count)
-    assert len(heard.of(LinkStale)) == len(heard.of(LinkLost)) == len(heard.of(LinkBack)) == 1
+    assert len(heard.of(LinkStale)) == len(heard.of(LinkLost)) == len(heard.of(LinkRestored)) == 1
 
 
 def test_a_server_that_dies_in_a_ramp_and_comes_back_is_stopped_and_never_moved() -> None:
     heard = Listener()
     with peer() as bench, linked(lambda: open_load_frame({"port": bench.port}, CLOCK), heard) as link:
         link.send(RampTo(100.0, 10.0))
-        wait_until(lambda: heard.of(CommandTaken))
+        wait_until(lambda: heard.of(CommandAcknowledged))
         bench.kill()
         wait_until(lambda: heard.of(DeviceStopped))
         assert "the link failed while it may have moved" in heard.of(DeviceStopped)[0].reason
@@ -290,7 +290,7 @@ def test_a_failure_on_the_way_stops_at_the_first_chance() -> None:
     device, heard = FewLines(moves_when_told=True), Listener()
     with linked(device.open, heard) as link:
         link.send(RampTo(10.0, 1.0))
-        wait_until(lambda: heard.of(CommandTaken))
+        wait_until(lambda: heard.of(CommandAcknowledged))
         device.trouble["read"] = LinkError("no answer")
         wait_until(lambda: len(device.times("stop")) > 1)
         names = [name for name, _ in device.calls]
@@ -306,7 +306,7 @@ def test_a_command_that_is_refused_is_a_fault_and_a_stop() -> None:
         link.send(RampTo(10.0, 1.0))
         wait_until(lambda: device.times("stop"))
     assert [e.reason for e in heard.of(DeviceFault)] == ["the device is busy"]
-    assert heard.of(CommandTaken) == []
+    assert heard.of(CommandAcknowledged) == []
 
 
 def test_a_mistake_in_a_driver_does_not_end_the_thread() -> None:
@@ -360,7 +360,7 @@ def test_a_device_that_moves_when_the_link_opens_is_stopped() -> None:
 @pytest.mark.parametrize("error", [LinkRefused("nobody answers"), BadConfig("no such key")])
 def test_what_goes_wrong_at_opening_is_the_openers_to_hear(error: Exception) -> None:
     device = FewLines(trouble={"open": error})
-    link = LinkThread(Device.LOAD_FRAME, device.open, Listener(), clock=CLOCK, limits=LIMITS)
+    link = DeviceLink(Device.LOAD_FRAME, device.open, Listener(), clock=CLOCK, limits=LIMITS)
     with pytest.raises(type(error), match=str(error)):
         link.open()
     link.close()
@@ -370,7 +370,7 @@ def test_closing_stops_a_device_whose_link_was_down() -> None:
     device, heard = FewLines(moves_when_told=True), Listener()
     with linked(device.open, heard) as link:
         link.send(RampTo(10.0, 1.0))
-        wait_until(lambda: heard.of(CommandTaken))
+        wait_until(lambda: heard.of(CommandAcknowledged))
         device.trouble = {"read": LinkError("no answer"), "open": LinkError("no answer")}
         wait_until(lambda: device.opened > 2)
         device.trouble.clear()
@@ -386,8 +386,8 @@ def test_a_link_says_what_its_stage_moves() -> None:
         heard = Listener()
         with peer() as bench:
             opened = partial(open_stage, {"port": bench.port, "kind": kind}, CLOCK)
-            stage = LinkThread(Device.STAGE, opened, heard, clock=CLOCK, limits=LIMITS)
-            assert stage.moves is None
+            stage = DeviceLink(Device.STAGE, opened, heard, clock=CLOCK, limits=LIMITS)
+            assert stage.stage_kind is None
             stage.open()
-            assert stage.moves == kind
+            assert stage.stage_kind == kind
             stage.close()

@@ -10,16 +10,16 @@ from pathlib import Path
 import pytest
 
 from semlive.errors import LinkError, LinkRefused
-from semlive_drivers.assembled import open_load_frame
-from semlive_drivers.csv_tail import CsvSettings, CsvTail
+from semlive_drivers.composite_config import open_load_frame
+from semlive_drivers.csv_load_file import CsvLoadFile, CsvSettings
 
 from .processes import WallClock
 
 FORCE = {"force": {"column": "Force"}, "extension": {"column": "Ext"}}
 
 
-def tail(path: Path, **settings: object) -> CsvTail:
-    return CsvTail(CsvSettings.model_validate({"file": str(path), "frozen_after_s": 100.0, **(settings or FORCE)}), WallClock())
+def tail(path: Path, **settings: object) -> CsvLoadFile:
+    return CsvLoadFile(CsvSettings.model_validate({"file": str(path), "frozen_after_s": 100.0, **(settings or FORCE)}), WallClock())
 
 
 def test_decimal_commas_between_commas_are_no_reading(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def test_a_load_frame_says_who_it_is(bench: Peer, load_frame: LoadFrame) -> None
 def test_what_was_found_out_at_the_machine_wins_and_without_watchdog_there_is_none(bench: Peer) -> None:
     for settings, statement in (
         ({"stop_on_link_loss": "verified"}, StopOnLinkLoss.VERIFIED),
-        ({"watchdog_s": 0.0}, StopOnLinkLoss.ABSENT),
+        ({"watchdog_s": 0.0}, StopOnLinkLoss.NONE),
     ):
         device = open_load_frame({"port": bench.port, **settings}, CLOCK)
         assert device.identity.stop_on_link_loss is statement
@@ -190,7 +190,7 @@ def test_a_stage_moves_where_it_is_told(bench: Peer) -> None:
     stage = open_stage({"port": bench.port, "kind": "beam"}, CLOCK)
     assert isinstance(stage, Stage)
     assert stage.kind is StageKind.BEAM
-    assert stage.identity.stop_on_link_loss is StopOnLinkLoss.ABSENT
+    assert stage.identity.stop_on_link_loss is StopOnLinkLoss.NONE
     stage.move_to(10.5, -3.25)
     assert stage.read().motion is MotionState.MOVING
     stage.stop()
@@ -230,7 +230,7 @@ def test_the_drivers_speak_with_a_stack_of_another_make() -> None:
     with peer("modbus_tk_server.py") as other:
         load_frame = open_load_frame({"port": other.port}, CLOCK)
         assert not load_frame.identity.simulated
-        assert load_frame.identity.stop_on_link_loss is StopOnLinkLoss.ABSENT
+        assert load_frame.identity.stop_on_link_loss is StopOnLinkLoss.NONE
         sample = load_frame.read()
         assert (sample.force_n, sample.extension_mm, sample.target_n) == (-12.5, 0.125, 100.0)
         assert sample.simulator_lag_s is None

@@ -12,7 +12,7 @@ import pytest
 from semlive.data.loading import LoadSample, MotionState
 from semlive.errors import LinkError
 from semlive.ports import BlindStop, OrderCheck
-from semlive_drivers.frame import PartsLoadFrame
+from semlive_drivers.composite_load_frame import CompositeLoadFrame
 from semlive_drivers.modbus.load_frame import open_load_frame
 
 from .peer_frame import Peer, buildable, compiled, running
@@ -20,7 +20,7 @@ from .processes import WallClock, wait_until
 
 CLOCK = WallClock()
 ON_THE_WIRE_S = 0.1
-Opened = Callable[..., PartsLoadFrame]
+Opened = Callable[..., CompositeLoadFrame]
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def peer(frame_peer: Path, tmp_path: Path) -> Iterator[Peer]:
 def opened(peer: Peer) -> Iterator[Opened]:
     with ExitStack() as stack:
 
-        def open_it(name: str, **settings: object) -> PartsLoadFrame:
+        def open_it(name: str, **settings: object) -> CompositeLoadFrame:
             frame = open_load_frame({"map": peer.map(name), "port": peer.port, "confirmed": True, **settings}, CLOCK)
             stack.callback(frame.close)
             return frame
@@ -137,7 +137,7 @@ def test_a_stop_finds_nobody(frame_peer: Path, tmp_path: Path) -> None:
     frame.close()
 
 
-def until_it_rests(frame: PartsLoadFrame) -> list[LoadSample]:
+def until_it_rests(frame: CompositeLoadFrame) -> list[LoadSample]:
     """All readings until the frame says that it is at rest."""
     seen = [frame.read()]
     wait_until(lambda: (seen.append(frame.read()), seen[-1].motion is MotionState.STOPPED)[1])

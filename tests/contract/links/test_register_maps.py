@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from semlive.data.frame_check import Verdict
+from semlive.data.checks import Verdict
 from semlive.data.loading import ControlMode, MotionState, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError, LinkRefused
 from semlive.ports import LoadFrame, OrderCheck
-from semlive_drivers.assembled import open_load_frame
-from semlive_drivers.maps import UNCONFIRMED, known_maps, map_content, map_text
+from semlive_drivers.composite_config import open_load_frame
+from semlive_drivers.maps import UNCONFIRMED_NOTE, known_maps, map_content, map_text
 from semlive_drivers.modbus.check import check_modbus
 from semlive_drivers.modbus.device_map import load_map
 from semlive_drivers.modbus.load_frame import open_load_frame as open_one
@@ -91,7 +91,7 @@ def test_a_drive_that_knows_no_load_is_brought_to_one_and_back(name: str, made: 
             wait_until(lambda kept=highest: (kept.append(frame.read()), kept[-1].motion is MotionState.STOPPED)[1])
             assert frame.read().force_n == pytest.approx(target_n, abs=1.0)
             assert max(sample.force_n for sample in highest) < 61.5
-        assert frame.identity.stop_on_link_loss is StopOnLinkLoss.ABSENT
+        assert frame.identity.stop_on_link_loss is StopOnLinkLoss.NONE
 
 
 def test_a_drive_that_is_left_alone_stops_after_the_way_that_was_ordered() -> None:
@@ -156,7 +156,7 @@ def test_an_unconfirmed_map_moves_nothing() -> None:
     with tcp(laumas_tlb(spring), oriental_az(spring)) as (cell, drive):
         parts = {"cell": {"map": "laumas_tlb", "port": cell}, "drive": {"map": "oriental_az", "port": drive}}
         frame = open_load_frame({**parts, "approach": APPROACH}, CLOCK)
-        with pytest.raises(LinkError, match=f"is {UNCONFIRMED}; check it with `semlive frame check`"):
+        with pytest.raises(LinkError, match=f"is {UNCONFIRMED_NOTE}; check it with `semlive frame check`"):
             frame.ramp_to(10.0, 10.0)
         frame.stop()
         frame.close()
@@ -230,11 +230,11 @@ def test_a_look_reads_and_never_writes() -> None:
         found = check_modbus("laumas_tlb", {"port": cell_port})
         said = {finding.what: finding for finding in found.findings}
         assert said["gross"].said.startswith("-500 ")
-        assert said["order of words"].verdict is Verdict.GOOD
+        assert said["order of words"].verdict is Verdict.OK
         assert "gross: high word first makes sense" in said["order of words"].said
-        assert found.sound
+        assert found.passed
         assert not found.confirmed
-        assert check_modbus("oriental_az", {"port": drive_port}).sound
+        assert check_modbus("oriental_az", {"port": drive_port}).passed
     assert cell.requests
     assert not cell.writes + drive.writes
 
@@ -245,10 +245,10 @@ def test_a_look_finds_a_wrong_order_of_words_and_a_register_that_is_not_there() 
     with tcp(cell) as (port,):
         found = check_modbus("laumas_tlb", {"port": port, "registers": {"gross": {"words": "low_first"}}})
     said = {finding.what: finding for finding in found.findings}
-    assert said["order of words"].verdict is Verdict.BAD
+    assert said["order of words"].verdict is Verdict.FAILED
     assert "the description says low word first: correct it" in said["order of words"].advice
     assert "no such register (exception 2)" in said["serial_number"].said
-    assert not found.sound
+    assert not found.passed
 
 
 def test_nobody_answers_on_a_line_that_is_not_there(tmp_path: Path) -> None:
@@ -398,7 +398,7 @@ def test_a_saturated_cell_is_no_reading() -> None:
             frame.read()
         frame.close()
         said = {finding.what: finding for finding in check_modbus("laumas_tlb", {"port": port}).findings}
-        assert said["gross"].verdict is Verdict.BAD
+        assert said["gross"].verdict is Verdict.FAILED
     with pytest.raises(BadConfig, match=r"range is \[5, 1\], which is no range"):
         open_one({"map": "laumas_tlb", "registers": {"gross": {"range": [5, 1]}}}, CLOCK)
 

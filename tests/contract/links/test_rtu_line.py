@@ -16,8 +16,16 @@ from semlive.errors import LinkError
 from semlive_drivers.modbus.client import RtuLink
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.registers import Kind
-from semlive_drivers.modbus.rtu import alike, answers, cut, framed, reading, values_in, writing
-from semlive_drivers.modbus.rtu_line import NoAnswer, RtuLine
+from semlive_drivers.modbus.rtu.frames import (
+    build_frame,
+    is_reply_to,
+    parse_frame,
+    read_request,
+    replies_ambiguous,
+    values_in,
+    write_request,
+)
+from semlive_drivers.modbus.rtu.line import NoReply, RtuLine
 from semlive_drivers.serial_port import SerialSettings
 
 from .emulated import Device, over_rtu
@@ -64,18 +72,18 @@ def opened(device: Device, lateness: Lateness) -> Iterator[Callable[[], RtuLink]
 def test_a_late_answer_is_not_taken_for_the_next_one(opened: Callable[[], RtuLink], lateness: Lateness) -> None:
     link = opened()
     lateness.planned = [0.8]
-    with pytest.raises(NoAnswer, match=r"unit 1 gave no answer within 0\.4 s while reading holding register 10; check cable"):
+    with pytest.raises(NoReply, match=r"unit 1 gave no answer within 0\.4 s while reading holding register 10; check cable"):
         link.read(Block(Kind.HOLDING, 10, 1))
-    with pytest.raises(NoAnswer, match="an answer is still owed"):
+    with pytest.raises(NoReply, match="an answer is still owed"):
         link.read(Block(Kind.HOLDING, 11, 1))
-    wait_until(link.recover)
+    wait_until(link.resync)
     assert link.read(Block(Kind.HOLDING, 11, 1)) == (1011,)
 
 
 def test_closing_and_opening_again_forgets_nothing(opened: Callable[[], RtuLink], lateness: Lateness) -> None:
     link = opened()
     lateness.planned = [0.8]
-    with pytest.raises(NoAnswer):
+    with pytest.raises(NoReply):
         link.read(Block(Kind.HOLDING, 10, 4))
     link.close()
     again = opened()
@@ -85,20 +93,20 @@ def test_closing_and_opening_again_forgets_nothing(opened: Callable[[], RtuLink]
 def test_a_silent_unit_is_probed_shortly_so_that_a_stop_does_not_wait(opened: Callable[[], RtuLink], lateness: Lateness) -> None:
     link = opened()
     lateness.planned = [5.0, 5.0]
-    with pytest.raises(NoAnswer):
+    with pytest.raises(NoReply):
         link.read(Block(Kind.HOLDING, 10, 2))
     begun_s = time.monotonic()
-    assert not link.recover()
+    assert not link.resync()
     assert time.monotonic() - begun_s < 0.9 * TIMEOUT_S
 
 
 def test_late_answers_to_the_probes_themselves(opened: Callable[[], RtuLink], lateness: Lateness) -> None:
     link = opened()
     lateness.planned = [0.6, 0.6, 0.6]
-    with pytest.raises(NoAnswer):
+    with pytest.raises(NoReply):
         link.read(Block(Kind.HOLDING, 10, 2))
-    assert not link.recover()
-    wait_until(link.recover)
+    assert not link.resync()
+    wait_until(link.resync)
     assert [link.read(Block(Kind.HOLDING, 10 + n, 1 + n % 4)) for n in range(8)] == [
         tuple(range(1010 + n, 1011 + n + n % 4)) for n in range(8)
     ]
@@ -109,9 +117,9 @@ def test_a_stop_is_said_on_a_line_that_is_not_believed_and_first_when_it_is_open
 ) -> None:
     link = opened()
     lateness.planned = [0.8]
-    with pytest.raises(NoAnswer):
+    with pytest.raises(NoReply):
         link.read(Block(Kind.HOLDING, 10, 4))
-    assert link.write_blind([writing(Kind.HOLDING, 5, [2], False)])
+    assert link.write_without_reply([write_request(Kind.HOLDING, 5, [2], False)])
     link.close()
     again = opened()
     assert [int.from_bytes(pdu[6:]) for pdu in device.writes] == [2, 2]
@@ -130,7 +138,7 @@ def test_a_stop_does_not_hang_on_a_line_that_takes_no_bytes() -> None:
     def shout() -> None:
         began_s = time.monotonic()
         try:
-            line.shout(9, [writing(Kind.HOLDING, 5, [0] * 100, False)])
+            line.broadcast(9, [write_request(Kind.HOLDING, 5, [0] * 100, False)])
         finally:
             took_s.append(time.monotonic() - began_s)
 
@@ -176,37 +184,37 @@ def test_three_hundred_readings_with_late_answers_are_right_or_refused(device: D
             block = Block(Kind.HOLDING, chance.randrange(36), chance.randrange(1, 4))
             try:
                 assert link.read(block) == tuple(range(1000 + block.address, 1000 + block.address + block.count))
-            except NoAnswer:
+            except NoReply:
                 late += 1
-                wait_until(link.recover)
+                wait_until(link.resync)
         link.close()
     assert late > 5
 
 
 @given(st.sampled_from(list(Kind)), st.integers(0, 65_000), st.integers(1, 120))
 def test_a_reading_is_answered_by_its_own_length_only(kind: Kind, address: int, count: int) -> None:
-    request = reading(Block(kind, address, count))
+    request = read_request(Block(kind, address, count))
     size = (count + 7) // 8 if kind.bits else 2 * count
     reply = bytes([request[0], size]) + bytes(size)
-    assert answers(reply, request)
-    assert answers(bytes([request[0] | 0x80, 2]), request)
-    assert not answers(reply[:-1], request)
-    other = reading(Block(kind, address + 1, count))
-    assert alike(request, other)
+    assert is_reply_to(reply, request)
+    assert is_reply_to(bytes([request[0] | 0x80, 2]), request)
+    assert not is_reply_to(reply[:-1], request)
+    other = read_request(Block(kind, address + 1, count))
+    assert replies_ambiguous(request, other)
     assert len(values_in(reply, Block(kind, address, count))) == count
-    assert cut(framed(1, reply) + b"more").rest == b"more"
+    assert parse_frame(build_frame(1, reply) + b"more").rest == b"more"
 
 
 @given(st.binary(max_size=300))
 def test_any_bytes_can_be_received(received: bytes) -> None:
-    part = cut(received)
+    part = parse_frame(received)
     assert part.frame is None or part.frame + part.rest == received
     assert len(part.rest) <= len(received)
 
 
 def test_requests_are_those_of_the_specification() -> None:
-    assert framed(1, reading(Block(Kind.HOLDING, 0, 10))) == bytes.fromhex("01030000000ac5cd")
-    assert writing(Kind.HOLDING, 1, [10, 258], False) == bytes.fromhex("100001000204000a0102")
-    assert writing(Kind.HOLDING, 1, [3], True) == bytes.fromhex("0600010003")
-    assert writing(Kind.COIL, 0x13, [1, 0, 1, 1, 0, 0, 1, 1, 1, 0], False) == bytes.fromhex("0f0013000a02cd01")
-    assert writing(Kind.COIL, 0xAC, [1], True) == bytes.fromhex("0500acff00")
+    assert build_frame(1, read_request(Block(Kind.HOLDING, 0, 10))) == bytes.fromhex("01030000000ac5cd")
+    assert write_request(Kind.HOLDING, 1, [10, 258], False) == bytes.fromhex("100001000204000a0102")
+    assert write_request(Kind.HOLDING, 1, [3], True) == bytes.fromhex("0600010003")
+    assert write_request(Kind.COIL, 0x13, [1, 0, 1, 1, 0, 0, 1, 1, 1, 0], False) == bytes.fromhex("0f0013000a02cd01")
+    assert write_request(Kind.COIL, 0xAC, [1], True) == bytes.fromhex("0500acff00")

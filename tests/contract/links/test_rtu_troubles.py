@@ -15,13 +15,13 @@ from semlive.ports import LoadFrame
 from semlive_drivers.modbus.load_frame import open_load_frame
 from semlive_drivers.modbus.stage import open_stage
 from semlive_drivers.modbus.trigger import open_trigger
-from semlive_simulators.clockwork import BenchClock
-from semlive_simulators.load_frame.lines import rtu_line
+from semlive_simulators.bench_clock import BenchClock
+from semlive_simulators.load_frame.line_faults import Line, LineFault, LineFaultInjector
+from semlive_simulators.load_frame.serial_lines import rtu_line
 from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
-from semlive_simulators.load_frame.trouble import Line, Trouble, Troubles
-from semlive_simulators.machine import Machine
+from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import load_scenario
-from semlive_simulators.sem import Sem
+from semlive_simulators.specimen.machine import LoadTrain
 
 from .processes import WallClock, wait_until
 
@@ -29,9 +29,9 @@ CLOCK = WallClock()
 
 
 @pytest.fixture(scope="module")
-def bench() -> Iterator[tuple[str, Troubles]]:
+def bench() -> Iterator[tuple[str, LineFaultInjector]]:
     scenario, clock = load_scenario("paper_x200"), BenchClock(1.0, lambda _: None)
-    machine = Machine(scenario, clock.start_ns)
+    machine = LoadTrain(scenario, clock.start_ns)
     machine.read(clock.start_ns)
     sem = Sem(scenario, clock, machine, Path(), True, lambda _: None, lambda _: None)
     registers = BenchRegisters(scenario, clock, machine, sem)
@@ -56,12 +56,12 @@ def read_until_refused(frame: LoadFrame, times: int) -> int:
     return times
 
 
-@pytest.mark.parametrize("trouble", [trouble for trouble in Trouble if trouble is not Trouble.ECHO])
-def test_a_reading_in_trouble_is_right_or_refused_and_the_line_comes_back(bench: tuple[str, Troubles], trouble: Trouble) -> None:
+@pytest.mark.parametrize("trouble", [trouble for trouble in LineFault if trouble is not LineFault.ECHO])
+def test_a_reading_in_trouble_is_right_or_refused_and_the_line_comes_back(bench: tuple[str, LineFaultInjector], trouble: LineFault) -> None:
     path, troubles = bench
     settings = {"serial": {"port": path, "slowest_s": 0.5}, "timeout_s": 0.25, "frozen_after_s": 10.0}
     frame = open_load_frame(settings, CLOCK)
-    troubles.order(trouble, [Line.RTU], 2, 0.4 if trouble in (Trouble.LATE, Trouble.SILENT) else 0.03)
+    troubles.order(trouble, [Line.RTU], 2, 0.4 if trouble in (LineFault.LATE, LineFault.SILENT) else 0.03)
     read_until_refused(frame, 6)
     frame.close()
     troubles.clear()
@@ -78,17 +78,17 @@ def test_a_reading_in_trouble_is_right_or_refused_and_the_line_comes_back(bench:
     wait_until(comes_back)
 
 
-def test_a_line_that_hears_itself_is_a_setting(bench: tuple[str, Troubles]) -> None:
+def test_a_line_that_hears_itself_is_a_setting(bench: tuple[str, LineFaultInjector]) -> None:
     path, troubles = bench
     settings = {"timeout_s": 5.0, "frozen_after_s": 100.0}
-    troubles.order(Trouble.ECHO, [Line.RTU], 60, 0.0)
+    troubles.order(LineFault.ECHO, [Line.RTU], 60, 0.0)
     frame = open_load_frame({**settings, "serial": {"port": path, "slowest_s": 0.3, "echo": True}}, CLOCK)
     assert read_until_refused(frame, 5) == 5
     frame.close()
     troubles.clear()
 
 
-def test_a_stage_and_a_trigger_over_the_same_kind_of_line(bench: tuple[str, Troubles]) -> None:
+def test_a_stage_and_a_trigger_over_the_same_kind_of_line(bench: tuple[str, LineFaultInjector]) -> None:
     line = {"serial": {"port": bench[0], "slowest_s": 0.3}, "timeout_s": 5.0}
     stage = open_stage({**line, "kind": "beam", "first_register": 400, "frozen_after_s": 10.0}, CLOCK)
     stage.move_to(3.0, -2.0)

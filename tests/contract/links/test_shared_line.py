@@ -13,8 +13,8 @@ from semlive.errors import BadConfig, LinkError
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.part import open_link
 from semlive_drivers.modbus.registers import Kind
+from semlive_drivers.modbus.rtu.shared_line import PriorityLock, is_shared
 from semlive_drivers.modbus.settings import ModbusSettings
-from semlive_drivers.modbus.shared_line import Turns, is_shared
 
 from .emulated import Device, over_rtu
 from .processes import wait_until
@@ -77,9 +77,9 @@ def test_a_device_that_falls_silent_or_is_late_does_not_harm_its_neighbour(
     try:
         assert frame.read(Block(Kind.HOLDING, 3, 1)) == (1003,)
     except LinkError:
-        wait_until(frame.recover)
+        wait_until(frame.resync)
     assert frame.read(Block(Kind.HOLDING, 4, 1)) == (1004,)
-    wait_until(stage.recover)
+    wait_until(stage.resync)
     assert stage.read(Block(Kind.HOLDING, 3, 1)) == (2003,)
     devices[STAGE].silent = True
     with pytest.raises(LinkError):
@@ -99,7 +99,7 @@ def test_a_stop_waits_for_one_answer_of_its_neighbour_at_most(path: str, devices
             try:
                 stage.read(Block(Kind.HOLDING, 0, 1))
             except LinkError:
-                stage.recover()
+                stage.resync()
 
     devices[STAGE].silent = True
     thread = threading.Thread(target=look_for_it)
@@ -150,7 +150,7 @@ def test_a_line_that_is_gone_is_opened_anew_by_both(path: str) -> None:
 
 
 def test_who_comes_first_is_served_first_and_urgent_ones_before() -> None:
-    turns, served, begun = Turns(), list[str](), threading.Event()
+    turns, served, begun = PriorityLock(), list[str](), threading.Event()
 
     def want(name: str, urgent: bool) -> threading.Thread:
         def run() -> None:

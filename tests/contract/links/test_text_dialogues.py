@@ -10,20 +10,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from semlive.data.frame_check import Verdict
+from semlive.data.checks import Verdict
 from semlive.data.loading import ControlMode, MotionState, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError, LinkRefused
 from semlive.ports import BlindStop, LoadFrame, OrderCheck, StopMethods
 from semlive_drivers.check import check_frame
-from semlive_drivers.frame import PartsLoadFrame
-from semlive_drivers.text.codec import CheckKind, Checksum, filled, with_check, without_check
+from semlive_drivers.composite_load_frame import CompositeLoadFrame
+from semlive_drivers.text.codec import CheckKind, Checksum, fill_template, with_check, without_check
 from semlive_drivers.text.load_frame import open_load_frame
-from semlive_simulators.clockwork import BenchClock
-from semlive_simulators.load_frame.lines import ascii_line
-from semlive_simulators.load_frame.serial_ascii import SerialStand
-from semlive_simulators.load_frame.trouble import Line, Trouble, Troubles
-from semlive_simulators.machine import Machine
+from semlive_simulators.bench_clock import BenchClock
+from semlive_simulators.load_frame.ascii_stand import AsciiTestStand
+from semlive_simulators.load_frame.line_faults import Line, LineFault, LineFaultInjector
+from semlive_simulators.load_frame.serial_lines import ascii_line
 from semlive_simulators.scenario import load_scenario
+from semlive_simulators.specimen.machine import LoadTrain
 
 from .processes import WallClock, wait_until
 from .text_server import over_text
@@ -35,7 +35,7 @@ APPROACH = {"stiffness_n_mm": 8000.0, "speed_max_mm_s": 0.05, "speed_min_mm_s": 
 class Stand:
     """The bench's test stand on its line."""
 
-    def __init__(self, path: str, machine: Machine, troubles: Troubles, clock: BenchClock, letters: SerialStand) -> None:
+    def __init__(self, path: str, machine: LoadTrain, troubles: LineFaultInjector, clock: BenchClock, letters: AsciiTestStand) -> None:
         self.path, self.machine, self.troubles, self.clock, self.letters = path, machine, troubles, clock, letters
 
     def settings(self, **more: object) -> dict[str, object]:
@@ -46,9 +46,9 @@ class Stand:
 @pytest.fixture
 def stand() -> Iterator[Stand]:
     clock = BenchClock(1.0, lambda _: None)
-    machine = Machine(load_scenario("paper_x200"), clock.start_ns)
+    machine = LoadTrain(load_scenario("paper_x200"), clock.start_ns)
     machine.read(clock.start_ns)
-    troubles = Troubles((), lambda: 0.0)
+    troubles = LineFaultInjector((), lambda: 0.0)
     clock.begin()
     over = threading.Event()
     with ascii_line(machine, clock.now_ns, troubles) as (path, letters):
@@ -74,7 +74,7 @@ def frame(stand: Stand) -> Iterator[LoadFrame]:
 def test_a_stand_tells_load_extension_and_motion(stand: Stand, frame: LoadFrame) -> None:
     assert isinstance(frame, LoadFrame)
     assert frame.identity.name == f"load frame at {stand.path}"
-    assert frame.identity.stop_on_link_loss is StopOnLinkLoss.ABSENT
+    assert frame.identity.stop_on_link_loss is StopOnLinkLoss.NONE
     sample = frame.read()
     assert sample.force_n == pytest.approx(0.0, abs=15.0)
     assert (sample.motion, sample.extension_mm) == (MotionState.STOPPED, pytest.approx(0.0, abs=2e-3))
@@ -108,7 +108,7 @@ def test_a_stop_is_confirmed_by_the_stand(stand: Stand, frame: LoadFrame) -> Non
     [(b"e0123.0", "its speed is 2.05 mm/s, "), (b"h005.00", "its upper is 5 mm, ")],
 )
 def test_a_setting_that_somebody_changes_in_a_ramp_is_noticed_and_ends_it(
-    stand: Stand, frame: PartsLoadFrame, letters: bytes, sentence: str
+    stand: Stand, frame: CompositeLoadFrame, letters: bytes, sentence: str
 ) -> None:
     frame.ramp_to(1500.0, 100.0)
     assert [frame.read().order_changed for _ in range(4)] == [None] * 4
@@ -125,7 +125,7 @@ def test_a_setting_that_somebody_changes_in_a_ramp_is_noticed_and_ends_it(
     frame.stop()
 
 
-def test_settings_that_nobody_changes_are_no_other_order(stand: Stand, frame: PartsLoadFrame) -> None:
+def test_settings_that_nobody_changes_are_no_other_order(stand: Stand, frame: CompositeLoadFrame) -> None:
     seen = [frame.read()]
 
     def rests() -> bool:
@@ -142,7 +142,7 @@ def test_settings_that_nobody_changes_are_no_other_order(stand: Stand, frame: Pa
 
 def test_a_late_answer_is_refused_and_the_next_ones_are_right(stand: Stand) -> None:
     frame = open_load_frame(stand.settings(timeout_s=0.3), CLOCK)
-    stand.troubles.order(Trouble.LATE, [Line.SERIAL], 1, 0.6)
+    stand.troubles.order(LineFault.LATE, [Line.SERIAL], 1, 0.6)
     with pytest.raises(LinkError, match=r"gave no whole answer within 0\.3 s to 'p'"):
         frame.read()
     with pytest.raises(LinkError, match="an answer is still owed"):
@@ -158,7 +158,7 @@ def test_a_stop_is_sent_although_answers_do_not_come_or_the_line_is_closed(stand
     frame = open_load_frame(stand.settings(timeout_s=0.3), CLOCK)
     assert isinstance(frame, BlindStop)
     frame.ramp_to(150.0, 100.0)
-    stand.troubles.order(Trouble.LOST, [Line.SERIAL], 1, 0.0)
+    stand.troubles.order(LineFault.LOST, [Line.SERIAL], 1, 0.0)
     with pytest.raises(LinkError):
         wait_until(lambda: frame.read().force_n > 1e6)
     if closed:
@@ -187,15 +187,15 @@ def read_three_times(frame: LoadFrame) -> None:
         frame.read()
 
 
-@pytest.mark.parametrize("trouble", [Trouble.NOISE, Trouble.WRONG_CHECK, Trouble.TWICE, Trouble.LOST])
-def test_what_is_spoiled_is_no_reading(stand: Stand, frame: LoadFrame, trouble: Trouble) -> None:
+@pytest.mark.parametrize("trouble", [LineFault.NOISE, LineFault.WRONG_CHECK, LineFault.TWICE, LineFault.LOST])
+def test_what_is_spoiled_is_no_reading(stand: Stand, frame: LoadFrame, trouble: LineFault) -> None:
     stand.troubles.order(trouble, [Line.SERIAL], 1, 0.01)
     with pytest.raises(LinkError, match=r"said|spoke unasked|gave no whole answer"):
         read_three_times(frame)
 
 
 def test_a_reply_in_pieces_is_a_reply(stand: Stand, frame: LoadFrame) -> None:
-    stand.troubles.order(Trouble.SPLIT, [Line.SERIAL], 2, 0.05)
+    stand.troubles.order(LineFault.SPLIT, [Line.SERIAL], 2, 0.05)
     assert frame.read().motion is MotionState.STOPPED
 
 
@@ -204,16 +204,16 @@ def test_a_force_in_another_unit_is_the_same_force(stand: Stand, frame: LoadFram
     wait_until(lambda: frame.read().force_n > 300.0)
     frame.stop()
     before_n = frame.read().force_n
-    stand.troubles.order(Trouble.WRONG_UNIT, [Line.SERIAL], 2, 0.0)
+    stand.troubles.order(LineFault.WRONG_UNIT, [Line.SERIAL], 2, 0.0)
     assert frame.read().force_n == pytest.approx(before_n, abs=40.0)
 
 
 def test_a_look_at_the_stand_gives_no_order(stand: Stand) -> None:
     found = check_frame("mark10_esm", {"unit": 1, "timeout_s": 0.5, "serial": {"port": stand.path, "slowest_s": 0.2}}, CLOCK)
     said = {finding.what: finding for finding in found.findings}
-    assert said["force"].verdict is Verdict.GOOD
+    assert said["force"].verdict is Verdict.OK
     assert said["motion"].said == "S"
-    assert found.sound
+    assert found.passed
     with pytest.raises(BadConfig, match="mark10_esm speaks over a serial line; give its path"):
         check_frame("mark10_esm", {"host": "127.0.0.1", "port": 502}, CLOCK)
 
@@ -298,10 +298,10 @@ def test_units_in_the_reply_and_checksums_on_every_line(tmp_path: Path) -> None:
 
 @given(st.floats(-900, 900), st.integers(0, 3))
 def test_a_number_in_a_request_reads_back(value: float, decimals: int) -> None:
-    text = filled(f"x{{to_mm:+3.{decimals}}}y", {"to_mm": value}).decode()
+    text = fill_template(f"x{{to_mm:+3.{decimals}}}y", {"to_mm": value}).decode()
     assert text[1] in "+-"
     assert float(text[1:-1]) == pytest.approx(value, abs=0.501 * 10**-decimals)
-    outward = float(filled(f"{{to_mm:3.{decimals}!}}", {"to_mm": value}))
+    outward = float(fill_template(f"{{to_mm:3.{decimals}!}}", {"to_mm": value}))
     assert abs(outward) >= abs(value) - 1e-5
 
 
@@ -358,7 +358,7 @@ read_back:
 
 
 @pytest.fixture
-def loads(tmp_path: Path) -> Iterator[tuple[dict[str, str], PartsLoadFrame]]:
+def loads(tmp_path: Path) -> Iterator[tuple[dict[str, str], CompositeLoadFrame]]:
     """The answers of a device that takes loads, by question, and its load frame."""
     path = tmp_path / "loads.yaml"
     path.write_text(TAKES_LOADS, encoding="utf-8")
@@ -380,7 +380,7 @@ def loads(tmp_path: Path) -> Iterator[tuple[dict[str, str], PartsLoadFrame]]:
     [("t", "20.0", "its aim is 20 N, 100 N was ordered"), ("v", "9.99", "its rate is 9.99 N/s, 5 N/s was ordered")],
 )
 def test_target_and_rate_that_somebody_changes_are_noticed(
-    loads: tuple[dict[str, str], PartsLoadFrame], question: str, answer: str, sentence: str
+    loads: tuple[dict[str, str], CompositeLoadFrame], question: str, answer: str, sentence: str
 ) -> None:
     answers, frame = loads
     assert [frame.read().order_changed for _ in range(2)] == [None] * 2
@@ -393,7 +393,7 @@ def test_target_and_rate_that_somebody_changes_are_noticed(
     assert [frame.read().order_changed for _ in range(4)] == [None] * 4
 
 
-def test_an_order_of_an_earlier_process_is_compared(loads: tuple[dict[str, str], PartsLoadFrame]) -> None:
+def test_an_order_of_an_earlier_process_is_compared(loads: tuple[dict[str, str], CompositeLoadFrame]) -> None:
     answers, frame = loads
     answers.update(t="100.0", v="5.00")
     frame.recall_order(100.0, 5.0)
@@ -403,7 +403,7 @@ def test_an_order_of_an_earlier_process_is_compared(loads: tuple[dict[str, str],
 
 
 def test_an_answer_that_the_description_does_not_fit_is_not_compared_and_costs_no_reading(
-    loads: tuple[dict[str, str], PartsLoadFrame],
+    loads: tuple[dict[str, str], CompositeLoadFrame],
 ) -> None:
     answers, frame = loads
     frame.ramp_to(100.0, 5.0)

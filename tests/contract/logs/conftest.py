@@ -17,7 +17,7 @@ from numexp.experiment import Experiment, make_experiment
 from semlive.cli.app import run_app
 from semlive.data.grid import Grid
 from semlive.data.settings import SpecimenSettings
-from semlive.service.importing import Import, import_folder
+from semlive.service.replay.import_maps import ImportRequest, import_folder
 
 Said = tuple[int, str, str]
 GRID = Grid(101, 101, 25, 30, 24, 0)
@@ -40,7 +40,7 @@ def folder(experiment: Experiment, tmp_path_factory: pytest.TempPathFactory) -> 
 def imported(folder: Path) -> Path:
     """The folder as a log."""
     log = folder.with_name("tension.mcap")
-    import_folder(Import(folder, log, SpecimenSettings(area_mm2=AREA_MM2)))
+    import_folder(ImportRequest(folder, log, SpecimenSettings(area_mm2=AREA_MM2)))
     return log
 
 
@@ -49,7 +49,7 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A log of four calibration pairs."""
     folder = tmp_path_factory.mktemp("short") / "short"
     write_folder(make_experiment(CASES["smooth"], 5, Grid(101, 101, 50, 15, 12, 0), calibration_pairs=4), folder)
-    import_folder(Import(folder, folder.with_name("short.mcap")))
+    import_folder(ImportRequest(folder, folder.with_name("short.mcap")))
     return folder.with_name("short.mcap")
 
 

@@ -14,10 +14,10 @@ from blind.imported import imported
 from numexp.world import SCAN
 
 from semlive.data.grid import Grid
-from semlive.diagnose.protocols import square_px
+from semlive.diagnose.experiments.protocols import square_px
 from semlive_simulators.effects.anisotropic_pixel import AnisotropicPixel
 from semlive_simulators.effects.flyback_settling import FlybackSettling
-from semlive_simulators.scan import Scan
+from semlive_simulators.microscope.scan import Scan
 
 Said = tuple[int, str, str]
 GRID = Grid(56, 56, 20, 45, 38, 43)

@@ -20,8 +20,8 @@ from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 from semlive.data.results import RunResult
 from semlive.estimate import correction_sigma
-from semlive.service.replay import Replay, replay
-from semlive.service.result_json import result_json
+from semlive.service.analysis.result_json import result_json
+from semlive.service.replay.replay import ReplayRequest, replay
 
 Semlive = Callable[..., tuple[int, str, str]]
 NAMES = ("u", "v", "exx", "eyy", "exy", "sigma_u", "sigma_v")
@@ -29,7 +29,7 @@ NAMES = ("u", "v", "exx", "eyy", "exy", "sigma_u", "sigma_v")
 
 @pytest.fixture(scope="module")
 def known(imported: Path) -> Any:
-    return replay(Replay(imported, until=5))
+    return replay(ReplayRequest(imported, until=5))
 
 
 @pytest.fixture

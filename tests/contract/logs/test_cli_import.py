@@ -15,12 +15,12 @@ from numexp.experiment import Experiment, make_experiment
 
 from semlive.data.grid import Grid
 from semlive.errors import BadInput
-from semlive.formats.maps import decode_map
-from semlive.formats.messages import DIC_MAP
-from semlive.service.importing import Import, import_folder
-from semlive.service.log_files import messages
-from semlive.service.replay import Replay, replay
-from semlive.service.result_json import result_json
+from semlive.formats.log.maps import decode_map
+from semlive.formats.log.messages import DIC_MAP
+from semlive.service.analysis.result_json import result_json
+from semlive.service.log.files import messages
+from semlive.service.replay.import_maps import ImportRequest, import_folder
+from semlive.service.replay.replay import ReplayRequest, replay
 
 Semlive = Callable[..., tuple[int, str, str]]
 
@@ -48,7 +48,7 @@ def test_maps_stand_in_the_log_as_they_were_listed(imported: Path, experiment: E
 
 
 def test_strain_and_elastic_constants_come_out_right(imported: Path, experiment: Experiment) -> None:
-    done = replay(Replay(imported))
+    done = replay(ReplayRequest(imported))
     told = result_json(done.result, done.settings)
     assert told["pairs"] == 12
     assert told["vsg_px"] == 8 * 25
@@ -64,13 +64,13 @@ def test_strain_and_elastic_constants_come_out_right(imported: Path, experiment:
 
 def test_maps_from_frame_0_to_second_frames_are_taken_too(experiment: Experiment, tmp_path: Path) -> None:
     few = make_experiment(CASES["exact"], 5, Grid(101, 101, 50, 15, 12, 0), calibration_pairs=3)
-    whole = import_folder(Import(write_folder(few, tmp_path / "whole", seconds=True), tmp_path / "whole.mcap"))
+    whole = import_folder(ImportRequest(write_folder(few, tmp_path / "whole", seconds=True), tmp_path / "whole.mcap"))
     assert whole.maps == 1 + 2 * 3
     results = []
     for name in ("whole", "less"):
         if name == "less":
-            import_folder(Import(write_folder(few, tmp_path / "less"), tmp_path / "less.mcap"))
-        results.append(replay(Replay(tmp_path / f"{name}.mcap")).result)
+            import_folder(ImportRequest(write_folder(few, tmp_path / "less"), tmp_path / "less.mcap"))
+        results.append(replay(ReplayRequest(tmp_path / f"{name}.mcap")).result)
     for one, other in zip(*(result.frames for result in results), strict=True):
         both = one.displacement.valid & other.displacement.valid
         assert both.mean() > 0.5
@@ -92,7 +92,7 @@ def copy(folder: Path, tmp_path: Path) -> Path:
 
 def refused(folder: Path, log: str = "log.mcap") -> str:
     with pytest.raises(BadInput) as wrong:
-        import_folder(Import(folder, folder.parent / log))
+        import_folder(ImportRequest(folder, folder.parent / log))
     assert not list(folder.parent.glob("*.part"))
     assert "\n" not in str(wrong.value)
     return str(wrong.value)
@@ -131,12 +131,12 @@ def test_what_an_import_did_not_write_is_never_overwritten(copy: Path) -> None:
     assert mine.read_bytes() == b"mine"
     mine.unlink()
     for _ in range(2):
-        import_folder(Import(copy, mine))
+        import_folder(ImportRequest(copy, mine))
 
 
 def test_maps_of_other_pairs_are_left_out_and_told(copy: Path) -> None:
     shutil.copy(copy / "disparity_0_8.csv", copy / "disparity_3_8.csv")
-    assert import_folder(Import(copy, copy.parent / "log.mcap")).left_out == ("disparity_3_8.csv",)
+    assert import_folder(ImportRequest(copy, copy.parent / "log.mcap")).skipped == ("disparity_3_8.csv",)
 
 
 def test_images_cannot_be_replayed_where_there_are_none(semlive: Semlive, imported: Path) -> None:

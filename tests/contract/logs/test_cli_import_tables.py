@@ -11,10 +11,10 @@ import pytest
 
 from semlive.cli.app import run_app
 from semlive.errors import BadInput
-from semlive.formats.maps import decode_map
-from semlive.formats.messages import DIC_MAP
-from semlive.service.importing import Import, import_folder
-from semlive.service.log_files import messages
+from semlive.formats.log.maps import decode_map
+from semlive.formats.log.messages import DIC_MAP
+from semlive.service.log.files import messages
+from semlive.service.replay.import_maps import ImportRequest, import_folder
 
 BODY = "".join(f"{x},{y},1.25,-0.5\n" for y in range(60, 821, 20) for x in range(60, 961, 20))
 FRAMES = "frame,pair,phase,start_s,dwell_s,row_time_s,width,height,integrations,load_n,shift_x_px,shift_y_px\n" + "".join(
@@ -46,7 +46,7 @@ SPELLINGS = {
 @pytest.mark.parametrize("name", SPELLINGS)
 def test_a_map_is_the_same_in_every_spelling(tmp_path: Path, name: str) -> None:
     log = tmp_path / "import.mcap"
-    import_folder(Import(folder_with(tmp_path / "maps", *SPELLINGS[name]), log))
+    import_folder(ImportRequest(folder_with(tmp_path / "maps", *SPELLINGS[name]), log))
     (found,) = [decode_map(one.payload) for one in messages(log) if one.topic == DIC_MAP]
     assert found.valid.all()
     assert (found.u_px == 1.25).all()
@@ -63,14 +63,16 @@ def test_decimal_commas_between_commas_are_refused(
     assert "disparity_0_1.csv: line 2: has 6 cells under 4 names: the numbers seem to have decimal commas" in said
     assert not (tmp_path / "import.mcap").exists()
     with pytest.raises(BadInput, match=r"frames\.csv: line 2: has \d+ cells under 12 names"):
-        import_folder(Import(folder_with(tmp_path / "other", "x,y,u,v\n" + BODY, FRAMES.replace("0.0112", "0,0112")), tmp_path / "log"))
+        import_folder(
+            ImportRequest(folder_with(tmp_path / "other", "x,y,u,v\n" + BODY, FRAMES.replace("0.0112", "0,0112")), tmp_path / "log")
+        )
 
 
 def test_a_lost_cell_far_below_the_head_is_refused(tmp_path: Path) -> None:
     lines = ("x,y,u,v\n" + BODY).splitlines()
     lines[1000] = lines[1000].removesuffix(",-0.5")
     with pytest.raises(BadInput, match=r"disparity_0_1\.csv: line 1001: has 3 cells under 4 names"):
-        import_folder(Import(folder_with(tmp_path / "maps", "\n".join(lines)), tmp_path / "log"))
+        import_folder(ImportRequest(folder_with(tmp_path / "maps", "\n".join(lines)), tmp_path / "log"))
 
 
 @pytest.mark.parametrize("name", ["disparity_0_1.csv", "frames.csv"])
@@ -86,7 +88,7 @@ def test_what_is_no_file_is_refused_without_waiting(tmp_path: Path, name: str, k
 
     def attempt() -> None:
         try:
-            import_folder(Import(folder, tmp_path / "log"))
+            import_folder(ImportRequest(folder, tmp_path / "log"))
         except BadInput as error:
             errors.append(str(error))
 

@@ -19,9 +19,9 @@ import pytest
 from distributed import LocalCluster
 
 from semlive.report import campaign
-from semlive.report.campaign import LogDone, all_cores, analyse_one, reanalyse
-from semlive.service.replay import Replay, replay
-from semlive.service.result_json import result_json
+from semlive.report.campaign import LogOutcome, analyse_log, process_pool, reanalyse
+from semlive.service.analysis.result_json import result_json
+from semlive.service.replay.replay import ReplayRequest, replay
 
 Semlive = Callable[..., tuple[int, str, str]]
 
@@ -37,7 +37,7 @@ def logs(short: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 def checked(out: Path, short: Path) -> None:
-    own = replay(Replay(short))
+    own = replay(ReplayRequest(short))
     told = json.loads(json.dumps(result_json(own.result, own.settings)))
     assert sorted(path.name for path in out.iterdir()) == ["combined.h5", "summary.csv", "summary.json"]
     with h5py.File(out / "combined.h5") as file:
@@ -67,7 +67,7 @@ def test_all_cores_and_one_log_that_is_torn(semlive: Semlive, logs: list[Path], 
 
 def test_a_dask_cluster(logs: list[Path], tmp_path: Path) -> None:
     with LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None) as workers:
-        done = reanalyse([Replay(log) for log in logs], tmp_path / "out", lambda: campaign.cluster(workers.scheduler_address))
+        done = reanalyse([ReplayRequest(log) for log in logs], tmp_path / "out", lambda: campaign.dask_executor(workers.scheduler_address))
     assert [one.error is None for one in done] == [True, False, True]
     checked(tmp_path / "out", logs[0])
 
@@ -79,11 +79,11 @@ def test_nobody_at_the_scheduler_s_address(semlive: Semlive, short: Path, tmp_pa
     assert "--dask nonsense://nowhere: nobody answers there" in err
 
 
-def dying(asked: Replay, name: str, part: str) -> LogDone:
+def dying(asked: ReplayRequest, name: str, part: str) -> LogOutcome:
     """A process that the system kills while it works on one of the logs."""
     if asked.log.name.startswith("torn"):
         os.kill(os.getpid(), signal.SIGKILL)
-    return analyse_one(asked, name, part)
+    return analyse_log(asked, name, part)
 
 
 def test_a_process_that_dies_takes_no_other_log_with_it(logs: list[Path], tmp_path: Path) -> None:
@@ -98,9 +98,9 @@ def test_a_process_that_dies_takes_no_other_log_with_it(logs: list[Path], tmp_pa
 
     @contextmanager
     def executor() -> Any:
-        with all_cores(1) as pool:
+        with process_pool(1) as pool:
             yield Dying(pool)
 
-    done = reanalyse([Replay(log) for log in logs[:2]], tmp_path / "out", executor)
+    done = reanalyse([ReplayRequest(log) for log in logs[:2]], tmp_path / "out", executor)
     assert [one.error is None for one in done] == [True, False]
     assert "its process died" in (done[1].error or "")

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 from semlive.errors import BadConfig
-from semlive.service.map_store import MapStore
-from semlive.service.replay import Replay, Source, Watch, replay
-from semlive.service.result_json import differences, result_json
-from semlive.service.settings_changes import parse_changes
+from semlive.service.analysis.result_json import json_differences, result_json
+from semlive.service.config.overrides import parse_changes
+from semlive.service.replay.replay import ReplayCallbacks, ReplayRequest, Source, replay
+from semlive.service.storage.map_store import MapStore
 
 Semlive = Callable[..., tuple[int, str, str]]
 
@@ -57,7 +57,7 @@ def test_a_replay_is_the_same_every_time_and_however_maps_are_kept(imported: Pat
     for in_memory in (2**30, 0):
         monkeypatch.setattr(MapStore.__init__, "__defaults__", (in_memory,))
         frames = []
-        done = replay(Replay(imported), Watch(frame=frames.append))
+        done = replay(ReplayRequest(imported), ReplayCallbacks(frame=frames.append))
         assert done.result.frames == ()
         assert len(frames) == 24
         told.append(json.dumps(result_json(done.result, done.settings)))
@@ -65,7 +65,7 @@ def test_a_replay_is_the_same_every_time_and_however_maps_are_kept(imported: Pat
 
 
 def test_only_the_first_pairs(imported: Path) -> None:
-    done = replay(Replay(imported, until=6))
+    done = replay(ReplayRequest(imported, until=6))
     assert [one.pair for one in done.result.decisions] == list(range(7))
     assert not done.unchanged
 
@@ -75,8 +75,8 @@ def test_changed_settings_are_set_beside_the_logs_own(semlive: Semlive, short: P
     assert (code, err) == (0, "")
     assert "log's own settings against now" in out
     assert any(line.split()[:4] == ["vsg_px", "400", "200", "-200"] for line in out.splitlines())
-    before, after = (replay(Replay(short, changes=parse_changes(words))) for words in ([], ["estimate.window=5"]))
-    assert differences(*(result_json(one.result, one.settings) for one in (before, after)))
+    before, after = (replay(ReplayRequest(short, changes=parse_changes(words))) for words in ([], ["estimate.window=5"]))
+    assert json_differences(*(result_json(one.result, one.settings) for one in (before, after)))
     assert after.settings.estimate.window_points == 5
 
 
@@ -84,7 +84,9 @@ def test_at_a_pace_pairs_are_told_as_they_come(short: Path) -> None:
     seen: list[tuple[int, float]] = []
     begin = time.monotonic()
     # A pair every 429.35 s of the log: 1,288 s from the first to the fourth, at 2,000 times life 0.64 s.
-    replay(Replay(short, speed=2000.0), Watch(pair=lambda decision, _: seen.append((decision.pair, time.monotonic() - begin))))
+    replay(
+        ReplayRequest(short, speed=2000.0), ReplayCallbacks(pair=lambda decision, _: seen.append((decision.pair, time.monotonic() - begin)))
+    )
     assert [pair for pair, _ in seen] == list(range(4))
     assert seen[-1][1] - seen[0][1] > 0.63
 
@@ -125,7 +127,7 @@ WRONG = {
 @pytest.mark.parametrize("word", WRONG)
 def test_what_is_wrong_with_a_setting_is_one_sentence(short: Path, word: str) -> None:
     with pytest.raises(BadConfig) as wrong:
-        replay(Replay(short, changes=parse_changes([word]), source=Source.IMAGES))
+        replay(ReplayRequest(short, changes=parse_changes([word]), source=Source.IMAGES))
     assert WRONG[word] in str(wrong.value)
     assert "\n" not in str(wrong.value)
 

@@ -14,8 +14,8 @@ from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.results import PairResult
 from semlive.data.settings import AnalysisSettings
-from semlive.formats.messages import DriftMessage, FaultMessage, from_json
-from semlive.service.analysis import is_output, pair_messages
+from semlive.formats.log.messages import DriftMessage, FaultMessage, from_json
+from semlive.service.analysis.worker import is_output, result_messages
 
 
 def loaded(beyond_px: float) -> PairResult:
@@ -23,25 +23,25 @@ def loaded(beyond_px: float) -> PairResult:
     experiment, settings, begun = make_experiment(CASES["tension"], 5, Grid(101, 101, 50, 15, 12, 43), 4), AnalysisSettings(), None
     for taken in experiment.pairs:
         decision, maps = decision_of(taken, taken.pair, settings), taken.maps
-        begun = begun or pipeline.begin_from_maps(settings, decision.first, experiment.grid)
+        begun = begun or pipeline.start_from_maps(settings, decision.first, experiment.grid)
         if taken.phase is Phase.TENSION:
             away = tuple(replace(one, v_px=np.asarray(one.v_px) + beyond_px) if one.reference == 0 else one for one in maps)
-            return pipeline.update(begun, decision, away)[1]
-        begun = pipeline.absorb(begun, decision, maps)
+            return pipeline.add_pair(begun, decision, away)[1]
+        begun = pipeline.accumulate(begun, decision, maps)
     raise AssertionError("it has load steps")
 
 
 def test_a_frame_beyond_the_calibrated_area_is_told_at_once() -> None:
-    told = list(pair_messages(loaded(120.0), 0.1))
+    told = list(result_messages(loaded(120.0), 0.1))
     (fault,) = (from_json(one.topic, one.payload) for one in told if one.topic == "/fault")
     assert isinstance(fault, FaultMessage)
     assert "of the points of frame 8 lie beyond the area that the calibration covered" in fault.what
     assert all(is_output(one) for one in told)
-    assert not [one for one in pair_messages(loaded(0.0), 0.1) if one.topic == "/fault"]
+    assert not [one for one in result_messages(loaded(0.0), 0.1) if one.topic == "/fault"]
 
 
 def test_the_calibration_is_told_with_every_pair() -> None:
-    (drift,) = (from_json(one.topic, one.payload) for one in pair_messages(loaded(0.0), 0.1) if one.topic == "/drift/estimate")
+    (drift,) = (from_json(one.topic, one.payload) for one in result_messages(loaded(0.0), 0.1) if one.topic == "/drift/estimate")
     assert isinstance(drift, DriftMessage)
     assert drift.calibration is not None
     assert min(drift.calibration.lever_px) > 10.0

@@ -13,8 +13,8 @@ import pandas as pd
 import pytest
 
 import semlive
+from semlive.api import OpenLog
 from semlive.errors import BadConfig
-from semlive.report.opened import OpenLog
 
 EXAMPLE = Path(__file__).parents[3] / "docs" / "examples" / "open_log.py"
 

@@ -10,27 +10,27 @@ from pathlib import Path
 import h5py
 import pytest
 
-from semlive.formats.messages import LogLineMessage, RunMessage, StateMessage
+from semlive.formats.log.messages import LogLineMessage, RunMessage, StateMessage
 from semlive.report.alarms import alarms_html
 from semlive.report.page import refused_html, settings_html
 from semlive.report.sections import sections, write_section
-from semlive.service.alarms import Alarm, Alarms
-from semlive.service.clock import SystemClock
-from semlive.service.log_facts import LogFacts, RefusedFile
-from semlive.service.log_files import segment_path
-from semlive.service.record import Recorder
-from semlive.service.replay import Replay, Replayed, Source, replay
-from semlive.service.settings_changes import changed, parse_changes
+from semlive.service.config.overrides import apply_overrides, parse_changes
+from semlive.service.log.alarms import Alarm, Alarms
+from semlive.service.log.files import segment_path
+from semlive.service.log.recorder import Recorder
+from semlive.service.log.run_facts import LogFacts, RefusedFile
+from semlive.service.replay.replay import ReplayRequest, ReplayResult, Source, replay
+from semlive.service.runtime.clock import SystemClock
 
 OF_THE_PAPER = {"fig01", "fig05", "fig06", "fig07", "fig10", "fig11", "fig12", "fig13", "fig14", "fig15", "fig16"}
 
 
 @pytest.fixture(scope="module")
-def done(imported: Path) -> Replayed:
-    return replay(Replay(imported, source=Source.DISPARITY))
+def done(imported: Path) -> ReplayResult:
+    return replay(ReplayRequest(imported, source=Source.DISPARITY))
 
 
-def test_a_tensile_run_has_the_papers_figures(done: Replayed) -> None:
+def test_a_tensile_run_has_the_papers_figures(done: ReplayResult) -> None:
     keys = [one.key for one in sections(done.result, None, done.settings)]
     assert {key.split("-")[0] for key in keys if key.startswith("fig")} == OF_THE_PAPER
     assert {"strain-maps", "stress-strain"} <= set(keys)
@@ -68,9 +68,9 @@ def test_a_page_is_named_after_its_log_and_two_do_not_meet(
 
 
 def test_the_page_and_the_export_say_the_measure_of_strain(
-    semlive: Callable[..., tuple[int, str, str]], done: Replayed, imported: Path, tmp_path: Path
+    semlive: Callable[..., tuple[int, str, str]], done: ReplayResult, imported: Path, tmp_path: Path
 ) -> None:
-    assert "engineering small strain relative to frame 0" in settings_html(done.settings, done.begun.grid)
+    assert "engineering small strain relative to frame 0" in settings_html(done.settings, done.analysis.grid)
     code, _, err = semlive(
         "export", str(imported), "--format", "hdf5", "-o", str(tmp_path / "out.h5"), "--until", "5",
         "--set", "estimate.strain.measure=green_lagrange",
@@ -78,8 +78,8 @@ def test_the_page_and_the_export_say_the_measure_of_strain(
     assert code == 0, err
     with h5py.File(tmp_path / "out.h5") as file:
         assert "Green-Lagrange strain, tension positive" in str(file.attrs["conventions"])
-    green = changed(done.settings, parse_changes(["estimate.strain.measure=green_lagrange"]))
-    assert "Green-Lagrange strain relative to frame 0" in settings_html(green, done.begun.grid)
+    green = apply_overrides(done.settings, parse_changes(["estimate.strain.measure=green_lagrange"]))
+    assert "Green-Lagrange strain relative to frame 0" in settings_html(green, done.analysis.grid)
 
 
 def test_refused_frames_are_counted_by_reason_and_listed() -> None:
@@ -121,7 +121,7 @@ def test_a_run_without_results_has_a_page_of_its_alarms(semlive: Callable[..., t
     assert re.findall(r"<h2>(.*?)</h2>", page) == ["Alarms", "Refused frames", "Settings", "Versions"]
 
 
-def test_a_figure_is_written_for_a_journal(done: Replayed, tmp_path: Path) -> None:
+def test_a_figure_is_written_for_a_journal(done: ReplayResult, tmp_path: Path) -> None:
     section = next(one for one in sections(done.result, None, done.settings) if one.key == "fig14-constants")
     paths = write_section(tmp_path / "figures", section)
     assert [one.name for one in paths] == ["fig14-constants.png", "fig14-constants.pdf"]

@@ -20,10 +20,10 @@ import numpy as np
 import yaml
 from stand import RtuDoor, Stand, TcpDoor
 
-from semlive.service.log_files import messages
-from semlive_simulators.exporters.facts import ImageFacts
-from semlive_simulators.exporters.settings import Export, Style, Vendor
-from semlive_simulators.scan import Scan
+from semlive.service.log.files import messages
+from semlive_simulators.exporters.image_metadata import ImageMetadata
+from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
+from semlive_simulators.microscope.scan import Scan
 
 LIMITS = dict(force_min_n=-50.0, force_max_n=900.0, extension_min_mm=-1.0, extension_max_mm=1.0, force_rate_max_n_s=50.0)
 PATIENCE_S = 150.0
@@ -232,8 +232,8 @@ def picture(
     noisy = grey + np.random.default_rng(number + 1).normal(size=grey.shape) * (2.0 if contrast else 0.2)
     image = np.clip(noisy, 1, 254).astype(np.uint8) if bits == 8 else (np.clip(noisy, 1, 254) * 250).astype(np.uint16)
     end_ns = time.time_ns() - round(ago_s * 1e9) + round(clock_s * 1e9)
-    facts = ImageFacts(scan, end_ns, 12.5, -3.25, frame=number, name=f"frame_{number:04d}")
-    made = Export(Style.DIRECT, 0.0, 0.0, 6, 20, "frame", vendor).encode(image, facts)
+    facts = ImageMetadata(scan, end_ns, 12.5, -3.25, frame=number, name=f"frame_{number:04d}")
+    made = Export(WriteStyle.DIRECT, 0.0, 0.0, 6, 20, "frame", vendor).encode(image, facts)
     return made.image, made.sidecar
 
 

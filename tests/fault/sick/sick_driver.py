@@ -32,7 +32,7 @@ class Sick:
 
     @property
     def identity(self) -> DeviceIdentity:
-        return DeviceIdentity("sick", simulated=True, stop_on_link_loss=StopOnLinkLoss.ABSENT)
+        return DeviceIdentity("sick", simulated=True, stop_on_link_loss=StopOnLinkLoss.NONE)
 
     @property
     def kind(self) -> StageKind:

@@ -9,16 +9,16 @@ from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.engine import (
     AcceptPair,
     Cause,
-    CommandTaken,
+    CommandAcknowledged,
     Device,
     EngineState,
     Event,
-    Finish,
+    FinishRun,
     FrameScanned,
     LoadReading,
     MoveStage,
     RampTo,
-    RefuseFrame,
+    RejectFrame,
     StageReading,
     State,
     StopMotion,
@@ -32,7 +32,7 @@ LIMITS = Limits(-50.0, 450.0, -1.0, 1.0, 60.0, 250.0, 30.0)
 HOLD = HoldRule(hold_s=30.0, settle_s=3.0, load_tolerance_n=5.0, stage_tolerance_um=2.0, motion_timeout_s=200.0, frame_timeout_s=200.0)
 STOPS = (((0.0, 0.0), 0.0), ((10.0, 0.0), 0.0), ((0.0, 0.0), 200.0), ((0.0, 0.0), 400.0))
 STEPS = tuple(Step(i, Phase.TENSION, s, s, n) for i, (s, n) in enumerate(STOPS))
-PLAN = Plan(STEPS, HOLD, LIMITS, ramp_rate_n_s=50.0, recentre=Recentre(2.0, 1.0))
+PLAN = Plan(STEPS, HOLD, LIMITS, ramp_rate_n_s=50.0, recentring=Recentre(2.0, 1.0))
 IDENTITY = DeviceIdentity("bench", True, StopOnLinkLoss.VERIFIED)
 FRAME_S = 20.0
 
@@ -56,8 +56,8 @@ class Record:
     def tell(self, event: Event) -> None:
         before = self.state
         self.state, given = step(self.state, event)
-        assert before is self.state or before.at not in {State.COMPLETE, State.ABORTED}
-        at = before.at
+        assert before is self.state or before.state not in {State.COMPLETE, State.ABORTED}
+        at = before.state
         for command in given:
             match command:
                 case Transition():
@@ -81,27 +81,27 @@ class Record:
                     self.load_goal_n = self.stage_goal_um = None
                 case AcceptPair():
                     self.check_pair(command)
-                case RefuseFrame(export=export, reason=reason):
+                case RejectFrame(export=export, reason=reason):
                     assert reason
                     self.judged.append(export)
-                case Finish():
+                case FinishRun():
                     self.finished += 1
-        assert at is self.state.at
+        assert at is self.state.state
         for command in given:
             if isinstance(command, RampTo | MoveStage):
                 device = Device.LOAD_FRAME if isinstance(command, RampTo) else Device.STAGE
-                self.tell(CommandTaken(self.now_ns, device))
+                self.tell(CommandAcknowledged(self.now_ns, device))
 
     def check_waiting(self, transition: Transition) -> None:
         """A hold is never shorter than it must be nor longer than it may; the gate opens by the forecast or by the operator's word."""
         rule, gate = self.state.plan.adaptive_hold, self.state.plan.warm_up
-        if transition.cause is Cause.HOLD_OVER:
+        if transition.cause is Cause.HOLD_COMPLETE:
             held_s = (transition.time_ns - [t for t, state in self.entered if state is State.HOLDING][-1]) / S
             assert HOLD.hold_s <= held_s
             # Readings come twice a second, and a stale one is not decided on.
             assert rule is None or held_s <= rule.max_hold_s + 1.0
-        if transition.cause is Cause.WARM and gate is not None:
-            guards = dict(transition.guards)
+        if transition.cause is Cause.WARMED_UP and gate is not None:
+            guards = dict(transition.details)
             assert float(guards["rate_px_s"]) + float(guards["sigma_px_s"]) <= gate.max_rate_px_s
             self.warm = True
         if transition.before is State.PAUSED and transition.cause is Cause.RESUME:

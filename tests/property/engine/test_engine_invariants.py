@@ -10,24 +10,24 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from semlive.data.experiment import AdaptiveHold, WarmUp
 from semlive.engine import (
-    CommandTaken,
+    CommandAcknowledged,
     Device,
     DeviceFault,
     DeviceStopped,
-    DriftForeseen,
-    DriftSeen,
+    DriftForecastUpdated,
     Event,
-    FieldSeen,
+    FieldOfViewMeasured,
     FrameUnreadable,
-    LinkBack,
+    HoldDriftMeasured,
     LinkLost,
+    LinkRestored,
+    LinksOpening,
+    LinksReady,
     LinkStale,
-    Opening,
-    Operator,
-    Ready,
+    OperatorAction,
+    OperatorCommand,
     State,
     Tick,
-    Verb,
 )
 
 from .record import IDENTITY, LIMITS, PLAN, Record, S
@@ -43,10 +43,10 @@ class Protocol(RuleBasedStateMachine):
 
     @initialize()
     def begin(self) -> None:
-        self._tell(Opening(0))
+        self._tell(LinksOpening(0))
         self.run.readings()
-        self._tell(Ready(0, IDENTITY, IDENTITY))
-        self._tell(Operator(0, Verb.START))
+        self._tell(LinksReady(0, IDENTITY, IDENTITY))
+        self._tell(OperatorAction(0, OperatorCommand.START))
 
     @rule(seconds=st.sampled_from([-1.0, 0.5, 2.0, 8.0, 40.0]))
     def wait(self, seconds: float) -> None:
@@ -61,11 +61,11 @@ class Protocol(RuleBasedStateMachine):
 
     @rule(count=st.integers(1, 3))
     def go_on_to_a_pair(self, count: int) -> None:
-        if self.run.state.at in {State.PAUSED, State.FAULT, State.RECOVER}:
-            self._tell(Operator(self.run.now_ns, Verb.RESUME))
-            self._tell(Operator(self.run.now_ns, Verb.RESUME))
+        if self.run.state.state in {State.PAUSED, State.FAULT, State.RESUMING}:
+            self._tell(OperatorAction(self.run.now_ns, OperatorCommand.RESUME))
+            self._tell(OperatorAction(self.run.now_ns, OperatorCommand.RESUME))
         for _ in range(60):
-            if self.run.state.at is State.IMAGING:
+            if self.run.state.state is State.IMAGING:
                 break
             self.run.pass_time(1.0)
         self.run.scan(1.0, count)
@@ -76,7 +76,7 @@ class Protocol(RuleBasedStateMachine):
 
     @rule(pair=st.integers(0, 5), x_px=st.sampled_from([0.0, 1.0, -7.5, 25.0, -1e9]), y_px=st.sampled_from([0.0, -3.0, 40.0]))
     def see_the_field(self, pair: int, x_px: float, y_px: float) -> None:
-        self._tell(FieldSeen(self.run.now_ns, pair, (x_px, y_px)))
+        self._tell(FieldOfViewMeasured(self.run.now_ns, pair, (x_px, y_px)))
 
     @rule()
     def unreadable(self) -> None:
@@ -107,15 +107,27 @@ class Protocol(RuleBasedStateMachine):
             "lost": LinkLost(t, device, "x"),
             "stopped": DeviceStopped(t, device, "x"),
             "fault": DeviceFault(t, device, "x"),
-            "back": LinkBack(t, device),
-            "taken": CommandTaken(t, device),
+            "back": LinkRestored(t, device),
+            "taken": CommandAcknowledged(t, device),
         }
         self._tell(events[what])
 
-    @rule(verb=st.sampled_from([Verb.START, Verb.PAUSE, Verb.RESUME, Verb.RESUME, Verb.RESUME, Verb.STOP, Verb.ABORT]))
-    def operator(self, verb: Verb) -> None:
-        if verb not in (Verb.STOP, Verb.ABORT) or len(self.run.exported) > 10:
-            self._tell(Operator(self.run.now_ns, verb))
+    @rule(
+        verb=st.sampled_from(
+            [
+                OperatorCommand.START,
+                OperatorCommand.PAUSE,
+                OperatorCommand.RESUME,
+                OperatorCommand.RESUME,
+                OperatorCommand.RESUME,
+                OperatorCommand.STOP,
+                OperatorCommand.ABORT,
+            ]
+        )
+    )
+    def operator(self, verb: OperatorCommand) -> None:
+        if verb not in (OperatorCommand.STOP, OperatorCommand.ABORT) or len(self.run.exported) > 10:
+            self._tell(OperatorAction(self.run.now_ns, verb))
 
     @invariant()
     def promises(self) -> None:
@@ -123,12 +135,12 @@ class Protocol(RuleBasedStateMachine):
         run = self.run
         if not run.finished:
             first = [] if run.state.first is None else [run.state.first.export]
-            pending = [s.info.export for s in run.state.waiting] + first
+            pending = [s.info.export for s in run.state.pending_frames] + first
             assert sorted(run.judged + pending) == run.exported
-        if run.state.at not in {State.RAMPING, State.SETTLING}:
+        if run.state.state not in {State.RAMPING, State.SETTLING}:
             assert run.load_goal_n is None
             assert run.stage_goal_um is None
-        assert run.finished == (run.state.at in {State.COMPLETE, State.ABORTED})
+        assert run.finished == (run.state.state in {State.COMPLETE, State.ABORTED})
 
 
 class WaitingProtocol(Protocol):
@@ -142,11 +154,11 @@ class WaitingProtocol(Protocol):
     def foresee_the_drift(self, behind: int, rate: float, sigma: float) -> None:
         run = self.run
         scans = tuple((run.now_ns + n * 20 * S, rate * 0.8**n, sigma * (1 + n)) for n in (0, 1, 2, 4, 8))
-        self._tell(DriftForeseen(run.now_ns, len(run.pairs) - 1 - behind, scans))
+        self._tell(DriftForecastUpdated(run.now_ns, len(run.pairs) - 1 - behind, scans))
 
     @rule(ago_s=st.sampled_from([1, 10, 40, 200]), rate=st.sampled_from([0.0, 0.015, 1.0]))
     def see_the_drift(self, ago_s: int, rate: float) -> None:
-        self._tell(DriftSeen(self.run.now_ns, self.run.now_ns - ago_s * S, rate))
+        self._tell(HoldDriftMeasured(self.run.now_ns, self.run.now_ns - ago_s * S, rate))
 
 
 TestProtocol = Protocol.TestCase

@@ -17,15 +17,15 @@ from semlive.data.loading import FrameLoad
 from semlive.data.pair import PairDecision
 from semlive.data.settings import DicSettings
 from semlive.formats import read_frame
-from semlive.formats.log import LogMessage
-from semlive.formats.maps import encode_map
-from semlive.formats.messages import DIC_MAP, RunMessage
-from semlive.service.config import parse_config
-from semlive.service.journal import Journal
-from semlive.service.record import Recorder
-from semlive_simulators.column import Scan
-from semlive_simulators.exporters.facts import ImageFacts
-from semlive_simulators.exporters.settings import Export, Style, Vendor
+from semlive.formats.log.maps import encode_map
+from semlive.formats.log.messages import DIC_MAP, RunMessage
+from semlive.formats.log.writer import LogMessage
+from semlive.service.config.configuration import parse_config
+from semlive.service.log.recorder import Recorder
+from semlive.service.log.run_log import RunLog
+from semlive_simulators.exporters.image_metadata import ImageMetadata
+from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
+from semlive_simulators.microscope.column import Scan
 
 S, PIXEL_UM = 10**9, 1.25
 BEGIN_NS = 1_772_439_825 * S
@@ -74,10 +74,10 @@ def log_of(
     """
     folder.mkdir()
     recorder = Recorder(folder / "run.000.mcap", _Now(), lambda _: None)
-    journal = Journal(recorder)
+    journal = RunLog(recorder)
     config = parse_config(CONFIG, "here")
-    journal.note(RunMessage(run="run", started_time_ns=BEGIN_NS, host="here", versions={}, config=config.model_dump(mode="json")))
-    export, frames = Export(Style.DIRECT, 0.0, 1.0, 1, 0, "x", Vendor.FEI), list[Frame]()
+    journal.write_message(RunMessage(run="run", started_time_ns=BEGIN_NS, host="here", versions={}, config=config.model_dump(mode="json")))
+    export, frames = Export(WriteStyle.DIRECT, 0.0, 1.0, 1, 0, "x", Vendor.FEI), list[Frame]()
     grid = dic.grid_for(settings, scan.width_px, scan.height_px)
 
     def note(reference: int, current: int, end_ns: int) -> None:
@@ -87,7 +87,7 @@ def log_of(
 
     for number, image in enumerate(images):
         end_ns = BEGIN_NS + round((start_s[number] + scan.frame_time_s) * S)
-        data = export.encode(image, ImageFacts(scan, end_ns, 0, 0, number, "a.tif")).image
+        data = export.encode(image, ImageMetadata(scan, end_ns, 0, 0, number, "a.tif")).image
         file = ExportedFile(number, f"x_{number}.tif", data, hashlib.sha256(data).hexdigest(), end_ns, end_ns + S)
         journal.file(file)
         frames.append(read_frame(file, config.analysis_settings().scan))

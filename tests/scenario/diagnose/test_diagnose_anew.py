@@ -15,19 +15,19 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from blind.cases import ONE, TWO, Case
 
 from semlive.data.diagnosis import Diagnosis, Outcome
-from semlive.diagnose.anew import likelier_coupled
-from semlive.diagnose.baseline import Design
-from semlive.diagnose.judge import diagnose
-from semlive.diagnose.known import family_of
-from semlive.diagnose.observation import Observation
-from semlive.model.effects import Family
+from semlive.diagnose.baseline.baseline import DesignMatrix
+from semlive.diagnose.baseline.model_effects import effect_class
+from semlive.diagnose.baseline.observation import Observation
+from semlive.diagnose.maps.relinearise import choose_coupling
+from semlive.diagnose.maps.verdict import diagnose
+from semlive.model.effects import EffectClass
 
 DRAWS = 99
 
 
-def few(*names: str) -> tuple[Family, ...]:
+def few(*names: str) -> tuple[EffectClass, ...]:
     """A part of the dictionary: a verdict takes a third of the time."""
-    return tuple(family_of(one) for one in names)
+    return tuple(effect_class(one) for one in names)
 
 
 def names_of(found: Diagnosis) -> set[str]:
@@ -44,14 +44,14 @@ def test_a_large_tilt_does_not_make_the_drift_carry_the_distortion(tilted: Obser
     found = diagnose(tilted, dictionary=dictionary, draws=DRAWS)
 
     assert tilted.state.distortion.carried  # as the estimate has it, and it is not so
-    assert not likelier_coupled(tilted, dictionary).observation.state.distortion.carried
+    assert not choose_coupling(tilted, dictionary).observation.state.distortion.carried
     assert (found.outcome, names_of(found)) == (Outcome.IDENTIFIED, {"tilt_with_load"})
 
 
 def test_where_nothing_is_hidden_the_choice_stands() -> None:
     seen = Case(ONE, ("tilt_with_load",), 0.01, 80_001).observed()
 
-    assert likelier_coupled(seen, few("tilt_with_load")).observation is seen
+    assert choose_coupling(seen, few("tilt_with_load")).observation is seen
     assert not seen.state.distortion.carried
 
 
@@ -73,5 +73,9 @@ def test_amplitudes_of_known_effects_come_first_and_those_of_named_ones_last() -
     columns = cast(Any, SimpleNamespace(sizes_px=np.zeros(2 + 440 + 4)))
     fields = [np.zeros((1, 1, 2, q)) for q in (2, 1, 3)]
 
-    assert Design.spans(columns, fields, 1) == (slice(0, 2), slice(442, 443), slice(443, 446))
-    assert Design.spans(cast(Any, SimpleNamespace(sizes_px=np.zeros(6))), fields, 3) == (slice(0, 2), slice(2, 3), slice(3, 6))
+    assert DesignMatrix.effect_columns(columns, fields, 1) == (slice(0, 2), slice(442, 443), slice(443, 446))
+    assert DesignMatrix.effect_columns(cast(Any, SimpleNamespace(sizes_px=np.zeros(6))), fields, 3) == (
+        slice(0, 2),
+        slice(2, 3),
+        slice(3, 6),
+    )

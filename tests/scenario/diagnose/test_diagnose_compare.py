@@ -15,8 +15,8 @@ from blind.hiding import hidden_effect
 from blind.observing import observed
 
 from semlive.data.grid import Grid
-from semlive.diagnose.compare import compared
-from semlive.diagnose.observation import Observation
+from semlive.diagnose.baseline.observation import Observation
+from semlive.diagnose.simulation_comparison import compare_with_simulations
 from semlive.errors import BadInput
 
 GRID = Grid(101, 101, 15, 50, 40, 43)
@@ -37,14 +37,14 @@ def tilted() -> Observation:
 
 def test_with_the_effect_that_was_found_the_maps_are_alike(without: Observation, tilted: Observation) -> None:
     measured = observed(MEASURED, TILT, GRID)
-    found = compared(measured, without, tilted)
+    found = compare_with_simulations(measured, without, tilted)
     assert found.maps.closure == pytest.approx(1.0, abs=0.15)
     assert found.maps.interval[0] > 0.6
     assert found.maps.after_px == pytest.approx(found.maps.floor_px, rel=0.1)
     assert found.sizes.ratio == pytest.approx(1.0, abs=0.35)
     assert found.confirmed
-    other = compared(measured, without, observed(SIMULATED, hidden_effect("bending_misalignment", 0.3, 1), GRID))
-    assert not other.maps.shrinks
+    other = compare_with_simulations(measured, without, observed(SIMULATED, hidden_effect("bending_misalignment", 0.3, 1), GRID))
+    assert not other.maps.is_reduced
 
 
 def test_what_is_anew_in_every_frame_is_compared_by_its_size(without: Observation) -> None:
@@ -52,8 +52,8 @@ def test_what_is_anew_in_every_frame_is_compared_by_its_size(without: Observatio
         observed(conditions, hidden_effect("magnification_frame_instability", 0.1, seed), GRID)
         for seed, conditions in ((1, MEASURED), (2, SIMULATED))
     )
-    found = compared(measured, without, having)
-    assert not found.maps.shrinks
+    found = compare_with_simulations(measured, without, having)
+    assert not found.maps.is_reduced
     assert found.sizes.interval[0] < 1.0 < found.sizes.interval[1]
     assert found.confirmed
 
@@ -61,16 +61,16 @@ def test_what_is_anew_in_every_frame_is_compared_by_its_size(without: Observatio
 def test_what_the_estimate_takes_for_the_raster_is_compared_too(without: Observation) -> None:
     stretched = hidden_effect("magnification_drift", 0.4, 1)
     measured, having = (observed(conditions, stretched, GRID) for conditions in (MEASURED, SIMULATED))
-    assert [one.used for one in measured.solution.terms if one.name == "magnification"] == [True]
+    assert [one.included for one in measured.solution.terms if one.name == "magnification"] == [True]
 
-    found = compared(measured, without, having)
+    found = compare_with_simulations(measured, without, having)
     assert found.maps.closure == pytest.approx(1.0, abs=0.15)
     assert found.maps.before_px > 1.2 * found.maps.floor_px
     assert found.confirmed
 
 
 def test_where_nothing_is_missing_nothing_shrinks(without: Observation, tilted: Observation) -> None:
-    found = compared(observed(MEASURED, (), GRID), without, tilted)
+    found = compare_with_simulations(observed(MEASURED, (), GRID), without, tilted)
     assert found.maps.before_px == pytest.approx(found.maps.floor_px, rel=0.1)
     assert not found.confirmed
 
@@ -78,4 +78,4 @@ def test_where_nothing_is_missing_nothing_shrinks(without: Observation, tilted: 
 def test_runs_of_other_frames_are_refused(without: Observation) -> None:
     fewer = observed(replace(SIMULATED, tension=3), (), GRID)
     with pytest.raises(BadInput, match=r"frame by frame: 22 frames .* 18 frames"):
-        compared(without, fewer, without)
+        compare_with_simulations(without, fewer, without)

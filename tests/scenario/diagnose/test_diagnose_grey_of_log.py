@@ -12,23 +12,23 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from imaged_log import log_of, moved
 
-from semlive.data.diagnosis import GreyChannel, Outcome
+from semlive.data.diagnosis import IntensityDiagnosis, Outcome
 from semlive.data.settings import DicSettings
-from semlive.diagnose.grey_channel import diagnose_grey
+from semlive.diagnose.intensity.verdict import diagnose_intensity
 from semlive.report.diagnosis_page import diagnosis_html
-from semlive.service.diagnosis import diagnose_log, diagnosis_json
-from semlive.service.image_channels import channels_of_log
-from semlive.service.model_file import Model, write_model
+from semlive.service.diagnosis.images import channels_of_log
+from semlive.service.diagnosis.model_file import Model, write_model
+from semlive.service.diagnosis.run import diagnose_log, diagnosis_json
 from semlive_simulators.effects.charging_jump import ChargingJump
 from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
-from semlive_simulators.effects.composition import Effects
+from semlive_simulators.effects.composition import EffectSet
 from semlive_simulators.effects.contamination import Contamination
 from semlive_simulators.effects.defocus import Defocus
 from semlive_simulators.effects.gamma_change import GammaChange
-from semlive_simulators.effects.protocol import Effect
-from semlive_simulators.render import render_frame
+from semlive_simulators.effects.interfaces import Effect
+from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import load_scenario
-from semlive_simulators.specimen import at_rest
+from semlive_simulators.specimen.specimen import at_rest
 
 PAPER = load_scenario("paper_x200")
 SCAN = dataclasses.replace(PAPER.scan, width_px=512, height_px=442, frame_time_s=442 * PAPER.scan.row_time_s)
@@ -40,7 +40,7 @@ FIRST_S = 2.0
 
 def logged(folder: Path, *effects: Effect) -> Path:
     """Six pairs with moves and loads, a quarter of an hour, and the paper's own noise: 5 % of full scale."""
-    scenario = dataclasses.replace(PAPER, scan=SCAN, effects=Effects(effects))
+    scenario = dataclasses.replace(PAPER, scan=SCAN, effects=EffectSet(effects))
     column, images, starts_s, at_s = scenario.column(), [], [], FIRST_S
     for pair, (shift_px, load_n) in enumerate(zip(SHIFTS_PX, LOADS_N, strict=True)):
         for member in (0, 1):
@@ -52,14 +52,14 @@ def logged(folder: Path, *effects: Effect) -> Path:
     return log_of(folder / "run", images, SCAN, starts_s, SETTINGS, [moved(*one) for one in enumerate(SHIFTS_PX)])
 
 
-def grey_of(folder: Path, *effects: Effect) -> GreyChannel:
+def grey_of(folder: Path, *effects: Effect) -> IntensityDiagnosis:
     seen = channels_of_log(logged(folder, *effects))
     assert seen.grey is not None
     assert seen.no_grey == ""
-    return diagnose_grey(seen.grey)
+    return diagnose_intensity(seen.grey)
 
 
-def told(found: GreyChannel, name: str) -> dict[str, tuple[float, float]]:
+def told(found: IntensityDiagnosis, name: str) -> dict[str, tuple[float, float]]:
     (effect,) = [one for one in found.effects if one.name == name]
     return {one.name: (one.value, one.sigma) for one in effect.parameters}
 

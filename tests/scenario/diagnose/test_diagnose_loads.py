@@ -17,10 +17,10 @@ from numexp.world import start_s
 
 from semlive.data.diagnosis import Diagnosis, Outcome
 from semlive.data.grid import Grid
-from semlive.data.strain import Measured
-from semlive.diagnose.gage_channel import gage_readings_of, with_gage
-from semlive.diagnose.load_channel import readings_of, with_loads
-from semlive.diagnose.observation import Observation, StepFacts
+from semlive.data.strain import MeasuredValue
+from semlive.diagnose.baseline.observation import Observation, StepConditions
+from semlive.diagnose.scalars.load_cell import add_load_cell_evidence, load_readings
+from semlive.diagnose.scalars.strain_gage import add_gage_evidence, gage_readings
 from semlive_simulators.effects.load_cell_drift import LoadCellDrift
 from semlive_simulators.effects.load_cell_zero import LoadCellZero
 from semlive_simulators.effects.out_of_plane_translation import OutOfPlaneTranslation
@@ -35,19 +35,19 @@ def seen() -> Observation:
     return observed(CONDITIONS, (), GRID)
 
 
-def steps(effect: LoadCellDrift | LoadCellZero | None) -> list[StepFacts]:
+def steps(effect: LoadCellDrift | LoadCellZero | None) -> list[StepConditions]:
     rng = np.random.default_rng(1)
     found = []
     for one in poses(CONDITIONS):
         load_n = one.load_n if effect is None else effect.load_reading_n(one.load_n, start_s(2 * one.pair), one.motion)
         read_n = load_n + 0.1 * rng.standard_normal(2)
-        found.append(StepFacts(one.pair, one.phase, (float(read_n[0]), float(read_n[1])), one.commanded_px))
+        found.append(StepConditions(one.pair, one.phase, (float(read_n[0]), float(read_n[1])), one.commanded_px))
     return found
 
 
 def test_a_cell_that_reads_what_there_is_has_no_effect(seen: Observation) -> None:
-    read = readings_of(seen, steps(None), "y")
-    found = with_loads(NOTHING, read)
+    read = load_readings(seen, steps(None), "y")
+    found = add_load_cell_evidence(NOTHING, read)
     assert found.outcome is Outcome.NONE
     loaded = read.loaded
     off = read.strain[loaded] - read.load_n[loaded] / (YOUNGS_GPA * 1e3 * AREA_MM2)
@@ -56,33 +56,33 @@ def test_a_cell_that_reads_what_there_is_has_no_effect(seen: Observation) -> Non
 
 
 def test_what_it_does_by_itself_has_a_name(seen: Observation) -> None:
-    drifting = with_loads(NOTHING, readings_of(seen, steps(LoadCellDrift(0.002)), "y"))
+    drifting = add_load_cell_evidence(NOTHING, load_readings(seen, steps(LoadCellDrift(0.002)), "y"))
     assert drifting.outcome is Outcome.IDENTIFIED
     (one,) = drifting.effects[0].parameters
     assert one.value == pytest.approx(0.002, abs=3.0 * one.sigma)
     assert one.sigma < 2e-4
 
-    zero = with_loads(NOTHING, readings_of(seen, steps(LoadCellZero(-20.0)), "y"))
+    zero = add_load_cell_evidence(NOTHING, load_readings(seen, steps(LoadCellZero(-20.0)), "y"))
     assert zero.outcome is Outcome.AMBIGUOUS
     assert zero.ambiguous == ("load_cell_zero", "preload")
     (one,) = zero.effects[0].parameters
     assert one.value == pytest.approx(-20.0, abs=3.0 * one.sigma)
 
 
-def gaged() -> list[StepFacts]:
+def gaged() -> list[StepConditions]:
     """Steps with a gage whose factor is off by the usual 0.5 %, and whose zero by 1e-4."""
     rng = np.random.default_rng(2)
     strain = [1.005 * one.load_n / (YOUNGS_GPA * 1e3 * AREA_MM2) + 1e-4 + 1e-7 * rng.standard_normal() for one in poses(CONDITIONS)]
-    return [replace(one, gage=Measured(by, 1e-7)) for one, by in zip(steps(None), strain, strict=True)]
+    return [replace(one, gage=MeasuredValue(by, 1e-7)) for one, by in zip(steps(None), strain, strict=True)]
 
 
 def test_a_lift_that_is_strain_to_the_maps_is_told_by_a_gage(seen: Observation) -> None:
-    at_rest = with_gage(NOTHING, gage_readings_of(readings_of(seen, gaged(), "y"), gaged(), 0.005))
+    at_rest = add_gage_evidence(NOTHING, gage_readings(load_readings(seen, gaged(), "y"), gaged(), 0.005))
     assert at_rest.outcome is Outcome.NONE
     assert at_rest.where[-1].p_value > 0.01
 
     lift = OutOfPlaneTranslation.defaults("x200")
-    lifted = with_gage(NOTHING, gage_readings_of(readings_of(observed(CONDITIONS, (lift,), GRID), gaged(), "y"), gaged(), 0.005))
+    lifted = add_gage_evidence(NOTHING, gage_readings(load_readings(observed(CONDITIONS, (lift,), GRID), gaged(), "y"), gaged(), 0.005))
     assert (lifted.outcome, lifted.group) == (Outcome.IDENTIFIED, "G6")
     one = lifted.effects[0].parameters[0]
     assert one.value == pytest.approx(lift.lift_um_per_n / (1e3 * lift.working_distance_mm), abs=3.0 * one.sigma)

@@ -17,16 +17,16 @@ from blind.observing import observed
 
 from semlive.data.diagnosis import Outcome
 from semlive.data.grid import Grid
-from semlive.diagnose.judge import diagnose
-from semlive.model.effects import DICTIONARY
-from semlive_simulators.effects.protocol import Effect, Plane, Visits
+from semlive.diagnose.maps.verdict import diagnose
+from semlive.model.effects import EFFECT_CLASSES
+from semlive_simulators.effects.interfaces import Effect, PixelVisits, Plane
 
 GRID = Grid(101, 101, 15, 50, 40, 43)
 DRAWS = 99
 # A seventh of the laws: with all of them a verdict takes twice as long.
 FEW = tuple(
     one
-    for one in DICTIONARY
+    for one in EFFECT_CLASSES
     if one.name in ("magnification_drift", "refocus_magnification_step", "aspect_drift", "tilt_with_load", "dic_subpixel_bias")
 )
 
@@ -37,7 +37,7 @@ class MovingWave(Effect):
 
     name = "moving_wave"
 
-    def offset_px(self, at: Visits) -> Plane:
+    def offset_px(self, at: PixelVisits) -> Plane:
         """Along x."""
         # Over columns: over rows it would be an oscillation in time, seen once in every frame.
         wave = 0.1 * np.sin(2.0 * np.pi * (at.x_px / 400.0 - at.time_s / 700.0))

@@ -10,11 +10,11 @@ sys.path.insert(0, str(Path(__file__).parent))
 from imaged_log import log_of
 
 from semlive.data.settings import DicSettings
-from semlive.diagnose.row_channel import diagnose_rows
-from semlive.service.image_channels import channels_of_log
-from semlive_simulators.effects.composition import Effects
+from semlive.diagnose.rows.verdict import diagnose_rows
+from semlive.service.diagnosis.images import channels_of_log
+from semlive_simulators.effects.composition import EffectSet
 from semlive_simulators.effects.mains_hum import MainsHum
-from semlive_simulators.render import render_frame
+from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import load_scenario
 
 PAPER = load_scenario("paper_x200")
@@ -24,7 +24,7 @@ SETTINGS = DicSettings(step_px=10, roi_px=None)
 
 def test_hum_in_the_images_of_a_log_is_named(tmp_path: Path) -> None:
     detector = dataclasses.replace(PAPER.detector, read_noise=2.0, shot_noise=0.2)
-    scenario = dataclasses.replace(PAPER, scan=SCAN, detector=detector, effects=Effects((MainsHum(0.1, 0.05, 50.0, 0.4),)))
+    scenario = dataclasses.replace(PAPER, scan=SCAN, detector=detector, effects=EffectSet((MainsHum(0.1, 0.05, 50.0, 0.4),)))
     column = scenario.column()
     # 26 s and a quarter, three quarters and half a period of the mains between frames.
     starts_s = (0.0, 26.005, 52.02, 78.03)

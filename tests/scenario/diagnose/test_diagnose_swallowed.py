@@ -12,12 +12,12 @@ from blind.experiment import Conditions
 
 from semlive.data.diagnosis import Outcome
 from semlive.data.grid import Grid
-from semlive.diagnose.judge import diagnose
-from semlive.model.effects import DICTIONARY
+from semlive.diagnose.maps.verdict import diagnose
+from semlive.model.effects import EFFECT_CLASSES
 
 CONDITIONS = Conditions(702, calibration=8, tension=2)
 GRID = Grid(101, 101, 25, 30, 24, 43)
-FEW = tuple(one for one in DICTIONARY if one.name in ("magnification_drift", "aspect_drift"))
+FEW = tuple(one for one in EFFECT_CLASSES if one.name in ("magnification_drift", "aspect_drift"))
 
 
 def test_a_local_drift_swallows_what_diagnosis_names() -> None:

@@ -18,16 +18,16 @@ from blind.observing import observed
 
 from semlive.data.diagnosis import Outcome
 from semlive.data.grid import Grid
-from semlive.diagnose.baseline import ladder
-from semlive.diagnose.course import likelier_course
-from semlive.diagnose.evidence import weigh
-from semlive.diagnose.judge import diagnose
-from semlive.diagnose.known import family_of
-from semlive.diagnose.named import LOUD
-from semlive.diagnose.noise import quiet
-from semlive.diagnose.observation import Observation
-from semlive.diagnose.refine import refined
-from semlive.diagnose.unknown import UNNAMED
+from semlive.diagnose.baseline.baseline import build_grid
+from semlive.diagnose.baseline.bayes_factor import score_candidates
+from semlive.diagnose.baseline.model_effects import effect_class
+from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
+from semlive.diagnose.baseline.observation import Observation
+from semlive.diagnose.maps.effect_selection import SIGNIFICANT_LOG_FACTOR
+from semlive.diagnose.maps.refinement import refined
+from semlive.diagnose.maps.time_course_test import alternative_time_course_odds
+from semlive.diagnose.maps.unnamed_fields import UNNAMED_CLASSES
+from semlive.diagnose.maps.verdict import diagnose
 from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
 
 SPARSE = Grid(101, 101, 60, 13, 10, 43)  # a block is a point
@@ -46,10 +46,10 @@ def drifting() -> Observation:
 
 def test_a_wrong_point_by_itself_is_nothing_without_a_name() -> None:
     right, wrong = (observed(replace(Conditions(505), outliers=share), (), SPARSE) for share in (0.0, 0.001))
-    loudest = max(one.log_factor for one in weigh(quiet(wrong), UNNAMED))
+    loudest = max(one.log_factor for one in score_candidates(noise_scaled_baseline(wrong), UNNAMED_CLASSES))
 
-    assert len(right.used) - 8 <= len(wrong.used) < len(right.used)  # it is left out, and its neighbours are not
-    assert loudest < LOUD
+    assert len(right.valid_blocks) - 8 <= len(wrong.valid_blocks) < len(right.valid_blocks)  # it is left out, and its neighbours are not
+    assert loudest < SIGNIFICANT_LOG_FACTOR
 
 
 def test_whatever_moves_neighbours_alike_keeps_its_blocks() -> None:
@@ -57,15 +57,15 @@ def test_whatever_moves_neighbours_alike_keeps_its_blocks() -> None:
     clean = replace(bump.conditions(), outliers=0.0)
     bare, bumped = (observed(clean, effects, SPARSE) for effects in ((), bump.effects()))
 
-    assert len(bumped.used) == len(bare.used)
+    assert len(bumped.valid_blocks) == len(bare.valid_blocks)
 
 
 def course_of(seen: Observation, name: str) -> float:
     """Of what is named whatever else would do."""
-    bare = quiet(seen)
-    (heard,) = weigh(bare, (family_of(name),))
+    bare = noise_scaled_baseline(seen)
+    (heard,) = score_candidates(bare, (effect_class(name),))
     named = refined(bare, heard)
-    return likelier_course(ladder(bare.design.having(named.found)), bare.design, [named])
+    return alternative_time_course_odds(build_grid(bare.design.with_effects(named.baseline_effect)), bare.design, [named])
 
 
 def test_the_law_that_was_hidden_has_no_likelier_course(drifting: Observation) -> None:
@@ -85,13 +85,13 @@ def test_a_charge_that_approaches_its_end_is_one_effect() -> None:
     (hidden,) = case.effects()
     assert isinstance(hidden, ChargingLocalLens)
     names = ("charging_local_lens", "magnification_drift", "refocus_magnification_step", "magnification_frame_instability")
-    found = diagnose(observed(case.conditions(), case.effects(), GRID), dictionary=[family_of(name) for name in names], draws=DRAWS)
+    found = diagnose(observed(case.conditions(), case.effects(), GRID), dictionary=[effect_class(name) for name in names], draws=DRAWS)
     (told,) = found.effects
     peak = next(one for one in told.parameters if one.name == "peak_px")
 
     assert (found.outcome, told.name) == (Outcome.IDENTIFIED, "charging_local_lens")
     assert peak.sigma < 0.1 * peak.value
-    assert abs(peak.value - hidden.peak_px * -math.expm1(-found.end_s / hidden.charging_s)) < 3.0 * peak.sigma
+    assert abs(peak.value - hidden.peak_px * -math.expm1(-found.duration_s / hidden.charging_s)) < 3.0 * peak.sigma
 
 
 def test_a_slow_drift_is_no_jump_at_every_step(drifting: Observation) -> None:
@@ -104,7 +104,7 @@ def test_a_jump_within_a_pair_moves_whole_frames_and_that_is_no_course() -> None
 
 def test_without_its_name_an_effect_is_unknown(drifting: Observation) -> None:
     names = ("refocus_magnification_step", "tilt_with_load", "charging_frame_ramp")
-    found = diagnose(drifting, dictionary=[family_of(name) for name in names], draws=DRAWS)
+    found = diagnose(drifting, dictionary=[effect_class(name) for name in names], draws=DRAWS)
 
     assert found.outcome is Outcome.UNKNOWN
     assert [one.name for one in found.effects] == ["refocus_magnification_step"]  # the closest is told
@@ -112,7 +112,7 @@ def test_without_its_name_an_effect_is_unknown(drifting: Observation) -> None:
 
 def test_a_bump_that_grows_with_the_square_of_time_is_no_uneven_strain() -> None:
     case = Case(STRANGER, ("quadratic_bump",), 0.1, 4003)
-    few = [family_of(name) for name in ("inhomogeneous_strain", "magnification_drift", "tilt_with_load")]
+    few = [effect_class(name) for name in ("inhomogeneous_strain", "magnification_drift", "tilt_with_load")]
     found = diagnose(observed(case.conditions(), case.effects(), GRID), dictionary=few, draws=DRAWS)
 
     assert found.outcome is Outcome.UNKNOWN
@@ -120,9 +120,9 @@ def test_a_bump_that_grows_with_the_square_of_time_is_no_uneven_strain() -> None
 
 def test_a_distortion_that_drifts_is_told_with_the_affine_part_that_nobody_knows() -> None:
     seen = hiding("distortion_scale_drift", 12.0)
-    family = family_of("distortion_scale_drift")
-    found = diagnose(seen, dictionary=[family, family_of("magnification_drift")], draws=DRAWS)
-    (as_estimated,) = weigh(quiet(seen), (replace(family, thetas=()),))
+    family = effect_class("distortion_scale_drift")
+    found = diagnose(seen, dictionary=[family, effect_class("magnification_drift")], draws=DRAWS)
+    (as_estimated,) = score_candidates(noise_scaled_baseline(seen), (replace(family, nonlinear_parameters=()),))
 
     assert found.outcome is Outcome.IDENTIFIED
     assert [one.name for one in found.effects] == ["distortion_scale_drift"]
@@ -131,7 +131,7 @@ def test_a_distortion_that_drifts_is_told_with_the_affine_part_that_nobody_knows
 
 def test_an_effect_that_did_for_two_goes_when_both_are_named() -> None:
     two = ("raster_rotation_drift", "bending_misalignment")
-    few = [family_of(name) for name in (*two, "distortion_scale_drift")]
+    few = [effect_class(name) for name in (*two, "distortion_scale_drift")]
     case = Case(TWO, two, 8.0, 3002)
     found = diagnose(observed(case.conditions(), case.effects(), GRID), dictionary=few, draws=DRAWS)
 

@@ -11,7 +11,7 @@ import pytest
 
 from semlive import estimate as estimating
 from semlive import mechanics
-from semlive.data.drift import Estimate
+from semlive.data.drift import EstimateRevision
 from semlive.data.experiment import Phase
 from semlive.data.settings import EstimateSettings
 from semlive.data.strain import ElasticConstants
@@ -21,7 +21,7 @@ YOUNGS_GPA, POISSON, AREA_MM2 = 71.1, 0.33, 10.0
 
 @dataclass(frozen=True)
 class Outcome:
-    estimate: Estimate
+    estimate: EstimateRevision
     elastic: ElasticConstants
     drift_error_px: np.ndarray  # (frames, samples, 2), the frame's mean removed
     drift_z: np.ndarray  # change from the middle of a frame to its ends, in sigmas
@@ -37,7 +37,7 @@ def run(world: Any, steps: list[Any]) -> Outcome:
     for one in taken:
         state = estimating.update(state, one.pair, one.step.phase, one.times, one.maps)
     solution = estimating.solve(state)
-    found = estimating.estimate(solution, 0)
+    found = estimating.to_estimate(solution, 0)
     error, sigma, unloaded, points, frames = [], [], [], [], []
     for one in taken:
         for dmap in (dmap for dmap in one.maps if dmap.reference == 0):
@@ -63,7 +63,7 @@ def run(world: Any, steps: list[Any]) -> Outcome:
     )  # fmt: skip
 
 
-def affine_removed(world: Any, found: Estimate) -> np.ndarray:
+def affine_removed(world: Any, found: EstimateRevision) -> np.ndarray:
     x, y = world.grid.mesh()
     error = np.stack((found.distortion.ex_px, found.distortion.ey_px), axis=-1) - world.distortion(np.stack((x, y), axis=-1))
     plane = np.column_stack((np.ones(x.size), x.ravel(), y.ravel()))

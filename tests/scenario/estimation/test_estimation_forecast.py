@@ -82,7 +82,7 @@ def test_the_forecast_of_waves_of_ten_minutes_to_an_hour_holds(world: Callable[.
 def test_the_forecast_begins_where_the_estimate_ends(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
     found, solution = forecast_of(world(320, step_px=60), plans["short"][:4])
     assert found.time_s[0] == pytest.approx(solution.state.frames[-1].start_s + found.duration_s)
-    np.testing.assert_allclose(found.rate_px_s[0], estimating.live_rate(solution), atol=4 * float(found.sigma_px_s[0].max()))
-    published = estimating.estimate(solution, 1).drift.forecast
+    np.testing.assert_allclose(found.rate_px_s[0], estimating.current_drift_rate(solution), atol=4 * float(found.sigma_px_s[0].max()))
+    published = estimating.to_estimate(solution, 1).drift.forecast
     assert published is not None
     np.testing.assert_array_equal(published.rate_px_s, found.rate_px_s)

@@ -31,7 +31,7 @@ def run(world: Any, taken: list[Any]) -> Outcome:
     for one in taken:
         state = estimating.update(state, one.pair, one.step.phase, one.times, one.maps)
     solution = estimating.solve(state)
-    found = estimating.estimate(solution, 0)
+    found = estimating.to_estimate(solution, 0)
     error, sigma = [], []
     for one in taken:
         for dmap in (dmap for dmap in one.maps if dmap.reference == 0):

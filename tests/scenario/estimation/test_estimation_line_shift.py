@@ -11,7 +11,7 @@ import pytest
 
 from semlive import estimate as estimating
 from semlive.data.settings import EstimateSettings
-from semlive.estimate.posterior import Solution
+from semlive.estimate.joint.solution.posterior import Solution
 
 WIDTH_PX, HEIGHT_PX = 1024, 884
 SHIFT_PX, ROWS = 0.06, 90.0  # standard deviation of a frame's shift along x, and how many rows share it
@@ -46,12 +46,12 @@ def test_shifts_of_rows_are_found_and_corrected(world: Callable[..., Any], plans
     """Taken for drift they made it rough, left three times the noise, and put 0.054 px into displacements."""
     solution, worst_px = solved(jittering(world(60), SHIFT_PX), plans["short"][:7])
     (told,) = (one for one in solution.terms if one.name == "line_shift")
-    assert told.used
+    assert told.included
     assert told.evidence > 100
-    assert solution.hyper.line_px == pytest.approx(SHIFT_PX, rel=0.5)
+    assert solution.hyper.row_shift_px == pytest.approx(SHIFT_PX, rel=0.5)
     assert solution.hyper.noise_scale == pytest.approx(1.0, rel=0.15)
     assert worst_px < 0.025
-    assert any("rows" in note for note in estimating.estimate(solution, 0).notes)
+    assert any("rows" in note for note in estimating.to_estimate(solution, 0).notes)
 
 
 def test_a_run_goes_on_with_shifts_of_rows(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
@@ -61,16 +61,16 @@ def test_a_run_goes_on_with_shifts_of_rows(world: Callable[..., Any], plans: dic
     known: Solution | None = None
     for pair in taken:
         state = estimating.update(state, pair.pair, pair.step.phase, pair.times, pair.maps)
-        known = estimating.live(state, known) if pair.pair >= 3 else None
+        known = estimating.solve_live(state, known) if pair.pair >= 3 else None
     assert known is not None
-    assert known.hyper.line_px > 0
-    assert known.state.lines.frames == tuple(range(10))
+    assert known.hyper.row_shift_px > 0
+    assert known.state.row_shifts.frames == tuple(range(10))
     assert taken[-1].worst_px(partial(estimating.correction, known)) < 0.025
 
 
 def test_where_rows_keep_still_none_is_shifted(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
     solution, _ = solved(world(62), plans["short"][:6])
     (told,) = (one for one in solution.terms if one.name == "line_shift")
-    assert not told.used
+    assert not told.included
     assert told.evidence < 2
-    assert solution.state.lines.size == 0
+    assert solution.state.row_shifts.size == 0

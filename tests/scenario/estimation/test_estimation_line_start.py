@@ -11,13 +11,13 @@ import numpy as np
 from semlive import estimate as estimating
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
-from semlive.estimate.state import EstimatorState
+from semlive.estimate.joint.observations.state import EstimatorState
 from semlive.model import DistortionSpline, UniformSpline
 from semlive.model.knots import towards_start
 from semlive_simulators.effects.flyback_settling import FlybackSettling
-from semlive_simulators.effects.protocol import Visits
-from semlive_simulators.scan import Scan
-from semlive_simulators.specimen import at_rest
+from semlive_simulators.effects.interfaces import PixelVisits
+from semlive_simulators.microscope.scan import Scan
+from semlive_simulators.specimen.specimen import at_rest
 
 WIDTH_PX, HEIGHT_PX, DWELL_S = 1024, 884, 1e-4
 GRID = Grid(22, 101, 14, 58, 42, 43)
@@ -32,7 +32,7 @@ def settling(world: Any, effect: FlybackSettling) -> Any:
         def distortion(self, at: Any) -> Any:
             x_px = at[..., 0].reshape(1, -1)
             nowhere = np.zeros_like(x_px)
-            seen = Visits(x_px, nowhere, nowhere, 0.0, 0, 0, np.zeros((1, 1), dtype=bool), scan, rest, (nowhere, nowhere))
+            seen = PixelVisits(x_px, nowhere, nowhere, 0.0, 0, 0, np.zeros((1, 1), dtype=bool), scan, rest, (nowhere, nowhere))
             bend = super().distortion(at)
             bend[..., 0] += effect.offset_px(seen)[0].reshape(at.shape[:-1])
             return bend
@@ -45,7 +45,7 @@ def errors_px(one: Any, steps: list[Any], begun: EstimatorState) -> tuple[float,
     state = begun
     for taken in one.pairs(steps):
         state = estimating.update(state, taken.pair, taken.step.phase, taken.times, taken.maps)
-    found = estimating.estimate(estimating.solve(state), 0).distortion
+    found = estimating.to_estimate(estimating.solve(state), 0).distortion
     x, y = GRID.mesh()
     error = found.ex_px - one.distortion(np.stack((x, y), axis=-1))[..., 0]
     plane = np.column_stack((np.ones(x.size), x.ravel(), y.ravel()))

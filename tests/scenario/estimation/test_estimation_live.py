@@ -19,8 +19,8 @@ from semlive.data.pair import PairDecision
 from semlive.data.results import PairResult
 from semlive.data.scan import Provenance, Sourced
 from semlive.data.settings import AnalysisSettings
-from semlive.estimate.sequence import chosen_anew
-from semlive.estimate.smooth import LATELY
+from semlive.estimate.joint.elimination.smoother import LIVE_WINDOW_PAIRS
+from semlive.estimate.joint.solution.solver import selection_due
 
 E_GPA = 71.1
 COMPONENTS = ("exx", "eyy", "exy")
@@ -44,13 +44,13 @@ def decision(taken: Any) -> PairDecision:
     return PairDecision(taken.pair, step, info(taken.times[0]), info(taken.times[1]), (held, held))
 
 
-def followed(taken: list[Any], method: str = "joint") -> tuple[pipeline.Begun, list[PairResult]]:
+def followed(taken: list[Any], method: str = "joint") -> tuple[pipeline.AnalysisState, list[PairResult]]:
     begun, said = None, []
     for one in taken:
         named = decision(one)
-        begun = begun or pipeline.begin_from_maps(settings(method), named.first, one.maps[0].grid)
-        begun, result = pipeline.update(begun, named, one.maps)
-        begun, anew = pipeline.reconsider(begun)
+        begun = begun or pipeline.start_from_maps(settings(method), named.first, one.maps[0].grid)
+        begun, result = pipeline.add_pair(begun, named, one.maps)
+        begun, anew = pipeline.review_hyperparameters(begun)
         said += [result, anew] if anew else [result]
     assert begun is not None
     return begun, said
@@ -69,16 +69,16 @@ def test_frames_that_moved_by_more_than_their_sigma_are_revised(early_load: list
     revisions = 0
     for result in said:
         own = {one.summary.frame for one in result.frames}
-        assert not own & {one.summary.frame for one in result.revised}
-        for one in result.revised:
+        assert not own & {one.summary.frame for one in result.revised_frames}
+        for one in result.revised_frames:
             before, now = told[one.summary.frame], one.summary
             moved = max(abs(getattr(now.mean, name) - getattr(before.mean, name)) / getattr(before.mean_sigma, name) for name in COMPONENTS)
             assert moved > 0.9  # found from a part of the points
             revisions += 1
-        told |= {one.summary.frame: one.summary for one in (*result.frames, *result.revised)}
+        told |= {one.summary.frame: one.summary for one in (*result.frames, *result.revised_frames)}
     assert revisions
     # The others stand where they are known to: nothing that was said last is further from the end than it says.
-    last = pipeline.conclude(begun)
+    last = pipeline.finalise(begun)
     for one in last.frames:
         before = told[one.summary.frame]
         assert all(
@@ -90,7 +90,7 @@ def test_frames_that_moved_by_more_than_their_sigma_are_revised(early_load: list
 def test_live_constants_are_those_of_the_end(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
     taken = list(world(232, step_px=60).pairs(plans["short"][:8]))
     begun, said = followed(taken)
-    end = pipeline.conclude(begun).elastic
+    end = pipeline.finalise(begun).elastic
     live = said[-1].elastic
     assert live is not None
     assert end is not None
@@ -100,7 +100,7 @@ def test_live_constants_are_those_of_the_end(world: Callable[..., Any], plans: d
 
 def test_the_published_procedure_is_followed_too(early_load: list[Any]) -> None:
     begun, said = followed(early_load[:4], "sutton2007")
-    assert [one.summary for one in said[-2].frames] == [one.summary for one in pipeline.conclude(begun).frames[-2:]]
+    assert [one.summary for one in said[-2].frames] == [one.summary for one in pipeline.finalise(begun).frames[-2:]]
 
 
 def test_a_long_run_says_at_once_what_all_its_pairs_say_of_the_newest(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
@@ -112,13 +112,13 @@ def test_a_long_run_says_at_once_what_all_its_pairs_say_of_the_newest(world: Cal
     before = known = None
     for one in taken:
         state = estimating.update(state, one.pair, one.step.phase, one.times, one.maps)
-        before, due = known, known is None or (chosen_anew(len(state.phases)) and len(state.phases) > 30)
-        known = estimating.live(state, known) if due or len(state.phases) > 32 else known
+        before, due = known, known is None or (selection_due(len(state.phases)) and len(state.phases) > 30)
+        known = estimating.solve_live(state, known) if due or len(state.phases) > 32 else known
     assert before is not None
     assert known is not None
-    whole = estimating.follow(state, before)
-    lately, all_of_it = estimating.estimate(known, 35, lately=True), estimating.estimate(whole, 35)
-    assert [one.pair for one in lately.motions] == list(range(35 - LATELY, 35))
+    whole = estimating.solve_incremental(state, before)
+    lately, all_of_it = estimating.to_estimate(known, 35, newest_only=True), estimating.to_estimate(whole, 35)
+    assert [one.pair for one in lately.motions] == list(range(35 - LIVE_WINDOW_PAIRS, 35))
     newest = len(lately.drift.time_s)
     np.testing.assert_allclose(lately.drift.drift_px, all_of_it.drift.drift_px[-newest:], atol=1e-9)
     np.testing.assert_allclose(lately.drift.sigma_px, all_of_it.drift.sigma_px[-newest:], rtol=1e-9)
@@ -128,6 +128,6 @@ def test_a_long_run_says_at_once_what_all_its_pairs_say_of_the_newest(world: Cal
     np.testing.assert_allclose(of_known.u_px, of_whole.u_px, atol=1e-9)
     told = estimating.correction_strain(before, taken[-2].maps[-1])
     assert estimating.correction_strain(whole, dmap).sigma == pytest.approx(estimating.correction_strain(known, dmap).sigma)
-    moved = estimating.strain_moved(whole, told)
+    moved = estimating.strain_change(whole, told)
     now = estimating.correction_strain(whole, taken[-2].maps[-1])
     np.testing.assert_allclose([moved.exx, moved.eyy, moved.exy], told.value - now.value, atol=1e-12)

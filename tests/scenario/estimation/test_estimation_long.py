@@ -11,19 +11,19 @@ import pytest
 
 from semlive import estimate as estimating
 from semlive.data.settings import EstimateSettings
-from semlive.estimate.accumulate import DENSE_PAIRS, beginning, marginal, pull
-from semlive.estimate.border import NOISE
-from semlive.estimate.chain import chained
-from semlive.estimate.consistency import FIELD, PAIRS, consistency, warnings_of
-from semlive.estimate.evidence import Misfit, likeliest_hyper
-from semlive.estimate.late_choices import distortion_rechosen, noise_ratio
-from semlive.estimate.late_halves import looked_at
-from semlive.estimate.prior import gauge_precision
-from semlive.estimate.sequence import due_before
-from semlive.estimate.state import MapRows
+from semlive.estimate.joint.elimination.elimination import eliminate_all
+from semlive.estimate.joint.elimination.shared_parameters import NOISE
+from semlive.estimate.joint.observations.normal_equations import DENSE_PAIRS, first_pairs, gradient, marginal
+from semlive.estimate.joint.observations.priors import gauge_precision
+from semlive.estimate.joint.observations.state import MapObservations
+from semlive.estimate.joint.outputs.consistency import FIELD, PAIRS, consistency, warnings_of
+from semlive.estimate.joint.outputs.split_consistency import sampled_pair_numbers
+from semlive.estimate.joint.selection.long_run_choices import reselect_distortion_smoothness, residual_noise_ratio
+from semlive.estimate.joint.selection.marginal_likelihood import LocalLikelihood, maximise_evidence
+from semlive.estimate.joint.solution.solver import previous_selection
 
 COUNT = DENSE_PAIRS + 4
-Spoil = Callable[[MapRows, np.ndarray], np.ndarray]
+Spoil = Callable[[MapObservations, np.ndarray], np.ndarray]
 
 
 @pytest.fixture(scope="module")
@@ -52,11 +52,11 @@ def test_halves_of_a_sound_long_run_agree(long_run: estimating.Solution) -> None
     assert -6.0 < pairs.sigmas < 3.5
     assert field.difference_px == pytest.approx(field.expected_px, rel=0.3)
     assert pairs.difference_px == pytest.approx(pairs.expected_px, rel=0.5)
-    assert len(estimating.checks(long_run)) == 2
+    assert len(estimating.consistency_messages(long_run)) == 2
 
 
 def test_a_part_of_the_field_that_begins_to_slide_is_seen(long_run: estimating.Solution) -> None:
-    def slide(rows: MapRows, at: np.ndarray) -> np.ndarray:
+    def slide(rows: MapObservations, at: np.ndarray) -> np.ndarray:
         creep = np.where((at[:, 0] < 470) & (rows.current % 2 == 1), 0.2 * (at[:, 1] - 101) / 600, 0.0)
         return np.stack((np.zeros_like(creep), creep), axis=1)
 
@@ -69,7 +69,7 @@ def test_a_distortion_that_begins_to_change_is_seen(long_run: estimating.Solutio
     def wave(at: np.ndarray) -> np.ndarray:
         return 0.15 * np.cos(2 * np.pi * at / 300)
 
-    def otherwise(rows: MapRows, at: np.ndarray) -> np.ndarray:
+    def otherwise(rows: MapObservations, at: np.ndarray) -> np.ndarray:
         if rows.current // 2 % 2 == 0 or rows.within_pair:
             return np.zeros_like(at)
         u = wave(at[:, 0] + rows.disparity_px[:, 0]) - wave(at[:, 0])
@@ -81,30 +81,30 @@ def test_a_distortion_that_begins_to_change_is_seen(long_run: estimating.Solutio
 
 
 def test_noise_that_grows_is_noticed(long_run: estimating.Solution) -> None:
-    noise_px = long_run.ending.step[long_run.ending.chain.border.part(NOISE)]
-    alike = noise_ratio(long_run.state, long_run.mean, noise_px, DENSE_PAIRS)
+    noise_px = long_run.shared_posterior.step[long_run.shared_posterior.chain.border.part(NOISE)]
+    alike = residual_noise_ratio(long_run.state, long_run.mean, noise_px, DENSE_PAIRS)
     assert alike == pytest.approx(1.0, abs=0.02)
     rng = np.random.default_rng(3)
 
-    def louder(rows: MapRows, at: np.ndarray) -> np.ndarray:
+    def louder(rows: MapObservations, at: np.ndarray) -> np.ndarray:
         return rng.normal(0, 0.03, at.shape) if rows.current // 2 >= 4 else np.zeros_like(at)
 
-    assert noise_ratio(spoilt(long_run, louder).state, long_run.mean, noise_px, 4) > 1.5
+    assert residual_noise_ratio(spoilt(long_run, louder).state, long_run.mean, noise_px, 4) > 1.5
 
 
 def test_smoothness_from_the_chain_is_that_from_one_matrix(long_run: estimating.Solution) -> None:
     """With everything else integrated out, in two ways."""
-    state = beginning(long_run.state, 9)
+    state = first_pairs(long_run.state, 9)
     hyper, near = long_run.hyper, estimating.solve(state).mean
-    moved = beginning(replace(long_run.state, about=np.zeros(0)), 9)
-    data = Misfit(marginal(moved)[0], pull(moved, near), near)
-    dense = likeliest_hyper(moved, data, hyper, gauge_precision(moved))
-    chosen = distortion_rechosen(chained(moved, replace(hyper, rotation_rad=dense.rotation_rad), near))
+    moved = first_pairs(replace(long_run.state, linearisation_point=np.zeros(0)), 9)
+    data = LocalLikelihood(marginal(moved)[0], gradient(moved, near), near)
+    dense = maximise_evidence(moved, data, hyper, gauge_precision(moved))
+    chosen = reselect_distortion_smoothness(eliminate_all(moved, replace(hyper, rotation_rad=dense.rotation_rad), near))
     assert chosen.distortion == dense.distortion
 
 
 def test_pairs_that_are_compared_come_in_couples_from_the_stretch_since_the_last_time(long_run: estimating.Solution) -> None:
-    assert [due_before(n) for n in (2, 33, 48, 49, 64, 1000)] == [1, 32, 32, 48, 48, 768]
-    pairs = looked_at(long_run.state, due_before(COUNT))
+    assert [previous_selection(n) for n in (2, 33, 48, 49, 64, 1000)] == [1, 32, 32, 48, 48, 768]
+    pairs = sampled_pair_numbers(long_run.state, previous_selection(COUNT))
     assert pairs == tuple(range(COUNT - 32, COUNT))
     assert all(two == one + 1 for one, two in zip(pairs[::2], pairs[1::2], strict=True))

@@ -11,10 +11,10 @@ import pytest
 
 from semlive import estimate as estimating
 from semlive.data.settings import EstimateSettings
-from semlive.estimate import accumulate
-from semlive.estimate.accumulate import dense_pairs
-from semlive.estimate.late import stretches
-from semlive.estimate.late_halves import looked_at
+from semlive.estimate.joint.observations import normal_equations
+from semlive.estimate.joint.observations.normal_equations import dense_limit
+from semlive.estimate.joint.outputs.split_consistency import sampled_pair_numbers
+from semlive.estimate.joint.selection.long_run import sampled_pairs
 
 NIGHT_S = 15 * 3600.0
 
@@ -37,7 +37,7 @@ def test_a_night_s_pause_costs_nothing_and_spoils_nothing(world: Callable[..., A
     one = world(7, step_px=30)
     taken = rested(one, plans["short"], before, NIGHT_S)
     solution = solved(one, taken)
-    assert dense_pairs(solution.state) == before
+    assert dense_limit(solution.state) == before
     assert not solution.state.summed  # the matrix of all its knots would have 18 million numbers
     assert solution.state.layout.size > 4000
     assert max(pair.worst_px(lambda dmap: estimating.correction(solution, dmap)) for pair in taken[1:]) <= 0.02
@@ -48,20 +48,20 @@ def test_a_night_s_pause_costs_nothing_and_spoils_nothing(world: Callable[..., A
             u, v = (np.linalg.lstsq(plane, field.ravel(), rcond=None)[0] for field in (dmap.u_px, dmap.v_px))
             error = np.array([u[1], v[2]]) - told.value[:2] - [g[0, 0], g[1, 1]]
             assert np.all(np.abs(error) < 4.0 * np.hypot([told.sigma.exx, told.sigma.eyy], 1e-5))  # and the frame's own noise
-    assert len(estimating.checks(solution)) == 2
-    assert len(estimating.estimate(solution, len(taken)).motions) == len(taken)
+    assert len(estimating.consistency_messages(solution)) == 2
+    assert len(estimating.to_estimate(solution, len(taken)).motions) == len(taken)
 
 
 def test_choices_are_those_of_one_matrix(world: Callable[..., Any], plans: dict[str, list[Any]], monkeypatch: pytest.MonkeyPatch) -> None:
     one = world(8, step_px=30)
     taken = rested(one, plans["short"], 5, 5 * 3600.0)
     apart = solved(one, taken)
-    monkeypatch.setattr(accumulate, "DENSE_KNOTS", 10_000)
+    monkeypatch.setattr(normal_equations, "DENSE_KNOTS", 10_000)
     together = solved(one, taken)
-    assert (dense_pairs(apart.state), dense_pairs(together.state)) == (len(taken), len(taken))
+    assert (dense_limit(apart.state), dense_limit(together.state)) == (len(taken), len(taken))
     assert (apart.state.summed, together.state.summed) == (False, True)
     assert apart.hyper.noise_scale == pytest.approx(together.hyper.noise_scale, rel=0.05)
-    assert [test.used for test in apart.terms] == [test.used for test in together.terms]
+    assert [test.included for test in apart.terms] == [test.included for test in together.terms]
     maps = [dmap for pair in taken[1:] for dmap in pair.maps[1:]]
     for one, other in zip(*(estimating.correction_strains(each, maps) for each in (apart, together)), strict=True):
         sigma = np.array([other.sigma.exx, other.sigma.eyy, other.sigma.exy])
@@ -75,6 +75,6 @@ def test_a_pause_after_many_pairs(world: Callable[..., Any], plans: dict[str, li
     rng = np.random.default_rng(2)
     plan = [*plans["short"][:5], *(replace(still, shift_px=tuple(rng.uniform(-28, 28, 2))) for _ in range(31))]
     solution = solved(one, rested(one, plan, 20, NIGHT_S))
-    assert [len(part) for part in stretches(solution.state)] == [20, 16]
-    assert len(looked_at(solution.state, 24)) == 32
-    assert not [line for line in estimating.checks(solution) if line.startswith("WARNING")]
+    assert [len(part) for part in sampled_pairs(solution.state)] == [20, 16]
+    assert len(sampled_pair_numbers(solution.state, 24)) == 32
+    assert not [line for line in estimating.consistency_messages(solution) if line.startswith("WARNING")]

@@ -22,10 +22,10 @@ from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import EstimateSettings
-from semlive.estimate.posterior import Solution
-from semlive_simulators.scan import Scan
+from semlive.estimate.joint.solution.posterior import Solution
+from semlive_simulators.microscope.scan import Scan
 from semlive_simulators.scenario import load_scenario
-from semlive_simulators.specimen import at_rest
+from semlive_simulators.specimen.specimen import at_rest
 
 WIDTH_PX, HEIGHT_PX, FRAME_S, DWELL_S = 320, 276, 9.4, 1e-4
 ROW_S = FRAME_S / HEIGHT_PX
@@ -111,7 +111,7 @@ def test_the_strain_of_a_load_step_is_known_as_well_as_the_noise_allows(solution
     for one in solutions:
         joint = estimating.mean_strain_covariance(one, [6, 8])
         step = np.array([0.0, 0.0, -1.0, 1.0])
-        motions = estimating.estimate(one, 0).motions
+        motions = estimating.to_estimate(one, 0).motions
         said = motions[4].gradient[1, 1] - motions[3].gradient[1, 1]
         sigma = float(np.sqrt(step @ joint @ step))
         assert estimating.mean_strain_covariance(one, [6, 8], step[None])[0, 0] == pytest.approx(sigma**2, rel=1e-9)

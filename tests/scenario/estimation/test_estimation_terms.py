@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from semlive import estimate as estimating
-from semlive.data.drift import Estimate
+from semlive.data.drift import EstimateRevision
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import EstimateSettings
-from semlive.estimate import posterior as estimating_posterior
-from semlive.estimate.accumulate import at_rest, carried_along, unsummed
-from semlive.estimate.chain import chained
-from semlive.estimate.late_coupling import coupling_anew
+from semlive.estimate.joint.elimination.elimination import eliminate_all
+from semlive.estimate.joint.observations.normal_equations import with_advected_distortion, with_static_distortion, without_normal_matrix
+from semlive.estimate.joint.solution import posterior as estimating_posterior
+from semlive.estimate.joint.solution.advection import reestimate_advection
 
 WIDTH_PX, HEIGHT_PX = 1024, 884
 CENTRE = np.array([WIDTH_PX - 1, HEIGHT_PX - 1]) / 2
@@ -54,14 +54,14 @@ def scan_timing(scans: int) -> ScanTiming:
     return ScanTiming(dwell, row, frame, Sourced(scans, Provenance.CONFIG))
 
 
-def solved(world: Any, steps: list[Any]) -> tuple[Estimate, float]:
+def solved(world: Any, steps: list[Any]) -> tuple[EstimateRevision, float]:
     """The estimate, and the largest rms error of a frame's correction, px, its best affine map removed."""
     state = estimating.init(EstimateSettings(), world.grid, WIDTH_PX, HEIGHT_PX)
     taken = list(world.pairs(steps))
     for one in taken:
         state = estimating.update(state, one.pair, one.step.phase, one.times, one.maps)
     solution = estimating.solve(state)
-    return estimating.estimate(solution, 0), max(one.worst_px(partial(estimating.correction, solution)) for one in taken[1:])
+    return estimating.to_estimate(solution, 0), max(one.worst_px(partial(estimating.correction, solution)) for one in taken[1:])
 
 
 @pytest.fixture(scope="module")
@@ -69,8 +69,8 @@ def steps(plans: dict[str, list[Any]]) -> list[Any]:
     return [one for one in plans["short"] if one.strain == 0.0][:5]
 
 
-def used(found: Estimate) -> dict[str, bool]:
-    return {one.name: one.used for one in found.terms}
+def used(found: EstimateRevision) -> dict[str, bool]:
+    return {one.name: one.included for one in found.terms}
 
 
 def test_nothing_is_added_where_nothing_is_missing(world: Callable[..., Any], steps: list[Any]) -> None:
@@ -129,11 +129,17 @@ def test_a_long_run_judges_the_coupling_again(world: Callable[..., Any], steps: 
         state = estimating.update(state, taken.pair, taken.step.phase, taken.times, taken.maps)
     right = estimating.solve(state)
     assert right.state.distortion.carried == carried
-    other = at_rest(unsummed(right.state)) if carried else carried_along(unsummed(right.state))
-    wrong = estimating_posterior.solved(chained(other, right.hyper, right.mean), right.terms, right.noise_floor_px)
-    assert coupling_anew(wrong, 1).used == carried
-    test = coupling_anew(right, 1)
-    assert test.used == carried
+    other = (
+        with_static_distortion(without_normal_matrix(right.state))
+        if carried
+        else with_advected_distortion(without_normal_matrix(right.state))
+    )
+    wrong = estimating_posterior.posterior_from_elimination(
+        eliminate_all(other, right.hyper, right.mean), right.terms, right.noise_floor_px
+    )
+    assert reestimate_advection(wrong, 1).included == carried
+    test = reestimate_advection(right, 1)
+    assert test.included == carried
     assert test.value == pytest.approx(float(carried), abs=0.25)
 
 

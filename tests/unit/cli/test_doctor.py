@@ -12,10 +12,10 @@ import yaml
 from typer.testing import CliRunner
 
 from semlive.cli.app import app
-from semlive.data.frame_check import Verdict
+from semlive.data.checks import Verdict
 from semlive.errors import SemliveError
-from semlive.service.checkup import computer, surroundings
-from semlive.service.jit_cache import VARIABLE, settle_jit_cache
+from semlive.service.checks import computer, instrument
+from semlive.service.runtime.jit_cache import VARIABLE, configure_jit_cache
 
 LIMITS = {
     "force_min_n": 0, "force_max_n": 100, "extension_min_mm": 0, "extension_max_mm": 1,
@@ -71,31 +71,31 @@ def test_what_is_wrong_is_said_with_what_to_do(tmp_path: Path) -> None:
 
 def test_ends_are_found_however_deep() -> None:
     settings = {"cell": {"host": "a", "port": 1}, "drive": {"link": {"serial": {"port": "COM3"}}}, "host": "b", "gage": {"host": "b"}}
-    assert list(surroundings.ends_of(settings)) == [("b", 502, 1), ("a", 1, 1), "COM3"]
+    assert list(instrument.endpoints_in(settings)) == [("b", 502, 1), ("a", 1, 1), "COM3"]
 
 
 def test_a_share_is_known_by_its_mount(tmp_path: Path) -> None:
     mounts = tmp_path / "mounts"
     mounts.write_text(f"/dev/sda1 / ext4 rw 0 0\n//sem/export {tmp_path}/sem cifs rw 0 0\n", encoding="utf-8")
-    assert surroundings.file_system(tmp_path / "sem" / "today", mounts) == "cifs"
-    assert surroundings.file_system(tmp_path / "semantics", mounts) == "ext4"
-    assert surroundings.file_system(tmp_path, tmp_path / "absent") == ""
+    assert instrument.file_system(tmp_path / "sem" / "today", mounts) == "cifs"
+    assert instrument.file_system(tmp_path / "semantics", mounts) == "ext4"
+    assert instrument.file_system(tmp_path, tmp_path / "absent") == ""
 
 
 def test_a_full_disk_is_bad(tmp_path: Path) -> None:
     room, kept = computer.disk(tmp_path / "not" / "yet", 10**18)
-    assert (room.verdict, kept.verdict) == (Verdict.BAD, Verdict.GOOD)
+    assert (room.verdict, kept.verdict) == (Verdict.FAILED, Verdict.OK)
     assert "run.folder" in room.advice
 
 
 def test_a_log_folder_that_cannot_be_written_is_bad(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    assert computer.disk(tmp_path / "file", None)[1].verdict is Verdict.BAD
+    assert computer.disk(tmp_path / "file", None)[1].verdict is Verdict.FAILED
 
 
 def test_kernels_are_kept_beside_the_package_where_that_may_be_written(tmp_path: Path) -> None:
     environ: dict[str, str] = {}
-    assert settle_jit_cache(environ, tmp_path) == tmp_path / "__pycache__"
+    assert configure_jit_cache(environ, tmp_path) == tmp_path / "__pycache__"
     assert environ == {}
 
 
@@ -103,19 +103,19 @@ def test_kernels_are_kept_beside_the_package_where_that_may_be_written(tmp_path:
 def test_a_read_only_installation_keeps_them_elsewhere(tmp_path: Path, variable: str) -> None:
     (tmp_path / "file").touch()  # no folder can be made below it, by nobody
     environ = {"CACHE_DIRECTORY": str(tmp_path / "file"), variable: str(tmp_path / "own")}
-    chosen = settle_jit_cache(environ, tmp_path / "file")
+    chosen = configure_jit_cache(environ, tmp_path / "file")
     assert chosen.is_relative_to(tmp_path / "own")
     assert environ[VARIABLE] == str(chosen)
 
 
 def test_what_the_user_says_of_the_cache_holds(tmp_path: Path) -> None:
     environ = {VARIABLE: str(tmp_path / "mine")}
-    assert settle_jit_cache(environ, tmp_path) == tmp_path / "mine"
+    assert configure_jit_cache(environ, tmp_path) == tmp_path / "mine"
 
 
 def test_without_any_folder_they_are_kept_until_the_computer_starts_anew(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     environ = {"HOME": str(tmp_path / "file")}
-    chosen = settle_jit_cache(environ, tmp_path / "file")
+    chosen = configure_jit_cache(environ, tmp_path / "file")
     assert chosen.is_dir()
     chosen.rmdir()

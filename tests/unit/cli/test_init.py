@@ -13,10 +13,10 @@ from typer.testing import CliRunner
 from semlive.cli.app import app
 from semlive.data.clock import Clock
 from semlive.errors import BadConfig, LinkRefused, SemliveError
-from semlive.service import drivers
-from semlive.service.clock import SystemClock
-from semlive.service.config import load_config, parse_config
-from semlive.service.config_text import LABS, Lab, configuration_text
+from semlive.service.config.configuration import load_config, parse_config
+from semlive.service.config.template import LAB_PRESETS, LabSetup, configuration_text
+from semlive.service.runtime import drivers
+from semlive.service.runtime.clock import SystemClock
 
 ROOT = Path(__file__).resolve().parents[3]
 UNITS = {"s", "um", "px", "px/s", "N", "N/s", "N/mm", "mm", "mm/s", "mm^2", "points"}
@@ -28,7 +28,7 @@ def written(folder: Path, *arguments: str, typed: str | None = None) -> Any:
     return CliRunner().invoke(app, ["init", str(folder / "run.yaml"), *arguments], input=typed)
 
 
-@pytest.mark.parametrize("lab", LABS)
+@pytest.mark.parametrize("lab", LAB_PRESETS)
 def test_every_kind_of_lab_can_be_run(tmp_path: Path, lab: str) -> None:
     done = written(tmp_path, "--lab", lab, "--yes")
     assert done.exit_code == 0, done.output
@@ -38,14 +38,14 @@ def test_every_kind_of_lab_can_be_run(tmp_path: Path, lab: str) -> None:
 
 
 @pytest.mark.checkout
-@pytest.mark.parametrize("lab", LABS)
+@pytest.mark.parametrize("lab", LAB_PRESETS)
 def test_the_examples_are_what_it_writes(lab: str) -> None:
-    assert (ROOT / "deploy" / "examples" / f"{lab}.yaml").read_text(encoding="utf-8") == configuration_text(LABS[lab])
+    assert (ROOT / "deploy" / "examples" / f"{lab}.yaml").read_text(encoding="utf-8") == configuration_text(LAB_PRESETS[lab])
 
 
-@pytest.mark.parametrize("lab", LABS)
+@pytest.mark.parametrize("lab", LAB_PRESETS)
 def test_drivers_understand_their_settings(lab: str) -> None:
-    config = parse_config(yaml.safe_load(configuration_text(LABS[lab])), lab)
+    config = parse_config(yaml.safe_load(configuration_text(LAB_PRESETS[lab])), lab)
     assert config.load_frame is not None
     assert config.stage is not None
     settings = dict(config.load_frame.settings)
@@ -60,8 +60,8 @@ def test_drivers_understand_their_settings(lab: str) -> None:
     drivers.open_stage(config.stage.driver, config.stage.settings, clock).close()
 
 
-@pytest.mark.parametrize("lab", [*LABS.values(), Lab(frame="none", vendor="other"), Lab(stage="modbus", vendor="jeol")])
-def test_every_number_says_its_unit(lab: Lab) -> None:
+@pytest.mark.parametrize("lab", [*LAB_PRESETS.values(), LabSetup(frame="none", vendor="other"), LabSetup(stage="modbus", vendor="jeol")])
+def test_every_number_says_its_unit(lab: LabSetup) -> None:
     without = []
     for line in configuration_text(lab).splitlines():
         found = re.match(r"[ #]*(\w+): *([-\d.\[]+\d[^#:]*)(?:# (.*))?$", line)

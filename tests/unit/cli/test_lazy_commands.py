@@ -12,7 +12,7 @@ from typer.core import TyperCommand
 from typer.testing import CliRunner
 
 from semlive.cli.app import COMMANDS, app
-from semlive.cli.lazy import Entry, load
+from semlive.cli.lazy import CommandEntry, load
 
 HEAVY = {"numpy", "scipy", "numba", "cv2", "matplotlib", "pydantic", "asyncio", "h5py", "mcap"}
 
@@ -23,7 +23,7 @@ def loaded() -> dict[str, TyperCommand]:
 
 
 @pytest.mark.parametrize("entry", COMMANDS, ids=lambda entry: entry.name)
-def test_the_list_says_what_the_command_says(entry: Entry, loaded: dict[str, TyperCommand]) -> None:
+def test_the_list_says_what_the_command_says(entry: CommandEntry, loaded: dict[str, TyperCommand]) -> None:
     said = inspect.cleandoc(loaded[entry.name].help or "").split("\n\n")[0].replace("\n", " ").strip()
     assert entry.short == said
     assert loaded[entry.name].name == entry.name

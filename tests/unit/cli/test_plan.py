@@ -18,13 +18,13 @@ from semlive.cli.app import app
 from semlive.data.displacement import Displacement
 from semlive.data.grid import Grid
 from semlive.data.settings import StrainSettings
-from semlive.engine.schedule import Pace, dose_c_m2, schedule
+from semlive.engine.schedule import TimingAssumptions, dose_c_m2, schedule
 from semlive.errors import BadInput
 from semlive.mechanics import expected_mean_sigma, expected_sigma, false_strain, mean_gradient, strain, typical_distortion
-from semlive.service.config import parse_config
-from semlive.service.config_text import LABS, configuration_text
+from semlive.service.config.configuration import parse_config
+from semlive.service.config.template import LAB_PRESETS, configuration_text
 
-GIVEN = yaml.safe_load(configuration_text(LABS["modbus-fei"]))
+GIVEN = yaml.safe_load(configuration_text(LAB_PRESETS["modbus-fei"]))
 PAPER = Grid(101, 101, 5, 150, 120, 43)
 
 
@@ -46,7 +46,7 @@ def test_time_is_that_of_the_simulated_experiment() -> None:
     """The demo's 22 pairs, 94.67 s a frame, hold 30 s: from its first scan to the end of its last one 6179 s passed."""
     steps = {"calibration_shifts_px": [[8 * (k % 2), 0] for k in range(13)], "translation_shifts_px": [[18, -11], [-14, 21]]}
     loads = {"loads_n": [100, 450, 800, 1150, 1500, 1850, 2200], "ramp_rate_n_s": 50}
-    times = schedule(parse_config(config(**steps, **loads), "demo").plan(), Pace(94.67, 3.0))
+    times = schedule(parse_config(config(**steps, **loads), "demo").plan(), TimingAssumptions(94.67, 3.0))
     first = times.steps[0]
     assert times.duration_s - (first.motion_s + first.hold_s + 0.5 * 94.67) - 3.0 == pytest.approx(6179.0, rel=0.01)
     assert (times.pair_frames, times.scans) == (44, 66)
@@ -54,14 +54,14 @@ def test_time_is_that_of_the_simulated_experiment() -> None:
 
 def test_triggered_frames_cost_their_export_and_no_other_scan() -> None:
     plan = dataclasses.replace(parse_config(config(), "here").plan(), triggered=True)
-    times = schedule(plan, Pace(10.0, export_s=2.0))
+    times = schedule(plan, TimingAssumptions(10.0, export_s=2.0))
     assert {round(one.imaging_s, 9) for one in times.steps} == {24.0}
     assert times.scans == times.pair_frames
 
 
 def test_waiting_is_told_apart() -> None:
     plan = parse_config(config(warm_up={"max_rate_px_s": 0.01, "max_wait_s": 600}), "here").plan()
-    assert schedule(plan, Pace(10.0)).most_s == 600.0
+    assert schedule(plan, TimingAssumptions(10.0)).max_waiting_s == 600.0
 
 
 def test_dose_is_charge_over_area() -> None:

@@ -12,11 +12,13 @@ from typer.testing import CliRunner
 
 from semlive.cli.app import app
 from semlive.data.faults import FaultCode
-from semlive.service.config import parse_config
-from semlive.service.config_text import LABS, configuration_text
-from semlive.service.stop_plan import StopPlan, stop_advice, stop_plan
+from semlive.service.config.configuration import parse_config
+from semlive.service.config.template import LAB_PRESETS, configuration_text
+from semlive.service.planning.stop_distances import StopPlan, stop_advice, stop_plan
 
-MODBUS, SERIAL, OPERATOR = (yaml.safe_load(configuration_text(LABS[name])) for name in ("modbus-fei", "serial-zeiss", "operator-deben"))
+MODBUS, SERIAL, OPERATOR = (
+    yaml.safe_load(configuration_text(LAB_PRESETS[name])) for name in ("modbus-fei", "serial-zeiss", "operator-deben")
+)
 
 
 def given(base: dict[str, Any] = MODBUS, **sections: dict[str, Any]) -> dict[str, Any]:

@@ -8,16 +8,16 @@ import queue
 import pytest
 from rich.console import Console
 
-from semlive.cli.progress import Pace, ProgressView, Repeat, disobeyed
 from semlive.cli.run import _taken
+from semlive.cli.run_status import ProgressView, RemainingTime, Repeat, disobeyed
 from semlive.data.experiment import Phase
-from semlive.engine import Progress, State, Verb
-from semlive.service.alarms import AcknowledgeAll, Alarm
-from semlive.service.control import Snapshot
+from semlive.engine import OperatorCommand, RunStatus, State
+from semlive.service.control.control import RunSnapshot
+from semlive.service.log.alarms import AcknowledgeAll, Alarm
 
 
 def test_a_run_takes_as_long_for_each_step_as_before() -> None:
-    pace = Pace()
+    pace = RemainingTime()
     assert pace.left_s(0, 5, 100.0) is None
     assert pace.left_s(0, 5, 105.0) is None
     assert pace.left_s(1, 5, 110.0) == pytest.approx(40.0)
@@ -27,7 +27,7 @@ def test_a_run_takes_as_long_for_each_step_as_before() -> None:
 
 
 def test_a_run_that_was_taken_up_again_knows_only_its_own_steps() -> None:
-    pace = Pace()
+    pace = RemainingTime()
     assert pace.left_s(7, 10, 0.0) is None
     assert pace.left_s(8, 10, 20.0) == pytest.approx(40.0)
 
@@ -36,12 +36,12 @@ DISOBEYED = Alarm(5, "stop_not_obeyed", "it moves on after 12 stops", "load fram
 NAME = "a\x1b[2J\nb.tif"
 
 
-def snapshot(*alarms: Alarm, warnings: tuple[str, ...] = ()) -> Snapshot:
-    at = Progress(State.FAULT, 0, 3, Phase.TENSION, None, 10.0, 100.0, (0.0, 0.0), 0, f"{NAME} is torn")
-    return Snapshot(5, at, None, None, 0, warnings, alarms)
+def snapshot(*alarms: Alarm, warnings: tuple[str, ...] = ()) -> RunSnapshot:
+    at = RunStatus(State.FAULT, 0, 3, Phase.TENSION, None, 10.0, 100.0, (0.0, 0.0), 0, f"{NAME} is torn")
+    return RunSnapshot(5, at, None, None, 0, warnings, alarms)
 
 
-def shown(*snapshots: Snapshot, terminal: bool) -> str:
+def shown(*snapshots: RunSnapshot, terminal: bool) -> str:
     """What a view of these snapshots writes."""
     console = Console(file=io.StringIO(), force_terminal=terminal, width=200, color_system="standard" if terminal else None)
     with ProgressView(console) as view:
@@ -77,7 +77,7 @@ def test_names_from_outside_reach_no_terminal_raw(terminal: bool) -> None:
 
 
 def test_what_is_typed_is_a_verb_or_acknowledges_every_alarm() -> None:
-    typed = queue.SimpleQueue[Verb | AcknowledgeAll]()
+    typed = queue.SimpleQueue[OperatorCommand | AcknowledgeAll]()
     assert [_taken(typed, line) for line in (" Stop \n", "acknowledge\n", "acknowledged\n", "\n")] == [True, True, False, False]
-    assert [typed.get(), typed.get()] == [Verb.STOP, AcknowledgeAll("terminal")]
+    assert [typed.get(), typed.get()] == [OperatorCommand.STOP, AcknowledgeAll("terminal")]
     assert typed.empty()

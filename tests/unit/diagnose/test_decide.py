@@ -15,36 +15,40 @@ from blind.experiment import Conditions
 from blind.observing import observed
 from numexp.world import SCAN
 
-from semlive.data.diagnosis import Decision, Outcome
+from semlive.data.diagnosis import Outcome, TwoRunVerdict
 from semlive.data.grid import Grid
-from semlive.diagnose.baseline import Ladder
-from semlive.diagnose.decide import decide, joined_runs, since_frame_0
-from semlive.diagnose.evidence import projected
-from semlive.diagnose.noise import quiet
-from semlive.diagnose.observation import within_blocks
+from semlive.diagnose.baseline.baseline import HyperparameterGrid
+from semlive.diagnose.baseline.bayes_factor import project
+from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
+from semlive.diagnose.baseline.observation import sample_within_blocks
+from semlive.diagnose.two_runs.decide import compare_runs, join_runs, relative_to_reference
 from semlive.errors import IllPosed
-from semlive.model.effects import BETWEEN_SCANS, DICTIONARY
+from semlive.model.effects import EFFECT_CLASSES, TWO_RUN_EFFECT_CLASSES
 from semlive_simulators.effects.flyback_settling import FlybackSettling
 from semlive_simulators.effects.frame_start_settling import FrameStartSettling
+from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.effects.line_sync_hum import LineSyncHum
-from semlive_simulators.effects.protocol import Effect
 from semlive_simulators.effects.wrong_row_time import WrongRowTime
-from semlive_simulators.scan import Scan
+from semlive_simulators.microscope.scan import Scan
 
 GRID = Grid(56, 56, 15, 60, 50, 43)
 COARSE = Grid(56, 56, 60, 15, 12, 43)
 HALF = replace(SCAN, dwell_time_s=0.5 * SCAN.dwell_time_s, frame_time_s=0.5 * SCAN.frame_time_s)
 
 
-def run(seed: int, effects: tuple[Effect, ...] = (), scan: Scan = SCAN, bent_like: int | None = None, grid: Grid = GRID) -> Ladder:
-    return quiet(observed(Conditions(seed, tension=0, scan=scan, bent_like=bent_like, subset_px=grid.subset_px), effects, grid))
+def run(
+    seed: int, effects: tuple[Effect, ...] = (), scan: Scan = SCAN, bent_like: int | None = None, grid: Grid = GRID
+) -> HyperparameterGrid:
+    return noise_scaled_baseline(
+        observed(Conditions(seed, tension=0, scan=scan, bent_like=bent_like, subset_px=grid.subset_px), effects, grid)
+    )
 
 
-def decided(seed: int, *effects: Effect) -> Decision:
-    return decide((run(seed, effects), run(seed + 1000, effects, HALF, seed)))
+def decided(seed: int, *effects: Effect) -> TwoRunVerdict:
+    return compare_runs((run(seed, effects), run(seed + 1000, effects, HALF, seed)))
 
 
-def told(found: Decision) -> dict[str, tuple[float, float]]:
+def told(found: TwoRunVerdict) -> dict[str, tuple[float, float]]:
     assert found.effect is not None
     return {one.name: (one.value, one.sigma) for one in found.effect.parameters}
 
@@ -78,42 +82,42 @@ def test_what_one_run_takes_for_distortion_moves_with_the_scan(effect: Effect, v
 
 
 def test_a_distortion_that_goes_with_the_scan_by_no_known_law_is_unknown() -> None:
-    found = decide((run(43), run(1043, scan=HALF)))
+    found = compare_runs((run(43), run(1043, scan=HALF)))
     assert found.outcome is Outcome.UNKNOWN
     assert found.apart > 100.0
 
 
 def test_runs_that_were_scanned_alike_decide_nothing() -> None:
     with pytest.raises(IllPosed, match="scanned alike"):
-        decide((run(44, grid=COARSE), run(1044, bent_like=44, grid=COARSE)))
+        compare_runs((run(44, grid=COARSE), run(1044, bent_like=44, grid=COARSE)))
 
 
 def test_runs_on_other_points_are_refused() -> None:
     with pytest.raises(IllPosed, match="different sizes"):
-        decide((run(45, grid=COARSE), run(1045, (), HALF, 45, Grid(101, 101, 60, 12, 10, 43))))
+        compare_runs((run(45, grid=COARSE), run(1045, (), HALF, 45, Grid(101, 101, 60, 12, 10, 43))))
 
 
 def test_one_run_joined_with_nothing_is_that_run() -> None:
     alone = run(46)
-    best = Ladder(alone.design, alone.left, (alone.best,))
-    joined = joined_runs([alone])
-    scene = alone.design.observation.scene
-    for family in (BETWEEN_SCANS[1], DICTIONARY[1]):
+    best = HyperparameterGrid(alone.design, alone.whitened_residual, (alone.best,))
+    joined = join_runs([alone])
+    scene = alone.design.observation.geometry
+    for family in (TWO_RUN_EFFECT_CLASSES[1], EFFECT_CLASSES[1]):
         law = family.law(scene, next(iter(family.grid(scene))))
         assert law is not None
-        one, other = joined.projected([law]), projected(best, law.field_px)
+        one, other = joined.projected([law]), project(best, law.field_px)
         assert one.values == pytest.approx(other.values, rel=1e-6, abs=1e-9)
-        assert np.abs(one.pull) == pytest.approx(np.abs(other.pull), rel=1e-6, abs=1e-6)
+        assert np.abs(one.gradient) == pytest.approx(np.abs(other.gradient), rel=1e-6, abs=1e-6)
 
 
 def test_a_law_is_what_the_points_and_subsets_of_a_block_show() -> None:
     """Lost points among them: with the middles of blocks, and frame 0's for all maps, 8 % were left."""
     conditions = Conditions(47, tension=0, subset_px=GRID.subset_px)
     without, having = (observed(conditions, effects, GRID) for effects in ((), (FrameStartSettling(0.3, -0.4, 5.0),)))
-    family = next(one for one in BETWEEN_SCANS if one.name == "frame_start_settling")
-    like = family.law(without.scene, {"settling_s": 5.0})
+    family = next(one for one in TWO_RUN_EFFECT_CLASSES if one.name == "frame_start_settling")
+    like = family.law(without.geometry, {"settling_s": 5.0})
     assert like is not None
-    law = since_frame_0(family, within_blocks(without), {"settling_s": 5.0}, like)
+    law = relative_to_reference(family, sample_within_blocks(without), {"settling_s": 5.0}, like)
     assert law is not None
     moved = having.disparity_px - without.disparity_px
     left = moved - law.field_px @ [0.3, -0.4]
@@ -122,5 +126,5 @@ def test_a_law_is_what_the_points_and_subsets_of_a_block_show() -> None:
 
 
 def test_a_dictionary_holds_no_name_twice() -> None:
-    assert len({one.name for one in (*DICTIONARY, *BETWEEN_SCANS)}) == len(DICTIONARY) + len(BETWEEN_SCANS) - 1
-    assert {one.group for one in BETWEEN_SCANS} == {"G3", "G4"}
+    assert len({one.name for one in (*EFFECT_CLASSES, *TWO_RUN_EFFECT_CLASSES)}) == len(EFFECT_CLASSES) + len(TWO_RUN_EFFECT_CLASSES) - 1
+    assert {one.group for one in TWO_RUN_EFFECT_CLASSES} == {"G3", "G4"}

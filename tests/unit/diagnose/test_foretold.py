@@ -18,19 +18,19 @@ from blind.observing import observed
 from numexp.world import SCAN
 from rich.console import Console
 
-from semlive.cli.foretold import foretold_table
-from semlive.data.diagnosis import Diagnosis, Experiment, Foretold, FoundEffect, KnownEffect, Outcome
+from semlive.cli.forecast_table import forecast_table
+from semlive.data.diagnosis import Diagnosis, ExperimentForecast, ExperimentProposal, IdentifiedEffect, ModelEffect, Outcome
 from semlive.data.grid import Grid
-from semlive.diagnose.baseline import Ladder
-from semlive.diagnose.evidence import weigh
-from semlive.diagnose.foretelling import foretold, planned
-from semlive.diagnose.foretold import NOTHING, expected_odds, odds, predicted
-from semlive.diagnose.known import family_of
-from semlive.diagnose.noise import quiet
-from semlive.diagnose.observation import Observation
-from semlive.diagnose.propose import Kind, proposed, ranked
-from semlive.diagnose.refine import Refined, refined
-from semlive.diagnose.rehearsal import rehearsed
+from semlive.diagnose.baseline.baseline import HyperparameterGrid
+from semlive.diagnose.baseline.bayes_factor import score_candidates
+from semlive.diagnose.baseline.model_effects import effect_class
+from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
+from semlive.diagnose.baseline.observation import Observation
+from semlive.diagnose.experiments.expected_odds import NOTHING, expected_odds, log_odds, predict_effect
+from semlive.diagnose.experiments.forecast import forecast_experiments, planned_run
+from semlive.diagnose.experiments.proposals import ExperimentKind, choose_proposal, ranked
+from semlive.diagnose.experiments.simulated_run import simulate_baseline
+from semlive.diagnose.maps.refinement import RefinedEffect, refined
 
 GRID = Grid(101, 101, 30, 25, 20, 43)
 ALIKE = ("raster_rotation_drift", "stage_yaw")
@@ -42,81 +42,89 @@ def turning() -> Observation:
 
 
 @pytest.fixture(scope="module")
-def before(turning: Observation) -> Ladder:
-    return quiet(turning)
+def before(turning: Observation) -> HyperparameterGrid:
+    return noise_scaled_baseline(turning)
 
 
-def found(before: Ladder, *names: str) -> list[Refined]:
-    return [refined(before, one) for one in weigh(before, [family_of(name) for name in names])]
+def found(before: HyperparameterGrid, *names: str) -> list[RefinedEffect]:
+    return [refined(before, one) for one in score_candidates(before, [effect_class(name) for name in names])]
 
 
 def verdict(*names: str, ambiguous: bool = True) -> Diagnosis:
-    effect = FoundEffect(names[0], (), 0.1, 20.0, 0.003, False, KnownEffect(names[0], (), 0.1))
+    effect = IdentifiedEffect(names[0], (), 0.1, 20.0, 0.003, False, ModelEffect(names[0], (), 0.1))
     outcome = Outcome.AMBIGUOUS if ambiguous else Outcome.IDENTIFIED
     return Diagnosis(outcome, (effect,), names if ambiguous else (), None, None, None, (), 0.01)
 
 
 @pytest.mark.parametrize("dwell", [1.0, 2.0])
-def test_simulations_of_an_experiment_give_the_odds_that_were_foretold(turning: Observation, before: Ladder, dwell: float) -> None:
+def test_simulations_of_an_experiment_give_the_odds_that_were_foretold(
+    turning: Observation, before: HyperparameterGrid, dwell: float
+) -> None:
     rivals = found(before, *ALIKE)
-    ahead = rehearsed(before, planned(turning, Kind.AGAIN if dwell == 1.0 else Kind.OTHER_SCAN, dwell))
-    expected = expected_odds(ahead, [predicted(ahead, before, one) for one in rivals])
+    ahead = simulate_baseline(
+        before, planned_run(turning, ExperimentKind.REPEAT if dwell == 1.0 else ExperimentKind.CHANGED_SCAN_TIMES, dwell)
+    )
+    expected = expected_odds(ahead, [predict_effect(ahead, before, one) for one in rivals])
     scan = replace(SCAN, dwell_time_s=dwell * SCAN.dwell_time_s, frame_time_s=dwell * SCAN.frame_time_s)
 
     given = []
     for seed in (21, 22, 23):
         conditions = Conditions(seed, tension=0, bent_like=7, scan=scan, noise_px=0.02 / dwell**0.5)
-        after = quiet(observed(conditions, hidden_effect(ALIKE[0], 0.08, 7), GRID))
-        given.append(odds(after, [predicted(after, before, one) for one in rivals])[0, 1])
+        after = noise_scaled_baseline(observed(conditions, hidden_effect(ALIKE[0], 0.08, 7), GRID))
+        given.append(log_odds(after, [predict_effect(after, before, one) for one in rivals])[0, 1])
 
     assert expected[0, 1] > 5.0
     assert 0.5 < np.mean(given) / expected[0, 1] < 1.6
     assert np.array_equal(np.diag(expected), np.zeros(2))
 
 
-def test_a_rehearsal_has_the_blocks_noise_and_smoothness_of_the_run_before(turning: Observation, before: Ladder) -> None:
-    ahead = rehearsed(before, planned(turning, Kind.OTHER_SCAN, 4.0))
+def test_a_rehearsal_has_the_blocks_noise_and_smoothness_of_the_run_before(turning: Observation, before: HyperparameterGrid) -> None:
+    ahead = simulate_baseline(before, planned_run(turning, ExperimentKind.CHANGED_SCAN_TIMES, 4.0))
 
-    assert np.array_equal(ahead.design.observation.used, turning.used)
+    assert np.array_equal(ahead.design.observation.valid_blocks, turning.valid_blocks)
     assert ahead.design.whiten.sigma_px == pytest.approx(0.5 * before.design.whiten.sigma_px)
     assert ahead.best.hyper == before.best.hyper
-    scene = ahead.design.observation.scene
-    assert scene.in_row_s.max() == pytest.approx(4.0 * turning.scene.in_row_s.max(), rel=0.02)
+    scene = ahead.design.observation.geometry
+    assert scene.time_in_row_s.max() == pytest.approx(4.0 * turning.geometry.time_in_row_s.max(), rel=0.02)
     # A picture that stays in its place shows no distortion: the drift of the run before is in it, and the moves.
     moved = scene.disparity_px.mean(axis=1)
     assert np.ptp(moved, axis=0).min() > 20.0
 
 
-def test_an_error_of_the_row_time_is_the_same_where_rows_take_twice_as_long(turning: Observation, before: Ladder) -> None:
+def test_an_error_of_the_row_time_is_the_same_where_rows_take_twice_as_long(turning: Observation, before: HyperparameterGrid) -> None:
     (one,) = found(before, "wrong_row_time")
-    ahead = rehearsed(before, planned(turning, Kind.OTHER_SCAN, 2.0))
-    said, scene = predicted(ahead, before, one), ahead.design.observation.scene
+    ahead = simulate_baseline(before, planned_run(turning, ExperimentKind.CHANGED_SCAN_TIMES, 2.0))
+    said, scene = predict_effect(ahead, before, one), ahead.design.observation.geometry
     (error,) = (item.value for item in one.parameters if item.name == "row_time_error")
 
-    assert scene.in_frame_s.max() > 1.9 * turning.scene.in_frame_s.max()
-    assert said.field_px @ said.mean == pytest.approx(error * scene.drift_rate_px_s * scene.in_frame_s[..., None], abs=1e-9)
+    assert scene.time_in_frame_s.max() > 1.9 * turning.geometry.time_in_frame_s.max()
+    assert said.field_px @ said.mean == pytest.approx(error * scene.drift_rate_px_s * scene.time_in_frame_s[..., None], abs=1e-9)
 
 
 def test_experiments_differ_in_time_loads_and_moves(turning: Observation) -> None:
-    runs = {kind: planned(turning, kind) for kind in Kind if kind is not Kind.TURNED_SCAN}
-    again = runs[Kind.AGAIN]
+    runs = {kind: planned_run(turning, kind) for kind in ExperimentKind if kind is not ExperimentKind.ROTATED_SCAN}
+    again = runs[ExperimentKind.REPEAT]
 
     assert len(again.steps) == 8
     assert not any(one.load_n for one in again.steps)
-    assert len(runs[Kind.PARKED].steps) == 10
-    assert not any(any(one.shift_px) for one in runs[Kind.PARKED].steps)
-    assert len(runs[Kind.UNLOAD].steps) == 8 + 7 + 6
-    assert len(runs[Kind.DUMMY_STEPS].steps) == 8 + 14
-    longer = runs[Kind.LONGER_HOLD]
+    assert len(runs[ExperimentKind.STATIONARY_SERIES].steps) == 10
+    assert not any(any(one.shift_px) for one in runs[ExperimentKind.STATIONARY_SERIES].steps)
+    assert len(runs[ExperimentKind.UNLOAD].steps) == 8 + 7 + 6
+    assert len(runs[ExperimentKind.ZERO_LOAD_STEPS].steps) == 8 + 14
+    longer = runs[ExperimentKind.LONGER_HOLD]
     assert {one.hold_s for one in longer.steps} == {120.0}
     assert longer.duration_s == pytest.approx(15 * (again.duration_s / 8 + 90.0))
-    assert planned(turning, Kind.OTHER_SCAN, 0.5).duration_s < again.duration_s < planned(turning, Kind.OTHER_SCAN, 2.0).duration_s
+    assert (
+        planned_run(turning, ExperimentKind.CHANGED_SCAN_TIMES, 0.5).duration_s
+        < again.duration_s
+        < planned_run(turning, ExperimentKind.CHANGED_SCAN_TIMES, 2.0).duration_s
+    )
 
 
-def test_what_has_happened_or_goes_with_moves_says_nothing_of_a_parked_run(turning: Observation, before: Ladder) -> None:
-    ahead = rehearsed(before, planned(turning, Kind.PARKED))
-    yaw, rotation = (predicted(ahead, before, one) for one in found(before, "stage_yaw", "raster_rotation_drift"))
-    (jump,) = (predicted(ahead, before, one) for one in found(before, "jump_within_pair"))
+def test_what_has_happened_or_goes_with_moves_says_nothing_of_a_parked_run(turning: Observation, before: HyperparameterGrid) -> None:
+    ahead = simulate_baseline(before, planned_run(turning, ExperimentKind.STATIONARY_SERIES))
+    yaw, rotation = (predict_effect(ahead, before, one) for one in found(before, "stage_yaw", "raster_rotation_drift"))
+    (jump,) = (predict_effect(ahead, before, one) for one in found(before, "jump_within_pair"))
 
     assert (len(yaw.mean), len(jump.mean), len(rotation.mean)) == (0, 0, 4)
     said = expected_odds(ahead, [yaw, jump, rotation])
@@ -126,12 +134,12 @@ def test_what_has_happened_or_goes_with_moves_says_nothing_of_a_parked_run(turni
 
 
 def test_what_is_left_open_gets_the_experiments_that_decide_with_the_most_a_minute_first(turning: Observation) -> None:
-    menu = foretold(turning, verdict(*ALIKE))
+    menu = forecast_experiments(turning, verdict(*ALIKE))
 
     kinds = {(one.kind, one.dwell) for one in menu}
     unloaded = {("parked", 1.0), ("again", 1.0), ("reversed", 1.0), ("other_scan", 0.5), ("other_scan", 2.0)}
     assert kinds == unloaded | {("longer_hold", 1.0), ("dummy_steps", 1.0), ("unload", 1.0)}
-    rates = [one.per_minute for one in menu]
+    rates = [one.log_odds_per_minute for one in menu]
     assert rates == sorted(rates, reverse=True)
     assert {(one.true, one.other) for one in menu} <= {ALIKE, ALIKE[::-1]}
     # Nothing turns with moves in a parked run, but drift and a distortion that it does not show take a turning raster up.
@@ -140,34 +148,34 @@ def test_what_is_left_open_gets_the_experiments_that_decide_with_the_most_a_minu
 
 
 def test_one_effect_is_told_from_nothing_and_one_effect_with_two_names_cannot_be_foretold(turning: Observation) -> None:
-    alone = foretold(turning, verdict(ALIKE[0], ambiguous=False))
+    alone = forecast_experiments(turning, verdict(ALIKE[0], ambiguous=False))
     assert {one for each in alone for one in (each.true, each.other)} == {ALIKE[0], "nothing"}
-    assert foretold(turning, verdict(ALIKE[0], "hv_drift")) == ()
+    assert forecast_experiments(turning, verdict(ALIKE[0], "hv_drift")) == ()
     assert NOTHING.name == "nothing"
 
 
 def test_the_experiment_that_decides_in_the_least_time_is_proposed() -> None:
-    slow = Foretold("other_scan", 2.0, 60.0, 12.0, *ALIKE)
-    weak = Foretold("parked", 1.0, 5.0, 2.0, *ALIKE)
-    asked = replace(verdict(*ALIKE), experiment=Experiment(ALIKE, "park the stage", (weak, slow)))
+    slow = ExperimentForecast("other_scan", 2.0, 60.0, 12.0, *ALIKE)
+    weak = ExperimentForecast("parked", 1.0, 5.0, 2.0, *ALIKE)
+    asked = replace(verdict(*ALIKE), experiment=ExperimentProposal(ALIKE, "park the stage", (weak, slow)))
 
-    chosen = proposed(asked)
+    chosen = choose_proposal(asked)
     assert chosen is not None
-    assert (chosen.kind, chosen.foretold) == (Kind.OTHER_SCAN, slow)
-    undecided = proposed(replace(asked, experiment=Experiment(ALIKE, "park the stage", (weak,))))
+    assert (chosen.kind, chosen.foretold) == (ExperimentKind.CHANGED_SCAN_TIMES, slow)
+    undecided = choose_proposal(replace(asked, experiment=ExperimentProposal(ALIKE, "park the stage", (weak,))))
     assert undecided is not None
-    assert (undecided.kind, undecided.foretold) == (Kind.PARKED, None)
-    assert weak.per_minute == pytest.approx(0.4)
-    assert slow.said == "other scan, 2 times the dwell"
+    assert (undecided.kind, undecided.foretold) == (ExperimentKind.STATIONARY_SERIES, None)
+    assert weak.log_odds_per_minute == pytest.approx(0.4)
+    assert slow.summary == "other scan, 2 times the dwell"
 
-    told = ranked(Experiment(ALIKE, "park the stage"), (weak, slow))
+    told = ranked(ExperimentProposal(ALIKE, "park the stage"), (weak, slow))
     assert told.about.startswith("other scan, 2 times the dwell, 60 minutes: what goes with the dwell")
     assert told.about.endswith("(or: park the stage)")
     assert told.foretold == (weak, slow)
-    assert ranked(Experiment(ALIKE, "park the stage"), (weak,)).about == "park the stage"
+    assert ranked(ExperimentProposal(ALIKE, "park the stage"), (weak,)).about == "park the stage"
 
     console = Console(width=160, record=True, file=StringIO())
-    console.print(foretold_table((weak, slow)))
+    console.print(forecast_table((weak, slow)))
     lines = [line.split("│") for line in console.export_text().splitlines() if "│" in line]
     assert [[cell.strip() for cell in line[1:5]] for line in lines] == [
         ["parked", "5", "2.0", "0.40"],

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from semlive.data.diagnosis import Diagnosis, FoundEffect, KnownEffect, Outcome
+from semlive.data.diagnosis import Diagnosis, IdentifiedEffect, ModelEffect, Outcome
 from semlive.data.experiment import Phase
-from semlive.data.strain import Measured
-from semlive.diagnose.gage_channel import GageReadings, gage_readings_of, with_gage
-from semlive.diagnose.load_channel import Readings, with_loads
-from semlive.diagnose.observation import StepFacts
+from semlive.data.strain import MeasuredValue
+from semlive.diagnose.baseline.observation import StepConditions
+from semlive.diagnose.scalars.load_cell import LoadReadings, add_load_cell_evidence
+from semlive.diagnose.scalars.strain_gage import GageReadings, add_gage_evidence, gage_readings
 from semlive_simulators.effects.out_of_plane_translation import OutOfPlaneTranslation
 
 NOTHING = Diagnosis(Outcome.NONE, (), (), None, None, None, (), 0.01)
@@ -56,7 +56,7 @@ def readings(
     covariance = np.outer(loaded, loaded) * 1e-10 + np.diag(np.where(loaded, STRAIN_SIGMA**2, 0.0))
     way = np.where(loaded, 1.0, 0.0)
     read_n = load_n + 0.05 * rng.standard_normal(len(load_n))
-    beside = Readings(time_s, read_n, np.where(loaded, strain, 0.0), covariance, loaded, way, HALF_PX)
+    beside = LoadReadings(time_s, read_n, np.where(loaded, strain, 0.0), covariance, loaded, way, HALF_PX)
     return GageReadings(beside, gage, np.full(len(load_n), GAGE_SIGMA), 0.005)
 
 
@@ -65,7 +65,7 @@ def named(found: list[Diagnosis]) -> int:
 
 
 def test_maps_that_show_what_the_gage_shows_have_no_lift() -> None:
-    found = [with_gage(NOTHING, readings(seed)) for seed in range(400)]
+    found = [add_gage_evidence(NOTHING, readings(seed)) for seed in range(400)]
     assert named(found) == 0
     assert all(one.outcome is Outcome.NONE for one in found)
     assert np.mean([one.where[-1].p_value < 0.05 for one in found]) < 0.09
@@ -73,7 +73,7 @@ def test_maps_that_show_what_the_gage_shows_have_no_lift() -> None:
 
 @pytest.mark.parametrize(("per_n", "least"), [(LIFT, 40), (-LIFT, 40), (0.5 * LIFT, 40), (0.25 * LIFT, 20)])
 def test_a_lift_has_a_name(per_n: float, least: int) -> None:
-    found = [with_gage(NOTHING, readings(seed, per_n)) for seed in range(40)]
+    found = [add_gage_evidence(NOTHING, readings(seed, per_n)) for seed in range(40)]
     assert named(found) >= least
     told = [one for one in found if one.effects]
     assert all((one.outcome, one.group, one.ambiguous) == (Outcome.IDENTIFIED, "G6", ()) for one in told)
@@ -103,11 +103,11 @@ def test_a_lift_has_a_name(per_n: float, least: int) -> None:
     ],
 )
 def test_what_a_gage_or_a_first_step_does_is_no_lift(told: dict[str, float]) -> None:
-    assert named([with_gage(NOTHING, readings(seed, **told)) for seed in range(100)]) == 0
+    assert named([add_gage_evidence(NOTHING, readings(seed, **told)) for seed in range(100)]) == 0
 
 
 def test_what_differs_from_load_to_load_is_told_without_a_name() -> None:
-    found = [with_gage(NOTHING, readings(seed, scatter=1e-4)) for seed in range(100)]
+    found = [add_gage_evidence(NOTHING, readings(seed, scatter=1e-4)) for seed in range(100)]
     heard = [one.where[-1] for one in found]
     assert all(one.domain == "gage_readings" for one in heard)
     assert sum(one.p_value < 0.01 for one in heard) >= 95
@@ -119,40 +119,44 @@ def test_what_differs_from_load_to_load_is_told_without_a_name() -> None:
 @pytest.mark.parametrize("name", ["bending_misalignment", "magnification_drift"])
 @pytest.mark.parametrize("known", [False, True])
 def test_what_parts_maps_and_gage_as_well_leaves_it_open(name: str, known: bool) -> None:
-    law = KnownEffect(name, (), 0.1)
-    effect = FoundEffect(name, (), 0.1, 20.0, 0.003, False, law)
-    before = replace(NOTHING, known=(law,)) if known else replace(NOTHING, outcome=Outcome.IDENTIFIED, effects=(effect,), group="G11")
-    found = with_gage(before, readings(1, LIFT))
+    law = ModelEffect(name, (), 0.1)
+    effect = IdentifiedEffect(name, (), 0.1, 20.0, 0.003, False, law)
+    before = (
+        replace(NOTHING, model_effects=(law,)) if known else replace(NOTHING, outcome=Outcome.IDENTIFIED, effects=(effect,), group="G11")
+    )
+    found = add_gage_evidence(before, readings(1, LIFT))
     assert (found.outcome, found.ambiguous) == (Outcome.AMBIGUOUS, ("out_of_plane_translation", name))
     assert found.group == "G6"
     assert found.experiment is not None
 
 
 def test_without_a_gage_or_with_too_few_loads_nothing_changes() -> None:
-    assert with_gage(NOTHING, None) is NOTHING
-    assert with_gage(NOTHING, readings(1, LIFT, loads=UP[:5])) is NOTHING
+    assert add_gage_evidence(NOTHING, None) is NOTHING
+    assert add_gage_evidence(NOTHING, readings(1, LIFT, loads=UP[:5])) is NOTHING
     silent = readings(1, LIFT)
-    assert with_gage(NOTHING, replace(silent, gage=np.where(silent.beside.loaded, np.nan, silent.gage))) is NOTHING
-    steps = [StepFacts(at, Phase.TENSION, (1.0, 1.0), (0.0, 0.0)) for at in range(3)]
-    assert gage_readings_of(silent.beside, steps, 0.005) is None
+    assert add_gage_evidence(NOTHING, replace(silent, gage=np.where(silent.load_readings.loaded, np.nan, silent.gage))) is NOTHING
+    steps = [StepConditions(at, Phase.TENSION, (1.0, 1.0), (0.0, 0.0)) for at in range(3)]
+    assert gage_readings(silent.load_readings, steps, 0.005) is None
 
 
 def test_pairs_at_which_it_was_silent_are_left_out() -> None:
-    steps = [StepFacts(at, Phase.TENSION, (1.0, 1.0), (0.0, 0.0), gage=None if at == 1 else Measured(1e-4, 1e-7)) for at in range(3)]
-    told = gage_readings_of(readings(1).beside, steps, 0.005)
+    steps = [
+        StepConditions(at, Phase.TENSION, (1.0, 1.0), (0.0, 0.0), gage=None if at == 1 else MeasuredValue(1e-4, 1e-7)) for at in range(3)
+    ]
+    told = gage_readings(readings(1).load_readings, steps, 0.005)
     assert told is not None
     assert np.isnan(told.gage).tolist() == [False, True, False]
 
 
 def test_what_the_model_has_is_not_named_again() -> None:
-    known = replace(NOTHING, known=(KnownEffect("out_of_plane_translation", (), 0.14),))
-    assert with_gage(known, readings(1, LIFT)).effects == ()
+    known = replace(NOTHING, model_effects=(ModelEffect("out_of_plane_translation", (), 0.14),))
+    assert add_gage_evidence(known, readings(1, LIFT)).effects == ()
 
 
 def test_the_load_cell_says_what_it_said() -> None:
     one = readings(1, LIFT)
-    alone = with_loads(NOTHING, one.beside)
-    both = with_gage(alone, one)
+    alone = add_load_cell_evidence(NOTHING, one.load_readings)
+    both = add_gage_evidence(alone, one)
     assert alone.effects == ()
     assert both.where[:-1] == alone.where
     assert both.evidence[:-1] == alone.evidence

@@ -10,14 +10,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import fourier_gaussian, gaussian_filter
 
-from semlive.data.diagnosis import Diagnosis, FoundEffect, FoundParameter, GreyChannel, KnownEffect, Outcome
+from semlive.data.diagnosis import Diagnosis, IdentifiedEffect, IntensityDiagnosis, ModelEffect, Outcome, ParameterEstimate
 from semlive.data.disparity import DisparityMap
 from semlive.data.grid import Grid
-from semlive.diagnose.grey_channel import diagnose_grey
-from semlive.diagnose.grey_courses import courses_of
-from semlive.diagnose.grey_laws import DRIFT, Bench
-from semlive.diagnose.grey_series import GreySeries, frame_of, pair_noise, reference_of
-from semlive.diagnose.verdict import with_grey
+from semlive.diagnose.combine import add_intensity_verdict
+from semlive.diagnose.intensity.frames import IntensityFrames, intensity_frame, intensity_reference, pair_noise
+from semlive.diagnose.intensity.models import DRIFT, IntensityRegression
+from semlive.diagnose.intensity.time_series import intensity_time_series
+from semlive.diagnose.intensity.verdict import diagnose_intensity
 from semlive.errors import IllPosed
 
 Image = NDArray[np.float64]
@@ -49,7 +49,7 @@ def as_it_is(grey: Image, time_s: Image) -> Image:
     return grey
 
 
-def series(seed: int, changed: Changed = as_it_is, pairs: int = 6, bits: int = 8) -> GreySeries:
+def series(seed: int, changed: Changed = as_it_is, pairs: int = 6, bits: int = 8) -> IntensityFrames:
     """Frames on the same material, which moves from pair to pair and drifts a little within."""
     rng, own = np.random.default_rng(seed), pattern()
     images, maps, starts_s = [], [], []
@@ -62,14 +62,14 @@ def series(seed: int, changed: Changed = as_it_is, pairs: int = 6, bits: int = 8
         images.append((np.clip(np.round(noisy * scale), 0, 2**bits - 1) / scale).astype(np.float32))
         maps.append(disparity(0, frame, u_px, v_px))
         starts_s.append(start_s)
-    reference = reference_of(images[0], images[1], maps[1])
+    reference = intensity_reference(images[0], images[1], maps[1])
     assert reference is not None
-    frames = tuple(frame_of(reference, images[at], maps[at], starts_s[at], ROW_S) for at in range(1, 2 * pairs))
+    frames = tuple(intensity_frame(reference, images[at], maps[at], starts_s[at], ROW_S) for at in range(1, 2 * pairs))
     noise = []
     for at in range(0, 2 * pairs, 2):
         moved = maps[at + 1].u_px[0, 0] - maps[at].u_px[0, 0], maps[at + 1].v_px[0, 0] - maps[at].v_px[0, 0]
         noise.append(pair_noise(reference.blocks, images[at], images[at + 1], disparity(at, at + 1, *moved)))
-    return GreySeries(reference, frames, np.array(noise))
+    return IntensityFrames(reference, frames, np.array(noise))
 
 
 def disparity(reference: int, current: int, u_px: float, v_px: float) -> DisparityMap:
@@ -77,29 +77,29 @@ def disparity(reference: int, current: int, u_px: float, v_px: float) -> Dispari
     return DisparityMap(reference, current, GRID, u_px * flat, v_px * flat, 0.01 * flat, 0.01 * flat, flat, np.zeros(GRID.shape, np.uint8))
 
 
-def told(found: GreyChannel, name: str) -> dict[str, tuple[float, float]]:
+def told(found: IntensityDiagnosis, name: str) -> dict[str, tuple[float, float]]:
     (effect,) = [one for one in found.effects if one.name == name]
     return {one.name: (one.value, one.sigma) for one in effect.parameters}
 
 
-def names(found: GreyChannel) -> list[str]:
+def names(found: IntensityDiagnosis) -> list[str]:
     return [one.name for one in found.effects]
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_nothing_is_named_where_nothing_is(seed: int) -> None:
-    found = diagnose_grey(series(seed))
+    found = diagnose_intensity(series(seed))
     assert (found.outcome, names(found), found.left) == (Outcome.NONE, [], "")
     assert found.where[0].p_value > 0.002
 
 
 def test_p_of_intensity_is_spread_evenly() -> None:
-    p_values = [diagnose_grey(series(seed)).where[0].p_value for seed in range(40)]
+    p_values = [diagnose_intensity(series(seed)).where[0].p_value for seed in range(40)]
     assert np.mean(np.array(p_values) < 0.3) < 0.5
 
 
 def test_noise_is_told_as_a_line_over_grey() -> None:
-    dark, slope = diagnose_grey(series(1)).noise
+    dark, slope = diagnose_intensity(series(1)).noise
     assert slope.value == pytest.approx(PER_LEVEL, abs=4.0 * slope.sigma)
     assert dark.value == pytest.approx(DARK + 1.0 / 12.0, abs=4.0 * dark.sigma)
     assert slope.sigma < 0.02
@@ -109,7 +109,7 @@ def test_gain_is_not_flattened_by_noise_and_blur_is_told_apart() -> None:
     def dull(grey: Image, time_s: Image) -> Image:
         return blurred(0.9 * grey + 5.0, 0.5) if time_s[0, 0] > 400.0 else grey
 
-    courses = courses_of(series(2, dull))
+    courses = intensity_time_series(series(2, dull))
     frame = courses.value[-1].mean(axis=0)
     assert frame[0] == pytest.approx(-0.1 * courses.mean + 5.0, abs=0.3)
     assert frame[1] == pytest.approx(-0.1, abs=0.01)
@@ -119,7 +119,7 @@ def test_gain_is_not_flattened_by_noise_and_blur_is_told_apart() -> None:
 
 @pytest.mark.parametrize("bits", [8, 16])
 def test_contamination_takes_mean_and_contrast_alike(bits: int) -> None:
-    found = diagnose_grey(series(3, lambda grey, time_s: grey * (1.0 - 5e-5 * time_s), bits=bits))
+    found = diagnose_intensity(series(3, lambda grey, time_s: grey * (1.0 - 5e-5 * time_s), bits=bits))
     assert (found.outcome, names(found)) == (Outcome.IDENTIFIED, ["contamination"])
     value, sigma = told(found, "contamination")["loss_per_s"]
     assert value == pytest.approx(5e-5, abs=4.0 * sigma)
@@ -127,7 +127,7 @@ def test_contamination_takes_mean_and_contrast_alike(bits: int) -> None:
 
 
 def test_contamination_over_a_black_level_is_told_with_it() -> None:
-    found = diagnose_grey(series(4, lambda grey, time_s: 25.0 + (grey - 25.0) * (1.0 - 1e-4 * time_s)))
+    found = diagnose_intensity(series(4, lambda grey, time_s: 25.0 + (grey - 25.0) * (1.0 - 1e-4 * time_s)))
     assert names(found) == ["contamination"]
     value, sigma = told(found, "contamination")["black_level"]
     assert value == pytest.approx(25.0, abs=4.0 * sigma)
@@ -135,19 +135,19 @@ def test_contamination_over_a_black_level_is_told_with_it() -> None:
 
 
 def test_brightness_that_drifts_is_no_contamination() -> None:
-    found = diagnose_grey(series(5, lambda grey, time_s: grey + 0.01 * time_s))
+    found = diagnose_intensity(series(5, lambda grey, time_s: grey + 0.01 * time_s))
     assert (found.outcome, names(found)) == (Outcome.UNKNOWN, [])
     assert "frames" in found.left
     assert max(found.evidence, key=lambda one: one[1])[0] == DRIFT
 
 
 def test_a_picture_that_brightens_with_dose_is_no_contamination() -> None:
-    found = diagnose_grey(series(5, lambda grey, time_s: grey * (1.0 + 5e-5 * time_s)))
+    found = diagnose_intensity(series(5, lambda grey, time_s: grey * (1.0 + 5e-5 * time_s)))
     assert (found.outcome, names(found)) == (Outcome.UNKNOWN, [])
 
 
 def test_defocus_leaves_the_mean() -> None:
-    found = diagnose_grey(series(6, lambda grey, time_s: blurred(grey, 1e-3 * float(time_s.mean()))))
+    found = diagnose_intensity(series(6, lambda grey, time_s: blurred(grey, 1e-3 * float(time_s.mean()))))
     assert (found.outcome, names(found)) == (Outcome.IDENTIFIED, ["defocus"])
     value, sigma = told(found, "defocus")["blur_px_per_s"]
     assert value == pytest.approx(1e-3, abs=4.0 * sigma)
@@ -155,7 +155,7 @@ def test_defocus_leaves_the_mean() -> None:
 
 
 def test_focus_that_wanders_through_its_best_is_defocus_too() -> None:
-    found = diagnose_grey(series(6, lambda grey, time_s: blurred(grey, 2e-3 * abs(float(time_s.mean()) - 400.0))))
+    found = diagnose_intensity(series(6, lambda grey, time_s: blurred(grey, 2e-3 * abs(float(time_s.mean()) - 400.0))))
     assert names(found) == ["defocus"]
     assert told(found, "defocus")["sharpest_s"][0] == pytest.approx(400.0, abs=40.0)
 
@@ -165,7 +165,7 @@ def test_another_curve_has_its_instant_between_frames_or_in_one(at_s: float) -> 
     def curve(grey: Image, time_s: Image) -> Image:
         return np.where(time_s >= at_s, 255.0 * 1.04 * (np.maximum(grey, 0.0) / 255.0) ** 0.9 - 6.0, grey)
 
-    found = diagnose_grey(series(8, curve))
+    found = diagnose_intensity(series(8, curve))
     assert (found.outcome, names(found)) == (Outcome.IDENTIFIED, ["gamma_change"])
     parameters = told(found, "gamma_change")
     for name, truth, within in (("gain", 1.04, 0.01), ("gamma", 0.9, 0.03), ("offset_levels", -6.0, 4.0)):
@@ -176,13 +176,13 @@ def test_another_curve_has_its_instant_between_frames_or_in_one(at_s: float) -> 
 
 def test_what_the_model_has_is_not_found_again() -> None:
     rows = series(3, lambda grey, time_s: grey * (1.0 - 5e-5 * time_s))
-    (effect,) = diagnose_grey(rows).effects
-    assert names(diagnose_grey(rows, known=[effect.law])) == []
-    assert diagnose_grey(rows, known=[effect.law]).outcome is Outcome.NONE
+    (effect,) = diagnose_intensity(rows).effects
+    assert names(diagnose_intensity(rows, known=[effect.model_effect])) == []
+    assert diagnose_intensity(rows, known=[effect.model_effect]).outcome is Outcome.NONE
 
 
 def test_a_flash_is_told_with_its_time_and_height() -> None:
-    found = diagnose_grey(series(9, lambda grey, time_s: grey + 20.0 * ((time_s >= 460.0) & (time_s < 460.35))))
+    found = diagnose_intensity(series(9, lambda grey, time_s: grey + 20.0 * ((time_s >= 460.0) & (time_s < 460.35))))
     assert names(found) == ["charging_jump"]
     parameters = told(found, "charging_jump")
     assert parameters["flash_at_s"][0] == pytest.approx(460.2, abs=0.2)
@@ -190,7 +190,7 @@ def test_a_flash_is_told_with_its_time_and_height() -> None:
 
 
 def test_a_flash_above_all_blocks_is_told_too() -> None:
-    found = diagnose_grey(series(9, lambda grey, time_s: grey + 20.0 * ((time_s >= 450.6) & (time_s < 450.95))))
+    found = diagnose_intensity(series(9, lambda grey, time_s: grey + 20.0 * ((time_s >= 450.6) & (time_s < 450.95))))
     assert (found.outcome, names(found)) == (Outcome.IDENTIFIED, ["charging_jump"])
     assert told(found, "charging_jump")["flash_at_s"][0] == pytest.approx(450.8, abs=0.2)
 
@@ -199,14 +199,14 @@ def test_rows_that_jump_are_no_flash() -> None:
     def slip(grey: Image, time_s: Image) -> Image:
         return np.where(time_s >= 470.0, shifted(grey, 2.0, 3.0), grey)
 
-    assert names(diagnose_grey(series(9, slip))) == []
+    assert names(diagnose_intensity(series(9, slip))) == []
 
 
 def test_few_percent_of_clipped_pixels_do_no_harm() -> None:
     def bright(grey: Image, time_s: Image) -> Image:
         return np.where(grey > 196.0, 300.0, grey) * (1.0 - 5e-5 * time_s)
 
-    found = diagnose_grey(series(10, bright))
+    found = diagnose_intensity(series(10, bright))
     assert names(found) == ["contamination"]
     assert 0.01 < found.clipped < 0.2
     value, sigma = told(found, "contamination")["loss_per_s"]
@@ -221,7 +221,7 @@ def test_a_weak_change_that_two_laws_would_do_for_is_ambiguous() -> None:
         def partly(grey: Image, time_s: Image, size: float = size) -> Image:
             return grey * (1.0 - size * np.clip((time_s - 200.0) / 500.0, 0.0, 1.0))
 
-        outcomes.append(diagnose_grey(series(11, partly)))
+        outcomes.append(diagnose_intensity(series(11, partly)))
     assert all(set(names(one)) <= {"contamination", "gamma_change"} for one in outcomes)
     for one in outcomes:
         assert (one.outcome is Outcome.AMBIGUOUS) == bool(one.ambiguous)
@@ -229,52 +229,52 @@ def test_a_weak_change_that_two_laws_would_do_for_is_ambiguous() -> None:
 
 def test_few_pairs_are_said() -> None:
     with pytest.raises(IllPosed, match="fewer than 4 pairs"):
-        diagnose_grey(series(1, pairs=3))
+        diagnose_intensity(series(1, pairs=3))
 
 
 def test_laws_beside_each_other_share_nothing_that_one_explains() -> None:
-    courses = courses_of(series(3, lambda grey, time_s: grey * (1.0 - 5e-5 * time_s)))
-    alone = Bench(courses).all_fits()
+    courses = intensity_time_series(series(3, lambda grey, time_s: grey * (1.0 - 5e-5 * time_s)))
+    alone = IntensityRegression(courses).all_fits()
     best = max(alone, key=lambda one: one.odds)
     assert best.law.name == "contamination"
-    assert max(one.odds for one in Bench(courses, (best.law,)).all_fits()) < 7.0
+    assert max(one.odds for one in IntensityRegression(courses, (best.law,)).all_fits()) < 7.0
 
 
-def of_maps(outcome: Outcome, *effects: FoundEffect) -> Diagnosis:
+def of_maps(outcome: Outcome, *effects: IdentifiedEffect) -> Diagnosis:
     return Diagnosis(outcome, effects, (), None, None, None, (), 0.01)
 
 
-def effect(name: str, *parameters: tuple[str, float, float]) -> FoundEffect:
-    stated = tuple(FoundParameter(key, value, sigma, "s") for key, value, sigma in parameters)
-    return FoundEffect(name, stated, 0.5, 50.0, 0.003, False, KnownEffect(name, (), 0.1))
+def effect(name: str, *parameters: tuple[str, float, float]) -> IdentifiedEffect:
+    stated = tuple(ParameterEstimate(key, value, sigma, "s") for key, value, sigma in parameters)
+    return IdentifiedEffect(name, stated, 0.5, 50.0, 0.003, False, ModelEffect(name, (), 0.1))
 
 
 @pytest.fixture(scope="module")
-def quiet() -> GreyChannel:
-    return diagnose_grey(series(1))
+def quiet() -> IntensityDiagnosis:
+    return diagnose_intensity(series(1))
 
 
 FLASH = effect("charging_jump", ("flash_levels", 20.0, 1.0), ("flash_at_s", 903.0, 0.2))
 
 
-def test_a_flash_makes_a_jump_a_charges(quiet: GreyChannel) -> None:
+def test_a_flash_makes_a_jump_a_charges(quiet: IntensityDiagnosis) -> None:
     flashing = replace(quiet, outcome=Outcome.IDENTIFIED, effects=(FLASH,))
     jump = effect("drift_jump", ("x_px", 0.5, 0.01), ("at_s", 900.0, 4.0))
 
-    found = with_grey(of_maps(Outcome.IDENTIFIED, jump), flashing)
+    found = add_intensity_verdict(of_maps(Outcome.IDENTIFIED, jump), flashing)
     assert (found.outcome, found.group) == (Outcome.IDENTIFIED, "G9")
     (only,) = found.effects
-    assert (only.name, only.law, only.peak_px) == ("charging_jump", jump.law, jump.peak_px)
+    assert (only.name, only.model_effect, only.peak_px) == ("charging_jump", jump.model_effect, jump.peak_px)
     assert {"x_px", "at_s", "flash_at_s"} <= {one.name for one in only.parameters}
 
-    elsewhen = with_grey(of_maps(Outcome.IDENTIFIED, effect("drift_jump", ("at_s", 300.0, 4.0))), flashing)
+    elsewhen = add_intensity_verdict(of_maps(Outcome.IDENTIFIED, effect("drift_jump", ("at_s", 300.0, 4.0))), flashing)
     assert [one.name for one in elsewhen.effects] == ["drift_jump", "charging_jump"]
 
 
-def test_a_flash_decides_between_jumps(quiet: GreyChannel) -> None:
+def test_a_flash_decides_between_jumps(quiet: IntensityDiagnosis) -> None:
     jump = effect("drift_jump", ("at_s", 900.0, 4.0))
     maps = replace(of_maps(Outcome.AMBIGUOUS, jump), ambiguous=("drift_jump", "jump_within_pair"))
-    found = with_grey(maps, replace(quiet, outcome=Outcome.IDENTIFIED, effects=(FLASH,)))
+    found = add_intensity_verdict(maps, replace(quiet, outcome=Outcome.IDENTIFIED, effects=(FLASH,)))
     assert (found.outcome, found.ambiguous, found.experiment) == (Outcome.IDENTIFIED, (), None)
 
 
@@ -287,16 +287,16 @@ def test_a_flash_decides_between_jumps(quiet: GreyChannel) -> None:
         (Outcome.REJECTED, "magnification_drift", Outcome.REJECTED),
     ],
 )
-def test_grey_without_a_law_goes_along_with_a_charge_only(quiet: GreyChannel, outcome: Outcome, name: str, joint: Outcome) -> None:
+def test_grey_without_a_law_goes_along_with_a_charge_only(quiet: IntensityDiagnosis, outcome: Outcome, name: str, joint: Outcome) -> None:
     strange = replace(quiet, outcome=Outcome.UNKNOWN, left="frames differ by 2 grey levels")
-    found = with_grey(of_maps(outcome, effect(name)), strange)
+    found = add_intensity_verdict(of_maps(outcome, effect(name)), strange)
     assert found.outcome is joint
     assert found.grey is strange
 
 
-def test_two_names_that_would_do_come_with_an_experiment(quiet: GreyChannel) -> None:
+def test_two_names_that_would_do_come_with_an_experiment(quiet: IntensityDiagnosis) -> None:
     either = replace(quiet, outcome=Outcome.AMBIGUOUS, effects=(effect("contamination"),), ambiguous=("contamination", "gamma_change"))
-    found = with_grey(of_maps(Outcome.NONE), either)
+    found = add_intensity_verdict(of_maps(Outcome.NONE), either)
     assert (found.outcome, found.group, found.ambiguous) == (Outcome.AMBIGUOUS, "G12", ("contamination", "gamma_change"))
     assert found.experiment is not None
     assert "fresh field" in found.experiment.about

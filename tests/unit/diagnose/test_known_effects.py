@@ -15,15 +15,15 @@ from blind.experiment import Conditions, hidden
 from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.observing import observed
 
-from semlive.data.diagnosis import KnownEffect
+from semlive.data.diagnosis import ModelEffect
 from semlive.data.grid import Grid
-from semlive.diagnose.known import at_points, moved_by
-from semlive.diagnose.observation import Observation
+from semlive.diagnose.baseline.model_effects import effect_displacement, interpolate_to_grid
+from semlive.diagnose.baseline.observation import Observation
 from semlive.errors import BadInput
 
 GRID = Grid(101, 101, 25, 30, 24, 43)
 CONDITIONS = Conditions(611, calibration=6, tension=5, noise_px=0.005)
-BENDING = KnownEffect("bending_misalignment", (), 0.1)
+BENDING = ModelEffect("bending_misalignment", (), 0.1)
 PEAK_PX = 16.0 * PROTOTYPE_PX["bending_misalignment"]
 
 
@@ -34,15 +34,15 @@ def bent() -> Observation:
 
 
 def test_what_an_effect_moves_is_what_it_moved(bent: Observation) -> None:
-    moved = moved_by(bent, [BENDING])
-    fields = at_points(bent, moved.field_px, GRID)
+    moved = effect_displacement(bent, [BENDING])
+    fields = interpolate_to_grid(bent, moved.field_px, GRID)
     with_it = hidden(CONDITIONS, hidden_effect("bending_misalignment", PEAK_PX, 1), GRID)[-1].maps[-1]
     without = hidden(CONDITIONS, (), GRID)[-1].maps[-1]
     both = with_it.valid & without.valid
     true = np.stack((with_it.u_px - without.u_px, with_it.v_px - without.v_px), axis=-1)[both]
     left = true - fields[with_it.current][both]
 
-    assert moved.left_in == ()
+    assert moved.not_corrected == ()
     assert np.max(np.hypot(*true.T)) > 0.5 * PEAK_PX
     # What is like strain or motion is left to those: only the rest counts.
     x, y = (one[both] for one in GRID.mesh())
@@ -53,22 +53,22 @@ def test_what_an_effect_moves_is_what_it_moved(bent: Observation) -> None:
 
 def test_an_injected_strain_is_left(bent: Observation) -> None:
     strain = 1e-4
-    scene = bent.scene
+    scene = bent.geometry
     more = np.zeros_like(bent.disparity_px)
     more[scene.loaded, :, 1] = strain * scene.half_px * scene.y[scene.loaded]
     injected = replace(bent, disparity_px=bent.disparity_px + more)
-    change = moved_by(injected, [BENDING]).field_px - moved_by(bent, [BENDING]).field_px
+    change = effect_displacement(injected, [BENDING]).field_px - effect_displacement(bent, [BENDING]).field_px
     y_px = scene.y * scene.half_px
     taken = [np.polyfit(y_px[frame], change[frame, :, 1], 1)[0] for frame in np.flatnonzero(scene.loaded)]
     assert np.max(np.abs(taken)) < 0.02 * strain
 
 
 def test_strain_is_not_corrected_for_what_cannot_be_told_from_it(bent: Observation) -> None:
-    moved = moved_by(bent, [KnownEffect("refocus_magnification_step", (), 0.3), KnownEffect("inhomogeneous_strain", (), 0.1)])
-    assert set(moved.left_in) == {"refocus_magnification_step", "inhomogeneous_strain"}
+    moved = effect_displacement(bent, [ModelEffect("refocus_magnification_step", (), 0.3), ModelEffect("inhomogeneous_strain", (), 0.1)])
+    assert set(moved.not_corrected) == {"refocus_magnification_step", "inhomogeneous_strain"}
     assert not moved.field_px.any()
 
 
 def test_an_effect_without_a_name_is_refused(bent: Observation) -> None:
     with pytest.raises(BadInput, match="no effect is called warp"):
-        moved_by(bent, [KnownEffect("warp", (), 0.1)])
+        effect_displacement(bent, [ModelEffect("warp", (), 0.1)])

@@ -18,10 +18,10 @@ from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.live import followed
 
 from semlive import pipeline
-from semlive.data.diagnosis import Disagreement
+from semlive.data.diagnosis import DomainTest
 from semlive.data.settings import AnalysisSettings, EstimateSettings
-from semlive.diagnose.light import FALSE_ALARMS, Whiteness, whiteness
-from semlive.service.warned import newly_warned
+from semlive.diagnose.residual_whiteness import FALSE_ALARM_RATE, Whiteness, test_whiteness
+from semlive.service.analysis.warnings import new_warnings
 
 
 @pytest.fixture(autouse=True)
@@ -34,13 +34,13 @@ def one_thread() -> Iterator[None]:
 def looks(name: str, conditions: Conditions) -> list[Whiteness | None]:
     effects = hidden_effect(name, 4.0 * PROTOTYPE_PX[name], conditions.seed) if name else ()
     said = followed(hidden(conditions, effects, GRID), AnalysisSettings())
-    return [whiteness(begun.solution, begun.pairs) for begun, _ in said]
+    return [test_whiteness(begun.solution, begun.pairs) for begun, _ in said]
 
 
 def test_nothing_is_said_of_noise() -> None:
     found = looks("", Conditions(31, calibration=6, tension=3))
     assert found[:4] == [None] * 4
-    assert all(one is not None and one.told() == () for one in found[4:])
+    assert all(one is not None and one.messages() == () for one in found[4:])
     assert min(domain.p_value for one in found[4:] if one for domain in one.where) > 0.01
 
 
@@ -48,34 +48,34 @@ def test_nothing_is_said_of_noise() -> None:
 def test_what_is_hidden_is_seen_where_it_is(name: str, domain: str, by: int) -> None:
     *_, last = looks(name, Conditions(7, calibration=8 if by > 8 else by, tension=max(0, by - 8)))
     assert last is not None
-    loudest = last.loudest
+    loudest = last.most_significant
     assert loudest is not None
     assert loudest.domain == domain
-    (said,) = last.told()
+    (said,) = last.messages()
     assert f"after {by} pairs" in said
     assert loudest.rms_px > 0.0
 
     # Once in a run, whatever figures and domain a later look has.
-    news, warned = newly_warned((said,), frozenset())
-    later = Whiteness(by + 1, (Disagreement("space", 1e-30, 0.1),)).told()
+    news, warned = new_warnings((said,), frozenset())
+    later = Whiteness(by + 1, (DomainTest("space", 1e-30, 0.1),)).messages()
     assert len(news) == 1
-    assert newly_warned(later, warned)[0] == ()
+    assert new_warnings(later, warned)[0] == ()
 
 
 def test_all_looks_together_spend_what_is_allowed() -> None:
-    spent = [Whiteness(pairs, ()).allowed for pairs in range(5, 10_000)]
-    assert 0.999 * FALSE_ALARMS < sum(spent) < FALSE_ALARMS
+    spent = [Whiteness(pairs, ()).significance_level for pairs in range(5, 10_000)]
+    assert 0.999 * FALSE_ALARM_RATE < sum(spent) < FALSE_ALARM_RATE
 
 
 def test_the_published_method_has_no_such_look() -> None:
     pairs = hidden(Conditions(31, calibration=5, tension=0), (), GRID)
     *_, (begun, _) = followed(pairs, AnalysisSettings(estimate=EstimateSettings(method="sutton2007")))
-    assert pipeline.still_white(begun) == ()
+    assert pipeline.residual_warning(begun) == ()
 
 
 def test_values_that_allow_no_look_end_nothing() -> None:
     pairs = hidden(Conditions(31, calibration=5, tension=0), (), GRID)
     *_, (begun, _) = followed(pairs, AnalysisSettings())
-    assert whiteness(begun.solution, begun.pairs) is not None
-    assert whiteness(begun.solution, begun.pairs[:4]) is None
-    assert np.isfinite(whiteness(begun.solution, begun.pairs).where[0].p_value)  # type: ignore[union-attr]
+    assert test_whiteness(begun.solution, begun.pairs) is not None
+    assert test_whiteness(begun.solution, begun.pairs[:4]) is None
+    assert np.isfinite(test_whiteness(begun.solution, begun.pairs).where[0].p_value)  # type: ignore[union-attr]

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from semlive.data.diagnosis import Diagnosis, KnownEffect, Outcome
-from semlive.diagnose.load_channel import Readings, with_clock, with_loads
+from semlive.data.diagnosis import Diagnosis, ModelEffect, Outcome
+from semlive.diagnose.scalars.load_cell import LoadReadings, add_clock_evidence, add_load_cell_evidence
 from semlive_simulators.effects.friction_hysteresis import FrictionHysteresis
+from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.effects.load_cell_drift import LoadCellDrift
 from semlive_simulators.effects.load_cell_zero import LoadCellZero
-from semlive_simulators.effects.protocol import Effect
-from semlive_simulators.history import History, LoadStep
-from semlive_simulators.specimen import at_rest
+from semlive_simulators.specimen.history import History, LoadStep
+from semlive_simulators.specimen.specimen import at_rest
 
 NOTHING = Diagnosis(Outcome.NONE, (), (), None, None, None, (), 0.01)
 UP = [100.0, 450.0, 800.0, 1150.0, 1500.0, 1850.0, 2200.0]
@@ -20,7 +20,7 @@ AND_DOWN = [*UP, 1850.0, 1500.0, 1150.0, 800.0, 450.0, 100.0]
 STIFF_N, STRAIN_SIGMA, REST, EVERY_S = 0.711e6, 5e-6, 15, 250.0
 
 
-def readings(seed: int, effect: Effect | None = None, loads: list[float] = UP, bent_n: float = 0.0, shared: float = 0.0) -> Readings:
+def readings(seed: int, effect: Effect | None = None, loads: list[float] = UP, bent_n: float = 0.0, shared: float = 0.0) -> LoadReadings:
     """Fifteen pairs at rest, then the loads; what is read of each is the simulator's, and 0.05 N of noise."""
     rng = np.random.default_rng(seed)
     true_n = np.array([0.0] * REST + loads)
@@ -37,24 +37,24 @@ def readings(seed: int, effect: Effect | None = None, loads: list[float] = UP, b
     strain += shared * rng.standard_normal()
     way = np.where(loaded, np.sign(changes), 0.0)
     covariance = np.outer(loaded, loaded) * shared**2 + np.diag(np.where(loaded, STRAIN_SIGMA**2, 0.0))
-    return Readings(time_s, load_n, np.where(loaded, strain, 0.0), covariance, loaded, way, 441.5)
+    return LoadReadings(time_s, load_n, np.where(loaded, strain, 0.0), covariance, loaded, way, 441.5)
 
 
 @pytest.mark.parametrize("bent_n", [0.0, 40.0])
 def test_a_cell_that_reads_what_there_is_has_no_effect(bent_n: float) -> None:
-    found = [with_loads(NOTHING, readings(seed, loads=loads, bent_n=bent_n)) for seed in range(100) for loads in (UP, AND_DOWN)]
+    found = [add_load_cell_evidence(NOTHING, readings(seed, loads=loads, bent_n=bent_n)) for seed in range(100) for loads in (UP, AND_DOWN)]
     assert sum(bool(one.effects) for one in found) == 0
     assert np.mean([one.where[-1].p_value < 0.05 for one in found]) < 0.09
 
 
 def test_strains_that_are_all_off_alike_are_no_friction() -> None:
-    found = [with_loads(NOTHING, readings(seed, shared=2e-5)) for seed in range(100)]
+    found = [add_load_cell_evidence(NOTHING, readings(seed, shared=2e-5)) for seed in range(100)]
     assert sum(bool(one.effects) for one in found) == 0
 
 
 def test_friction_that_was_felt_in_one_direction_is_not_told_from_a_step() -> None:
     """The first load step is zero as well: no way, and not the other one."""
-    found = with_loads(NOTHING, readings(1, FrictionHysteresis(60.0), [0.0, *UP]))
+    found = add_load_cell_evidence(NOTHING, readings(1, FrictionHysteresis(60.0), [0.0, *UP]))
     assert (found.outcome, found.ambiguous) == (Outcome.AMBIGUOUS, ("friction_hysteresis", "refocus_magnification_step"))
 
 
@@ -68,7 +68,7 @@ def test_friction_that_was_felt_in_one_direction_is_not_told_from_a_step() -> No
     ],
 )
 def test_what_a_cell_does_has_a_name(effect: Effect, loads: list[float], true: float, outcome: Outcome) -> None:
-    found = [with_loads(NOTHING, readings(seed, effect, loads)) for seed in range(40)]
+    found = [add_load_cell_evidence(NOTHING, readings(seed, effect, loads)) for seed in range(40)]
     assert all(one.outcome is outcome and [item.name for item in one.effects] == [effect.name] for one in found)
     gaps = [one.gap for one in found if one.gap is not None]
     assert len(gaps) == len(found)
@@ -80,24 +80,24 @@ def test_what_a_cell_does_has_a_name(effect: Effect, loads: list[float], true: f
 
 def test_a_load_that_relaxes_is_no_drift_of_its_zero_alone() -> None:
     at_rest_n = readings(1)
-    relaxing = Readings(
+    relaxing = LoadReadings(
         at_rest_n.time_s, at_rest_n.load_n + np.where(at_rest_n.loaded, 0.0, 100.0 - 0.002 * at_rest_n.time_s),
-        at_rest_n.strain, at_rest_n.strain_covariance, at_rest_n.loaded, at_rest_n.way, at_rest_n.half_px,
+        at_rest_n.strain, at_rest_n.strain_covariance, at_rest_n.loaded, at_rest_n.loading_direction, at_rest_n.half_px,
     )  # fmt: skip
-    found = with_loads(NOTHING, relaxing)
+    found = add_load_cell_evidence(NOTHING, relaxing)
     assert found.outcome is not Outcome.IDENTIFIED
     assert all(one.name in ("load_cell_zero", "load_cell_drift", "friction_hysteresis") for one in found.effects)
 
 
 def test_what_the_model_has_is_not_named_again() -> None:
-    known = Diagnosis(Outcome.NONE, (), (), None, None, None, (), 0.01, known=(KnownEffect("load_cell_drift", (), 7.0),))
-    assert with_loads(known, readings(1, LoadCellDrift(0.002))).effects == ()
+    known = Diagnosis(Outcome.NONE, (), (), None, None, None, (), 0.01, model_effects=(ModelEffect("load_cell_drift", (), 7.0),))
+    assert add_load_cell_evidence(known, readings(1, LoadCellDrift(0.002))).effects == ()
 
 
 def test_a_clock_that_is_wrong_beyond_what_exporting_takes_has_a_name() -> None:
-    right = with_clock(NOTHING, 5.0, 2.1)
+    right = add_clock_evidence(NOTHING, 5.0, 2.1)
     assert right.outcome is Outcome.NONE
     assert right.effects == ()
-    wrong = with_clock(NOTHING, -25.0, 2.1)
+    wrong = add_clock_evidence(NOTHING, -25.0, 2.1)
     assert wrong.outcome is Outcome.IDENTIFIED
     assert [(one.name, one.parameters[0].value) for one in wrong.effects] == [("timestamp_offset", -25.0)]

@@ -9,18 +9,18 @@ from pathlib import Path
 import pytest
 import yaml
 
-from semlive.data.diagnosis import Diagnosis, FoundEffect, FoundParameter, KnownEffect, Outcome
-from semlive.diagnose.known import family_of
-from semlive.diagnose.propose import Kind, proposed
+from semlive.data.diagnosis import Diagnosis, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
+from semlive.diagnose.baseline.model_effects import effect_class
+from semlive.diagnose.experiments.proposals import ExperimentKind, choose_proposal
 from semlive.errors import BadConfig
-from semlive.model.effects import DICTIONARY
-from semlive.model.grey_effects import GREYS
-from semlive.model.load_effects import CLOCK, LIFT, LOADS
-from semlive.model.move_effects import MOVES, beside_maps
-from semlive.model.row_effects import ROW_DICTIONARY
-from semlive.service.config import parse_config
-from semlive.service.model_scenario import SIMULATED, scenario_yaml
-from semlive.service.next_experiment import changed_protocol
+from semlive.model.effects import EFFECT_CLASSES
+from semlive.model.effects.intensity import INTENSITY_EFFECTS
+from semlive.model.effects.load_cell import CLOCK, LOADS, OUT_OF_PLANE
+from semlive.model.effects.rows import ROW_DICTIONARY
+from semlive.model.effects.stage import MOVES, non_map_effect
+from semlive.service.config.configuration import parse_config
+from semlive.service.diagnosis.model_scenario import SIMULATED_EFFECTS, scenario_yaml
+from semlive.service.diagnosis.next_config import protocol_for
 from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
 from semlive_simulators.scenario import load_scenario
 
@@ -54,47 +54,54 @@ PARAMETERS = {
 
 
 def verdict(outcome: Outcome, names: tuple[str, ...] = (), ambiguous: tuple[str, ...] = ()) -> Diagnosis:
-    effects = tuple(FoundEffect(name, (), 0.1, 20.0, 0.003, False, KnownEffect(name, (), 0.1)) for name in names)
+    effects = tuple(IdentifiedEffect(name, (), 0.1, 20.0, 0.003, False, ModelEffect(name, (), 0.1)) for name in names)
     return Diagnosis(outcome, effects, ambiguous, None, None, None, (), 0.01)
 
 
 @pytest.mark.parametrize(
     ("found", "kind"),
     [
-        (verdict(Outcome.AMBIGUOUS, ("stage_yaw",), ("stage_yaw", "raster_rotation_drift")), Kind.PARKED),
-        (verdict(Outcome.IDENTIFIED, ("wrong_row_time",)), Kind.OTHER_SCAN),
-        (verdict(Outcome.AMBIGUOUS, ("friction_hysteresis",), ("friction_hysteresis", "refocus_magnification_step")), Kind.UNLOAD),
-        (verdict(Outcome.IDENTIFIED, ("load_cell_drift",)), Kind.PARKED),
-        (verdict(Outcome.IDENTIFIED, ("out_of_plane_translation",)), Kind.UNLOAD),
-        (verdict(Outcome.IDENTIFIED, ("creep_in_hold",)), Kind.LONGER_HOLD),
-        (verdict(Outcome.IDENTIFIED, ("tilt_with_load",)), Kind.UNLOAD),
-        (verdict(Outcome.IDENTIFIED, ("contamination",)), Kind.AGAIN),
-        (verdict(Outcome.UNKNOWN), Kind.PARKED),
+        (verdict(Outcome.AMBIGUOUS, ("stage_yaw",), ("stage_yaw", "raster_rotation_drift")), ExperimentKind.STATIONARY_SERIES),
+        (verdict(Outcome.IDENTIFIED, ("wrong_row_time",)), ExperimentKind.CHANGED_SCAN_TIMES),
+        (
+            verdict(Outcome.AMBIGUOUS, ("friction_hysteresis",), ("friction_hysteresis", "refocus_magnification_step")),
+            ExperimentKind.UNLOAD,
+        ),
+        (verdict(Outcome.IDENTIFIED, ("load_cell_drift",)), ExperimentKind.STATIONARY_SERIES),
+        (verdict(Outcome.IDENTIFIED, ("out_of_plane_translation",)), ExperimentKind.UNLOAD),
+        (verdict(Outcome.IDENTIFIED, ("creep_in_hold",)), ExperimentKind.LONGER_HOLD),
+        (verdict(Outcome.IDENTIFIED, ("tilt_with_load",)), ExperimentKind.UNLOAD),
+        (verdict(Outcome.IDENTIFIED, ("contamination",)), ExperimentKind.REPEAT),
+        (verdict(Outcome.UNKNOWN), ExperimentKind.STATIONARY_SERIES),
     ],
 )
-def test_each_doubt_has_its_experiment(found: Diagnosis, kind: Kind) -> None:
-    proposal = proposed(found)
+def test_each_doubt_has_its_experiment(found: Diagnosis, kind: ExperimentKind) -> None:
+    proposal = choose_proposal(found)
     assert proposal is not None
     assert proposal.kind is kind
-    assert proposal.about
+    assert proposal.description
 
 
 def test_nothing_is_proposed_where_nothing_is_missing() -> None:
-    assert proposed(verdict(Outcome.NONE)) is None
+    assert choose_proposal(verdict(Outcome.NONE)) is None
 
 
-@pytest.mark.parametrize("kind", Kind)
-def test_every_experiment_is_a_protocol_that_the_daemon_takes(kind: Kind) -> None:
-    protocol = changed_protocol(PROTOCOL, kind)
+@pytest.mark.parametrize("kind", ExperimentKind)
+def test_every_experiment_is_a_protocol_that_the_daemon_takes(kind: ExperimentKind) -> None:
+    protocol = protocol_for(PROTOCOL, kind)
     checked = parse_config({**RUN, "protocol": protocol}, "next")
     assert checked.protocol.calibration_shifts_px or checked.protocol.loads_n
-    assert changed_protocol(PROTOCOL, kind) != PROTOCOL or kind in (Kind.AGAIN, Kind.OTHER_SCAN, Kind.TURNED_SCAN)
+    assert protocol_for(PROTOCOL, kind) != PROTOCOL or kind in (
+        ExperimentKind.REPEAT,
+        ExperimentKind.CHANGED_SCAN_TIMES,
+        ExperimentKind.ROTATED_SCAN,
+    )
 
 
 def model(path: Path, name: str) -> Path:
-    if beside_maps(name) is None:
-        family = family_of("wrong_row_time" if name in NAMED_BY_VALUE else name).name
-        values = {theta.name: PARAMETERS.get(theta.name, 0.5) for theta in family_of(family).thetas}
+    if non_map_effect(name) is None:
+        family = effect_class("wrong_row_time" if name in NAMED_BY_VALUE else name).name
+        values = {theta.name: PARAMETERS.get(theta.name, 0.5) for theta in effect_class(family).nonlinear_parameters}
     else:
         family, values = name, {"frequency_hz": 50.0}
     effect = {
@@ -107,7 +114,7 @@ def model(path: Path, name: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", sorted(SIMULATED))
+@pytest.mark.parametrize("name", sorted(SIMULATED_EFFECTS))
 def test_a_found_effect_is_played_by_the_simulators_own(name: str, tmp_path: Path) -> None:
     scenario = tmp_path / "found.yaml"
     scenario.write_text(scenario_yaml(model(tmp_path / "model.json", name), "paper_x200"))
@@ -124,8 +131,8 @@ def test_a_charged_spot_is_played_as_large_as_it_was_at_the_end_of_the_run(tmp_p
 
 
 def test_what_cannot_be_played_is_said(tmp_path: Path) -> None:
-    known = {one.name for one in (*DICTIONARY, *ROW_DICTIONARY, *MOVES, *LOADS, CLOCK, LIFT, *GREYS)}
-    assert set(SIMULATED) - NAMED_BY_VALUE == known - {"inhomogeneous_strain", "dic_subpixel_bias"}
+    known = {one.name for one in (*EFFECT_CLASSES, *ROW_DICTIONARY, *MOVES, *LOADS, CLOCK, OUT_OF_PLANE, *INTENSITY_EFFECTS)}
+    assert set(SIMULATED_EFFECTS) - NAMED_BY_VALUE == known - {"inhomogeneous_strain", "dic_subpixel_bias"}
     with pytest.raises(BadConfig, match="no counterpart"):
         scenario_yaml(model(tmp_path / "model.json", "inhomogeneous_strain"), "paper_x200")
 
@@ -141,4 +148,4 @@ def test_what_cannot_be_played_is_said(tmp_path: Path) -> None:
     ],
 )
 def test_a_row_time_that_is_a_whole_part_is_integration(value: float, sigma: float, names: tuple[str, ...]) -> None:
-    assert family_of("wrong_row_time").told([FoundParameter("row_time_error", value, sigma, "1")]) == names
+    assert effect_class("wrong_row_time").alias_rule([ParameterEstimate("row_time_error", value, sigma, "1")]) == names

@@ -14,11 +14,11 @@ from blind.experiment import Conditions
 from blind.observing import observed
 
 from semlive.data.grid import Grid
-from semlive.diagnose.baseline import Ladder
-from semlive.diagnose.evidence import overlap
-from semlive.diagnose.known import family_of
-from semlive.diagnose.noise import quiet
-from semlive.diagnose.observation import Observation
+from semlive.diagnose.baseline.baseline import HyperparameterGrid
+from semlive.diagnose.baseline.bayes_factor import overlap
+from semlive.diagnose.baseline.model_effects import effect_class
+from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
+from semlive.diagnose.baseline.observation import Observation
 
 GRID = Grid(101, 101, 60, 12, 10, 43)
 
@@ -29,17 +29,17 @@ def seen() -> Observation:
 
 
 @pytest.fixture(scope="module")
-def ladder(seen: Observation) -> Ladder:
-    return quiet(seen)
+def ladder(seen: Observation) -> HyperparameterGrid:
+    return noise_scaled_baseline(seen)
 
 
 def columns(seen: Observation, name: str) -> np.ndarray:
-    law = family_of(name).law(seen.scene, {})
+    law = effect_class(name).law(seen.geometry, {})
     assert law is not None
     return law.field_px
 
 
-def dense(ladder: Ladder, field: np.ndarray, law: np.ndarray) -> float:
+def dense(ladder: HyperparameterGrid, field: np.ndarray, law: np.ndarray) -> float:
     """By generalised least squares: I - A S A^T is the metric in which the baseline has been taken out."""
     both = [np.concatenate((field[..., None], law), axis=-1)]
     white = np.moveaxis(ladder.design.whiten(both[0]), 2, 0).reshape(-1, 1 + law.shape[-1])
@@ -55,13 +55,15 @@ def dense(ladder: Ladder, field: np.ndarray, law: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("other", ["magnification_frame_instability", "aspect_drift", "tilt_with_load"])
-def test_it_is_the_share_that_least_squares_gives(seen: Observation, ladder: Ladder, other: str) -> None:
+def test_it_is_the_share_that_least_squares_gives(seen: Observation, ladder: HyperparameterGrid, other: str) -> None:
     field = columns(seen, "magnification_drift")[..., 0]
     law = columns(seen, other)
     assert overlap(ladder, field, law) == pytest.approx(dense(ladder, field, law), abs=1e-3)
 
 
-def test_an_effect_takes_over_all_of_itself_and_nothing_of_what_is_in_another_direction(seen: Observation, ladder: Ladder) -> None:
+def test_an_effect_takes_over_all_of_itself_and_nothing_of_what_is_in_another_direction(
+    seen: Observation, ladder: HyperparameterGrid
+) -> None:
     law = columns(seen, "tilt_with_load")
     assert overlap(ladder, law[..., 0], law) == pytest.approx(1.0)
     aside = np.zeros_like(law)

@@ -16,28 +16,28 @@ from blind.hiding import hidden_effect, hidden_values
 from blind.observing import observed
 
 from semlive.data.grid import Grid
-from semlive.diagnose.baseline import Ladder, ladder
-from semlive.diagnose.evidence import projected, weigh
-from semlive.diagnose.known import family_of
-from semlive.diagnose.noise import quiet
-from semlive.diagnose.refine import Refined, Sums, refined, together
-from semlive.model.effects import DICTIONARY
-from semlive.model.effects.distortion_scale_drift import AFFINE
+from semlive.diagnose.baseline.baseline import HyperparameterGrid, build_grid
+from semlive.diagnose.baseline.bayes_factor import project, score_candidates
+from semlive.diagnose.baseline.model_effects import effect_class
+from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
+from semlive.diagnose.maps.refinement import LinearParameterSums, RefinedEffect, refined, refit_jointly
+from semlive.model.effects import EFFECT_CLASSES
+from semlive.model.effects.maps.distortion_scale_drift import AFFINE
 
 GRID = Grid(101, 101, 60, 12, 10, 43)
 
 
-def hiding(name: str, peak_px: float, seed: int, grid: Grid = GRID) -> tuple[Ladder, dict[str, float]]:
+def hiding(name: str, peak_px: float, seed: int, grid: Grid = GRID) -> tuple[HyperparameterGrid, dict[str, float]]:
     effects = hidden_effect(name, peak_px, seed)
-    return quiet(observed(Conditions(seed, calibration=5, tension=3), effects, grid)), hidden_values(name, effects[0])
+    return noise_scaled_baseline(observed(Conditions(seed, calibration=5, tension=3), effects, grid)), hidden_values(name, effects[0])
 
 
-def likeliest(bare: Ladder, name: str) -> Refined:
-    (heard,) = weigh(bare, [family_of(name)])
+def likeliest(bare: HyperparameterGrid, name: str) -> RefinedEffect:
+    (heard,) = score_candidates(bare, [effect_class(name)])
     return refined(bare, heard)
 
 
-def told(found: Refined) -> dict[str, tuple[float, float]]:
+def told(found: RefinedEffect) -> dict[str, tuple[float, float]]:
     return {one.name: (one.value, one.sigma) for one in found.parameters}
 
 
@@ -50,7 +50,7 @@ def test_an_amplitude_is_as_uncertain_as_the_onset_that_it_goes_with() -> None:
         off.append((value - truth["strain_per_n"]) / sigma)
         assert sigma < 0.5 * value
         assert 0.5 <= told(found)["onset_s"][0] <= 520.0
-        assert found.follows[0, 0] > 2.0 * (found.covariance - found.follows)[0, 0]
+        assert found.parameter_covariance[0, 0] > 2.0 * (found.covariance - found.parameter_covariance)[0, 0]
     assert np.max(np.abs(off)) < 2.6
     assert np.sqrt(np.mean(np.square(off))) < 1.5
 
@@ -67,8 +67,8 @@ def test_a_large_jump_between_the_instants_of_the_grid_is_told_as_large_as_it_is
 def test_refitted_beside_no_other_an_effect_is_as_large_as_it_was() -> None:
     bare, _ = hiding("load_step_transient", 0.15, 5)
     alone = likeliest(bare, "load_step_transient")
-    having = ladder(bare.design.having(alone.found))
-    (beside,) = together(having, [alone])
+    having = build_grid(bare.design.with_effects(alone.baseline_effect))
+    (beside,) = refit_jointly(having, [alone])
     assert beside.amplitudes == pytest.approx(alone.amplitudes, rel=1e-3)
     assert beside.covariance == pytest.approx(alone.covariance, rel=1e-2, abs=1e-3 * float(alone.covariance.max()))
     assert beside.parameters[-1] == alone.parameters[-1]
@@ -78,12 +78,12 @@ def test_effects_are_refitted_beside_each_other() -> None:
     """Creep alone takes what the steps' fading leaves; beside it, it does not."""
     names = ("load_step_transient", "creep_in_hold")
     effects = tuple(one for name in names for one in hidden_effect(name, 0.2, 6))
-    bare = quiet(observed(Conditions(6, calibration=5, tension=3), effects, GRID))
+    bare = noise_scaled_baseline(observed(Conditions(6, calibration=5, tension=3), effects, GRID))
     found = [likeliest(bare, name) for name in names]
     having = bare.design
     for one in found:
-        having = having.having(one.found)
-    beside = together(ladder(having), found)
+        having = having.with_effects(one.baseline_effect)
+    beside = refit_jointly(build_grid(having), found)
     for name, effect, one in zip(names, effects, beside, strict=True):
         for parameter, true in hidden_values(name, effect).items():
             value, sigma = told(one)[parameter]
@@ -92,24 +92,24 @@ def test_effects_are_refitted_beside_each_other() -> None:
 
 def test_a_law_that_is_a_sum_is_what_its_columns_say() -> None:
     bare, _ = hiding("distortion_scale_drift", 0.2, 3)
-    family, values = family_of("distortion_scale_drift"), dict(zip(AFFINE, (0.4, -0.7, 0.2, 1.1), strict=True))
-    sums = Sums.of(bare, family)
-    law = family.law(bare.design.observation.scene, values)
+    family, values = effect_class("distortion_scale_drift"), dict(zip(AFFINE, (0.4, -0.7, 0.2, 1.1), strict=True))
+    sums = LinearParameterSums.of(bare, family)
+    law = family.law(bare.design.observation.geometry, values)
     assert sums is not None
     assert law is not None
-    summed, whole = sums.at(values), projected(bare, law.field_px)
+    summed, whole = sums.at(values), project(bare, law.field_px)
     sizes_px = np.geomspace(0.003, 1.0, 5)
     assert summed.log_factor(sizes_px) == pytest.approx(whole.log_factor(sizes_px), rel=1e-6, abs=1e-6)
     for one, other in zip(sums.rung(0).at(values).amplitudes(0, 0.1), whole.amplitudes(0, 0.1), strict=True):
         assert one == pytest.approx(other, rel=1e-5, abs=1e-9)
-    assert Sums.of(bare, family_of("thermal_oscillation")) is None
+    assert LinearParameterSums.of(bare, effect_class("thermal_oscillation")) is None
 
 
 def test_only_what_is_linear_is_a_sum() -> None:
     """Of every family that says so: half way between two values lies the mean of their columns."""
-    scene = hiding("distortion_scale_drift", 0.2, 3)[0].design.observation.scene
-    for family in (one for one in DICTIONARY if one.sums):
-        for name in (one.name for one in family.thetas):
+    scene = hiding("distortion_scale_drift", 0.2, 3)[0].design.observation.geometry
+    for family in (one for one in EFFECT_CLASSES if one.linear_in_parameters):
+        for name in (one.name for one in family.nonlinear_parameters):
             low, half, high = (family.law(scene, {name: value}) for value in (0.0, 0.5, 1.0))
             assert low is not None
             assert half is not None

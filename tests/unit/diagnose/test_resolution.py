@@ -15,18 +15,18 @@ from blind.experiment import Conditions
 from blind.hiding import hidden_effect
 from blind.observing import observed
 
-from semlive.data.diagnosis import Diagnosis, KnownEffect, Outcome
+from semlive.data.diagnosis import Diagnosis, ModelEffect, Outcome
 from semlive.data.grid import Grid
-from semlive.diagnose.baseline import Ladder, ladder
-from semlive.diagnose.belief import DriftBelief
-from semlive.diagnose.evidence import weigh
-from semlive.diagnose.gap import gap_of
-from semlive.diagnose.judge import diagnose
-from semlive.diagnose.known import family_of, joined
-from semlive.diagnose.noise import quiet
-from semlive.diagnose.refine import refined
+from semlive.diagnose.baseline.baseline import HyperparameterGrid, build_grid
+from semlive.diagnose.baseline.bayes_factor import score_candidates
+from semlive.diagnose.baseline.model_effects import add_model_effects, effect_class
+from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
+from semlive.diagnose.baseline.priors import DriftPrior
+from semlive.diagnose.maps.cross_validation import held_out_misfit
+from semlive.diagnose.maps.refinement import refined
+from semlive.diagnose.maps.verdict import diagnose
 from semlive_simulators.effects.baseline_distortion_underresolved import BaselineDistortionUnderresolved
-from semlive_simulators.effects.protocol import Effect
+from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.effects.random_walk_drift import RandomWalkDrift
 
 COARSE = Grid(101, 101, 30, 25, 20, 43)
@@ -39,29 +39,29 @@ def told(effects: tuple[Effect, ...], grid: Grid = COARSE) -> Diagnosis:
     return diagnose(observed(Conditions(71), effects, grid), draws=DRAWS)
 
 
-def wandering(bare: Ladder) -> float:
-    assert bare.best.belief is not None
-    return bare.best.belief[0].wander_px
+def wandering(bare: HyperparameterGrid) -> float:
+    assert bare.best.prior_choice is not None
+    return bare.best.prior_choice[0].random_walk_px
 
 
 @pytest.fixture(scope="module")
-def smooth() -> Ladder:
-    return quiet(observed(Conditions(71), (), COARSE))
+def smooth() -> HyperparameterGrid:
+    return noise_scaled_baseline(observed(Conditions(71), (), COARSE))
 
 
-def test_a_walk_is_believed_in_where_the_drift_wanders_and_nowhere_else(smooth: Ladder) -> None:
+def test_a_walk_is_believed_in_where_the_drift_wanders_and_nowhere_else(smooth: HyperparameterGrid) -> None:
     assert wandering(smooth) == 0.0
-    walked = quiet(observed(Conditions(71), (WANDER,), COARSE))
+    walked = noise_scaled_baseline(observed(Conditions(71), (WANDER,), COARSE))
     step_px = 0.01 * np.sqrt(walked.design.observation.state.drift.spline.spacing)  # type: ignore[union-attr]
     assert 0.3 < wandering(walked) / step_px < 3.0
-    plain = [one.evidence for one in walked.rungs if one.belief is not None and not one.belief[0].wander_px]
+    plain = [one.evidence for one in walked.points if one.prior_choice is not None and not one.prior_choice[0].random_walk_px]
     assert walked.best.evidence > max(plain) + 50.0
 
 
-def test_drifts_that_could_follow_more_and_explain_less_are_not_asked(smooth: Ladder) -> None:
-    beliefs = [one.belief[0] for one in smooth.rungs if one.belief is not None]
-    assert DriftBelief(0.0, 1.0) not in beliefs
-    assert all(one.evidence > smooth.best.evidence - 40.0 or one.room > smooth.best.room for one in smooth.rungs)
+def test_drifts_that_could_follow_more_and_explain_less_are_not_asked(smooth: HyperparameterGrid) -> None:
+    beliefs = [one.prior_choice[0] for one in smooth.points if one.prior_choice is not None]
+    assert DriftPrior(0.0, 1.0) not in beliefs
+    assert all(one.evidence > smooth.best.evidence - 40.0 or one.occam_factor > smooth.best.occam_factor for one in smooth.points)
 
 
 def test_a_drift_that_wanders_faster_than_its_knots_is_no_effect() -> None:
@@ -82,18 +82,18 @@ def test_a_distortion_finer_than_its_knots_is_no_effect() -> None:
     assert (found.outcome, found.effects, found.coarse) == (Outcome.NONE, (), ("baseline_distortion_underresolved",))
 
 
-def test_what_draws_leave_of_held_out_frames_is_what_the_data_leave(smooth: Ladder) -> None:
+def test_what_draws_leave_of_held_out_frames_is_what_the_data_leave(smooth: HyperparameterGrid) -> None:
     """Closure has a floor that is neither above nor below what is left where nothing is missing."""
-    weak = joined(smooth, [KnownEffect("magnification_drift", (), 0.003)])[0]
-    gap = gap_of(smooth, weak, 0)
+    weak = add_model_effects(smooth, [ModelEffect("magnification_drift", (), 0.003)])[0]
+    gap = held_out_misfit(smooth, weak, 0)
     assert gap.after_px == pytest.approx(gap.floor_px, rel=0.12)
 
 
 def test_a_row_time_that_is_named_surely_is_not_rejected_for_what_held_out_frames_cannot_know() -> None:
-    bare = quiet(observed(Conditions(20_013), hidden_effect("wrong_row_time", 0.3, 1), GRID))
-    (heard,) = weigh(bare, [family_of("wrong_row_time")])
+    bare = noise_scaled_baseline(observed(Conditions(20_013), hidden_effect("wrong_row_time", 0.3, 1), GRID))
+    (heard,) = score_candidates(bare, [effect_class("wrong_row_time")])
     found = refined(bare, heard)
-    gap = gap_of(bare, ladder(bare.design.having(found.found)), 0)
+    gap = held_out_misfit(bare, build_grid(bare.design.with_effects(found.baseline_effect)), 0)
     assert found.log_factor > 30.0
     assert gap.closure_interval[1] > 0.5
     assert gap.log_odds > 0.0

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from semlive.data.diagnosis import Diagnosis, FoundEffect, KnownEffect, Outcome, RowChannel
-from semlive.diagnose.row_channel import diagnose_rows
-from semlive.diagnose.row_series import RowSeries, interpolated
-from semlive.diagnose.verdict import with_rows
+from semlive.data.diagnosis import Diagnosis, IdentifiedEffect, ModelEffect, Outcome, RowDiagnosis
+from semlive.diagnose.combine import add_row_verdict
+from semlive.diagnose.rows.series import RowSeries, interpolated
+from semlive.diagnose.rows.verdict import diagnose_rows
 from semlive.errors import IllPosed
 
 ROWS, PIECES, WIDTH_PX, PASSED = 420, 12, 42.0, 0.8
@@ -28,13 +28,13 @@ def series(seed: int, pairs: int = 4, hz: float = 0.0, size_px: float = 0.0, jit
             np.linspace(0.5 * WIDTH_PX, (PIECES - 0.5) * WIDTH_PX, PIECES), WIDTH_PX, 0.1071, 1e-4, PASSED,
         )  # fmt: skip
         first, second = (np.sin(one.phase(hz) + phase) for phase in rng.uniform(0.0, 2.0 * np.pi, 2))
-        wave = size_px * float(one.seen(hz)) * (second - first) * np.array([1.0, 0.5])[:, None, None]
+        wave = size_px * float(one.observed_wave(hz)) * (second - first) * np.array([1.0, 0.5])[:, None, None]
         anew = jitter_px * np.sqrt(1.0 + PASSED) * rng.standard_normal((rows, 1)) * np.array([1.0, 0.0])[:, None, None]
         found.append(replace(one, shift_px=one.shift_px + wave + anew))
     return found
 
 
-def told(found: RowChannel, name: str) -> dict[str, tuple[float, float]]:
+def told(found: RowDiagnosis, name: str) -> dict[str, tuple[float, float]]:
     (effect,) = [one for one in found.effects if one.name == name]
     return {one.name: (one.value, one.sigma) for one in effect.parameters}
 
@@ -74,8 +74,8 @@ def test_a_slow_wave_is_not_called_jitter() -> None:
 def test_what_the_model_has_is_not_found_again() -> None:
     rows = series(5, hz=50.0, size_px=0.04)
     (effect,) = diagnose_rows(rows).effects
-    assert diagnose_rows(rows, known=[effect.law]).outcome is Outcome.NONE
-    assert diagnose_rows(series(6, jitter_px=0.1), known=[KnownEffect("row_jitter", (), 0.1)]).outcome is Outcome.NONE
+    assert diagnose_rows(rows, known=[effect.model_effect]).outcome is Outcome.NONE
+    assert diagnose_rows(series(6, jitter_px=0.1), known=[ModelEffect("row_jitter", (), 0.1)]).outcome is Outcome.NONE
 
 
 def test_between_rows_a_fast_wave_is_averaged_away() -> None:
@@ -86,7 +86,7 @@ def test_between_rows_a_fast_wave_is_averaged_away() -> None:
     assert interpolated(2.538, np.array([0.3])) == pytest.approx(interpolated(0.462, np.array([0.3])))
     (one,) = series(1, pairs=1)
     assert one.frames(50.0) == 2.0
-    assert replace(one, between=np.full(ROWS, 0.5)).frames(0.5 / 0.1071) == pytest.approx(1.0)
+    assert replace(one, subrow_position=np.full(ROWS, 0.5)).frames(0.5 / 0.1071) == pytest.approx(1.0)
 
 
 def test_few_rows_are_said() -> None:
@@ -95,13 +95,13 @@ def test_few_rows_are_said() -> None:
 
 
 @pytest.fixture(scope="module")
-def humming() -> RowChannel:
+def humming() -> RowDiagnosis:
     """A verdict on rows."""
     return diagnose_rows(series(5, pairs=2, hz=50.0, size_px=0.1))
 
 
 def of_maps(outcome: Outcome, *names: str) -> Diagnosis:
-    effects = tuple(FoundEffect(name, (), 0.1, 20.0, 0.003, False, KnownEffect(name, (), 0.1)) for name in names)
+    effects = tuple(IdentifiedEffect(name, (), 0.1, 20.0, 0.003, False, ModelEffect(name, (), 0.1)) for name in names)
     return Diagnosis(outcome, effects, (), None, None, None, (), 0.01)
 
 
@@ -115,9 +115,9 @@ def of_maps(outcome: Outcome, *names: str) -> Diagnosis:
     ],
 )
 def test_rows_do_not_make_good_what_maps_cannot_explain(
-    humming: RowChannel, outcome: Outcome, names: tuple[str, ...], joint: Outcome
+    humming: RowDiagnosis, outcome: Outcome, names: tuple[str, ...], joint: Outcome
 ) -> None:
-    found = with_rows(of_maps(outcome, *names), humming)
+    found = add_row_verdict(of_maps(outcome, *names), humming)
     assert found.outcome is joint
     assert [one.name for one in found.effects] == [*names, "mains_hum"]
     assert {"row_waves", "row_common"} <= {one.domain for one in found.where}

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from semlive.diagnose.side_by_side import side_by_side
+from semlive.diagnose.parallel import parallel_map
 
 
 def test_results_come_in_the_order_of_what_was_asked() -> None:
@@ -19,9 +19,9 @@ def test_results_come_in_the_order_of_what_was_asked() -> None:
             second.set()
         return number * number
 
-    assert side_by_side(work, range(5)) == [0, 1, 4, 9, 16]
+    assert parallel_map(work, range(5)) == [0, 1, 4, 9, 16]
 
 
 def test_what_work_raises_comes_out() -> None:
     with pytest.raises(ZeroDivisionError):
-        side_by_side(lambda one: 1 // one, [1, 0, 2])
+        parallel_map(lambda one: 1 // one, [1, 0, 2])

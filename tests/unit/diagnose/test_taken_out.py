@@ -18,7 +18,7 @@ from blind.live import decided, followed
 from numexp.asrun import START_NS
 
 from semlive import pipeline
-from semlive.data.diagnosis import KnownEffect, KnownModel
+from semlive.data.diagnosis import EffectModel, ModelEffect
 from semlive.data.grid import Grid
 from semlive.data.pair import PairDecision
 from semlive.data.results import FrameResult
@@ -29,8 +29,8 @@ GRID = Grid(101, 101, 25, 30, 24, 43)
 NAME = "charging_local_lens"
 PEAK_PX = 0.2
 EFFECT = (ChargingLocalLens(PEAK_PX, 80.0, 0.0, 900.0, ((560.0, 330.0),)),)
-MODEL = KnownModel((KnownEffect(NAME, (("x_px", 560.0 - 511.5), ("y_px", 330.0 - 441.5), ("width_px", 80.0)), 0.2),))
-Said = list[tuple[pipeline.Begun, pipeline.PairResult]]
+MODEL = EffectModel((ModelEffect(NAME, (("x_px", 560.0 - 511.5), ("y_px", 330.0 - 441.5), ("width_px", 80.0)), 0.2),))
+Said = list[tuple[pipeline.AnalysisState, pipeline.PairResult]]
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -64,9 +64,9 @@ def field_of(frame: FrameResult) -> np.ndarray:
     return np.stack((shown.u_px[shown.valid], shown.v_px[shown.valid]), axis=-1)
 
 
-def last_field(begun: pipeline.Begun) -> np.ndarray:
+def last_field(begun: pipeline.AnalysisState) -> np.ndarray:
     """The same of the last frame, at the end."""
-    return field_of(pipeline.conclude(begun).frames[-1])
+    return field_of(pipeline.finalise(begun).frames[-1])
 
 
 def roughness(frame: FrameResult) -> float:
@@ -85,31 +85,31 @@ def test_the_end_is_that_of_all_pairs_at_once(charging: list[HiddenPair], modell
     settings, begun = AnalysisSettings(model=MODEL), None
     for one in charging:
         decision = decided(one)
-        begun = pipeline.absorb(begun or pipeline.begin_from_maps(settings, decision.first, GRID), decision, one.maps)
+        begun = pipeline.accumulate(begun or pipeline.start_from_maps(settings, decision.first, GRID), decision, one.maps)
     assert begun is not None
-    assert np.array_equal(last_field(modelled[-1][0]), last_field(pipeline.without_effects(begun)))
+    assert np.array_equal(last_field(modelled[-1][0]), last_field(pipeline.apply_effect_model(begun)))
 
 
 def test_no_frame_is_told_anew_for_strain_that_only_changed_its_name(modelled: Said) -> None:
-    before, (begun, result) = modelled[3][0].told, modelled[4]
-    sigma = max(one.summary.mean_sigma.eyy for one in begun.told.values())
+    before, (begun, result) = modelled[3][0].reported, modelled[4]
+    sigma = max(one.summary.mean_sigma.eyy for one in begun.reported.values())
     # What magnification and distortion had of the spot before, the effect has now.
-    assert begun.taken.strain_of(7).eyy > 20.0 * sigma
-    for one in result.revised:
+    assert begun.model_correction.strain_of(7).eyy > 20.0 * sigma
+    for one in result.revised_frames:
         old = before[one.summary.frame].summary
         moved = [abs(getattr(one.summary.mean, of) - getattr(old.mean, of)) / getattr(old.mean_sigma, of) for of in ("exx", "eyy", "exy")]
         assert max(moved) > 0.9
 
 
 def test_a_run_of_frames_of_another_size_goes_on_without_the_model(charging: list[HiddenPair], bare: Said) -> None:
-    settings = AnalysisSettings(model=KnownModel(MODEL.effects, size_px=(512, 442)))
+    settings = AnalysisSettings(model=EffectModel(MODEL.effects, size_px=(512, 442)))
     begun = None
     for one in charging:
         decision = decided(one)
-        begun = pipeline.absorb(begun or pipeline.begin_from_maps(settings, decision.first, GRID), decision, one.maps)
+        begun = pipeline.accumulate(begun or pipeline.start_from_maps(settings, decision.first, GRID), decision, one.maps)
     assert begun is not None
-    begun = pipeline.without_effects(begun)
-    (note,) = begun.taken.notes
+    begun = pipeline.apply_effect_model(begun)
+    (note,) = begun.model_correction.notes
     assert note.startswith("WARNING: model: nothing is taken out of the maps: it was found in frames of 512 x 442 px")
     assert np.array_equal(last_field(begun), last_field(bare[-1][0]))
 
@@ -118,16 +118,16 @@ def test_what_the_load_cell_does_by_itself_is_taken_off_the_loads() -> None:
     pairs = hidden(Conditions(912, calibration=6, tension=6, noise_px=0.005), (), GRID)
     specimen = SpecimenSettings(area_mm2=AREA_MM2)
     moduli = {}
-    for name, effects in (("as read", ()), ("without drift", (KnownEffect("load_cell_drift", (), 10.0),))):
-        settings, begun = AnalysisSettings(specimen=specimen, model=KnownModel(effects)), None
+    for name, effects in (("as read", ()), ("without drift", (ModelEffect("load_cell_drift", (), 10.0),))):
+        settings, begun = AnalysisSettings(specimen=specimen, model=EffectModel(effects)), None
         for one in pairs:
             decision = drifting(decided(one), 0.02)
-            begun = pipeline.absorb(begun or pipeline.begin_from_maps(settings, decision.first, GRID), decision, one.maps)
+            begun = pipeline.accumulate(begun or pipeline.start_from_maps(settings, decision.first, GRID), decision, one.maps)
         assert begun is not None
-        result = pipeline.conclude(pipeline.without_effects(begun))
+        result = pipeline.finalise(pipeline.apply_effect_model(begun))
         assert result.elastic is not None
         moduli[name] = result.elastic.youngs_modulus_gpa
-        said = [note for note in result.notes if "load_cell_drift" in note] if effects else []
+        said = [note for note in result.messages if "load_cell_drift" in note] if effects else []
         assert not effects or "taken off the loads" in said[0]
     assert abs(moduli["as read"].value - YOUNGS_GPA) > 5.0 * moduli["as read"].sigma
     assert abs(moduli["without drift"].value - YOUNGS_GPA) < 3.0 * moduli["without drift"].sigma
@@ -144,8 +144,8 @@ def drifting(decision: PairDecision, rate_n_s: float) -> PairDecision:
 def test_more_pairs_than_can_be_fitted_go_on_without_the_model(
     monkeypatch: pytest.MonkeyPatch, charging: list[HiddenPair], bare: Said, modelled: Said
 ) -> None:
-    for module in (pipeline, sys.modules["semlive.diagnose.taken_out"]):
+    for module in (pipeline, sys.modules["semlive.diagnose.maps.effect_correction"]):
         monkeypatch.setattr(module, "MOST_PAIRS", 5)
-    begun, result = pipeline.update(modelled[4][0], decided(charging[5]), charging[5].maps)
+    begun, result = pipeline.add_pair(modelled[4][0], decided(charging[5]), charging[5].maps)
     assert result.estimate.notes[-1].startswith("WARNING: model: nothing is taken out of the maps: 6 pairs are more than the 5")
     assert np.array_equal(last_field(begun), last_field(bare[-1][0]))

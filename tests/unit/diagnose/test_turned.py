@@ -18,22 +18,22 @@ from blind.experiment import Conditions
 from blind.observing import observed
 from numexp.world import SCAN
 
-from semlive.data.diagnosis import Decision, FoundParameter, Outcome
+from semlive.data.diagnosis import Outcome, ParameterEstimate, TwoRunVerdict
 from semlive.data.grid import Grid
-from semlive.diagnose.baseline import Ladder
-from semlive.diagnose.decide import decide
-from semlive.diagnose.disc import AFFINE, OnDisc, modes
-from semlive.diagnose.noise import quiet
-from semlive.diagnose.propose import Kind
-from semlive.diagnose.protocols import SQUARE, changed_protocol, square_px, within_travel
-from semlive.diagnose.scan_axes import Carried, ScanAxes, axes_between
-from semlive.diagnose.turned import fields_of, judged_turn, turned
+from semlive.diagnose.baseline.baseline import HyperparameterGrid
+from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
+from semlive.diagnose.experiments.proposals import ExperimentKind
+from semlive.diagnose.experiments.protocols import SQUARE, protocol_for, square_px, within_travel
+from semlive.diagnose.two_runs.decide import compare_runs
+from semlive.diagnose.two_runs.disc_basis import AFFINE, DiscDistortion, modes
+from semlive.diagnose.two_runs.scan_axes import ScanAxes, StageResponse, axes_between
+from semlive.diagnose.two_runs.scan_rotation import analyse_scan_rotation, fields_of, verdict
 from semlive.errors import IllPosed
 from semlive_simulators.effects.anisotropic_pixel import AnisotropicPixel
-from semlive_simulators.effects.protocol import Effect
+from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.effects.scan_nonlinearity import ScanNonlinearity
 from semlive_simulators.effects.scan_nonorthogonality import ScanNonorthogonality
-from semlive_simulators.scan import Scan
+from semlive_simulators.microscope.scan import Scan
 
 Field = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 MOVES = tuple((x, y) for x, y in square_px(150.0))[:9]
@@ -42,20 +42,20 @@ ASKEW = replace(SCAN, rotation_rad=math.radians(88.0))
 RADIUS_PX, HALF_PX = 360.0, np.array([511.5, 441.5])
 
 
-def run(seed: int, effects: tuple[Effect, ...], scan: Scan, bent_like: int | None, pairs: int = len(MOVES)) -> Ladder:
+def run(seed: int, effects: tuple[Effect, ...], scan: Scan, bent_like: int | None, pairs: int = len(MOVES)) -> HyperparameterGrid:
     conditions = Conditions(
         seed, pairs, 0, moves_px=MOVES, stage_error_px=0.2, scan=scan, bent_like=bent_like, of_column=True
     )  # fmt: skip
-    return quiet(observed(conditions, effects, SEEN))
+    return noise_scaled_baseline(observed(conditions, effects, SEEN))
 
 
-def both(seed: int, *effects: Effect, scan: Scan = ASKEW) -> tuple[Ladder, Ladder]:
+def both(seed: int, *effects: Effect, scan: Scan = ASKEW) -> tuple[HyperparameterGrid, HyperparameterGrid]:
     return run(seed, effects, SCAN, None), run(seed + 1000, effects, scan, seed)
 
 
-def told(found: Decision) -> dict[str, tuple[float, float]]:
+def told(found: TwoRunVerdict) -> dict[str, tuple[float, float]]:
     assert found.turned is not None
-    every = (found.turned.turn, found.turned.x_excess, found.turned.skew, *(item for one in found.effects for item in one.parameters))
+    every = (found.turned.angle_rad, found.turned.x_excess, found.turned.skew, *(item for one in found.effects for item in one.parameters))
     return {one.name: (one.value, one.sigma) for one in every}
 
 
@@ -65,13 +65,13 @@ def near(found: tuple[float, float], true: float, within: float) -> bool:
 
 
 @pytest.fixture(scope="module")
-def plain() -> tuple[Ladder, Ladder]:
+def plain() -> tuple[HyperparameterGrid, HyperparameterGrid]:
     """Nothing hidden: the column's own distortion, and a stage that errs."""
     return both(51)
 
 
-def test_a_distortion_of_the_column_is_nothing(plain: tuple[Ladder, Ladder]) -> None:
-    found = decide(plain)
+def test_a_distortion_of_the_column_is_nothing(plain: tuple[HyperparameterGrid, HyperparameterGrid]) -> None:
+    found = compare_runs(plain)
     assert (found.outcome, found.effect, found.effects, found.ambiguous) == (Outcome.NONE, None, (), ())
     assert found.turned is not None
     assert found.turned.follows == "column"
@@ -80,7 +80,7 @@ def test_a_distortion_of_the_column_is_nothing(plain: tuple[Ladder, Ladder]) -> 
 
 
 def test_axes_are_named_each_with_its_own_sign() -> None:
-    found = decide(both(52, AnisotropicPixel(0.012), ScanNonorthogonality(-0.008)))
+    found = compare_runs(both(52, AnisotropicPixel(0.012), ScanNonorthogonality(-0.008)))
     assert found.outcome is Outcome.IDENTIFIED
     assert [one.name for one in found.effects] == ["anisotropic_pixel", "scan_nonorthogonality"]
     assert found.effect == found.effects[0]
@@ -90,7 +90,7 @@ def test_axes_are_named_each_with_its_own_sign() -> None:
 
 
 def test_curved_ramps_are_told_from_a_lens_beside_them() -> None:
-    found = decide(both(53, ScanNonlinearity(-0.3, 0.2, 0.0)))
+    found = compare_runs(both(53, ScanNonlinearity(-0.3, 0.2, 0.0)))
     assert [one.name for one in found.effects] == ["scan_nonlinearity"]
     assert found.turned is not None
     assert found.turned.follows == "both"
@@ -98,17 +98,17 @@ def test_curved_ramps_are_told_from_a_lens_beside_them() -> None:
         assert near(told(found)[name], -0.3, 0.03)
 
 
-def test_a_scan_that_was_not_turned_is_told_by_its_times(plain: tuple[Ladder, Ladder]) -> None:
+def test_a_scan_that_was_not_turned_is_told_by_its_times(plain: tuple[HyperparameterGrid, HyperparameterGrid]) -> None:
     first, _ = plain
-    assert turned((first, first)) is None
+    assert analyse_scan_rotation((first, first)) is None
     with pytest.raises(IllPosed, match="scanned alike"):
-        decide((first, run(1051, (), SCAN, 51, 7)))
+        compare_runs((first, run(1051, (), SCAN, 51, 7)))
 
 
-def test_a_scan_that_was_turned_and_slowed_is_refused(plain: tuple[Ladder, Ladder]) -> None:
+def test_a_scan_that_was_turned_and_slowed_is_refused(plain: tuple[HyperparameterGrid, HyperparameterGrid]) -> None:
     slow = replace(ASKEW, dwell_time_s=0.5 * SCAN.dwell_time_s, frame_time_s=0.5 * SCAN.frame_time_s)
     with pytest.raises(IllPosed, match="and has another dwell"):
-        decide((plain[0], run(1051, (), slow, 51, 7)))
+        compare_runs((plain[0], run(1051, (), slow, 51, 7)))
 
 
 def turning(degrees: float) -> NDArray[np.float64]:
@@ -116,7 +116,7 @@ def turning(degrees: float) -> NDArray[np.float64]:
     return np.array([[cos, sin], [-sin, cos]])  # the picture turns against the scan
 
 
-def carried(scan: NDArray[np.float64], seed: int, play_px: float = 0.0, reach_px: float = 100.0) -> Carried:
+def carried(scan: NDArray[np.float64], seed: int, play_px: float = 0.0, reach_px: float = 100.0) -> StageResponse:
     """A stage of its own scale and skew, with play that is the same in every run, seen by a scan."""
     rng, commanded = np.random.default_rng(seed), np.array(square_px(reach_px))
     stage = np.array([[1.04, 0.05], [-0.03, 0.91]])
@@ -125,7 +125,7 @@ def carried(scan: NDArray[np.float64], seed: int, play_px: float = 0.0, reach_px
     base = np.linalg.qr(np.stack([np.ones_like(late), late, late**2], axis=-1))[0]
     moves, seen = (one - base @ (base.T @ one) for one in (commanded, seen))
     by = np.linalg.lstsq(moves, seen, rcond=None)[0].T
-    return Carried(by, moves, seen - moves @ by.T)
+    return StageResponse(by, moves, seen - moves @ by.T)
 
 
 @pytest.mark.parametrize("degrees", [90.0, -90.0, 45.0, 135.0])
@@ -199,10 +199,12 @@ def test_a_distortion_belongs_where_it_stays(of_column: Field, of_scan: Field, f
     for turn in (np.eye(2), between):
         field = of_column(known.at @ turn) @ turn.T + of_scan(known.at)  # E2(R) = T E1(T^-1 R)
         exact = known.taken(field)[AFFINE:].T
-        seen.append(OnDisc(exact + rng.normal(0.0, sigma, exact.shape), sigma**2 * np.eye(exact.size), np.zeros((2, 2))))
-    told_of_axes = (FoundParameter(name, value, 1e-3, "1") for name, value in (("turn_rad", 1.57), ("x_excess", 0.02), ("skew_rad", 0.0)))
+        seen.append(DiscDistortion(exact + rng.normal(0.0, sigma, exact.shape), sigma**2 * np.eye(exact.size), np.zeros((2, 2))))
+    told_of_axes = (
+        ParameterEstimate(name, value, 1e-3, "1") for name, value in (("turn_rad", 1.57), ("x_excess", 0.02), ("skew_rad", 0.0))
+    )
     axes = ScanAxes(between, 1e-8 * np.eye(4), *told_of_axes, 20)
-    found = judged_turn(axes, fields_of(seen, axes, RADIUS_PX, HALF_PX), HALF_PX)
+    found = verdict(axes, fields_of(seen, axes, RADIUS_PX, HALF_PX), HALF_PX)
     assert found.turned is not None
     assert found.turned.follows == follows
     named = {one.name for one in found.effects}
@@ -216,7 +218,7 @@ def test_a_distortion_belongs_where_it_stays(of_column: Field, of_scan: Field, f
 
 def test_the_experiment_asks_for_moves_that_tell() -> None:
     before = {"calibration_shifts_px": [[0.0, 0.0], [8.0, 0.0]], "loads_n": [10.0], "recentre_beyond_px": 5.0}
-    protocol = changed_protocol(before, Kind.TURNED_SCAN)
+    protocol = protocol_for(before, ExperimentKind.ROTATED_SCAN)
     shifts = np.array(protocol["calibration_shifts_px"])
     assert np.abs(shifts).max() == 150.0
     assert (len(shifts), protocol["loads_n"], protocol["recentre_beyond_px"]) == (len(SQUARE), [], None)

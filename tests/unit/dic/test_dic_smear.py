@@ -9,7 +9,7 @@ import pytest
 
 from semlive import dic
 from semlive.data.settings import DicSettings
-from semlive.dic.smear import Smear, correlate_alike, lacking, smear_within, smeared
+from semlive.dic.integration_blur import IntegrationBlur, blurred, correlate_with_matched_blur, missing_blur, smear_within
 
 SCANS = 8
 FAST, SLOW = (0.52, 0.61), (0.05, 0.06)  # px from scan to scan
@@ -32,11 +32,11 @@ def found(lab, frames, noise_grey, smear, seed=0):
     first, second = (lab.expose(one, noise_grey, 2 * seed + number) for number, one in enumerate(frames))
     grid = dic.grid_for(SETTINGS, first.shape[1], first.shape[0])
     reference = dic.prepare(first, grid, SETTINGS)
-    return correlate_alike(reference, second, SETTINGS, smear, reference_frame=0, current_frame=2)
+    return correlate_with_matched_blur(reference, second, SETTINGS, smear, reference_frame=0, current_frame=2)
 
 
 def test_what_is_lacking_makes_them_alike(lab, frames):
-    smear = lacking(Smear(*FAST, SCANS), Smear(*SLOW, SCANS))
+    smear = missing_blur(IntegrationBlur(*FAST, SCANS), IntegrationBlur(*SLOW, SCANS))
     assert smear is not None
     assert (smear.step_x_px / smear.step_y_px) == pytest.approx(FAST[0] / FAST[1], rel=0.02)
     as_they_are, alike = (found(lab, frames, 0.0, one) for one in (None, smear))
@@ -50,7 +50,7 @@ def test_what_is_lacking_makes_them_alike(lab, frames):
 
 
 def test_sigma_is_still_what_is_found(lab, frames):
-    smear = lacking(Smear(*FAST, SCANS), Smear(*SLOW, SCANS))
+    smear = missing_blur(IntegrationBlur(*FAST, SCANS), IntegrationBlur(*SLOW, SCANS))
     drawn = [found(lab, frames, 7.0, smear, seed) for seed in range(10)]
     for name in ("u_px", "v_px"):
         values = np.array([getattr(one, name) for one in drawn])
@@ -60,11 +60,11 @@ def test_sigma_is_still_what_is_found(lab, frames):
 
 
 def test_a_frame_that_is_smeared_as_much_or_more_stays_as_it_is(lab, frames):
-    fast, slow = Smear(*FAST, SCANS), Smear(*SLOW, SCANS)
-    assert lacking(slow, fast) is None
-    assert lacking(fast, fast) is None
-    assert lacking(None, fast) is None
-    assert lacking(Smear(*FAST, 1), Smear(0.0, 0.0, 1)) is None
+    fast, slow = IntegrationBlur(*FAST, SCANS), IntegrationBlur(*SLOW, SCANS)
+    assert missing_blur(slow, fast) is None
+    assert missing_blur(fast, fast) is None
+    assert missing_blur(None, fast) is None
+    assert missing_blur(IntegrationBlur(*FAST, 1), IntegrationBlur(0.0, 0.0, 1)) is None
     same = found(lab, frames, 2.0, None)
     again = dic.match(*(lab.expose(one, 2.0, number) for number, one in enumerate(frames)), same.grid, SETTINGS)
     assert np.array_equal(same.u_px, again.u_px)
@@ -86,12 +86,14 @@ def test_a_smeared_wave_is_the_mean_over_the_scans():
     at = np.arange(SCANS) - 0.5 * (SCANS - 1)
     waves = [np.cos(2 * np.pi * (6 * (x - k * FAST[0]) / 96 + 5 * (y - k * FAST[1]) / 64)) for k in at]
     image = np.rint(30000 + 20000 * np.cos(2 * np.pi * (6 * x / 96 + 5 * y / 64))).astype(np.uint16)
-    assert np.allclose(smeared(image, Smear(*FAST, SCANS).passed(image.shape)), 30000 + 20000 * np.mean(waves, axis=0), atol=1.5)
-    assert smeared(np.full((64, 96), 200, np.uint8), Smear(*FAST, SCANS).passed((64, 96))).max() == 200 * 256
+    assert np.allclose(
+        blurred(image, IntegrationBlur(*FAST, SCANS).transfer_function(image.shape)), 30000 + 20000 * np.mean(waves, axis=0), atol=1.5
+    )
+    assert blurred(np.full((64, 96), 200, np.uint8), IntegrationBlur(*FAST, SCANS).transfer_function((64, 96))).max() == 200 * 256
 
 
 def test_a_line_of_whole_pixels_has_no_gap_in_its_spectrum():
-    passed = Smear(2.0, 0.0, 4).passed((8, 64))
+    passed = IntegrationBlur(2.0, 0.0, 4).transfer_function((8, 64))
     line = np.zeros(64)
     line[[61, 63, 1, 3]] = 0.25
     assert np.allclose(passed[0], np.fft.rfft(line).real, atol=1e-9)

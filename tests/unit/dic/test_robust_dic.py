@@ -10,9 +10,9 @@ import pytest
 from semlive import dic
 from semlive.data.disparity import PoiStatus
 from semlive.data.settings import DicSettings
-from semlive.dic import tiles
-from semlive.dic.incremental import begin, follow
-from semlive.dic.tiles import bands, correlate_tiled
+from semlive.dic import banded
+from semlive.dic.banded import bands, correlate_tiled
+from semlive.dic.incremental import advance, begin
 from semlive.errors import BadInput
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
@@ -82,8 +82,8 @@ def test_very_large_frames_get_first_guesses_cell_by_cell(hard, monkeypatch):
     s = hard.moved(np.random.default_rng(3), 5.0)
     settings = DicSettings(step_px=12, roi_px=None)
     one = dic.match(s.first, s.second, settings=settings)
-    monkeypatch.setattr(tiles, "WHOLE_PX", 400)
-    monkeypatch.setattr(tiles, "CELL_PX", 256)
+    monkeypatch.setattr(banded, "WHOLE_PX", 400)
+    monkeypatch.setattr(banded, "CELL_PX", 256)
     assert dic.is_large(s.first.shape, one.grid)
     many = dic.match(s.first, s.second, settings=settings)
     assert np.mean(one.status == many.status) > 0.995
@@ -121,7 +121,7 @@ def test_twenty_percent_of_strain_in_steps(hard, renew):
     track = begin(frame(0.0)[0], grid, settings)
     for step in range(1, 5):
         image, motion = frame(0.05 * step)
-        m, track = follow(track, image, settings, step, renew=renew)
+        m, track = advance(track, image, settings, step, renew=renew)
     u, v = motion.at(*grid.mesh())
     assert (track.base_map is not None) == renew
     assert m.valid.mean() > 0.99
@@ -150,7 +150,7 @@ def test_lost_points_return_when_what_hid_them_has_gone(hard):
     lost = []
     for step, covered in enumerate([False, True, True, False], start=1):
         image, motion = frame(0.02 * step, covered)
-        m, track = follow(track, image, settings, step, renew=step == 3)  # what is seen in frame 2 takes over
+        m, track = advance(track, image, settings, step, renew=step == 3)  # what is seen in frame 2 takes over
         lost.append(int((~m.valid).sum()))
     assert min(lost[1:3]) > 40
     assert track.base_map is not None

@@ -11,24 +11,24 @@ from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.engine import (
     AcceptPair,
     Command,
-    CommandTaken,
+    CommandAcknowledged,
     Device,
     EngineState,
     Event,
     FrameScanned,
+    LinksOpening,
+    LinksReady,
     LoadReading,
     MoveStage,
-    Opening,
-    Operator,
+    OperatorAction,
+    OperatorCommand,
     RampTo,
-    Ready,
-    RefuseFrame,
+    RejectFrame,
     StageReading,
     State,
     StopMotion,
     Tick,
     Transition,
-    Verb,
     start,
     step,
 )
@@ -96,21 +96,21 @@ class Run:
             match command:
                 case RampTo(force_n=force_n) if not self.deaf:
                     self.load_goal_n = self.target_n = force_n
-                    self.tell(CommandTaken(self.now_ns, Device.LOAD_FRAME))
+                    self.tell(CommandAcknowledged(self.now_ns, Device.LOAD_FRAME))
                 case MoveStage(x_um=x_um, y_um=y_um) if not self.deaf:
                     self.stage_goal_um = (x_um, y_um)
-                    self.tell(CommandTaken(self.now_ns, Device.STAGE))
+                    self.tell(CommandAcknowledged(self.now_ns, Device.STAGE))
                 case StopMotion():
                     self.load_goal_n = self.stage_goal_um = None
         return given
 
     def begin(self) -> None:
         """Up to the first step."""
-        self.tell(Opening(self.now_ns))
+        self.tell(LinksOpening(self.now_ns))
         self.readings()
-        self.tell(Ready(self.now_ns, IDENTITY if self.has_load else None, IDENTITY if self.has_stage else None))
+        self.tell(LinksReady(self.now_ns, IDENTITY if self.has_load else None, IDENTITY if self.has_stage else None))
         self.readings()
-        self.tell(Operator(self.now_ns, Verb.START))
+        self.tell(OperatorAction(self.now_ns, OperatorCommand.START))
 
     def readings(self) -> None:
         """One sample of each device."""
@@ -128,7 +128,7 @@ class Run:
     def wait(self, seconds: float, until: State | None = None) -> None:
         """Let time pass (devices move at 50 N/s, the stage arrives at the next poll), or only until a state is reached."""
         end_ns = self.now_ns + round(seconds * S)
-        while self.now_ns < end_ns and self.state.at is not until:
+        while self.now_ns < end_ns and self.state.state is not until:
             self.now_ns += round(self.poll_s * S)
             if self.load_goal_n is not None:
                 most = 50.0 * self.poll_s
@@ -144,23 +144,23 @@ class Run:
     def reach(self, state: State, within_s: float = 200.0) -> None:
         """Let time pass until a state is reached."""
         self.wait(within_s, state)
-        assert self.state.at is state, f"in {self.state.at} instead of {state}: {self.state.message}"
+        assert self.state.state is state, f"in {self.state.state} instead of {state}: {self.state.message}"
 
     def fail_and_resume(self) -> None:
         """A load beyond its limit for a while, a fault; then somebody acknowledges it and resumes."""
         self.force_n = -60.0
         self.wait(1.0)
-        assert self.state.at is State.FAULT
+        assert self.state.state is State.FAULT
         self.force_n = 0.0
         self.wait(1.0)
         for _ in range(2):
-            self.tell(Operator(self.now_ns, Verb.RESUME))
+            self.tell(OperatorAction(self.now_ns, OperatorCommand.RESUME))
 
     def scan(self, start_ns: int | None = None, **kwargs: float) -> FrameInfo:
         """Scan a frame from `start_ns` (now) on, let its time pass, and export it."""
         info = frame(self.exports, self.now_ns if start_ns is None else start_ns, **kwargs)  # type: ignore[arg-type]
         self.exports += 1
-        if start_ns is None and self.state.at is State.IMAGING:
+        if start_ns is None and self.state.state is State.IMAGING:
             self.wait(1.0)
             info = replace(info, start_time_ns=Sourced(self.now_ns, Provenance.FILE))
         self.wait((info.end_time_ns - self.now_ns) / 1e9 + 1.5)
@@ -180,7 +180,7 @@ class Run:
     @property
     def refusals(self) -> list[str]:
         """Reasons so far."""
-        return [c.reason for c in self.commands if isinstance(c, RefuseFrame)]
+        return [c.reason for c in self.commands if isinstance(c, RejectFrame)]
 
     @property
     def path(self) -> list[State]:

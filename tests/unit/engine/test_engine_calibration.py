@@ -5,7 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 from semlive.data.experiment import Plan, WarmUp
-from semlive.engine import CalibrationJudged, Cause, Interrupted, Opening, Operator, RampTo, Ready, State, Transition, Verb, start
+from semlive.engine import (
+    CalibrationAssessed,
+    Cause,
+    InterruptedRun,
+    LinksOpening,
+    LinksReady,
+    OperatorAction,
+    OperatorCommand,
+    RampTo,
+    State,
+    Transition,
+    start,
+)
 
 from .bench_in_memory import IDENTITY, Run, S, plan_of
 
@@ -28,7 +40,7 @@ def pair(run: Run, refused: str | None = None) -> None:
 
 
 def judge(run: Run, refused: str) -> None:
-    run.tell(CalibrationJudged(run.now_ns, len(run.accepted) - 1, refused))
+    run.tell(CalibrationAssessed(run.now_ns, len(run.accepted) - 1, refused))
 
 
 def calibrated(refused: str | None, *, warm_up: WarmUp | None = None) -> Run:
@@ -41,40 +53,40 @@ def calibrated(refused: str | None, *, warm_up: WarmUp | None = None) -> Run:
 
 def test_the_load_waits_for_the_newest_pairs_judgement() -> None:
     run = calibrated(None)
-    assert run.state.at is State.JUDGING
+    assert run.state.state is State.CALIBRATION_GATE
     assert run.of(RampTo) == []
     run.wait(200.0)
-    assert run.state.at is State.JUDGING
+    assert run.state.state is State.CALIBRATION_GATE
     judge(run, "")
     run.reach(State.IMAGING)
     assert run.force_n == 100.0
     pair(run)
     run.reach(State.IMAGING)
     pair(run)
-    assert run.state.at is State.COMPLETE
-    assert [one.cause for one in run.of(Transition)].count(Cause.JUDGE) == 1
+    assert run.state.state is State.COMPLETE
+    assert [one.cause for one in run.of(Transition)].count(Cause.CALIBRATION_CHECK) == 1
 
 
 def test_a_refused_calibration_pauses_with_its_figures_and_the_operators_word_loads_all_the_same() -> None:
     run = calibrated(WHY)
-    assert run.state.at is State.PAUSED
-    assert run.state.asks_of_calibration
+    assert run.state.state is State.PAUSED
+    assert run.state.calibration_question_open
     assert run.state.message == f"the calibration is refused: {WHY}; resume loads the specimen all the same, or stop"
     assert run.of(RampTo) == []
-    run.tell(Operator(run.now_ns, Verb.RESUME))
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     run.reach(State.IMAGING)
     assert run.force_n == 100.0
-    assert not run.state.asks_of_calibration
+    assert not run.state.calibration_question_open
 
 
 def test_a_pause_while_it_waits_does_not_open_the_gate() -> None:
     run = calibrated(None)
-    run.tell(Operator(run.now_ns, Verb.PAUSE))
-    assert not run.state.asks_of_calibration
-    run.tell(Operator(run.now_ns, Verb.RESUME))
-    assert run.state.at is State.JUDGING
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.PAUSE))
+    assert not run.state.calibration_question_open
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    assert run.state.state is State.CALIBRATION_GATE
     judge(run, WHY)
-    assert run.state.at is State.PAUSED
+    assert run.state.state is State.PAUSED
     assert run.of(RampTo) == []
 
 
@@ -87,15 +99,15 @@ def test_a_pair_that_could_not_be_analysed_is_not_waited_for_for_ever() -> None:
 def test_a_fault_while_it_waits_does_not_open_the_gate() -> None:
     run = calibrated(None)
     run.fail_and_resume()
-    assert run.state.at is State.JUDGING
+    assert run.state.state is State.CALIBRATION_GATE
 
 
 def test_the_warm_up_gate_comes_after_it() -> None:
     for refused in ("", WHY):
         run = calibrated(refused, warm_up=WarmUp(0.01, 1800.0))
         if refused:
-            run.tell(Operator(run.now_ns, Verb.RESUME))
-        assert [one.after for one in run.of(Transition)].count(State.WARMING) == 1
+            run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+        assert [one.after for one in run.of(Transition)].count(State.WARM_UP) == 1
         assert run.of(RampTo) == []
 
 
@@ -106,12 +118,14 @@ def test_an_interrupted_run_asks_again_unless_it_was_loaded() -> None:
             pair(run)
         done = tuple(one.decision for one in run.accepted)
         plan = gated((HERE, None), (THERE, None), (HERE, 100.0), (HERE, 200.0))
-        before = Interrupted(done, (7.0, -3.0), run.state.load, run.state.position, judged=CalibrationJudged(9 * S, 1, WHY))
+        before = InterruptedRun(
+            done, (7.0, -3.0), run.state.load, run.state.position, calibration_assessment=CalibrationAssessed(9 * S, 1, WHY)
+        )
         run.load_goal_n = run.stage_goal_um = None
         run.state = start(plan, run.now_ns, before=before)
-        run.tell(Opening(run.now_ns))
+        run.tell(LinksOpening(run.now_ns))
         run.readings()
-        run.tell(Ready(run.now_ns, IDENTITY, IDENTITY))
-        run.tell(Operator(run.now_ns, Verb.RESUME))
-        assert (run.state.at is State.PAUSED) == (pairs == 2), run.state.at
-        assert run.state.calibrated == (pairs == 3)
+        run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+        run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+        assert (run.state.state is State.PAUSED) == (pairs == 2), run.state.state
+        assert run.state.calibration_gate_passed == (pairs == 3)

@@ -9,21 +9,21 @@ import pytest
 
 from semlive.data.experiment import HoldRule
 from semlive.engine import (
-    Announce,
     DeviceFault,
     DeviceStopped,
-    Finish,
-    LinkBack,
+    FinishRun,
     LinkLost,
+    LinkRestored,
+    LinksOpening,
+    LinksReady,
     LoadReading,
     MoveStage,
-    Opening,
-    Operator,
+    Notify,
+    OperatorAction,
+    OperatorCommand,
     RampTo,
-    Ready,
     State,
     StopMotion,
-    Verb,
     start,
     step,
 )
@@ -58,8 +58,8 @@ def test_a_sample_beyond_a_limit_stops_first_and_then_is_a_fault(state: State, c
     run = run_in(state)
     given = run.tell(LoadReading(run.now_ns, replace(run.load_sample(), **changes)))
     assert given[0] == StopMotion(sentence)
-    assert run.state.at is State.FAULT
-    assert Announce(sentence) in given
+    assert run.state.state is State.FAULT
+    assert Notify(sentence) in given
     again = run.tell(LoadReading(run.now_ns, replace(run.load_sample(), **changes)))
     assert again == ()
 
@@ -69,14 +69,14 @@ def test_a_lost_link_stops_everything(state: State) -> None:
     run = run_in(state)
     given = run.tell(LinkLost(run.now_ns, Device.STAGE, "no answer"))
     assert given[0] == StopMotion("the link to the stage is lost: no answer")
-    assert run.state.at is State.FAULT
+    assert run.state.state is State.FAULT
 
 
 @pytest.mark.parametrize("state", STATES)
 def test_a_device_fault_stops_everything(state: State) -> None:
     run = run_in(state)
     run.tell(DeviceFault(run.now_ns, Device.SEM, "the trigger was refused"))
-    assert run.state.at is State.FAULT
+    assert run.state.state is State.FAULT
     assert run.state.message == "SEM: the trigger was refused"
 
 
@@ -84,40 +84,40 @@ def test_a_device_fault_stops_everything(state: State) -> None:
 def test_a_device_that_was_stopped_by_its_link_is_a_fault_only_on_the_way(state: State, after: State) -> None:
     run = run_in(state)
     run.tell(DeviceStopped(run.now_ns, Device.LOAD_FRAME, "control has not been heard of for 2.1 s"))
-    assert run.state.at is after
+    assert run.state.state is after
     assert "control has not been heard of" in run.state.message
 
 
 def test_an_emergency_stop_has_a_state_of_its_own() -> None:
     run = run_in(State.HOLDING)
     run.tell(DeviceFault(run.now_ns, Device.LOAD_FRAME, "emergency stop", emergency=True))
-    assert run.state.at is State.ESTOPPED
+    assert run.state.state is State.EMERGENCY_STOP
 
 
 def test_nothing_leaves_fault_but_the_operator_who_is_asked_twice() -> None:
     run = run_in(State.HOLDING)
     run.tell(LinkLost(run.now_ns, Device.LOAD_FRAME, "no answer"))
-    run.tell(LinkBack(run.now_ns, Device.LOAD_FRAME))
+    run.tell(LinkRestored(run.now_ns, Device.LOAD_FRAME))
     run.wait(100.0)
-    assert run.state.at is State.FAULT
+    assert run.state.state is State.FAULT
     motions = len(run.of(RampTo)) + len(run.of(MoveStage))
-    run.tell(Operator(run.now_ns, Verb.RESUME))
-    assert run.state.at is State.RECOVER
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    assert run.state.state is State.RESUMING
     assert len(run.of(RampTo)) + len(run.of(MoveStage)) == motions
     assert "resume sets the stage to (0, 0) um and the load to 200 N" in run.state.message
-    run.tell(Operator(run.now_ns, Verb.RESUME))
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert run.of(RampTo)[-1] == RampTo(200.0, 50.0)
     run.reach(State.HOLDING)
     run.wait(29.0)
-    assert run.state.at is State.HOLDING
+    assert run.state.state is State.HOLDING
     run.reach(State.IMAGING, 2.0)
 
 
 def test_no_resume_without_a_fresh_reading() -> None:
     run = run_in(State.HOLDING)
     run.tell(LinkLost(run.now_ns, Device.LOAD_FRAME, "no answer"))
-    run.tell(Operator(run.now_ns, Verb.RESUME))
-    assert run.state.at is State.FAULT
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    assert run.state.state is State.FAULT
     assert run.state.message == "cannot resume: the load frame gives no fresh reading"
 
 
@@ -125,58 +125,58 @@ def test_no_resume_beyond_a_limit() -> None:
     run = run_in(State.HOLDING)
     run.force_n = 2400.0
     run.wait(1.0)
-    run.tell(Operator(run.now_ns, Verb.RESUME))
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert run.state.message == "cannot resume: the load is 2400.0 N, outside the limits -50 to 2300 N"
 
 
 @pytest.mark.parametrize("state", STATES)
 def test_pause_stops_and_resume_does_the_step_again_with_its_full_hold(state: State) -> None:
     run = run_in(state)
-    given = run.tell(Operator(run.now_ns, Verb.PAUSE))
+    given = run.tell(OperatorAction(run.now_ns, OperatorCommand.PAUSE))
     assert isinstance(given[0], StopMotion)
-    assert run.state.at is State.PAUSED
+    assert run.state.state is State.PAUSED
     run.wait(1000.0)
-    assert run.state.at is State.PAUSED
+    assert run.state.state is State.PAUSED
     ramps = len(run.of(RampTo))
-    run.tell(Operator(run.now_ns, Verb.RESUME))
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert len(run.of(RampTo)) == ramps + 1
     run.reach(State.HOLDING)
     run.wait(29.5)
-    assert run.state.at is State.HOLDING
+    assert run.state.state is State.HOLDING
     run.reach(State.IMAGING, 1.0)
 
 
 @pytest.mark.parametrize("state", STATES)
 def test_stop_waits_for_the_devices_word(state: State) -> None:
     run = run_in(state)
-    run.tell(Operator(run.now_ns, Verb.STOP))
-    assert run.state.at is State.STOPPING
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.STOP))
+    assert run.state.state is State.STOPPING
     run.reach(State.ABORTED, 2.0)
-    assert run.of(Finish) == [Finish(State.ABORTED, "the run was stopped; load and position are held")]
+    assert run.of(FinishRun) == [FinishRun(State.ABORTED, "the run was stopped; load and position are held")]
 
 
 def test_a_stop_that_is_never_confirmed_says_so() -> None:
     run = run_in(State.RAMPING)
-    run.tell(Operator(run.now_ns, Verb.STOP))
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.STOP))
     run.has_load = run.has_stage = False
     run.wait(62.0)
-    assert run.state.at is State.ABORTED
-    assert "not every device confirmed" in run.of(Finish)[0].text
+    assert run.state.state is State.ABORTED
+    assert "not every device confirmed" in run.of(FinishRun)[0].text
 
 
 @pytest.mark.parametrize("state", STATES)
 def test_abort_ends_at_once(state: State) -> None:
     run = run_in(state)
-    given = run.tell(Operator(run.now_ns, Verb.ABORT))
+    given = run.tell(OperatorAction(run.now_ns, OperatorCommand.ABORT))
     assert isinstance(given[0], StopMotion)
-    assert isinstance(given[-1], Finish)
-    assert run.state.at is State.ABORTED
-    assert run.tell(Operator(run.now_ns, Verb.START)) == ()
+    assert isinstance(given[-1], FinishRun)
+    assert run.state.state is State.ABORTED
+    assert run.tell(OperatorAction(run.now_ns, OperatorCommand.START)) == ()
 
 
 def test_what_the_operator_cannot_say_here_gets_an_answer() -> None:
     run = run_in(State.HOLDING)
-    assert run.tell(Operator(run.now_ns, Verb.RESUME)) == (Announce("cannot resume while holding"),)
+    assert run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME)) == (Notify("cannot resume while holding"),)
 
 
 def test_a_plan_beyond_its_limits_does_not_start() -> None:
@@ -197,16 +197,16 @@ def test_a_plan_beyond_its_limits_does_not_start() -> None:
 def test_the_first_change_of_load_is_measured_from_where_the_load_is() -> None:
     run = Run(plan_of((HERE, 600.0)))
     run.begin()
-    assert run.state.at is State.FAULT
+    assert run.state.state is State.FAULT
     assert run.of(RampTo) == []
     assert "a change of load from 0.0 to 600 N is more than the limit of 500 N" in run.state.message
 
 
 def test_the_devices_own_limit_wins_where_it_is_tighter() -> None:
     run = Run(plan_of((HERE, 200.0), (HERE, 400.0)))
-    run.tell(Opening(run.now_ns))
-    run.tell(Ready(run.now_ns, replace(IDENTITY, force_max_n=300.0), None))
-    assert run.state.at is State.FAULT
+    run.tell(LinksOpening(run.now_ns))
+    run.tell(LinksReady(run.now_ns, replace(IDENTITY, force_max_n=300.0), None))
+    assert run.state.state is State.FAULT
     assert "the plan breaks the load frame's own limit in step 2" in run.state.message
     assert run.state.limits == replace(LIMITS, force_max_n=300.0)
 
@@ -215,13 +215,13 @@ def test_a_continued_run_asks_before_anything_moves() -> None:
     plan = plan_of((HERE, 200.0), (HERE, 400.0))
     run = Run(plan, force_n=200.0)
     run.state = start(plan, T0, next_step=1)
-    run.tell(Opening(T0))
+    run.tell(LinksOpening(T0))
     run.readings()
-    run.tell(Ready(T0, IDENTITY, IDENTITY))
-    assert run.state.at is State.RECOVER
+    run.tell(LinksReady(T0, IDENTITY, IDENTITY))
+    assert run.state.state is State.RESUMING
     run.wait(50.0)
     assert run.of(RampTo) == run.of(MoveStage) == []
-    run.tell(Operator(run.now_ns, Verb.RESUME))
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     run.reach(State.IMAGING)
     run.scan()
     run.scan()
@@ -230,6 +230,6 @@ def test_a_continued_run_asks_before_anything_moves() -> None:
 
 def test_stepping_changes_nothing_in_the_state_it_was_given() -> None:
     state = start(plan_of((HERE, 0.0)), T0)
-    step(state, Opening(T0))
-    assert state.at is State.IDLE
+    step(state, LinksOpening(T0))
+    assert state.state is State.IDLE
     assert HoldRule().hold_s == 30.0

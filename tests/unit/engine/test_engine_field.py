@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from semlive.data.experiment import Plan, Recentre
-from semlive.engine import FieldSeen, MoveStage, State
-from semlive.engine.field import recentred
+from semlive.engine import FieldOfViewMeasured, MoveStage, State
+from semlive.engine.recentring import recentre
 
 from .bench_in_memory import LIMITS, Run, plan_of
 
@@ -19,7 +19,7 @@ UM_PER_PX = 0.5
 def recentring(*shifts_px: tuple[float, float], beyond_px: float = 1.0) -> Plan:
     plan = plan_of(*(((x * UM_PER_PX, y * UM_PER_PX), None) for x, y in shifts_px))
     steps = tuple(replace(step, shift_px=shift) for step, shift in zip(plan.steps, shifts_px, strict=True))
-    return replace(plan, steps=steps, recentre=Recentre(beyond_px, UM_PER_PX))
+    return replace(plan, steps=steps, recentring=Recentre(beyond_px, UM_PER_PX))
 
 
 def astray_px(plan: Plan, step: int, drift_px: tuple[float, float]) -> tuple[float, float]:
@@ -39,38 +39,38 @@ def test_a_run_takes_back_what_the_drift_carried_away() -> None:
         run.scan()
         now, first = run.state.plan.steps[pair].shift_um, plan.steps[0].shift_um
         moved = tuple((at - began) / UM_PER_PX + off for at, began, off in zip(now, first, drift, strict=True))
-        run.tell(FieldSeen(run.now_ns, pair, (moved[0], moved[1])))
+        run.tell(FieldOfViewMeasured(run.now_ns, pair, (moved[0], moved[1])))
         # The analysis of a pair ends after the next step began: what is left is the drift of two pairs.
         left = [off - before for off, before in zip(drift, drift_px[max(0, pair - 2)], strict=True)]
         assert astray_px(run.state.plan, pair, drift) == pytest.approx(left if pair > 1 else drift)
-    assert run.state.at is State.COMPLETE
+    assert run.state.state is State.COMPLETE
     moves = [(round(move.x_um - 7.0, 6), round(move.y_um + 3.0, 6)) for move in run.of(MoveStage)]
     assert moves == [(2.0, 0.0), (6.0, 0.0), (6.0, -4.0), (-3.0, 4.5), (-5.5, 8.0)]
 
 
 def test_without_the_rule_or_without_a_pair_the_plan_stays() -> None:
     plan = recentring(HERE, (8.0, 0.0))
-    assert recentred(plan, LIMITS, 1, None) is plan
-    assert recentred(plan, LIMITS, 1, FieldSeen(0, 1, (50.0, 0.0))) is plan  # a step's own pair cannot be known yet
-    left_alone = replace(plan, recentre=None)
-    assert recentred(left_alone, LIMITS, 1, FieldSeen(0, 0, (50.0, 0.0))) is left_alone
+    assert recentre(plan, LIMITS, 1, None) is plan
+    assert recentre(plan, LIMITS, 1, FieldOfViewMeasured(0, 1, (50.0, 0.0))) is plan  # a step's own pair cannot be known yet
+    left_alone = replace(plan, recentring=None)
+    assert recentre(left_alone, LIMITS, 1, FieldOfViewMeasured(0, 0, (50.0, 0.0))) is left_alone
 
 
 def test_a_field_that_lies_well_is_left_where_it_is() -> None:
     plan = recentring(HERE, (8.0, 0.0), (16.0, 0.0), beyond_px=5.0)
-    assert recentred(plan, LIMITS, 1, FieldSeen(0, 0, (4.9, -4.9))) == plan
-    once = recentred(plan, LIMITS, 1, FieldSeen(0, 0, (5.1, -4.9)))
+    assert recentre(plan, LIMITS, 1, FieldOfViewMeasured(0, 0, (4.9, -4.9))) == plan
+    once = recentre(plan, LIMITS, 1, FieldOfViewMeasured(0, 0, (5.1, -4.9)))
     assert once.steps[1].shift_um == pytest.approx((4.0 - 2.55, 2.45))
-    kept = recentred(once, LIMITS, 2, FieldSeen(0, 1, (8.0 + 1.0, 0.5)))
+    kept = recentre(once, LIMITS, 2, FieldOfViewMeasured(0, 1, (8.0 + 1.0, 0.5)))
     assert kept.steps[2].shift_um == pytest.approx((8.0 - 2.55, 2.45)), "what was taken back before stays taken back"
 
 
 @pytest.mark.parametrize(("seen_px", "target_um"), [(900.0, -100.0), (-900.0, 100.0)])
 def test_the_field_is_not_chased_beyond_the_limits(seen_px: float, target_um: float) -> None:
     plan = recentring(HERE, (8.0, 0.0))
-    assert recentred(plan, LIMITS, 1, FieldSeen(0, 0, (seen_px, 0.0))).steps[1].shift_um == (target_um, 0.0)
+    assert recentre(plan, LIMITS, 1, FieldOfViewMeasured(0, 0, (seen_px, 0.0))).steps[1].shift_um == (target_um, 0.0)
 
 
 def test_a_plan_beyond_the_limits_is_refused_as_before() -> None:
     plan = recentring(HERE, (240.0, 0.0))  # 120 um of 100
-    assert recentred(plan, LIMITS, 1, FieldSeen(0, 0, (-50.0, 0.0))).steps[1].shift_um == (120.0, 0.0)
+    assert recentre(plan, LIMITS, 1, FieldOfViewMeasured(0, 0, (-50.0, 0.0))).steps[1].shift_um == (120.0, 0.0)

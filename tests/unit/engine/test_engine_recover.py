@@ -12,19 +12,19 @@ from semlive.data.loading import LoadSample, MotionState, StageSample
 from semlive.engine import (
     Device,
     DeviceStopped,
-    FieldSeen,
-    Finish,
-    Interrupted,
+    FieldOfViewMeasured,
+    FinishRun,
+    InterruptedRun,
+    LinksOpening,
+    LinksReady,
     LoadReading,
     MoveStage,
-    Opening,
-    Operator,
+    OperatorAction,
+    OperatorCommand,
     RampTo,
-    Ready,
     State,
     StopMotion,
     Transition,
-    Verb,
     changed_since,
     start,
 )
@@ -36,7 +36,7 @@ HERE = (0.0, 0.0)
 PLAN = plan_of((HERE, 100.0), ((6.0, 0.0), 200.0), (HERE, 400.0))
 
 
-def interrupted(pairs: int, plan: object = PLAN, until: State = State.IMAGING) -> tuple[Run, Interrupted]:
+def interrupted(pairs: int, plan: object = PLAN, until: State = State.IMAGING) -> tuple[Run, InterruptedRun]:
     """A run in memory that died in a state after so many pairs, and what its log would tell."""
     run = Run(plan)  # type: ignore[arg-type]
     run.begin()
@@ -47,16 +47,16 @@ def interrupted(pairs: int, plan: object = PLAN, until: State = State.IMAGING) -
     if pairs < len(run.plan.steps):
         run.reach(until)
     done = tuple(one.decision for one in run.accepted)
-    return run, Interrupted(done, (7.0, -3.0), run.state.load, run.state.position, None, 0.2, ramping=run.state.at is State.RAMPING)
+    return run, InterruptedRun(done, (7.0, -3.0), run.state.load, run.state.position, None, 0.2, ramping=run.state.state is State.RAMPING)
 
 
-def taken_up(run: Run, before: Interrupted) -> Run:
+def taken_up(run: Run, before: InterruptedRun) -> Run:
     """A new engine for the same machine, asked up to where it asks."""
     run.commands.clear()
     run.state = start(run.plan, run.now_ns, before=before)
-    run.tell(Opening(run.now_ns))
+    run.tell(LinksOpening(run.now_ns))
     run.readings()
-    run.tell(Ready(run.now_ns, IDENTITY if run.has_load else None, IDENTITY if run.has_stage else None))
+    run.tell(LinksReady(run.now_ns, IDENTITY if run.has_load else None, IDENTITY if run.has_stage else None))
     return run
 
 
@@ -66,14 +66,14 @@ def test_it_asks_first_and_then_enters_the_step_again_in_full(pairs: int, state:
     run, before = interrupted(pairs, until=state)
     if state is State.IMAGING:
         run.scan()
-    assert before == replace(before, done=tuple(one.decision for one in run.accepted))
+    assert before == replace(before, completed_pairs=tuple(one.decision for one in run.accepted))
     taken_up(run, before)
     run.wait(40.0)
-    assert run.state.at is State.RECOVER
+    assert run.state.state is State.RESUMING
     assert run.of(MoveStage) == run.of(RampTo) == run.accepted == []
     assert changed_since(run.state) is None
     assert f"begins step {pairs + 1} again" in run.state.message
-    run.tell(Operator(run.now_ns, Verb.RESUME))
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert State.RAMPING in run.path
     for pair in range(pairs, len(PLAN.steps)):
         run.reach(State.IMAGING)
@@ -81,7 +81,7 @@ def test_it_asks_first_and_then_enters_the_step_again_in_full(pairs: int, state:
         assert run.xy_um == (7.0 + x_um, -3.0 + y_um)
         run.scan()
         run.scan()
-    assert run.state.at is State.COMPLETE
+    assert run.state.state is State.COMPLETE
     assert [one.decision.pair for one in run.accepted] == list(range(pairs, len(PLAN.steps)))
 
 
@@ -89,8 +89,8 @@ def test_a_run_without_stage_needs_none() -> None:
     run = Run(plan_of((HERE, 100.0), (HERE, 200.0)), has_stage=False)
     run.begin()
     run.reach(State.HOLDING)
-    taken_up(run, Interrupted((), None, run.state.load, None))
-    run.tell(Operator(run.now_ns, Verb.RESUME))
+    taken_up(run, InterruptedRun((), None, run.state.load, None))
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     run.reach(State.IMAGING)
     assert run.force_n == 100.0
 
@@ -98,9 +98,9 @@ def test_a_run_without_stage_needs_none() -> None:
 def test_after_its_last_pair_nothing_is_asked_of_any_device() -> None:
     run, before = interrupted(3)
     taken_up(run, before)
-    assert run.state.at is State.COMPLETE
+    assert run.state.state is State.COMPLETE
     assert [type(one) for one in run.commands if isinstance(one, MoveStage | RampTo | StopMotion)] == []
-    assert len(run.of(Finish)) == 1
+    assert len(run.of(FinishRun)) == 1
 
 
 def test_a_load_or_a_stage_that_is_elsewhere_is_told() -> None:
@@ -108,8 +108,8 @@ def test_a_load_or_a_stage_that_is_elsewhere_is_told() -> None:
     run.force_n -= 30.0
     assert "the load is 170.0 N now, and was 200.0 N" in taken_up(run, before).state.message
     assert fault_of(run) is FaultCode.MOVED_AT_REST
-    run.tell(Operator(run.now_ns, Verb.RESUME))
-    assert run.state.at is State.RECOVER
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    assert run.state.state is State.RESUMING
     assert "look first: the load is 170.0 N now, and was 200.0 N" in run.state.message
     run, before = interrupted(1)
     run.xy_um = (60.0, -3.0)
@@ -119,7 +119,7 @@ def test_a_load_or_a_stage_that_is_elsewhere_is_told() -> None:
 
 def fault_of(run: Run) -> FaultCode | None:
     """The code of the fault that the resumed run is in before anything was ordered."""
-    assert run.state.at is State.FAULT
+    assert run.state.state is State.FAULT
     assert run.of(RampTo) == run.of(MoveStage) == []
     return run.of(Transition)[-1].code
 
@@ -130,7 +130,7 @@ def test_an_extension_that_is_elsewhere_at_the_same_load_is_a_fault(change_mm: f
     run.crosshead_mm += change_mm
     taken_up(run, before)
     if as_left:
-        assert run.state.at is State.RECOVER
+        assert run.state.state is State.RESUMING
     else:
         assert fault_of(run) is FaultCode.MOVED_AT_REST
         assert "the extension is" in run.state.message
@@ -150,27 +150,27 @@ def test_a_device_that_does_not_hold_the_last_order_is_a_fault_before_the_first_
     run, before = interrupted(1)
     run.commands.clear()
     run.state = start(run.plan, run.now_ns, before=before)
-    run.tell(Opening(run.now_ns))
+    run.tell(LinksOpening(run.now_ns))
     run.tell(LoadReading(run.now_ns, replace(run.load_sample(), order_changed="its target holds 0 N", orders_cleared=cleared)))
     assert fault_of(run) is code
     assert len(run.of(StopMotion)) == 1
     run.readings()
-    run.tell(Operator(run.now_ns, Verb.RESUME))  # before it is known which devices the run has
-    assert run.state.at is State.FAULT
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))  # before it is known which devices the run has
+    assert run.state.state is State.FAULT
     assert "cannot resume: the devices and the analysis are not ready yet" in run.state.message
-    run.tell(Ready(run.now_ns, IDENTITY, IDENTITY))
-    assert run.state.at is State.FAULT
-    run.tell(Operator(run.now_ns, Verb.RESUME))
-    assert run.state.at is State.RECOVER
-    run.tell(Operator(run.now_ns, Verb.RESUME))
+    run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+    assert run.state.state is State.FAULT
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    assert run.state.state is State.RESUMING
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert State.RAMPING in run.path
 
 
 def test_a_new_run_has_no_order_to_compare() -> None:
     run = Run(PLAN)
-    run.tell(Opening(run.now_ns))
+    run.tell(LinksOpening(run.now_ns))
     run.tell(LoadReading(run.now_ns, replace(run.load_sample(), order_changed="its target holds 0 N")))
-    assert run.state.at is State.CONNECTING
+    assert run.state.state is State.CONNECTING
 
 
 @pytest.mark.parametrize(("device", "as_left"), [(Device.LOAD_FRAME, False), (Device.STAGE, True)])
@@ -179,27 +179,27 @@ def test_a_load_frame_that_was_found_moving_is_no_machine_as_the_log_left_it(dev
     run.commands.clear()
     run.load_goal_n = None
     run.state = start(run.plan, run.now_ns, before=before)
-    run.tell(Opening(run.now_ns))
+    run.tell(LinksOpening(run.now_ns))
     run.readings()
     run.tell(DeviceStopped(run.now_ns, device, "it moved before it was told to"))
-    assert run.state.at is State.CONNECTING
-    run.tell(Ready(run.now_ns, IDENTITY, IDENTITY))
-    assert run.state.at is State.RECOVER
+    assert run.state.state is State.CONNECTING
+    run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+    assert run.state.state is State.RESUMING
     assert (changed_since(run.state) is None) is as_left
     assert ("look first: the load frame was still moving" in run.state.message) is not as_left
 
 
 def test_a_new_run_does_not_begin_on_a_machine_that_was_found_moving() -> None:
     run = Run(PLAN)
-    run.tell(Opening(run.now_ns))
+    run.tell(LinksOpening(run.now_ns))
     run.readings()
     run.tell(DeviceStopped(run.now_ns, Device.LOAD_FRAME, "it moved before it was told to"))
-    run.tell(Ready(run.now_ns, IDENTITY, IDENTITY))
-    run.tell(Operator(run.now_ns, Verb.START))
-    assert run.state.at is State.FAULT
-    run.tell(Operator(run.now_ns, Verb.RESUME))
-    run.tell(Operator(run.now_ns, Verb.RESUME))
-    assert run.state.at is State.RAMPING
+    run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.START))
+    assert run.state.state is State.FAULT
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    assert run.state.state is State.RAMPING
 
 
 def test_a_load_that_was_on_its_way_may_be_anywhere_on_it() -> None:
@@ -215,8 +215,8 @@ def test_what_is_asked_once_is_not_held_against_a_later_fault() -> None:
     run, before = interrupted(1)
     run.force_n -= 30.0
     taken_up(run, before)
-    run.tell(Operator(run.now_ns, Verb.RESUME))
-    run.tell(Operator(run.now_ns, Verb.RESUME))
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert State.RAMPING in run.path
     assert changed_since(run.state) is None
 
@@ -225,25 +225,25 @@ def test_a_watchdog_that_stopped_the_machine_is_acknowledged_once_and_a_fault_th
     run, before = interrupted(1)
     run.commands.clear()
     run.state = start(PLAN, run.now_ns, before=before)
-    run.tell(Opening(run.now_ns))
+    run.tell(LinksOpening(run.now_ns))
     for _ in range(3):
         sick = replace(run.load_sample(), motion=MotionState.FAULT)
         run.tell(LoadReading(run.now_ns, sick))
     assert len(run.of(StopMotion)) == 1
     run.readings()
-    run.tell(Ready(run.now_ns, IDENTITY, IDENTITY))
-    assert run.state.at is State.RECOVER
+    run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+    assert run.state.state is State.RESUMING
     run.tell(LoadReading(run.now_ns + 1, replace(run.load_sample(), motion=MotionState.FAULT, time_ns=run.now_ns + 1)))
-    assert run.state.at is State.FAULT
+    assert run.state.state is State.FAULT
 
 
 def test_the_field_is_brought_back_from_where_the_last_pair_saw_it() -> None:
-    plan = replace(PLAN, recentre=Recentre(beyond_px=1.0, um_per_px=1.0))
+    plan = replace(PLAN, recentring=Recentre(threshold_px=1.0, um_per_px=1.0))
     run, before = interrupted(1)
-    done = replace(before.done[0], step=replace(before.done[0].step, shift_um=(2.0, 0.0)))
+    done = replace(before.completed_pairs[0], step=replace(before.completed_pairs[0].step, shift_um=(2.0, 0.0)))
     run.plan = plan
-    taken_up(run, replace(before, done=(done,), seen=FieldSeen(T0, 0, (-5.0, 0.0))))
-    run.tell(Operator(run.now_ns, Verb.RESUME))
+    taken_up(run, replace(before, completed_pairs=(done,), field_of_view=FieldOfViewMeasured(T0, 0, (-5.0, 0.0))))
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     # The pair's own correction counts: 2 um then, and 5 px more are to be made good.
     assert run.of(MoveStage)[-1].x_um == pytest.approx(7.0 + 6.0 + 2.0 + 5.0)
 
@@ -251,7 +251,7 @@ def test_the_field_is_brought_back_from_where_the_last_pair_saw_it() -> None:
 def test_pairs_that_are_not_the_first_of_the_plan_are_refused() -> None:
     _, before = interrupted(2)
     with pytest.raises(BadInput, match=r"the log holds the pairs \[1\] of a plan of 3 steps"):
-        start(PLAN, T0, before=replace(before, done=before.done[1:]))
+        start(PLAN, T0, before=replace(before, completed_pairs=before.completed_pairs[1:]))
     with pytest.raises(BadInput, match="of a plan of 1 steps"):
         start(plan_of((HERE, 100.0)), T0, before=before)
 

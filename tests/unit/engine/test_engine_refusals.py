@@ -8,9 +8,9 @@ import pytest
 
 from semlive.data.frame import ColumnSettings
 from semlive.data.scan import Provenance, Sourced
-from semlive.engine import FrameScanned, FrameUnreadable, LinkStale, Operator, State, Verb
+from semlive.engine import FrameScanned, FrameUnreadable, LinkStale, OperatorAction, OperatorCommand, State
 from semlive.engine.events import Device
-from semlive.engine.frames import difference
+from semlive.engine.frame_selection import difference
 
 from .bench_in_memory import Run, S, frame, plan_of
 
@@ -40,7 +40,7 @@ def test_a_frame_that_began_before_the_hold_ended() -> None:
     assert only_reason(run) == (
         "frame0000.tif is not used: its scan may have begun 10.9 s before the hold of step 1 ended (its start is known within 0.9 s)"
     )
-    assert run.state.at is State.IMAGING
+    assert run.state.state is State.IMAGING
 
 
 def test_a_frame_that_only_may_have_begun_too_early_counts_as_too_early(imaging: Run) -> None:
@@ -152,7 +152,7 @@ def test_a_load_that_leaves_tolerance_costs_the_pair_its_first_frame(imaging: Ru
     imaging.force_n = 189.0
     imaging.wait(1.0)
     assert only_reason(imaging) == "frame0000.tif is not used: the load is -11.0 N from its target while step 1 was imaged"
-    assert imaging.state.at is State.SETTLING
+    assert imaging.state.state is State.SETTLING
     assert imaging.accepted == []
 
 
@@ -187,15 +187,15 @@ def test_the_hold_does_not_end_on_stale_samples() -> None:
     run.tell(LinkStale(run.now_ns, Device.LOAD_FRAME))
     run.has_load = False
     run.wait(60.0)
-    assert run.state.at is State.HOLDING
+    assert run.state.state is State.HOLDING
     run.has_load = True
     run.wait(0.5)
-    assert run.state.at is State.IMAGING
+    assert run.state.state is State.IMAGING
 
 
 def test_pausing_costs_the_pair_its_first_frame(imaging: Run) -> None:
     imaging.scan()
-    imaging.tell(Operator(imaging.now_ns, Verb.PAUSE))
+    imaging.tell(OperatorAction(imaging.now_ns, OperatorCommand.PAUSE))
     assert only_reason(imaging) == "frame0000.tif is not used: paused by the operator while imaging"
     imaging.tell(FrameScanned(imaging.now_ns, frame(8, imaging.now_ns - 92 * S)))
     assert "the run was paused" in imaging.refusals[1]

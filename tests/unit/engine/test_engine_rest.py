@@ -9,7 +9,7 @@ import pytest
 from semlive.data.experiment import Phase
 from semlive.data.faults import FaultCode
 from semlive.data.loading import LoadSample, MotionState
-from semlive.engine import CommandTaken, Device, LoadReading, Operator, RampTo, State, StopMotion, Transition, Verb
+from semlive.engine import CommandAcknowledged, Device, LoadReading, OperatorAction, OperatorCommand, RampTo, State, StopMotion, Transition
 
 from .bench_in_memory import LIMITS, Run, S, plan_of
 
@@ -51,11 +51,11 @@ def test_a_load_that_somebody_raised_in_the_hold_is_a_fault_and_is_not_driven_ba
     ramps = len(run.of(RampTo))
     run.force_n = 395.0
     run.wait(1.0)
-    assert run.state.at is State.FAULT
+    assert run.state.state is State.FAULT
     assert codes(run) == [FaultCode.MOVED_AT_REST]
     assert run.of(StopMotion)
     for _ in range(2):
-        run.tell(Operator(run.now_ns, Verb.RESUME))
+        run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert len(run.of(RampTo)) == ramps
     assert "the plan does not unload here" in run.state.message
 
@@ -71,7 +71,7 @@ def test_a_load_that_relaxes_at_a_resting_crosshead_is_approached_again() -> Non
     run = held(300.0)
     run.force_n = 285.0
     run.wait(1.0)
-    assert run.state.at is State.SETTLING
+    assert run.state.state is State.SETTLING
     run.reach(State.HOLDING)
     assert run.force_n == 300.0
     assert codes(run) == []
@@ -123,7 +123,7 @@ def test_an_overshoot_is_never_driven_back() -> None:
     run.wait(1.0)
     run.force_n, run.load_goal_n = 380.0, None
     run.wait(20.0)
-    assert run.state.at is State.FAULT
+    assert run.state.state is State.FAULT
     assert codes(run) == [FaultCode.WOULD_UNLOAD]
     assert len(run.of(RampTo)) == 1
 
@@ -147,7 +147,7 @@ def test_a_ramp_that_the_reading_does_not_show_at_all_is_not_ordered_again() -> 
     run = FrameByHand(plan_of((HERE, 20.0)))
     run.deaf = True
     run.begin()
-    run.tell(CommandTaken(run.now_ns, Device.LOAD_FRAME))
+    run.tell(CommandAcknowledged(run.now_ns, Device.LOAD_FRAME))
     run.wait(20.0)
     assert codes(run) == [FaultCode.NO_RESPONSE]
     assert len(run.of(RampTo)) == 1
@@ -158,12 +158,12 @@ def test_a_calibration_under_load_is_refused_before_it_begins() -> None:
     calibration = replace(plan.steps[0], phase=Phase.CALIBRATION)
     run = FrameByHand(replace(plan, steps=(calibration, plan.steps[1])), force_n=350.0)
     run.begin()
-    assert run.state.at is State.FAULT
+    assert run.state.state is State.FAULT
     assert codes(run) == [FaultCode.LOADED_AT_START]
     run.force_n = 5.0
     run.wait(1.0)
     for _ in range(2):
-        run.tell(Operator(run.now_ns, Verb.RESUME))
+        run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     run.reach(State.HOLDING)
 
 
@@ -177,11 +177,11 @@ def test_an_intended_preload_is_said_in_the_limits() -> None:
 
 def test_a_device_that_moves_on_after_the_stop_is_waited_for() -> None:
     run = held(300.0)
-    run.tell(Operator(run.now_ns, Verb.STOP))
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.STOP))
     run.moving = True
     run.wait(60.0)
-    assert run.state.at is State.STOPPING
+    assert run.state.state is State.STOPPING
     assert "press its emergency stop" in run.state.message
     run.moving = False
     run.tell(LoadReading(run.now_ns + S, replace(run.load_sample(), time_ns=run.now_ns + S)))
-    assert run.state.at is State.ABORTED
+    assert run.state.state is State.ABORTED

@@ -8,13 +8,13 @@ import pytest
 
 from semlive.data.loading import MotionState, StageSample
 from semlive.engine import (
-    Announce,
-    CommandTaken,
+    CommandAcknowledged,
     Device,
-    Finish,
+    FinishRun,
     FrameScanned,
     FrameUnreadable,
     MoveStage,
+    Notify,
     RampTo,
     StageReading,
     State,
@@ -34,12 +34,12 @@ def test_a_run_goes_step_by_step_to_complete() -> None:
         run.reach(State.IMAGING)
         run.scan()
         run.scan()
-    assert run.state.at is State.COMPLETE
+    assert run.state.state is State.COMPLETE
     assert [a.decision.pair for a in run.accepted] == [0, 1, 2]
     assert run.refusals == []
     assert run.of(RampTo) == [RampTo(0.0, 50.0), RampTo(400.0, 50.0)]
     assert run.of(MoveStage) == [MoveStage(17.0, -3.0), MoveStage(7.0, -3.0)]
-    assert run.of(Finish) == [Finish(State.COMPLETE, "all 3 steps are done; load and position are held")]
+    assert run.of(FinishRun) == [FinishRun(State.COMPLETE, "all 3 steps are done; load and position are held")]
     assert run.force_n == 400.0
 
 
@@ -84,7 +84,7 @@ def test_a_load_that_leaves_tolerance_begins_settling_and_the_hold_again() -> No
     run.wait(20.0)
     run.force_n = 189.0
     run.wait(0.5)
-    assert run.state.at is State.SETTLING
+    assert run.state.state is State.SETTLING
     run.force_n = 199.0
     run.reach(State.HOLDING, 6.0)
     again_ns = run.now_ns
@@ -110,7 +110,7 @@ def test_a_device_that_never_takes_the_command_times_out() -> None:
     run = Run(plan_of((HERE, 200.0)), deaf=True)
     run.begin()
     run.wait(299.0)
-    assert run.state.at is State.RAMPING
+    assert run.state.state is State.RAMPING
     run.reach(State.FAULT, 10.0)
     assert run.state.message == "step 1 has not settled for 300 s"
 
@@ -122,7 +122,7 @@ def test_a_run_without_load_frame_and_stage_only_takes_pairs() -> None:
         run.reach(State.IMAGING)
         run.scan()
         run.scan()
-    assert run.state.at is State.COMPLETE
+    assert run.state.state is State.COMPLETE
     assert [a.decision.loads for a in run.accepted] == [None, None]
     assert run.of(RampTo) == run.of(MoveStage) == []
 
@@ -143,7 +143,7 @@ def test_a_step_without_load_leaves_the_load_alone_but_wants_it_steady() -> None
 def test_a_shift_needs_a_stage_and_a_load_a_load_frame() -> None:
     run = Run(plan_of(((10.0, 0.0), None)), has_stage=False)
     run.begin()
-    assert run.state.at is State.FAULT
+    assert run.state.state is State.FAULT
     assert run.state.message == "step 1 needs the stage, but the run has none"
 
 
@@ -175,7 +175,7 @@ def test_a_triggered_run_asks_for_each_frame() -> None:
     assert len(run.of(TriggerFrame)) == 3
     run.scan()
     assert len(run.of(TriggerFrame)) == 3
-    assert run.state.at is State.COMPLETE
+    assert run.state.state is State.COMPLETE
 
 
 def test_a_sem_that_does_not_export_is_a_fault_after_a_while() -> None:
@@ -190,7 +190,7 @@ def test_a_sem_that_does_not_export_is_a_fault_after_a_while() -> None:
 def test_the_operator_reads_what_a_step_is() -> None:
     run = Run(plan_of(((10.0, 0.0), 200.0)))
     run.begin()
-    assert Announce("step 1 of 1: tension, shift (10, 0) um, 200 N") in run.commands
+    assert Notify("step 1 of 1: tension, shift (10, 0) um, 200 N") in run.commands
     assert run.state.step_index == 0
     assert run.now_ns == T0
 
@@ -202,10 +202,10 @@ def test_a_load_counts_as_reached_only_after_its_own_command_was_taken() -> None
     run.wait(1.0)
     assert run.of(RampTo) == [RampTo(5.0, 50.0)]
     run.wait(20.0)
-    assert run.state.at is State.RAMPING
-    run.tell(CommandTaken(run.now_ns, Device.LOAD_FRAME))
+    assert run.state.state is State.RAMPING
+    run.tell(CommandAcknowledged(run.now_ns, Device.LOAD_FRAME))
     run.wait(0.5)
-    assert run.state.at is State.SETTLING
+    assert run.state.state is State.SETTLING
 
 
 def test_a_stage_that_creeps_away_while_settling_is_sent_again() -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from semlive.engine import FINAL_STATES, Cause, ImpossibleTransition, State
-from semlive.engine.history import LoadHistory, frame_load
+from semlive.engine import FINAL_STATES, Cause, InvalidTransition, State
+from semlive.engine.load_history import LoadHistory, frame_load
+from semlive.engine.state import StepContext
 from semlive.engine.states import TRANSITIONS, next_state
-from semlive.engine.turn import Turn
 
 from .bench_in_memory import Run, S, plan_of
 
@@ -16,7 +16,7 @@ def test_a_pair_that_is_not_listed_raises() -> None:
     for state in State:
         for cause in Cause:
             if (state, cause) not in TRANSITIONS:
-                with pytest.raises(ImpossibleTransition):
+                with pytest.raises(InvalidTransition):
                     next_state(state, cause)
 
 
@@ -36,11 +36,11 @@ def test_only_ramping_follows_on_the_operators_word_or_the_protocols() -> None:
         (State.RAMPING, Cause.APPROACH_AGAIN),
         (State.SETTLING, Cause.APPROACH_AGAIN),
         (State.STEP_DONE, Cause.NEXT_STEP),
-        (State.JUDGING, Cause.JUDGED),
-        (State.WARMING, Cause.MEASURE_AGAIN),
-        (State.WARMING, Cause.WARM),
+        (State.CALIBRATION_GATE, Cause.CALIBRATION_ACCEPTED),
+        (State.WARM_UP, Cause.MEASURE_AGAIN),
+        (State.WARM_UP, Cause.WARMED_UP),
         (State.PAUSED, Cause.RESUME),
-        (State.RECOVER, Cause.RESUME),
+        (State.RESUMING, Cause.RESUME),
     }
 
 
@@ -52,9 +52,9 @@ def test_stop_and_abort_work_everywhere_before_the_end() -> None:
 
 
 def test_a_state_cannot_be_set_beside_the_table() -> None:
-    turn = Turn(Run(plan_of(((0.0, 0.0), None))).state)
-    with pytest.raises(TypeError, match="changes by go"):
-        turn.update(at=State.IMAGING)
+    turn = StepContext(Run(plan_of(((0.0, 0.0), None))).state)
+    with pytest.raises(TypeError, match="changes by transition"):
+        turn.update(state=State.IMAGING)
 
 
 def test_the_history_gives_the_samples_around_a_scan() -> None:
@@ -86,7 +86,7 @@ def test_the_history_is_bounded_and_in_order() -> None:
     history = LoadHistory(keep_ns=100 * S)
     for i in range(5000):
         history = history.with_sample(i * S, 0.0)
-    kept = history.during(0, 10_000 * S)
+    kept = history.between(0, 10_000 * S)
     assert 100 <= len(kept) <= 100 + 3 * 256
     assert kept[-1][0] == 4999 * S
     assert history.with_sample(10 * S, 1.0) is history

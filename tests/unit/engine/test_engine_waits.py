@@ -10,8 +10,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from semlive.data.experiment import AdaptiveHold, Phase, Plan, WarmUp
-from semlive.engine import Cause, DriftForeseen, DriftSeen, Interrupted, Opening, Operator, RampTo, Ready, State, Transition, Verb, start
-from semlive.engine.foresight import drift_rate
+from semlive.engine import (
+    Cause,
+    DriftForecastUpdated,
+    HoldDriftMeasured,
+    InterruptedRun,
+    LinksOpening,
+    LinksReady,
+    OperatorAction,
+    OperatorCommand,
+    RampTo,
+    State,
+    Transition,
+    start,
+)
+from semlive.engine.adaptive_hold import drift_rate
 from semlive.errors import BadInput
 
 from .bench_in_memory import HOLD, IDENTITY, Run, S, plan_of
@@ -34,7 +47,7 @@ def pair(run: Run, rate_px_s: float, sigma_px_s: float = 0.0) -> None:
 
 
 def foresee(run: Run, rate_px_s: float, sigma_px_s: float = 0.0) -> None:
-    run.tell(DriftForeseen(run.now_ns, len(run.accepted) - 1, ((run.now_ns, rate_px_s, sigma_px_s),)))
+    run.tell(DriftForecastUpdated(run.now_ns, len(run.accepted) - 1, ((run.now_ns, rate_px_s, sigma_px_s),)))
 
 
 def test_nothing_is_loaded_before_the_drift_is_expected_to_be_slow() -> None:
@@ -42,18 +55,18 @@ def test_nothing_is_loaded_before_the_drift_is_expected_to_be_slow() -> None:
     run.begin()
     pair(run, 0.08)
     pair(run, 0.04)
-    assert run.state.at is not State.WARMING
+    assert run.state.state is not State.WARM_UP
     for rate, sigma in ((0.02, 0.0), (0.009, 0.002)):
         assert run.of(RampTo) == []
         pair(run, rate, sigma)
     assert run.of(RampTo) == []
     pair(run, 0.006, 0.002)
-    assert run.state.at in (State.RAMPING, State.SETTLING)
+    assert run.state.state in (State.RAMPING, State.SETTLING)
     assert [one.force_n for one in run.of(RampTo)] == [100.0]
-    assert run.of(Transition)[-2].cause is Cause.WARM or run.of(Transition)[-1].cause is Cause.WARM
+    assert run.of(Transition)[-2].cause is Cause.WARMED_UP or run.of(Transition)[-1].cause is Cause.WARMED_UP
     pair(run, 1.0)
     pair(run, 1.0)
-    assert run.state.at is State.COMPLETE
+    assert run.state.state is State.COMPLETE
     steps = [one.decision.step for one in run.accepted]
     assert [one.step for one in steps] == list(range(7))
     assert [one.warm_up for one in steps] == [False, False, True, True, True, False, False]
@@ -78,17 +91,17 @@ def test_the_gate_may_be_before_the_calibration() -> None:
     pair(run, 0.001)
     pair(run, 0.08)
     assert [one.decision.step.warm_up for one in run.accepted] == [False, True, False]
-    assert run.state.at is State.COMPLETE
+    assert run.state.state is State.COMPLETE
 
 
 def test_after_its_longest_wait_it_asks_and_the_operators_word_opens_the_gate() -> None:
     run = Run(gated((HERE, None), (HERE, 100.0)))
     run.begin()
-    while run.state.at is not State.PAUSED:
+    while run.state.state is not State.PAUSED:
         pair(run, 0.02, 0.003)
     assert "after 30 min of warming up the drift is expected to be 1.2 +- 0.18 px/min; resume goes on all the same" in run.state.message
     assert run.of(RampTo) == []
-    run.tell(Operator(run.now_ns, Verb.RESUME))
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     run.reach(State.IMAGING)
     assert run.force_n == 100.0
 
@@ -99,7 +112,7 @@ def test_a_forecast_that_never_comes_is_asked_about() -> None:
     run.reach(State.IMAGING)
     run.scan()
     run.scan()
-    assert run.state.at is State.WARMING
+    assert run.state.state is State.WARM_UP
     run.wait(2000.0, State.PAUSED)
     assert "the drift is not known" in run.state.message
     assert len(run.accepted) == 1
@@ -112,7 +125,7 @@ def test_a_fault_while_warming_up_does_not_open_the_gate() -> None:
     run.scan()
     run.scan()
     run.fail_and_resume()
-    assert run.state.at is State.WARMING
+    assert run.state.state is State.WARM_UP
     foresee(run, 0.001)
     run.reach(State.IMAGING)
     assert run.force_n == 100.0
@@ -125,33 +138,35 @@ def test_an_interrupted_warm_up_goes_on(known: bool) -> None:
     run.begin()
     pair(run, 0.08)
     pair(run, 0.04)
-    before = Interrupted(
+    before = InterruptedRun(
         tuple(one.decision for one in run.accepted),
         (7.0, -3.0),
         run.state.load,
         run.state.position,
-        foreseen=run.state.foreseen if known else None,
+        drift_forecast=run.state.drift_forecast if known else None,
     )
     run.state = start(plan, run.now_ns, before=before)
     assert [(one.step, one.warm_up, one.load_n) for one in run.state.plan.steps] == [(0, False, None), (1, True, None), (2, False, 100.0)]
-    run.tell(Opening(run.now_ns))
+    run.tell(LinksOpening(run.now_ns))
     run.readings()
-    run.tell(Ready(run.now_ns, IDENTITY, IDENTITY))
-    run.tell(Operator(run.now_ns, Verb.RESUME))
+    run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     if not known:
-        assert run.state.at is State.WARMING
+        assert run.state.state is State.WARM_UP
         foresee(run, 0.04)
     pair(run, 0.001)
     run.reach(State.IMAGING)
     run.scan()
     run.scan()
     assert [one.decision.step.warm_up for one in run.accepted] == [False, True, True, False]
-    assert run.state.at is State.COMPLETE
+    assert run.state.state is State.COMPLETE
 
 
 def held_s(run: Run) -> float:
     """How long the last hold was."""
-    (held,) = [value for one in run.of(Transition) if one.cause is Cause.HOLD_OVER for name, value in one.guards if name == "held_s"][-1:]
+    (held,) = [value for one in run.of(Transition) if one.cause is Cause.HOLD_COMPLETE for name, value in one.guards if name == "held_s"][
+        -1:
+    ]
     return float(held)
 
 
@@ -169,16 +184,16 @@ def test_a_hold_is_never_shorter_than_it_must_be_nor_longer_than_it_may(
     run = Run(replace(plan_of((HERE, 100.0)), adaptive_hold=AdaptiveHold(longest, *limits)))
     run.begin()
     run.reach(State.HOLDING)
-    foreseen = DriftForeseen(run.now_ns, 0, tuple((run.now_ns + n * 20 * S, rate, 0.0) for n, rate in enumerate(rates)))
+    foreseen = DriftForecastUpdated(run.now_ns, 0, tuple((run.now_ns + n * 20 * S, rate, 0.0) for n, rate in enumerate(rates)))
     run.tell(foreseen)
     began_ns = run.now_ns
-    while run.state.at is State.HOLDING:
+    while run.state.state is State.HOLDING:
         # The load creeps more and more slowly, within its tolerance of 10 N.
         elapsed_s = (run.now_ns - began_ns) / S
         run.force_n = 100.0 - min(relaxes * quiet_s, 8.0) * (1.0 - math.exp(-elapsed_s / quiet_s))
         run.wait(0.5)
     assert HOLD.hold_s <= held_s(run) <= longest + run.poll_s
-    assert run.state.at is State.IMAGING
+    assert run.state.state is State.IMAGING
     if held_s(run) < longest - run.poll_s and limits[0] is not None:
         assert drift_rate(foreseen, run.now_ns)[0] <= limits[0]
     if limits[0] is None and relaxes == 0.0:
@@ -191,7 +206,7 @@ def test_frames_of_a_longer_hold_are_not_of_the_pair() -> None:
     run.reach(State.HOLDING)
     foresee(run, 0.1)
     run.wait(40.0)
-    assert run.state.at is State.HOLDING
+    assert run.state.state is State.HOLDING
     assert "made longer, because the drift is expected to go on at 6 px/min" in run.state.message
     run.scan()
     foresee(run, 0.001)
@@ -200,7 +215,7 @@ def test_frames_of_a_longer_hold_are_not_of_the_pair() -> None:
     assert len(run.refusals) == 2
     run.scan()
     run.scan()
-    assert run.state.at is State.COMPLETE
+    assert run.state.state is State.COMPLETE
     assert held_s(run) > 120.0
 
 
@@ -210,18 +225,18 @@ def test_frames_of_the_hold_say_more_of_its_drift_than_a_forecast() -> None:
     run.reach(State.HOLDING)
     foresee(run, 0.001)
     begin_ns = run.now_ns
-    run.tell(DriftSeen(run.now_ns, begin_ns - S, 0.05))  # between frames of an earlier hold
+    run.tell(HoldDriftMeasured(run.now_ns, begin_ns - S, 0.05))  # between frames of an earlier hold
     run.wait(10.0)
-    run.tell(DriftSeen(run.now_ns, begin_ns, 0.05))
+    run.tell(HoldDriftMeasured(run.now_ns, begin_ns, 0.05))
     run.wait(60.0)
-    assert run.state.at is State.HOLDING
+    assert run.state.state is State.HOLDING
     assert "made longer, because the drift went on at 3 px/min between frames of this hold" in run.state.message
     foresee(run, 0.001)
     run.wait(10.0)
-    assert run.state.at is State.HOLDING
-    run.tell(DriftSeen(run.now_ns, begin_ns + 40 * S, 0.015))
+    assert run.state.state is State.HOLDING
+    run.tell(HoldDriftMeasured(run.now_ns, begin_ns + 40 * S, 0.015))
     run.wait(2.0)
-    assert run.state.at is State.IMAGING
+    assert run.state.state is State.IMAGING
 
 
 def test_drift_seen_in_an_earlier_hold_does_not_count() -> None:
@@ -229,13 +244,13 @@ def test_drift_seen_in_an_earlier_hold_does_not_count() -> None:
     run.begin()
     run.reach(State.HOLDING)
     foresee(run, 0.001)
-    run.tell(DriftSeen(run.now_ns, run.now_ns - 60 * S, 0.05))
+    run.tell(HoldDriftMeasured(run.now_ns, run.now_ns - 60 * S, 0.05))
     run.reach(State.IMAGING)
     assert held_s(run) == HOLD.hold_s
 
 
 def test_a_forecast_is_read_between_its_scans() -> None:
-    seen = DriftForeseen(0, 0, ((0, 0.1, 0.0), (10 * S, 0.2, 0.02), (20 * S, 0.4, 0.04)))
+    seen = DriftForecastUpdated(0, 0, ((0, 0.1, 0.0), (10 * S, 0.2, 0.02), (20 * S, 0.4, 0.04)))
     assert drift_rate(seen, -S) == (0.1, 0.0)
     assert drift_rate(seen, 5 * S) == pytest.approx((0.15, 0.01))
     assert drift_rate(seen, 20 * S) == (0.4, 0.04)
@@ -250,4 +265,4 @@ def test_pairs_of_a_warm_up_do_not_count_as_steps_of_the_plan() -> None:
     pair(run, 0.04)
     done = tuple(one.decision for one in run.accepted)
     with pytest.raises(BadInput, match="of a plan of 0 steps"):
-        Interrupted(done).steps_of(replace(run.plan, steps=()))
+        InterruptedRun(done).steps_of(replace(run.plan, steps=()))

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from semlive.data.loading import LoadSample, MotionState, Trouble
-from semlive.engine import Announce, LoadReading, Opening, Operator, RampTo, Ready, State, StopMotion, Verb, start
-from semlive.engine.watch import NOTHING_YET
+from semlive.data.loading import DeviceFault, LoadSample, MotionState
+from semlive.engine import LinksOpening, LinksReady, LoadReading, Notify, OperatorAction, OperatorCommand, RampTo, State, StopMotion, start
+from semlive.engine.supervision.load_watch import INITIAL
 
 from .bench_in_memory import IDENTITY, LIMITS, T0, Run, S, plan_of
 
@@ -22,7 +22,7 @@ def problems(
     forces: list[float], *, every_s: float = 0.05, extensions: list[float] | None = None, target_n: float | None = None
 ) -> list[str]:
     """What is said of readings one after the other; they move if they have extensions."""
-    watch, said = NOTHING_YET, []
+    watch, said = INITIAL, []
     for number, force_n in enumerate(forces):
         extension_mm = 0.0 if extensions is None else extensions[number]
         motion = MotionState.STOPPED if extensions is None else MotionState.MOVING
@@ -73,7 +73,7 @@ def test_a_crosshead_that_pulls_nothing_is_told() -> None:
     targets=st.lists(st.floats(-40.0, 2000.0), min_size=1, max_size=3),
 )
 def test_ramps_as_they_are_ordered_are_never_told(every_s: float, noise: list[float], rate: float, targets: list[float]) -> None:
-    watch, force_n = NOTHING_YET, 0.0
+    watch, force_n = INITIAL, 0.0
     for number, wobble in enumerate(noise):
         target_n = targets[number * len(targets) // len(noise)]
         force_n += max(-rate * every_s, min(rate * every_s, target_n - force_n))
@@ -93,28 +93,28 @@ def test_the_engine_stops_and_holds_after_a_fall(state: State) -> None:
     run.wait(0.5)
     given = run.commands[commands:]
     assert isinstance(given[0], StopMotion)
-    assert run.state.at is State.FAULT
+    assert run.state.state is State.FAULT
     assert "the load fell by" in run.state.message
     run.wait(100.0)
     assert [one for one in run.commands[commands:] if isinstance(one, RampTo)] == []
 
 
-@pytest.mark.parametrize("trouble", list(Trouble))
+@pytest.mark.parametrize("trouble", list(DeviceFault))
 @pytest.mark.parametrize("state", [State.CONNECTING, State.READY, State.RAMPING, State.SETTLING, State.HOLDING, State.IMAGING])
-def test_an_emergency_stop_or_a_limit_switch_is_an_emergency_anywhere(state: State, trouble: Trouble) -> None:
+def test_an_emergency_stop_or_a_limit_switch_is_an_emergency_anywhere(state: State, trouble: DeviceFault) -> None:
     run = Run(plan_of((HERE, 200.0)))
     if state is State.CONNECTING:
-        run.tell(Opening(run.now_ns))
+        run.tell(LinksOpening(run.now_ns))
     elif state is State.READY:
-        run.tell(Opening(run.now_ns))
+        run.tell(LinksOpening(run.now_ns))
         run.readings()
-        run.tell(Ready(run.now_ns, IDENTITY, IDENTITY))
+        run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
     else:
         run.begin()
         run.reach(state)
     given = run.tell(LoadReading(run.now_ns, replace(run.load_sample(), motion=MotionState.FAULT, trouble=trouble)))
     assert isinstance(given[0], StopMotion)
-    assert run.state.at is (State.ESTOPPED if trouble.is_emergency else State.FAULT)
+    assert run.state.state is (State.EMERGENCY_STOP if trouble.is_emergency else State.FAULT)
     assert str(trouble) in run.state.message
 
 
@@ -125,25 +125,25 @@ def test_an_emergency_that_lasts_does_not_keep_a_run_from_ending() -> None:
 
     def pressed() -> LoadReading:
         run.now_ns += 10**8
-        return LoadReading(run.now_ns, replace(run.load_sample(), motion=MotionState.FAULT, trouble=Trouble.LIMIT_SWITCH))
+        return LoadReading(run.now_ns, replace(run.load_sample(), motion=MotionState.FAULT, trouble=DeviceFault.LIMIT_SWITCH))
 
     run.tell(pressed())
-    assert run.state.at is State.ESTOPPED
-    run.tell(Operator(run.now_ns, Verb.STOP))
+    assert run.state.state is State.EMERGENCY_STOP
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.STOP))
     for _ in range(3):
         run.tell(pressed())
-        assert run.state.at is not State.ESTOPPED
+        assert run.state.state is not State.EMERGENCY_STOP
 
 
 def test_from_an_emergency_while_connecting_the_operator_leads_back() -> None:
     run = Run(plan_of((HERE, 200.0)))
-    run.tell(Opening(run.now_ns))
-    run.tell(LoadReading(run.now_ns, replace(run.load_sample(), motion=MotionState.FAULT, trouble=Trouble.EMERGENCY_STOP)))
-    run.tell(Ready(run.now_ns, IDENTITY, IDENTITY))
-    assert run.state.at is State.ESTOPPED
+    run.tell(LinksOpening(run.now_ns))
+    run.tell(LoadReading(run.now_ns, replace(run.load_sample(), motion=MotionState.FAULT, trouble=DeviceFault.EMERGENCY_STOP)))
+    run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+    assert run.state.state is State.EMERGENCY_STOP
     run.wait(1.0)
     for _ in range(2):
-        run.tell(Operator(run.now_ns, Verb.RESUME))
+        run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     run.reach(State.IMAGING)
     assert run.force_n == 200.0
 
@@ -151,17 +151,17 @@ def test_from_an_emergency_while_connecting_the_operator_leads_back() -> None:
 def test_a_stop_waits_as_long_as_is_configured_and_says_for_whom() -> None:
     run = Run(replace(plan_of((HERE, 200.0)), limits=replace(LIMITS, stop_timeout_s=6.0)))
     run.begin()
-    run.tell(Operator(run.now_ns, Verb.STOP))
+    run.tell(OperatorAction(run.now_ns, OperatorCommand.STOP))
     run.has_load = False
     run.wait(4.0)
-    assert run.state.at is State.STOPPING
-    told = [one.text for one in run.of(Announce) if one.text.startswith("waiting for")]
+    assert run.state.state is State.STOPPING
+    told = [one.text for one in run.of(Notify) if one.text.startswith("waiting for")]
     assert told == ["waiting for the word that it rests of the load frame, at most 6 s; abort ends without it"]
     run.wait(3.0)
-    assert run.state.at is State.ABORTED
+    assert run.state.state is State.ABORTED
     assert "the load frame did not" in run.state.message
 
 
 def test_limits_of_a_resumed_run_watch_from_its_first_reading() -> None:
     state = start(replace(plan_of((HERE, 200.0)), limits=WATCHED), T0)
-    assert state.watch == NOTHING_YET
+    assert state.watch == INITIAL

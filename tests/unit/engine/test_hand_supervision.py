@@ -10,8 +10,8 @@ import pytest
 from semlive.data.experiment import Limits
 from semlive.data.faults import FaultCode
 from semlive.data.loading import LoadSample, MotionState
-from semlive.engine.hand_supervision import REACTION_S, HandSupervision
-from semlive.engine.supervision import Finding
+from semlive.engine.supervision.operator_supervision import REACTION_S, HandSupervision
+from semlive.engine.supervision.ramp_supervision import Finding
 
 STIFFNESS_N_MM, RATE_N_S, TOLERANCE_N, ROW_S = 2000.0, 30.0, 3.0, 0.05
 LIMITS = Limits(-50.0, 400.0, -1.0, 2.0, force_rate_max_n_s=200.0, force_step_max_n=400.0, stage_travel_um=200.0)

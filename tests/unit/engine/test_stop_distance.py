@@ -12,12 +12,12 @@ import pytest
 from semlive.data.experiment import Limits
 from semlive.data.faults import FaultCode
 from semlive.data.loading import ControlMode, DeviceIdentity
-from semlive.engine import stop_distance
-from semlive.engine.stop_distance import RampCase, StopDistance, exceeds, noticeable_n, stop_distances, worst
-from semlive.engine.supervision import supervise
-from semlive.engine.watch import LoadWatch
-from semlive.service.link import LinkThread
-from semlive.service.stop_pursuit import DISOBEYED_S
+from semlive.engine.supervision import stop_distance
+from semlive.engine.supervision.load_watch import LoadSupervisor
+from semlive.engine.supervision.ramp_supervision import supervise
+from semlive.engine.supervision.stop_distance import RampCase, StopDistance, exceeds, noticeable_n, stop_distances, worst
+from semlive.service.control.device_link import DeviceLink
+from semlive.service.control.stop_pursuit import DISOBEYED_S
 from semlive_drivers.modbus.blind import CONNECT_S
 from semlive_drivers.modbus.settings import ModbusSettings
 from semlive_drivers.text.part import TextSettings
@@ -119,7 +119,7 @@ def test_no_machine_goes_farther_than_its_row_says(name: str, poll_s: float) -> 
 
 def stopped_at(machine: Machine, trial: Trial, case: RampCase) -> float:
     """True load at the reading that stops it, by the supervision or by the watch of the limits; the end of the ramp if none does."""
-    supervision, watch, true_n = supervise(case.limits, trial.identity), LoadWatch(), 0.0
+    supervision, watch, true_n = supervise(case.limits, trial.identity), LoadSupervisor(), 0.0
     for true_n, sample, order in machine.samples(800.0 / case.rate_n_s + 60.0, case.poll_s):
         watch, sudden = watch.with_sample(case.limits, sample)
         supervision, finding = supervision.with_sample(sample)
@@ -215,7 +215,7 @@ def test_a_device_that_a_person_moves_has_no_rows() -> None:
 
 
 def test_the_times_are_those_of_link_and_drivers() -> None:
-    assert inspect.signature(LinkThread).parameters["dead_man_s"].default == stop_distance.DEAD_MAN_S
+    assert inspect.signature(DeviceLink).parameters["dead_man_s"].default == stop_distance.DEAD_MAN_S
     assert stop_distance.TOLD_S == DISOBEYED_S
     assert stop_distance.CONNECT_S == CONNECT_S
     assert {ModbusSettings().timeout_s, TextSettings.model_fields["timeout_s"].default} == {stop_distance.ANSWER_S}

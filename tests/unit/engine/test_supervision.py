@@ -13,12 +13,12 @@ import pytest
 from semlive.data.experiment import Limits
 from semlive.data.faults import FaultCode
 from semlive.data.loading import ControlMode, DeviceIdentity, LoadSample, MotionState, StopOnLinkLoss
-from semlive.engine.ramp_readings import Finding, verified_within
-from semlive.engine.supervision import supervise
+from semlive.engine.supervision.ramp_readings import Finding, verified_within
+from semlive.engine.supervision.ramp_supervision import supervise
 
 S = 1_000_000_000
 LIMITS = Limits(-50.0, 400.0, -0.5, 2.0, 200.0, 500.0, 100.0)
-LOAD = DeviceIdentity("machine", simulated=True, stop_on_link_loss=StopOnLinkLoss.ABSENT)
+LOAD = DeviceIdentity("machine", simulated=True, stop_on_link_loss=StopOnLinkLoss.NONE)
 DRIVE = replace(LOAD, control=ControlMode.DISPLACEMENT, stiffness_n_mm=20_000.0)
 STIFFNESS = 20_000.0
 

@@ -10,8 +10,8 @@ import pytest
 from semlive.data.disparity import DisparityMap
 from semlive.data.grid import Grid
 from semlive.errors import BadInput
-from semlive.formats.disparity_grid import check_inside, grid_of, map_on, scatter_px
-from semlive.formats.disparity_table import read_disparity_table
+from semlive.formats.tables.disparity_grid import check_inside, grid_of, map_on, scatter_px
+from semlive.formats.tables.disparity_table import read_disparity_table
 
 GRID = Grid(20, 30, 10, 5, 4, 0)
 X, Y = (one.ravel() for one in GRID.mesh())

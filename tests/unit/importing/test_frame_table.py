@@ -8,7 +8,7 @@ import pytest
 
 from semlive.data.experiment import Phase
 from semlive.errors import BadInput
-from semlive.formats.frame_table import read_frame_table
+from semlive.formats.tables.frame_table import read_frame_table
 
 HEADER = "frame,pair,phase,start_s,dwell_s,row_time_s,width,height,integrations,load_n,shift_x_px,shift_y_px"
 GOOD = [

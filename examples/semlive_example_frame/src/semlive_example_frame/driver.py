@@ -42,7 +42,7 @@ class ExampleLoadFrame:
         self._identity = DeviceIdentity(
             name=f"{who['name']} at {self._where}",
             simulated=bool(who["simulated"]),
-            stop_on_link_loss=StopOnLinkLoss.ABSENT,  # say VERIFIED only after the cable was pulled and the machine stopped
+            stop_on_link_loss=StopOnLinkLoss.NONE,  # say VERIFIED only after the cable was pulled and the machine stopped
             force_max_n=float(who["force_max_n"]),
             control=ControlMode.LOAD,
         )

@@ -18,11 +18,11 @@ class _WallClock:
 
 
 class ExampleRig:
-    """See `semlive_drivers.contract.Rig`."""
+    """See `semlive_drivers.conformance.DriverFixture`."""
 
     reachable_n = 50.0
     tolerance_n = 0.1
-    can_be_cut = True
+    can_disconnect = True
 
     def __init__(self) -> None:
         self._machine = Machine()
@@ -35,11 +35,11 @@ class ExampleRig:
         """Whether the load is on its way."""
         return self._machine.moving
 
-    def cut(self) -> None:
+    def disconnect(self) -> None:
         """The machine hears nothing any more."""
         self._machine.deaf = True
 
-    def mend(self) -> None:
+    def reconnect(self) -> None:
         """It hears again."""
         self._machine.deaf = False
 

@@ -1,0 +1,1 @@
+"""Modbus RTU on serial lines, shared by several devices."""

@@ -1,0 +1,1 @@
+"""Devices that the operator moves, triggers or reads on request."""

@@ -1,0 +1,1 @@
+"""The run without further effects: observations, priors, whitening, Bayes factors."""

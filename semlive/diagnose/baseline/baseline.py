@@ -1,0 +1,360 @@
+"""The baseline: drift, distortion and motion as the estimator has them, effects that were found, and what the data leave of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.diagnose.baseline.observation import Observation
+from semlive.diagnose.baseline.priors import SMOOTH_DRIFT_PRIORS, DriftPrior, PriorCache
+from semlive.diagnose.baseline.whitening import Whitener
+from semlive.diagnose.parallel import parallel_map
+from semlive.estimate.joint.elimination.arrowhead import ArrowheadFactor, ComponentBlocks, factorise
+from semlive.estimate.joint.observations.normal_equations import map_columns
+from semlive.estimate.joint.observations.priors import Hyperparameters
+from semlive.estimate.joint.selection.marginal_likelihood import log_prior
+
+Array = NDArray[np.float64]
+
+FREE_DISTORTION_FACTOR = 10.0
+BELIEF = 4.0  # standard deviation of the logarithm about the first choice
+DISTORTION_SMOOTHNESS_FACTORS = (0.3, 1.0, 3.0)
+MAX_LOG_ODDS_DEFICIT = (
+    40.0  # logarithm of the odds against a drift that could follow more, and explains less: an effect helps it less than others
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BaselineEffect:
+    """An effect that is in the baseline.
+
+    Attributes:
+        columns: (f, b, 2, q) whitened columns.
+        size_px: standard deviation of their amplitudes before the data.
+    """
+
+    columns: Array
+    size_px: float
+
+
+Moving = tuple[tuple[NDArray[np.int64], Array], ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DesignMatrix:
+    """The baseline's columns, whitened; those of effects that were found come last.
+
+    Attributes:
+        observation: what they are for.
+        whiten: the noise.
+        columns: for x and for y, (f b, m) columns.
+        per_frame_columns: for x and y and each frame: the baseline's columns that move it, and (b, k) their mean over the frames.
+        index: for x and for y, (m,) the parameters that they belong to.
+        parameter_indices: (p,) joint parameters of the estimator that the baseline has.
+        normal_matrix: (p + r, p + r) A^T A, r being the number of the effects' amplitudes.
+        sizes_px: (r,) of the effects' amplitudes.
+        beliefs: what may be believed of the baseline's own parameters.
+    """
+
+    observation: Observation
+    whiten: Whitener
+    columns: tuple[Array, Array]
+    per_frame_columns: tuple[Moving, Moving]
+    index: tuple[NDArray[np.int64], NDArray[np.int64]]
+    parameter_indices: NDArray[np.int64]
+    normal_matrix: Array
+    sizes_px: Array
+    beliefs: PriorCache
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return len(self.normal_matrix)
+
+    def transposed(self, white: Array) -> Array:
+        """(p + r, q) A^T times whitened fields (f, b, 2, q)."""
+        total = np.zeros((self.size, white.shape[-1]))
+        for axis in (0, 1):
+            total[self.index[axis]] += self.along(axis, np.moveaxis(white[:, :, axis], -1, 0))
+        return total
+
+    def along(self, axis: int, rows: Array) -> Array:
+        """(m, q) columns of one axis times whitened fields (q, f, b).
+
+        Whitened fields have no mean over the frames, so the columns' own need not be taken away, and most columns of the drift move three
+        frames of thirty: a third of the time.
+        """
+        columns, own = self.columns[axis], self.per_frame_columns[axis]
+        total = np.zeros((columns.shape[1], len(rows)))
+        for frame, (at, block) in enumerate(own):
+            total[at] += block.T @ rows[:, frame].T
+        effects = columns[:, columns.shape[1] - len(self.sizes_px) :]
+        total[columns.shape[1] - len(self.sizes_px) :] += effects.T @ rows.reshape(len(rows), len(columns)).T
+        return total
+
+    def apply(self, parameters: Array) -> Array:
+        """(f, b, 2, q) A times parameters (p + r, q)."""
+        f, b = self.observation.frames, self.observation.blocks
+        parts = [(self.columns[axis] @ parameters[self.index[axis]]).reshape(f, b, 1, -1) for axis in (0, 1)]
+        return np.concatenate(parts, axis=2)
+
+    def rescaled(self, by: float) -> DesignMatrix:
+        """The same where noise is larger by a factor."""
+        columns = self.columns[0] / by, self.columns[1] / by
+        own = [tuple((at, block / by) for at, block in one) for one in self.per_frame_columns]
+        whiten = replace(self.whiten, sigma_px=self.whiten.sigma_px * by)
+        return replace(self, whiten=whiten, columns=columns, per_frame_columns=(own[0], own[1]), normal_matrix=self.normal_matrix / by**2)
+
+    def effect_columns(self, fields: Sequence[Array], known: int) -> tuple[slice, ...]:
+        """Where the amplitudes of effects (f, b, 2, q) are among all: the first `known` came first, the others last.
+
+        What was added since a spline of the baseline was too coarse lies between.
+        """
+        widths = [one.shape[-1] for one in fields]
+        between, ends = len(self.sizes_px) - sum(widths), np.cumsum(widths).tolist()
+        starts = [end - width + (0 if place < known else between) for place, (end, width) in enumerate(zip(ends, widths, strict=True))]
+        return tuple(slice(start, start + width) for start, width in zip(starts, widths, strict=True))
+
+    def with_effects(self, found: BaselineEffect) -> DesignMatrix:
+        """The same with an effect more."""
+        q = found.columns.shape[-1]
+        place = self.size + np.arange(q)
+        flat = [np.ascontiguousarray(found.columns[:, :, axis].reshape(-1, q)) for axis in (0, 1)]
+        normal = np.zeros((self.size + q,) * 2)
+        normal[: self.size, : self.size] = self.normal_matrix
+        cross = self.transposed(found.columns)
+        normal[: self.size, self.size :], normal[self.size :, : self.size] = cross, cross.T
+        normal[self.size :, self.size :] = sum(one.T @ one for one in flat)
+        columns = [np.concatenate((one, more), axis=1) for one, more in zip(self.columns, flat, strict=True)]
+        index = [np.concatenate((one, place)) for one in self.index]
+        sizes = np.concatenate((self.sizes_px, np.full(q, found.size_px)))
+        return replace(self, columns=(columns[0], columns[1]), index=(index[0], index[1]), normal_matrix=normal, sizes_px=sizes)
+
+
+def design(observation: Observation, whiten: Whitener) -> DesignMatrix:
+    """Columns of an observation, linearised about its first solution."""
+    state, layout = observation.state, observation.state.layout
+    dropped = np.zeros(layout.size, dtype=np.bool_)
+    for change in state.raster:
+        dropped[layout.part(change.name)] = True  # what the raster does is to be named
+    kept = np.flatnonzero(~dropped)
+    place = np.full(layout.size, -1)
+    place[kept] = np.arange(len(kept))
+    told = [map_columns(state, one, state.linearisation_point) for one in observation.rows]
+    columns, index, moving = [], [], list[Moving]()
+    for axis in (0, 1):
+        touched = np.unique(np.concatenate([one[axis][0] for one in told]))
+        touched = touched[~dropped[touched]]
+        at = np.full(layout.size, -1)
+        at[touched] = np.arange(len(touched))
+        dense = np.zeros((observation.frames, observation.blocks, len(touched)))
+        for frame, one in enumerate(told):
+            own, value = one[axis]
+            inside = at[own] >= 0
+            dense[frame + 1][:, at[own[inside]]] = value[np.ix_(observation.valid_blocks, inside)]
+        columns.append(whiten(dense).reshape(-1, len(touched)))
+        index.append(place[touched])
+        there = [np.flatnonzero(one.any(axis=0)) for one in dense]
+        moving.append(tuple((at, whiten.inverse @ one[:, at] / whiten.sigma_px) for at, one in zip(there, dense, strict=True)))
+    normal = np.zeros((len(kept), len(kept)))
+    for axis in (0, 1):
+        normal[np.ix_(index[axis], index[axis])] += columns[axis].T @ columns[axis]
+    both, own = (columns[0], columns[1]), (moving[0], moving[1])
+    beliefs = PriorCache.of(observation, kept)
+    return DesignMatrix(observation, whiten, both, own, (index[0], index[1]), kept, normal, np.zeros(0), beliefs)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HyperparameterPoint:
+    """A baseline with one smoothness.
+
+    Attributes:
+        hyper: the smoothness.
+        prior: (p + r, p + r) precision before the data.
+        factor: of the posterior precision.
+        evidence: logarithm of the likelihood of the data, up to a constant that all rungs share.
+        occam_factor: the part of it, negative, that comes from what else there might have been.
+        gradient: (p + r,) what residuals and belief ask for at the first solution.
+        half_solved_gradient: (p + r,) the same, half solved.
+        prior_choice: of the drift, and the roughness of the distortion in that of the first choice; None of runs that were joined.
+    """
+
+    hyper: Hyperparameters
+    prior: Array
+    factor: ArrowheadFactor
+    evidence: float
+    occam_factor: float
+    gradient: Array
+    half_solved_gradient: Array
+    prior_choice: tuple[DriftPrior, float] | None = None
+
+    def half(self, right: Array) -> Array:
+        """(p + r, ...) inverse of the factor times (p + r, ...): products of two such are those of a solution with one right side."""
+        return self.factor.half(right)
+
+    def solve(self, right: Array) -> Array:
+        """(p + r, q) posterior covariance times (p + r, q)."""
+        return self.factor.solve(right)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HyperparameterGrid:
+    """The baseline against the data.
+
+    Attributes:
+        design: the columns.
+        whitened_residual: (f, b, 2) whitened, what the first solution leaves of the data.
+        points: the drift that is smoothest first.
+    """
+
+    design: DesignMatrix
+    whitened_residual: Array
+    points: tuple[HyperparameterPoint, ...]
+
+    @property
+    def best(self) -> HyperparameterPoint:
+        """The likeliest."""
+        return max(self.points, key=lambda one: one.evidence)
+
+    @property
+    def evidence(self) -> float:
+        """Logarithm of the likelihood summed over the rungs."""
+        return float(np.logaddexp.reduce([one.evidence for one in self.points]))
+
+    @property
+    def log_evidence(self) -> float:
+        """The same in px and not in units of the noise: to be set beside that of the same maps about another solution."""
+        whiten, f = self.design.whiten, self.design.observation.frames
+        volume = len(whiten.factor) * np.log(whiten.sigma_px) + np.sum(np.log(np.diag(whiten.factor)))
+        return float(self.evidence - 2.0 * (f - 1) * volume)
+
+    def residual(self) -> Array:
+        """(f, b, 2) whitened, what the likeliest baseline leaves."""
+        step = self.best.solve(self.best.gradient[:, None])
+        return self.whitened_residual - self.design.apply(step)[..., 0]
+
+
+def build_grid(columns: DesignMatrix) -> HyperparameterGrid:
+    """For each smoothness of the drift the baseline with the likeliest of the distortion's, but for those that have no hope."""
+    tries = _Tries.of(columns)
+    plain = parallel_map(lambda one: (one, tries.rung(one, 1.0)), columns.beliefs.different())
+    best = max((rung for _, rung in plain), key=lambda one: one.evidence)
+    kept = [
+        (one, rung) for one, rung in plain if rung.evidence > best.evidence - MAX_LOG_ODDS_DEFICIT or rung.occam_factor > best.occam_factor
+    ]
+    rungs = parallel_map(lambda both: max((both[1], *tries.bent(both[0])), key=lambda one: one.evidence), kept)
+    return HyperparameterGrid(columns, tries.left, tuple(rungs))
+
+
+def best_point(columns: DesignMatrix) -> HyperparameterGrid:
+    """A ladder of one rung: the likeliest smoothness of the drift, and then of the distortion."""
+    tries = _Tries.of(columns)
+    found = dict(parallel_map(lambda one: (one, tries.rung(one, 1.0)), columns.beliefs.different()))
+    best = max(found, key=lambda one: found[one].evidence)
+    return HyperparameterGrid(columns, tries.left, (max((found[best], *tries.bent(best)), key=lambda one: one.evidence),))
+
+
+def prior_point(columns: DesignMatrix) -> HyperparameterGrid:
+    """A ladder of one rung: as smooth as the first solution has it."""
+    tries = _Tries.of(columns)
+    return HyperparameterGrid(columns, tries.left, (tries.rung(DriftPrior(1.0), 1.0),))
+
+
+def point_like(columns: DesignMatrix, like: HyperparameterGrid) -> HyperparameterGrid:
+    """A ladder of one rung: as smooth as another's likeliest.
+
+    Raises:
+        ValueError: the other is of runs that were joined.
+    """
+    if like.best.prior_choice is None:
+        raise ValueError("runs that were joined have no smoothness of one run")
+    tries = _Tries.of(columns)
+    return HyperparameterGrid(columns, tries.left, (tries.rung(*like.best.prior_choice),))
+
+
+def with_free_distortion(columns: DesignMatrix) -> HyperparameterGrid:
+    """A ladder of one rung: the likeliest smoothness of the drift, with a distortion far rougher than what was chosen.
+
+    A distortion is no draw of what is believed of it: of five pairs one in five was found loud by a few of its terms.
+    """
+    tries = _Tries.of(columns)
+    return HyperparameterGrid(
+        columns, tries.left, (max((tries.rung(one, FREE_DISTORTION_FACTOR) for one in SMOOTH_DRIFT_PRIORS), key=lambda one: one.evidence),)
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tries:
+    """What all smoothnesses have in common."""
+
+    columns: DesignMatrix
+    near: Array
+    left: Array
+    pull: Array
+    power: float
+
+    @classmethod
+    def of(cls, columns: DesignMatrix) -> _Tries:
+        near = np.concatenate(
+            (columns.observation.solution.mean[columns.parameter_indices], np.zeros(columns.size - len(columns.parameter_indices)))
+        )
+        left = columns.whiten(columns.observation.disparity_px) - columns.apply(near[:, None])[..., 0]
+        return cls(columns, near, left, columns.transposed(left[..., None])[:, 0], float(np.sum(left**2)))
+
+    def rung(self, drift: DriftPrior, also: float) -> HyperparameterPoint:
+        columns, belief = self.columns, self.columns.beliefs.belief(drift, also)
+        prior = _beside(belief.precision, columns.sizes_px) if columns.sizes_px.size else belief.precision
+        volume, own = belief.half_log_det - float(np.sum(np.log(columns.sizes_px))), columns.beliefs.sides
+        where = replace(own, shared=np.concatenate((own.shared, np.arange(len(columns.parameter_indices), columns.size))))
+        believed = log_prior(np.array([drift.bend_factor or 1.0]), (1.0, BELIEF)) + log_prior(np.array([also]), (1.0, BELIEF))
+        found = evaluate_point(
+            columns.normal_matrix, (prior, volume), self.pull, self.power, self.near, belief.hyper, float(believed[0]), where
+        )
+        return replace(found, prior_choice=(drift, also))
+
+    def bent(self, drift: DriftPrior) -> list[HyperparameterPoint]:
+        """With other smoothnesses of the distortion than the first choice."""
+        return [self.rung(drift, also) for also in DISTORTION_SMOOTHNESS_FACTORS if also != 1.0]
+
+
+def _beside(precision: Array, sizes_px: Array) -> Array:
+    """(p + r, p + r) precision before the data of the baseline's own parameters, and of amplitudes of effects."""
+    p, r = len(precision), len(sizes_px)
+    total = np.zeros((p + r, p + r))
+    total[:p, :p] = precision
+    total[range(p, p + r), range(p, p + r)] = sizes_px**-2.0
+    return total
+
+
+def evaluate_point(
+    normal: Array,
+    prior: tuple[Array, float],
+    pull: Array,
+    power: float,
+    near: Array,
+    hyper: Hyperparameters,
+    believed: float,
+    where: ComponentBlocks,
+) -> HyperparameterPoint:
+    """A baseline of p parameters, by what it left at a first solution.
+
+    Args:
+        normal: (p, p) A^T A.
+        prior: (p, p) precision before the data, and half the logarithm of its determinant.
+        pull: (p,) A^T times what the first solution left, whitened.
+        power: sum of the squares of what it left.
+        near: (p,) that solution.
+        hyper: its smoothness.
+        believed: logarithm of how much that smoothness is believed in.
+        where: which parameters act along x or along y alone.
+    """
+    factor = factorise(normal + prior[0], where, 0.0)
+    held = prior[0] @ near
+    whole = pull - held
+    asked = factor.half(whole)
+    volume = prior[1] - factor.half_log_det
+    fit = power + float(near @ held) - float(asked @ asked)
+    return HyperparameterPoint(hyper, prior[0], factor, volume - 0.5 * fit + believed, volume, whole, asked)

@@ -1,0 +1,291 @@
+"""Evidence: how much likelier the data are with an effect than without, refitted together with the baseline."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.diagnose.baseline.baseline import HyperparameterGrid
+from semlive.diagnose.baseline.projection import CandidateProjection, WhitenedColumns, project_candidate
+from semlive.diagnose.parallel import WORKERS, parallel_map
+from semlive.model.effects import EffectClass
+
+Array = NDArray[np.float64]
+SIZES = 6  # that are tried between the least and the largest that is expected
+MAX_BYTES = 500_000_000
+MIN_RELATIVE_EIGENVALUE = 1e-6  # of the largest eigenvalue: sums of a law's columns that the baseline takes whole say nothing
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProjectedField:
+    """A law against the data, for each rung of a ladder.
+
+    Attributes:
+        values: (rungs, q) eigenvalues of the law's information.
+        vectors: (rungs, q, q) its eigenvectors.
+        gradient: (rungs, q) what the data ask for, along the eigenvectors.
+    """
+
+    values: Array
+    vectors: Array
+    gradient: Array
+
+    @classmethod
+    def of(cls, information: Array, pull: Array) -> ProjectedField:
+        """From what the baseline leaves of a law's columns (rungs, q, q), and what the data ask of them (rungs, q)."""
+        values, vectors = np.linalg.eigh(information)
+        return cls(np.clip(values, 0.0, None), vectors, np.einsum("rji,rj->ri", vectors, pull))
+
+    def log_factor(self, sizes_px: Array) -> Array:
+        """(rungs, sizes) logarithm of the Bayes factor against no effect, for amplitudes of so many px."""
+        return log_factor(self.values[:, None, :], self.gradient[:, None, :], sizes_px[:, None])
+
+    def amplitudes(self, rung: int, size_px: float) -> tuple[Array, Array]:
+        """(q,) posterior mean and (q, q) covariance of the amplitudes."""
+        more = 1.0 / (self.values[rung] + size_px**-2.0)
+        vectors = self.vectors[rung]
+        return vectors @ (more * self.gradient[rung]), (vectors * more) @ vectors.T
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CandidateEvidence:
+    """A family against the data.
+
+    Attributes:
+        family: which.
+        values: what is not linear, for each law.
+        projected_fields: the same laws against the data.
+        log_bayes_factors: (laws, rungs, sizes) logarithms of the Bayes factors, those of the rungs relative to the whole ladder.
+        null: (draws,) logarithm of the family's Bayes factor where there is nothing but the likeliest baseline, where that was asked.
+        refinement_gain: what values between those of the grid add to the logarithm of the Bayes factor, where that was asked.
+    """
+
+    family: EffectClass
+    values: tuple[dict[str, float], ...]
+    projected_fields: tuple[ProjectedField, ...]
+    log_bayes_factors: Array
+    null: Array
+    refinement_gain: float = 0.0
+
+    @property
+    def log_factor(self) -> float:
+        """Logarithm of the family's Bayes factor: the mean over laws and sizes, every smoothness at its own likelihood."""
+        return (
+            float(
+                np.logaddexp.reduce(self.log_bayes_factors, axis=None)
+                - np.log(self.log_bayes_factors.shape[0] * self.log_bayes_factors.shape[2])
+            )
+            + self.refinement_gain
+        )
+
+    @property
+    def best(self) -> tuple[int, int, int]:
+        """Law, rung and size that are likeliest."""
+        law, rung, size = np.unravel_index(int(np.argmax(self.log_bayes_factors)), self.log_bayes_factors.shape)
+        return int(law), int(rung), int(size)
+
+
+def log_factor(values: Array, pull: Array, size_px: Array) -> Array:
+    """(...) for eigenvalues and pulls (..., q) of a law and amplitudes of a size: its Bayes factor, amplitudes integrated out."""
+    gain = size_px**2
+    return np.asarray(0.5 * np.sum(pull**2 * gain / (1.0 + gain * values) - np.log1p(gain * values), axis=-1))
+
+
+def sizes_of(family: EffectClass) -> Array:
+    """(sizes,) amplitudes that are tried, px."""
+    return np.geomspace(*family.sizes_px, SIZES)
+
+
+def project(ladder: HyperparameterGrid, field: Array) -> ProjectedField:
+    """One law's columns (f, b, 2, q), in px, against the data."""
+    return ProjectedField.of(*information(ladder, field))
+
+
+def information(ladder: HyperparameterGrid, field: Array) -> tuple[Array, Array]:
+    """Of columns (f, b, 2, q), in px, (rungs, q, q) what the baseline leaves of them, and (rungs, q) what the data ask of them."""
+    white = WhitenedColumns.of(ladder, (field,))
+    flat = _Flat.of(ladder, white)
+    return _left_of(flat, white, 0), flat.pull
+
+
+def project_candidates(
+    ladder: HyperparameterGrid, families: Sequence[EffectClass], so_far: Mapping[str, CandidateProjection] = MappingProxyType({})
+) -> dict[str, CandidateProjection]:
+    """By the name of each family its laws, whitened: to be asked of the same baseline with more and more effects in it.
+
+    None where they would take more than half a gigabyte.
+
+    Args:
+        ladder: the baseline.
+        families: whose laws are wanted.
+        so_far: what is kept of others.
+    """
+    scene, found = ladder.design.observation.geometry, dict(so_far)
+    for first in range(0, len(families), WORKERS):
+        some = families[first : first + WORKERS]
+        made = parallel_map(lambda family: project_candidate(ladder, family, scene), some)
+        found |= {family.name: one for family, one in zip(some, made, strict=True) if one is not None}
+        if sum(one.nbytes for one in found.values()) > MAX_BYTES:
+            return {}
+    return found
+
+
+def score_candidates(
+    ladder: HyperparameterGrid, families: Sequence[EffectClass], kept: Mapping[str, CandidateProjection] | None = None
+) -> tuple[CandidateEvidence, ...]:
+    """Families against the data; those that cannot be seen here are left out.
+
+    Args:
+        ladder: the baseline, with the effects so far.
+        families: that are asked.
+        kept: `project_candidates` the same baseline without the last effects.
+    """
+    found = parallel_map(lambda family: _weighed(ladder, family, _asked(ladder, family, kept)), families)
+    return tuple(one for one in found if one is not None)
+
+
+def with_draws(
+    ladder: HyperparameterGrid,
+    candidates: Sequence[CandidateEvidence],
+    draws: NullDraws,
+    kept: Mapping[str, CandidateProjection] | None = None,
+) -> tuple[CandidateEvidence, ...]:
+    """Families that were weighed, against draws of the null of the same baseline too; `kept` as for `score_candidates`."""
+    return tuple(parallel_map(lambda one: replace(one, null=_drawn(ladder, one, draws, kept)), candidates))
+
+
+def _asked(ladder: HyperparameterGrid, family: EffectClass, kept: Mapping[str, CandidateProjection] | None) -> CandidateProjection | None:
+    return (kept or {}).get(family.name) or project_candidate(ladder, family, ladder.design.observation.geometry)
+
+
+def _weighed(ladder: HyperparameterGrid, family: EffectClass, asked: CandidateProjection | None) -> CandidateEvidence | None:
+    if asked is None:
+        return None
+    sizes, base = sizes_of(family), np.array([one.evidence for one in ladder.points]) - ladder.evidence
+    laws = [law for batch in asked.batches for law in _against(_Flat.of(ladder, batch), batch)]
+    factors = np.stack([one.log_factor(sizes) for one in laws]) + base[None, :, None]
+    return CandidateEvidence(family, asked.values, tuple(laws), factors, np.zeros(0))
+
+
+def _drawn(ladder: HyperparameterGrid, one: CandidateEvidence, draws: NullDraws, kept: Mapping[str, CandidateProjection] | None) -> Array:
+    """(draws,) logarithm of a family's Bayes factor at the likeliest rung."""
+    asked, sizes, rung, laws = (
+        _asked(ladder, one.family, kept),
+        sizes_of(one.family),
+        ladder.points.index(ladder.best),
+        iter(one.projected_fields),
+    )
+    assert asked is not None  # it was weighed
+    null = []
+    for batch in asked.batches:
+        drawn = draws.pull(batch, ladder.best.half(batch.products_with(ladder.design)))
+        for own in batch.spans:
+            law = next(laws)
+            gains = np.outer(sizes**2, law.values[rung])
+            fit = (drawn[:, own] @ law.vectors[rung]) ** 2 @ (sizes[:, None] ** 2 / (1.0 + gains)).T
+            null.append(0.5 * (fit - np.log1p(gains).sum(axis=1)))
+    return np.asarray(np.logaddexp.reduce(np.stack(null), axis=(0, 2)) - np.log(len(null) * len(sizes)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Flat:
+    """Whitened columns against the baseline.
+
+    Attributes:
+        halves: for each rung, what the baseline has in common with the columns, half solved.
+        pull: (rungs, q) what the data ask for.
+    """
+
+    halves: tuple[Array, ...]
+    pull: Array
+
+    @classmethod
+    def of(cls, ladder: HyperparameterGrid, white: WhitenedColumns) -> _Flat:
+        """For all rungs of a ladder."""
+        shared = white.products_with(ladder.design)
+        halves = tuple(rung.half(shared) for rung in ladder.points)
+        return cls(
+            halves,
+            np.stack(
+                [white.residual_products - half.T @ rung.half_solved_gradient for rung, half in zip(ladder.points, halves, strict=True)]
+            ),
+        )
+
+
+def _against(flat: _Flat, white: WhitenedColumns) -> tuple[ProjectedField, ...]:
+    """Each law."""
+    return tuple(ProjectedField.of(_left_of(flat, white, law), flat.pull[:, own]) for law, own in enumerate(white.spans))
+
+
+def _left_of(flat: _Flat, white: WhitenedColumns, law: int) -> Array:
+    """(rungs, q, q) what the baseline leaves of a law's columns."""
+    own, alone = white.spans[law], white.gram_matrices[law]
+    return np.stack([alone - one[:, own].T @ one[:, own] for one in flat.halves])
+
+
+def residual_gram(ladder: HyperparameterGrid, field: Array) -> Array:
+    """(q, q) products of columns (f, b, 2, q), in px, with each other: of what the likeliest baseline leaves of them."""
+    white = WhitenedColumns.of(ladder, (field,))
+    flat = _Flat.of(HyperparameterGrid(ladder.design, ladder.whitened_residual, (ladder.best,)), white)
+    return white.gram_matrices[0] - flat.halves[0].T @ flat.halves[0]
+
+
+def gradient_of(ladder: HyperparameterGrid, field: Array) -> Array:
+    """(q,) what the data ask of columns (f, b, 2, q), in px, at the likeliest baseline."""
+    return np.asarray(
+        _Flat.of(HyperparameterGrid(ladder.design, ladder.whitened_residual, (ladder.best,)), WhitenedColumns.of(ladder, (field,))).pull[0]
+    )
+
+
+def overlap(ladder: HyperparameterGrid, field: Array, law: Array) -> float:
+    """Share of a field (f, b, 2) that a law's columns (f, b, 2, q) have too, of what the likeliest baseline leaves of both."""
+    both = residual_gram(ladder, np.concatenate((field[..., None], law), axis=-1))
+    values, vectors = np.linalg.eigh(both[1:, 1:])
+    told = values > MIN_RELATIVE_EIGENVALUE * values[-1]
+    along = vectors[:, told].T @ both[1:, 0]
+    return float(np.clip(np.sum(along**2 / values[told]) / both[0, 0], 0.0, 1.0)) if both[0, 0] > 0.0 and told.any() else 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NullDraws:
+    """Data as the likeliest baseline would make them, with nothing hidden in them: a parametric bootstrap.
+
+    Attributes:
+        noise: for x and for y, (f b, draws) whitened noise.
+        half_solved_gradient: (p, draws) what noise and belief ask of the baseline, half solved.
+    """
+
+    noise: tuple[Array, Array]
+    half_solved_gradient: Array
+
+    @classmethod
+    def of(cls, ladder: HyperparameterGrid, draws: int, seed: int) -> NullDraws:
+        """So many draws.
+
+        With parameters m drawn as they are believed, ``y = A m + e``, the baseline's refit leaves ``Z^T e - S^T (A^T e - L xi)`` of a
+        law's columns Z, L L^T being the prior's precision and S the posterior covariance times A^T Z: nothing of m itself.
+        """
+        rng = np.random.default_rng((seed, 41))
+        f, b = ladder.design.observation.frames, ladder.design.observation.blocks
+        noise = rng.normal(size=(f, b, 2, draws))
+        noise -= noise.mean(axis=0)
+        believed = np.linalg.cholesky(ladder.best.prior) @ rng.normal(size=(ladder.design.size, draws))
+        asked = ladder.best.half(ladder.design.transposed(noise) - believed)
+        flat = noise[:, :, 0].reshape(-1, draws), noise[:, :, 1].reshape(-1, draws)
+        return cls(flat, asked)
+
+    def pull(self, white: WhitenedColumns, half: Array) -> Array:
+        """(draws, q) what each draw asks of columns that have so much, half solved, in common with the likeliest baseline."""
+        return (white.along(self.noise) - half.T @ self.half_solved_gradient).T
+
+
+def projected_with_draws(ladder: HyperparameterGrid, field: Array, draws: NullDraws) -> tuple[Array, Array, Array]:
+    """(q,) eigenvalues, ascending, (q,) pull of the data and (draws, q) of the null for columns in px, at the likeliest rung."""
+    white = WhitenedColumns.of(ladder, (field,))
+    flat = _Flat.of(replace(ladder, points=(ladder.best,)), white)
+    (all_of_it,) = _against(flat, white)
+    return all_of_it.values[0], all_of_it.gradient[0], draws.pull(white, flat.halves[0]) @ all_of_it.vectors[0]

@@ -1,0 +1,119 @@
+"""Effects that are known before: they join the baseline, and what they move can be taken off."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import RBFInterpolator
+
+from semlive.data.diagnosis import ModelEffect
+from semlive.data.disparity import DisparityMap
+from semlive.data.grid import Grid
+from semlive.diagnose.baseline.baseline import BaselineEffect, HyperparameterGrid, build_grid
+from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
+from semlive.diagnose.baseline.observation import Observation
+from semlive.diagnose.baseline.strain_attenuation import MAX_ATTENUATION, strain_attenuation
+from semlive.errors import BadInput
+from semlive.model.effects import EFFECT_CLASSES, EffectClass
+
+Array = NDArray[np.float64]
+
+
+def effect_class(name: str) -> EffectClass:
+    """A family by its name.
+
+    Raises:
+        BadInput: nothing has that name.
+    """
+    found = next((one for one in EFFECT_CLASSES if one.name == name), None)
+    if found is None:
+        raise BadInput(f"model: no effect is called {name}; the known ones are {', '.join(one.name for one in EFFECT_CLASSES)}.")
+    return found
+
+
+def observable_effects(observation: Observation, known: Sequence[ModelEffect]) -> list[ModelEffect]:
+    """Those that a run can show: some go with loads or moves."""
+    return [one for one in known if effect_class(one.name).law(observation.geometry, dict(one.values)) is not None]
+
+
+def add_model_effects(bare: HyperparameterGrid, known: Sequence[ModelEffect]) -> tuple[HyperparameterGrid, tuple[Array, ...]]:
+    """The baseline with effects in it, whose amplitudes the data refit, and (f, b, 2, q) what unit amplitudes of each move in px.
+
+    Raises:
+        BadInput: an effect is unknown, or cannot be in these data.
+    """
+    columns, fields = bare.design, []
+    for one in known:
+        law = effect_class(one.name).law(columns.observation.geometry, dict(one.values))
+        if law is None:
+            raise BadInput(f"model: {one.name} cannot be seen in this run: it has no loads or moves to go with.")
+        columns = columns.with_effects(BaselineEffect(columns.whiten(law.field_px), one.size_px))
+        fields.append(law.field_px)
+    return (build_grid(columns) if known else bare), tuple(fields)
+
+
+def fitted_amplitudes(having: HyperparameterGrid) -> Array:
+    """(r,) most likely amplitudes of the effects in a baseline, at its likeliest smoothness."""
+    return np.asarray(having.best.solve(having.best.gradient[:, None])[len(having.design.parameter_indices) :, 0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EffectDisplacement:
+    """What effects move.
+
+    Attributes:
+        effects: their names.
+        field_px: (f, b, 2) since frame 0, all of them together.
+        not_corrected: names of those that are strain, look like it, or would take more than 2 % of a strain away; not in the field.
+    """
+
+    effects: tuple[str, ...]
+    field_px: Array
+    not_corrected: tuple[str, ...]
+
+
+def effect_displacement(observation: Observation, known: Sequence[ModelEffect]) -> EffectDisplacement:
+    """What effects have moved, their amplitudes refitted together with drift, distortion and motion.
+
+    Raises:
+        BadInput: an effect is unknown, or cannot be in these data.
+    """
+    having, fields = add_model_effects(noise_scaled_baseline(observation), known)
+    amplitudes = fitted_amplitudes(having)
+    total, first = np.zeros((observation.frames, observation.blocks, 2)), 0
+    harmful = []
+    for one, field, share in zip(known, fields, strain_attenuation(having, fields, len(fields)), strict=True):
+        if effect_class(one.name).strain_like or share > MAX_ATTENUATION:
+            harmful.append(one.name)
+        else:
+            total += field @ amplitudes[first : first + field.shape[-1]]
+        first += field.shape[-1]
+    return EffectDisplacement(tuple(one.name for one in known), total - total[0], tuple(harmful))
+
+
+def interpolate_to_grid(observation: Observation, moved: Array, grid: Grid) -> dict[int, Array]:
+    """By the number of each frame (ny, nx, 2) what effects move at every point, from what they move in blocks (f, b, 2).
+
+    The smoothest surface through the blocks: effects are smooth over a subset, as correlation shows nothing finer.
+    """
+    scene = observation.geometry
+    place = scene.address_px[0] + observation.state.centre_px
+    points = np.stack(grid.mesh(), axis=-1).reshape(-1, 2)
+    values = np.moveaxis(moved, 0, 1).reshape(len(place), -1)
+    spread = RBFInterpolator(place, values, kernel="thin_plate_spline", degree=1)(points)
+    fields = spread.reshape(*grid.shape, len(scene.frame), 2)
+    return {int(frame): fields[:, :, at] for at, frame in enumerate(scene.frame)}
+
+
+def subtract_effects(disparity: DisparityMap, by_frame: Mapping[int, Array]) -> DisparityMap:
+    """A map without what moved by the number of each frame, (ny, nx, 2) px; as it is where nothing did."""
+    if not by_frame:
+        return disparity
+    by = by_frame[disparity.current] - by_frame[disparity.reference]
+    u, v = (one.copy() for one in (disparity.u_px, disparity.v_px))
+    u[disparity.valid] -= by[..., 0][disparity.valid]
+    v[disparity.valid] -= by[..., 1][disparity.valid]
+    return replace(disparity, u_px=u, v_px=v)

@@ -1,0 +1,63 @@
+"""How large the noise is, from what is too rough for any effect, and fields that are smooth in every frame."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from semlive.diagnose.baseline.baseline import HyperparameterGrid, best_point, build_grid, design
+from semlive.diagnose.baseline.observation import Observation
+from semlive.diagnose.baseline.whitening import likeliest_length_px, make_whitener, rough_cholesky
+from semlive.model.effects import RunGeometry
+
+Array = NDArray[np.float64]
+ORDER = 4  # of the polynomials that count as smooth: 15 in each frame
+PASSES = 2
+CLIP = 4.0
+
+
+def modes(scene: RunGeometry, order: int = ORDER) -> Array:
+    """(f, b, k) products of Legendre polynomials over the field, of total order up to `order`."""
+    low, high = scene.address_px.min(axis=(0, 1)), scene.address_px.max(axis=(0, 1))
+    at = 2.0 * (scene.address_px - low) / (high - low) - 1.0
+    x, y = (np.polynomial.legendre.legvander(at[..., axis], order) for axis in (0, 1))
+    return np.stack([x[..., i] * y[..., j] for i in range(order + 1) for j in range(order + 1 - i)], axis=-1)
+
+
+def noise_scaled_baseline(observation: Observation) -> HyperparameterGrid:
+    """The baseline against the data, in units of the noise.
+
+    The noise is that of the rough part of the residual: smooth effects, which are to be found, do not count in it. Its correlation over
+    subsets is the likeliest.
+    """
+    residual, rough = observation.residual_px(), rough_modes(observation)
+    sigma_px = float(residual.std()) or 1e-6
+    length_px = likeliest_length_px(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough)
+    columns = design(observation, make_whitener(observation.grid, observation.valid_blocks, length_px, sigma_px))
+    for _ in range(PASSES):
+        columns = columns.rescaled(residual_scale(best_point(columns), rough))
+    return build_grid(columns)
+
+
+def rough_modes(observation: Observation) -> Array:
+    """(b, k) orthonormal columns that no smooth field has a part in; frames lie close enough to each other for one set."""
+    shapes = modes(observation.geometry).mean(axis=0)
+    return np.linalg.qr(shapes, mode="complete")[0][:, shapes.shape[1] :]
+
+
+def residual_scale(found: HyperparameterGrid, rough: Array) -> float:
+    """Root mean square of the rough part of the residual against what a unit noise would leave."""
+    columns, residual = found.design, found.residual()
+    f, b, _ = residual.shape
+    to_rough = solve_triangular(rough_cholesky(columns.whiten, rough), rough.T @ columns.whiten.factor, lower=True, check_finite=False)
+    left = to_rough @ residual
+    taken = 0.0
+    for axis in (0, 1):
+        own = (to_rough @ columns.columns[axis].reshape(f, b, -1)).reshape(f * len(to_rough), -1)
+        inside = np.zeros((columns.size, own.shape[1]))
+        inside[columns.index[axis]] = own.T @ own
+        taken += float(np.trace(found.best.solve(inside)[columns.index[axis]]))
+    freedom = 2.0 * len(to_rough) * (f - 1) - taken
+    limit = CLIP * 1.4826 * float(np.median(np.abs(left)))
+    return float(np.sqrt(np.sum(np.clip(left, -limit, limit) ** 2) / max(freedom, 1.0)))

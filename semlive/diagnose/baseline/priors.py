@@ -1,0 +1,143 @@
+"""How drift and distortion may go, before the data: the smoothness that questions are put to, and the precision that it gives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.diagnose.baseline.observation import Observation
+from semlive.estimate.joint.elimination.arrowhead import ComponentBlocks, factorise, sides
+from semlive.estimate.joint.observations.priors import Hyperparameters, Smoothness, gauge_precision, prior_precision
+
+Array = NDArray[np.float64]
+
+SMOOTHEST_PX, WIDEST_PX = 3e-4, 100.0  # farther apart, the belief's precision has no Cholesky factor in double precision
+ROUGHEST_PX = 1.0  # of a drift, from knot to knot, as the estimator has it: with 75 px one followed what a bending had left of the noise
+ROTATION_FLOOR_RAD = 1e-9  # a specimen that turns with each move is an effect with a name of its own
+WALK_LEVEL_PRECISION_RATIO = 1e-6  # what holds a walk as a whole, in what holds its steps
+
+
+@dataclass(frozen=True, slots=True)
+class DriftPrior:
+    """How the drift may go.
+
+    Attributes:
+        bend_factor: its typical bend, in that of the first choice; 0 where it is as smooth as any.
+        random_walk_px: what a random walk beside that adds from knot to knot.
+    """
+
+    bend_factor: float
+    random_walk_px: float = 0.0
+
+
+# The smoothness that the first solution chose was chosen with the effect in the data: an unnamed jump makes the drift rough, and a rough
+# drift hides the jump. So every question is put to smoother and rougher drifts too, and the likeliest answer counts.
+SMOOTH_DRIFT_PRIORS = tuple(DriftPrior(by) for by in (0.01, 0.1, 1.0, 10.0, 100.0))
+# Bends of one size are no random walk: in runs whose drift wandered by 0.01 px/s^0.5 a walk beside a smooth drift was likelier by a
+# logarithm of 130 to 150, and without it swings of 61 to 62 s were named in it that only held-out pairs rejected.
+RANDOM_WALK_PRIORS = tuple(DriftPrior(0.0, wander_px) for wander_px in (0.0, 0.01, 0.03, 0.1, 0.3, 1.0))
+DRIFTS = (*SMOOTH_DRIFT_PRIORS, *RANDOM_WALK_PRIORS)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BaselinePrior:
+    """Of the baseline's own parameters, before the data.
+
+    Attributes:
+        hyper: the smoothness.
+        precision: (p, p) of the parameters.
+        half_log_det: half the logarithm of its determinant.
+    """
+
+    hyper: Hyperparameters
+    precision: Array
+    half_log_det: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PriorCache:
+    """All beliefs of one observation; they are asked for again whenever the noise is scaled or an effect comes in.
+
+    Attributes:
+        observation: its.
+        kept: (p,) joint parameters of the estimator that the baseline has.
+        sides: which of these act along x or along y alone.
+        gauge: (p, p) precision that no smoothness changes.
+        known: those with the first choice's distortion, which a verdict asks for again and again: a seventh of its time.
+    """
+
+    observation: Observation
+    kept: NDArray[np.int64]
+    sides: ComponentBlocks
+    gauge: Array
+    known: dict[DriftPrior, BaselinePrior] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, observation: Observation, kept: NDArray[np.int64]) -> PriorCache:
+        """None known yet."""
+        whole = sides(observation.state)
+        own = ComponentBlocks(*(np.flatnonzero(np.isin(kept, one)) for one in (*whole.own, whole.shared)))
+        return cls(observation, kept, own, gauge_precision(observation.state)[np.ix_(kept, kept)])
+
+    def belief(self, drift: DriftPrior, also: float) -> BaselinePrior:
+        """With a distortion so much rougher than in the first choice."""
+        if also != 1.0:
+            return self._made(drift, also)
+        if drift not in self.known:
+            self.known[drift] = self._made(drift, also)
+        return self.known[drift]
+
+    def different(self) -> list[DriftPrior]:
+        """Beliefs that differ, the first choice's own smoothness before others: nothing can be smoother than the smoothest."""
+        first = self.observation.solution.hyper.drift
+        by_kind = {}
+        for one in sorted(DRIFTS, key=lambda one: abs(math.log(one.bend_factor or 1.0))):
+            by_kind.setdefault((_drift_of(first, one), one.random_walk_px), one)
+        return list(by_kind.values())
+
+    def _made(self, drift: DriftPrior, also: float) -> BaselinePrior:
+        state, first = self.observation.state, self.observation.solution.hyper
+        hyper = replace(
+            first,
+            noise_scale=1.0,
+            rotation_rad=ROTATION_FLOOR_RAD,
+            raster_px=(0.0, 0.0),
+            drift=_drift_of(first.drift, drift),
+            distortion=_scaled(first.distortion, also),
+        )
+        precision = prior_precision(state, hyper)[np.ix_(self.kept, self.kept)]
+        precision[np.diag_indices_from(precision)] += WIDEST_PX**-2.0
+        if drift.random_walk_px:
+            self._walk(precision, drift.random_walk_px)
+        precision += self.gauge
+        told = hyper if drift.bend_factor else replace(hyper, drift=_scaled(first.drift, 1.0))
+        return BaselinePrior(told, precision, factorise(precision, self.sides, 0.0).half_log_det)
+
+    def _walk(self, precision: Array, wander_px: float) -> None:
+        """Let the drift walk at random, too: covariances add up."""
+        state = self.observation.state
+        assert state.drift is not None  # there are pairs
+        steps = state.drift.roughness(1)
+        walk = np.linalg.inv(steps + WALK_LEVEL_PRECISION_RATIO * np.eye(len(steps))) * wander_px**2
+        start = state.layout.part("drift").start
+        for axis in (0, 1):
+            at = np.searchsorted(self.kept, start + axis + 2 * np.arange(len(steps)))
+            loose = np.linalg.inv(np.linalg.inv(precision[np.ix_(at, at)]) + walk)
+            precision[np.ix_(at, at)] = 0.5 * (loose + loose.T)
+
+
+def _drift_of(first: Sequence[Smoothness], drift: DriftPrior) -> tuple[Smoothness, Smoothness]:
+    if not drift.bend_factor:
+        return Smoothness(3, SMOOTHEST_PX), Smoothness(3, SMOOTHEST_PX)
+    one, two = (replace(kind, size_px=min(kind.size_px, ROUGHEST_PX)) for kind in _scaled(first, drift.bend_factor))
+    return one, two
+
+
+def _scaled(kinds: Sequence[Smoothness], by: float) -> tuple[Smoothness, Smoothness]:
+    """Without a liking for any period: what swings is to be named."""
+    one, two = (replace(kind, size_px=max(kind.size_px * by, SMOOTHEST_PX), oscillation_period_knots=0.0) for kind in kinds)
+    return one, two

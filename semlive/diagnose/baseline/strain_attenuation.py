@@ -1,0 +1,57 @@
+"""Whether an effect eats strain: strain is injected, and looked for again after the correction."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.diagnose.baseline.baseline import HyperparameterGrid
+from semlive.model.effects import RunGeometry
+from semlive.model.effects.run_geometry import field_column
+
+Array = NDArray[np.float64]
+MAX_ATTENUATION = 0.02
+"""Share of an injected strain that a correction may take away."""
+
+
+def strain_attenuation(having: HyperparameterGrid, fields: tuple[Array, ...], known: int) -> tuple[float, ...]:
+    """For each effect of a baseline the largest share of an injected strain that its correction takes away; 0 without a tension phase.
+
+    Strain of each component by itself is added to all frames under load, which changes what is found of the effects linearly: no
+    noise takes part, as in the difference of two runs with the same noise.
+
+    Args:
+        having: the baseline with the effects.
+        fields: of each effect, (f, b, 2, q) what unit amplitudes move, px.
+        known: how many of them were in the baseline before anything was found in it.
+    """
+    scene, columns = having.design.observation.geometry, having.design
+    if not scene.loaded.any():
+        return tuple(0.0 for _ in fields)
+    told = np.concatenate(_injected(scene), axis=-1)
+    first = len(columns.parameter_indices)
+    asked = having.best.solve(columns.transposed(columns.whiten(told)))[first:]
+    shares = []
+    for field, own in zip(fields, columns.effect_columns(fields, known), strict=True):
+        taken = np.einsum("fbcq,qk->fbck", field, asked[own])
+        shares.append(max(abs(_strain(scene, taken[..., k])[k]) for k in range(told.shape[-1])))
+    return tuple(shares)
+
+
+def _injected(scene: RunGeometry) -> tuple[Array, ...]:
+    """(f, b, 2, 1) for exx, eyy and exy: what a strain of 1 / half width moves in frames under load, px."""
+    on = scene.loaded[:, None].astype(np.float64)
+    nothing = np.zeros_like(scene.x)
+    return field_column(scene.x * on, nothing), field_column(nothing, scene.y * on), field_column(scene.y * on, scene.x * on)
+
+
+def _strain(scene: RunGeometry, moved: Array) -> tuple[float, float, float]:
+    """Mean exx, eyy and exy of frames under load against the others, in units of what was injected."""
+    found = []
+    for frame in range(len(scene.frame)):
+        rows = np.stack((np.ones_like(scene.x[frame]), scene.x[frame], scene.y[frame]), axis=-1)
+        _, x, y = np.linalg.lstsq(rows, moved[frame], rcond=None)[0]
+        found.append((x[0], y[1], 0.5 * (x[1] + y[0])))
+    each = np.array(found)
+    exx, eyy, exy = each[scene.loaded].mean(axis=0) - each[0]
+    return float(exx), float(eyy), float(exy)

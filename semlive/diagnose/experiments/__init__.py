@@ -1,0 +1,1 @@
+"""Proposed experiments and their expected odds."""

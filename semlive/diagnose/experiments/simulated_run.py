@@ -1,0 +1,150 @@
+"""A run that has not been made, as diagnosis would see it: where and when its blocks would lie, and what its baseline could take up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.diagnosis import ModelEffect
+from semlive.data.disparity import DisparityMap, PoiStatus
+from semlive.data.drift import FrameTime
+from semlive.data.experiment import Phase
+from semlive.data.scan import ScanTiming
+from semlive.diagnose.baseline.baseline import BaselineEffect, HyperparameterGrid, design, prior_point
+from semlive.diagnose.baseline.model_effects import effect_class
+from semlive.diagnose.baseline.observation import Observation, StepConditions, drift_px, make_observation
+from semlive.errors import IllPosed
+from semlive.estimate.joint.elimination.elimination import eliminate_all
+from semlive.estimate.joint.observations.normal_equations import relinearise, update
+from semlive.estimate.joint.observations.priors import Hyperparameters
+from semlive.estimate.joint.observations.state import EstimatorState, init
+from semlive.estimate.joint.solution.posterior import Solution, posterior_from_elimination
+
+Array = NDArray[np.float64]
+POI_SIGMA_PX = 0.02  # weighs nothing here: whitening has the noise that the run before it showed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedStep:
+    """A step to come.
+
+    Attributes:
+        phase: what its pair is for.
+        load_n: commanded, 0 without a load frame.
+        shift_px: commanded place of the stage or the beam.
+        hold_s: from the end of the motion to the start of the first frame.
+        start_s: (2,) of its frames, seconds after the begin of the run.
+    """
+
+    phase: Phase
+    load_n: float
+    shift_px: tuple[float, float]
+    hold_s: float
+    start_s: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedRun:
+    """A run to come.
+
+    Attributes:
+        steps: in order.
+        scan_time_ratio: dwell, row and frame time, of those of the run before it.
+        duration_s: of the whole run.
+    """
+
+    steps: tuple[PlannedStep, ...]
+    scan_time_ratio: float
+    duration_s: float
+
+
+def simulate_baseline(before: HyperparameterGrid, run: PlannedRun, known: Sequence[ModelEffect] = ()) -> HyperparameterGrid:
+    """The baseline of a run to come, of one rung: drift and distortion as smooth as in the run before it, and its noise.
+
+    The distortion, the strain for a load and the drift are those that the run before it showed: where a picture stays in its place the
+    distortion cannot be seen, and takes up nothing. Noise goes with the square root of the dwell.
+
+    Args:
+        before: baseline of a run on the same specimen and grid.
+        run: what is planned.
+        known: effects that the baseline has; their amplitudes are free there too.
+
+    Raises:
+        IllPosed: too few pairs to name anything.
+    """
+    seen, whiten = before.design.observation, before.design.whiten
+    state = _state(seen, run)
+    solution = _solution(state, before.best.hyper)
+    facts = [StepConditions(pair, one.phase, (one.load_n, one.load_n), one.shift_px, one.hold_s) for pair, one in enumerate(run.steps)]
+    found = make_observation(solution, facts)
+    if not np.array_equal(found.valid_blocks, seen.valid_blocks):
+        raise IllPosed("the planned run moves blocks out of the field: nothing can be foretold of it")
+    at = np.arange(found.frames) % seen.frames
+    found = replace(found, geometry=replace(found.geometry, drift_rate_px_s=seen.geometry.drift_rate_px_s[at]))
+    columns = design(found, replace(whiten, sigma_px=whiten.sigma_px / np.sqrt(run.scan_time_ratio)))
+    for one in known:
+        law = effect_class(one.name).law(found.geometry, dict(one.values))
+        if law is not None:
+            columns = columns.with_effects(BaselineEffect(columns.whiten(law.field_px), one.size_px))
+    return prior_point(columns)
+
+
+def _state(seen: Observation, run: PlannedRun) -> EstimatorState:
+    known, grid = seen.state, seen.grid
+    timing = _scaled(known.frame_time(int(seen.geometry.frame[0])).timing, run.scan_time_ratio)
+    per_n, when_s, drift = _gradient_per_n(seen), seen.geometry.start_s, drift_px(seen.solution, seen.geometry.time_s)
+    shown = np.isin(known.blocks.block, seen.valid_blocks).reshape(grid.shape)
+    state, first_s = init(known.settings, grid, known.width_px, known.height_px), run.steps[0].start_s[0]
+    for pair, step in enumerate(run.steps):
+        frames = [2 * pair, 2 * pair + 1]
+        times = [FrameTime(frame, start_s - first_s, timing) for frame, start_s in zip(frames, step.start_s, strict=True)]
+        carried = [[np.interp(one.start_s, when_s, drift[:, axis] - drift[0, axis]) for axis in (0, 1)] for one in times]
+        moved = [_moved(seen, step.shift_px + np.array(by), step.load_n * per_n) for by in carried]
+        maps = tuple(_map(seen, frame, shown, u, v) for frame, (u, v) in zip(frames, moved, strict=True) if frame)
+        state = update(state, pair, step.phase, (times[0], times[1]), maps)
+    return state
+
+
+def _scaled(timing: ScanTiming, by: float) -> ScanTiming:
+    names = ("dwell_time_s", "row_time_s", "frame_time_s")
+    return replace(timing, **{name: replace(one := getattr(timing, name), value=one.value * by) for name in names})
+
+
+def _gradient_per_n(seen: Observation) -> Array:
+    """(2, 2) displacement gradient for a load of 1 N, by the frames under load."""
+    scene = seen.geometry
+    square = float(np.sum(scene.load_n[scene.loaded] ** 2))
+    if not square:
+        return np.zeros((2, 2))
+    place = scene.address_px - scene.disparity_px
+    total = np.zeros((2, 2))
+    for frame in np.flatnonzero(scene.loaded):
+        columns = np.column_stack((place[frame], np.ones(len(place[frame]))))
+        total += scene.load_n[frame] * np.linalg.lstsq(columns, scene.disparity_px[frame], rcond=None)[0][:2].T
+    return total / square
+
+
+def _moved(seen: Observation, shift_px: Array, gradient: Array) -> tuple[Array, Array]:
+    """(ny, nx) displacements of the points: the picture's, and what the distortion makes of it."""
+    state, part = seen.state, seen.solution.part("distortion")
+    x, y = (one.ravel() for one in seen.grid.mesh())
+    own = shift_px[:, None] + gradient @ (np.stack((x, y)) - state.centre_px[:, None])
+    bent = [state.distortion.field(part, *place) for place in ((x + own[0], y + own[1]), (x, y))]
+    u, v = (own + (bent[0] - bent[1]).T).reshape(2, *seen.grid.shape)
+    return u, v
+
+
+def _map(seen: Observation, frame: int, shown: NDArray[np.bool_], u: Array, v: Array) -> DisparityMap:
+    status = np.where(shown, PoiStatus.CONVERGED, PoiStatus.LOW_ZNCC).astype(np.uint8)
+    u, v, sigma = (np.ascontiguousarray(np.where(shown, one, 0.0)) for one in (u, v, np.full(shown.shape, POI_SIGMA_PX)))
+    return DisparityMap(0, frame, seen.grid, u, v, sigma, sigma, np.ones(shown.shape), status)
+
+
+def _solution(state: EstimatorState, hyper: Hyperparameters) -> Solution:
+    hyper = replace(hyper, row_shift_px=0.0)
+    near = np.zeros(state.layout.size)
+    found = posterior_from_elimination(eliminate_all(state, hyper, near), (), POI_SIGMA_PX)
+    return posterior_from_elimination(eliminate_all(relinearise(found.state, found.mean), hyper, found.mean), (), POI_SIGMA_PX)

@@ -1,0 +1,1 @@
+"""Effects that grey levels show."""

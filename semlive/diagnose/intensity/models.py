@@ -1,0 +1,203 @@
+"""Laws of grey over time: each a few columns, linear in its amplitudes, and what makes them believable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import f as fisher
+
+from semlive.diagnose.intensity.frames import INTENSITY_TERMS
+from semlive.diagnose.intensity.time_series import IntensityTimeSeries
+from semlive.model.effects.intensity import CHARGING_JUMP, CONTAMINATION, DEFOCUS, GAMMA_CHANGE, IntensityEffectClass
+
+Array = NDArray[np.float64]
+DRIFT = "grey drift without a name"
+BLACK_LEVEL_TOLERANCE = 0.25  # of the mean grey: what a black level has to be known to
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IntensityModel:
+    """A law.
+
+    Attributes:
+        family: None where it has no name.
+        kind: which of the family's laws.
+        columns: (k, f, r, TERMS); the last of them may be no part of the law.
+        at_s: of a step.
+        sigma_s: half of the interval in which steps do as well.
+        trial_count: how many steps were.
+        nuisance_columns: how many of the last columns are those of a band that is neither before nor after the step; they speak for no law.
+    """
+
+    family: IntensityEffectClass | None
+    kind: str
+    columns: Array
+    at_s: float = 0.0
+    sigma_s: float = 0.0
+    trial_count: int = 1
+    nuisance_columns: int = 0
+
+    @property
+    def name(self) -> str:
+        """Canonical, or what a law without a name is called."""
+        return self.family.name if self.family else DRIFT
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IntensityFit:
+    """A law beside those that the baseline has.
+
+    Attributes:
+        law: that was fitted.
+        amplitudes: (k,) its own, those beside it left out.
+        covariance: (k, k) of them.
+        explained_chi2: squares of noise that it explains, beyond what the columns beside it do.
+        odds: logarithm of its Bayes factor, as Schwarz approximates it.
+        p_value: of so many squares by noise, over all instants that were tried.
+    """
+
+    law: IntensityModel
+    amplitudes: Array
+    covariance: Array
+    explained_chi2: float
+    odds: float
+    p_value: float
+
+
+def smooth_laws(courses: IntensityTimeSeries) -> tuple[IntensityModel, ...]:
+    """Of what goes on all the time. Contamination may have a black level, or slow down; focus may have gone through its best before."""
+    time_s = courses.time_s[..., None]
+    mean, gain, curve, blur = (time_s * one for one in np.eye(INTENSITY_TERMS))
+    scale = float(courses.time_s.max())
+    loss = -(courses.mean * mean + gain)
+    later = courses.time_s[..., None] / scale
+    return (
+        IntensityModel(CONTAMINATION, "linear", np.stack([loss])),
+        IntensityModel(CONTAMINATION, "black level", np.stack([loss, mean])),
+        IntensityModel(CONTAMINATION, "slowing", np.stack([loss, loss * later])),
+        IntensityModel(DEFOCUS, "from the start", np.stack([blur * time_s])),
+        IntensityModel(DEFOCUS, "through the best", np.stack([blur * time_s, blur])),
+        IntensityModel(None, "drift", np.stack([mean, mean * later, gain, gain * later])),
+        IntensityModel(None, "sharpness", np.stack([blur, blur * later, curve])),
+    )
+
+
+def steps(courses: IntensityTimeSeries) -> tuple[IntensityModel, ...]:
+    """Another grey curve from an instant on: between all frames, and in each band, which is then neither before nor after it."""
+    found = []
+    for frame in range(1, courses.frames):
+        early, late = courses.span_s[frame - 1, -1, 1], courses.span_s[frame, 0, 0]
+        found.append(step_at(courses, 0.5 * float(early + late), 0.5 * float(late - early)))
+        found += [step_at(courses, float(span.mean()), 0.5 * float(np.ptp(span))) for span in courses.span_s[frame]]
+    return tuple(replace(one, trial_count=len(found)) for one in found)
+
+
+def step_at(courses: IntensityTimeSeries, at_s: float, sigma_s: float = 0.0) -> IntensityModel:
+    """Another grey curve from an instant on; a band in which it lies has amplitudes of its own."""
+    after = courses.span_s[..., 0] >= at_s
+    within = ~after & (courses.span_s[..., 1] > at_s)
+    columns = [after[..., None] * one for one in np.eye(INTENSITY_TERMS)[:3]]
+    beside = [within[..., None] * one for one in np.eye(INTENSITY_TERMS)[:3]] if within.any() else []
+    return IntensityModel(
+        GAMMA_CHANGE, "step", np.stack([*columns, *beside]).astype(np.float64), at_s, sigma_s, nuisance_columns=len(beside)
+    )
+
+
+def flash_at(courses: IntensityTimeSeries, at_s: float, length_s: float) -> IntensityModel | None:
+    """Bands with a flash in them, which are of no use for any other law; None where it lies in no band."""
+    within = (courses.span_s[..., 0] <= at_s + length_s) & (courses.span_s[..., 1] >= at_s - length_s)
+    if not within.any():
+        return None
+    columns = [
+        (np.arange(within.size).reshape(within.shape) == band)[..., None] * one
+        for band in np.flatnonzero(within)
+        for one in np.eye(INTENSITY_TERMS)
+    ]
+    return IntensityModel(CHARGING_JUMP, "flash", np.array(columns, dtype=np.float64).reshape(-1, *courses.value.shape), at_s)
+
+
+class IntensityRegression:
+    """Fits laws to courses, beside laws that are there already."""
+
+    __slots__ = ("_base", "_data", "_freedom", "courses")
+
+    def __init__(self, courses: IntensityTimeSeries, there: tuple[IntensityModel, ...] = ()) -> None:
+        """Laws that are there are free, all together."""
+        self.courses = courses
+        columns = [column.ravel() for law in there for column in courses.white(law.columns)]
+        self._base = _orthonormal(np.stack(columns, axis=-1)) if columns else np.zeros((courses.value.size, 0))
+        self._data = self._apart(courses.white(courses.value).ravel())
+        self._freedom = courses.freedom
+
+    def fit(self, law: IntensityModel) -> IntensityFit:
+        """A law beside the baseline."""
+        columns = np.stack([self._apart(one.ravel()) for one in self.courses.white(law.columns)], axis=-1)
+        own = len(law.columns) - law.nuisance_columns
+        data = self._data
+        if law.nuisance_columns:
+            others = _orthonormal(columns[:, own:])
+            columns, data = (one - others @ (others.T @ one) for one in (columns, data))
+        columns = columns[:, :own]
+        size = np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-12)
+        normal = (columns / size).T @ (columns / size) + 1e-9 * np.eye(own)
+        inverse = np.linalg.inv(normal)
+        amplitudes = inverse @ ((columns / size).T @ data)
+        lost = max(float(amplitudes @ normal @ amplitudes), 0.0)
+        square = float(data @ data)
+        odds = self._log_likelihood(square - lost) - self._log_likelihood(square) - 0.5 * own * np.log(self.courses.frames)
+        p_value = min(1.0, law.trial_count * float(fisher.sf(lost / own, own, self._freedom)))
+        return IntensityFit(law, amplitudes / size, inverse / np.outer(size, size), lost, float(odds - np.log(law.trial_count)), p_value)
+
+    def add_model(self) -> IntensityFit:
+        """The likeliest step, and the interval in which steps do as well within two standard deviations."""
+        tried = [self.fit(law) for law in steps(self.courses)]
+        best = max(tried, key=lambda one: one.odds)
+        like = [one.law for one in tried if one.odds > best.odds - 2.0]
+        first, last = min(one.at_s - one.sigma_s for one in like), max(one.at_s + one.sigma_s for one in like)
+        return replace(best, law=replace(best.law, at_s=0.5 * (first + last), sigma_s=0.5 * (last - first)))
+
+    def residual(self) -> Array:
+        """(f, r, TERMS) whitened, what the baseline leaves."""
+        return self._data.reshape(self.courses.value.shape)
+
+    def all_fits(self) -> tuple[IntensityFit, ...]:
+        """Every law, those that are not believable left out."""
+        fits = (*(self.fit(law) for law in smooth_laws(self.courses)), self.add_model())
+        return tuple(one for one in fits if is_physical(self.courses, one))
+
+    def _log_likelihood(self, square: float) -> float:
+        """Of so many squares of noise that are left, by Student's distribution, as the noise is known from pairs alone."""
+        known, count = self._freedom * self.courses.value.shape[1], self._data.size
+        return -0.5 * (known + count) * float(np.log(known + max(square, 0.0)))
+
+    def _apart(self, values: Array) -> Array:
+        return values - self._base @ (self._base.T @ values)
+
+
+def is_physical(courses: IntensityTimeSeries, fit: IntensityFit) -> bool:
+    """Carbon darkens and has a black level that no grey is below; blur is no sharper than the sharpest."""
+    first = float(fit.amplitudes[0])
+    if fit.law.family is CONTAMINATION:
+        if fit.law.kind == "slowing":
+            return first > 0.0 and first + fit.amplitudes[1] > 0.0
+        level, sigma = black_level(fit)
+        return first > 0.0 and -2.0 * sigma <= level <= courses.darkest + 2.0 * sigma and sigma < BLACK_LEVEL_TOLERANCE * courses.mean
+    return first > 0.0 if fit.law.family is DEFOCUS else True
+
+
+def black_level(fit: IntensityFit) -> tuple[float, float]:
+    """Of contamination, grey levels, and its standard uncertainty; 0 where the law has none."""
+    if fit.law.kind != "black level":
+        return 0.0, 0.0
+    loss, brighter = fit.amplitudes
+    level = float(brighter / loss)
+    lever = np.array([-level, 1.0]) / loss
+    return level, float(np.sqrt(lever @ fit.covariance @ lever))
+
+
+def _orthonormal(columns: Array) -> Array:
+    size = np.sqrt(np.sum(columns**2, axis=0))
+    vectors, values, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+    return vectors[:, values > 1e-9 * values[0]]

@@ -1,0 +1,83 @@
+"""What laws of grey leave: frames, bands of rows and blocks that differ from pair to pair by more than within one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import f as fisher
+
+from semlive.diagnose.intensity.models import IntensityModel, IntensityRegression
+from semlive.diagnose.intensity.time_series import OUTLIER_FACTOR, IntensityTimeSeries
+
+Array = NDArray[np.float64]
+BLUR_WEIGHT = 0.3
+"""Of a contrast that a square pixel of blur takes, at the waves that patterns have."""
+
+
+@dataclass(frozen=True, slots=True)
+class ResidualTest:
+    """A test of what is left.
+
+    Attributes:
+        what: frames, bands or blocks.
+        p_value: of its own.
+        levels: size of what is left, root mean square, grey levels.
+    """
+
+    what: str
+    p_value: float
+    levels: float
+
+
+def residual_tests(courses: IntensityTimeSeries, laws: Sequence[IntensityModel] = ()) -> tuple[ResidualTest, ...]:
+    """The three tests, beside laws that the baseline has."""
+    white = IntensityRegression(courses, tuple(laws)).residual()
+    freedom = sum(len(law.columns) for law in laws)
+    return (_tone(courses, white, slice(0, 1), freedom), _tone(courses, white, slice(1, None), freedom), _blocks(courses, laws))
+
+
+def _tone(courses: IntensityTimeSeries, white: Array, part: slice, freedom: int) -> ResidualTest:
+    """Of frames' means or of how bands differ."""
+    bands = courses.value.shape[1]
+    whole = part.start == 0
+    square, dof = 0.0, -freedom
+    means = []
+    for pair in np.unique(courses.pair):
+        own = white[courses.pair == pair][:, part]
+        means.append(own.mean(axis=0))
+        square += len(own) * float(np.sum(means[-1] ** 2))
+        dof += means[-1].size
+    dof -= means[0].size
+    if dof < 1:
+        return ResidualTest("frames" if whole else "bands", 1.0, 0.0)
+    p_value = float(fisher.sf(square / dof, dof, courses.freedom * (1 if whole else 0.5 * bands)))
+    back = np.stack(means) * np.sqrt(courses.inflation if whole else np.ones(4))
+    told = back @ np.linalg.inv(courses.whitener).T / np.sqrt(bands)
+    noise = np.diag(courses.covariance) / bands * 0.5
+    weight = np.array([1.0, courses.contrast, 1.0, BLUR_WEIGHT * courses.contrast])
+    excess = (np.mean(np.sum(told**2, axis=1), axis=0) - noise * (1 if whole else bands - 1)) * weight**2
+    return ResidualTest("frames" if whole else "bands", p_value, float(np.sqrt(max(float(excess.sum()), 0.0))))
+
+
+def _blocks(courses: IntensityTimeSeries, laws: Sequence[IntensityModel]) -> ResidualTest:
+    """Of blocks beyond their frame's tone; a frame in which the curve changed has two tones and is left out."""
+    steps = [law.at_s for law in laws if law.at_s]
+    whole = np.array([not any(span[0, 0] <= at <= span[-1, 1] for at in steps) for span in courses.span_s])
+    local, pair = courses.local[whole], courses.pair[whole]
+    both = [one for one in np.unique(pair) if np.sum(pair == one) == 2]
+    if len(both) < 3:
+        return ResidualTest("blocks", 1.0, 0.0)
+    first = np.array([np.flatnonzero(pair == one)[0] for one in both])
+    change = local[first + 1] - local[first]
+    energy = np.mean(change**2, axis=1)
+    change = change[energy <= OUTLIER_FACTOR * np.median(energy)]
+    noise = float(np.mean(change**2)) / 2.0
+    means = 0.5 * (local[first] + local[first + 1])
+    means = means - means.mean(axis=0)
+    blocks, count = local.shape[1], len(both)
+    between = 2.0 * float(np.sum(means**2)) / (blocks * (count - 1))
+    p_value = float(fisher.sf(between / max(noise, 1e-18), blocks * (count - 1), blocks * len(change)))
+    return ResidualTest("blocks", p_value, float(np.sqrt(max(between - noise, 0.0) / 2.0)))

@@ -1,0 +1,44 @@
+"""Gain, gamma and offset of a change of the grey curve, from what it did to mean, gain and curvature."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from semlive.data.diagnosis import ParameterEstimate
+
+Array = NDArray[np.float64]
+BEFORE = np.array([1.0, 1.0, 0.0])
+WIDTH = np.array([1.0, 1.0, 100.0])
+"""Standard deviations of gain, gamma and offset before the data: a pattern of two grey levels cannot tell three numbers."""
+
+
+def curve_parameters(change: Array, covariance: Array, grey: Array) -> tuple[ParameterEstimate, ...]:
+    """I -> 255 a (I / 255)^g + b.
+
+    Args:
+        change: (3,) of the mean in grey levels, of the gain, and of the curvature in grey levels at one contrast.
+        covariance: (3, 3) of it.
+        grey: (n,) grey levels of the pattern, without noise.
+    """
+    grey = np.clip(grey, 1.0, 254.0)
+    mean, contrast = float(grey.mean()), float(grey.std())
+    own = (grey - mean) / contrast
+    shapes = np.stack([np.ones_like(own), own, own**2 - 1.0], axis=-1)
+    project = np.linalg.pinv(shapes)
+
+    def changed(parameters: Array) -> Array:
+        gain, gamma, offset = parameters
+        told = project @ (255.0 * gain * (grey / 255.0) ** gamma + offset - grey)
+        return np.array([told[0], told[1] / contrast, told[2]])
+
+    weigh = np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.eye(3)))
+
+    def misfit(parameters: Array) -> Array:
+        return np.concatenate([weigh @ (changed(parameters) - change), (parameters - BEFORE) / WIDTH])
+
+    found = least_squares(misfit, BEFORE, x_scale=np.array([0.1, 0.1, 10.0]))
+    sigma = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
+    told = (("gain", "1"), ("gamma", "1"), ("offset_levels", "levels"))
+    return tuple(ParameterEstimate(name, float(one), float(s), unit) for (name, unit), one, s in zip(told, found.x, sigma, strict=True))

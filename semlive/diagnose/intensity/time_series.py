@@ -1,0 +1,169 @@
+"""Courses of grey: brightness, contrast, curvature and blur of every frame, in bands of rows that each have their own time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.diagnose.intensity.frames import BLURS_PX2, INTENSITY_TERMS, IntensityFrame, IntensityFrames
+from semlive.errors import IllPosed
+
+Array = NDArray[np.float64]
+BANDS = 12
+LEAST_PAIRS = 4
+LEAST_BLOCKS = 12
+OUTLIER_FACTOR = 4.0  # times the median: a pair whose frames differ so much shows something that happened, not noise
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IntensityTimeSeries:
+    """What is known of grey over a run.
+
+    Attributes:
+        value: (f, r, TERMS) change of the mean in grey levels, of the gain, of the curvature in grey levels at one contrast, and blur in
+            squares of px, all against frame 1.
+        time_s: (f, r) middle of the scan of a band, after the start of frame 0.
+        span_s: (f, r, 2) its first and last row.
+        pair: (f,) number of the frame's pair.
+        covariance: (TERMS, TERMS) of the noise of a band, from that of pixels and as large as pairs show it.
+        inflation: (TERMS,) of the variance of a frame's mean beyond what bands tell, in whitened terms.
+        freedom: of the noise.
+        local: (f, b) what blocks show beyond their frame's tone, grey levels.
+        mean: m, grey levels.
+        contrast: c, grey levels.
+        darkest: grey level.
+    """
+
+    value: Array
+    time_s: Array
+    span_s: Array
+    pair: NDArray[np.int64]
+    covariance: Array
+    inflation: Array
+    freedom: int
+    local: Array
+    mean: float
+    contrast: float
+    darkest: float
+
+    @property
+    def frames(self) -> int:
+        """How many."""
+        return len(self.value)
+
+    @property
+    def whitener(self) -> Array:
+        """(TERMS, TERMS) that makes the noise of a band the unit matrix."""
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance)), dtype=np.float64)
+
+    def white(self, values: Array) -> Array:
+        """(..., f, r, TERMS) in units of their noise: contrasts of bands, the first their mean, without frame 1's own noise."""
+        rotated = np.einsum("qr,...frp->...fqp", _contrasts(self.value.shape[1]), values @ self.whitener.T)
+        rotated[..., 0, :] /= np.sqrt(self.inflation)
+        return rotated - rotated.mean(axis=-3, keepdims=True)
+
+    def frame_sigma(self) -> Array:
+        """(TERMS,) of the mean of a frame."""
+        unwhite = np.linalg.inv(self.whitener)
+        return np.sqrt(np.diag(unwhite @ np.diag(self.inflation) @ unwhite.T) / self.value.shape[1])
+
+
+def intensity_time_series(series: IntensityFrames) -> IntensityTimeSeries:
+    """From products of blocks.
+
+    Raises:
+        IllPosed: too few pairs or blocks.
+    """
+    reference = series.reference
+    most = max((int(one.known.sum()) for one in series.frames), default=0)
+    frames = [one for one in series.frames if one.known.sum() >= 0.5 * most]
+    known = reference.known & np.all([one.known for one in frames], axis=0) if frames else reference.known
+    pair = np.array([one.frame // 2 for one in frames])
+    if known.sum() < LEAST_BLOCKS:
+        raise IllPosed(f"grey: fewer than {LEAST_BLOCKS} blocks are in all frames")
+    if sum(int(np.sum(pair == one) == 2) for one in set(pair.tolist())) < LEAST_PAIRS - 1:
+        raise IllPosed(f"grey: fewer than {LEAST_PAIRS} pairs have images and maps from frame 0")
+    bands = _bands(reference.blocks.y_px, known)
+    value = np.stack([[_terms(series, one, which) for which in bands] for one in frames])
+    middle = np.array([[one.row_px[which].mean() for which in bands] for one in frames])
+    half = 0.5 * reference.blocks.edge_px
+    ends = np.array([[(one.row_px[which].min() - half, one.row_px[which].max() + half) for which in bands] for one in frames])
+    start_s, row_time_s = (np.array([getattr(one, name) for one in frames]) for name in ("start_s", "row_time_s"))
+    covariance, inflation, count = _noise(value, pair, _of_pixels(series, bands))
+    return IntensityTimeSeries(
+        value, start_s[:, None] + middle * row_time_s[:, None], start_s[:, None, None] + ends * row_time_s[:, None, None], pair,
+        covariance, inflation, INTENSITY_TERMS * count, _local(series, frames, known),
+        reference.mean, reference.contrast, reference.darkest,
+    )  # fmt: skip
+
+
+def _bands(y_px: NDArray[np.int64], known: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+    """Rows of blocks, as many in each band, so that all are known as well; rows that are left over lie in the last one."""
+    rows = np.unique(y_px[known])
+    together = -(-len(rows) // BANDS)
+    count = len(rows) // together
+    band = np.minimum(np.searchsorted(rows, y_px) // together, count - 1)
+    return [np.flatnonzero(known & (band == at)) for at in range(count)]
+
+
+def _terms(series: IntensityFrames, frame: IntensityFrame, which: NDArray[np.int64]) -> Array:
+    """(TERMS,) of a band, blur in squares of px and what it does to the other terms taken off."""
+    reference = series.reference
+    basis = reference.basis[which].sum(axis=0)
+    told = np.linalg.solve(basis, frame.products[which].sum(axis=0))
+    curve = np.linalg.solve(basis, reference.blurred[:, which].sum(axis=1).T).T
+    gain = max(told[1], 0.1)
+    # Beyond what was blurred, and for what is sharper than frame 1, as the first or the last piece goes.
+    at = int(np.clip(np.searchsorted(curve[:, 3], told[3] / gain) - 1, 0, len(BLURS_PX2) - 2))
+    slope = max((curve[at + 1, 3] - curve[at, 3]) / (BLURS_PX2[at + 1] - BLURS_PX2[at]), 1e-3)
+    blur_px2 = BLURS_PX2[at] + (told[3] / gain - curve[at, 3]) / slope
+    share = (blur_px2 - BLURS_PX2[at]) / (BLURS_PX2[at + 1] - BLURS_PX2[at])
+    leak = gain * (curve[at] + share * (curve[at + 1] - curve[at]) - curve[0])
+    rest = told - leak
+    return np.array([reference.contrast * rest[0], rest[1] - 1.0, reference.contrast * rest[2], blur_px2])
+
+
+def _of_pixels(series: IntensityFrames, bands: list[NDArray[np.int64]]) -> Array:
+    """(TERMS, TERMS) covariance that the noise of pixels gives a band: a few pairs whitened by their own would look too quiet."""
+    reference, total = series.reference, np.zeros((INTENSITY_TERMS, INTENSITY_TERMS))
+    slope = 0.0
+    for which in bands:
+        basis = reference.basis[which].sum(axis=0)
+        inverse = np.linalg.inv(basis)
+        total += inverse @ reference.noise[which].sum(axis=0) @ inverse.T / len(bands)
+        slope += float((inverse @ reference.blurred[2, which].sum(axis=0))[3] / BLURS_PX2[2]) / len(bands)
+    unit = np.array([reference.contrast, 1.0, reference.contrast, 1.0 / slope])
+    return np.asarray(total * np.outer(unit, unit), dtype=np.float64)
+
+
+def _noise(value: Array, pair: NDArray[np.int64], of_pixels: Array) -> tuple[Array, Array, int]:
+    """Covariance of a band and inflation of a frame's mean, from the two frames of each pair but those that something befell."""
+    first = np.flatnonzero(pair[1:] == pair[:-1])
+    lower = np.linalg.cholesky(of_pixels)
+    change = (value[first + 1] - value[first]) @ np.linalg.inv(lower).T / np.sqrt(2.0)
+    energy = np.mean(change**2, axis=(1, 2))
+    change = change[energy <= OUTLIER_FACTOR * np.median(energy)]
+    square = np.mean(change**2, axis=(0, 1)) + 1e-12
+    covariance = (lower * square) @ lower.T
+    inflation = np.maximum(1.0, np.mean(change.mean(axis=1) ** 2, axis=0) * change.shape[1] / square)
+    return covariance, inflation, len(change)
+
+
+def _local(series: IntensityFrames, frames: list[IntensityFrame], known: NDArray[np.bool_]) -> Array:
+    """(f, b) change of each block's mean beyond what its frame's tone makes of its own grey, grey levels."""
+    reference = series.reference
+    basis = reference.basis[known]
+    size = np.maximum(basis[:, 0, 0], 1e-9)
+    found = []
+    for one in frames:
+        told = np.linalg.solve(basis.sum(axis=0), one.products[known].sum(axis=0))
+        found.append(reference.contrast * (one.products[known] - basis @ told)[:, 0] / size)
+    return np.stack(found)
+
+
+def _contrasts(count: int) -> Array:
+    """(count, count) orthonormal, the first row the mean."""
+    rotation, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, count), increasing=True))
+    return (rotation * np.sign(rotation[0])).T

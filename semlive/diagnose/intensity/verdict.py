@@ -1,0 +1,213 @@
+"""The grey levels' verdict: contamination, defocus or another grey curve by their course over time, and flashes by their rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from semlive.data.diagnosis import (
+    DomainTest,
+    IdentifiedEffect,
+    IntensityDiagnosis,
+    IntensityHistory,
+    ModelEffect,
+    Outcome,
+    ParameterEstimate,
+)
+from semlive.diagnose.intensity.flashes import Flash, flashes
+from semlive.diagnose.intensity.frames import IntensityFrames
+from semlive.diagnose.intensity.models import IntensityFit, IntensityModel, IntensityRegression, black_level, flash_at, smooth_laws, step_at
+from semlive.diagnose.intensity.residual_tests import ResidualTest, residual_tests
+from semlive.diagnose.intensity.step import curve_parameters
+from semlive.diagnose.intensity.time_series import IntensityTimeSeries, intensity_time_series
+from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANCE_LEVEL, SIGNIFICANT_LOG_FACTOR
+from semlive.model.effects.intensity import CHARGING_JUMP, CONTAMINATION, DEFOCUS, GAMMA_CHANGE
+
+Array = NDArray[np.float64]
+MOST = 3
+TESTS = 4
+"""Three names and what has none."""
+LEAST_LEVELS = 0.3
+"""Real brightness wanders by so much, and a correlation that takes mean and contrast off each subset does not notice."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Named:
+    """A law that was added, and what was said of it when it was."""
+
+    fit: IntensityFit
+    rivals: tuple[str, ...]
+
+
+def diagnose_intensity(series: IntensityFrames, known: Sequence[ModelEffect] = ()) -> IntensityDiagnosis:
+    """What grey levels show.
+
+    Args:
+        series: of each frame.
+        known: effects of grey levels that the model has already.
+
+    Raises:
+        IllPosed: there are too few pairs or blocks.
+    """
+    courses = intensity_time_series(series)
+    seen = flashes(series.frames)
+    there = (*_already(courses, known), *(law for one in seen if (law := flash_at(courses, one.at_s, one.length_s)) is not None))
+    before = residual_tests(courses, there)
+    laws, named = list(there), list[_Named]()
+    evidence: dict[str, float] = {}
+    while True:
+        fits = IntensityRegression(courses, tuple(laws)).all_fits()
+        heard = _likeliest(fits)
+        evidence = evidence or {name: one.odds for name, one in heard.items()}
+        best = max(heard.values(), key=lambda one: one.odds)
+        nameable = [one for one in heard.values() if one.law.family is not None and one.law.name not in {law.name for law in laws}]
+        loudest = max(nameable, key=lambda one: one.odds, default=None)
+        if (
+            loudest is None
+            or len(named) == MOST
+            or loudest.odds < max(SIGNIFICANT_LOG_FACTOR, best.odds - MIN_LOG_ODDS)
+            or TESTS * loudest.p_value > SIGNIFICANCE_LEVEL
+        ):
+            break
+        rivals = tuple(one.law.name for one in nameable if one is not loudest and one.odds > loudest.odds - MIN_LOG_ODDS)
+        named.append(_Named(loudest, rivals))
+        laws.append(loudest.law)
+    new = () if CHARGING_JUMP.name in {one.name for one in known} else seen
+    return _verdict(series, courses, laws, named, before, evidence, new)
+
+
+def _already(courses: IntensityTimeSeries, known: Sequence[ModelEffect]) -> tuple[IntensityModel, ...]:
+    """Laws of what the model has: amplitudes are fitted anew."""
+    found: list[IntensityModel] = []
+    for one in known:
+        if one.name == GAMMA_CHANGE.name:
+            at_s = dict(one.values).get("at_s")
+            found.append(IntensityRegression(courses).add_model().law if at_s is None else step_at(courses, at_s))
+        found += [law for law in smooth_laws(courses) if law.name == one.name]
+    return tuple(found)
+
+
+def _likeliest(fits: Sequence[IntensityFit]) -> dict[str, IntensityFit]:
+    """Of each name the simplest law that is not much less likely than its others, which come later."""
+    found: dict[str, IntensityFit] = {}
+    for one in fits:
+        had = found.get(one.law.name)
+        if had is None or one.odds > had.odds + MIN_LOG_ODDS:
+            found[one.law.name] = one
+    return found
+
+
+def _verdict(
+    series: IntensityFrames, courses: IntensityTimeSeries, laws: Sequence[IntensityModel], named: Sequence[_Named],
+    before: Sequence[ResidualTest],
+    evidence: dict[str, float], seen: Sequence[Flash],
+) -> IntensityDiagnosis:  # fmt: skip
+    effects = [_effect(courses, series, laws, one.fit) for one in named]
+    if seen:
+        effects.append(_flashing(seen, sum(len(one.row_levels) for one in series.frames)))
+    remains = [one for one in residual_tests(courses, laws) if 3.0 * one.p_value <= SIGNIFICANCE_LEVEL and one.levels >= LEAST_LEVELS]
+    unsure = next((one for one in named if one.rivals), None)
+    if remains:
+        outcome = Outcome.UNKNOWN
+    elif not effects:
+        outcome = Outcome.NONE
+    else:
+        outcome = Outcome.AMBIGUOUS if unsure else Outcome.IDENTIFIED
+    among = (unsure.fit.law.name, *unsure.rivals) if unsure is not None and outcome is Outcome.AMBIGUOUS else ()
+    left = "; ".join(f"{one.what} differ by {one.levels:.2g} grey levels" for one in remains)
+    p_value = min(1.0, 3.0 * min(one.p_value for one in before))
+    reference = series.reference
+    return IntensityDiagnosis(
+        outcome, tuple(effects), among, (DomainTest("intensity", p_value, 0.0),), tuple(evidence.items()), courses.frames,
+        courses.local.shape[1], _noise(series.noise), reference.mean, reference.contrast, max(one.clipped for one in series.frames),
+        tuple(float(one) for one in courses.time_s.mean(axis=1)), _courses(courses, laws), left,
+    )  # fmt: skip
+
+
+def _effect(courses: IntensityTimeSeries, series: IntensityFrames, laws: Sequence[IntensityModel], fit: IntensityFit) -> IdentifiedEffect:
+    """Its parameters beside all other laws that were found."""
+    others = tuple(law for law in laws if law is not fit.law)
+    last = IntensityRegression(courses, others).fit(fit.law)
+    size, sigma = last.amplitudes, np.sqrt(np.diag(last.covariance))
+    values: tuple[tuple[str, float], ...] = ()
+    if fit.law.family is CONTAMINATION:
+        parameters = _loss(courses, last)
+    elif fit.law.family is DEFOCUS:
+        rate = float(np.sqrt(max(size[0], 0.0)))
+        parameters = [ParameterEstimate("blur_px_per_s", rate, float(0.5 * sigma[0] / max(rate, 1e-12)), "px/s")]
+        if fit.law.kind == "through the best":
+            best_s = float(-0.5 * size[1] / size[0])
+            lever = np.array([-best_s, -0.5]) / size[0]
+            parameters.append(ParameterEstimate("sharpest_s", best_s, float(np.sqrt(lever @ last.covariance @ lever)), "s"))
+    else:
+        grey = series.reference.smooth[series.reference.known].ravel()[::7].astype(np.float64)
+        parameters = [
+            *curve_parameters(size, last.covariance, grey),
+            ParameterEstimate("at_s", fit.law.at_s, fit.law.sigma_s, "s"),
+        ]
+        values = (("at_s", fit.law.at_s),)
+    law = ModelEffect(fit.law.name, values, 0.0)
+    return IdentifiedEffect(fit.law.name, tuple(parameters), 0.0, fit.odds, min(1.0, TESTS * fit.p_value), False, law)
+
+
+def _loss(courses: IntensityTimeSeries, fit: IntensityFit) -> list[ParameterEstimate]:
+    """Of the grey at the start of frame 0; what was fitted is a share of that of frame 1."""
+    lever = np.zeros(len(fit.amplitudes))
+    lever[0] = 1.0
+    if fit.law.kind == "slowing":
+        lever[1] = 1.0  # mean over the run
+    rate = float(lever @ fit.amplitudes)
+    sigma = float(np.sqrt(lever @ fit.covariance @ lever))
+    rate /= 1.0 + rate * float(courses.time_s[0].mean())
+    found = [ParameterEstimate("loss_per_s", rate, sigma, "1/s")]
+    level, unsure = black_level(fit)
+    return [*found, ParameterEstimate("black_level", level, unsure, "levels")] if fit.law.kind == "black level" else found
+
+
+def _flashing(seen: Sequence[Flash], rows: int) -> IdentifiedEffect:
+    """Of so many rows that were looked at."""
+    levels = np.array([one.levels for one in seen])
+    weight = np.array([one.sigma_levels for one in seen]) ** -2.0
+    height = float(np.sum(weight * levels) / np.sum(weight))
+    parameters = [ParameterEstimate("flash_levels", height, float(np.sum(weight) ** -0.5), "levels")]
+    for number, one in enumerate(seen, start=1):
+        more = "" if number == 1 else f"_{number}"
+        parameters.append(ParameterEstimate(f"flash{more}_at_s", one.at_s, 0.5 * one.length_s, "s"))
+    parameters.append(ParameterEstimate("flash_s", float(np.median([one.length_s for one in seen])), 0.0, "s"))
+    squares = levels**2 * weight
+    odds = float(np.sum(0.5 * squares - np.log(rows)))
+    p_value = min(1.0, rows * float(norm.sf(np.sqrt(squares.max()))))
+    return IdentifiedEffect(CHARGING_JUMP.name, tuple(parameters), 0.0, odds, p_value, False, ModelEffect(CHARGING_JUMP.name, (), 0.0))
+
+
+def _noise(pairs: Array) -> tuple[ParameterEstimate, ParameterEstimate]:
+    """Mean over pairs, and how well that is known from their scatter."""
+    count = len(pairs)
+    mean = pairs.mean(axis=0) if count else np.full(2, np.nan)
+    sigma = pairs.std(axis=0, ddof=1) / np.sqrt(count) if count > 1 else np.full(2, np.nan)
+    return (
+        ParameterEstimate("dark_variance_levels2", float(mean[0]), float(sigma[0]), "levels^2"),
+        ParameterEstimate("variance_per_level", float(mean[1]), float(sigma[1]), "levels"),
+    )
+
+
+def _courses(courses: IntensityTimeSeries, laws: Sequence[IntensityModel]) -> tuple[IntensityHistory, ...]:
+    """Of frames; the laws' part is that of the fit of all together, with frame 1 as far off as its noise made it."""
+    value = courses.value.mean(axis=1)
+    fitted = np.zeros_like(value)
+    if laws:
+        columns = np.concatenate([law.columns for law in laws])
+        white = courses.white(columns).reshape(len(columns), -1)
+        amplitudes = np.linalg.lstsq(white.T, courses.white(courses.value).ravel(), rcond=None)[0]
+        fitted = np.einsum("k,kfrp->fp", amplitudes, columns) / columns.shape[2]
+    fitted = fitted + (value - fitted).mean(axis=0)
+    sigma = courses.frame_sigma()
+    names = (("mean", "levels"), ("gain", "1"), ("curvature", "levels"), ("blur", "px^2"))
+    return tuple(
+        IntensityHistory(name, unit, tuple(value[:, at].tolist()), float(sigma[at]), tuple(fitted[:, at].tolist()))
+        for at, (name, unit) in enumerate(names)
+    )

@@ -1,0 +1,1 @@
+"""Effects that disparity maps show: search, selection, tests, verdict."""

@@ -1,0 +1,79 @@
+"""Where model and data disagree: one calibrated test for each domain."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.diagnosis import DomainTest
+from semlive.diagnose.baseline.baseline import HyperparameterGrid
+from semlive.diagnose.baseline.bayes_factor import NullDraws, projected_with_draws
+from semlive.diagnose.baseline.noise_scale import modes
+from semlive.model.effects import RunGeometry
+from semlive.model.effects.run_geometry import xy_columns
+
+Array = NDArray[np.float64]
+ROWS = 8  # order of the polynomials over rows
+MIN_RELATIVE_EIGENVALUE = 1e-3  # of the largest eigenvalue: what the baseline takes almost whole says nothing
+
+
+def test_domains(ladder: HyperparameterGrid, draws: NullDraws) -> tuple[DomainTest, ...]:
+    """A test for each domain, family-wise over all of them (Westfall and Young: the least p among the draws)."""
+    scene = ladder.design.observation.geometry
+    told = []
+    for domain, field in domain_contrasts(scene):
+        values, pull, drawn = projected_with_draws(ladder, field, draws)
+        seen = values > MIN_RELATIVE_EIGENVALUE * values[-1]
+        statistic = float(np.sum(pull[seen] ** 2 / values[seen]))
+        null = np.sum(drawn[:, seen] ** 2 / values[seen], axis=1)
+        told.append((domain, statistic, null, int(seen.sum())))
+    ranks = np.stack([_upper(null, null) for _, _, null, _ in told])
+    least = ranks.min(axis=0)
+    f, b, _ = ladder.whitened_residual.shape
+    found = []
+    for domain, statistic, null, count in told:
+        own = float(_upper(null, np.array([statistic]))[0])
+        p_value = (1.0 + float(np.sum(least <= own))) / (1.0 + len(least))
+        rms_px = ladder.design.whiten.sigma_px * float(np.sqrt(max(statistic - count, 0.0) / (2 * f * b)))
+        found.append(DomainTest(domain, p_value, rms_px))
+    return tuple(found)
+
+
+def _upper(null: Array, value: Array) -> Array:
+    """(n,) share of null draws that are at least as large as values (n,)."""
+    below = np.searchsorted(np.sort(null), value, side="left")
+    return np.asarray((1.0 + len(null) - below) / (1.0 + len(null)), dtype=np.float64)
+
+
+def domain_contrasts(scene: RunGeometry) -> list[tuple[str, Array]]:
+    """(domain, (f, b, 2, q) fields)."""
+    late = np.broadcast_to((scene.time_s / scene.end_s), scene.time_s.shape)
+    frames = np.eye(len(scene.frame))[:, None, :] * np.ones((1, scene.time_s.shape[1], 1))
+    row = np.polynomial.legendre.legvander(scene.time_in_frame_s / float(scene.time_in_frame_s.max()) * 2.0 - 1.0, ROWS)[..., 1:]
+    low = scene.address_px.min(axis=(0, 1))
+    first = np.moveaxis((scene.address_px - low < 60.0).astype(np.float64), -1, 0)
+    fraction = 2.0 * np.pi * scene.disparity_px
+    coarse = modes(scene, 2)
+    found = [
+        ("space", _all(modes(scene) * late[..., None])),
+        ("row", _all(row * late[..., None])),
+        ("row_start", _all(np.stack((first[0] * late, first[1] * late), axis=-1))),
+        ("scan_time", _all((frames[..., None] * row[:, :, None, :2]).reshape(*late.shape, -1))),
+        ("frame", _all((frames[..., None] * coarse[:, :, None, 1:]).reshape(*late.shape, -1))),
+        ("fraction", np.concatenate([_apart(one) for one in (np.sin(fraction), np.cos(fraction))], axis=-1)),
+    ]
+    if scene.load.any():
+        found.append(("load", _all(modes(scene) * np.broadcast_to(scene.load, late.shape)[..., None])))
+    return found
+
+
+def _all(shapes: Array) -> Array:
+    """(f, b, 2, 2 q) shapes (f, b, q) along x and along y."""
+    return np.concatenate([xy_columns(one) for one in np.moveaxis(shapes, -1, 0)], axis=-1)
+
+
+def _apart(field: Array) -> Array:
+    """(f, b, 2, 2) a field's components by themselves."""
+    columns = np.zeros((*field.shape, 2))
+    columns[..., 0, 0], columns[..., 1, 1] = field[..., 0], field[..., 1]
+    return columns

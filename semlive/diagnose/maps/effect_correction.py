@@ -1,0 +1,166 @@
+"""What a model's effects moved is taken out of the maps of a run, before anything is estimated from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive import estimate
+from semlive.data.diagnosis import EffectModel, ModelEffect
+from semlive.data.disparity import DisparityMap
+from semlive.data.drift import FrameTime
+from semlive.data.grid import Grid
+from semlive.data.pair import PairDecision
+from semlive.data.settings import EstimateSettings
+from semlive.data.strain import Tensor2
+from semlive.diagnose.baseline.model_effects import effect_displacement, interpolate_to_grid, observable_effects, subtract_effects
+from semlive.diagnose.baseline.observation import Observation, StepConditions, baseline_solution, make_observation, step_conditions
+from semlive.diagnose.maps.relinearise import choose_coupling
+from semlive.diagnose.scalars.load_cell import LoadReadings, load_offsets, load_readings
+from semlive.errors import IllPosed
+from semlive.estimate.joint.observations.normal_equations import DENSE_PAIRS
+from semlive.model.effects.load_cell import LOAD_CELL_EFFECTS, OUT_OF_PLANE
+from semlive.model.effects.stage import non_map_effect
+
+Array = NDArray[np.float64]
+MAX_PAIRS = DENSE_PAIRS
+"""That effects are fitted to: baseline and effects are one matrix over all pairs."""
+NOTHING = Tensor2(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredPair:
+    """A pair as it was measured.
+
+    Attributes:
+        decision: what it is.
+        times: when its frames were scanned.
+        maps: within it and from frame 0 to each of its frames.
+    """
+
+    decision: PairDecision
+    times: tuple[FrameTime, FrameTime]
+    maps: tuple[DisparityMap, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EffectCorrection:
+    """What effects moved in a run so far.
+
+    Attributes:
+        pairs: that they were fitted to.
+        displacement_by_frame: by the number of each frame (ny, nx, 2) what is taken out of its map, px; empty where nothing is.
+        strain: by the number of each frame the mean strain of that.
+        loads_n: by the number of each pair what the load cell itself added to its reading.
+        notes: sentences for the operator.
+    """
+
+    pairs: int
+    displacement_by_frame: Mapping[int, Array] = field(default_factory=dict)
+    strain: Mapping[int, Tensor2] = field(default_factory=dict)
+    loads_n: Mapping[int, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def apply(self, disparity: DisparityMap) -> DisparityMap:
+        """A map without it."""
+        return subtract_effects(disparity, self.displacement_by_frame)
+
+    def strain_of(self, frame: int) -> Tensor2:
+        """Mean strain of what is taken out of a frame."""
+        return self.strain.get(frame, NOTHING)
+
+    def load_of(self, pair: int) -> float:
+        """What the load cell itself added to a pair's reading, N."""
+        return self.loads_n.get(pair, 0.0)
+
+
+def fit_effect_correction(
+    model: EffectModel, settings: EstimateSettings, loading_axis: str, seen: Sequence[MeasuredPair]
+) -> EffectCorrection:
+    """What a model's effects moved, their amplitudes fitted to all pairs so far, together with drift, distortion and motion.
+
+    What the load cell did by itself is fitted to its readings beside the strain that maps without the other effects would show.
+
+    Where they cannot be fitted nothing is taken out, and a note says why: a run goes on.
+
+    Args:
+        model: the effects.
+        settings: of the estimate; it is the joint one that effects are fitted beside.
+        loading_axis: of the image, along which the specimen is pulled.
+        seen: the pairs so far, in the order in which they came.
+    """
+    if len(seen) > MAX_PAIRS:
+        return unavailable_for_long_run(len(seen))
+    first = seen[0].decision.first
+    of_maps = [one for one in model.effects if non_map_effect(one.name) is None]
+    of_cell = [one.name for one in model.effects if one.name in LOAD_CELL_EFFECTS]
+    notes = [f"model: {one.name} is {_kind(one)}, and is left in" for one in model.effects if _left_alone(one)]
+    why = incompatibility_reason(model, (first.width_px, first.height_px))
+    if why or not (of_maps or of_cell):
+        return EffectCorrection(len(seen), notes=(*((f"WARNING: model: nothing is taken out of the maps: {why}",) if why else ()), *notes))
+    state = estimate.init(settings, seen[0].maps[0].grid, first.width_px, first.height_px)
+    for one in seen:
+        state = estimate.update(state, one.decision.pair, one.decision.step.phase, one.times, one.maps)
+    try:
+        steps = step_conditions([one.decision for one in seen])
+        solution, other = baseline_solution(state)
+        observation = make_observation(solution, steps, other)
+    except IllPosed as error:
+        return EffectCorrection(len(seen), notes=(f"model: nothing is taken out of the maps yet: {error}", *notes))
+    loads_n, said = _cell(load_readings(observation, steps, loading_axis), of_cell, steps)
+    if not of_maps:
+        return EffectCorrection(len(seen), loads_n=loads_n, notes=(*said, *notes))
+    return replace(_taken(observation, of_maps, [*said, *notes]), loads_n=loads_n)
+
+
+def _left_alone(effect: ModelEffect) -> bool:
+    return non_map_effect(effect.name) is not None and effect.name not in LOAD_CELL_EFFECTS
+
+
+def _kind(effect: ModelEffect) -> str:
+    return "strain to the maps" if effect.name == OUT_OF_PLANE.name else "not a matter of maps"
+
+
+def _cell(readings: LoadReadings, names: Sequence[str], steps: Sequence[StepConditions]) -> tuple[dict[int, float], list[str]]:
+    """What the load cell added to each pair's reading, and what is said of it."""
+    added = load_offsets(readings, names)
+    total = np.sum([np.zeros(len(steps)), *added.values()], axis=0)
+    said = [f"model: {name}, {one[np.argmax(np.abs(one))]:+.2f} N at most, taken off the loads" for name, one in added.items()]
+    said += [f"model: {name} cannot be seen in these readings, and is left in" for name in names if name not in added]
+    return ({one.pair: float(load_n) for one, load_n in zip(steps, total, strict=True)} if added else {}), said
+
+
+def unavailable_for_long_run(pairs: int) -> EffectCorrection:
+    """Of a run of more pairs than effects can be fitted to; live, those before were corrected, and no longer are."""
+    why = f"{pairs} pairs are more than the {MAX_PAIRS} that its effects can be fitted to together"
+    return EffectCorrection(pairs, notes=(f"WARNING: model: nothing is taken out of the maps: {why}",))
+
+
+def incompatibility_reason(model: EffectModel, size_px: tuple[int, int]) -> str:
+    """Why a model is none for frames of a size; empty if it is."""
+    if model.size_px is None or model.size_px == size_px:
+        return ""
+    return f"it was found in frames of {model.size_px[0]} x {model.size_px[1]} px, and these are {size_px[0]} x {size_px[1]} px"
+
+
+def _taken(observation: Observation, effects: Sequence[ModelEffect], notes: Sequence[str]) -> EffectCorrection:
+    seen = observable_effects(observation, effects)
+    moved = effect_displacement(choose_coupling(observation, (), seen).observation, seen)
+    out = [one for one in moved.effects if one not in moved.not_corrected]
+    said = [f"model: {', '.join(out)} taken out of the maps; what is stated of strain does not hold their uncertainty"] if out else []
+    said += [f"model: {one} is strain or cannot be told from it, and is left in" for one in moved.not_corrected]
+    said += [f"model: {one.name} cannot be seen: there are no loads or moves for it to go with" for one in effects if one not in seen]
+    fields = interpolate_to_grid(observation, moved.field_px, observation.grid) if out else {}
+    strain = {frame: _strain(observation.grid, moved_px) for frame, moved_px in fields.items()}
+    return EffectCorrection(len(observation.geometry.frame) // 2, fields, strain, notes=(*said, *notes))
+
+
+def _strain(grid: Grid, moved_px: Array) -> Tensor2:
+    """Of the plane that is nearest to a field (ny, nx, 2)."""
+    x, y = grid.mesh()
+    rows = np.stack((np.ones_like(x), x, y), axis=-1).reshape(-1, 3)
+    _, along_x, along_y = np.linalg.lstsq(rows, moved_px.reshape(-1, 2), rcond=None)[0]
+    return Tensor2(float(along_x[0]), float(along_y[1]), 0.5 * float(along_x[1] + along_y[0]))

@@ -1,0 +1,136 @@
+"""What a verdict looks like: maps before and after, each effect's course, what it adds to strain, and what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from semlive.data.diagnosis import DiagnosisFigureData, EffectProfile, StrainBias
+from semlive.diagnose.baseline.baseline import HyperparameterGrid
+from semlive.diagnose.maps.cross_validation import held_out_residual
+from semlive.model.effects import RunGeometry
+
+Array = NDArray[np.float64]
+FRAMES = 4
+QUANTILES = 61
+LOAD_CORRELATED = 0.9
+"""Correlation of an effect's course with the load from which on it is shown against it."""
+LEAST_STRAIN = 1e-7
+
+
+def figure_data(
+    without: HyperparameterGrid, having: HyperparameterGrid, names: Sequence[str], fields: Sequence[Array]
+) -> DiagnosisFigureData:
+    """Of a baseline without and with effects.
+
+    Args:
+        without: the baseline.
+        having: with the effects, whose columns come last.
+        names: of the effects that were named.
+        fields: of each, (f, b, 2, q) what unit amplitudes move, px.
+    """
+    columns = having.design
+    scene = columns.observation.geometry
+    moved = _moved(having, fields)
+    held = _shown(columns.whiten(np.sum(moved, axis=0)), scene)
+    noise = columns.whiten.factor  # of unit variance
+    left = having.residual()
+    place = scene.address_px[0] + columns.observation.state.centre_px
+    return DiagnosisFigureData(
+        x_px=place[:, 0],
+        y_px=place[:, 1],
+        frame=tuple(int(one) for one in scene.frame[held]),
+        before=noise @ held_out_residual(without, held),
+        after=noise @ held_out_residual(having, held),
+        profiles=tuple(_profile(having, left, name, one) for name, one in zip(names, moved, strict=True)),
+        on_strain=tuple(_on_strain(scene, name, one) for name, one in zip(names, moved, strict=True)),
+        quantiles=_quantiles(left),
+        frame_autocorrelation=_neighbours(left),
+    )
+
+
+def _moved(having: HyperparameterGrid, fields: Sequence[Array]) -> list[Array]:
+    """(f, b, 2) what each effect moves since frame 0, px; other effects of the baseline come before them."""
+    amplitudes = having.best.solve(having.best.gradient[:, None])[:, 0]
+    first, found = len(amplitudes) - sum(one.shape[-1] for one in fields), []
+    for one in fields:
+        whole = one @ amplitudes[first : first + one.shape[-1]]
+        found.append(whole - whole[0])
+        first += one.shape[-1]
+    return found
+
+
+def _shown(white: Array, scene: RunGeometry) -> NDArray[np.bool_]:
+    """One frame of each of the pairs in which the effects are largest; frame 0's pair is what others are seen against."""
+    size = np.sum(white**2, axis=(1, 2))
+    best: dict[int, int] = {}
+    for at in np.argsort(-size):
+        pair = int(scene.pair[at])
+        if pair != int(scene.pair[0]):
+            best.setdefault(pair, int(at))
+    held = np.zeros(len(size), dtype=np.bool_)
+    held[list(best.values())[:FRAMES]] = True
+    return held
+
+
+def _profile(having: HyperparameterGrid, left: Array, name: str, moved: Array) -> EffectProfile:
+    """How much of the shape that an effect has where it is largest."""
+    columns = having.design
+    scene, whiten = columns.observation.geometry, columns.whiten
+    white = whiten(moved)
+    largest = int(np.argmax(np.sum(white**2, axis=(1, 2))))
+    shape = white[largest] / float(np.abs(moved[largest] - moved.mean(axis=0)).max())
+    power = float(np.sum(shape**2))
+    model = np.einsum("fbc,bc->f", white, shape) / power
+    if model[largest] < model[0]:  # what grows is shown growing
+        shape, model = -shape, -model
+    data = model + np.einsum("fbc,bc->f", left, shape) / power
+    load, on = scene.load_n, scene.loaded
+    along = on.any() and np.ptp(load) > 0.0 and np.std(model) > 0.0 and abs(np.corrcoef(load, model)[0, 1]) > LOAD_CORRELATED
+    sigma = np.full(len(model), power**-0.5)
+    # From frame 0 on, where nothing has moved yet.
+    return EffectProfile(name, "load" if along else "time", load if along else scene.start_s, data - model[0], sigma, model - model[0])
+
+
+def _on_strain(scene: RunGeometry, name: str, moved: Array) -> StrainBias:
+    """Mean strain of frames under load, and slopes over the load against those of the maps."""
+    if not scene.loaded.any():
+        return StrainBias(name, 0.0, 0.0, 0.0, None, None)
+    own, seen = _gradients(scene, moved), _gradients(scene, scene.disparity_px)
+    load = scene.load_n
+    top = int(np.argmax(np.abs(load)))
+    exx, eyy, exy = (float(one) for one in own[top] - own[0])
+    if np.ptp(load[scene.loaded]) == 0.0 or np.abs(seen[top, :2]).max() < LEAST_STRAIN:
+        return StrainBias(name, exx, eyy, exy, None, None)
+    line = np.stack((np.ones_like(load), load), axis=-1)[scene.loaded]
+    slope, of_all = (np.linalg.lstsq(line, one[scene.loaded], rcond=None)[0][1] for one in (own, seen))
+    axial = int(np.argmax(np.abs(of_all[:2])))
+    corrected = of_all - slope
+    modulus = of_all[axial] / corrected[axial] - 1.0
+    ratio = -corrected[1 - axial] / corrected[axial] + of_all[1 - axial] / of_all[axial]
+    return StrainBias(name, exx, eyy, exy, float(modulus), float(ratio))
+
+
+def _gradients(scene: RunGeometry, moved: Array) -> Array:
+    """(f, 3) exx, eyy and exy of the plane through each frame."""
+    found = []
+    for frame in range(len(scene.frame)):
+        x, y = scene.address_px[frame].T
+        _, u, v = np.linalg.lstsq(np.stack((np.ones_like(x), x, y), axis=-1), moved[frame], rcond=None)[0]
+        found.append((u[0], v[1], 0.5 * (u[1] + v[0])))
+    return np.array(found)
+
+
+def _quantiles(left: Array) -> Array:
+    share = (np.arange(QUANTILES) + 0.5) / QUANTILES
+    return np.stack((ndtri(share), np.quantile(left, share)), axis=-1)
+
+
+def _neighbours(left: Array) -> tuple[float, float]:
+    """Frames share the noise of frame 0, whose part was taken out as their mean: that makes -1 / (f - 1)."""
+    f = len(left)
+    own = float(np.mean(left[1:] * left[:-1]) / np.mean(left**2)) + 1.0 / (f - 1.0)
+    return own, float((left[1:].size) ** -0.5)

@@ -1,0 +1,78 @@
+"""The baseline's own splines: drift or distortion that is finer than their knots is theirs before it is anything's with a name.
+
+Sutton 2007 has no such test; where a spline is too coarse, what it leaves is shared out among whatever the dictionary holds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.diagnose.baseline.baseline import HyperparameterGrid, build_grid
+from semlive.diagnose.baseline.bayes_factor import CandidateEvidence
+from semlive.diagnose.maps.refinement import refined
+from semlive.model.effects import BasisField, EffectClass, RunGeometry
+from semlive.model.effects.effect_class import Values
+from semlive.model.effects.run_geometry import xy_columns
+
+Array = NDArray[np.float64]
+
+SIZES_PX = (3e-4, 1.0)
+# A cubic spline follows waves of two of its knots not at all, and of four by nine tenths; those of a knot are waves of the frames' rows.
+DRIFT_KNOTS = (1.25, 4.0)
+DISTORTION_KNOTS, SQUARES = 2.3, 2.0  # the longest waves that are finer, and the shortest that squares show
+
+
+def _fine_drift(scene: RunGeometry, values: Values) -> BasisField:
+    """Waves of all periods between, amplitudes in proportion to the period: what a random walk has there."""
+    del values
+    fastest, slowest = (1.0 / (knots * scene.drift_knot_s) for knots in DRIFT_KNOTS)
+    rates = np.arange(slowest, fastest, 1.0 / scene.end_s)
+    columns = []
+    for rate in rates:
+        turn, size = 2.0 * np.pi * rate * scene.time_s, rates[0] / rate
+        columns += [xy_columns(size * np.sin(turn)), xy_columns(size * np.cos(turn))]
+    return BasisField(np.concatenate(columns, axis=-1), random_amplitude=("rms_px", "px", 1.0))
+
+
+def _fine_distortion(scene: RunGeometry, values: Values) -> BasisField | None:
+    """Standing waves at the scan address; None where squares are too large to show any."""
+    del values
+    low, high = scene.address_px.min(axis=(0, 1)), scene.address_px.max(axis=(0, 1))
+    size_px, square_px = high - low, _square_px(scene)
+    x, y = np.moveaxis((scene.address_px - low) / size_px, -1, 0)
+    longest_px, shortest_px = DISTORTION_KNOTS * scene.distortion_knot_px, SQUARES * square_px
+    counts = (2.0 * size_px / shortest_px).astype(int) + 1
+    waves = [
+        (i, j)
+        for i in range(counts[0])
+        for j in range(counts[1])
+        if 1.0 / longest_px <= float(np.hypot(*(0.5 * np.array((i, j)) / size_px))) <= 1.0 / shortest_px
+    ]
+    if not waves:
+        return None
+    columns = [xy_columns(np.cos(np.pi * i * x) * np.cos(np.pi * j * y)) for i, j in waves]
+    return BasisField(np.concatenate(columns, axis=-1), random_amplitude=("rms_px", "px", 1.0))
+
+
+def _square_px(scene: RunGeometry) -> float:
+    """Distance of neighbouring squares of points."""
+    apart = np.diff(np.sort(scene.address_px[0, :, 0]))
+    return float(np.median(apart[apart > 0.1 * apart.max()]))
+
+
+FINE_DRIFT = EffectClass("baseline_drift_underresolved", "the drift is finer than the knots of its spline", _fine_drift, sizes_px=SIZES_PX)
+FINE_DISTORTION = EffectClass(
+    "baseline_distortion_underresolved", "the distortion is finer than the knots of its spline", _fine_distortion, sizes_px=SIZES_PX
+)
+
+
+def fine_scale_candidates(bare: HyperparameterGrid) -> tuple[EffectClass, ...]:
+    """What may be finer than its spline in a run: a drift only if it wanders, as a smooth one has nothing beyond its knots."""
+    belief = bare.best.prior_choice
+    return (FINE_DISTORTION, FINE_DRIFT) if belief is not None and belief[0].random_walk_px else (FINE_DISTORTION,)
+
+
+def add_fine_scale_terms(bare: HyperparameterGrid, heard: CandidateEvidence) -> HyperparameterGrid:
+    """The baseline with what is no effect of its own."""
+    return build_grid(bare.design.with_effects(refined(bare, heard).baseline_effect))

@@ -1,0 +1,135 @@
+"""Effects without a name: smooth fields, and courses in time, that are nobody's. They explain much and name nothing.
+
+Each is as plain as it can be, for what is not in the dictionary must be likelier as one of these than as whatever name bends to it. Fields
+that grow with the load are no part of them: they are strain, and have a name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.diagnose.baseline.noise_scale import modes
+from semlive.model.effects import BasisField, EffectClass, RunGeometry
+from semlive.model.effects.effect_class import Values
+from semlive.model.effects.run_geometry import exponential_decay, field_column, slow_gaussian_process, times_time_columns, xy_columns
+
+Array = NDArray[np.float64]
+
+SIZES_PX = (3e-4, 1.0)  # hundreds of amplitudes at once; none of them need be large
+POLYNOMIAL_ORDERS = 3  # order of the polynomials of a plain field
+WAVES, COARSE = 9, 8.0  # half waves of a finer one, and the square of those from which on they are believed smaller
+POWERS = (1.0, 2.0)
+# (x, y) -> (u, v), each alone: magnification, rotation, aspect, skew; then each entry; what goes with y; with x.
+LINEAR = (
+    (((1, 0), (0, 1)),),
+    (((0, -1), (1, 0)),),
+    (((1, 0), (0, -1)),),
+    (((0, 1), (1, 0)),),
+    (((1, 0), (0, 0)),),
+    (((0, 1), (0, 0)),),
+    (((0, 0), (1, 0)),),
+    (((0, 0), (0, 1)),),
+    (((0, 1), (0, 0)), ((0, 0), (0, 1))),
+    (((1, 0), (0, 0)), ((0, 0), (1, 0))),
+)
+
+
+def _each_frame(scene: RunGeometry, values: Values) -> BasisField:
+    """A field of its own for every frame."""
+    del values
+    f, b = scene.time_s.shape
+    shapes = modes(scene)
+    columns = np.zeros((f, 2, shapes.shape[-1], 2, f, b))
+    for frame in range(f):
+        for axis in (0, 1):
+            columns[frame, axis, :, axis, frame] = shapes[frame].T
+    return BasisField(
+        columns.reshape(-1, 2, f, b).transpose(2, 3, 1, 0), random_amplitude=("rms_px", "px", 1.0)
+    )  # a tenth of a gigabyte: as it is read
+
+
+def _plain(scene: RunGeometry) -> Array:
+    """(f, b, k) polynomials."""
+    return modes(scene, POLYNOMIAL_ORDERS)
+
+
+def _fine(scene: RunGeometry) -> Array:
+    """(f, b, k) cosines, finer ones smaller: a bump, the edge of a band."""
+    low, high = scene.address_px.min(axis=(0, 1)), scene.address_px.max(axis=(0, 1))
+    x, y = np.moveaxis((scene.address_px - low) / (high - low), -1, 0)
+    waves = [(i, j) for i in range(WAVES) for j in range(WAVES - i) if i + j]
+    return np.stack([np.cos(np.pi * i * x) * np.cos(np.pi * j * y) / (1.0 + (i * i + j * j) / COARSE) ** 2 for i, j in waves], axis=-1)
+
+
+def _going(shapes: Array, course: Array) -> BasisField:
+    """Shapes (f, b, k) along x and along y, each with columns in time (f, b or 1, c)."""
+    f, b, _ = shapes.shape
+    along = (shapes[..., None] * course[:, :, None, :]).reshape(f, b, -1)
+    nothing = np.zeros_like(along)
+    columns = [np.stack(pair, axis=2) for pair in ((along, nothing), (nothing, along))]
+    return BasisField(np.concatenate(columns, axis=-1), random_amplitude=("rms_px", "px", 1.0))
+
+
+def _growing(scene: RunGeometry, values: Values) -> BasisField:
+    """A field that grows with a power of time."""
+    shapes = _fine(scene) if values["fine"] else _plain(scene)
+    return _going(shapes, ((scene.time_s / scene.end_s) ** values["power"])[..., None])
+
+
+def _powers(scene: RunGeometry) -> Iterable[Values]:
+    del scene
+    return ({"power": power, "fine": fine} for power in POWERS for fine in (0.0, 1.0))
+
+
+def _wandering(scene: RunGeometry, values: Values) -> BasisField:
+    """A field that wanders slowly, each of its parts by itself."""
+    del values
+    return _going(_plain(scene), slow_gaussian_process(scene.time_s))
+
+
+def _alternating(scene: RunGeometry, values: Values) -> BasisField:
+    """A field that comes and goes with every other frame."""
+    del values
+    return _going(_fine(scene), np.where(scene.frame % 2 == 0, 1.0, -1.0)[:, None, None])
+
+
+def _linear(scene: RunGeometry, values: Values) -> BasisField:
+    """A linear map that wanders slowly."""
+    course, columns = slow_gaussian_process(scene.time_s), []
+    for (ux, uy), (vx, vy) in LINEAR[int(values["map"])]:
+        columns.append(times_time_columns(field_column(ux * scene.x + uy * scene.y, vx * scene.x + vy * scene.y), course))
+    return BasisField(np.concatenate(columns, axis=-1), random_amplitude=("rms_px", "px", 1.0))
+
+
+def _maps(scene: RunGeometry) -> Iterable[Values]:
+    del scene
+    return ({"map": float(place)} for place in range(len(LINEAR)))
+
+
+def _after_steps(scene: RunGeometry, values: Values) -> BasisField:
+    """The picture comes to rest after every step, from another side each time."""
+    each = (scene.pair[:, None] == np.unique(scene.pair)).astype(np.float64)
+    fall = exponential_decay(scene, each, values["time_constant_s"])
+    return BasisField(
+        np.concatenate([xy_columns(one) for one in np.moveaxis(fall, -1, 0)], axis=-1), random_amplitude=("rms_px", "px", 1.0)
+    )
+
+
+def _constants(scene: RunGeometry) -> Iterable[Values]:
+    del scene
+    return ({"time_constant_s": float(one)} for one in np.geomspace(8.0, 400.0, 6))
+
+
+UNNAMED_CLASSES: tuple[EffectClass, ...] = (
+    EffectClass("smooth_field_of_each_frame", "a smooth field of its own in every frame", _each_frame, sizes_px=SIZES_PX),
+    EffectClass("field_that_grows", "a smooth field that grows with time, or with its square", _growing, _powers, sizes_px=SIZES_PX),
+    EffectClass("field_that_wanders", "a smooth field that wanders slowly", _wandering, sizes_px=SIZES_PX),
+    EffectClass("field_of_every_other_frame", "a smooth field that comes and goes", _alternating, sizes_px=SIZES_PX),
+    EffectClass(
+        "rest_after_every_step", "the picture comes to rest after every step, each time in a way of its own", _after_steps, _constants
+    ),
+    EffectClass("linear_map_that_wanders", "stretch, shear or rotation of any kind that wanders slowly", _linear, _maps, sizes_px=SIZES_PX),
+)

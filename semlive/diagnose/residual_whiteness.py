@@ -1,0 +1,113 @@
+"""The light part of diagnosis, asked after every pair of a run: is what the estimate leaves of the maps still white?
+
+The contrasts are those of `where`. The baseline takes of each what its posterior says, so under the null, noise and belief as they are
+believed, what is left of it is Gaussian with a known covariance, and its square a chi-squared number: no draws are needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from semlive.data.diagnosis import DomainTest
+from semlive.data.pair import PairDecision
+from semlive.diagnose.baseline.baseline import HyperparameterGrid, design, with_free_distortion
+from semlive.diagnose.baseline.bayes_factor import project
+from semlive.diagnose.baseline.noise_scale import residual_scale, rough_modes
+from semlive.diagnose.baseline.observation import MIN_PAIRS, Observation, make_observation, step_conditions
+from semlive.diagnose.baseline.whitening import likeliest_length_px, make_whitener
+from semlive.diagnose.maps.domain_tests import MIN_RELATIVE_EIGENVALUE, domain_contrasts
+from semlive.errors import IllPosed
+from semlive.estimate.joint.observations.normal_equations import dense_limit
+from semlive.estimate.joint.solution.posterior import Solution
+
+FALSE_ALARM_RATE = 0.01
+"""Share of runs with nothing hidden, however long, in which any look may find something: the looks spend it between them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Whiteness:
+    """What the estimate leaves of a run so far.
+
+    Attributes:
+        pairs: that there are.
+        where: each domain; p-values count all domains of this look.
+    """
+
+    pairs: int
+    where: tuple[DomainTest, ...]
+
+    @property
+    def significance_level(self) -> float:
+        """p-values up to this are no chance: the k-th look spends 1 / (k (k + 1)) of the false alarms, all looks together all of it."""
+        look = self.pairs - MIN_PAIRS + 1
+        return FALSE_ALARM_RATE / (look * (look + 1))
+
+    @property
+    def most_significant(self) -> DomainTest | None:
+        """The domain that is no chance, and the least likely one; None where all may be."""
+        least = min(self.where, key=lambda one: (one.p_value, -one.rms_px))  # p-values end at 0
+        return least if least.p_value <= self.significance_level else None
+
+    def messages(self) -> tuple[str, ...]:
+        """A sentence for the operator, where there is something to say."""
+        one = self.most_significant
+        if one is None:
+            return ()
+        chance = f"p = {one.p_value:.1g}" if one.p_value >= 1e-99 else "p < 1e-99"
+        return (
+            f"WARNING: what the estimate leaves of the maps after {self.pairs} pairs is not noise, seen by {_TOLD[one.domain]}: {chance}, "
+            f"{one.rms_px:.4f} px rms; the model lacks something",
+        )
+
+
+_TOLD = {
+    "space": "where in the field it is",
+    "row": "row",
+    "row_start": "distance from the start of rows and frames",
+    "scan_time": "time within each frame",
+    "frame": "frame",
+    "load": "load",
+    "fraction": "fraction of a pixel",
+}
+
+
+def test_whiteness(solution: Solution, decisions: Sequence[PairDecision]) -> Whiteness | None:
+    """Look once; None where there are too few pairs or points to say anything, or more than one matrix holds.
+
+    Args:
+        solution: of the joint method, after the newest pair.
+        decisions: of all pairs.
+    """
+    if len(decisions) < MIN_PAIRS or dense_limit(solution.state) < len(decisions):
+        return None
+    try:
+        return Whiteness(len(decisions), _looked(_quiet(make_observation(solution, step_conditions(decisions)))))
+    except (IllPosed, np.linalg.LinAlgError):  # a run goes on; `semlive diagnose` says why it cannot say anything
+        return None
+
+
+def _quiet(seen: Observation) -> HyperparameterGrid:
+    """As `noise.quiet` has it, with one pass for the noise, the likeliest drift alone, and any distortion."""
+    residual, rough = seen.residual_px(), rough_modes(seen)
+    length_px = likeliest_length_px(seen.grid, seen.valid_blocks, residual - residual.mean(axis=0), rough)
+    columns = design(seen, make_whitener(seen.grid, seen.valid_blocks, length_px, float(residual.std()) or 1e-6))
+    return with_free_distortion(columns.rescaled(residual_scale(with_free_distortion(columns), rough)))
+
+
+def _looked(quiet: HyperparameterGrid) -> tuple[DomainTest, ...]:
+    asked = domain_contrasts(quiet.design.observation.geometry)
+    f, b, _ = quiet.whitened_residual.shape
+    found = []
+    for domain, field in asked:
+        told = project(quiet, field)
+        values, pull = told.values[0], told.gradient[0]
+        seen = values > MIN_RELATIVE_EIGENVALUE * values[-1]
+        power, count = float(np.sum(pull[seen] ** 2 / values[seen])), int(seen.sum())
+        rms_px = quiet.design.whiten.sigma_px * float(np.sqrt(max(power - count, 0.0) / (2 * f * b)))
+        p_value = float(chi2.sf(power, count)) if count else 1.0
+        found.append(DomainTest(domain, min(1.0, len(asked) * p_value), rms_px))
+    return tuple(found)

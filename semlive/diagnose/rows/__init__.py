@@ -1,0 +1,1 @@
+"""Effects that shift rows against each other."""

@@ -1,0 +1,77 @@
+"""The gap in the rows: of waves on pieces that they were not fitted on, of jitter by the scatter that other pairs foretell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.diagnosis import HeldOutMisfit
+from semlive.diagnose.rows.jitter import DETRENDED, CommonRowVariance
+from semlive.diagnose.rows.series import RowSeries
+from semlive.diagnose.rows.spectrum import Wave, fit_wave
+
+Array = NDArray[np.float64]
+FOLDS = 4
+RESAMPLED = 400
+HALF = 0.5
+
+
+def held_out_row_misfit(series: Sequence[RowSeries], waves: Sequence[Wave], jitter: CommonRowVariance | None) -> HeldOutMisfit:
+    """What is left of each pair with nothing, and with effects of the other pairs and of the other pieces of its rows.
+
+    A wave's frequency is that of all pairs, its amplitude and phase those of every other piece; the pieces between are scored, and the
+    other way round. What is anew in every row cannot be foretold: of it counts the scatter that the other pairs foretell.
+
+    Args:
+        series: before any effect.
+        waves: that were found.
+        jitter: what rows have in common once waves are taken off, where they jitter.
+    """
+    parts = [_of_wave(series, one) for one in waves] + ([] if jitter is None else [_of_jitter(jitter)])
+    was, now, noise = (np.sum([one[at] for one in parts], axis=0) for at in range(3))
+    rng = np.random.default_rng(43)
+    drawn = [rng.integers(0, len(was), len(was)) for _ in range(RESAMPLED)]
+    closures = [_closure(was[one], now[one], noise[one]) for one in drawn]
+    low, high = (float(one) for one in np.quantile(closures, (0.025, 0.975)))
+    gain = was - now
+    spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain)) if len(gain) > 1 else float(noise.mean())
+    sizes = [float(np.sqrt(max(np.mean(one), 0.0))) for one in (was, now, noise)]
+    return HeldOutMisfit(sizes[0], sizes[1], sizes[2], _closure(was, now, noise), (low, high), float(gain.mean()) / max(spread, 1e-12))
+
+
+def is_useful(gap: HeldOutMisfit) -> bool:
+    """What was not fitted gains, and nothing says that most of the gap stays open."""
+    return gap.gain_in_sigmas > 0.0 and gap.closure_interval[1] > HALF
+
+
+def _closure(was: Array, now: Array, noise: Array) -> float:
+    return float(np.sum(was - now)) / max(float(np.sum(was - noise)), 1e-3 * float(np.sum(noise)), 1e-18)
+
+
+def _of_wave(series: Sequence[RowSeries], wave: Wave) -> tuple[Array, Array, Array]:
+    """(pairs,) mean squares in the wave's own shape, px^2: before, after and by noise alone."""
+    halves = [[one.pieces(range(first, len(one.middle_px), 2)) for one in series] for first in (0, 1)]
+    found = [fit_wave(half, wave.frequency_hz) for half in halves]
+    was, now, noise = (np.zeros(len(series)) for _ in range(3))
+    for fitted, scored in (found, found[::-1]):
+        power = np.mean(np.clip(np.abs(fitted.amplitude) ** 2 - 2.0 * fitted.sigma_px**2, 0.0, None), axis=0)
+        shrunk = power / (power + 2.0 * fitted.sigma_px**2 + 1e-30) * fitted.amplitude
+        # Half the square of an amplitude is its wave's mean square; both halves of the pieces are scored.
+        was += 0.25 * np.sum(np.abs(scored.amplitude) ** 2, axis=1)
+        now += 0.25 * np.sum(np.abs(scored.amplitude - shrunk) ** 2, axis=1)
+        noise += 0.25 * np.sum(2.0 * scored.sigma_px**2, axis=1)
+    return was, now, noise
+
+
+def _of_jitter(found: CommonRowVariance) -> tuple[Array, Array, Array]:
+    """(pairs,) mean squares of the rows' means, px^2: before, less what the other pairs foretell right, and by noise alone."""
+    noise = np.sum(found.variance_px2, axis=1)
+    was = np.sum(found.variance_px2 * found.ratio, axis=1)
+    fold = np.arange(len(was)) % FOLDS
+    told = np.zeros(len(was))
+    for one in np.unique(fold):
+        others = fold != one if (fold != one).any() else fold == one
+        told[fold == one] = np.sum(found.square_px2(others)[0]) * found.frames[fold == one] / DETRENDED
+    return was, noise + abs(float(np.mean(was - noise - told))), noise  # over all pairs: what one has beyond another is noise

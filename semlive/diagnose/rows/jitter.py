@@ -1,0 +1,143 @@
+"""Shifts that all pieces of a row share and no other row: pieces rolled against each other share nothing, and are the null."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from semlive.diagnose.rows.series import DETREND_ROWS, RowSeries
+
+Array = NDArray[np.float64]
+PERMUTATIONS = 60
+MIN_ROLL = 5  # rows: interpolation makes the noise of neighbours alike
+SIZES = 12
+SLOWEST = 28  # rows; what is slower is taken off in part
+KINDS = ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))
+"""Along x, along y, or both alike."""
+DETRENDED = DETREND_ROWS / (DETREND_ROWS - 1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CommonRowVariance:
+    """How much rows scatter as wholes, against how much pieces of different rows do.
+
+    Attributes:
+        ratio: (pairs, 2) mean square of the row means, in units of the null.
+        freedom: (pairs, 2) independent numbers that it is known from.
+        variance_px2: (pairs, 2) of a row's mean by noise alone.
+        white: (pairs, 2) the same ratio, of the median over the spectrum of the row means: a wave has no part in it.
+        frames: (pairs,) how many frames' jitter a pair shows: 1 and what interpolation passes.
+    """
+
+    ratio: Array
+    freedom: Array
+    variance_px2: Array
+    white: Array
+    frames: Array
+
+    @property
+    def excess_px2(self) -> Array:
+        """(pairs, 2) square of one frame's jitter."""
+        return DETRENDED * (self.ratio - 1.0) * self.variance_px2 / self.frames[:, None]
+
+    @property
+    def sigma_px2(self) -> Array:
+        """(pairs, 2) its standard uncertainty."""
+        return np.sqrt(2.0 / self.freedom) * self.ratio * self.variance_px2 / self.frames[:, None]
+
+    def square_px2(self, told: NDArray[np.bool_] | None = None) -> tuple[Array, Array]:
+        """(2,) square of the jitter along x and y, which noise may make negative, and its uncertainty, from some of the pairs."""
+        which = np.ones(len(self.frames), dtype=np.bool_) if told is None else told
+        spread = np.sqrt(2.0 / self.freedom) * self.variance_px2 / self.frames[:, None]
+        weight = spread[which] ** -2.0
+        total = weight.sum(axis=0)
+        sigma2 = np.sqrt(np.sum((self.sigma_px2[which] * weight) ** 2, axis=0))
+        return np.sum(self.excess_px2[which] * weight, axis=0) / total, sigma2 / total
+
+    def jitter_px(self) -> tuple[Array, Array]:
+        """(2,) standard deviation along x and y, and its uncertainty."""
+        square, sigma2 = self.square_px2()
+        sd = np.sqrt(np.clip(square, 0.0, None))
+        return sd, np.where(sd > 0.0, np.minimum(sigma2 / (2.0 * np.where(sd > 0.0, sd, 1.0)), np.sqrt(sigma2)), np.sqrt(sigma2))
+
+    def levels(self) -> Array:
+        """(pairs, 2) the ratio that white jitter of one size in all frames has, waves left out."""
+        weight = self.freedom / self.variance_px2
+        square = np.sum(weight * (self.white - 1.0), axis=0) / np.sum(weight / self.variance_px2 * self.frames[:, None], axis=0)
+        return 1.0 + np.clip(square, 0.0, None) * self.frames[:, None] / self.variance_px2
+
+    def p_value(self) -> float:
+        """Share of data without jitter that show as much along x or along y."""
+        weight = self.freedom / self.variance_px2  # as jitter of one size shows in each
+        z = np.sum(weight * (self.ratio - 1.0), axis=0) / np.sqrt(np.sum(weight**2 * 2.0 / self.freedom, axis=0))
+        return float(min(1.0, 2.0 * norm.sf(np.max(z))))
+
+    def log_factor(self, sizes_px: tuple[float, float]) -> float:
+        """Logarithm of the Bayes factor of jitter of one size in all frames."""
+        each = []
+        for along in KINDS:
+            for size_px in np.geomspace(*sizes_px, SIZES):
+                more = np.array(along) * size_px**2 * self.frames[:, None] / (self.variance_px2 * DETRENDED)
+                each.append(float(np.sum(0.5 * self.freedom * (self.ratio * more / (1.0 + more) - np.log1p(more)))))
+        return float(np.logaddexp.reduce(each) - np.log(len(each)))
+
+
+def common_row_variance(series: Sequence[RowSeries], seed: int) -> CommonRowVariance:
+    """Of all pairs.
+
+    Args:
+        series: of each pair, waves taken off.
+        seed: of the rolls.
+    """
+    rng = np.random.default_rng((seed, 51))
+    ratio, freedom, variance, white = (np.ones((len(series), 2)) for _ in range(4))
+    for at, one in enumerate(series):
+        for axis in (0, 1):
+            shift, weight = one.shift_px[axis], one.weight[axis]
+            ratio[at, axis], freedom[at, axis], variance[at, axis] = _one(shift, weight, rng)
+            white[at, axis] = _white(shift, weight) / variance[at, axis]
+    return CommonRowVariance(ratio, freedom, variance, white, np.array([1.0 + one.interpolation_gain for one in series]))
+
+
+def _one(shift: Array, weight: Array, rng: np.random.Generator) -> tuple[float, float, float]:
+    """Ratio, freedom and variance of one pair along one axis."""
+    n, pieces = shift.shape
+    own = _mean_square(shift, weight)
+    total = weight.sum(axis=1)
+    known = total > 0.0
+    count = float(np.mean(total[known] ** 2 / np.sum(weight[known] ** 2, axis=1))) if known.any() else 1.0
+    if count < 2.0:  # with fewer pieces nothing tells what they share
+        return 1.0, 1.0, 1.0
+    rows = np.arange(n)[:, None]
+    drawn = []
+    for _ in range(PERMUTATIONS):
+        by = rng.integers(MIN_ROLL, n - MIN_ROLL, pieces)
+        at = (rows + by) % n
+        drawn.append(_mean_square(np.take_along_axis(shift, at, axis=0), np.take_along_axis(weight, at, axis=0)))
+    rolled = float(np.mean(drawn))
+    if not rolled > 0.0:
+        return 1.0, 1.0, 1.0
+    # Jitter is in the pieces too, so rolled ones still show its part of one piece in so many.
+    noise = max((rolled - own / count) / (1.0 - 1.0 / count), 1e-3 * rolled)
+    return own / noise, 2.0 * (rolled / float(np.std(drawn, ddof=1))) ** 2, noise
+
+
+def _white(shift: Array, weight: Array) -> float:
+    """Mean square of the rows' means as the median of their spectrum tells it, which a line does not change."""
+    total = weight.sum(axis=1)
+    mean = np.sum(shift * weight, axis=1) / np.where(total > 0.0, total, 1.0)
+    power = np.abs(np.fft.rfft(mean)) ** 2 / len(mean)
+    return float(np.median(power[len(mean) // SLOWEST :])) / math.log(2.0)
+
+
+def _mean_square(shift: Array, weight: Array) -> float:
+    """Of the rows' weighted means."""
+    total = weight.sum(axis=1)
+    known = total > 0.0
+    mean = np.sum(shift * weight, axis=1)[known] / total[known]
+    return float(np.mean(mean**2)) if known.any() else 0.0

@@ -1,0 +1,187 @@
+"""Waves in the rows: a spectrum over physical frequencies, because columns tell apart what rows alone would alias."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+from scipy.special import gammaincc
+
+from semlive.diagnose.rows.series import DETREND_ROWS, RowSeries
+
+Array = NDArray[np.float64]
+HIGHEST_HZ = 200.0
+PER_LINE = 3  # frequencies that are tried within a line's width
+FINE = 4  # bins of the transform within a line's width, at least
+LEAST_SEEN = 0.12  # of a wave's amplitude; a piece that averages more away shows nothing
+SLOW = 1.5 / DETREND_ROWS  # cycles per row below which the disparity map has it
+POWERS_PER_NOISE_LEVEL, LOTS = 200, 64  # powers from which a level of the noise is known, at least; levels at most
+SIZES = 6
+EXPONENTIAL_MEDIAN = float(np.log(2.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spectrum:
+    """Power of waves in all pairs together, in units of the noise.
+
+    Attributes:
+        frequency_hz: (m,) that were tried.
+        power: (k, m) of each pair along each axis; of noise alone exponential with mean 1.
+        information: (k, m) 1 / variance of a wave's sine and cosine, px^-2.
+    """
+
+    frequency_hz: Array
+    power: Array
+    information: Array
+
+    @property
+    def total(self) -> Array:
+        """(m,) power of all pairs and axes: of noise alone Gamma(k)."""
+        return np.asarray(self.power.sum(axis=0))
+
+    def p_value(self, frequency: int) -> float:
+        """Share of pairs without a wave that show as much power anywhere (Bonferroni over all that was tried)."""
+        own = float(gammaincc(len(self.power), float(self.total[frequency])))
+        return min(1.0, own * len(self.frequency_hz))
+
+    def log_factors(self, sizes_px: tuple[float, float]) -> Array:
+        """(m,) logarithm of the Bayes factor of a wave of each frequency, its phases and amplitudes anew in every pair."""
+        each = []
+        for size_px in np.geomspace(*sizes_px, SIZES):
+            gain = self.information * size_px**2
+            each.append(np.sum(self.power * gain / (1.0 + gain) - np.log1p(gain), axis=0))
+        return np.asarray(np.logaddexp.reduce(each, axis=0) - np.log(SIZES))
+
+
+def spectrum(series: Sequence[RowSeries], ratio: Array) -> Spectrum:
+    """Of waves of up to 200 Hz, as far as pieces of rows show them and maps do not.
+
+    Args:
+        series: of each pair; rows may take another time in each.
+        ratio: (pairs, 2) mean square of the rows' means, in units of what noise gives: jitter would be a wave of every frequency that is
+            slow against a row, and is made as small as the noise.
+    """
+    longest_s = max(one.duration_s for one in series)
+    tried = np.arange(1, int(HIGHEST_HZ * PER_LINE * longest_s)) / (PER_LINE * longest_s)
+    fit = np.all([_fits(one, tried) for one in series], axis=0)
+    frequency_hz = tried[fit]
+    power, information = [], []
+    for pair, one in enumerate(series):
+        for axis in (0, 1):
+            found, known = _powers(one, axis, frequency_hz, max(float(ratio[pair, axis]), 1.0))
+            power.append(found)
+            information.append(known)
+    return Spectrum(frequency_hz, np.stack(power), np.stack(information))
+
+
+def _fits(one: RowSeries, frequency_hz: Array) -> NDArray[np.bool_]:
+    per_row = frequency_hz * one.row_time_s
+    from_whole = np.abs(per_row - np.round(per_row))
+    return np.asarray((one.observed_wave(frequency_hz) > LEAST_SEEN) & (from_whole > SLOW), dtype=np.bool_)
+
+
+def _powers(one: RowSeries, axis: int, frequency_hz: Array, ratio: float) -> tuple[Array, Array]:
+    weight = one.weight[axis]
+    size = 1 << int(np.ceil(np.log2(FINE * len(one.row_px))))
+    mean = np.sum(one.shift_px[axis] * weight, axis=1) / np.maximum(weight.sum(axis=1), 1e-30)
+    rows = np.fft.fft((one.shift_px[axis] - (1.0 - ratio**-0.5) * mean[:, None]) * weight, size, axis=0)
+    at = np.round(frequency_hz * one.row_time_s * size).astype(np.int64) % size
+    total, of_mean = (np.zeros(len(frequency_hz), dtype=np.complex128) for _ in range(2))
+    turn, each = -2j * np.pi * one.dwell_time_s * frequency_hz, weight.sum(axis=0)
+    for piece, middle_px in enumerate(one.middle_px):
+        turned = np.exp(turn * middle_px)
+        total += rows[at, piece] * turned
+        of_mean += each[piece] * turned
+    known = float(each.sum()) or 1.0
+    power = np.abs(total) ** 2 / known
+    level = np.maximum(_level(power, np.minimum(at, size - at).astype(np.float64)), 1e-12)
+    damped = 1.0 - (1.0 - 1.0 / ratio) * np.abs(of_mean / known) ** 2
+    return power / level, 0.5 * known * damped * one.observed_wave(frequency_hz) ** 2 / level
+
+
+def _level(power: Array, place: Array) -> Array:
+    """Noise at each of the powers: that of all aliases nearby, as interpolation between rows colours noise along them alone."""
+    order = np.argsort(place, kind="stable")
+    lots = np.array_split(order, int(np.clip(len(power) // POWERS_PER_NOISE_LEVEL, 1, LOTS)))
+    median = np.array([np.median(power[one]) for one in lots])
+    middle = np.array([np.median(place[one]) for one in lots])
+    return np.interp(place, middle, median) / EXPONENTIAL_MEDIAN
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wave:
+    """A wave that was found.
+
+    Attributes:
+        frequency_hz: of it.
+        sigma_hz: standard uncertainty.
+        amplitude: (pairs, 2) complex, of each pair along x and y, px: second frame against first.
+        sigma_px: (pairs, 2) standard uncertainty of its sine and cosine.
+        frames: (pairs,) how many frames' waves each pair shows, in squares, phases being random.
+    """
+
+    frequency_hz: float
+    sigma_hz: float
+    amplitude: NDArray[np.complex128]
+    sigma_px: Array
+    frames: Array
+
+    def moved(self, pair: int, one: RowSeries) -> Array:
+        """(2, n, s) what it shifts in a pair, as pieces show it."""
+        turning = np.exp(1j * one.phase(self.frequency_hz)) * one.observed_wave(self.frequency_hz)
+        return np.stack([(self.amplitude[pair, axis] * turning).real for axis in (0, 1)])
+
+
+def refined(series: Sequence[RowSeries], found: Spectrum, at: int) -> Wave:
+    """The wave at one of a spectrum's frequencies, between those that were tried."""
+    start = float(found.frequency_hz[at])
+    step = 1.0 / (PER_LINE * max(one.duration_s for one in series))
+    levels = _noise_of(series, found, at)
+
+    def loss(frequency_hz: float) -> float:
+        return -_gain(series, frequency_hz, levels)
+
+    best: Any = minimize_scalar(loss, bounds=(start - step, start + step), method="bounded", options={"xatol": 1e-3 * step})
+    top, width = float(best.x), 0.2 * step
+    bend = (loss(top - width) + loss(top + width) - 2.0 * loss(top)) / width**2
+    amplitude = np.stack([_amplitudes(one, top) for one in series])
+    return Wave(top, float(1.0 / np.sqrt(bend)) if bend > 0.0 else step, amplitude, levels, _frames(series, top))
+
+
+def fit_wave(series: Sequence[RowSeries], frequency_hz: float) -> Wave:
+    """A wave whose frequency is known; its amplitudes by least squares, their noise as registration states it."""
+    amplitude = np.stack([_amplitudes(one, frequency_hz) for one in series])
+    seen = np.array([max(float(one.observed_wave(frequency_hz)), 1e-6) for one in series])
+    known = np.stack([np.maximum(one.weight.sum(axis=(1, 2)), 1e-30) for one in series])
+    return Wave(frequency_hz, 0.0, amplitude, np.sqrt(2.0 / known) / seen[:, None], _frames(series, frequency_hz))
+
+
+def _frames(series: Sequence[RowSeries], frequency_hz: float) -> Array:
+    return np.array([one.frames(frequency_hz) for one in series])
+
+
+def _noise_of(series: Sequence[RowSeries], found: Spectrum, at: int) -> Array:
+    return (1.0 / np.sqrt(found.information[:, at])).reshape(len(series), 2)
+
+
+def _gain(series: Sequence[RowSeries], frequency_hz: float, sigma_px: Array) -> float:
+    """Logarithm of the likelihood that a wave of any amplitude gains."""
+    amplitude = np.stack([_amplitudes(one, frequency_hz) for one in series])
+    return float(np.sum(np.abs(amplitude) ** 2 / (2.0 * sigma_px**2)))
+
+
+def _amplitudes(one: RowSeries, frequency_hz: float) -> NDArray[np.complex128]:
+    """(2,) complex, by least squares along x and y."""
+    turning = np.exp(-1j * one.phase(frequency_hz))
+    seen = max(float(one.observed_wave(frequency_hz)), 1e-6)
+    known = np.maximum(one.weight.sum(axis=(1, 2)), 1e-30)
+    return np.asarray(2.0 * np.einsum("ans,ns->a", one.shift_px * one.weight, turning) / (known * seen))
+
+
+def matching_frequencies(found: Spectrum, owns: Callable[[float], bool]) -> NDArray[np.int64]:
+    """Indices of the frequencies that a name owns."""
+    return np.flatnonzero([owns(float(one)) for one in found.frequency_hz])

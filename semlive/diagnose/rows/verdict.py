@@ -1,0 +1,218 @@
+"""The row channel's verdict: waves by their frequency, jitter by what the pieces of a row have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import gamma
+
+from semlive.data.diagnosis import DomainTest, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate, RowDiagnosis
+from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANCE_LEVEL, SIGNIFICANT_LOG_FACTOR
+from semlive.diagnose.rows.cross_validation import held_out_row_misfit, is_useful
+from semlive.diagnose.rows.jitter import CommonRowVariance, common_row_variance
+from semlive.diagnose.rows.series import RowSeries
+from semlive.diagnose.rows.spectrum import Spectrum, Wave, fit_wave, matching_frequencies, refined, spectrum
+from semlive.errors import IllPosed
+from semlive.model.effects.rows import PERIODIC_EFFECTS, ROW_JITTER, RowEffectClass
+
+Array = NDArray[np.float64]
+MOST = 5  # waves
+MAX_SPECTRUM_POINTS = 400
+LEAST_ROWS = 100
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IdentifiedWave:
+    """A wave, and what was said of it when it was found."""
+
+    family: RowEffectClass
+    wave: Wave
+    log_factor: float
+    p_value: float
+    rivals: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Heard:
+    """All that can be asked of rows once."""
+
+    series: tuple[RowSeries, ...]
+    common: CommonRowVariance
+    spectrum: Spectrum
+    odds: dict[str, float]
+
+    @property
+    def jitters(self) -> bool:
+        return self.odds[ROW_JITTER.name] >= SIGNIFICANT_LOG_FACTOR and 2.0 * self.common.p_value() <= SIGNIFICANCE_LEVEL
+
+    def loudest(self) -> tuple[RowEffectClass, int, float]:
+        """The likeliest wave: its name, its place in the spectrum and its p-value."""
+        family = max(PERIODIC_EFFECTS, key=lambda one: self.odds[one.name])
+        own = matching_frequencies(self.spectrum, family.matches_frequency) if family.matches_frequency else np.zeros(0, dtype=np.int64)
+        at = int(own[np.argmax(self.spectrum.total[own])])
+        return family, at, self.spectrum.p_value(at)
+
+
+def diagnose_rows(series: Sequence[RowSeries], seed: int = 0, known: Sequence[ModelEffect] = ()) -> RowDiagnosis:
+    """What rows show beyond the disparity maps.
+
+    Args:
+        series: of each pair.
+        seed: of the rolls that are the null.
+        known: effects of rows that the model has already.
+
+    Raises:
+        IllPosed: there are too few rows.
+    """
+    if not series or min(len(one.row_px) for one in series) < LEAST_ROWS:
+        raise IllPosed(f"rows: fewer than {LEAST_ROWS} in a frame, too few to name anything")
+    rest = tuple(series)
+    for one in known:
+        frequency_hz = dict(one.values).get("frequency_hz")
+        if frequency_hz is not None:
+            rest = _without(rest, fit_wave(rest, frequency_hz))
+    already = {one.name for one in known}
+    first = heard = _hear(rest, seed)
+    waves: list[IdentifiedWave] = []
+    while True:
+        family, at, p_value = heard.loudest()
+        loud = heard.odds[family.name] >= SIGNIFICANT_LOG_FACTOR and 2.0 * p_value <= SIGNIFICANCE_LEVEL
+        if not loud or len(waves) == MOST:
+            break
+        rivals = tuple(
+            one.name for one in PERIODIC_EFFECTS if one is not family and heard.odds[one.name] > heard.odds[family.name] - MIN_LOG_ODDS
+        )
+        wave = refined(heard.series, heard.spectrum, at)
+        waves.append(IdentifiedWave(family, wave, heard.odds[family.name], min(1.0, 2.0 * p_value), rivals))
+        heard = _hear(_without(heard.series, wave), seed)
+    jitters = heard.jitters and ROW_JITTER.name not in already
+    return _verdict(first, heard, waves, jitters, loud)
+
+
+def _hear(series: tuple[RowSeries, ...], seed: int) -> _Heard:
+    shared = common_row_variance(series, seed)
+    odds = {ROW_JITTER.name: shared.log_factor(ROW_JITTER.sizes_px)}
+    found = spectrum(series, shared.levels())
+    for family in PERIODIC_EFFECTS:
+        own = matching_frequencies(found, family.matches_frequency) if family.matches_frequency else np.zeros(0, dtype=np.int64)
+        each = found.log_factors(family.sizes_px)[own]
+        odds[family.name] = float(np.logaddexp.reduce(each) - np.log(len(each))) if len(each) else -np.inf
+    return _Heard(series, shared, found, odds)
+
+
+def _without(series: Sequence[RowSeries], wave: Wave) -> tuple[RowSeries, ...]:
+    return tuple(one.without(wave.moved(pair, one)) for pair, one in enumerate(series))
+
+
+def _verdict(first: _Heard, last: _Heard, waves: Sequence[IdentifiedWave], jitters: bool, loud: bool) -> RowDiagnosis:
+    effects = list(_effects_of_waves(waves))
+    if jitters:
+        effects.append(_jitter(last))
+    gap = held_out_row_misfit(first.series, [one.wave for one in waves], last.common if jitters else None) if effects else None
+    unsure = next((one for one in waves if one.rivals), None)
+    if loud:  # as many waves as are looked for, and still one more
+        outcome = Outcome.UNKNOWN
+    elif not effects:
+        outcome = Outcome.NONE
+    elif gap is not None and not is_useful(gap):
+        outcome = Outcome.REJECTED
+    else:
+        outcome = Outcome.AMBIGUOUS if unsure else Outcome.IDENTIFIED
+    among_names = (unsure.family.name, *unsure.rivals) if unsure is not None and outcome is Outcome.AMBIGUOUS else ()
+    noise_px = float(np.sqrt(np.mean(first.common.variance_px2)))
+    frequency_hz, power = _thinned(first.spectrum)
+    return RowDiagnosis(
+        outcome, tuple(effects), among_names, gap, _where(first), tuple(first.odds.items()), len(first.series),
+        max(len(one.row_px) for one in first.series), noise_px, frequency_hz, power, _loud_power(first.spectrum),
+    )  # fmt: skip
+
+
+def _where(heard: _Heard) -> tuple[DomainTest, ...]:
+    """The two tests, family-wise over both."""
+    at = int(np.argmax(heard.spectrum.total))
+    excess = np.clip(heard.spectrum.power[:, at] - 1.0, 0.0, None) / heard.spectrum.information[:, at]
+    waves_px = float(np.sqrt(np.mean(excess)))
+    common_px = float(np.sqrt(np.mean(heard.common.jitter_px()[0] ** 2)))
+    return (
+        DomainTest("row_waves", min(1.0, 2.0 * heard.spectrum.p_value(at)), waves_px),
+        DomainTest("row_common", min(1.0, 2.0 * heard.common.p_value()), common_px),
+    )
+
+
+def _effects_of_waves(waves: Sequence[IdentifiedWave]) -> tuple[IdentifiedEffect, ...]:
+    """One effect for each name; further waves of the mains are its overtones, further vibrations effects of their own."""
+    found: list[IdentifiedEffect] = []
+    for one in waves:
+        amplitudes = [_amplitude(one.wave, axis) for axis in (0, 1)]
+        size_px = float(np.hypot(amplitudes[0][0], amplitudes[1][0]))
+        known = next((at for at, had in enumerate(found) if had.name == one.family.name), None)
+        overtones = () if known is None else found[known].parameters
+        more = f"_{len(overtones) // 3 + 1}" if overtones else ""
+        parameters = (
+            *overtones,
+            ParameterEstimate(f"frequency{more}_hz", one.wave.frequency_hz, one.wave.sigma_hz, "Hz"),
+            ParameterEstimate(f"amplitude{more}_x_px", *amplitudes[0], "px"),
+            ParameterEstimate(f"amplitude{more}_y_px", *amplitudes[1], "px"),
+        )
+        values = tuple((item.name, item.value) for item in parameters if item.unit == "Hz")
+        law = ModelEffect(one.family.name, values, size_px)
+        if known is None:
+            found.append(IdentifiedEffect(one.family.name, parameters, size_px, one.log_factor, one.p_value, False, law))
+        else:
+            had = found[known]
+            found[known] = IdentifiedEffect(had.name, parameters, had.peak_px + size_px, had.log_bayes_factor, had.p_value, False, law)
+    return tuple(found)
+
+
+def _amplitude(wave: Wave, axis: int) -> tuple[float, float]:
+    """Of the beam, and its standard uncertainty, from the differences of frames.
+
+    Where phases of frames are as good as random, a pair shows A sqrt(2 - 2 cos), whose square is 2 A^2 on average and scatters by
+    0.71 of that. Pairs that all show the same share one phase difference, and tell as much as one.
+    """
+    square = 2.0 * np.abs(wave.amplitude[:, axis]) ** 2 / wave.frames
+    noise = 4.0 * wave.sigma_px[:, axis] ** 2 / wave.frames
+    mean = max(float(np.mean(square - noise)), 0.0)
+    n = len(square)
+    if mean == 0.0:
+        return 0.0, float(np.sqrt(np.mean(noise) / (2.0 * np.sqrt(n))))
+    by_noise = float(np.sqrt(np.mean(noise**2 + 2.0 * noise * mean) / n))
+    scatter = float(np.var(square, ddof=1)) - by_noise**2 * n if n > 1 else 0.0
+    alone = 1.0 + (n - 1.0) * float(np.clip(scatter / (0.5 * mean**2), 0.0, 1.0))
+    sigma2 = np.hypot(by_noise, mean * np.sqrt(0.5 / alone))
+    size = float(np.sqrt(0.5 * mean))
+    return size, float(0.5 * sigma2 / (2.0 * size))
+
+
+def _jitter(heard: _Heard) -> IdentifiedEffect:
+    sd, sigma = heard.common.jitter_px()
+    parameters = tuple(
+        ParameterEstimate(f"sd_{axis}_px", float(one), float(unsure), "px") for axis, one, unsure in zip("xy", sd, sigma, strict=True)
+    )
+    size_px = float(np.hypot(*sd))
+    p_value = min(1.0, 2.0 * heard.common.p_value())
+    return IdentifiedEffect(
+        ROW_JITTER.name,
+        parameters,
+        3.0 * size_px,
+        heard.odds[ROW_JITTER.name],
+        p_value,
+        False,
+        ModelEffect(ROW_JITTER.name, (), max(size_px, 1e-6)),
+    )
+
+
+def _thinned(found: Spectrum) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """The largest power in each of some hundred equal bands."""
+    power = found.total / len(found.power)
+    bands = np.array_split(np.arange(len(power)), min(MAX_SPECTRUM_POINTS, len(power)))
+    peaks = [int(band[np.argmax(power[band])]) for band in bands if len(band)]
+    return tuple(float(found.frequency_hz[at]) for at in peaks), tuple(float(power[at]) for at in peaks)
+
+
+def _loud_power(found: Spectrum) -> float:
+    k = len(found.power)
+    return float(gamma.isf(0.5 * SIGNIFICANCE_LEVEL / len(found.frequency_hz), k)) / k

@@ -1,0 +1,1 @@
+"""Effects that load, extension and stage readings show."""

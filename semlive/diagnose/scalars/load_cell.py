@@ -1,0 +1,281 @@
+"""The load's channel: what the load cell said, beside the strain that maps show and beside the time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from semlive.data.diagnosis import (
+    Diagnosis,
+    DomainTest,
+    ExperimentProposal,
+    HeldOutMisfit,
+    IdentifiedEffect,
+    ModelEffect,
+    Outcome,
+    ParameterEstimate,
+)
+from semlive.data.experiment import Phase
+from semlive.diagnose.baseline.observation import Observation, StepConditions
+from semlive.diagnose.maps.effect_selection import SIGNIFICANCE_LEVEL, SIGNIFICANT_LOG_FACTOR
+from semlive.diagnose.scalars.regression import RegressionTerm, f_test, leave_one_out, orthonormal_basis, term
+from semlive.model.effects.load_cell import CLOCK, DRIFT, FRICTION, LOADS, ZERO, LoadEffectClass
+
+Array = NDArray[np.float64]
+MIN_RELATIVE_LOAD = 1e-3
+"""Of the largest load. Cells are classed by half a thousandth of their range and more: less is no effect but a load cell."""
+MIN_LOADS_FOR_CURVATURE = 6  # loaded pairs from which on stress may bend over strain
+_CLOCK_SIZE_S = 60.0
+_RESAMPLED = 999
+_TELLS = {ZERO.name: ("zero_n", "N"), DRIFT.name: ("rate_n_per_s", "N/s"), FRICTION.name: ("friction_n", "N")}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadReadings:
+    """The load of each pair, and what else was known of it.
+
+    Attributes:
+        time_s: (n,) middle of the pair, since the start of frame 0.
+        load_n: (n,) mean reading while it was scanned.
+        strain: (n,) mean axial strain since frame 0; 0 of pairs that nothing was loaded for.
+        strain_covariance: (n, n) of it; what frame 0 and the distortion leave open, all loads share.
+        loaded: (n,) whether the specimen was under load.
+        loading_direction: (n,) sign of the last change of the load, 0 before the first.
+        half_px: half of the frame's extent along the load.
+    """
+
+    time_s: Array
+    load_n: Array
+    strain: Array
+    strain_covariance: Array
+    loaded: NDArray[np.bool_]
+    loading_direction: Array
+    half_px: float
+
+    @property
+    def largest_n(self) -> float:
+        """The largest load that was read."""
+        return float(np.abs(self.load_n).max(initial=0.0))
+
+
+def load_readings(observation: Observation, steps: Sequence[StepConditions], loading_axis: str) -> LoadReadings:
+    """Of all pairs of a run whose image axis `loading_axis` is pulled."""
+    solution = observation.solution
+    state, part, axis = solution.state, solution.part("motion"), "xy".index(loading_axis)
+    time_s = np.array([0.5 * sum(state.frame_time(2 * one.pair + member).start_s for member in (0, 1)) for one in steps])
+    load_n = np.array([0.5 * sum(one.load_n) for one in steps])
+    loaded = np.array([one.phase is Phase.TENSION for one in steps])
+    strain, rows = np.zeros(len(steps)), np.zeros((len(steps), len(solution.mean)))
+    first = state.layout.part("motion").start
+    for at, one in enumerate(steps):
+        if one.phase is Phase.TENSION and one.pair in state.motions.pairs:
+            strain[at] = state.motions.shift_and_gradient(one.pair, part)[1][axis, axis]
+            rows[at, first + state.motions.part(one.pair)[0].start + (1, 5)[axis]] = 1.0
+    half_px = float(state.centre_px[axis])
+    return LoadReadings(time_s, load_n, strain, solution.covariance_of(rows), loaded, _ways(load_n, loaded), half_px)
+
+
+def _ways(load_n: Array, loaded: NDArray[np.bool_]) -> Array:
+    """(n,) sign of the last change, by load steps: what a load does between two pairs of one step is no change."""
+    way, last = np.zeros(len(load_n)), 0.0
+    for at in range(1, len(load_n)):
+        change = load_n[at] - load_n[at - 1]
+        if (loaded[at] or loaded[at - 1]) and abs(change) > 0.01 * np.abs(load_n).max():
+            last = float(np.sign(change))
+        way[at] = last
+    return way
+
+
+def add_load_cell_evidence(found: Diagnosis, readings: LoadReadings) -> Diagnosis:
+    """The verdict with what the load cell does beside it.
+
+    Unloaded, a cell reads its zero and how that wanders; loaded, what it reads follows strain in a line, or a parabola where there are
+    enough loads, from the same zero. Drift, friction and zero are each asked beside the others.
+    """
+    already = {one.name for one in (*found.model_effects, *found.effects)}
+    tests = {one.name: _test(readings, one) for one in LOADS}
+    heard = {name: one for name, one in tests.items() if one is not None}
+    if not heard:
+        return found
+    p_value = min(1.0, len(heard) * min(one.p_value for one in heard.values()))
+    loud = [
+        one for one in heard.values()
+        if one.family.name not in already
+        and one.log_factor >= SIGNIFICANT_LOG_FACTOR
+        and len(heard) * one.p_value <= SIGNIFICANCE_LEVEL
+        and one.matters
+    ]  # fmt: skip
+    where = (*found.where, DomainTest("load_readings", p_value, max(one.size_px for one in heard.values())))
+    evidence = tuple((name, one.log_factor) for name, one in heard.items())
+    beside = replace(found, where=where, evidence=(*found.evidence, *evidence))
+    beside = replace(beside, gap=beside.gap or _gap(readings, [one.family.name for one in loud]))
+    return merge_effects(beside, [one.effect(len(heard)) for one in loud], [one.rivals for one in loud], [one.family for one in loud])
+
+
+def load_offsets(readings: LoadReadings, names: Sequence[str]) -> dict[str, Array]:
+    """By name (n,) N that effects of the load cell add to the readings, each fitted to them; those that they cannot show are left out."""
+    own, _ = _columns(readings)
+    heard = {one.name: _test(readings, one) for one in LOADS if one.name in names}
+    return {name: one.term.value * own[name] for name, one in heard.items() if one is not None}
+
+
+def add_clock_evidence(found: Diagnosis, offset_s: float, sigma_s: float) -> Diagnosis:
+    """The verdict with the microscope's clock beside it: what it is ahead of what was stated, s, and the standard uncertainty."""
+    if CLOCK.name in {one.name for one in found.model_effects}:
+        return found
+    visible = (_CLOCK_SIZE_S / sigma_s) ** 2
+    odds = 0.5 * (offset_s / sigma_s) ** 2 * visible / (1.0 + visible) - 0.5 * math.log1p(visible)
+    p_value = math.erfc(abs(offset_s) / sigma_s / math.sqrt(2.0))
+    beside = replace(found, evidence=(*found.evidence, (CLOCK.name, odds)))
+    if odds < SIGNIFICANT_LOG_FACTOR or p_value > SIGNIFICANCE_LEVEL:
+        return beside
+    parameters = (ParameterEstimate("offset_s", offset_s, sigma_s, "s"),)
+    effect = IdentifiedEffect(CLOCK.name, parameters, 0.0, odds, p_value, False, ModelEffect(CLOCK.name, (), abs(offset_s)))
+    return merge_effects(beside, [effect], [()], [CLOCK])
+
+
+def merge_effects(
+    found: Diagnosis, effects: list[IdentifiedEffect], rivals: list[tuple[str, ...]], families: list[LoadEffectClass]
+) -> Diagnosis:
+    """With effects that other channels do not speak of: what they left open stays open."""
+    found = replace(found, effects=(*found.effects, *effects))
+    unsure = next((at for at, one in enumerate(rivals) if one), None)
+    if not effects or found.outcome not in (Outcome.NONE, Outcome.IDENTIFIED):
+        return found
+    if unsure is None:
+        return replace(found, outcome=Outcome.IDENTIFIED, group=found.group or families[0].group)
+    names = (effects[unsure].name, *rivals[unsure])
+    decides = ExperimentProposal(names, families[unsure].discriminating_experiment)
+    return replace(found, outcome=Outcome.AMBIGUOUS, ambiguous=names, group=families[unsure].group, experiment=decides)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Test:
+    """A term of the readings: its value, how much it explains, and what it amounts to."""
+
+    family: LoadEffectClass
+    term: RegressionTerm
+    p_value: float
+    log_factor: float
+    size_n: float
+    size_px: float
+    matters: bool
+    rivals: tuple[str, ...]
+
+    def effect(self, tests: int) -> IdentifiedEffect:
+        name, unit = _TELLS[self.family.name]
+        parameters = (ParameterEstimate(name, self.term.value, self.term.sigma, unit),)
+        law = ModelEffect(self.family.name, (), self.size_n)
+        return IdentifiedEffect(self.family.name, parameters, 0.0, self.log_factor, min(1.0, tests * self.p_value), False, law)
+
+
+def _test(readings: LoadReadings, family: LoadEffectClass) -> _Test | None:
+    """F-test of a term beside the others; None where these readings cannot show it, or nothing was read."""
+    own, base = _columns(readings)
+    if family.name not in own or not readings.largest_n > 0.0:
+        return None
+    stiff_n, covariance = _scales(readings)
+    factor = np.linalg.cholesky(covariance)
+    others = [column for name, column in own.items() if name != family.name]
+    columns = np.stack([*base, *others, np.zeros(len(factor)), own[family.name], readings.load_n], axis=-1)
+    white = solve_triangular(factor, columns, lower=True)
+    found = limit_precision(term(white[:, -2], white[:, -1], orthonormal_basis(white[:, :-2], 1e-12)))
+    told = None if found is None else f_test([found])
+    if found is None or told is None:
+        return None
+    size_n = abs(found.value) * float(np.ptp(own[family.name])) if family is DRIFT else abs(found.value)
+    size_px = size_n / stiff_n * readings.half_px if stiff_n > 0.0 else 0.0
+    matters = size_n > MIN_RELATIVE_LOAD * readings.largest_n
+    return _Test(family, found, *told, size_n, size_px, matters, _rivals(readings, family, found))
+
+
+def limit_precision(found: RegressionTerm | None) -> RegressionTerm | None:
+    """A term no surer than the readings' own uncertainties have it: unloaded ones that are all exactly 0 say no more for that."""
+    if found is None or found.residual_ss >= found.degrees_of_freedom:
+        return found
+    wider = math.sqrt(found.degrees_of_freedom / max(found.residual_ss, 1e-30))
+    return replace(found, sigma=found.sigma * wider, residual_ss=float(found.degrees_of_freedom))
+
+
+def _columns(readings: LoadReadings) -> tuple[dict[str, Array], list[Array]]:
+    """What each effect adds to the readings, and what they follow without any."""
+    loaded = readings.loaded.astype(np.float64)
+    own = {ZERO.name: np.ones(len(loaded)), DRIFT.name: readings.time_s - readings.time_s[0]}
+    if not loaded.any():
+        return own, []
+    base = [loaded * readings.strain]
+    if int(loaded.sum()) >= MIN_LOADS_FOR_CURVATURE:
+        base.append(loaded * readings.strain**2)
+    if bool(np.any(~readings.loaded)) or np.ptp(readings.loading_direction[readings.loaded]) > 0.0:
+        own[FRICTION.name] = readings.loading_direction
+    return own, base
+
+
+def _scales(readings: LoadReadings) -> tuple[float, Array]:
+    """The specimen's stiffness, N for a strain of 1, and the (n, n) covariance of the readings beside it.
+
+    A reading scatters as unloaded ones do about their line; beside strain it scatters by the strain's own uncertainty too. That is partly
+    shared: a run of images whose strains were all off alike was named friction.
+    """
+    bare, loaded = ~readings.loaded, readings.loaded
+    at_rest = 1e-3 * max(readings.largest_n, 1e-6)
+    if int(bare.sum()) > 3:
+        line = np.polynomial.Polynomial.fit(readings.time_s[bare], readings.load_n[bare], 1)
+        left = readings.load_n[bare] - line(readings.time_s[bare])
+        at_rest = max(float(np.sqrt(left @ left / (int(bare.sum()) - 2))), 1e-6 * max(readings.largest_n, 1e-6))
+    stiff_n = 0.0
+    if loaded.any() and np.ptp(readings.strain[loaded]) > 0.0:
+        stiff_n = float(np.polyfit(readings.strain[loaded], readings.load_n[loaded], 1)[0]) if int(loaded.sum()) > 1 else 0.0
+    return stiff_n, at_rest**2 * np.eye(len(readings.load_n)) + stiff_n**2 * readings.strain_covariance
+
+
+def _gap(readings: LoadReadings, names: list[str]) -> HeldOutMisfit | None:
+    """How well each reading is foretold by all others, without and with the effects, as the displacement that it stands for."""
+    own, base = _columns(readings)
+    stiff_n, covariance = _scales(readings)
+    sigma_n = np.sqrt(np.diag(covariance))
+    if not names or not base or stiff_n <= 0.0:
+        return None
+    wanted = (base, [*base, *(own[name] for name in names)])
+    (before, _), (after, wider) = (
+        leave_one_out(readings.load_n / sigma_n, orthonormal_basis(np.stack(one, axis=-1) / sigma_n[:, None], 1e-12)) for one in wanted
+    )
+    return score_prediction(before, after, wider, sigma_n / stiff_n * readings.half_px)
+
+
+def score_prediction(before: Array, after: Array, wider: Array, px: Array) -> HeldOutMisfit:
+    """A gap by readings that were each foretold from all others.
+
+    Args:
+        before: (n,) what each was off without the effects, in its standard uncertainties.
+        after: (n,) with them.
+        wider: (n,) the variance that noise alone gives to that, in those of a reading.
+        px: (n,) what a standard uncertainty stands for in the picture.
+    """
+    squares = np.stack([(before * px) ** 2, (after * px) ** 2, wider * px**2])
+    n = squares.shape[1]
+    drawn = squares[:, np.random.default_rng(0).integers(n, size=(_RESAMPLED, n))].mean(axis=2)
+    low, high = np.quantile((drawn[0] - drawn[1]) / np.maximum(drawn[0] - drawn[2], 1e-30), (0.025, 0.975)).tolist()
+    was, left, floor = squares.mean(axis=1).tolist()
+    gained = squares[0] - squares[1]
+    clear = float(gained.mean() / max(gained.std() / math.sqrt(n), 1e-30))
+    closure = (was - left) / max(was - floor, 1e-30)
+    return HeldOutMisfit(math.sqrt(was), math.sqrt(left), math.sqrt(floor), closure, (low, high), clear)
+
+
+def _rivals(readings: LoadReadings, family: LoadEffectClass, found: RegressionTerm) -> tuple[str, ...]:
+    """Names that the same readings would have as well."""
+    if family is FRICTION and {-1.0, 1.0} <= set(readings.loading_direction[readings.loaded].tolist()):
+        return ()
+    if family is DRIFT:
+        bare = ~readings.loaded
+        rest_n = float(np.mean(readings.load_n[bare])) if bare.any() else 0.0
+        gone_n = -found.value * float(np.ptp(readings.time_s)) * math.copysign(1.0, rest_n)
+        # A load that is there can relax, by a part of itself; one that is not cannot.
+        return ("creep_in_hold",) if 0.0 < gone_n < 0.5 * abs(rest_n) else ()
+    return family.rivals

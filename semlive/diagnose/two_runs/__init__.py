@@ -1,0 +1,1 @@
+"""Effects that two runs separate and one cannot."""

@@ -1,0 +1,123 @@
+"""A distortion on a disc about the frame's centre, by polynomials without the affine ones: a turn mixes those of one order alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.diagnose.baseline.baseline import HyperparameterGrid
+
+Array = NDArray[np.float64]
+ORDER = 6  # of the polynomials
+AFFINE = 3  # polynomials of order 0 and 1, which are gauge
+_RINGS, _SPOKES = 12, 36
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DiscBasis:
+    """Polynomials that are orthonormal over a unit disc.
+
+    A projection on them leaves out what is finer, and the finer stays out when the disc is turned: what is compared of two fields needs
+    no belief that they hold nothing else.
+
+    Attributes:
+        at: (n, 2) points of the disc.
+        weight: (n,) of their mean.
+        powers: (m, 2) of x and y, lowest order first.
+        coefficients: (m, m) from powers to polynomials.
+        order: (m,) of each.
+    """
+
+    at: Array
+    weight: Array
+    powers: NDArray[np.int64]
+    coefficients: Array
+    order: NDArray[np.int64]
+
+    def values(self, at: Array) -> Array:
+        """(n, m) of all polynomials at points (n, 2)."""
+        return np.asarray(np.prod(at[:, None, :] ** self.powers, axis=-1) @ self.coefficients)
+
+    def taken(self, values: Array) -> Array:
+        """(m, ...) how much of each is in values (n, ...) at the disc's points."""
+        return np.tensordot(self.values(self.at) * self.weight[:, None], values, axes=(0, 0))
+
+    def moved(self, there: Array) -> Array:
+        """(m - 3, m - 3) what each polynomial is of where its argument is taken at other points (n, 2), the affine ones left out."""
+        return self.taken(self.values(there))[AFFINE:, AFFINE:]
+
+
+@lru_cache(maxsize=1)
+def modes() -> DiscBasis:
+    """All up to `ORDER`."""
+    node, share = np.polynomial.legendre.leggauss(_RINGS)
+    radius, turn = np.sqrt(0.5 * (node + 1.0)), 2.0 * np.pi * np.arange(_SPOKES) / _SPOKES
+    at = np.stack((np.outer(radius, np.cos(turn)).ravel(), np.outer(radius, np.sin(turn)).ravel()), axis=-1)
+    weight = np.repeat(0.5 * share / _SPOKES, _SPOKES)
+    powers = np.array([(total - j, j) for total in range(ORDER + 1) for j in range(total + 1)])
+    raw = np.prod(at[:, None, :] ** powers, axis=-1)
+    upper = np.linalg.qr(raw * np.sqrt(weight)[:, None])[1]
+    mix = np.linalg.inv(upper)
+    return DiscBasis(at, weight, powers, mix * np.sign(np.diag(mix)), powers.sum(axis=1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DiscDistortion:
+    """What a run knows of its distortion there.
+
+    Attributes:
+        value_px: (2, k) along x and along y, of each polynomial from the second order on.
+        covariance_px2: (2 k, 2 k) of both.
+        slope: (2, 2) of the affine part, px to a px: what the gauge of the run's own points makes it.
+    """
+
+    value_px: Array
+    covariance_px2: Array
+    slope: Array
+
+
+def disc_radius_px(run: HyperparameterGrid) -> float:
+    """Radius of the largest disc about the frame's centre within the columns and rows that a run has points in."""
+    address = run.design.observation.geometry.address_px.reshape(-1, 2)
+    return float(min(-address.min(axis=0).max(), address.max(axis=0).min()))
+
+
+def baseline_mean(run: HyperparameterGrid) -> Array:
+    """(p + r,) what the likeliest baseline says of its parameters and of the amplitudes of known effects."""
+    design = run.design
+    first = design.observation.solution.mean[design.parameter_indices]
+    return np.asarray(np.concatenate((first, np.zeros(design.size - len(first)))) + run.best.solve(run.best.gradient[:, None])[:, 0])
+
+
+def parameter_subset(run: HyperparameterGrid, name: str) -> NDArray[np.int64]:
+    """Which of a baseline's parameters are a part of the estimate, all of which it has."""
+    part = run.design.observation.state.layout.part(name)
+    return np.flatnonzero((run.design.parameter_indices >= part.start) & (run.design.parameter_indices < part.stop))
+
+
+def distortion_on_disc(run: HyperparameterGrid, radius_px: float) -> DiscDistortion:
+    """A run's distortion on a disc of a radius."""
+    known, state, own = modes(), run.design.observation.state, parameter_subset(run, "distortion")
+    pixel = known.at * radius_px + state.centre_px
+    rows = np.zeros((len(pixel), state.distortion.along_y.size, state.distortion.along_x.size))
+    index_x, value_x = state.distortion.along_x.local(pixel[:, 0])
+    index_y, value_y = state.distortion.along_y.local(pixel[:, 1])
+    at = np.arange(len(pixel))[:, None, None]
+    rows[at, index_y[:, :, None], index_x[:, None, :]] = value_y[:, :, None] * value_x[:, None, :]
+    taken = known.taken(rows.reshape(len(pixel), -1))
+    mean = taken @ baseline_mean(run)[own].reshape(-1, 2)
+    asked = np.zeros((run.design.size, 2, len(taken) - AFFINE))
+    for axis in (0, 1):
+        asked[own[axis::2], axis] = taken[AFFINE:].T
+    asked = asked.reshape(run.design.size, -1)
+    covariance = asked.T @ run.best.solve(asked)
+    return DiscDistortion(mean[AFFINE:].T, 0.5 * (covariance + covariance.T), _slope(known, mean) / radius_px)
+
+
+def _slope(known: DiscBasis, taken: Array) -> Array:
+    """(2, 2) gradient over the unit disc of fields whose parts (m, 2) are known."""
+    across = known.values(np.array([[0.5, 0.0], [0.0, 0.5]])) - known.values(-np.array([[0.5, 0.0], [0.0, 0.5]]))
+    return np.asarray((across[:, :AFFINE] @ taken[:AFFINE]).T)

@@ -1,0 +1,242 @@
+"""Two runs, the second with its scan turned: the scan's axes, and whether the distortion turned with the scan or stayed with the column.
+
+A distortion E1 of the column is seen as E2(R) = T E1(T^-1 R) once the scan is turned, T being what carries a move of the picture from the
+first run to the second; one of the scan is the same in both. Between them stands a distortion of the column with ramps of the scan that
+are curved, each along its own axis.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag, cho_factor, cho_solve
+
+from semlive.data.diagnosis import Outcome, ParameterEstimate, ScanRotation, SharedEffect, TwoRunVerdict
+from semlive.diagnose.baseline.baseline import HyperparameterGrid
+from semlive.diagnose.maps.effect_selection import SIGNIFICANCE_LEVEL, SIGNIFICANT_LOG_FACTOR
+from semlive.diagnose.two_runs.disc_basis import AFFINE, DiscDistortion, disc_radius_px, distortion_on_disc, modes
+from semlive.diagnose.two_runs.scan_axes import ScanAxes, scan_axes
+from semlive.errors import IllPosed
+
+Array = NDArray[np.float64]
+RAMP_EFFECT_NAME = "scan_nonlinearity"
+SCAN_TIME_TOLERANCE = 0.01  # of a dwell or a row time: less is no other scan
+SIZES_PX = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # of a distortion's polynomials of the second order; half of it for each further one
+RAMP_SIZES_PX = (0.03, 0.1, 0.3, 1.0, 3.0)  # at the frame's edge
+CENTRE_PX = 5.0  # between the frame's centre and that about which the scan is turned
+LEAST_DISC_PX = 50.0
+_STEP = 1e-4
+_RAMPS = ("quadratic_x_px", "cubic_x_px", "quadratic_y_px", "cubic_y_px")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DistortionPair:
+    """The distortions of two runs on one disc.
+
+    Attributes:
+        value_px: (4 k,) polynomials along x and y of the first run, then of the second.
+        covariance_px2: (4 k, 4 k).
+        column_fixed_map: (2 k, 2 k) from the first run's to those of the second, where the distortion stays with the column.
+        nuisance_covariance_px2: (2 k, 2 k) what turn, axes and centre leave open of them.
+        ramps: (2 k, 4) curved ramps of 1 px at the frame's edge.
+    """
+
+    value_px: Array
+    covariance_px2: Array
+    column_fixed_map: Array
+    nuisance_covariance_px2: Array
+    ramps: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Heard:
+    """How likely the fields are, a size being the likeliest of those tried: its logarithm, and what the scan's part then is."""
+
+    log: float
+    part_px: Array
+    covariance_px2: Array
+
+
+def analyse_scan_rotation(runs: Sequence[HyperparameterGrid]) -> TwoRunVerdict | None:
+    """What two runs show, of which the second's scan was turned; None where it was not, or nothing tells.
+
+    Args:
+        runs: their baselines, with the effects that are known in them.
+    """
+    if len(runs) != 2:
+        return None
+    radius_px = min(disc_radius_px(one) for one in runs)
+    if radius_px < LEAST_DISC_PX:
+        return None
+    seen = [distortion_on_disc(one, radius_px) for one in runs]
+    axes = scan_axes(runs, [one.slope for one in seen])
+    if axes is None:
+        return None
+    _fit_each_other(runs, axes)
+    half_px = np.asarray(runs[0].design.observation.state.centre_px)
+    return verdict(axes, fields_of(seen, axes, radius_px, half_px), half_px)
+
+
+def scan_times_s(runs: Sequence[HyperparameterGrid]) -> Array:
+    """(n, 2) dwell and row time of each run."""
+    scans = [one.design.observation.state.frame_time(0).timing for one in runs]
+    return np.array([[one.dwell_time_s.value, one.row_time_s.value] for one in scans])
+
+
+def same_scan_times(times_s: Array) -> bool:
+    """Whether dwell and row times (n, 2) are the same."""
+    return float(np.ptp(np.log(times_s), axis=0).max()) < SCAN_TIME_TOLERANCE
+
+
+def _fit_each_other(runs: Sequence[HyperparameterGrid], axes: ScanAxes) -> None:
+    degrees = math.degrees(axes.turn.value)
+    if not same_scan_times(scan_times_s(runs)):
+        raise IllPosed(
+            f"the scan was turned by {degrees:.0f} degrees and has another dwell or row time too: which of both did it cannot be told; "
+            "change one of them at a time"
+        )
+    centres = [one.design.observation.state.centre_px for one in runs]
+    if not np.array_equal(centres[0], centres[1]):
+        raise IllPosed(f"the scan was turned by {degrees:.0f} degrees and the frames have another size: take both runs with one size")
+
+
+def fields_of(seen: Sequence[DiscDistortion], axes: ScanAxes, radius_px: float, half_px: Array) -> DistortionPair:
+    """What is compared of two runs.
+
+    Args:
+        seen: their distortions.
+        axes: how the second's scan lies to the first's.
+        radius_px: of the disc.
+        half_px: (2,) from the frame's centre to its edges.
+    """
+    first, second = seen
+    told = first.value_px.ravel()
+    stays = _stays(axes.matrix, np.zeros(2))
+    scale = np.concatenate((np.sqrt(np.linalg.eigvalsh(axes.covariance).clip(0.0)), np.full(2, CENTRE_PX / radius_px)))
+    ways = np.linalg.eigh(axes.covariance)[1]
+    slopes = []
+    for way, size in zip((*ways.T, None, None), scale, strict=True):
+        at = len(slopes)
+        turn = np.zeros((2, 2)) if way is None else way.reshape(2, 2)
+        aside = np.eye(2)[at - 4] if way is None else np.zeros(2)
+        ahead, behind = (_stays(axes.matrix + sign * _STEP * turn, sign * _STEP * aside) for sign in (1.0, -1.0))
+        slopes.append((ahead - behind) @ told * (size / (2.0 * _STEP)))
+    loose = np.stack(slopes, axis=1)
+    covariance = np.asarray(block_diag(first.covariance_px2, second.covariance_px2))
+    value = np.concatenate((told, second.value_px.ravel()))
+    return DistortionPair(value, covariance, stays, loose @ loose.T, _ramps(radius_px, half_px))
+
+
+def _stays(between: Array, aside: Array) -> Array:
+    """E1 to T E1(T^-1 (R - a)), by polynomials on the disc; a in radii."""
+    known = modes()
+    return np.asarray(np.kron(between, known.moved((known.at - aside) @ np.linalg.inv(between).T)), dtype=np.float64)
+
+
+def _ramps(radius_px: float, half_px: Array) -> Array:
+    known = modes()
+    from_centre = known.at * radius_px / half_px
+    parts = [known.taken(np.stack((one**2, one**3), axis=-1))[AFFINE:] for one in from_centre.T]
+    return np.asarray(block_diag(*parts))
+
+
+def _believed() -> Array:
+    """(2 k,) variances of polynomials whose second order has 1 px."""
+    return np.asarray(np.tile(4.0 ** -(modes().order[AFFINE:] - 2.0), 2), dtype=np.float64)
+
+
+def _heard(fields: DistortionPair, field: Array, ramp_px: float, loose: bool) -> _Heard:
+    """One belief's likelihood.
+
+    Args:
+        fields: of both runs.
+        field: (4 k, 4 k) covariance of what is believed of the distortions.
+        ramp_px: of the scan's ramps beside them.
+        loose: whether the turn counts.
+    """
+    spread = field + fields.covariance_px2
+    if loose:
+        spread[len(fields.column_fixed_map) :, len(fields.column_fixed_map) :] += fields.nuisance_covariance_px2
+    both = np.concatenate((fields.ramps, fields.ramps)) * ramp_px
+    factor = cho_factor(spread + both @ both.T, lower=True)
+    asked = cho_solve(factor, fields.value_px)
+    log = -0.5 * float(fields.value_px @ asked) - float(np.sum(np.log(np.diag(factor[0]))))
+    inner = both.T @ cho_solve(factor, both)
+    return _Heard(log, ramp_px * (both.T @ asked), ramp_px**2 * (np.eye(inner.shape[0]) - inner))
+
+
+def rotation_hypotheses(fields: DistortionPair) -> dict[str, _Heard]:
+    """The likeliest of each kind: with the `column`, with the `scan`, `both`, or each run by itself (`neither`)."""
+    believed = np.diag(_believed())
+    at_rest, with_scan = np.concatenate((np.eye(len(believed)), fields.column_fixed_map)), np.concatenate((np.eye(len(believed)),) * 2)
+    kinds = {"column": (at_rest @ believed @ at_rest.T, True), "scan": (with_scan @ believed @ with_scan.T, False),
+             "neither": (block_diag(believed, believed), False)}  # fmt: skip
+    found = {name: _likeliest([_heard(fields, size**2 * field, 0.0, loose) for size in SIZES_PX]) for name, (field, loose) in kinds.items()}
+    column, _ = kinds["column"]
+    ramped = [_likeliest([_heard(fields, size**2 * column, ramp, True) for size in SIZES_PX]) for ramp in RAMP_SIZES_PX]
+    loudest = _likeliest(ramped)
+    mean = float(np.logaddexp.reduce([one.log for one in ramped])) - math.log(len(ramped))
+    return found | {"both": _Heard(mean, loudest.part_px, loudest.covariance_px2)}
+
+
+def _likeliest(tried: Sequence[_Heard]) -> _Heard:
+    return max(tried, key=lambda one: one.log)
+
+
+def verdict(axes: ScanAxes, fields: DistortionPair, half_px: Array) -> TwoRunVerdict:
+    """What is named of the scan's axes and ramps, and where the distortion belongs.
+
+    A distortion that is another in each run has another affine part too, and that is taken for axes: of 25 runs with a new distortion two
+    had such a name. There nothing is named.
+
+    Args:
+        axes: how the second run's scan lies to the first's.
+        fields: the distortions of both.
+        half_px: (2,) from the frame's centre to its edges.
+    """
+    heard, told = rotation_hypotheses(fields), axes.log_bayes_factors()
+    logs = {name: one.log for name, one in heard.items()}
+    of_scan = max(logs["scan"], logs["both"]) - logs["column"]
+    apart = logs["neither"] - max(logs["column"], logs["scan"], logs["both"])
+    follows = _follows(logs)
+    factors = {name: factor for name, (_, _, factor) in told.items()} | {RAMP_EFFECT_NAME: of_scan}
+    named = [
+        SharedEffect(name, (name,), abs(one.value) * float(half), (one,))
+        for half, (name, (one, p_value, factor)) in zip(half_px, told.items(), strict=True)
+        if follows != "neither" and factor >= SIGNIFICANT_LOG_FACTOR and len(told) * p_value <= SIGNIFICANCE_LEVEL
+    ]
+    if follows in ("scan", "both"):
+        named.append(_ramped(fields, heard["both"], follows))
+    named.sort(key=lambda one: -factors[one.name])
+    outcome = Outcome.UNKNOWN if follows == "neither" else Outcome.IDENTIFIED if named else Outcome.NONE
+    evidence = tuple(sorted(factors.items(), key=lambda item: -item[1]))
+    facts = ScanRotation(axes.turn, axes.x_excess, axes.skew, follows, of_scan)
+    return TwoRunVerdict(outcome, named[0] if named else None, (), evidence, apart, tuple(named), facts)
+
+
+def _follows(logs: dict[str, float]) -> str:
+    """What the distortion goes with: ``column``, ``scan``, ``both``, ``neither``, or nothing where that cannot be told."""
+    known = {name: logs[name] for name in ("column", "scan", "both")}
+    best = max(known, key=lambda name: known[name])
+    if logs["neither"] > known[best] + SIGNIFICANT_LOG_FACTOR:
+        return "neither"
+    rival = max(known["scan"], known["both"]) if best == "column" else known["column"]
+    if best == "column":
+        return "column" if known["column"] > known["scan"] + SIGNIFICANT_LOG_FACTOR else ""
+    return best if known[best] > rival + SIGNIFICANT_LOG_FACTOR else ""
+
+
+def _ramped(fields: DistortionPair, heard: _Heard, follows: str) -> SharedEffect:
+    """What the scan's part is: all of the first run's where it goes with the scan, or the ramps beside what stays."""
+    k = len(fields.ramps)
+    part = fields.value_px[:k] if follows == "scan" else fields.ramps @ heard.part_px
+    moved = part.reshape(2, -1) @ modes().values(modes().at)[:, AFFINE:].T
+    sigma = np.sqrt(np.diag(heard.covariance_px2).clip(0.0))
+    parameters = [ParameterEstimate(*one, "px") for one in zip(_RAMPS, map(float, heard.part_px), map(float, sigma), strict=True)]
+    return SharedEffect(
+        RAMP_EFFECT_NAME, (RAMP_EFFECT_NAME,), float(np.max(np.hypot(*moved))), tuple(parameters) if follows == "both" else ()
+    )

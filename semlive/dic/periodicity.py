@@ -1,0 +1,114 @@
+"""Where a pattern repeats itself, so that no correlation can tell by which period it moved.
+
+The autocorrelation of the whole frame says cheaply (one transform) at which lags anything repeats; only at these are subsets
+compared with their surroundings one by one. For ordinary speckle there are none: 20,000 blobs leave 0.03 at most.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from semlive.data.grid import Grid
+from semlive.dic.fft_windows import low_pass
+
+SEARCH_PX = 64.0  # motion that is looked for if nothing is known of it; two positions within it are twice as far apart at most
+MIN_PEAK = 0.05  # of the frame's autocorrelation: a repeating twentieth of the frame
+PEAK_SIGMAS = 5.0  # standard deviations of the autocorrelation of so many independent blobs
+WINDOWED = 0.26  # part of the frame's area that a Hann window both ways leaves to it
+MAX_LAGS = 24  # strongest first; a lattice has each period many times
+MIN_LAG = 3  # binned pixels; nearer is the speckle itself
+MIN_EDGE = 16  # binned pixels of the autocorrelation to look at; a blob is narrower
+MIN_SELF_ZNCC = 0.6  # ZNCC of a subset with its like; noise of 20 grey leaves 0.9, a position between pixels 0.8 of a true repeat
+HIGH_PASS = 0.02  # cycles per binned pixel; shading repeats itself everywhere
+AROUND_Y, AROUND_X = (k.ravel() - 1 for k in np.indices((3, 3)))  # a place and its eight neighbours
+
+
+def periodic_lags(spectrum: NDArray[np.complex64], shape: tuple[int, int], reach: int) -> list[tuple[int, int]]:
+    """Lags (x, y) in binned pixels at which the frame resembles itself, strongest first, one of each opposite pair.
+
+    Args:
+        spectrum: half spectrum of the windowed frame.
+        shape: of the padded frame it was made from.
+        reach: longest lag of interest.
+    """
+    height, width = shape
+    shading = low_pass(width, HIGH_PASS, half=True) * low_pass(height, HIGH_PASS)[:, None]
+    power = (spectrum.real**2 + spectrum.imag**2) * (1.0 - shading)
+    surface = np.asarray(fft.irfft2(power, s=shape))
+    if not surface[0, 0] > 0.0:
+        return []
+    edge = min(max(reach, MIN_EDGE) + 1, height // 2 - 1, width // 2 - 1)  # one more: the flank of a peak beyond is no peak
+    near = np.concatenate([surface[: edge + 1, width - edge :], surface[: edge + 1, : edge + 1]], axis=1) / surface[0, 0]
+    blob = 2.27 * _half_width(near[0, edge:]) * _half_width(near[:, edge])  # sum of squares of a Gaussian main lobe
+    chance = np.sqrt(blob / (WINDOWED * height * width))
+    y, x = np.nonzero(near >= max(MIN_PEAK, PEAK_SIGMAS * chance))
+    x -= edge
+    kept = (x**2 + y**2 >= MIN_LAG**2) & ((y > 0) | (x > 0)) & (np.maximum(np.abs(x), y) <= reach)
+    x, y = x[kept], y[kept]
+    if not x.size:
+        return []
+    rows = np.clip(y[:, None] + AROUND_Y, 0, edge)
+    columns = np.clip(x[:, None] + edge + AROUND_X, 0, 2 * edge)
+    height_of = near[y, x + edge]
+    top = height_of == near[rows, columns].max(axis=1)
+    x, y = x[top], y[top]
+    order = np.argsort(-height_of[top], kind="stable")[:MAX_LAGS]
+    return [(int(x[k]), int(y[k])) for k in order]
+
+
+def _half_width(line: NDArray[np.float32]) -> float:
+    """Where an autocorrelation falls to one half."""
+    low = np.flatnonzero(line < 0.5)
+    if not low.size:
+        return float(line.size)
+    k = int(low[0])
+    return k - float((0.5 - line[k]) / (line[k - 1] - line[k]))
+
+
+def ambiguous(
+    image: NDArray[np.float32],
+    spectrum: NDArray[np.complex64],
+    padded: tuple[int, int],
+    grid: Grid,
+    binning: int,
+    search_px: float | None = None,
+) -> NDArray[np.bool_]:
+    """(ny, nx) True where the reference subset resembles another place within the search range.
+
+    Args:
+        image: (h, w) binned reference.
+        spectrum: its half spectrum.
+        padded: shape of the frame the spectrum was made from.
+        grid: points of the full frame.
+        binning: pixels per binned pixel.
+        search_px: longest motion along x or y; None takes SEARCH_PX.
+    """
+    height, width = image.shape
+    reach = int(2 * (SEARCH_PX if search_px is None else search_px) / binning)
+    found = np.zeros(image.shape, dtype=bool)
+    window = max(5, grid.subset_px // binning) | 1
+    for x, y in periodic_lags(spectrum, padded, reach):
+        if abs(x) >= width or y >= height:
+            continue
+        here = np.s_[: height - y, max(-x, 0) : width - max(x, 0)]
+        there = np.s_[y:, max(x, 0) : width - max(-x, 0)]
+        alike = _likeness(image[here], image[there], window) >= MIN_SELF_ZNCC
+        found[here] |= alike
+        found[there] |= alike
+    rows = np.clip(np.round(grid.y_px / binning).astype(np.intp), 0, height - 1)
+    columns = np.clip(np.round(grid.x_px / binning).astype(np.intp), 0, width - 1)
+    return found[np.ix_(rows, columns)]
+
+
+def _likeness(a: NDArray[np.float32], b: NDArray[np.float32], window: int) -> NDArray[np.float32]:
+    """ZNCC of windows of two images at every pixel."""
+
+    def mean(values: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.asarray(cv2.boxFilter(np.ascontiguousarray(values), -1, (window, window), borderType=cv2.BORDER_REFLECT_101), np.float32)
+
+    ma, mb = mean(a), mean(b)
+    va, vb = np.maximum(mean(a * a) - ma * ma, 0), np.maximum(mean(b * b) - mb * mb, 0)
+    return np.asarray((mean(a * b) - ma * mb) / np.sqrt(va * vb + np.float32(1e-6)), dtype=np.float32)

@@ -1,0 +1,1 @@
+"""Solution of the normal equations: a block arrowhead matrix, eliminated pair by pair."""

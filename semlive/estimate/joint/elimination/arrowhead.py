@@ -1,0 +1,214 @@
+"""Linear algebra of the information matrix: what acts along x and along y alone meets only in a few shared parameters.
+
+Distortion, drift and shifts have parameters of their own for each component; rotations, the raster and the axes of the scan are
+shared. Ordered so, the matrix is an arrow of two large blocks and a narrow border, and factors in a quarter of the time of a full one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_solve, get_lapack_funcs, solve_triangular
+
+from semlive.errors import IllPosed
+from semlive.estimate.joint.observations.state import EstimatorState
+from semlive.model import MotionKind
+
+ROUNDING = 1e-14
+MIRROR = 128  # parameters
+
+Matrix = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ComponentBlocks:
+    """Which joint parameters act on one component alone.
+
+    Attributes:
+        x: on x.
+        y: on y.
+        shared: on both.
+    """
+
+    x: Indices
+    y: Indices
+    shared: Indices
+
+    @property
+    def own(self) -> tuple[Indices, Indices]:
+        """Those of x and those of y."""
+        return self.x, self.y
+
+
+def sides(state: EstimatorState) -> ComponentBlocks:
+    """Of all parameters of a state."""
+    kind = np.full(state.layout.size, 2, dtype=np.int8)
+    for name in ("distortion", "drift") if state.drift is not None else ("distortion",):
+        part = state.layout.part(name)
+        kind[part.start : part.stop : 2], kind[part.start + 1 : part.stop : 2] = 0, 1
+    kind[state.layout.part("line_shift")] = 0
+    motion = [value for one in state.motions.kinds for value in ((0, 1, 2) if one is MotionKind.RIGID else (0, 0, 0, 1, 1, 1))]
+    kind[state.layout.part("motion")] = motion
+    return ComponentBlocks(*(np.flatnonzero(kind == value) for value in (0, 1, 2)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArrowheadFactor:
+    """Cholesky factor of an arrow: of each block, of the border with the blocks eliminated, and what joins them.
+
+    Attributes:
+        sides: where the blocks lie.
+        block: lower factors of the blocks of x and y.
+        coupling: factor of each block, inverted, times its border.
+        border: lower factor of what is left of the border.
+    """
+
+    sides: ComponentBlocks
+    block: tuple[Matrix, Matrix]
+    coupling: tuple[Matrix, Matrix]
+    border: Matrix
+
+    @property
+    def half_log_det(self) -> float:
+        """Half the logarithm of the matrix' determinant."""
+        return sum(float(np.sum(np.log(np.diag(one)))) for one in (*self.block, self.border))
+
+    def half(self, right: Matrix) -> Matrix:
+        """(n,) or (n, k) half of a solution, in the order x, y, shared: products of two such are those of a solution with a right side."""
+        ahead, rest = self._ahead(right)
+        return np.concatenate((*ahead, solve_triangular(self.border, rest, lower=True, check_finite=False)))
+
+    def solve(self, right: Matrix) -> Matrix:
+        """(n,) or (n, k) solution."""
+        ahead, rest = self._ahead(right)
+        shared = cho_solve((self.border, True), rest, check_finite=False)
+        total = np.empty_like(right)
+        total[self.sides.shared] = shared
+        for low, join, one, at in zip(self.block, self.coupling, ahead, self.sides.own, strict=True):
+            total[at] = solve_triangular(low, one - join @ shared, lower=True, trans=1, check_finite=False)
+        return total
+
+    def _ahead(self, right: Matrix) -> tuple[list[Matrix], Matrix]:
+        """Both blocks half solved, and what is left of the border's right side."""
+        ahead = [_half(low, right[at]) for low, at in zip(self.block, self.sides.own, strict=True)]
+        return ahead, right[self.sides.shared] - sum(join.T @ one for join, one in zip(self.coupling, ahead, strict=True))
+
+    def inverse(self) -> Matrix:
+        """(n, n) inverse, symmetric."""
+        border = inverse(self.border)
+        reach = [
+            solve_triangular(low, join, lower=True, trans=1, check_finite=False)
+            for low, join in zip(self.block, self.coupling, strict=True)
+        ]
+        (x, y), shared = self.sides.own, self.sides.shared
+        through = [one @ border for one in reach]
+        ordered = np.block(
+            [
+                [inverse(self.block[0]) + through[0] @ reach[0].T, through[0] @ reach[1].T, -through[0]],
+                [through[1] @ reach[0].T, inverse(self.block[1]) + through[1] @ reach[1].T, -through[1]],
+                [-through[0].T, -through[1].T, border],
+            ]
+        )
+        back = np.argsort(np.concatenate((x, y, shared)))
+        return ordered[back][:, back]
+
+
+def _half(low: Matrix, right: Matrix) -> Matrix:
+    """A triangular solution; right sides that ask nothing of a block, as those of the other component do, cost nothing."""
+    if right.ndim == 1 or not right.size:
+        return np.asarray(solve_triangular(low, right, lower=True, check_finite=False))
+    found, told = np.zeros_like(right), right.any(axis=0)
+    found[:, told] = solve_triangular(low, right[:, told], lower=True, check_finite=False)
+    return found
+
+
+def factorise(precision: Matrix, where: ComponentBlocks, rounding: float = ROUNDING) -> ArrowheadFactor:
+    """The factor of a precision matrix.
+
+    Args:
+        precision: (n, n), none of whose rows joins x with y.
+        where: what acts on which.
+        rounding: share of the diagonal that is added to it.
+
+    Raises:
+        IllPosed: the matrix is not finite or not positive.
+    """
+    block, joined = [], []
+    border = regularise(precision[np.ix_(where.shared, where.shared)], rounding)
+    for at in where.own:
+        low = cholesky(regularise(precision[np.ix_(at, at)], rounding))
+        join = solve_triangular(low, precision[np.ix_(at, where.shared)], lower=True, check_finite=False)
+        border -= join.T @ join
+        block.append(low)
+        joined.append(join)
+    return ArrowheadFactor(where, (block[0], block[1]), (joined[0], joined[1]), cholesky(border))
+
+
+def marginalise(
+    precision: Matrix, pull: NDArray[np.float64], where: ComponentBlocks, gone: NDArray[np.bool_]
+) -> tuple[Matrix, NDArray[np.float64]]:
+    """Precision and pull of the parameters that stay, with those that are `gone` (n,) integrated out; first x and y, then the border."""
+    stay = ~gone
+    shared_gone = where.shared[gone[where.shared]]
+    kept = np.concatenate((np.flatnonzero(stay), shared_gone))
+    place = np.full(len(pull), -1)
+    place[kept] = np.arange(len(kept))
+    left, asked = precision[np.ix_(kept, kept)], pull[kept]
+    for at in where.own:
+        out, touched = at[gone[at]], np.concatenate((at[stay[at]], where.shared))
+        if not out.size:
+            continue
+        low = cholesky(regularise(precision[np.ix_(out, out)]))
+        right = np.column_stack((precision[np.ix_(out, touched)], pull[out]))
+        join = solve_triangular(low, right, lower=True, check_finite=False)
+        inside = place[touched]
+        left[np.ix_(inside, inside)] -= join[:, :-1].T @ join[:, :-1]
+        asked[inside] -= join[:, :-1].T @ join[:, -1]
+    count = int(stay.sum())
+    if shared_gone.size:
+        rest = left[count:, count:] + np.diag(ROUNDING * np.diag(precision)[shared_gone])
+        join = solve_triangular(cholesky(rest), np.column_stack((left[count:, :count], asked[count:])), lower=True, check_finite=False)
+        return left[:count, :count] - join[:, :-1].T @ join[:, :-1], asked[:count] - join[:, :-1].T @ join[:, -1]
+    return left[:count, :count], asked[:count]
+
+
+def cholesky(precision: Matrix) -> Matrix:
+    """Lower factor.
+
+    Raises:
+        IllPosed: the matrix is not finite or not positive.
+    """
+    try:
+        if np.isfinite(precision).all():
+            return np.asarray(np.linalg.cholesky(precision), dtype=np.float64)
+    except LinAlgError as error:
+        raise _unknown() from error
+    raise _unknown()
+
+
+def inverse(factor: Matrix) -> Matrix:
+    """Inverse from a lower Cholesky factor, symmetric."""
+    if not factor.size:
+        return np.zeros_like(factor)
+    (potri,) = get_lapack_funcs(("potri",), (factor,))
+    lower, _ = potri(factor, lower=1)
+    for start in range(0, len(lower), MIRROR):  # in pieces: transposing at once misses the cache and takes as long as inverting
+        stop = start + MIRROR
+        square = lower[start:stop, start:stop]
+        lower[start:stop, start:stop] = np.tril(square) + np.tril(square, -1).T
+        lower[start:stop, stop:] = lower[stop:, start:stop].T
+    return lower
+
+
+def regularise(precision: Matrix, rounding: float = ROUNDING) -> Matrix:
+    """The matrix with as much added to its diagonal as rounding may have taken: what no datum says must not turn negative."""
+    total = precision.copy()
+    np.einsum("ii->i", total)[...] *= 1.0 + rounding
+    return total
+
+
+def _unknown() -> IllPosed:
+    return IllPosed("drift, distortion and motion cannot be told from the pairs so far: a map holds numbers that are not finite")

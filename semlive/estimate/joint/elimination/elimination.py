@@ -1,0 +1,357 @@
+"""Elimination pair by pair in the order of time: what is past is integrated out, so a further pair costs what the first did.
+
+Frame 0 is in every map, so its noise would join all pairs with each other; kept as unknowns, with the distortion and the first knots of
+drift and raster, in a border that all pairs share, it leaves pairs that meet only their neighbours in time. Each step eliminates what no
+later pair can touch. Carried on are a front of a few knots, and the border.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import get_blas_funcs, solve_triangular
+
+from semlive.data.drift import FrameTime
+from semlive.data.storage import IN_MEMORY, Storage
+from semlive.estimate.joint.elimination.arrowhead import cholesky, regularise
+from semlive.estimate.joint.elimination.pair_information import PairInformation, initial_motion, pair_information, shared_information
+from semlive.estimate.joint.elimination.shared_parameters import (
+    DISTORTION,
+    LINES,
+    MOTION,
+    SHIFT,
+    STARTS,
+    Codes,
+    Matrix,
+    SharedParameters,
+    TemporalSpline,
+    Vector,
+    parameter_indices,
+    temporal_splines,
+)
+from semlive.estimate.joint.observations.priors import GRADIENT, MAX_COUPLED_KNOTS, SHIFT_PX, Hyperparameters
+from semlive.estimate.joint.observations.state import EstimatorState, MapObservations, rows_of
+from semlive.model import MotionKind
+
+KNOT_MARGIN = 0.125  # of a frame: so far before its first row and behind its last may a point be seen
+GAP_KNOTS = 32  # that no pair touches are eliminated at a time
+ROWS_PER_BATCH = 256  # rows by which the border is brought up to date at once, which takes a third of the time of one pair after another
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EliminationStep:
+    """What was eliminated at once.
+
+    Attributes:
+        pair: whose parameters; None for knots between pairs.
+        eliminated: (g,) codes of what is eliminated.
+        kept: (k,) codes of the front that stays.
+        factor: (g, g) lower Cholesky factor.
+        front_coupling: (g, k) inverted factor times what joins them to the front.
+        to_border: (g, b) and to the border.
+        pull: (g,) and times what is asked of them.
+    """
+
+    pair: int | None
+    eliminated: Codes
+    kept: Codes
+    factor: Matrix
+    front_coupling: Matrix
+    to_border: Matrix
+    pull: Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Front:
+    """What earlier steps say of the parameters that later pairs may touch.
+
+    Attributes:
+        codes: (k,) sorted.
+        precision: (k, k) precision.
+        shared_coupling: (k, b) shared with the border.
+        gradient: (k,) asked of them.
+        sizes: number of knots of each strand that have come in.
+        first_active_knot: first knot of each strand that is not yet eliminated.
+    """
+
+    codes: Codes
+    precision: Matrix
+    shared_coupling: Matrix
+    gradient: Vector
+    sizes: tuple[int, ...]
+    first_active_knot: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EliminationChain:
+    """All pairs so far, eliminated.
+
+    Attributes:
+        state: the data, linearised about its `linearisation_point`.
+        linearisation_point: (n,) parameters from which solutions are steps: the closer, the less rounding.
+        hyper: noise scale and beliefs.
+        border: what all pairs share.
+        pairs: in order of time.
+        steps: in order of time.
+        front: what is left besides the border.
+        precision: (b, b) of the border with all steps eliminated, without beliefs about the border alone; the lower triangle counts.
+        gradient: (b,) what is asked of the border.
+    """
+
+    state: EstimatorState
+    linearisation_point: Vector
+    hyper: Hyperparameters
+    border: SharedParameters
+    pairs: tuple[int, ...]
+    steps: Sequence[EliminationStep]
+    front: Front
+    precision: Matrix
+    gradient: Vector
+
+
+def eliminate_all(state: EstimatorState, hyper: Hyperparameters, near: Vector) -> EliminationChain:
+    """All pairs of a state, linearised at its `linearisation_point`, eliminated from the start; solutions are steps from `near` (n,)."""
+    border = SharedParameters.of(state)
+    known = temporal_splines(state, hyper, border)
+    nothing = np.zeros(0)
+    first = tuple(one.first for one in known)
+    front = Front(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, border.size)), nothing, first, first)
+    total = shared_information(state, border, hyper.noise_scale**-2.0) if state.summed else np.zeros((border.size,) * 2)
+    empty = EliminationChain(state, near, hyper, border, (), (), front, total, np.zeros(border.size))
+    return eliminate_further(empty, state, near, state.summed)
+
+
+def eliminate_further(chain: EliminationChain, state: EstimatorState, near: Vector, summed: bool = False) -> EliminationChain:
+    """The chain with the pairs of a state that it has not seen, linearised about the chain's point.
+
+    A pair that comes after all others costs the same whatever their number; one that belongs before another costs a new elimination.
+
+    Args:
+        chain: what was eliminated before, of the same run.
+        state: the data; its `linearisation_point` holds the chain's point and, for new parameters, where to linearise.
+        near: (n,) the chain's, with the new parameters.
+        summed: whether the border has got already what the new pairs say of it.
+    """
+    times = _times(state)
+    order = sorted(times, key=lambda pair: times[pair][0].start_s)
+    known = temporal_splines(state, chain.hyper, chain.border)
+    seen = set(chain.pairs)
+    new = [pair for pair in order if pair not in seen]
+    if order[: len(chain.pairs)] != list(chain.pairs) or any(
+        _begin(one, times[pair]) < past
+        for pair in new
+        for one, past in zip(known, chain.front.first_active_knot, strict=True)
+        if chain.pairs
+    ):
+        return eliminate_all(state, chain.hyper, near)
+    maps = _maps_of(state, new)
+    weight, total, pull = chain.hyper.noise_scale**-2.0, chain.precision.copy(), chain.gradient.copy()
+    front, steps, nothing = chain.front, [], _nothing(chain.border)
+    later = _begun_later(known, [times[pair] for pair in new])
+    for pair, begun in zip(new, later, strict=True):
+        for gap in _gap(known, front, times[pair]):
+            front, step = _eliminated(front, nothing, known, gap, (chain, state, near), total, pull, None)
+            steps.append(step)
+        said = pair_information(state, maps[pair], chain.border, near, None if summed else weight)
+        said = replace(
+            said, **{name: weight * getattr(said, name) for name in ("precision", "shared_coupling", "gradient", "shared_gradient")}
+        )
+        for one in said.shared:
+            one.add_to(total, chain.border.counts[DISTORTION])
+        pull += said.shared_gradient
+        sizes = tuple(max(one.size_at(_end_s(times[pair])), size) for one, size in zip(known, front.sizes, strict=True))
+        over = (one.interval(_over_s(times[pair])) for one in known)
+        past = tuple(max(min(one, then), before) for one, then, before in zip(over, begun, front.first_active_knot, strict=True))
+        front, step = _eliminated(front, said, known, (sizes, past), (chain, state, near), total, pull, pair)
+        steps.append(step)
+    _bring_up(total, steps)
+    return EliminationChain(
+        state, near, chain.hyper, chain.border, tuple(order), state.storage.append(chain.steps, steps), front, total, pull
+    )
+
+
+def with_initial_motion(
+    state: EstimatorState, near: Vector, pairs: Iterable[int], border: SharedParameters
+) -> tuple[EstimatorState, Vector]:
+    """The state with a first look at the motions of pairs in its `linearisation_point`, and parameters near them with the same."""
+    about, near = state.linearisation_point.copy(), near.copy()
+    for maps in _maps_of(state, pairs).values():
+        index, motion = initial_motion(state, maps, border, near)
+        about[index] = near[index] = motion
+    return replace(state, linearisation_point=state.storage.store_transient(about)), state.storage.store_transient(near)
+
+
+def eliminate_last(chain: EliminationChain) -> tuple[EliminationStep, Matrix, Vector]:
+    """The last step, in which nothing of the front is kept, and the border's precision and pull after it."""
+    total, pull, front = chain.precision.copy(), chain.gradient.copy(), chain.front
+    all_past = tuple(one + 1 for one in front.sizes)
+    known = temporal_splines(chain.state, chain.hyper, chain.border)
+    _, step = _eliminated(
+        front, _nothing(chain.border), known, (front.sizes, all_past), (chain, chain.state, chain.linearisation_point), total, pull, None
+    )
+    _bring_up(total, (step,))
+    return step, total, pull
+
+
+def _eliminated(
+    front: Front,
+    said: PairInformation,
+    known: Sequence[TemporalSpline],
+    until: tuple[tuple[int, ...], tuple[int, ...]],
+    of: tuple[EliminationChain, EstimatorState, Vector],
+    total: Matrix,
+    border_pull: Vector,
+    pair: int | None,
+) -> tuple[Front, EliminationStep]:
+    """One step: new knots come in with what is believed of them, a pair with what it says, and all before `until` goes out.
+
+    What is believed of the border, and what the step asks of it, is added to `total` and `shared_gradient` in place; `_bring_up` takes off
+    what the step took with it.
+    """
+    (sizes, past), (chain, state, near) = until, of
+    fresh = [one.codes(before, size) for one, before, size in zip(known, front.sizes, sizes, strict=True)]
+    motion, steadiness, drawn = pair_prior(state, near, pair, chain.hyper)
+    codes = np.unique(np.concatenate((front.codes, said.codes, motion, *fresh)))
+    own, to_border, pull = np.zeros((len(codes),) * 2), np.zeros((len(codes), chain.border.size)), np.zeros(len(codes))
+    for one in (front, said):
+        at = np.searchsorted(codes, one.codes)
+        own[np.ix_(at, at)] += one.precision
+        to_border[at] += one.shared_coupling
+        pull[at] += one.gradient
+    for strand, before, size in zip(known, front.sizes, sizes, strict=True):
+        if size > before:
+            about, believed = strand.belief(before, size)
+            asked = strand.asked(before, size, near[parameter_indices(state.layout, about)])
+            _believe((about, believed, asked), codes, chain.border, (own, to_border, pull), (total, border_pull))
+    at = np.searchsorted(codes, motion)
+    own[at, at] += steadiness
+    pull[at] -= drawn
+    out = np.isin(codes >> SHIFT, (MOTION, LINES, STARTS))
+    for strand, stop in zip(known, past, strict=True):
+        out |= np.isin(codes, strand.codes(0, stop))
+    factor = cholesky(regularise(own[np.ix_(out, out)]))
+    solved = solve_triangular(
+        factor, np.concatenate((own[np.ix_(out, ~out)], to_border[out], pull[out, None]), axis=1), lower=True, check_finite=False
+    )
+    kept = int((~out).sum())
+    step = EliminationStep(pair, codes[out], codes[~out], factor, solved[:, :kept], solved[:, kept:-1], solved[:, -1])
+    border_pull -= step.to_border.T @ step.pull
+    left = own[np.ix_(~out, ~out)] - step.front_coupling.T @ step.front_coupling
+    joined = to_border[~out] - step.front_coupling.T @ step.to_border
+    front = Front(codes[~out], left, joined, pull[~out] - step.front_coupling.T @ step.pull, sizes, past)
+    return front, step if state.storage is IN_MEMORY else _kept(step, state.storage)
+
+
+def _kept(step: EliminationStep, keep: Storage) -> EliminationStep:
+    """The step with what it holds kept elsewhere: most of what a pair leaves behind."""
+    own, kept, border = (keep.store_array(one) for one in (step.factor, step.front_coupling, step.to_border))
+    return replace(step, factor=own, front_coupling=kept, to_border=border, pull=step.pull.copy())
+
+
+def _believe(
+    belief: tuple[Codes, Matrix, Vector],
+    codes: Codes,
+    border: SharedParameters,
+    inside: tuple[Matrix, Matrix, Vector],
+    outside: tuple[Matrix, Vector],
+) -> None:
+    """Add a belief about zero, in place, to a step's own parameters and to the border."""
+    about, believed, asked = belief
+    own, to_border, pull = inside
+    place = border.place(about)
+    here = place < 0
+    at, there = np.searchsorted(codes, about[here]), place[~here]
+    own[np.ix_(at, at)] += believed[np.ix_(here, here)]
+    pull[at] -= asked[here]
+    if there.size:
+        to_border[np.ix_(at, there)] += believed[np.ix_(here, ~here)]
+        outside[0][np.ix_(there, there)] += believed[np.ix_(~here, ~here)]
+        outside[1][there] -= asked[~here]
+
+
+def pair_prior(state: EstimatorState, near: Vector, pair: int | None, hyper: Hyperparameters) -> tuple[Codes, Vector, Vector]:
+    """Codes of a pair's motion, start error and row shifts, sorted; the prior precision of each, and its gradient at `near`."""
+    if pair is None:
+        nothing = np.zeros(0)
+        return np.zeros(0, dtype=np.int64), nothing, nothing
+    codes, believed = np.zeros(0, dtype=np.int64), np.zeros(0)
+    for part in (state.row_shifts.part(frame) for frame in (2 * pair, 2 * pair + 1) if frame):
+        codes = np.concatenate((codes, (LINES << SHIFT) | np.arange(part.start, part.stop, dtype=np.int64)))
+        believed = np.concatenate((believed, np.full(part.stop - part.start, (hyper.row_shift_px or 1.0) ** -2.0)))
+    late = state.start_time_errors.part(pair)
+    codes = np.concatenate((codes, (STARTS << SHIFT) | np.arange(late.start, late.stop, dtype=np.int64)))
+    believed = np.concatenate((believed, np.array(state.start_time_errors.sigma_s[late]) ** -2.0))
+    if pair in state.motions.pairs:
+        part, kind = state.motions.part(pair)
+        shift, gradient = SHIFT_PX**-2.0, GRADIENT**-2.0
+        codes = np.concatenate((codes, (MOTION << SHIFT) | np.arange(part.start, part.stop, dtype=np.int64)))
+        of_motion = (shift, shift, hyper.rotation_rad**-2.0) if kind is MotionKind.RIGID else (shift, gradient, gradient) * 2
+        believed = np.concatenate((believed, of_motion))
+    return codes, believed, believed * near[parameter_indices(state.layout, codes)]
+
+
+def _bring_up(total: Matrix, steps: Sequence[EliminationStep]) -> None:
+    """Take off the lower triangle of the border's precision what steps took with them, in place."""
+    (syrk,) = get_blas_funcs(("syrk",), (total,))
+    pending: list[Matrix] = []
+    for number, step in enumerate(steps):
+        pending.append(step.to_border)
+        if sum(map(len, pending)) >= ROWS_PER_BATCH or number == len(steps) - 1:
+            rows = np.concatenate(pending)
+            syrk(-1.0, rows.T, beta=1.0, c=total.T, lower=0, overwrite_c=1)  # its upper triangle, transposed: memory runs along rows
+            pending = []
+
+
+def _gap(
+    known: Sequence[TemporalSpline], front: Front, times: tuple[FrameTime, FrameTime]
+) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+    """Where to pause before a pair so that a long time without pairs is not eliminated at once."""
+    sizes = tuple(max(_begin(one, times), size) for one, size in zip(known, front.sizes, strict=True))
+    most = max(after - before for before, after in zip(front.sizes, sizes, strict=True))
+    pauses = []
+    for count in range(1, most // GAP_KNOTS + 1):
+        part = count * GAP_KNOTS / most
+        at = tuple(before + int(part * (after - before)) for before, after in zip(front.sizes, sizes, strict=True))
+        pauses.append((at, tuple(max(size - MAX_COUPLED_KNOTS, past) for size, past in zip(at, front.first_active_knot, strict=True))))
+    return pauses
+
+
+def _maps_of(state: EstimatorState, pairs: Iterable[int]) -> dict[int, list[MapObservations]]:
+    maps: dict[int, list[MapObservations]] = {pair: [] for pair in pairs}
+    for rows in rows_of(state, maps):
+        maps[rows.current // 2].append(rows)
+    return maps
+
+
+def _nothing(border: SharedParameters) -> PairInformation:
+    none = np.zeros(0)
+    return PairInformation(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, border.size)), none, none)
+
+
+def _times(state: EstimatorState) -> dict[int, tuple[FrameTime, FrameTime]]:
+    first = {when.frame: when for when in state.frames}
+    return {pair: (first[2 * pair], first[2 * pair + 1]) for pair in (0, *state.motions.pairs)}
+
+
+def _begin(strand: TemporalSpline, times: tuple[FrameTime, FrameTime]) -> int:
+    """First knot that a pair may touch, but for those of the border."""
+    return max(strand.interval(min(when.start_s - KNOT_MARGIN * when.timing.duration_s for when in times)), strand.first)
+
+
+def _begun_later(known: Sequence[TemporalSpline], times: Sequence[tuple[FrameTime, FrameTime]]) -> list[tuple[int, ...]]:
+    """For each of several pairs, in order of time, the first knot of each strand that any later one may touch."""
+    found, least = [], tuple(one.spline.size for one in known)
+    for one in reversed(times):
+        found.append(least)
+        least = tuple(min(_begin(strand, one), before) for strand, before in zip(known, least, strict=True))
+    return found[::-1]
+
+
+def _over_s(times: tuple[FrameTime, FrameTime]) -> float:
+    return max(when.start_s + (1.0 - 2.0 * KNOT_MARGIN) * when.timing.duration_s for when in times)
+
+
+def _end_s(times: tuple[FrameTime, FrameTime]) -> float:
+    return times[1].start_s + (1.0 + KNOT_MARGIN) * times[1].timing.duration_s

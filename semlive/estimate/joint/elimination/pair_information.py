@@ -1,0 +1,186 @@
+"""What one pair says, apart from what all others say: information on its own parameters, on the border, and on both together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.estimate.joint.elimination.shared_parameters import (
+    MOTION,
+    NOISE,
+    SHIFT,
+    Codes,
+    Matrix,
+    SharedParameters,
+    Vector,
+    parameter_codes,
+    parameter_indices,
+)
+from semlive.estimate.joint.observations.block_means import contiguous_slice
+from semlive.estimate.joint.observations.normal_equations import map_columns
+from semlive.estimate.joint.observations.state import EstimatorState, MapObservations
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairInformation:
+    """Information of one pair's maps about a point `near`, at unit noise scale.
+
+    Attributes:
+        codes: (m,) its own parameters, sorted.
+        precision: (m, m) precision of these.
+        shared_coupling: (m, b) precision that they share with the border.
+        gradient: (m,) what the residuals ask of them.
+        shared_gradient: (b,) and of the border.
+        shared: what the border gets, weighted; empty where that was not asked for.
+    """
+
+    codes: Codes
+    precision: Matrix
+    shared_coupling: Matrix
+    gradient: Vector
+    shared_gradient: Vector
+    shared: tuple[SharedContribution, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SharedContribution:
+    """What one component of a pair's maps gives the border.
+
+    Attributes:
+        place: (k,) sorted places.
+        value: (k, k) information on them.
+        noise: for each map from frame 0 where the noise of its blocks lies, information on it, and what it shares with the places.
+    """
+
+    place: NDArray[np.int64]
+    value: Matrix
+    noise: tuple[tuple[slice, Vector, Matrix], ...]
+
+    def add_to(self, total: Matrix, distortion: int) -> None:
+        """Add it to `total` (b, b), whose first so many parameters are the distortion's, in place."""
+        _scattered(total, self.place, distortion, self.value)
+        for part, weight, coupling in self.noise:
+            noise = np.arange(part.start, part.stop)
+            total[noise, noise] += weight
+            # The lower triangle is read, and the noise comes last.
+            total[part, self.place] -= coupling
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rows:
+    """One component of one map: its columns on the pair's own parameters and on the border without noise, with their places."""
+
+    axis: int
+    border: tuple[NDArray[np.int64], Matrix]
+    own: tuple[Codes, Matrix]
+    weight: Vector
+    misfit: Vector
+    noise_at: slice | None
+
+
+def pair_information(
+    state: EstimatorState, maps: Sequence[MapObservations], border: SharedParameters, near: Vector, weight: float | None = None
+) -> PairInformation:
+    """The information of one pair's maps, and what the border gets of it times `weight`, if given."""
+    rows = [one for dmap in maps if dmap.weight.any() for one in _components(state, dmap, border, near)]
+    codes = np.unique(np.concatenate([one.own[0] for one in rows])) if rows else np.zeros(0, dtype=np.int64)
+    own, pull = np.zeros((len(codes),) * 2), np.zeros(len(codes))
+    to_border, border_pull = np.zeros((len(codes), border.size)), np.zeros(border.size)
+    shared: list[SharedContribution] = []
+    for axis in (0, 1):
+        of_axis = [one for one in rows if one.axis == axis]
+        if not of_axis:
+            continue
+        place = np.unique(np.concatenate([one.border[0] for one in of_axis]))
+        held, mine = _together([one.border for one in of_axis], place), _together([one.own for one in of_axis], codes)
+        # By the weights' roots: of a matrix and its own transpose half the products are made.
+        root = np.sqrt(np.concatenate([one.weight for one in of_axis]))
+        misfit = root * np.concatenate([one.misfit for one in of_axis])
+        mine *= root[:, None]
+        held *= root[:, None]
+        own += mine.T @ mine
+        pull += mine.T @ misfit
+        to_border[:, place] += mine.T @ held
+        border_pull[place] += held.T @ misfit
+        noise: list[tuple[slice, Vector, Matrix]] = []
+        for number, one in enumerate(of_axis):
+            if one.noise_at is None:
+                continue
+            here = slice(number * state.blocks.size, (number + 1) * state.blocks.size)
+            to_border[:, one.noise_at] -= (mine[here] * root[here, None]).T
+            border_pull[one.noise_at] -= one.weight * one.misfit
+            if weight is not None:
+                noise.append((one.noise_at, weight * one.weight, weight * held[here] * root[here, None]))
+        if weight is not None:
+            shared.append(SharedContribution(place, weight * (held.T @ held), tuple(noise)))
+    return PairInformation(codes, own, to_border, pull, border_pull, tuple(shared))
+
+
+def shared_information(state: EstimatorState, border: SharedParameters, weight: float) -> Matrix:
+    """(b, b) what the border gets from all pairs of a state that holds its sums, times `weight`; the lower triangle counts."""
+    total, count = np.zeros((border.size,) * 2), border.known
+    index, noise, blocks = parameter_indices(state.layout, border.codes()[:count]), border.part(NOISE), state.blocks.size
+    total[:count, :count] = state.precision[np.ix_(index, index)]
+    for axis in (0, 1):
+        total[noise.start + axis * blocks : noise.start + (axis + 1) * blocks, :count] = state.reference.coupling[axis][:, index]
+    diagonal = np.arange(noise.start, noise.stop)
+    total[diagonal, diagonal] = (state.reference.weight - state.reference.prior).T.ravel()
+    return total * weight
+
+
+def _together(parts: Sequence[tuple[NDArray[np.int64], Matrix]], whole: NDArray[np.int64]) -> Matrix:
+    """Columns of several maps, each with the places of its own, below each other over the places `whole`."""
+    total = np.zeros((sum(len(value) for _, value in parts), len(whole)))
+    row = 0
+    for at, value in parts:
+        total[row : row + len(value), contiguous_slice(np.searchsorted(whole, at))] = value
+        row += len(value)
+    return total
+
+
+def _scattered(total: Matrix, place: NDArray[np.int64], distortion: int, value: Matrix) -> None:
+    """Add `value` at `place` (sorted), in place; the distortion's every second parameter in one go, which is most of it."""
+    count = int(np.searchsorted(place, distortion))
+    if 2 * count == distortion:
+        every = slice(int(place[0]), distortion, 2)
+        total[every, every] += value[:count, :count]
+        rest = place[count:]
+        total[every, rest] += value[:count, count:]
+        total[rest, every] += value[count:, :count]
+        total[np.ix_(rest, rest)] += value[count:, count:]
+    else:
+        total[np.ix_(place, place)] += value
+
+
+def initial_motion(
+    state: EstimatorState, maps: Sequence[MapObservations], border: SharedParameters, near: Vector
+) -> tuple[NDArray[np.int64], Vector]:
+    """Joint indices of a pair's motion, and what it seems to be if all else is as `near` has it: enough to linearise about."""
+    rows = [one for dmap in maps if dmap.weight.any() and not dmap.within_pair for one in _components(state, dmap, border, near)]
+    codes = np.unique(np.concatenate([one.own[0] for one in rows])) if rows else np.zeros(0, dtype=np.int64)
+    codes = codes[codes >> SHIFT == MOTION]
+    precision, asked = np.eye(len(codes)) * 1e-6, np.zeros(len(codes))
+    for one in rows:
+        mine, value = one.own
+        moving = mine >> SHIFT == MOTION
+        at, design = np.searchsorted(codes, mine[moving]), value[:, moving]
+        precision[np.ix_(at, at)] += design.T @ (design * one.weight[:, None])
+        asked[at] += design.T @ (one.weight * one.misfit)
+    index = state.layout.part("motion").start + (codes & ((1 << SHIFT) - 1))
+    return index, near[index] + np.linalg.solve(precision, asked)
+
+
+def _components(state: EstimatorState, rows: MapObservations, border: SharedParameters, near: Vector) -> list[_Rows]:
+    found = []
+    noise, blocks, layout = border.part(NOISE).start, state.blocks.size, state.layout
+    for axis, (index, design) in enumerate(map_columns(state, rows, state.linearisation_point)):
+        codes = parameter_codes(layout, index)
+        place = border.place(codes)
+        own = place < 0
+        misfit = rows.disparity_px[:, axis] - design @ near[index]
+        at = slice(noise + axis * blocks, noise + (axis + 1) * blocks) if rows.from_reference else None
+        found.append(_Rows(axis, (place[~own], design[:, ~own]), (codes[own], design[:, own]), rows.weight[:, axis], misfit, at))
+    return found

@@ -1,0 +1,204 @@
+"""Names of parameters that stay as the run grows, and which of them every pair may touch: the border of the chain of pairs.
+
+Drift, raster and motions grow at their ends, so a parameter's place in the joint vector moves when the run grows; its code does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.estimate.joint.observations.priors import AXES, BASE_PX, GAUGE_PX, RASTER_PX, STILL_PX, DifferencePenalty, Hyperparameters
+from semlive.estimate.joint.observations.state import EstimatorState
+from semlive.model import Layout, UniformSpline, sighting
+
+Matrix = NDArray[np.float64]
+Vector = NDArray[np.float64]
+Codes = NDArray[np.int64]
+
+SHIFT = 40
+"""A code is ``kind << SHIFT | index within the effect``."""
+KINDS = ("distortion", "drift", "magnification", "raster_rotation", "line_shift", "start_time", "axes", "motion", "noise")
+DISTORTION, DRIFT, MOTION, NOISE = (KINDS.index(name) for name in ("distortion", "drift", "motion", "noise"))
+AXES_KIND, LINES, STARTS = (KINDS.index(name) for name in ("axes", "line_shift", "start_time"))
+INDEX = (1 << SHIFT) - 1
+
+
+def parameter_codes(layout: Layout, index: NDArray[np.int64]) -> Codes:
+    """Codes of joint indices."""
+    starts = np.cumsum([0, *layout.sizes[:-1]])
+    kind = np.searchsorted(starts, index, side="right") - 1
+    return np.asarray((kind << SHIFT) | (index - starts[kind]), dtype=np.int64)
+
+
+def parameter_indices(layout: Layout, codes: Codes) -> NDArray[np.int64]:
+    """Joint indices of codes; the noise of frame 0 has none."""
+    starts = np.cumsum([0, *layout.sizes[:-1]])
+    return np.asarray(starts[codes >> SHIFT] + (codes & INDEX), dtype=np.int64)
+
+
+def codes_in_layout(layout: Layout, codes: Codes) -> NDArray[np.bool_]:
+    """Which codes a layout has: those of shifts of rows are gone when the data no longer ask for any."""
+    return np.asarray((codes & INDEX) < np.array(layout.sizes)[codes >> SHIFT])
+
+
+@dataclass(frozen=True, slots=True)
+class SharedParameters:
+    """How many parameters of each kind, counted from the first, any pair may touch.
+
+    All of the distortion and of the scan's axes, the first knots of drift and raster and the rows of frame 0 (every map from frame 0
+    touches them), and the noise of frame 0, block by block for x and then for y. All others belong to the time of one pair.
+
+    Attributes:
+        counts: by kind, in the order of `KINDS`.
+    """
+
+    counts: tuple[int, ...]
+
+    @classmethod
+    def of(cls, state: EstimatorState) -> SharedParameters:
+        """Of a state that has a pair."""
+        assert state.drift is not None  # it has a pair
+        x, y = (one[[0, 0, -1, -1], [0, -1, 0, -1]] for one in state.grid.mesh())
+        last_s = float(sighting(state.frame_time(0), x, y).visit_time_s.max())
+        knots = [_touched(one, last_s) for one in (state.drift.spline, *(change.spline for change in state.raster))]
+        of_time = 2 * knots[0], knots[1], knots[2], state.row_shifts.each, 0
+        return cls((state.distortion.size, *of_time, state.axes.size, 0, 2 * state.blocks.size))
+
+    @property
+    def size(self) -> int:
+        """Number of parameters in the border."""
+        return sum(self.counts)
+
+    @property
+    def known(self) -> int:
+        """How many of them are in the joint vector: all but the noise."""
+        return self.size - self.counts[NOISE]
+
+    def part(self, kind: int) -> slice:
+        """Where one kind lies."""
+        start = sum(self.counts[:kind])
+        return slice(start, start + self.counts[kind])
+
+    def place(self, codes: Codes) -> NDArray[np.int64]:
+        """Place of each code in the border, -1 for those outside."""
+        starts, counts = np.cumsum([0, *self.counts[:-1]]), np.array(self.counts)
+        kind, index = codes >> SHIFT, codes & INDEX
+        return np.where(index < counts[kind], starts[kind] + index, -1)
+
+    def codes(self) -> Codes:
+        """(size,) codes in order."""
+        return np.concatenate([(kind << SHIFT) | np.arange(count) for kind, count in enumerate(self.counts)]).astype(np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class TemporalSpline:
+    """A spline in time that the chain follows: one component of the drift, or one term of the raster.
+
+    Attributes:
+        kind: of its parameters.
+        stride: parameters from knot to knot.
+        offset: of the first knot's parameter.
+        spline: over time.
+        first: knots that belong to the border.
+        filters: differences of knots that are believed to be small.
+        knot_precision: precision of every knot about zero.
+    """
+
+    kind: int
+    stride: int
+    offset: int
+    spline: UniformSpline
+    first: int
+    filters: tuple[DifferencePenalty, ...]
+    knot_precision: float
+
+    def codes(self, first: int, stop: int) -> Codes:
+        """Codes of knots first ... stop - 1."""
+        return (self.kind << SHIFT) | (self.offset + self.stride * np.arange(first, stop, dtype=np.int64))
+
+    def belief(self, first: int, stop: int) -> tuple[Codes, Matrix]:
+        """What is believed of knots first ... stop - 1 and those before them that was not said of those before: codes, precision."""
+        begin, total = self.since(first), np.zeros((stop - self.since(first),) * 2)
+        for one in self.filters:
+            own = slice(max(first - one.reach, 0) - begin, None)
+            rows = one.rows(len(total[own]))
+            total[own, own] += one.precision * (rows.T @ rows)
+        fresh = np.arange(first - begin, stop - begin)
+        total[fresh, fresh] += self.knot_precision
+        return self.codes(begin, stop), total
+
+    def asked(self, first: int, stop: int, value: Vector) -> Vector:
+        """That precision times the knots' values, by their differences: products with the matrix would lose what is left of large ones."""
+        begin, total = self.since(first), np.zeros(len(value))
+        for one in self.filters:
+            own = slice(max(first - one.reach, 0) - begin, None)
+            bent = one.of(value[own])
+            if bent.size:
+                total[own] += one.precision * one.reversed(bent)
+        total[first - begin :] += self.knot_precision * value[first - begin :]
+        return total
+
+    def since(self, first: int) -> int:
+        """First knot that a belief about knot `first` joins with it."""
+        return max(first - max((one.reach for one in self.filters), default=0), 0)
+
+    def size_at(self, end_s: float) -> int:
+        """Number of knots that a run until then has."""
+        return min(max(_intervals(self.spline, end_s), 1) + self.spline.degree, self.spline.size)
+
+    def interval(self, time_s: float) -> int:
+        """First knot that is felt at a time or later."""
+        return max(int(np.floor((time_s - self.spline.origin) / self.spline.spacing)), 0)
+
+
+def temporal_splines(state: EstimatorState, hyper: Hyperparameters, border: SharedParameters) -> tuple[TemporalSpline, ...]:
+    """The splines in time and what is believed of each."""
+    assert state.drift is not None  # there are pairs
+    found = [
+        TemporalSpline(
+            DRIFT, 2, axis, state.drift.spline, border.counts[DRIFT] // 2, (DifferencePenalty(2, BASE_PX**-2.0), one.filter), 0.0
+        )
+        for axis, one in enumerate(hyper.drift)
+    ]
+    for change, size_px in zip(state.raster, hyper.raster_px, strict=True):
+        kind = KINDS.index(change.name)
+        believed = ((DifferencePenalty(2, size_px**-2.0),), RASTER_PX**-2.0) if size_px else ((), STILL_PX**-2.0)
+        found.append(TemporalSpline(kind, 1, 0, change.spline, border.counts[kind], *believed))
+    return tuple(found)
+
+
+def shared_prior(state: EstimatorState, hyper: Hyperparameters, border: SharedParameters) -> Matrix:
+    """(size, size) gauges and beliefs about the border alone; the noise of frame 0 counts in units of the data's noise scale."""
+    total = np.zeros((border.size,) * 2)
+    affine = state.distortion.affine_rows(state.grid) / GAUGE_PX
+    bending = state.distortion.roughness() * BASE_PX**-2.0 + affine.T @ affine
+    for axis, kind in enumerate(hyper.distortion):
+        one = slice(axis, border.counts[DISTORTION], 2)
+        total[one, one] += bending + kind.roughness(state.distortion)
+    for strand in temporal_splines(state, hyper, border):
+        codes, believed = strand.belief(0, strand.first)
+        at = border.place(codes)
+        total[np.ix_(at, at)] += believed
+        index, value = strand.spline.local([0.0])
+        at = border.place(strand.codes(0, strand.first)[index[0]])
+        total[np.ix_(at, at)] += np.outer(value[0], value[0]) / GAUGE_PX**2
+    axes = np.arange(border.size)[border.part(AXES_KIND)]
+    total[axes, axes] = AXES**-2.0
+    lines = np.arange(border.size)[border.part(LINES)]
+    total[lines, lines] = hyper.row_shift_px**-2.0 if lines.size else 0.0
+    noise = np.arange(border.size)[border.part(NOISE)]
+    prior = state.reference.prior.T.ravel()
+    # A block that no map ever saw has no noise to speak of; any number keeps it apart.
+    total[noise, noise] = np.where(prior > 0, prior, 1.0) * hyper.noise_scale**-2.0
+    return total
+
+
+def _touched(spline: UniformSpline, last_s: float) -> int:
+    return min(int(np.floor((last_s - spline.origin) / spline.spacing)), spline.intervals - 1) + spline.degree + 1
+
+
+def _intervals(spline: UniformSpline, end_s: float) -> int:
+    return int(np.ceil((end_s - spline.origin) / spline.spacing))

@@ -1,0 +1,1 @@
+"""From disparity maps to the normal equations: block means, priors, state."""

@@ -1,0 +1,217 @@
+"""What is believed before any data: smoothness, and the gauges that no data can fix."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.estimate.joint.observations.state import EstimatorState
+from semlive.model import DistortionSpline, DriftSpline, MotionKind, RasterChange
+
+Kind = tuple[int, float]
+"""Order and swing of a `Smoothness`."""
+
+GAUGE_PX = 1e-4  # pins directions that data cannot see, so its size changes no answer
+SHIFT_PX = 1e3
+GRADIENT = 0.1
+AXES = 0.02
+RASTER_PX = 5.0  # 1 % of magnification
+STILL_PX = 1e-7
+
+
+# Below any smoothness that the data choose there is this one, so that a high order leaves nothing free: second differences of knots.
+# With 3 px a distortion whose waves are 2.5 knots long, with second differences of 14 px, left a twentieth more than the noise.
+BASE_PX = 30.0
+UNINFORMATIVE_PX = 300.0
+
+
+OSCILLATION_DAMPING = 0.7  # of a swing, natural logarithm; cooling and pumps do not keep their phase
+MAX_COUPLED_KNOTS = 4  # knots, that any belief joins a knot with
+
+
+@dataclass(frozen=True, slots=True)
+class DifferencePenalty:
+    """Differences of a series of coefficients, filtered, that are believed to be small.
+
+    Attributes:
+        order: of the differences.
+        precision: of each, 1/px^2.
+        taps: filter over neighbouring differences, newest first.
+    """
+
+    order: int
+    precision: float
+    taps: tuple[float, ...] = (1.0,)
+
+    @property
+    def reach(self) -> int:
+        """How many earlier coefficients it joins one with."""
+        return self.order + len(self.taps) - 1
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """(reach + 1,) of the coefficients that it joins, oldest first."""
+        signs = [(-1.0) ** (self.order - k) * math.comb(self.order, k) for k in range(self.order + 1)]
+        return np.convolve(signs, self.taps[::-1])
+
+    def of(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n - reach,) filtered differences of a series (n,); by their differences, or large values would lose what is left of them."""
+        return np.convolve(np.diff(value, n=self.order), self.taps, mode="valid") if len(value) > self.reach else np.zeros(0)
+
+    def reversed(self, bent: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) the transpose of `of`, for filtered differences (n - reach,)."""
+        total = np.convolve(bent, self.taps[::-1], mode="full")
+        for _ in range(self.order):
+            total = np.diff(total, prepend=0.0, append=0.0)
+        return (-1.0) ** self.order * total
+
+    def rows(self, count: int) -> NDArray[np.float64]:
+        """(count - reach, count) as a matrix."""
+        weights, rows = self.weights, np.zeros((max(count - self.reach, 0), count))
+        for row in range(len(rows)):
+            rows[row, row : row + len(weights)] = weights
+        return rows
+
+
+@dataclass(frozen=True, slots=True)
+class Smoothness:
+    """How one component of a spline is expected to vary: ``size`` is the typical difference of an order from knot to knot.
+
+    Attributes:
+        order: 2 where it may bend anywhere; higher orders leave long waves free and hold short ones more tightly.
+        size_px: typical difference of that order, for what is slow.
+        oscillation_period_knots: period with which it likes to swing, as in a room whose cooling goes on and off; 0 where there is none.
+    """
+
+    order: int
+    size_px: float
+    oscillation_period_knots: float = 0.0
+
+    @property
+    def kind(self) -> Kind:
+        """All but the size."""
+        return self.order, self.oscillation_period_knots
+
+    @property
+    def filter(self) -> DifferencePenalty:
+        """What is believed to be small."""
+        tight = self.size_px**-2.0
+        if not self.oscillation_period_knots:
+            return DifferencePenalty(self.order, tight)
+        kept = math.exp(-OSCILLATION_DAMPING / self.oscillation_period_knots)
+        taps = np.array([1.0, -2.0 * kept * math.cos(2.0 * math.pi / self.oscillation_period_knots), kept**2])
+        return DifferencePenalty(self.order, tight, tuple(float(one) for one in taps / taps.sum()))
+
+    def roughness(self, effect: DriftSpline | DistortionSpline) -> NDArray[np.float64]:
+        """(m, m) precision of one component of an effect."""
+        one = self.filter
+        if len(one.taps) == 1:
+            return effect.roughness(one.order) * one.precision
+        rows = one.rows(effect.size // 2)
+        return one.precision * (rows.T @ rows)
+
+
+@dataclass(frozen=True, slots=True)
+class Hyperparameters:
+    """The numbers that the data themselves choose.
+
+    Attributes:
+        noise_scale: what the DIC's own sigmas must be multiplied with to explain the residuals.
+        drift: smoothness of the drift along x and y.
+        distortion: smoothness of the distortion along x and y.
+        rotation_rad: typical rotation of the specimen by a translation.
+        raster_px: typical second difference, from knot to knot, of magnification and rotation of the raster, at half the
+            image's width; 0 where the raster keeps still.
+        row_shift_px: typical shift of a group of rows; 0 where rows keep still.
+    """
+
+    noise_scale: float = 1.0
+    drift: tuple[Smoothness, Smoothness] = (Smoothness(2, 0.05), Smoothness(2, 0.05))
+    distortion: tuple[Smoothness, Smoothness] = (Smoothness(2, 0.5), Smoothness(2, 0.5))
+    rotation_rad: float = 1e-2
+    raster_px: tuple[float, float] = (0.0, 0.0)
+    row_shift_px: float = 0.0
+
+
+def gauge_precision(state: EstimatorState) -> NDArray[np.float64]:
+    """(n, n) gauges F1 to F3, what is told of start times, and the wide priors of shifts and gradients.
+
+    F1, F2: mean and best affine map of the distortion over the grid are zero (unknown translations determine neither;
+    they cannot make strain out of none). F3: drift, magnification and rotation are zero at the start of frame 0. F4, a step
+    of the drift between pairs against the shift of the specimen, is left to the smoothness of the drift: interpolated, and
+    sigma says so.
+    """
+    layout = state.layout
+    total = np.zeros((layout.size, layout.size))
+    affine = state.distortion.affine_rows(state.grid) / GAUGE_PX
+    _add(total, layout.part("distortion"), affine.T @ affine)
+    if state.drift is not None:
+        start = state.drift.rows([0.0]) / GAUGE_PX
+        _add(total, layout.part("drift"), start.T @ start)
+    for change in state.raster:
+        part = layout.part(change.name)
+        start = change.rows([0.0]) * change.radius_px / GAUGE_PX
+        total[part, part] += start.T @ start
+    axes = np.arange(*layout.part("axes").indices(layout.size))
+    total[axes, axes] = AXES**-2.0
+    starts = np.arange(*layout.part("start_time").indices(layout.size))
+    total[starts, starts] = np.array(state.start_time_errors.sigma_s) ** -2.0
+    motion = layout.part("motion")
+    diagonal = np.arange(motion.start, motion.stop)
+    total[diagonal, diagonal] = motion_prior(state, None)
+    return total
+
+
+def motion_prior(state: EstimatorState, rotation_rad: float | None) -> NDArray[np.float64]:
+    """(k,) precision of the wide priors of shifts and gradients, and of rotations where their size is given."""
+    turn, shift, gradient = 0.0 if rotation_rad is None else rotation_rad**-2.0, SHIFT_PX**-2, GRADIENT**-2
+    rigid, free = (shift, shift, turn), (shift, gradient, gradient) * 2
+    return np.array([value for kind in state.motions.kinds for value in (rigid if kind is MotionKind.RIGID else free)])
+
+
+def raster_prior(change: RasterChange, size_px: float) -> NDArray[np.float64]:
+    """(size, size) precision of what the raster does: smooth in time, or nothing where `size_px` is 0."""
+    one = np.eye(change.size)
+    return one * STILL_PX**-2.0 if size_px == 0.0 else one * RASTER_PX**-2.0 + change.roughness() * size_px**-2.0
+
+
+def rotation_indices(state: EstimatorState) -> NDArray[np.int64]:
+    """(k,) joint indices of the rotation angles of the pairs that move rigidly."""
+    start = state.layout.part("motion").start
+    found = [
+        state.motions.part(pair)[0].start + 2
+        for pair, kind in zip(state.motions.pairs, state.motions.kinds, strict=True)
+        if kind is MotionKind.RIGID
+    ]
+    return start + np.array(found, dtype=np.int64)
+
+
+def prior_precision(state: EstimatorState, hyper: Hyperparameters) -> NDArray[np.float64]:
+    """(n, n) smoothness of drift (its second derivative is white noise) and of distortion (bending energy), size of rotations."""
+    layout = state.layout
+    total = np.zeros((layout.size, layout.size))
+    for effect, kinds in ((state.distortion, hyper.distortion), (state.drift, hyper.drift)):
+        if effect is None:
+            continue
+        part = layout.part(effect.name)
+        base = effect.roughness() * BASE_PX**-2.0
+        for axis, kind in enumerate(kinds):
+            one = slice(part.start + axis, part.stop, 2)
+            total[one, one] += base + kind.roughness(effect)
+    for change, size_px in zip(state.raster, hyper.raster_px, strict=False):
+        part = layout.part(change.name)
+        total[part, part] += raster_prior(change, size_px)
+    at = rotation_indices(state)
+    total[at, at] = hyper.rotation_rad**-2.0
+    lines = np.arange(*layout.part("line_shift").indices(layout.size))
+    total[lines, lines] = hyper.row_shift_px**-2.0 if lines.size else 0.0
+    return total
+
+
+def _add(total: NDArray[np.float64], part: slice, one: NDArray[np.float64]) -> None:
+    for axis in (0, 1):
+        at = slice(part.start + axis, part.stop, 2)
+        total[at, at] += one

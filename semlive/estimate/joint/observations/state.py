@@ -1,0 +1,287 @@
+"""What the estimator has accumulated: block means of every map, and the information that they give."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.disparity import DisparityMap
+from semlive.data.drift import FrameTime
+from semlive.data.experiment import Phase
+from semlive.data.grid import Grid
+from semlive.data.settings import EstimateSettings
+from semlive.data.storage import IN_MEMORY, Storage
+from semlive.errors import IllPosed
+from semlive.estimate.joint.observations.block_means import BlockColumns, Blocks, PackedColumns, StoredColumns
+from semlive.model import (
+    DistortionSpline,
+    DriftSpline,
+    Effect,
+    Layout,
+    PairMotions,
+    RasterChange,
+    RowShiftEffect,
+    ScanAxes,
+    StartTimeErrors,
+)
+
+ManyColumns = tuple[BlockColumns | PackedColumns, ...] | StoredColumns
+NO_ROW_SHIFTS, NO_START_TIME_ERRORS = RowShiftEffect(), StartTimeErrors()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapObservations:
+    """One disparity map as rows of the joint least squares: ``disparity = (columns at current) - (columns at reference)``.
+
+    Attributes:
+        reference: number of the reference frame.
+        current: number of the current frame.
+        disparity_px: (blocks, 2) block means.
+        weight: (blocks, 2) one over the assigned variance, 1/px^2; zero where empty, or where other maps say the same.
+        noisy_frames: how many frames' noise the weight holds: 1 from frame 0, whose noise is estimated, 2 within a pair.
+        difference_columns: columns of the effects that act at the scan address.
+        position_px: (blocks, 2) mean address in the reference frame, relative to the image centre.
+        reference_columns: columns at the reference frame, negative, which give the ideal position; empty within a pair.
+        dmap: the map, for columns that are made anew.
+    """
+
+    reference: int
+    current: int
+    disparity_px: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    noisy_frames: int
+    difference_columns: ManyColumns
+    position_px: NDArray[np.float64]
+    reference_columns: ManyColumns
+    dmap: DisparityMap
+
+    @property
+    def from_reference(self) -> bool:
+        """Whether the map starts from frame 0."""
+        return self.reference == 0
+
+    @property
+    def within_pair(self) -> bool:
+        """Whether nothing moved between the two frames."""
+        return self.reference // 2 == self.current // 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReferenceNoise:
+    """Noise of frame 0 in every block, which all maps from frame 0 share: unknowns of their own, integrated out in `solve`.
+
+    Attributes:
+        weight: (blocks, 2) information on each, its prior included.
+        prior: (blocks, 2) the prior's part.
+        first_seen_frame: (blocks, 2) the frame that the prior was taken from.
+        coupling: (2, blocks, n) information shared with the parameters, for x and y.
+        information: (blocks, 2) information vector.
+    """
+
+    weight: NDArray[np.float64]
+    prior: NDArray[np.float64]
+    first_seen_frame: NDArray[np.int64]
+    coupling: NDArray[np.float64]
+    information: NDArray[np.float64]
+
+    @classmethod
+    def empty(cls, blocks: int, size: int) -> ReferenceNoise:
+        """Before the first map."""
+        unseen = np.full((blocks, 2), np.iinfo(np.int64).max)
+        return cls(np.zeros((blocks, 2)), np.zeros((blocks, 2)), unseen, np.zeros((2, blocks, size)), np.zeros((blocks, 2)))
+
+    def copy(self) -> ReferenceNoise:
+        """With arrays of its own."""
+        return ReferenceNoise(
+            self.weight.copy(), self.prior.copy(), self.first_seen_frame.copy(), self.coupling.copy(), self.information.copy()
+        )
+
+    def mean_px(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(blocks, 2) its posterior mean, given the parameters."""
+        explained = np.stack([one @ parameters for one in self.coupling], axis=1)
+        return (self.information - explained) / np.where(self.weight > 0, self.weight, 1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Extent:
+    """How far points lay.
+
+    Attributes:
+        lowest_px: (2,) least scan address along x and y.
+        highest_px: (2,) largest.
+    """
+
+    lowest_px: NDArray[np.float64]
+    highest_px: NDArray[np.float64]
+
+    def union(self, other: Extent) -> Extent:
+        """As far as either."""
+        return Extent(np.minimum(self.lowest_px, other.lowest_px), np.maximum(self.highest_px, other.highest_px))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EstimatorState:
+    """Everything accumulated so far; `update` returns a new one.
+
+    Attributes:
+        settings: settings of the estimate.
+        grid: POI in each map's reference frame.
+        width_px: image width.
+        height_px: image height.
+        blocks: partition of the grid.
+        distortion: the distortion effect.
+        drift: the drift effect, lengthened as time goes on; None before the first pair.
+        raster: what of the raster may change in time, held at zero unless the data ask for it; empty before the first pair.
+        axes: the axes of the scan.
+        motions: the motion effect, one pair more with each update.
+        frames: times of all frames in the order of their times.
+        phases: phase of each pair in order of arrival.
+        rows: block means of all maps, kept for re-linearisation and re-weighting.
+        linearisation_point: parameters about which the information is linearised; empty means zero.
+        precision: (n, n) accumulated information matrix A^T W A at unit noise scale, without priors; empty where it is not held.
+        information: (n,) accumulated information vector A^T W y; likewise.
+        reference: what the maps say of the noise of frame 0.
+        calibrated: where frames of calibration and translation pairs showed the middles of blocks; None where none did.
+        row_shifts: shifts of rows, in no frame unless the data ask for them.
+        start_time_errors: errors of start times, of the pairs whose frames' starts are not known exactly.
+        storage: where what belongs to single pairs is kept, here and in what is made of it.
+    """
+
+    settings: EstimateSettings
+    grid: Grid
+    width_px: int
+    height_px: int
+    blocks: Blocks
+    distortion: DistortionSpline
+    drift: DriftSpline | None
+    raster: tuple[RasterChange, ...]
+    axes: ScanAxes
+    motions: PairMotions
+    frames: tuple[FrameTime, ...]
+    phases: tuple[Phase, ...]
+    rows: Sequence[MapObservations]
+    linearisation_point: NDArray[np.float64]
+    precision: NDArray[np.float64]
+    information: NDArray[np.float64]
+    reference: ReferenceNoise
+    calibrated: Extent | None = None
+    row_shifts: RowShiftEffect = NO_ROW_SHIFTS
+    start_time_errors: StartTimeErrors = NO_START_TIME_ERRORS
+    storage: Storage = IN_MEMORY
+
+    @property
+    def model(self) -> tuple[Effect, ...]:
+        """The named effects."""
+        drift = () if self.drift is None else (self.drift,)
+        return (self.distortion, *drift, *self.raster, self.row_shifts, self.start_time_errors, self.axes, self.motions)
+
+    @property
+    def layout(self) -> Layout:
+        """Where each effect's parameters lie."""
+        return Layout.of(self.model)
+
+    @property
+    def summed(self) -> bool:
+        """Whether the state holds its sums, `precision`, `information` and the noise's coupling."""
+        return len(self.information) > 0
+
+    @property
+    def centre_px(self) -> NDArray[np.float64]:
+        """(2,) the image centre, about which gradients act."""
+        return 0.5 * np.array([self.width_px - 1.0, self.height_px - 1.0])
+
+    def frame_time(self, frame: int) -> FrameTime:
+        """When a frame was scanned; IllPosed if it never came."""
+        usual = self.frames[frame : frame + 1]  # where every pair came in its turn
+        for when in (*usual, *(() if usual and usual[0].frame == frame else self.frames)):
+            if when.frame == frame:
+                return when
+        raise IllPosed(f"frame {frame} is not in the estimate, so its drift is unknown: add its pair first")
+
+
+def rows_of(state: EstimatorState, pairs: Collection[int]) -> list[MapObservations]:
+    """Rows of some pairs' maps in order of arrival; where every pair came with all its maps no others are looked at."""
+    found = []
+    for place, pair in enumerate((0, *state.motions.pairs)):
+        if pair in pairs:
+            usual = state.rows[max(3 * place - 2, 0) : 3 * place + 1]
+            if len(usual) != (3 if place else 1) or any(one.current // 2 != pair for one in usual):
+                return [one for one in state.rows if one.current // 2 in pairs]
+            found += usual
+    return found
+
+
+def init(settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) -> EstimatorState:
+    """An estimator that has seen nothing.
+
+    Args:
+        settings: knots of drift and distortion.
+        grid: POI of every map to come.
+        width_px: image width without databar.
+        height_px: image height without databar.
+
+    Raises:
+        IllPosed: the grid is too small for a gradient.
+    """
+    if grid.nx < 3 or grid.ny < 3:
+        raise IllPosed(f"a grid of {grid.nx} x {grid.ny} points cannot carry a strain: give at least 3 x 3 points")
+    distortion = DistortionSpline.covering(width_px, height_px, settings.distortion_knot_px, grid.x0_px)
+    n = distortion.size + ScanAxes().size
+    blocks, nothing = Blocks.of(grid), np.zeros(0)
+    return EstimatorState(
+        settings=settings,
+        grid=grid,
+        width_px=width_px,
+        height_px=height_px,
+        blocks=blocks,
+        distortion=distortion,
+        drift=None,
+        raster=(),
+        axes=ScanAxes(),
+        motions=PairMotions(),
+        frames=(),
+        phases=(),
+        rows=(),
+        linearisation_point=nothing,
+        precision=np.zeros((n, n)),
+        information=np.zeros(n),
+        reference=ReferenceNoise.empty(blocks.size, n),
+    )
+
+
+def offload(state: EstimatorState, pair: int, keep: Storage) -> EstimatorState:
+    """The state with the rows of a pair's maps, nearly all that it holds of a pair, kept by somebody else, and what is made of them later.
+
+    Args:
+        state: that has the pair, which came last.
+        pair: its number.
+        keep: where.
+    """
+    if state.storage is keep:
+        return state  # kept since they were made
+    count = next((at for at, one in enumerate(reversed(state.rows)) if one.current // 2 != pair), len(state.rows))
+    first = len(state.rows) - count
+    return replace(state, rows=keep.append(state.rows[:first], (offload_rows(one, keep) for one in state.rows[first:])), storage=keep)
+
+
+def offload_rows(rows: MapObservations, keep: Storage) -> MapObservations:
+    """The same with its large arrays kept by somebody else."""
+    if keep is IN_MEMORY:
+        return rows
+    # Columns at a frame 0 that has all its points are one for all maps; others are packed.
+    own = not isinstance(rows.reference_columns, StoredColumns) and any(isinstance(one, PackedColumns) for one in rows.reference_columns)
+    return replace(
+        rows,
+        disparity_px=keep.store_array(rows.disparity_px),
+        weight=keep.store_array(rows.weight),
+        position_px=keep.store_array(rows.position_px),
+        difference_columns=_stored(rows.difference_columns, keep),
+        reference_columns=_stored(rows.reference_columns, keep) if own else rows.reference_columns,
+    )
+
+
+def _stored(columns: ManyColumns, keep: Storage) -> StoredColumns:
+    return columns if isinstance(columns, StoredColumns) else StoredColumns.of(columns, keep)

@@ -1,0 +1,214 @@
+"""Does the estimate agree with itself? Halves of the data, each solved alone, beside what their noise lets them differ.
+
+Both halves keep the smoothness, the weights and the linearisation of the whole. With ``S = (P + L)^-1`` the covariance of a half
+(P its information, L the belief both share) their difference has the covariance ``S_a + S_b - S_a (L + X) S_b - transposed``: what both
+believe cannot make them differ, and X is what their noise has in common, that of frame 0 where both halves hold the same points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import gammaincc, ndtri
+
+from semlive.estimate.joint.observations.normal_equations import (
+    NormalMatrix,
+    add_prior,
+    add_rows,
+    dense_limit,
+    marginal,
+    with_normal_matrix,
+)
+from semlive.estimate.joint.observations.priors import gauge_precision, prior_precision
+from semlive.estimate.joint.observations.state import EstimatorState, MapObservations, ReferenceNoise
+from semlive.estimate.joint.outputs.split_consistency import field_half_difference, odd_even_difference, sampled_pair_numbers
+from semlive.estimate.joint.selection.marginal_likelihood import regularise
+from semlive.estimate.joint.solution.posterior import Solution
+from semlive.estimate.joint.solution.solver import previous_selection
+
+Field = NDArray[np.float64]
+WARN_SIGMAS = 4.0
+MIN_PAIRS = 4  # with fewer, a half has one pair that moved, and nothing to say of the distortion
+LATTICE = 9  # points along x and y where distortions are compared
+
+
+@dataclass(frozen=True, slots=True)
+class HalfSplitCheck:
+    """How far two halves of the data differ.
+
+    Attributes:
+        name: ``split field`` (left and right half of the points: drift within frames) or ``odd and even pairs`` (distortion).
+        difference_px: root mean square of the difference.
+        expected_px: what noise alone gives on average.
+        sigmas: how unlikely the difference is by chance, as standard deviations of a normal distribution; negative where it is
+            smaller than expected.
+    """
+
+    name: str
+    difference_px: float
+    expected_px: float
+    sigmas: float
+
+    def message(self) -> str:
+        """One sentence for the operator."""
+        said = f"{self.name} differ by {self.difference_px:.2g} px rms where noise gives {self.expected_px:.2g} px"
+        if self.sigmas <= WARN_SIGMAS:
+            return f"consistency: {said}"
+        return f"WARNING: {said} ({self.sigmas:.0f} sigma): {_REASON[self.name]}"
+
+
+FIELD, PAIRS = "drifts from the left and right half of the field", "distortions from odd and even pairs"
+_REASON = {
+    FIELD: "part of the field moved on its own or was badly correlated; look at the maps' quality before trusting sigmas",
+    PAIRS: "the distortion changed during the run, or a pair is wrong; look for a change of the microscope's settings",
+}
+
+
+def consistency(solution: Solution) -> tuple[HalfSplitCheck, ...]:
+    """Split field for the drift, odd and even pairs for the distortion; empty where a half says too little.
+
+    Costs two half passes over the block means and four factorisations. The map within a pair counts where the others do not, so each half
+    is made from the weights that the whole has. Of more than `dense_limit` some of those are taken that came since choices were last
+    due, so that each stretch of a long run is looked at, and at the same cost.
+    """
+    count = len(solution.state.phases)
+    if count < MIN_PAIRS:
+        return ()
+    if count > dense_limit(solution.state):
+        pairs, shape = sampled_pair_numbers(solution.state, previous_selection(count)), _shape_of_distortion(solution.state)
+        return _told(FIELD, *field_half_difference(solution, pairs)), _told(PAIRS, *odd_even_difference(solution, pairs, shape))
+    solution = replace(solution, state=with_normal_matrix(solution.state))
+    state = solution.state
+    left = (np.arange(state.blocks.size) % state.blocks.layout[1]) < state.blocks.layout[1] // 2
+    every = np.ones(state.blocks.size, dtype=np.bool_)
+    return (
+        _agreement(solution, FIELD, lambda rows: left, _within_frames(state)),
+        _agreement(solution, PAIRS, lambda rows: every & (rows.current // 2 % 2 == 1), _of_all(state, _shape_of_distortion(state))),
+    )
+
+
+def warnings_of(agreements: tuple[HalfSplitCheck, ...]) -> tuple[HalfSplitCheck, ...]:
+    """Those that disagree by more than chance allows."""
+    return tuple(one for one in agreements if one.sigmas > WARN_SIGMAS)
+
+
+BlockSelector = Callable[[MapObservations], NDArray[np.bool_]]
+
+
+def _agreement(solution: Solution, name: str, choose: BlockSelector, rows: Field) -> HalfSplitCheck:
+    """How linear functions (k, n) of the parameters differ between the chosen blocks and the others."""
+    state, weight = solution.state, solution.hyper.noise_scale**-2.0
+    belief = prior_precision(state, solution.hyper) + gauge_precision(state)
+    one = _half(state, choose)
+    values, spreads = [], []
+    for half in (one, _rest(state, one)):
+        precision, information = marginal(half)
+        factor = cho_factor(regularise(precision * weight + belief), lower=True, check_finite=False)
+        spread = cho_solve(factor, rows.T, check_finite=False)
+        values.append(spread.T @ ((information - precision @ solution.mean) * weight - belief @ solution.mean))
+        spreads.append((half.reference, spread))
+    difference = values[0] - values[1]
+    (noise, spread), (other_noise, other) = spreads
+    cross = spread.T @ belief @ other + _shared(noise, spread, other_noise, other) * weight
+    return _told(name, difference, rows @ (spread + other) - cross - cross.T)
+
+
+def _told(name: str, difference: Field, covariance: Field) -> HalfSplitCheck:
+    expected_px, found_px = (float(np.sqrt(max(one, 0.0) / len(difference))) for one in (np.trace(covariance), difference @ difference))
+    return HalfSplitCheck(name, found_px, expected_px, _sigmas(difference, covariance))
+
+
+def _sigmas(difference: Field, covariance: Field) -> float:
+    """How unlikely a difference is by chance, as standard deviations.
+
+    Directions count by their noise, so that one that the data hardly know does not drown the others; from the median on towards the
+    best known they count less and less, for there a few per cent of sigma would raise an alarm.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    values = np.clip(values, 0.0, None)
+    weight = 1.0 / (values + max(float(np.median(values[values > 1e-9 * values[-1]])), 1e-24))
+    counted = weight * values
+    # A weighted sum of squares is about a chi square with this freedom (Satterthwaite).
+    freedom = max(float(counted.sum() ** 2 / np.sum(counted**2)), 1.0)
+    ratio = float(weight @ (difference @ vectors) ** 2 / counted.sum())
+    return float(-ndtri(np.clip(gammaincc(0.5 * freedom, 0.5 * ratio * freedom), 1e-300, 1.0 - 1e-16)))
+
+
+def _half(state: EstimatorState, choose: BlockSelector) -> EstimatorState:
+    """The state as if it had seen the chosen blocks alone."""
+    n = len(state.information)
+    sums = NormalMatrix(np.zeros((n, n)), np.zeros(n), ReferenceNoise.empty(state.blocks.size, n))
+    for one in state.rows:
+        masked = replace(one, weight=np.where(choose(one)[:, None], one.weight, 0.0))
+        if masked.weight.any():
+            add_rows(state, masked, state.linearisation_point, sums)
+            add_prior(masked, sums.reference)
+    return replace(state, precision=sums.precision, information=sums.information, reference=sums.reference)
+
+
+def _rest(state: EstimatorState, half: EstimatorState) -> EstimatorState:
+    """What the whole saw and a half did not: information adds up."""
+    whole, part = state.reference, half.reference
+    seen = (whole.weight - whole.prior) - (part.weight - part.prior)
+    known = seen > 1e-9 * whole.weight
+    reference = replace(
+        whole,
+        weight=np.where(known, seen + whole.prior, 0.0),
+        prior=np.where(known, whole.prior, 0.0),
+        coupling=whole.coupling - part.coupling,
+        information=np.where(known, whole.information - part.information, 0.0),
+    )
+    return replace(state, precision=state.precision - half.precision, information=state.information - half.information, reference=reference)
+
+
+def _shared(one: ReferenceNoise, spread: Field, two: ReferenceNoise, other: Field) -> Field:
+    """(k, k) what frame 0's noise, in the blocks that both halves hold, gives to the covariance of their functions."""
+    total = np.zeros((spread.shape[1],) * 2)
+    for axis in (0, 1):
+        weight = [np.where(half.weight[:, axis] > 0, half.weight[:, axis], np.inf) for half in (one, two)]
+        common = np.sqrt(one.prior[:, axis] * two.prior[:, axis]) / weight[0] / weight[1]
+        total += (one.coupling[axis] @ spread).T @ (common[:, None] * (two.coupling[axis] @ other))
+    return total
+
+
+def _within_frames(state: EstimatorState) -> Field:
+    """(4 frames, n) change of the drift, along x and y, from the middle of every frame to its ends: no shift is in it."""
+    drift, part = state.drift, state.layout.part("drift")
+    assert drift is not None  # a solution has data
+    begin, middle, end = (
+        drift.rows([when.start_s + fraction * when.timing.duration_s for when in state.frames]) for fraction in (0.0, 0.5, 1.0)
+    )
+    change = np.concatenate((begin - middle, end - middle))
+    rows = np.zeros((2 * len(change), state.layout.size))
+    for axis in (0, 1):
+        rows[axis * len(change) : (axis + 1) * len(change), part.start + axis : part.stop : 2] = change
+    return rows
+
+
+def _shape_of_distortion(state: EstimatorState) -> Field:
+    """(2 m, d) distortion on a coarse lattice over the grid, less its best affine map, as functions of its own parameters."""
+    grid, spline = state.grid, state.distortion
+    x, y = (one.ravel() for one in np.meshgrid(*(np.linspace(axis[0], axis[-1], LATTICE) for axis in (grid.x_px, grid.y_px))))
+    # The field is linear in its parameters: one column for each of one component's.
+    (index_x, value_x), (index_y, value_y) = spline.along_x.local(x), spline.along_y.local(y)
+    own = np.zeros((len(x), spline.along_y.size, spline.along_x.size))
+    at = np.arange(len(x))[:, None, None]
+    own[at, index_y[:, :, None], index_x[:, None, :]] = value_y[:, :, None] * value_x[:, None, :]
+    plane = np.column_stack((np.ones(len(x)), x - x.mean(), y - y.mean()))
+    shape = own.reshape(len(x), -1)
+    shape = shape - plane @ np.linalg.lstsq(plane, shape, rcond=None)[0]
+    rows = np.zeros((2 * len(x), spline.size))
+    for axis in (0, 1):
+        rows[axis * len(x) : (axis + 1) * len(x), axis::2] = shape
+    return rows
+
+
+def _of_all(state: EstimatorState, rows: Field) -> Field:
+    """Functions of the distortion's parameters as functions of all."""
+    total = np.zeros((len(rows), state.layout.size))
+    total[:, state.layout.part("distortion")] = rows
+    return total

@@ -1,0 +1,275 @@
+"""The posterior in the words of `semlive.data`: drift samples, distortion field, motions, corrections."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.disparity import DisparityMap
+from semlive.data.drift import Correction, DistortionField, DriftEstimate, EstimateRevision, FrameTime, PairMotion, RasterDrift
+from semlive.data.experiment import Phase
+from semlive.data.grid import Grid
+from semlive.estimate.joint.elimination.smoother import LIVE_WINDOW_PAIRS, PairCovariance, distortion_covariance, pair_covariances
+from semlive.estimate.joint.outputs.calibration_quality import (
+    CalibrationAssessment,
+    calibration,
+    outside_region_messages,
+    pointwise,
+    support,
+)
+from semlive.estimate.joint.outputs.consistency import consistency
+from semlive.estimate.joint.outputs.correction_strain import frame_observations
+from semlive.estimate.joint.outputs.drift_forecast import forecast
+from semlive.estimate.joint.solution.posterior import Solution
+from semlive.model import Effect, MotionKind, RasterChange, evaluate_drift, predicted_offsets, sighting
+
+SAMPLES_PER_FRAME = 12
+MODEL_MISFIT_FACTOR = 2.0  # times the stated noise; rendered frames and the numerical experiment stay within 1.1
+
+
+def to_estimate(solution: Solution, revision: int, newest_only: bool = False) -> EstimateRevision:
+    """Everything known, as one revision; `newest_only` leaves out what belongs to pairs older than the `LIVE_WINDOW_PAIRS` newest."""
+    state = solution.state
+    known = calibration(solution)
+    distortion = _distortion(solution, known)
+    said = {
+        one.pair: _of_pair(solution, one) for one in pair_covariances(solution.shared_posterior, LIVE_WINDOW_PAIRS if newest_only else None)
+    }
+    motions = tuple(said[pair].motion for pair in (0, *state.motions.pairs) if pair in said)
+    frames = sorted((frame for one in said.values() for frame in one.frames), key=lambda one: _start(one.when))
+    drift, wander = _drift(solution, revision, frames), _wander(solution, frames)
+    return EstimateRevision(
+        drift, distortion, motions, solution.noise_floor_px, _notes(solution, known, said), solution.terms, wander, known.quality()
+    )
+
+
+def consistency_messages(solution: Solution) -> tuple[str, ...]:
+    """Whether halves of the data agree, one sentence each; a warning where they do not."""
+    said = [one.message() for one in consistency(solution)]
+    if solution.hyper.noise_scale > MODEL_MISFIT_FACTOR:
+        said.append(
+            f"WARNING: the model leaves {solution.noise_floor_px:.2g} px unexplained, {solution.hyper.noise_scale:.1f} times what the "
+            "correlation says of its noise: something moved or changed that the model does not have"
+        )
+    return tuple(said)
+
+
+def current_drift_rate(solution: Solution) -> NDArray[np.float64]:
+    """(2,) drift rate in px/s at the end of the newest frame."""
+    drift = solution.state.drift
+    assert drift is not None  # a solution has data
+    newest = solution.state.frames[-1]
+    rate = drift.rate_rows([newest.start_s + newest.timing.duration_s]) @ solution.part("drift").reshape(-1, 2)
+    return rate[0]
+
+
+def correction(solution: Solution, dmap: DisparityMap) -> Correction:
+    """Drift and distortion in a map from frame 0, to be subtracted to get displacement.
+
+    Raises:
+        IllPosed: the map's frame is not part of the estimate.
+
+    Points that a frame shows beyond the addresses seen in calibration are marked: the distortion there would be extrapolated.
+    """
+    model, parameters = _acting(solution)
+    _, current = frame_observations(solution, dmap)
+    both = predicted_offsets(model, parameters, current) - _at_reference(solution, dmap.grid)
+    both += solution.state.start_time_errors.late_px(dmap.current, solution.part("start_time"))
+    both[~dmap.valid.ravel()] = 0.0
+    u, v = (np.ascontiguousarray(one.reshape(dmap.grid.shape)) for one in both.T)
+    u.setflags(write=False)
+    v.setflags(write=False)
+    area, valid = support(solution.state), None
+    if area is not None and dmap.current > 1:
+        valid = area.holds(current.x_px, current.y_px).reshape(dmap.grid.shape)
+        valid.setflags(write=False)
+    return Correction(dmap.current, u, v, valid)
+
+
+def _acting(solution: Solution) -> tuple[tuple[Effect, ...], NDArray[np.float64]]:
+    """Effects at the scan address with their parameters; what is held at zero (to 1e-9 px) adds nothing and is left out."""
+    held = {one.name for one, size_px in zip(solution.state.raster, solution.hyper.raster_px, strict=True) if not size_px}
+    model = tuple(one for one in solution.state.model if not one.needs_ideal and one.name not in held and one.size)
+    return model, np.concatenate([solution.part(one.name) for one in model])
+
+
+@lru_cache(maxsize=1)
+def _at_reference(solution: Solution, grid: Grid) -> NDArray[np.float64]:
+    """(n, 2) what acts at the points of frame 0, the same for every map from there: half of a correction's time."""
+    seen = sighting(solution.state.frame_time(0), *grid.mesh())
+    model, parameters = _acting(solution)
+    found = predicted_offsets(model, parameters, evaluate_drift(model, parameters, seen))
+    found.setflags(write=False)
+    return found
+
+
+def mean_strain_covariance(solution: Solution, frames: Sequence[int], of: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    """(2 n, 2 n) joint covariance of the mean strains of n frames, first all exx, then all eyy; or (k, k) of functions (k, 2 n) `of` them.
+
+    Errors of distortion and drift are common to the frames and may grow with load, because the specimen travels under
+    load: taken as independent they make Young's modulus look better known than it is. The gradients of the pairs hold
+    them together with the DIC's noise. Frames of one pair share theirs; frames without a free gradient have zeros.
+    """
+    motions, start, count = solution.state.motions, solution.state.layout.part("motion").start, len(frames)
+    of = np.eye(2 * count) if of is None else of
+    rows = np.zeros((len(of), len(solution.mean)))
+    for at, frame in enumerate(frames):
+        if frame // 2 in motions.pairs:
+            part, kind = motions.part(frame // 2)
+            if kind is MotionKind.GRADIENT:
+                rows[:, start + part.start + 1] += of[:, at]
+                rows[:, start + part.start + 5] += of[:, count + at]
+    return solution.covariance_of(rows)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _OfFrame:
+    """What is known of one frame.
+
+    Attributes:
+        when: its times.
+        time_s: (t,) samples of the drift.
+        drift_px: (t, 2) there.
+        variance_px2: (t, 2) of its change from the middle of the frame.
+        rate_px_s: (t, 2) there.
+        wander: value and variance of each term of the raster, at the middle of the frame.
+    """
+
+    when: FrameTime
+    time_s: NDArray[np.float64]
+    drift_px: NDArray[np.float64]
+    variance_px2: NDArray[np.float64]
+    rate_px_s: NDArray[np.float64]
+    wander: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _OfPair:
+    """What is known of one pair, without the covariances that it was made of: those are a hundred times as much."""
+
+    motion: PairMotion
+    frames: tuple[_OfFrame, _OfFrame]
+
+
+def _of_pair(solution: Solution, spread: PairCovariance) -> _OfPair:
+    first, second = (_of_frame(solution, solution.state.frame_time(2 * spread.pair + member), spread) for member in (0, 1))
+    return _OfPair(_motion(solution, spread), (first, second))
+
+
+def _of_frame(solution: Solution, when: FrameTime, spread: PairCovariance) -> _OfFrame:
+    drift, layout = solution.state.drift, solution.state.layout
+    assert drift is not None  # a solution has data
+    start, parameters = layout.part("drift").start, solution.part("drift").reshape(-1, 2)
+    time_s = when.start_s + np.append(np.linspace(0.0, 1.0, SAMPLES_PER_FRAME), 0.5) * when.timing.duration_s
+    (index, value), (_, rate) = drift.spline.local(time_s), drift.spline.local_rate(time_s)
+    first = int(index.min())
+    rows = np.zeros((len(time_s), int(index.max()) + 1 - first))
+    np.put_along_axis(rows, index - first, value, axis=1)
+    change = rows[:-1] - rows[-1]
+    knots = start + 2 * np.arange(first, first + rows.shape[1])
+    return _OfFrame(
+        when,
+        time_s[:-1],
+        np.einsum("nk,nkc->nc", value, parameters[index])[:-1],
+        np.stack([np.einsum("ni,ij,nj->n", change, spread.of(knots + axis), change) for axis in (0, 1)], axis=1),
+        np.einsum("nk,nkc->nc", rate, parameters[index])[:-1],
+        tuple(_wandered(solution, change, when, spread) for change in solution.state.raster),
+    )
+
+
+def _wandered(solution: Solution, change: RasterChange, when: FrameTime, spread: PairCovariance) -> tuple[float, float]:
+    index, value = change.spline.local([when.start_s + 0.5 * when.timing.duration_s])
+    at, row = solution.state.layout.part(change.name).start + index[0], value[0] / change.radius_px
+    return float(row @ solution.mean[at]), float(row @ spread.of(at) @ row)
+
+
+def _wander(solution: Solution, frames: Sequence[_OfFrame]) -> RasterDrift:
+    values = []
+    for number, _ in enumerate(solution.state.raster):
+        found, variance = np.array([one.wander[number] for one in frames]).T
+        values += [np.ascontiguousarray(found), np.sqrt(np.clip(variance, 0.0, None))]
+    return RasterDrift(np.array([one.when.frame for one in frames], dtype=np.int64), *values)
+
+
+def _drift(solution: Solution, revision: int, frames: Sequence[_OfFrame]) -> DriftEstimate:
+    return DriftEstimate(
+        np.concatenate([one.time_s for one in frames]),
+        np.repeat([one.when.frame for one in frames], SAMPLES_PER_FRAME).astype(np.int64),
+        np.concatenate([one.drift_px for one in frames]),
+        np.sqrt(np.clip(np.concatenate([one.variance_px2 for one in frames]), 0.0, None)),
+        np.concatenate([one.rate_px_s for one in frames]),
+        revision,
+        forecast(solution),
+    )
+
+
+def _distortion(solution: Solution, known: CalibrationAssessment) -> DistortionField:
+    state, grid = solution.state, solution.state.grid
+    part = state.layout.part("distortion")
+    x, y = grid.mesh()
+    ex, ey = (one.reshape(grid.shape) for one in state.distortion.field(solution.mean[part], x, y).T)
+    covariance = distortion_covariance(solution.shared_posterior)
+    variance = 0.5 * (pointwise(state, covariance[0::2, 0::2]) + pointwise(state, covariance[1::2, 1::2]))
+    return DistortionField(grid, ex, ey, np.sqrt(variance), known.covered)
+
+
+def _motion(solution: Solution, spread: PairCovariance) -> PairMotion:
+    motions, pair = solution.state.motions, spread.pair
+    shift, gradient = motions.shift_and_gradient(pair, solution.part("motion"))
+    shift_sigma, gradient_sigma = np.zeros(2), np.zeros((2, 2))
+    if pair in motions.pairs:
+        part, kind = motions.part(pair)
+        start = solution.state.layout.part("motion").start
+        sigma = np.sqrt(np.diag(spread.of(start + np.arange(part.start, part.stop))))
+        if kind is MotionKind.RIGID:
+            shift_sigma, gradient_sigma = sigma[:2], np.array([[0.0, sigma[2]], [sigma[2], 0.0]])
+        else:
+            shift_sigma, gradient_sigma = sigma[[0, 3]], sigma[[1, 2, 4, 5]].reshape(2, 2)
+    return PairMotion(pair, shift, shift_sigma, gradient, gradient_sigma)
+
+
+def _notes(solution: Solution, known: CalibrationAssessment, pairs: Collection[int]) -> tuple[str, ...]:
+    notes = []
+    if not known.sufficient:
+        warned = "WARNING, the load steps are corrected with it all the same: " if Phase.TENSION in solution.state.phases else ""
+        notes.append(warned + known.message())
+    else:
+        notes.append(
+            "the affine part of the distortion is not determined by unknown translations and set to zero: it scales strain, it makes none"
+        )
+    notes += outside_region_messages(solution.state, pairs)
+    notes += _term_notes(solution)
+    frames = sorted(solution.state.frames, key=_start)
+    gap_s = max((after.start_s - before.start_s - before.timing.duration_s for before, after in itertools.pairwise(frames)), default=0.0)
+    if gap_s > 0:
+        notes.append(f"drift between pairs is interpolated over gaps of up to {gap_s:.0f} s: it cannot be told from motion of the specimen")
+    return tuple(notes)
+
+
+def _term_notes(solution: Solution) -> list[str]:
+    tests, notes = {one.name: one for one in solution.terms}, []
+    gamma = tests.get("coupling")
+    if gamma is not None and gamma.included:
+        notes.append(
+            f"the drift carries the distortion along (gamma {gamma.value:.2f} +- {gamma.sigma:.2f} before, 1 taken): E is at R - d"
+        )
+    lines = tests.get("line_shift")
+    if lines is not None and lines.included:
+        size_px = solution.hyper.row_shift_px
+        notes.append(f"rows are shifted along x by {size_px:.2g} px, otherwise in every frame (evidence {lines.evidence:.0f}): corrected")
+    strained = Phase.TENSION in solution.state.phases
+    for name, what in (("magnification", "strain"), ("raster_rotation", "rotation of the specimen")):
+        if name in tests and tests[name].included:
+            said = f"the {name.replace('_', ' ')} drifts (evidence {tests[name].evidence:.0f}) and is corrected"
+            end = f", under load only as it goes on smoothly: a step of it cannot be told from {what}" if strained else ""
+            notes.append(said + end)
+    return notes
+
+
+def _start(when: FrameTime) -> float:
+    return when.start_s

@@ -1,0 +1,144 @@
+"""Halves of a long run's data, each solved alone: at bounded cost, from a few dozen pairs.
+
+All parameters in one matrix would be too many. What the halves of the field say of the drift is compared given the border, which all pairs
+have made known; what odd and even pairs say of the distortion, with everything else of each half integrated out along a chain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag, cho_solve, cho_solve_banded, cholesky_banded
+
+from semlive.estimate.joint.elimination.elimination import eliminate_all
+from semlive.estimate.joint.elimination.shared_parameters import DISTORTION, DRIFT, NOISE, SHIFT, shared_prior
+from semlive.estimate.joint.elimination.smoother import solve_shared
+from semlive.estimate.joint.observations.normal_equations import without_normal_matrix
+from semlive.estimate.joint.observations.state import EstimatorState, rows_of
+from semlive.estimate.joint.selection.long_run import BandedSystem, banded_system, split_at_pauses, with_prior
+from semlive.estimate.joint.solution.posterior import Solution
+from semlive.model import PairMotions
+
+Field = NDArray[np.float64]
+MAX_PAIR_COUPLES = 16  # of neighbouring pairs
+BEYOND = 4  # pairs on either side that are solved for with some that are compared, 96 parameters: the drift forgets within some ten knots
+
+
+def sampled_pair_numbers(state: EstimatorState, since: int) -> tuple[int, ...]:
+    """Numbers of at most `2 COUPLES` pairs, in couples of neighbours evenly over those that came after the first `since`."""
+    every = (0, *state.motions.pairs)
+    late = every[max(min(since, len(every) - 2 * MAX_PAIR_COUPLES), 0) :]
+    first = np.unique(np.linspace(0, len(late) // 2 - 1, MAX_PAIR_COUPLES).astype(int))
+    return tuple(late[2 * one + member] for one in first for member in (0, 1))
+
+
+def field_half_difference(solution: Solution, pairs: tuple[int, ...]) -> tuple[Field, Field]:
+    """Difference (k,) of what the left and the right half of the field say of the drift within frames, and its covariance (k, k).
+
+    Both take the border as known, and both believe the same of the drift: that cannot make them differ. Pairs that are so far apart that
+    the drift forgets between them are looked at apart: the cost is that of the pairs, however long the run.
+    """
+    found = [_drift_of_halves(solution, some, around) for some, around in _neighbours(solution.state, pairs)]
+    return np.concatenate([one for one, _ in found]), np.asarray(block_diag(*(one for _, one in found)), dtype=np.float64)
+
+
+def _neighbours(state: EstimatorState, pairs: tuple[int, ...]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+    """Pairs with less than twice `BEYOND` others between them, together; with each lot, in order of time, all that it is solved with.
+
+    Neither goes beyond a pause. Of pair 0 nothing is compared.
+    """
+    found = []
+    for every in split_at_pauses(state, tuple(dict.fromkeys(when.frame // 2 for when in state.frames))):
+        at = [place for place, pair in enumerate(every) if pair in pairs and pair]
+        cuts = [number for number in range(1, len(at)) if at[number] - at[number - 1] > 2 * BEYOND]
+        lots = [at[begin:end] for begin, end in zip((0, *cuts), (*cuts, len(at)), strict=True) if begin < end]
+        found += [(tuple(every[one] for one in lot), every[max(lot[0] - BEYOND, 0) : lot[-1] + BEYOND + 1]) for lot in lots]
+    return found
+
+
+def _drift_of_halves(solution: Solution, pairs: tuple[int, ...], around: tuple[int, ...]) -> tuple[Field, Field]:
+    state, columns = solution.state, solution.state.blocks.layout[1]
+    left = ((np.arange(state.blocks.size) % columns) < columns // 2)[:, None]
+    rows = rows_of(state, pairs)
+    halves = [tuple(replace(one, weight=np.where(side, one.weight, 0.0)) for one in rows) for side in (left, ~left)]
+    noise_px = solution.shared_posterior.step[solution.shared_posterior.chain.border.part(NOISE)]
+    bands = [banded_system(replace(state, rows=half), solution.hyper, solution.mean, noise_px, around) for half in (*halves, ())]
+    asked = _within_frames(bands[0], pairs)
+    steps, spreads = [], []
+    for band in bands[:2]:
+        precision, pull, _ = with_prior(band, solution.hyper)
+        factor = (cholesky_banded(precision, lower=True, check_finite=False), True)
+        spreads.append(cho_solve_banded(factor, asked.T, check_finite=False))
+        steps.append(cho_solve_banded(factor, pull, check_finite=False))
+    cross = spreads[0].T @ _times(with_prior(bands[2], solution.hyper)[0], spreads[1])
+    return asked @ (steps[0] - steps[1]), asked @ (spreads[0] + spreads[1]) - cross - cross.T
+
+
+def odd_even_difference(solution: Solution, pairs: tuple[int, ...], rows: Field) -> tuple[Field, Field]:
+    """Difference (k,) of linear functions (k, d) of the distortion from odd and from even pairs, and its covariance (k, k).
+
+    What both halves believe of the border they have in common. What they believe of the drift is taken as independent, for each knows the
+    drift of its own pairs: that makes the covariance a little too large.
+    """
+
+    def of(parity: int) -> tuple[Field, Field, Field]:
+        half, near = subset_state(solution, tuple(one for one in pairs if one and one % 2 == parity))
+        ending = solve_shared(eliminate_all(half, solution.hyper, near))
+        asked = np.zeros((len(rows), len(ending.step)))
+        asked[:, ending.chain.border.part(DISTORTION)] = rows
+        return asked, asked @ ending.step, np.asarray(cho_solve((ending.factor, True), asked.T, check_finite=False))
+
+    (asked, odd, one), (_, even, two) = of(1), of(0)
+    border = solution.shared_posterior.chain.border
+    cross = one.T @ shared_prior(solution.state, solution.hyper, border) @ two
+    return odd - even, asked @ (one + two) - cross - cross.T
+
+
+def _within_frames(band: BandedSystem, pairs: tuple[int, ...]) -> Field:
+    """Change of the drift from the middle of every frame of some pairs to its ends, as functions of a band's parameters."""
+    drift = band.state.drift
+    assert drift is not None  # a solution has data
+    frames = [when for when in band.state.frames if when.frame // 2 in pairs and when.frame // 2]
+    at = {fraction: [when.start_s + fraction * when.timing.duration_s for when in frames] for fraction in (0.0, 0.5, 1.0)}
+    index, value = drift.spline.local(at[0.5])
+    rows, places = [], []
+    for end in (0.0, 1.0):
+        there = drift.spline.local(at[end])
+        for axis in (0, 1):
+            knots = np.concatenate((there[0], index), axis=1)
+            places.append(band.place((DRIFT << SHIFT) | (2 * knots + axis).astype(np.int64)))
+            rows.append(np.concatenate((there[1], -value), axis=1))
+    place, row = np.concatenate(places), np.concatenate(rows)
+    stop = len(band.codes)
+    dense = np.zeros((len(row), stop + 1))  # the last column takes what is in the border
+    np.add.at(dense, (np.arange(len(row))[:, None], np.where(place < 0, stop, place)), row)
+    return dense[:, :stop]
+
+
+def _times(band: Field, columns: Field) -> Field:
+    """A symmetric matrix, given as its lower band, times columns."""
+    total, size = band[0][:, None] * columns, len(columns)
+    for lag in range(1, len(band)):
+        own = band[lag, : size - lag][:, None]
+        total[lag:] += own * columns[: size - lag]
+        total[: size - lag] += own * columns[lag:]
+    return total
+
+
+def subset_state(solution: Solution, pairs: tuple[int, ...]) -> tuple[EstimatorState, Field]:
+    """The state as if it had seen some pairs alone, linearised where it is, and the parameters of the solution in its layout."""
+    state = solution.state
+    motion, held = state.layout.part("motion"), [(pair, *state.motions.part(pair)) for pair in state.motions.pairs if pair in pairs]
+    index = np.concatenate([np.arange(motion.start), *(motion.start + np.arange(one.start, one.stop) for _, one, _ in held)])
+    phase = dict(zip((0, *state.motions.pairs), state.phases, strict=True))
+    alone = replace(
+        without_normal_matrix(state),
+        motions=PairMotions(tuple(pair for pair, _, _ in held), tuple(kind for _, _, kind in held)),
+        frames=tuple(when for when in state.frames if when.frame // 2 in (0, *pairs)),
+        phases=(phase[0], *(phase[pair] for pair, _, _ in held)),
+        rows=tuple(rows_of(state, pairs)),
+        linearisation_point=state.linearisation_point[index],
+    )
+    return alone, solution.mean[index]

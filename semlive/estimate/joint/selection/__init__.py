@@ -1,0 +1,1 @@
+"""Selection of noise scale, smoothness and optional terms by marginal likelihood."""

@@ -1,0 +1,285 @@
+"""Choices of a long run: smoothness of what lives in time, from all pairs, given what they share.
+
+The marginal likelihood over all parameters needs all pairs in one matrix. After dozens of pairs distortion, scan axes and noise of frame 0
+are known better than any pair knows its own drift. Taken as known, they leave a band: drift, raster and motions by their time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
+
+from semlive.data.drift import TermTest
+from semlive.estimate.joint.elimination.elimination import KNOT_MARGIN, pair_prior
+from semlive.estimate.joint.elimination.pair_information import pair_information
+from semlive.estimate.joint.elimination.shared_parameters import (
+    DRIFT,
+    NOISE,
+    Codes,
+    Matrix,
+    SharedParameters,
+    TemporalSpline,
+    Vector,
+    parameter_indices,
+    temporal_splines,
+)
+from semlive.estimate.joint.observations.priors import MAX_COUPLED_KNOTS, DifferencePenalty, Hyperparameters, Kind
+from semlive.estimate.joint.observations.state import EstimatorState, MapObservations, rows_of
+from semlive.estimate.joint.selection.marginal_likelihood import CANDIDATES, DRIFT_ORDERS, log_prior, smoothness_of_kind
+from semlive.estimate.joint.selection.model_selection import MIN_BAYES_FACTOR, RASTER_CANDIDATES
+
+SAMPLE_SEGMENTS, PAIRS_PER_SEGMENT = (
+    4,
+    24,
+)  # so many neighbouring pairs each, some 160 knots, tell as much of a smoothness as a choice needs
+# Behind a pause of so many knots nothing is left of what the drift was; in one band with 15 hours of it the pairs before lost all digits.
+PAUSE_KNOTS = 64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BandedSystem:
+    """What the data say of everything that lives in time, given the border.
+
+    Attributes:
+        state: the data.
+        pairs: that it holds, in order of time.
+        border: what is taken as known.
+        near: (n,) joint parameters from which solutions are steps, the border's at their estimate.
+        codes: (m,) latest first: the start of the run is pinned by frame 0 and the end is free, so pivots stay large.
+        precision: (w + 1, m) lower band of the data's precision and of the beliefs about motions.
+        pull: (m,) what both ask for.
+    """
+
+    state: EstimatorState
+    pairs: tuple[int, ...]
+    border: SharedParameters
+    near: Vector
+    codes: Codes
+    precision: Matrix
+    pull: Vector
+
+    def strands(self, hyper: Hyperparameters) -> tuple[TemporalSpline, ...]:
+        """What lives in time, of the drift only the knots that the band's pairs touch: those before are as `near` has them."""
+        return _strands(self.state, self.pairs, hyper, self.border)
+
+    def place(self, codes: Codes) -> NDArray[np.int64]:
+        """Where codes lie; -1 for those of the border."""
+        order = np.argsort(self.codes)
+        return np.where(self.border.place(codes) < 0, order[np.minimum(np.searchsorted(self.codes[order], codes), len(order) - 1)], -1)
+
+
+def reselect_temporal_terms(
+    state: EstimatorState, hyper: Hyperparameters, terms: tuple[TermTest, ...], near: Vector, noise_px: Vector
+) -> tuple[Hyperparameters, tuple[TermTest, ...]]:
+    """Smoothness of the drift and terms of the raster, chosen anew; all else as it was.
+
+    From all pairs, or of a long run from some stretches evenly over it, so that the choice costs as much after a thousand pairs as after a
+    hundred.
+
+    Args:
+        state: the data, linearised about `near`.
+        hyper: chosen before.
+        terms: tested before.
+        near: (n,) estimate of the joint parameters.
+        noise_px: (2 blocks,) estimate of the noise of frame 0, first x, then y.
+    """
+    bands = [banded_system(state, hyper, near, noise_px, stretch) for stretch in sampled_pairs(state)]
+    for axis in (0, 1):
+        hyper = _climbed(bands, hyper, axis)
+    tests = {one.name: one for one in terms}
+    for number, change in enumerate(state.raster):
+        sizes = [0.0, *(float(one) for one in RASTER_CANDIDATES)]
+        options = [replace(hyper, raster_px=tuple(size if i == number else one for i, one in enumerate(hyper.raster_px))) for size in sizes]
+        scores = np.array([sum(log_evidence(band, one) for band in bands) for one in options])
+        best = int(np.argmax(scores[1:])) + 1
+        gain = float(scores[best] - scores[0])
+        hyper = options[best if gain > MIN_BAYES_FACTOR else 0]
+        if change.name in tests:
+            tests[change.name] = replace(tests[change.name], included=gain > MIN_BAYES_FACTOR, evidence=gain)
+    return hyper, tuple(tests.values())
+
+
+def sampled_pairs(state: EstimatorState) -> list[tuple[int, ...]]:
+    """Numbers of all pairs in order of time, or of `SAMPLE_SEGMENTS` times `PAIRS_PER_SEGMENT` neighbours evenly over them."""
+    every = tuple(dict.fromkeys(when.frame // 2 for when in state.frames))
+    if len(every) <= SAMPLE_SEGMENTS * PAIRS_PER_SEGMENT:
+        return split_at_pauses(state, every)
+    first = np.linspace(0, len(every) - PAIRS_PER_SEGMENT, SAMPLE_SEGMENTS).astype(int)
+    return [part for begin in first for part in split_at_pauses(state, every[begin : begin + PAIRS_PER_SEGMENT])]
+
+
+def split_at_pauses(state: EstimatorState, pairs: tuple[int, ...]) -> list[tuple[int, ...]]:
+    """Pairs in order of time, apart where more than `PAUSE_KNOTS` of the drift lie between two of them."""
+    assert state.drift is not None  # there are pairs
+    begin_s, end_s = {}, {}
+    for when in state.frames:
+        begin_s.setdefault(when.frame // 2, when.start_s)
+        end_s[when.frame // 2] = when.start_s + when.timing.duration_s
+    pause_s = PAUSE_KNOTS * state.drift.spline.spacing
+    cuts = [at for at in range(1, len(pairs)) if begin_s[pairs[at]] - end_s[pairs[at - 1]] > pause_s]
+    return [pairs[begin:end] for begin, end in zip((0, *cuts), (*cuts, len(pairs)), strict=True)]
+
+
+def banded_system(
+    state: EstimatorState, hyper: Hyperparameters, near: Vector, noise_px: Vector, pairs: tuple[int, ...] | None = None
+) -> BandedSystem:
+    """Neighbouring pairs of a state, by default all, at the noise scale and with the beliefs about motions of `hyper`."""
+    border, weight = SharedParameters.of(state), hyper.noise_scale**-2.0
+    pairs = tuple(dict.fromkeys(when.frame // 2 for when in state.frames)) if pairs is None else pairs
+    codes = _in_order(state, pairs, hyper, border)
+    empty = BandedSystem(state, pairs, border, near, codes, np.zeros((1, len(codes))), np.zeros(len(codes)))
+    maps: dict[int, list[MapObservations]] = {}
+    for rows in rows_of(state, pairs):
+        maps.setdefault(rows.current // 2, []).append(rows)
+    said = []
+    for _, one in sorted(maps.items()):
+        told = pair_information(state, one, border, near)
+        pull = told.gradient - told.shared_coupling[:, border.part(NOISE)] @ noise_px
+        said.append((empty.place(told.codes), weight * told.precision, weight * pull))
+    width = max((int(np.ptp(at)) for at, _, _ in said if at.size), default=0)
+    for strand in empty.strands(hyper):
+        at = empty.place(strand.codes(strand.first, strand.spline.size))
+        width = max(width, int((at[:-MAX_COUPLED_KNOTS] - at[MAX_COUPLED_KNOTS:]).max(initial=0)))
+    precision, pull = np.zeros((width + 1, len(codes))), np.zeros(len(codes))
+    for at, own, asked in said:
+        lower = at[:, None] >= at[None, :]
+        precision[(at[:, None] - at[None, :])[lower], np.broadcast_to(at, own.shape)[lower]] += own[lower]
+        pull[at] += asked
+    for pair in pairs:
+        own, believed, asked = pair_prior(state, near, pair, hyper)
+        at = empty.place(own)
+        precision[0, at] += believed
+        pull[at] -= asked
+    return replace(empty, precision=precision, pull=pull)
+
+
+def with_prior(band: BandedSystem, hyper: Hyperparameters) -> tuple[Matrix, Vector, float]:
+    """A band's precision and pull with what is believed of drift and raster, and the logarithm of how likely `near` is by that."""
+    precision, pull, total = band.precision.copy(), band.pull.copy(), 0.0
+    for strand in band.strands(hyper):
+        codes = strand.codes(0, strand.spline.size)
+        value = band.near[parameter_indices(band.state.layout, codes)]
+        own, cost = _belief(strand, value)
+        begin, asked = strand.first, strand.asked(strand.first, strand.spline.size, value[strand.since(strand.first) :])
+        at = band.place(codes[begin:][::-1])
+        for lag in range(len(own)):
+            count = own.shape[1] - lag
+            precision[at[lag:] - at[:count], at[:count]] += own[lag, :count]
+        pull[at] -= asked[begin - strand.since(begin) :][::-1]
+        total += _log_determinant(strand) - cost
+    return precision, pull, total
+
+
+def log_evidence(band: BandedSystem, hyper: Hyperparameters) -> float:
+    """Logarithm of the marginal likelihood, up to what all candidates have in common."""
+    precision, pull, total = with_prior(band, hyper)
+    try:
+        factor = cholesky_banded(precision, lower=True, check_finite=False)
+    except LinAlgError:  # stiffer than a double can tell beside what is free
+        return -np.inf
+    fit = float(pull @ cho_solve_banded((factor, True), pull, check_finite=False))
+    return 0.5 * (total + fit - 2.0 * float(np.log(factor[0]).sum()))
+
+
+def _belief(strand: TemporalSpline, value: Vector) -> tuple[Matrix, float]:
+    """Lower band of a strand's belief about its knots outside the border, latest first, and its cost at values of all knots."""
+    first = strand.first
+    own = _band(strand.filters, strand.knot_precision, strand.spline.size, first)
+    for lag in range(len(own)):
+        own[lag, : own.shape[1] - lag] = own[lag, : own.shape[1] - lag][::-1].copy()
+    cost = strand.knot_precision * float(value[first:] @ value[first:])
+    for one in strand.filters:
+        cost += one.precision * float(np.sum(one.of(value[max(first - one.reach, 0) :]) ** 2))
+    return own, cost
+
+
+def _log_determinant(strand: TemporalSpline) -> float:
+    """Of the precision of a strand's belief about its knots outside the border.
+
+    Differences of the lowest order are as good unknowns as the knots themselves (each knot brings one, with coefficient 1), and far better
+    to factor: thousands of knots free at one end span more than the decades of a double.
+    """
+    least = 0 if strand.knot_precision else min(one.order for one in strand.filters)
+    own = _band(
+        tuple(replace(one, order=one.order - least) for one in strand.filters), strand.knot_precision, strand.spline.size, strand.first
+    )
+    return 2.0 * float(np.log(cholesky_banded(own, lower=True, check_finite=False)[0]).sum())
+
+
+def _band(filters: tuple[DifferencePenalty, ...], each: float, size: int, first: int) -> Matrix:
+    """(reach + 1, size - first) lower band of what filtered differences of a series, and its values, cost, those before `first` given."""
+    own = np.zeros((max((one.reach for one in filters), default=0) + 1, size))
+    own[0] += each
+    for one in filters:
+        weights, begin = one.weights, max(first - one.reach, 0)
+        for later in range(one.reach + 1):
+            for earlier in range(later + 1):
+                own[later - earlier, begin + earlier : size - one.reach + earlier] += one.precision * weights[later] * weights[earlier]
+    return own[:, first:]
+
+
+def _climbed(bands: list[BandedSystem], hyper: Hyperparameters, axis: int) -> Hyperparameters:
+    """The likeliest smoothness of one component of the drift.
+
+    From size to size as long as it becomes likelier, for the kind that it has and those beside the best, until none of these is better.
+    """
+    known: dict[tuple[Kind, int], tuple[float, Hyperparameters]] = {}
+
+    def at(kind: Kind, number: int) -> float:
+        if (kind, number) not in known:
+            one = smoothness_of_kind(kind, float(CANDIDATES[number]))
+            option = replace(hyper, drift=(one, hyper.drift[1]) if axis == 0 else (hyper.drift[0], one))
+            believed = float(log_prior(CANDIDATES[number : number + 1], DRIFT_ORDERS[kind])[0])
+            known[kind, number] = sum(log_evidence(band, option) for band in bands) + believed, option
+        return known[kind, number][0]
+
+    now, kinds = hyper.drift[axis], list(DRIFT_ORDERS)
+    best = now.kind, int(np.argmin(np.abs(np.log(CANDIDATES / max(now.size_px, CANDIDATES[0])))))
+    climbed: set[Kind] = set()
+    while True:
+        here = kinds.index(best[0])
+        left = [kinds[one] for one in (here, here - 1, here + 1) if 0 <= one < len(kinds) and kinds[one] not in climbed]
+        if not left:
+            return known[best][1]
+        climbed.add(left[0])
+        number = best[1]
+        while True:
+            near = [one for one in (number - 1, number, number + 1) if 0 <= one < len(CANDIDATES)]
+            likeliest = max(near, key=lambda one: at(left[0], one))
+            if likeliest == number:
+                break
+            number = likeliest
+        best = max(known, key=lambda one: known[one][0])
+
+
+def _strands(state: EstimatorState, pairs: tuple[int, ...], hyper: Hyperparameters, border: SharedParameters) -> tuple[TemporalSpline, ...]:
+    whole = temporal_splines(state, hyper, border)
+    if len(pairs) == len(state.phases):
+        return whole
+    frames = [when for when in state.frames if when.frame // 2 in pairs]
+    begin_s = min(when.start_s - KNOT_MARGIN * when.timing.duration_s for when in frames)
+    end_s = max(when.start_s + (1.0 + KNOT_MARGIN) * when.timing.duration_s for when in frames)
+    some = []
+    for one in whole:
+        if one.kind == DRIFT:  # knots of the raster are few, and what it did before says where it is
+            shorter = replace(one.spline, intervals=one.size_at(end_s) - one.spline.degree)
+            one = replace(one, first=max(one.interval(begin_s), one.first), spline=shorter)
+        some.append(one)
+    return tuple(some)
+
+
+def _in_order(state: EstimatorState, pairs: tuple[int, ...], hyper: Hyperparameters, border: SharedParameters) -> Codes:
+    codes, times = [], []
+    for strand in _strands(state, pairs, hyper, border):
+        knots = np.arange(strand.first, strand.spline.size)
+        codes.append(strand.codes(strand.first, strand.spline.size))
+        times.append(strand.spline.origin + (knots - 0.5 * strand.spline.degree) * strand.spline.spacing)
+    start = {when.frame // 2: when.start_s for when in state.frames}
+    for pair in pairs:
+        own, _, _ = pair_prior(state, np.zeros(state.layout.size), pair, hyper)
+        codes.append(own)
+        times.append(np.full(len(own), start[pair]))
+    return np.concatenate(codes)[np.argsort(-np.concatenate(times), kind="stable")]

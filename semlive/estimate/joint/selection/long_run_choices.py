@@ -1,0 +1,80 @@
+"""Choices of a long run that concern what all pairs share: the noise, and the smoothness of the distortion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from semlive.estimate.joint.elimination.arrowhead import regularise
+from semlive.estimate.joint.elimination.elimination import EliminationChain, eliminate_last
+from semlive.estimate.joint.elimination.shared_parameters import DISTORTION, Vector, parameter_indices, shared_prior
+from semlive.estimate.joint.observations.normal_equations import predicted
+from semlive.estimate.joint.observations.priors import GAUGE_PX, Hyperparameters
+from semlive.estimate.joint.observations.state import EstimatorState, rows_of
+from semlive.estimate.joint.selection.marginal_likelihood import (
+    DISTORTION_CANDIDATES,
+    DISTORTION_ORDERS,
+    LocalLikelihood,
+    SmoothnessPrior,
+    select_smoothness,
+)
+
+ENOUGH_PAIRS = 32
+CLIP = 4.0
+
+
+def residual_noise_ratio(state: EstimatorState, mean: Vector, noise_px: Vector, since: int) -> float:
+    """How much larger the residuals of all pairs are than those of the first `since`, which the noise scale is known from.
+
+    Each is judged from some pairs evenly over them. What the estimate takes out of the residuals, some 2 %, it takes out of both.
+
+    Args:
+        state: the data, linearised about `mean`.
+        mean: (n,) estimate.
+        noise_px: (2 blocks,) estimate of the noise of frame 0, first x, then y.
+        since: number of pairs.
+    """
+    every = (0, *state.motions.pairs)
+    return _spread(state, mean, noise_px, every) / _spread(state, mean, noise_px, every[:since])
+
+
+def reselect_distortion_smoothness(chain: EliminationChain) -> Hyperparameters:
+    """The likeliest smoothness of the distortion, all pairs' drift and motions and the noise of frame 0 integrated out."""
+    state, hyper, border, spline = chain.state, chain.hyper, chain.border, chain.state.distortion
+    _, lower, pull = eliminate_last(chain)
+    precision = np.tril(lower) + np.tril(lower, -1).T
+    part, about = border.part(DISTORTION), chain.linearisation_point[parameter_indices(state.layout, border.codes()[: border.known])]
+    belief = shared_prior(state, hyper, border)
+    affine = spline.affine_rows(state.grid) / GAUGE_PX
+    pinned = affine.T @ affine
+    belief[part, part] = 0.0
+    for axis in (0, 1):
+        one = slice(axis, part.stop, 2)
+        belief[one, one] = pinned
+    precision += belief
+    pull = pull.copy()
+    pull[: border.known] -= belief[: border.known, : border.known] @ about
+    rest = slice(part.stop, border.size)
+    gone = np.linalg.solve(regularise(precision[rest, rest]), np.column_stack((precision[rest, part], pull[rest])))
+    own = precision[part, part] - precision[part, rest] @ gone[:, :-1]
+    asked = pull[part] - precision[part, rest] @ gone[:, -1]
+    known = SmoothnessPrior(spline, pinned)
+    parts = (slice(axis, None, 2) for axis in (0, 1))
+    data = (LocalLikelihood(own[one, one], asked[one], about[part][one]) for one in parts)
+    x, y = (select_smoothness(one, known, DISTORTION_ORDERS, DISTORTION_CANDIDATES) for one in data)
+    return replace(hyper, distortion=(x, y))
+
+
+def _spread(state: EstimatorState, mean: Vector, noise_px: Vector, pairs: tuple[int, ...]) -> float:
+    """Root mean square of normalised residuals, outliers clipped."""
+    at = np.unique(np.linspace(0, len(pairs) - 1, ENOUGH_PAIRS).astype(int))
+    taken, noise = {pairs[one] for one in at}, noise_px.reshape(2, -1).T
+    found = []
+    for rows in rows_of(state, taken):
+        if rows.weight.any():
+            residual = rows.disparity_px - predicted(state, rows, mean) + (noise if rows.from_reference else 0.0)
+            found.append((residual * np.sqrt(rows.weight))[rows.weight > 0])
+    joined = np.concatenate(found)
+    limit = CLIP * 1.4826 * float(np.median(np.abs(joined)))
+    return max(float(np.sqrt(np.mean(np.clip(joined, -limit, limit) ** 2))), np.finfo(float).tiny)

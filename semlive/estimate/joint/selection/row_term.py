@@ -1,0 +1,60 @@
+"""Whether rows are shifted: what residuals of groups of rows scatter along x beyond their noise, and beyond what they scatter along y."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.drift import TermTest
+from semlive.estimate.joint.observations.state import EstimatorState, MapObservations
+from semlive.estimate.joint.selection.marginal_likelihood import LINE_CANDIDATES
+from semlive.estimate.joint.selection.model_selection import MIN_BAYES_FACTOR
+from semlive.model import UniformSpline
+
+Field = NDArray[np.float64]
+
+
+def row_groups(state: EstimatorState) -> UniformSpline:
+    """Straight pieces over the rows of a frame, as long as a subset: a subset averages over its rows, so nothing shorter is seen."""
+    count = max(1, math.ceil((state.height_px - 1) / max(state.grid.subset_px, state.grid.step_px)))
+    return UniformSpline(0.0, (state.height_px - 1) / count, count, 1)
+
+
+def test_row_shifts(state: EstimatorState, left: Sequence[Field], noise_scale: float) -> tuple[TermTest, float]:
+    """The test, and the likeliest size of the shifts, px.
+
+    Blocks side by side saw the same rows, so their mean residual is the rows' shift plus what noise gives; what drift and distortion have
+    taken up of it is lost, which makes the test too careful. A drift that bends faster than its knots can follow shows along y as well.
+
+    Args:
+        state: the data.
+        left: residual (blocks, 2) of each map from frame 0 or within a pair that has weight, px, in the order of the state's rows.
+        noise_scale: of the data.
+    """
+    told = [rows for rows in state.rows if rows.weight.any()]
+    of_x, of_y = ([_of_rows(state, rows, residual, axis) for rows, residual in zip(told, left, strict=True)] for axis in (0, 1))
+    (mean, weight), (other, other_weight) = (tuple(np.concatenate(one) for one in zip(*both, strict=True)) for both in (of_x, of_y))
+    gain = _gains(mean, weight * noise_scale**-2.0)
+    beside = _gains(other, other_weight * noise_scale**-2.0)
+    best = int(np.argmax(gain))
+    more = float(gain[best] - max(float(beside.max()), 0.0))
+    z = mean * np.sqrt(weight) / noise_scale
+    return TermTest("line_shift", more > MIN_BAYES_FACTOR, float(np.mean(z**2)), more), float(LINE_CANDIDATES[best])
+
+
+def _of_rows(state: EstimatorState, rows: MapObservations, residual: Field, axis: int) -> tuple[Field, Field]:
+    """Weighted mean and its weight for every row of blocks of one map that was seen."""
+    shape = state.blocks.layout
+    weight = rows.weight[:, axis].reshape(shape)
+    total = weight.sum(axis=1)
+    seen = total > 0
+    return (weight * residual[:, axis].reshape(shape)).sum(axis=1)[seen] / total[seen], total[seen]
+
+
+def _gains(mean: Field, weight: Field) -> Field:
+    """Logarithm of how much likelier means of known weight are with a scatter of each candidate size than without."""
+    more = LINE_CANDIDATES[:, None] ** 2 * weight
+    return 0.5 * (mean**2 * weight * more / (1.0 + more) - np.log1p(more)).sum(axis=1)

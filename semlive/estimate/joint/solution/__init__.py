@@ -1,0 +1,1 @@
+"""The solver, and the posterior of drift, distortion and motion."""

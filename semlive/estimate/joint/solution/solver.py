@@ -1,0 +1,144 @@
+"""The solution from pair to pair: what the data choose is chosen anew on a geometric schedule, kept in between."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+from semlive.errors import IllPosed
+from semlive.estimate.joint.elimination.elimination import EliminationChain, eliminate_all, eliminate_further, with_initial_motion
+from semlive.estimate.joint.elimination.shared_parameters import DRIFT, NOISE
+from semlive.estimate.joint.elimination.smoother import LIVE_WINDOW_PAIRS
+from semlive.estimate.joint.observations.normal_equations import (
+    dense_limit,
+    extended_parameters,
+    first_pairs,
+    update,
+    with_advected_distortion,
+    with_rates,
+    with_static_distortion,
+    without_normal_matrix,
+)
+from semlive.estimate.joint.observations.state import EstimatorState, rows_of
+from semlive.estimate.joint.selection.long_run import reselect_temporal_terms
+from semlive.estimate.joint.selection.long_run_choices import reselect_distortion_smoothness, residual_noise_ratio
+from semlive.estimate.joint.solution.advection import reestimate_advection, rms_rotation
+from semlive.estimate.joint.solution.posterior import Solution, posterior_from_elimination, select_and_solve
+
+
+def solve_incremental(state: EstimatorState, known: Solution | None) -> Solution:
+    """The solution after a further pair, given that of an earlier one.
+
+    Noise scale, smoothness, optional terms and coupling are chosen anew after 1, 2, 3, 4, 6, 8, 12, 16, 24, ... pairs and kept in
+    between: what half as many pairs more can tell of them is little, and choosing takes four times as long as all the rest. It is the
+    number of pairs that decides, so a log replayed gives what was said live. Between two choices the result is the exact least
+    squares over all maps with these choices, linearised about its own first solution.
+
+    Args:
+        state: everything accumulated.
+        known: the solution after an earlier pair; None chooses anew.
+
+    Raises:
+        IllPosed: there are no data, or they are not finite; or `known` is of pairs that the state does not have.
+    """
+    if known is None or (selection_due(len(state.phases)) and dense_limit(state) == len(state.phases)):
+        return solve(state)
+    followed = posterior_from_elimination(_gone_on(state, known), known.terms, known.noise_floor_px)
+    return _anew(followed, previous_selection(len(state.phases))) if selection_due(len(state.phases)) else followed
+
+
+def solve_newest(state: EstimatorState, known: Solution, pairs: int = 1) -> Solution:
+    """The same for so many newest pairs alone, and for what all pairs share: costs as much after a thousand pairs as after ten.
+
+    The mean of what belongs to earlier pairs stays where the last choice left it.
+    """
+    return posterior_from_elimination(_gone_on(state, known), known.terms, known.noise_floor_px, newest=pairs)
+
+
+def solve_live(state: EstimatorState, known: Solution | None) -> Solution:
+    """What is wanted at once after a further pair: the `LIVE_WINDOW_PAIRS` newest pairs, with the choices that were made before.
+
+    So the first 32 pairs are smoothed whole every time, and of a longer run what is older than that moves when `solve_incremental` chooses.
+    """
+    return solve(state) if known is None else solve_newest(state, known, LIVE_WINDOW_PAIRS)
+
+
+def _gone_on(state: EstimatorState, known: Solution) -> EliminationChain:
+    """The known elimination, with the pairs that it has not seen."""
+    chain, before = known.shared_posterior.chain, known.state
+    if state.motions.pairs[: len(before.motions.pairs)] != before.motions.pairs:
+        raise IllPosed("the earlier solution is of another run: begin without one")
+    # Drift goes on from where it was found to be; what belongs to the past is in no column that is still to be made.
+    local = slice(before.layout.part("drift").start + chain.border.counts[DRIFT], before.layout.part("drift").stop)
+    before = replace(before, linearisation_point=before.linearisation_point.copy())
+    before.linearisation_point[local] = known.mean[local]
+    if (
+        before.distortion.carried or before.row_shifts.size
+    ):  # columns that a fresh state does not have, so the earlier pairs' are taken over
+        state = without_normal_matrix(_caught_up(before, state))
+    else:
+        rows = state.storage.append(before.rows, state.rows[len(before.rows) :])  # those seen before with the weights that were chosen
+        state = replace(state, rows=rows, linearisation_point=extended_parameters(state.layout, before.layout, before.linearisation_point))
+        state = with_rates(without_normal_matrix(state), before.start_time_errors)
+    near = extended_parameters(state.layout, before.layout, chain.linearisation_point)
+    new = slice(local.stop, state.layout.part("drift").stop)
+    near[new] = state.linearisation_point[new]
+    fresh = state.motions.pairs[len(before.motions.pairs) :]
+    return eliminate_further(chain, *with_initial_motion(state, near, fresh, chain.border))
+
+
+def solve(state: EstimatorState) -> Solution:
+    """Everything from all pairs; of a run longer than its `dense_limit`, whether rows are shifted as the first so many that came have it.
+
+    Raises:
+        IllPosed: there are no data, or they are not finite.
+    """
+    first = dense_limit(state)
+    if first == len(state.phases):
+        return select_and_solve(state)
+    known = select_and_solve(first_pairs(state, first))
+    return _anew(posterior_from_elimination(_gone_on(state, known), known.terms, known.noise_floor_px), first)
+
+
+def _anew(solution: Solution, since: int) -> Solution:
+    """Linearised about the solution itself, with noise, smoothness, coupling, rotations and terms of the raster chosen anew.
+
+    Whether rows are shifted stays as it was. The noise scale is known from the first `since` pairs.
+    """
+    state, test = (
+        with_rates(without_normal_matrix(replace(solution.state, linearisation_point=solution.mean))),
+        reestimate_advection(solution, since),
+    )
+    if test.included:
+        state = with_advected_distortion(state)
+    elif state.distortion.carried:
+        state = with_static_distortion(state)
+    noise_px = solution.shared_posterior.step[solution.shared_posterior.chain.border.part(NOISE)]
+    larger = residual_noise_ratio(state, solution.mean, noise_px, since)
+    turned = rms_rotation(state, solution.mean, solution.hyper.rotation_rad)
+    hyper = replace(solution.hyper, noise_scale=larger * solution.hyper.noise_scale, rotation_rad=turned)
+    before = tuple(test if one.name == test.name else one for one in solution.terms)
+    hyper, terms = reselect_temporal_terms(state, hyper, before, solution.mean, noise_px)
+    chain = eliminate_all(state, hyper, solution.mean)  # eliminates the pairs; the belief about the distortion comes after
+    return posterior_from_elimination(replace(chain, hyper=reselect_distortion_smoothness(chain)), terms, larger * solution.noise_floor_px)
+
+
+def selection_due(pairs: int) -> bool:
+    """Whether the number of pairs is a power of two, or one and a half times one."""
+    power = 1 << (pairs.bit_length() - 1)
+    return pairs in (power, power + power // 2)
+
+
+def previous_selection(pairs: int) -> int:
+    """The largest number of pairs below this one after which choices were due; 1 for the first."""
+    return next((one for one in range(pairs - 1, 0, -1) if selection_due(one)), 1)
+
+
+def _caught_up(known: EstimatorState, state: EstimatorState) -> EstimatorState:
+    """The earlier state with the pairs that it has not seen."""
+    seen = set(known.motions.pairs)
+    for pair, phase in itertools.islice(zip((0, *state.motions.pairs), state.phases, strict=True), 1, None):
+        if pair not in seen:
+            maps = tuple(rows.dmap for rows in rows_of(state, (pair,)))
+            known = update(known, pair, phase, (state.frame_time(2 * pair), state.frame_time(2 * pair + 1)), maps)
+    return known

@@ -1,0 +1,1 @@
+"""Images with their scan metadata, whatever the vendor."""

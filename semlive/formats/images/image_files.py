@@ -1,0 +1,70 @@
+"""Any image file as grey levels: what correlation of plain files asks of a reader, and no more.
+
+A frame of an experiment is read by `frames`, which wants a finished, grey scan and its times. Here colour is taken as its
+luminance, uniform rows are what they are, and JPEG, BMP and the like are read too.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.frame import ExportedFile
+from semlive.data.settings import ScanProfile
+from semlive.errors import BadImage
+from semlive.formats.images.frames import read_info
+from semlive.formats.vendors import greyscale, png, tiff
+
+Grey = NDArray[np.uint8] | NDArray[np.uint16]
+
+# Correlation asks nothing of the scan; a file without metadata is as good as any other.
+NO_SCAN = ScanProfile(dwell_time_s=1e-9, row_time_s=1.0, frame_time_s=None, pixel_size_m=1.0)
+_LUMINANCE = (0.299, 0.587, 0.114)  # of red, green, blue: ITU-R BT.601
+
+
+def read_picture(data: bytes, name: str) -> Grey:
+    """Grey levels of an image file, (height, width), a microscope's databar cropped where its header tells of one.
+
+    Args:
+        data: the file's bytes.
+        name: for messages.
+
+    Raises:
+        BadImage: one sentence: file, what is wrong, what to do.
+    """
+    if tiff.is_tiff(data):
+        directory = tiff.first_directory(data, name)
+        pixels = tiff.read_pixels(data, name, directory)
+        if _is_coloured(pixels):
+            return _luminance(name, pixels, _LUMINANCE)
+        photometric = directory.integer(data, tiff.Tag.PHOTOMETRIC, tiff.Photometric.BLACK_IS_ZERO)
+        image = greyscale.to_greyscale(name, pixels, photometric, directory.integers(data, tiff.Tag.COLOR_MAP))
+        return image[: read_info(ExportedFile(0, name, data, "", 0, 0), NO_SCAN).height_px]
+    pixels = png.read_pixels(data, name) if png.is_png(data) else _decode(data, name)
+    if _is_coloured(pixels):
+        return _luminance(name, pixels, _LUMINANCE[::-1])
+    return greyscale.to_greyscale(name, pixels, tiff.Photometric.BLACK_IS_ZERO)
+
+
+def _decode(data: bytes, name: str) -> NDArray[np.generic]:
+    """Pixels of whatever OpenCV reads, as they lie in the file."""
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    except cv2.error:
+        pixels = None
+    if pixels is None:
+        raise BadImage(f"{name}: is neither TIFF nor PNG nor any other image that can be read; save it as TIFF.")
+    return pixels
+
+
+def _is_coloured(pixels: NDArray[np.generic]) -> bool:
+    return pixels.ndim == 3 and pixels.shape[2] >= 3 and bool((pixels[..., :3] != pixels[..., :1]).any())
+
+
+def _luminance(name: str, pixels: NDArray[np.generic], weights: tuple[float, ...]) -> Grey:
+    if pixels.dtype not in (np.uint8, np.uint16):
+        raise BadImage(f"{name}: has {pixels.dtype} pixels; save it with 8 or 16 bit.")
+    colours = np.asarray(pixels[..., :3], dtype=np.float32)
+    luminance = np.rint(colours @ np.array(weights, dtype=np.float32))
+    return luminance.astype(np.uint8) if pixels.dtype == np.uint8 else luminance.astype(np.uint16)

@@ -1,0 +1,1 @@
+"""The MCAP log: messages, topics, maps, writer and repair."""

@@ -1,0 +1,1 @@
+"""Metadata of exported files: headers, quantities with provenance, timestamps, checksums."""

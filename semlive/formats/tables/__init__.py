@@ -1,0 +1,1 @@
+"""Text tables: disparity maps, frames, clocks."""

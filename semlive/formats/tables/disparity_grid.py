@@ -1,0 +1,167 @@
+"""A listed disparity map laid on its regular grid."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from semlive.data.disparity import DisparityMap, PoiStatus
+from semlive.data.grid import Grid
+from semlive.formats.tables.disparity_table import DisparityTable
+
+MIN_POINTS = 3  # points along an axis; fewer cannot carry a strain
+_MAX_POINTS = 10**7
+_LAG, _PARTS = 9, 8
+_FOURTH = 70.0  # 1 + 16 + 36 + 16 + 1: variance of a fourth difference of white noise
+_MAD_TO_SIGMA = 1.4826
+_AWAY_PX = 0.5  # from neighbouring points: a tenth of a step of 5 px, which no specimen is strained by
+
+
+def grid_of(table: DisparityTable, subset_px: int) -> Grid:
+    """The grid that a map's points lie on.
+
+    Args:
+        table: the map.
+        subset_px: edge of the subset; 0 if there is none.
+
+    Raises:
+        BadInput: the points lie on no regular grid of whole pixels, or are too few.
+    """
+    for column, values in enumerate((table.x_px, table.y_px)):
+        if (odd := values != np.round(values)).any():
+            point = int(np.argmax(odd))
+            said = f"{values[point]:g} is no whole pixel"
+            raise table.error(
+                point, column, said, "points must lie on a regular grid of whole pixels; x and y are those of the reference frame, in px"
+            )
+    steps = []
+    for column, values in enumerate((table.x_px, table.y_px)):
+        distinct = np.unique(values)
+        if len(distinct) < MIN_POINTS:
+            raise table.error(
+                0,
+                column,
+                f"the map has {len(distinct)} different {'xy'[column]}",
+                f"at least {MIN_POINTS} x {MIN_POINTS} points are needed",
+            )
+        steps.append(int(np.bincount(np.diff(distinct).astype(np.int64)).argmax()))  # the usual one: a stray point is told as such
+    if steps[0] != steps[1]:
+        raise table.error(0, 0, f"points are {steps[0]} px apart along x but {steps[1]} px along y", "export both with the same step")
+    step = steps[0]
+    x0, y0 = (_start_of(values, step) for values in (table.x_px, table.y_px))
+    nx, ny = (int((values.max() - start) // step) + 1 for values, start in ((table.x_px, x0), (table.y_px, y0)))
+    if nx * ny > _MAX_POINTS:
+        raise table.error(0, 0, f"{nx} x {ny} points {step} px apart", f"at most {_MAX_POINTS} points are read")
+    return Grid(x0, y0, step, nx, ny, subset_px)
+
+
+def _start_of(values: NDArray[np.float64], step: int) -> int:
+    """The least of the values that lie where most do, so that a stray one is told and not all the others."""
+    lies = values.astype(np.int64) % step
+    return int(values[lies == np.bincount(lies).argmax()].min())
+
+
+def map_on(table: DisparityTable, grid: Grid, reference: int, current: int) -> DisparityMap:
+    """The map on a grid; points that an engine left out were not found.
+
+    Raises:
+        BadInput: a point lies beside the grid or stands there twice, one that must be listed is not, or one that was not found is told
+            as if it had not moved.
+    """
+    place = _places(table, grid)
+    counts = np.bincount(place, minlength=grid.nx * grid.ny)
+    if counts.max() > 1:
+        again = int(np.argmax(counts > 1))
+        second = int(np.flatnonzero(place == again)[1])
+        raise table.error(second, 0, f"the point ({table.x_px[second]:.0f}, {table.y_px[second]:.0f}) stands there twice", "keep one")
+    if table.dialect.whole and not counts.all():
+        missing = int(np.argmin(counts))
+        x, y = grid.x0_px + grid.step_px * (missing % grid.nx), grid.y0_px + grid.step_px * (missing // grid.nx)
+        said = f"{int((counts == 0).sum())} points of the grid are missing, the first ({x}, {y})"
+        raise table.error(len(place) - 1, 0, said, "list every point in every map, with valid 0 where it was not found")
+    valid = np.zeros(grid.shape, dtype=np.bool_)
+    valid.ravel()[place] = table.valid
+    u, v = (_laid(values, place, grid) for values in (table.u_px, table.v_px))
+    _check_moved(table, place, np.stack((u, v)), valid)
+    if table.sigma_u_px is None or table.sigma_v_px is None:
+        sigma_u, sigma_v = (np.where(valid, scatter_px(values, valid), 0.0) for values in (u, v))
+    else:
+        sigma_u, sigma_v = (_laid(values, place, grid) for values in (table.sigma_u_px, table.sigma_v_px))
+    status = np.where(valid, PoiStatus.CONVERGED, PoiStatus.NOT_CONVERGED).astype(np.uint8)
+    return DisparityMap(reference, current, grid, u, v, sigma_u, sigma_v, valid.astype(np.float64), status)
+
+
+def _check_moved(table: DisparityTable, place: NDArray[np.int64], moved: NDArray[np.float64], valid: NDArray[np.bool_]) -> None:
+    """Engines write zeros for points that they lost: 1 % of them, believed, takes 1 % off a strain.
+
+    Raises:
+        BadInput: naming the first that stands still where those around it do not.
+    """
+    still = valid & (moved == 0.0).all(axis=0)
+    near = uniform_filter((valid & ~still).astype(np.float64), 3)
+    around = np.stack([uniform_filter(one, 3) for one in moved]) / np.maximum(near, 1e-9)
+    away_px = np.where(still & (near > 1e-9), np.hypot(*around), 0.0)
+    lost = away_px > _AWAY_PX
+    if lost.any():
+        first = int(np.flatnonzero(lost.ravel()[place])[0])
+        said = f"{int(lost.sum())} points moved by exactly 0 where those around them did by {away_px.ravel()[place[first]]:.3g} px"
+        raise table.error(first, 2, said, f"say with the column {table.dialect.header_marker} which points were not found")
+
+
+def scatter_px(values: NDArray[np.float64], valid: NDArray[np.bool_]) -> float:
+    """Standard deviation of a map's noise from its fourth differences, where the engine does not tell it.
+
+    Points that far apart share no subset of up to nine steps, and what is smooth cancels: of a wave of 1 px amplitude and
+    1,000 px length 6e-3 px are left at 45 px.
+    """
+    found = []
+    for field, good in ((values, valid), (values.T, valid.T)):
+        lag = max(1, min(_LAG, (field.shape[1] - 1) // _PARTS))
+        count = field.shape[1] - 4 * lag
+        if count < 1:
+            continue
+        parts = [field[:, at * lag : at * lag + count] for at in range(5)]
+        inside = np.all([good[:, at * lag : at * lag + count] for at in range(5)], axis=0)
+        if inside.any():
+            fourth = (parts[0] - 4 * parts[1] + 6 * parts[2] - 4 * parts[3] + parts[4])[inside]
+            found.append(_MAD_TO_SIGMA * float(np.median(np.abs(fourth))) / np.sqrt(_FOURTH))
+    return float(np.mean(found)) if found else 0.0
+
+
+def _places(table: DisparityTable, grid: Grid) -> NDArray[np.int64]:
+    """(n,) index of every listed point in the grid."""
+    index = []
+    for column, (values, start, count) in enumerate(((table.x_px, grid.x0_px, grid.nx), (table.y_px, grid.y0_px, grid.ny))):
+        steps = (values - start) / grid.step_px
+        bad = (steps != np.round(steps)) | (steps < 0) | (steps > count - 1)
+        if bad.any():
+            point = int(np.argmax(bad))
+            last = start + grid.step_px * (count - 1)
+            said = f"{values[point]:g} is not on the grid of the first map ({start}, {start + grid.step_px}, ... {last})"
+            raise table.error(point, column, said, "export all maps on one grid")
+        index.append(steps.astype(np.int64))
+    return index[1] * grid.nx + index[0]
+
+
+def _laid(values: NDArray[np.float64], place: NDArray[np.int64], grid: Grid) -> NDArray[np.float64]:
+    field = np.zeros(grid.shape)
+    field.ravel()[place] = values
+    return field
+
+
+def check_inside(table: DisparityTable, width_px: int, height_px: int) -> None:
+    """Points lie in the frame and move by less than its size: else they are not in pixels.
+
+    Raises:
+        BadInput: naming the first that does not.
+    """
+    for column, (values, size) in enumerate(
+        ((table.x_px, width_px), (table.y_px, height_px), (table.u_px, width_px), (table.v_px, height_px))
+    ):
+        bad = (values < 0) | (values > size - 1) if column < 2 else np.abs(values) >= size
+        if bad.any():
+            point = int(np.argmax(bad))
+            what = "lies outside" if column < 2 else "is longer than"
+            said = f"{values[point]:g} px {what} the frame of {width_px} x {height_px} px"
+            raise table.error(point, column, said, "give it in pixels, (0, 0) at the centre of the first")

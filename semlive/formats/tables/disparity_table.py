@@ -1,0 +1,297 @@
+"""Disparity maps as text, in the words of several engines (format 1, see docs/how-to/import.md): bytes to a map on a regular grid.
+
+Engines differ in the names of their columns and in how they say that a point was not found:
+
+| engine | columns | not found |
+|---|---|---|
+| semlive | ``x, y, u, v``; optionally ``sigma_u, sigma_v, valid`` | valid 0 |
+| ``semlive dic`` | ``x, y, u, v, sigma_u, sigma_v, zncc, status`` | status not ``converged`` |
+| VIC-2D | ``x, y, u, v, sigma`` among others, names in quotes | sigma below 0, or the point left out |
+| DICe | ``COORDINATE_X, COORDINATE_Y, DISPLACEMENT_X, DISPLACEMENT_Y, SIGMA``; ``***`` lines above | SIGMA below 0, or the point left out |
+| OpenCorr | ``x, y, u, v, ZNCC, convergence`` (``saveTable2D``) | ZNCC below 0 or NaN |
+| pyvale | ``subset_x, subset_y, displacement_u, displacement_v, converged`` | converged 0, NaN |
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.disparity import PoiStatus
+from semlive.errors import BadInput
+from semlive.inputs.text_table import (
+    LONGEST_LINE,
+    SEPARATORS,
+    Column,
+    Convention,
+    Layout,
+    is_blank,
+    key_of,
+    layout_of,
+    lines_of,
+    number_in,
+    text_of,
+)
+
+Values = NDArray[np.float64]
+PIXELS = ("px", "pixel", "pixels", "pix")
+_IN_PIXELS = ("x", "y", "u", "v", "sigma", "sigmau", "sigmav")
+_WORDED = ("status", "converged")
+_SUBSET = re.compile(r"^\*{3}\s*Subset size:\s*(\d+)", re.MULTILINE)
+_STATUS_WORDS = sorted(PoiStatus, key=lambda status: -len(status.word))
+
+
+@dataclass(frozen=True, slots=True)
+class TableDialect:
+    """How one engine writes.
+
+    Attributes:
+        name: of the engine, as in ``--from``.
+        place: columns of x, y, u, v in px.
+        sigma: columns of the standard uncertainties of u and v; empty without.
+        header_marker: column that says which points count; empty without.
+        min_columns: a point counts where the mark is at least this.
+        whole: whether every point of the grid must be listed.
+    """
+
+    name: str
+    place: tuple[str, str, str, str]
+    sigma: tuple[str, str] | None
+    header_marker: str
+    min_columns: float
+    whole: bool
+
+
+XYUV = ("x", "y", "u", "v")
+DIALECTS = {
+    one.name: one
+    for one in (
+        TableDialect("semlive", XYUV, ("sigma_u", "sigma_v"), "valid", 0.5, True),
+        TableDialect("semlive-dic", XYUV, ("sigma_u", "sigma_v"), "status", 0.5, True),
+        TableDialect("vic2d", XYUV, ("sigma", "sigma"), "sigma", 0.0, False),
+        TableDialect("dice", ("coordinate_x", "coordinate_y", "displacement_x", "displacement_y"), ("sigma", "sigma"), "sigma", 0.0, False),
+        TableDialect("opencorr", XYUV, None, "zncc", 0.0, False),
+        TableDialect("pyvale", ("subset_x", "subset_y", "displacement_u", "displacement_v"), None, "converged", 0.5, False),
+    )
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DisparityTable:
+    """A disparity map as listed, point by point; units px.
+
+    Attributes:
+        where: name of the file, for errors.
+        dialect: how it was written.
+        first_line: number of the first point's line, from 1.
+        x_px: (n,) columns of the points in the reference frame.
+        y_px: (n,) rows.
+        u_px: (n,) disparity along x, zero where not valid.
+        v_px: (n,) disparity along y, zero where not valid.
+        sigma_u_px: (n,) standard uncertainty of u; None if not told.
+        sigma_v_px: (n,) standard uncertainty of v; None if not told.
+        valid: (n,) whether the point was found.
+        subset_px: edge of the subset; 0 if not told.
+        lines: (n,) line numbers; None where points follow each other without a gap.
+    """
+
+    where: str
+    dialect: TableDialect
+    first_line: int
+    x_px: Values
+    y_px: Values
+    u_px: Values
+    v_px: Values
+    sigma_u_px: Values | None
+    sigma_v_px: Values | None
+    valid: NDArray[np.bool_]
+    subset_px: int
+    lines: NDArray[np.int64] | None = None
+
+    def error(self, point: int, column: int, what: str, do: str) -> BadInput:
+        """What is wrong with one of the columns of place, with file, line and column."""
+        line = self.first_line + point if self.lines is None else int(self.lines[point])
+        return BadInput(f"{self.where}: line {line}, column {self.dialect.place[column]}: {what}; {do}.")
+
+
+def read_disparity_table(data: bytes, where: str, dialect: str | None = None) -> DisparityTable:
+    """The points of one map, numbers checked.
+
+    Args:
+        data: the file.
+        where: its name, for errors.
+        dialect: name of the engine; by default told from the header.
+
+    Raises:
+        BadInput: naming file, line and column, and what to do.
+    """
+    lines = lines_of(text_of(data, where))
+    # No displacement is thousands of pixels long, and no coordinate has decimals.
+    layout = layout_of(lines, where, lambda columns: _places(columns, dialect), Convention(no_thousands=True))
+    kind = _dialect(layout.columns, dialect)
+    at = _at(layout.columns, kind)
+    columns, numbers = _numbers(lines, layout, at, kind)
+    if len(columns) == 0:
+        raise BadInput(f"{where}: line {layout.first_line}: holds no point; export the map's points below its header.")
+    values = dict(zip(at, columns.T, strict=True))
+    subset = _SUBSET.search("\n".join(lines[: layout.first_line]))
+    return _table(values, kind, where, layout.first_line, min(int(subset.group(1)), 10**6) if subset else 0, numbers)
+
+
+def _places(columns: tuple[Column, ...], dialect: str | None) -> tuple[int, ...]:
+    """Places of the columns that hold numbers; a status may be a word.
+
+    Raises:
+        BadInput: one that is needed is missing, there twice, or in another unit.
+    """
+    kind = _dialect(columns, dialect)
+    return tuple(place for name, place in _at(columns, kind).items() if name not in _WORDED)
+
+
+def _at(columns: tuple[Column, ...], kind: TableDialect) -> dict[str, int]:
+    """Places of the columns of a dialect that are there, by its names."""
+    keys = [column.key for column in columns]
+    wanted = [*kind.place, *(kind.sigma or ()), kind.header_marker]
+    return {name: keys.index(key_of(name)) for name in wanted if key_of(name) in keys}
+
+
+def _dialect(columns: tuple[Column, ...], asked: str | None) -> TableDialect:
+    """Who wrote the map; errors begin with ``{head}``, the line of names."""
+    for column in columns:
+        if column.key in _IN_PIXELS and column.unit and column.unit.casefold() not in PIXELS:
+            raise BadInput(f"{{head}}, column {column.name}: is in {column.unit[:20]!r}; export it in pixels.")
+    keys = [column.key for column in columns]
+    kind = DIALECTS[asked] if asked else DIALECTS[_sniffed(keys)]
+    required = [*kind.place, *([kind.header_marker] if kind.header_marker != "valid" else [])]
+    for name in required:
+        if key_of(name) not in keys:
+            raise BadInput(f"{{head}}: column {name} is missing; a map of {kind.name} has {', '.join(required)}.")
+    for name in (*required, *(kind.sigma or ()), kind.header_marker):
+        if keys.count(key_of(name)) > 1:
+            raise BadInput(f"{{head}}: column {name} stands there twice; keep one.")
+    if kind.sigma is not None and (key_of(kind.sigma[0]) in keys) != (key_of(kind.sigma[1]) in keys):
+        missing = kind.sigma[0] if key_of(kind.sigma[0]) not in keys else kind.sigma[1]
+        raise BadInput(f"{{head}}: column {missing} is missing; give sigma_u and sigma_v, or neither.")
+    return kind
+
+
+def _sniffed(keys: list[str]) -> str:
+    if "coordinatex" in keys:
+        return "dice"
+    if "subsetx" in keys:
+        return "pyvale"
+    if "zncc" in keys and "status" in keys:
+        return "semlive-dic"
+    if "zncc" in keys and "convergence" in keys:
+        return "opencorr"
+    return "vic2d" if "sigma" in keys and "sigmau" not in keys else "semlive"
+
+
+def _words_to_numbers(body: str, kind: TableDialect) -> str:
+    if kind.header_marker == "status":
+        for status in _STATUS_WORDS:
+            body = body.replace(status.word, "1" if status is PoiStatus.CONVERGED else "0")
+    if kind.header_marker == "converged":
+        body = body.replace("True", "1").replace("False", "0")
+    return body
+
+
+def _numbers(lines: list[str], layout: Layout, at: dict[str, int], kind: TableDialect) -> tuple[Values, NDArray[np.int64] | None]:
+    """(points, columns) of the wanted columns, and line numbers if blank lines lie between.
+
+    Raises:
+        BadInput: a line has another number of cells than the head, or a cell is no number.
+    """
+    first = layout.first_line - 1
+    last = max((place for place in range(first, len(lines)) if not is_blank(lines[place])), default=first - 1)
+    body = lines[first : last + 1]
+    if (found := _at_once(body, layout, at, kind)) is not None:
+        return found, None
+    rows, numbers = [], []
+    for number, line in enumerate(body, layout.first_line):
+        if is_blank(line):
+            continue
+        cells = layout.cells(_words_to_numbers(line, kind), number)
+        layout = layout.after(cells)
+        rows.append([_number(cells, index, name, kind, at, layout, number) for name, index in at.items()])
+        numbers.append(number)
+    return np.array(rows).reshape(-1, len(at)), np.array(numbers)
+
+
+def _at_once(body: list[str], layout: Layout, at: dict[str, int], kind: TableDialect) -> Values | None:
+    """The same for lines that are all alike, a hundred times faster; None if something is not as usual, and has to be looked at."""
+    separator, text = layout.separator, "\n".join(body)
+    if not body or separator not in SEPARATORS or '"' in text or "\r" in text or max(map(len, body)) > LONGEST_LINE:
+        return None
+    counts = {len(line.split()) for line in body} if separator == " " else {line.count(separator) + 1 for line in body}
+    if counts != {len(layout.columns)} or any(map(is_blank, body)):
+        return None
+    if separator != "," and "," in text and (layout.decimal != "," or "." in text):
+        return None
+    if "." in text and not layout.decimal:
+        return None
+    text = _words_to_numbers(text, kind)
+    text = text if separator == "," else text.replace(",", ".")
+    delimiter = None if separator == " " else separator
+    try:
+        return np.loadtxt(io.StringIO(text), delimiter=delimiter, usecols=tuple(at.values()), comments=None, ndmin=2)
+    except (ValueError, OverflowError):
+        return None  # something is wrong with a line: the slow way finds which
+
+
+def _number(cells: list[str], index: int, name: str, kind: TableDialect, at: dict[str, int], layout: Layout, line: int) -> float:
+    place, text = f"{layout.where}: line {line}, column {name}", cells[index]
+    if not text:
+        if name not in kind.place[:2] and kind.header_marker != name and _not_found(cells, kind, at, layout.decimal):
+            return 0.0
+        raise BadInput(f"{place}: is empty; give a number, or say with the column valid that the point was not found.")
+    value = number_in(text, layout.decimal)
+    if value is None:
+        raise BadInput(f"{place}: {text[:40]!r} is no number; write a number with a decimal point, and none between thousands.")
+    return value
+
+
+def _not_found(cells: list[str], kind: TableDialect, at: dict[str, int], decimal: str) -> bool:
+    mark = number_in(cells[at[kind.header_marker]], decimal) if kind.header_marker in at else None
+    return mark is not None and mark < kind.min_columns
+
+
+def _table(
+    values: dict[str, Values], kind: TableDialect, where: str, first_line: int, subset_px: int, lines: NDArray[np.int64] | None
+) -> DisparityTable:  # fmt: skip
+    x, y, u, v = (values[name] for name in kind.place)
+    mark = values.get(kind.header_marker)
+    valid = np.ones(len(x), dtype=np.bool_) if mark is None else mark >= kind.min_columns
+    sigma = None
+    if kind.sigma is not None and kind.sigma[0] in values:
+        sigma = tuple(np.where(valid, values[name], 0.0) for name in kind.sigma)
+    sigma_u, sigma_v = sigma or (None, None)
+    table = DisparityTable(
+        where, kind, first_line, x, y, np.where(valid, u, 0.0), np.where(valid, v, 0.0), sigma_u, sigma_v, valid, subset_px, lines
+    )
+    _check_finite(table, mark)
+    return table
+
+
+def _check_finite(table: DisparityTable, mark: Values | None) -> None:
+    for column, values in enumerate((table.x_px, table.y_px, table.u_px, table.v_px)):
+        bad = ~(np.abs(values) < 1e6)
+        if bad.any():
+            point = int(np.argmax(bad))
+            do = "give it in pixels, or say with the column valid that the point was not found" if column > 1 else "give it in pixels"
+            raise table.error(point, column, f"is {values[point]:g}", do)
+    for name, values in (("sigma_u", table.sigma_u_px), ("sigma_v", table.sigma_v_px)):
+        if values is not None and not (ok := (values >= 0) & (values < 1e6)).all():
+            point = int(np.argmin(ok))
+            line = table.first_line + point if table.lines is None else int(table.lines[point])
+            raise BadInput(f"{table.where}: line {line}, column {name}: is {values[point]:g}; give a standard uncertainty in pixels.")
+    if mark is not None and table.dialect.whole and np.isnan(mark).any():
+        point = int(np.argmax(np.isnan(mark)))
+        line = table.first_line + point if table.lines is None else int(table.lines[point])
+        raise BadInput(
+            f"{table.where}: line {line}, column {table.dialect.header_marker}: is nan; write 1 where the point was found, else 0."
+        )

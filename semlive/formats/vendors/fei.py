@@ -1,0 +1,178 @@
+"""FEI and Thermo Fisher files: the INI text in tag 34682 (Helios) or 34680 (SFEG), the XML in tag 34683, or text after the pixels.
+
+What decides, all read off real files:
+
+- Row time is ``[EScan] LineTime``: fly-back varies from file to file at equal dwell (220 to 520 us per pass), so it is never
+  computed from the dwell. LineTime includes all passes of line integration; dwell is that of one pass.
+- The scan lasts FrameTime times the frames integrated, ``[Image] Integrate``; ``[Scan] Integrate`` may say 1 beside it.
+- The databar is what the file has more than ``[Image] ResolutionY`` rows; ``DatabarHeight`` says 0 in files that have one.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+from semlive.data.frame import ColumnSettings
+from semlive.formats.metadata.header import Header, from_file, text_from_file
+from semlive.formats.metadata.quantity import number, positive
+from semlive.formats.metadata.timestamps import Moment, dated, iso
+from semlive.formats.vendors.tiff import Directory, Tag
+
+_MAX_TEXT_BYTES = 2**20
+_TAIL_BYTES = 2**18
+
+
+@dataclass(frozen=True, slots=True)
+class FeiText:
+    """What an FEI file says, as text.
+
+    Attributes:
+        ini: value by ``section/key``.
+        xml: text by ``parent/element``.
+    """
+
+    ini: dict[str, str]
+    xml: dict[str, str]
+
+    def text(self, *paths: str) -> str:
+        """First non-empty value of the INI paths, else of the XML."""
+        for path in paths:
+            value = self.ini.get(path) or self.xml.get(path) or ""
+            if value:
+                return value
+        return ""
+
+    def number(self, *paths: str) -> float | None:
+        """First value of the paths that is a finite number above zero."""
+        for path in paths:
+            for source in (self.ini, self.xml):
+                value = positive(source.get(path))
+                if value is not None:
+                    return value
+        return None
+
+
+def read_text(data: bytes, directory: Directory) -> FeiText | None:
+    """The text in an FEI file; None if it is not one."""
+    ini = directory.text(data, Tag.FEI_HELIOS) or directory.text(data, Tag.FEI_SFEG) or _tail_text(data)
+    xml = directory.text(data, Tag.FEI_XML)
+    if not ini and not xml:
+        return None
+    return FeiText(parse_ini(ini or ""), parse_xml(xml or ""))
+
+
+def parse_ini(text: str) -> dict[str, str]:
+    """Values by ``section/key``; the last of equal keys counts."""
+    values: dict[str, str] = {}
+    section = ""
+    for line in text[:_MAX_TEXT_BYTES].splitlines():
+        line = line.strip()
+        if line.startswith("[") and line.endswith("]"):
+            section = line[1:-1]
+        elif "=" in line:
+            key, value = line.split("=", 1)
+            values[f"{section}/{key.strip()}"] = value.strip()
+    return values
+
+
+def parse_xml(text: str) -> dict[str, str]:
+    """Texts by ``parent/element``, names without namespace; the first of equal paths counts. Empty if it is not XML."""
+    text = text.strip().lstrip("\ufeff").lstrip()
+    if not text or len(text) > _MAX_TEXT_BYTES or "<!DOCTYPE" in text or "<!ENTITY" in text:
+        return {}
+    try:
+        root = ElementTree.fromstring(text.encode("utf-8", errors="replace"))
+    except (ElementTree.ParseError, ValueError):
+        return {}
+    values: dict[str, str] = {}
+    for parent in root.iter():
+        for child in parent:
+            path = f"{_local(parent.tag)}/{_local(child.tag)}"
+            values.setdefault(path, (child.text or "").strip())
+    return values
+
+
+def read_header(data: bytes, directory: Directory) -> Header | None:
+    """What an FEI file says; None if it is not one."""
+    text = read_text(data, directory)
+    return None if text is None else header(text)
+
+
+def header(text: FeiText) -> Header:
+    """What the text of an FEI file says of the scan."""
+    frames = text.number("Image/Integrate", "EScan/Integrate", "Scan/Integrate") or _frames_filtered(text)
+    return Header(
+        vendor="fei",
+        instrument=text.text("System/SystemType", "Instrument/InstrumentModel", "Instrument/InstrumentClass"),
+        width_px=text.number("Image/ResolutionX"),
+        height_px=text.number("Image/ResolutionY"),
+        dwell_time_s=from_file(text.number("EScan/Dwell", "Scan/Dwelltime", "ScanSettings/DwellTime")),
+        row_time_s=from_file(text.number("EScan/LineTime", "ScanSettings/LineTime")),
+        frame_time_s=from_file(text.number("EScan/FrameTime", "Scan/FrameTime", "ScanSettings/FrameTime")),
+        integrations=from_file(frames),
+        line_integrations=from_file(text.number("EScan/LineIntegration", "ScanSettings/LineIntegrationCount")),
+        pixel_size_m=from_file(text.number("EScan/PixelWidth", "Scan/PixelWidth", "PixelSize/X")),
+        embedded=_embedded(text),
+        column=_column(text),
+        refused=_processed(text),
+        notes=_notes(text),
+    )
+
+
+def _column(text: FeiText) -> ColumnSettings:
+    rotation_rad = number(text.text("Beam/ScanRotation", "EBeam/ScanRotation", "ScanSettings/ScanRotation"))
+    return ColumnSettings(
+        detector=text_from_file(text.text("Detectors/Name", "Detectors/Signal", "ScanningDetector/DetectorName")),
+        voltage_v=from_file(text.number("Beam/HV", "EBeam/HV", "Optics/AccelerationVoltage")),
+        working_distance_m=from_file(text.number("EBeam/WD", "Stage/WorkingDistance", "Optics/WorkingDistance")),
+        scan_rotation_deg=from_file(None if rotation_rad is None else math.degrees(rotation_rad)),
+    )
+
+
+def _processed(text: FeiText) -> str | None:
+    beam = text.text("Beam/Beam")
+    scanned = text.number("EScan/Dwell", "Scan/Dwelltime", "ScanSettings/DwellTime", "EScan/LineTime")
+    if scanned is None and beam and beam != "EBeam":
+        return f"was not scanned with the electron beam ([Beam] Beam={beam[:20]}); export the electron image."
+    if text.text("Image/DriftCorrected").lower() in ("on", "yes", "true"):
+        return "the microscope already corrected drift (DriftCorrected=On); switch drift-corrected integration off."
+    if "DriftCorrected" in text.text("BinaryResult/FilterType") and (text.number("BinaryResult/FilterFrameCount") or 0) > 1:
+        return "the microscope already corrected drift (FilterType=DriftCorrected...); switch drift-corrected integration off."
+    if (text.number("Image/Average", "EScan/Average", "Scan/Average") or 0) > 1:
+        return "is a running average of frames, so its pixels have no scan time; integrate instead of averaging."
+    if (text.number("EScan/ScanInterlacing", "ScanSettings/LineInterlacing") or 1) > 1:
+        return "was scanned interlaced, so its rows were not written in order; switch interlacing off."
+    return None
+
+
+def _notes(text: FeiText) -> tuple[str, ...]:
+    image, scan = text.number("Image/Integrate"), text.number("Scan/Integrate")
+    if image is not None and scan is not None and image != scan:
+        return (f"[Scan] tells {scan:g} integrated frames and [Image] {image:g}; [Image] is believed.",)
+    return ()
+
+
+def _frames_filtered(text: FeiText) -> float | None:
+    filtered = "Integration" in text.text("BinaryResult/FilterType")
+    return text.number("BinaryResult/FilterFrameCount") if filtered else None
+
+
+def _embedded(text: FeiText) -> Moment | None:
+    moment = iso(text.xml.get("Acquisition/AcquisitionDatetime", ""))
+    date, _, clock = text.ini.get("PrivateFei/TimeOfCreation", "").partition(" ")
+    moment = moment or dated(date, "dmy", clock)
+    return moment or dated(text.ini.get("User/Date", ""), "mdy", text.ini.get("User/Time", ""))
+
+
+def _tail_text(data: bytes) -> str | None:
+    # Quanta microscopes append the text to the file, outside any tag.
+    tail = data[-_TAIL_BYTES:]
+    found = re.search(rb"\[User\]\r?\nDate=", tail)
+    return None if found is None else tail[found.start() :].split(b"\0", 1)[0].decode("utf-8", errors="replace")
+
+
+def _local(tag: object) -> str:
+    return str(tag).rsplit("}", 1)[-1]

@@ -1,0 +1,72 @@
+"""PNG: is the file whole, how large is it, and what are its pixels."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.errors import BadImage
+from semlive.formats.vendors.tiff import check_inflation, check_size
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+
+def is_png(data: bytes) -> bool:
+    """Whether the file starts as a PNG does."""
+    return data[:8] == _SIGNATURE
+
+
+def check_complete(data: bytes) -> str | None:
+    """What is missing of a PNG file, in words; None if whole chunks run to an empty IEND chunk inside the file.
+
+    Lengths are checked here because libpng takes memory for a chunk before it reads it: 1.2 GB for an 860 byte file, measured.
+    """
+    at = len(_SIGNATURE)
+    while at + 12 <= len(data):
+        length, kind = struct.unpack_from(">I4s", data, at)
+        end = at + 8 + length
+        if end + 4 > len(data):
+            break
+        if struct.unpack_from(">I", data, end)[0] != zlib.crc32(memoryview(data)[at + 4 : end]):
+            return f"the checksum of its chunk at byte {at} is wrong"
+        if kind == b"IEND":
+            return None if length == 0 else "its IEND chunk is not empty"
+        at = end + 4
+    return f"it ends at byte {len(data)} before its IEND chunk"
+
+
+def size_px(data: bytes, name: str) -> tuple[int, int]:
+    """Width and height from the header.
+
+    Raises:
+        BadImage: no header, or a size that cannot be believed.
+    """
+    if data[12:16] != b"IHDR" or len(data) < 33:
+        raise BadImage(f"{name}: not a whole PNG file (no header); export it again.")
+    width, height = struct.unpack_from(">II", data, 16)
+    check_size(name, width, height, 1)
+    return width, height
+
+
+def read_pixels(data: bytes, name: str) -> NDArray[np.generic]:
+    """Pixels as stored: (height, width) or (height, width, samples).
+
+    Raises:
+        BadImage: the file is not whole, or its pixels cannot be decoded.
+    """
+    width, height = size_px(data, name)
+    missing = check_complete(data)
+    if missing is not None:
+        raise BadImage(f"{name}: not a whole PNG file ({missing}); export it again.")
+    check_inflation(name, width * height, len(data), compressed=True)
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as exc:
+        raise BadImage(f"{name}: its pixels cannot be decoded; export it again.") from exc
+    if pixels is None or pixels.shape[:2] != (height, width):
+        raise BadImage(f"{name}: its pixels cannot be decoded; export it again.")
+    return pixels

@@ -1,0 +1,81 @@
+"""TESCAN: blocks in tag 50431 (a thumbnail, then ``key=value`` lines), or the same keys in a ``.hdr`` file beside the image.
+
+A block is its length (u32, of kind and content), its kind (u16) and its content. The header knows the dwell time, but neither row
+nor frame time: those come from ``sem.scan_profiles``, by ``ScanSpeed``. Its date is that of the scan; TIFF's own DateTime was
+11 s later in a file of a MIRA3, and is not read.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+
+from semlive.data.frame import ColumnSettings
+from semlive.formats.metadata import key_value
+from semlive.formats.metadata.header import Header, from_file, text_from_file
+from semlive.formats.metadata.quantity import number, positive
+from semlive.formats.metadata.timestamps import dated
+from semlive.formats.vendors.tiff import Directory, Tag
+
+_MAX_BLOCKS = 64
+_SAME_EDGES = 1e-3
+
+
+def read_header(data: bytes, directory: Directory) -> Header | None:
+    """What a TESCAN file says; None if it is not one."""
+    raw = directory.raw(data, Tag.TESCAN)
+    if raw is None:
+        return None
+    values = parse_tag(raw)
+    return header(values) if values else None
+
+
+def read_sidecar(sidecar: bytes) -> Header | None:
+    """What the ``.hdr`` file beside an image says; None if it is not one."""
+    values = key_value.parse_equals_lines(key_value.decode_text(sidecar))
+    known = {"PixelSizeX", "Device", "DwellTime", "ImageStripSize"} & values.keys()
+    return header(values) if len(known) >= 2 else None
+
+
+def parse_tag(raw: bytes) -> dict[str, str]:
+    """Values of all text blocks; where blocks are damaged, whatever can still be read behind ``AccFrames=``."""
+    values: dict[str, str] = {}
+    at = 0
+    for _ in range(_MAX_BLOCKS):
+        if at + 6 > len(raw):
+            break
+        length, _kind = struct.unpack_from("<IH", raw, at)
+        content = raw[at + 6 : at + 4 + length]
+        if b"=" in content and b"\0" not in content:
+            for key, value in key_value.parse_equals_lines(key_value.decode_text(content)).items():
+                values.setdefault(key, value)
+        at += 4 + max(length, 2)
+    if "PixelSizeX" not in values:
+        start = raw.find(b"AccFrames=")
+        values = key_value.parse_equals_lines(raw[start:].decode("cp1252", errors="replace")) if start >= 0 else values
+    return values
+
+
+def header(values: Mapping[str, str]) -> Header:
+    """What the keys say of the scan."""
+    strip = number(values.get("ImageStripSize"))
+    x_m, y_m = positive(values.get("PixelSizeX")), positive(values.get("PixelSizeY"))
+    uneven = x_m is not None and y_m is not None and abs(x_m - y_m) > _SAME_EDGES * x_m
+    return Header(
+        vendor="tescan",
+        instrument=values.get("Device", ""),
+        scan_speed=values.get("ScanSpeed", ""),
+        databar_rows=int(strip) if strip is not None and 0 <= strip < 10_000 else None,
+        dwell_time_s=from_file(positive(values.get("DwellTime"))),
+        integrations=from_file(positive(values.get("AccFrames"))),
+        pixel_size_m=from_file(x_m or y_m),
+        embedded=dated(values.get("Date", ""), "ymd", values.get("Time", "")),
+        column=ColumnSettings(
+            detector=text_from_file(values.get("Detector") or values.get("Detector0", "")),
+            voltage_v=from_file(positive(values.get("HV"))),
+            working_distance_m=from_file(positive(values.get("WD"))),
+            magnification=from_file(positive(values.get("Magnification"))),
+            scan_rotation_deg=from_file(number(values.get("ScanRotation"))),
+        ),
+        notes=(f"its pixels are not square: {x_m:g} m wide and {y_m:g} m high; the width is used.",) if uneven else (),
+    )

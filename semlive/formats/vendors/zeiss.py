@@ -1,0 +1,181 @@
+"""Zeiss: lines ``KEY`` and ``Name = value`` in tag 34118 (cp1252; tag 34119 says the same as UTF-16).
+
+What decides, all read off real files:
+
+- ``DP_DWELL_TIME`` says 50 or 100 ns in every file and is not the image's dwell time; ``AP_LINE_TIME`` over width and passes is.
+- ``AP_LINE_TIME`` includes the passes of line averaging: at 10 passes it is 10 times that of one.
+- ``AP_FRAME_TIME`` ("Cycle Time") may be printed in tenths of minutes; then the line time decides.
+- ``AP_PIXEL_SIZE`` and the fourth number are for an image 1024 px wide.
+- A file may be saved in the middle of a scan: ``Busy``, ``DP_FROZEN = Live``, and ``AP_LINE_COUNTER`` tells how far it was.
+- Annotation is burnt into the image; no key says where it begins.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from semlive.data.frame import ColumnSettings
+from semlive.data.scan import Provenance, Sourced
+from semlive.formats.metadata.header import Header, derived, from_file, text_from_file
+from semlive.formats.metadata.quantity import Quantity, number, quantity
+from semlive.formats.metadata.timestamps import Moment, dated
+from semlive.formats.vendors.tiff import Directory, Tag
+
+_MAX_TEXT_BYTES = 2**20
+_KEY = re.compile(r"(?:AP|DP|SV)_[A-Z0-9_]{1,40}")
+_DISPLAY_PX = 1024
+_PIXEL_SIZE_AT = 3
+_SAME_PIXEL_SIZE = 1e-2
+
+
+@dataclass(frozen=True, slots=True)
+class ZeissText:
+    """What a Zeiss file says, as text.
+
+    Attributes:
+        lines: the line after each key.
+        numbers: of the block before the first key.
+    """
+
+    lines: dict[str, str]
+    numbers: tuple[float, ...]
+
+    def text(self, key: str) -> str:
+        """What stands behind ``=`` or ``:``, or nothing."""
+        _, mark, value = self.lines.get(key, "").partition("=")
+        return value.strip() if mark else ""
+
+    def quantity(self, key: str) -> Quantity | None:
+        """A number above zero in base units."""
+        found = quantity(self.text(key))
+        return found if found is not None and found.value > 0 else None
+
+    def value(self, key: str) -> float | None:
+        """The same without its precision."""
+        found = self.quantity(key)
+        return None if found is None else found.value
+
+
+def read_header(data: bytes, directory: Directory, width: int, rows: int) -> Header | None:
+    """What a Zeiss file says; None if it is not one."""
+    raw = directory.raw(data, Tag.ZEISS)
+    if raw is None:
+        return None
+    return header(parse(_decoded(raw[:_MAX_TEXT_BYTES])), width, rows)
+
+
+def parse(text: str) -> ZeissText:
+    """Lines by key; the first of equal keys counts."""
+    lines = [line.strip() for line in text[:_MAX_TEXT_BYTES].split("\0", 1)[0].splitlines()]
+    found: dict[str, str] = {}
+    first = len(lines)
+    for at in range(len(lines) - 1):
+        if _KEY.fullmatch(lines[at]):
+            found.setdefault(lines[at], lines[at + 1])
+            first = min(first, at)
+    told = [number(line) for line in lines[: min(first, 100)]]
+    return ZeissText(found, tuple(value for value in told if value is not None))
+
+
+def header(text: ZeissText, width: int, rows: int) -> Header:
+    """What the text of a Zeiss file says of a scan of so many columns and rows."""
+    line = text.quantity("AP_LINE_TIME")
+    passes, frames, refused, busy = _noise_reduction(text)
+    row_s = None if line is None else line.value
+    dwell_s = None if row_s is None else row_s / (width * max(passes or 1.0, 1.0))
+    scanned, notes = _scanned(text, rows, busy)
+    pixel, more = _pixel_size(text, width)
+    stored = re.fullmatch(r"(\d{1,6})\s*\*\s*(\d{1,6})", text.text("DP_IMAGE_STORE"))
+    return Header(
+        vendor="zeiss",
+        instrument=text.text("DP_SEM") or text.text("SV_SERIAL_NUMBER"),
+        scan_speed=text.text("DP_SCANRATE"),
+        width_px=float(stored[1]) if stored else None,
+        rows=float(stored[2]) if stored else None,
+        rows_scanned=scanned,
+        dwell_time_s=derived(dwell_s),
+        row_time_s=from_file(row_s),
+        frame_time_s=_frame_time(text, row_s, rows),
+        integrations=from_file(frames),
+        line_integrations=from_file(passes),
+        pixel_size_m=pixel,
+        embedded=_embedded(text),
+        column=ColumnSettings(
+            detector=text_from_file(text.text("DP_DETECTOR_CHANNEL") or text.text("DP_DETECTOR_TYPE")),
+            voltage_v=from_file(text.value("AP_ACTUALKV") or text.value("AP_MANUALKV")),
+            working_distance_m=from_file(text.value("AP_WD")),
+            magnification=from_file(text.value("AP_MAG")),
+            scan_rotation_deg=_rotation(text),
+        ),
+        refused=refused,
+        notes=notes + more,
+    )
+
+
+def _decoded(raw: bytes) -> str:
+    if raw[1:2] == b"\0":
+        return raw.decode("utf-16-le", errors="replace")
+    return raw.decode("cp1252", errors="replace")
+
+
+def _noise_reduction(text: ZeissText) -> tuple[float | None, float | None, str | None, bool]:
+    """Passes over a line, whole scans, why not to be used, and whether the scan was still going on."""
+    mode = text.text("DP_NOISE_REDUCTION").lower()
+    busy = mode.endswith("busy")
+    old = text.value("AP_NR_COEFF")
+    if mode.startswith("line"):
+        return text.value("AP_LINE_AVERAGE_COUNT") or old or 1.0, 1.0, None, busy
+    if mode.startswith("frame int"):
+        return 1.0, text.value("AP_FRAME_INT_COUNT") or old or 1.0, None, busy
+    averaged = text.value("AP_FRAME_AVERAGE_COUNT") or old or 1.0
+    if (mode.startswith(("frame avg", "continuous avg")) and averaged > 1) or mode.startswith("drift"):
+        why = f"is a running average of frames (Noise Reduction = {mode[:20]}), so its pixels have no scan time; use line integration."
+        return 1.0, None, why, busy
+    return (1.0, 1.0, None, busy) if mode else (None, None, None, False)
+
+
+def _scanned(text: ZeissText, rows: int, busy: bool) -> tuple[int | None, tuple[str, ...]]:
+    counter = text.value("AP_LINE_COUNTER")
+    if not busy or counter is None or counter >= rows:
+        return None, ()
+    note = f"it was saved in the middle of a scan, when {counter:g} of {rows} rows were written; only those are used."
+    return int(counter), (note,)
+
+
+def _frame_time(text: ZeissText, row_s: float | None, rows: int) -> Sourced[float] | None:
+    """The cycle time, if it is printed finely enough to be more than the rows themselves."""
+    cycle = text.quantity("AP_FRAME_TIME")
+    if row_s is None or cycle is None or cycle.half_digit > row_s or cycle.value < rows * row_s:
+        return derived(None if row_s is None else rows * row_s)
+    return from_file(cycle.value)
+
+
+def _pixel_size(text: ZeissText, width: int) -> tuple[Sourced[float] | None, tuple[str, ...]]:
+    """The fourth number for this width: seven digits where the keys print four."""
+    told = text.quantity("AP_IMAGE_PIXEL_SIZE")
+    exact = text.numbers[_PIXEL_SIZE_AT] if len(text.numbers) > _PIXEL_SIZE_AT else 0.0
+    if not 0 < exact < 1:
+        shown = text.value("AP_PIXEL_SIZE")
+        scaled = derived(None if shown is None else shown * _DISPLAY_PX / width)
+        return (scaled if told is None else from_file(told.value)), ()
+    scaled_m = exact * _DISPLAY_PX / width
+    if told is not None and abs(told.value - scaled_m) > _SAME_PIXEL_SIZE * told.value + told.half_digit:
+        note = f"its pixel size is {told.value:g} m by AP_IMAGE_PIXEL_SIZE and {scaled_m:g} m by its block of numbers; the first is used."
+        return from_file(told.value), (note,)
+    return Sourced(scaled_m, Provenance.FILE if width == _DISPLAY_PX else Provenance.DERIVED), ()
+
+
+def _rotation(text: ZeissText) -> Sourced[float] | None:
+    if text.text("DP_SCAN_ROT").lower() == "off":
+        return Sourced(0.0, Provenance.FILE)
+    found = quantity(text.text("AP_SCANROTATION"))
+    return from_file(None if found is None else found.value)
+
+
+def _embedded(text: ZeissText) -> Moment | None:
+    """``Date: 11 Apr 2023`` and ``Time :8:20:42``: the colon stands where it likes."""
+    date, clock = (
+        re.sub(rf"^\s*{name}\s*[:=]\s*", "", text.lines.get(key, "")) for name, key in (("Date", "AP_DATE"), ("Time", "AP_TIME"))
+    )
+    return dated(date, "dmy", clock)

@@ -1,0 +1,1 @@
+"""The effects that disparity maps show, one file each."""

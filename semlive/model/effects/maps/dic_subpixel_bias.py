@@ -1,0 +1,22 @@
+"""The correlation's interpolation is wrong by a wave over each pixel."""
+
+import numpy as np
+
+from semlive.model.effects.effect_class import BasisField, EffectClass, ReportedParameter, Values
+from semlive.model.effects.run_geometry import RunGeometry
+
+
+def law(scene: RunGeometry, values: Values) -> BasisField:
+    """A sin(2 pi U)."""
+    del values
+    wave = np.sin(2.0 * np.pi * scene.disparity_px)[..., None]
+    return BasisField(wave, (ReportedParameter("amplitude_px", "px", np.ones(1)),))
+
+
+FAMILY = EffectClass(
+    "dic_subpixel_bias",
+    "displacements are wrong by a wave over each pixel: A sin(2 pi U)",
+    law,
+    discriminating_experiment="the same pictures with another interpolant: no beam time",
+    sizes_px=(0.001, 0.1),
+)

@@ -1,0 +1,33 @@
+"""The beam has not come to rest when a frame begins; another row time moves the rows where it has."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from semlive.model.effects.effect_class import BasisField, EffectClass, NonlinearParameter, Values, xy_parameters
+from semlive.model.effects.run_geometry import RunGeometry, xy_columns
+
+BETWEEN_S, COUNT = (0.3, 30.0), 10
+
+
+def law(scene: RunGeometry, values: Values) -> BasisField:
+    """(u, v) = A exp(-y t_R / tau)."""
+    return BasisField(xy_columns(np.exp(-scene.row_start_s / values["settling_s"])), xy_parameters("px"))
+
+
+def grid(scene: RunGeometry) -> Iterable[Values]:
+    """Time constants."""
+    del scene
+    return ({"settling_s": float(one)} for one in np.geomspace(*BETWEEN_S, COUNT))
+
+
+FAMILY = EffectClass(
+    "frame_start_settling",
+    "frames begin before the beam has come to rest",
+    law,
+    grid,
+    nonlinear_parameters=(NonlinearParameter("settling_s", "s", 1.67, ratio=True),),
+    group="G4",
+    discriminating_experiment="the calibration again with half or twice the row time: what settles moves, the distortion stays",
+    sizes_px=(0.003, 10.0),
+)

@@ -1,0 +1,23 @@
+"""High voltage or lens noise, slower than a frame."""
+
+import numpy as np
+
+from semlive.model.effects.effect_class import BasisField, EffectClass, Recurrence, Values
+from semlive.model.effects.run_geometry import RunGeometry, field_column, times_time_columns
+
+
+def law(scene: RunGeometry, values: Values) -> BasisField:
+    """A magnification of its own for each frame."""
+    del values
+    each = np.eye(len(scene.frame))[:, None, :]
+    return BasisField(times_time_columns(field_column(scene.x, scene.y), each), random_amplitude=("sd", "1", 1.0 / scene.half_px))
+
+
+FAMILY = EffectClass(
+    "magnification_frame_instability",
+    "every frame has a magnification of its own, at random",
+    law,
+    group="G1",
+    discriminating_experiment="a long series of frames of one place at zero load: only the law in time tells the causes apart",
+    recurrence=Recurrence.NEW_DRAW,
+)

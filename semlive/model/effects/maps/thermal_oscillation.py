@@ -1,0 +1,35 @@
+"""Air conditioning or a chiller moves the picture to and fro."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from semlive.model.effects.effect_class import BasisField, EffectClass, NonlinearParameter, Recurrence, Values
+from semlive.model.effects.run_geometry import RunGeometry, xy_columns
+
+LONGEST_S, SHORTEST_S = 900.0, 60.0
+
+
+def law(scene: RunGeometry, values: Values) -> BasisField:
+    """A sine of any phase along each axis."""
+    angle = 2.0 * np.pi * scene.time_s / values["period_s"]
+    columns = np.concatenate((xy_columns(np.sin(angle)), xy_columns(np.cos(angle))), axis=-1)
+    return BasisField(columns, random_amplitude=("amplitude_px", "px", 2.0**0.5))
+
+
+def grid(scene: RunGeometry) -> Iterable[Values]:
+    """Frequencies half a period in the run apart; lines between wider ones are lost."""
+    frequencies = np.arange(1.0 / LONGEST_S, 1.0 / SHORTEST_S, 0.5 / scene.end_s)
+    return ({"period_s": float(1.0 / one)} for one in frequencies)
+
+
+FAMILY = EffectClass(
+    "thermal_oscillation",
+    "the picture swings with one period",
+    law,
+    grid,
+    nonlinear_parameters=(NonlinearParameter("period_s", "s", 1.02, ratio=True),),
+    group="G8",
+    discriminating_experiment="the temperature of the room and of the chiller, logged beside",
+    recurrence=Recurrence.NEW_DRAW,
+)

@@ -1,0 +1,25 @@
+"""Grips out of line tilt the specimen with the load: perspective."""
+
+import numpy as np
+
+from semlive.model.effects.effect_class import BasisField, EffectClass, ReportedParameter, Values
+from semlive.model.effects.run_geometry import RunGeometry, field_column
+
+
+def law(scene: RunGeometry, values: Values) -> BasisField | None:
+    """U = a x y, v = a y^2, a proportional to the load."""
+    del values
+    if not scene.load.any():
+        return None
+    shape = field_column(scene.x * scene.y * scene.load, scene.y**2 * scene.load)
+    row = np.array([1.0 / (scene.half_px**2 * scene.highest_n)])
+    return BasisField(shape, (ReportedParameter("tilt_over_working_distance_per_n", "1/(px N)", row),))
+
+
+FAMILY = EffectClass(
+    "tilt_with_load",
+    "the specimen tilts as the load grows: (u, v) = a F (x y, y^2)",
+    law,
+    group="G11",
+    discriminating_experiment="unload to zero and look again; working distance in focus at nine points",
+)

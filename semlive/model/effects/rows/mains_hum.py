@@ -1,0 +1,22 @@
+"""Stray field of the mains deflects the beam: u += A sin(2 pi f T + phase), 17 nm for 0.1 uT at 30 kV and 14 mm."""
+
+from semlive.model.effects.rows.family import RowEffectClass
+
+MAINS_HZ = (50.0, 60.0)
+OVERTONES = 4
+FREQUENCY_TOLERANCE = 0.004
+"""Share by which a grid's frequency, and a clock that says how long a row takes, are off."""
+
+
+def owns(frequency_hz: float) -> bool:
+    """A multiple of 50 or 60 Hz."""
+    return any(abs(frequency_hz / (order * mains) - 1.0) < FREQUENCY_TOLERANCE for mains in MAINS_HZ for order in range(1, OVERTONES + 1))
+
+
+FAMILY = RowEffectClass(
+    "mains_hum",
+    "the field of the mains deflects the beam: u += A sin(2 pi f T + phase)",
+    "pairs with the rows synchronised to the mains, or a dwell that is 7 % longer: hum stays at its frequency",
+    owns,
+    group="G10",
+)

@@ -1,0 +1,139 @@
+"""Scene: where and when every frame saw every block of points, and what was known then. Effects are predicted on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunGeometry:
+    """Arrays over frames (f) and blocks (b), frame 0 first.
+
+    Attributes:
+        address_px: (f, b, 2) scan address relative to the image centre.
+        disparity_px: (f, b, 2) since frame 0, as first estimated: free of noise.
+        time_s: (f, b) when the beam was there, seconds after the start of frame 0.
+        time_in_frame_s: (f, b) the same after the start of the frame.
+        time_in_row_s: (f, b) the same after the start of the row, in one pass.
+        drift_rate_px_s: (f, b, 2) of the drift as first estimated, from frame to frame of a pair; over time interpolated.
+        distortion_px: (f, b, 2) as first estimated.
+        half_px: half the image's width.
+        frame: (f,) numbers of the frames.
+        pair: (f,) numbers of their pairs.
+        loaded: (f,) whether the pair belongs to the tension phase.
+        gradient_free: (f,) whether the specimen's gradient is free in the pair; in the calibration it only moves and turns.
+        start_s: (f,) start of the scan, seconds after that of frame 0.
+        load_n: (f,) mean load, 0 without a load frame.
+        load_change_n: (f,) change of the load by the step before the pair.
+        move_px: (f, 2) commanded translation by the step before the pair.
+        since_step_s: (f,) from the end of that step to the start of the scan.
+        drift_knot_s: distance of the knots of the drift's spline.
+        distortion_knot_px: the largest distance of the knots of the distortion's spline.
+    """
+
+    address_px: Array
+    disparity_px: Array
+    time_s: Array
+    time_in_frame_s: Array
+    time_in_row_s: Array
+    drift_rate_px_s: Array
+    distortion_px: Array
+    half_px: float
+    frame: NDArray[np.int64]
+    pair: NDArray[np.int64]
+    loaded: NDArray[np.bool_]
+    gradient_free: NDArray[np.bool_]
+    start_s: Array
+    load_n: Array
+    load_change_n: Array
+    move_px: Array
+    since_step_s: Array
+    drift_knot_s: float
+    distortion_knot_px: float
+
+    @property
+    def x(self) -> Array:
+        """(f, b) column from the centre, in half widths."""
+        return self.address_px[..., 0] / self.half_px
+
+    @property
+    def y(self) -> Array:
+        """(f, b) row from the centre, in half widths."""
+        return self.address_px[..., 1] / self.half_px
+
+    @property
+    def load(self) -> Array:
+        """(f, 1) load, of the highest there was; zero without a load frame."""
+        highest = float(np.abs(self.load_n).max())
+        return np.where(self.loaded, self.load_n / (highest or 1.0), 0.0)[:, None]
+
+    @property
+    def highest_n(self) -> float:
+        """The highest load there was, N."""
+        return float(np.abs(self.load_n).max())
+
+    @property
+    def end_s(self) -> float:
+        """When the last block was seen."""
+        return float(self.time_s.max())
+
+    @property
+    def row_start_s(self) -> Array:
+        """(f, b) when the row began, after the start of the frame."""
+        return self.time_in_frame_s - self.time_in_row_s
+
+    @property
+    def since_step_at_s(self) -> Array:
+        """(f, b) since the end of the step before the pair."""
+        return self.since_step_s[:, None] + self.time_in_frame_s
+
+
+def field_column(u: Array, v: Array) -> Array:
+    """(f, b, 2, 1) one column with components u and v, which broadcast."""
+    return np.stack(np.broadcast_arrays(u, v), axis=-1)[..., None]
+
+
+def xy_columns(shape: Array) -> Array:
+    """(f, b, 2, 2) a shape along x, and along y."""
+    nothing = np.zeros_like(shape)
+    return np.concatenate((field_column(shape, nothing), field_column(nothing, shape)), axis=-1)
+
+
+def times_time_columns(shape: Array, columns: Array) -> Array:
+    """(f, b, 2, q) a shape (f, b, 2, 1) times columns in time (f, b or 1, q)."""
+    return shape * columns[:, :, None, :]
+
+
+def exponential_decay(scene: RunGeometry, steps: Array, time_constant_s: float) -> Array:
+    """(f, b, c) what is left of the steps (f, c) before all pairs so far, exp(-(T - T_k) / tau) of each."""
+    first = np.flatnonzero(np.diff(scene.pair, prepend=scene.pair[0] - 1))
+    since_s = scene.time_s - (scene.start_s - scene.since_step_s)[first, None, None]
+    left = np.where(since_s >= 0.0, np.exp(-np.maximum(since_s, 0.0) / time_constant_s), 0.0)
+    return np.einsum("kfb,kc->fbc", left, steps[first])
+
+
+def slow_gaussian_process(time_s: Array, share: float = 0.5) -> Array:
+    """(f, b, q) columns whose random sums wander slowly from 0 at the start of frame 0: a Gaussian process of unit variance.
+
+    Args:
+        time_s: (f, b).
+        share: its correlation time, of the whole run.
+    """
+    end_s = float(time_s.max())
+    knots = np.linspace(0.0, end_s, _KNOTS)
+    from_start = np.eye(_KNOTS)
+    from_start[:, 0] -= 1.0
+    covariance = from_start @ np.exp(-0.5 * (np.subtract.outer(knots, knots) / (share * end_s)) ** 2) @ from_start.T
+    value, vector = np.linalg.eigh(covariance)
+    kept = value > _LEAST * value[-1]
+    columns = (vector * np.sqrt(np.clip(value, 0.0, None)))[:, kept][:, ::-1]
+    return np.stack([np.interp(time_s, knots, one) for one in columns.T], axis=-1)
+
+
+_KNOTS = 60
+_LEAST = 1e-4

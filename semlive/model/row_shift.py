@@ -1,0 +1,68 @@
+"""Line shift: rows that begin a little to the left or right of where they should, otherwise in every frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.model.effect import Axis, Columns, FrameObservation
+from semlive.model.splines import UniformSpline
+
+
+@dataclass(frozen=True, slots=True)
+class RowShiftEffect:
+    """l_n(y) along x in frame n: the mean shift of a group of rows, straight from group to group, with parameters for every frame.
+
+    Single rows are not seen in maps: a subset averages over its own.
+
+    Attributes:
+        over_y: over the rows of a frame; None where no frame has any.
+        frames: numbers of the frames, in order of arrival.
+    """
+
+    over_y: UniformSpline | None = None
+    frames: tuple[int, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """``line_shift``."""
+        return "line_shift"
+
+    @property
+    def each(self) -> int:
+        """Number of parameters of a frame."""
+        return 0 if self.over_y is None else self.over_y.size
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return self.each * len(self.frames)
+
+    @property
+    def needs_ideal(self) -> bool:
+        """False: it acts on the scan address."""
+        return False
+
+    def with_frames(self, frames: tuple[int, ...]) -> RowShiftEffect:
+        """The same with some frames more, if there are any line shifts at all."""
+        return self if self.over_y is None else replace(self, frames=(*self.frames, *frames))
+
+    def part(self, frame: int) -> slice:
+        """Where the parameters of a frame lie."""
+        if frame not in self.frames:
+            return slice(0, 0)
+        start = self.each * self.frames.index(frame)
+        return slice(start, start + self.each)
+
+    def columns(self, seen: FrameObservation) -> tuple[Columns, ...]:
+        """Basis rows at the scan addresses of the sighting's frame."""
+        if self.over_y is None or seen.frame not in self.frames:
+            return ()
+        index, value = self.over_y.local(seen.y_px)
+        return (Columns(Axis.X, self.part(seen.frame).start + index, value),)
+
+    def frame_px(self, frame: int, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(each,) shifts of a frame at the knots."""
+        return parameters[self.part(frame)]

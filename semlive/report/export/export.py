@@ -1,0 +1,69 @@
+"""Export of a log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from semlive.errors import BadInput
+from semlive.report.export.csv_writer import CsvWriter
+from semlive.report.export.fields import Format, RunMetadata, Writer
+from semlive.report.export.hdf5_writer import Hdf5Writer
+from semlive.report.export.mat_writer import MatWriter
+from semlive.report.export.png_writer import PngWriter
+from semlive.report.export.vtk_writer import VtkWriter
+from semlive.service.analysis.result_json import result_json
+from semlive.service.config.overrides import as_keys
+from semlive.service.log.files import log_name
+from semlive.service.log.pairs import first_run, load_series
+from semlive.service.replay.replay import ReplayCallbacks, ReplayRequest, ReplayResult, Source, replay, require_calibration
+
+WRITERS: dict[Format, Callable[[Path], Writer]] = {
+    Format.HDF5: Hdf5Writer,
+    Format.CSV: CsvWriter,
+    Format.MAT: MatWriter,
+    Format.VTK: VtkWriter,
+    Format.PNG: PngWriter,
+}
+
+
+def export_log(
+    asked: ReplayRequest,
+    kind: Format,
+    out: Path,
+    progress: Callable[[str, int, int], None] | None = None,
+    by: Callable[[ReplayRequest, ReplayCallbacks | None], ReplayResult] = replay,
+) -> ReplayResult:
+    """Write a log's corrected fields, one frame in memory at a time.
+
+    Args:
+        asked: the log; without a source its disparity maps are taken.
+        kind: format.
+        out: file (hdf5, mat) or folder (csv, vtk, png).
+        progress: told what is done, how much of it, of how much.
+        by: who replays.
+
+    Raises:
+        BadInput: the log cannot be read, its calibration is refused, or `out` cannot be written.
+    """
+    asked = asked if asked.source is not None else replace(asked, source=Source.DISPARITY)
+    try:
+        writer = WRITERS[kind](out)
+        complete = False
+        try:
+            done = by(asked, ReplayCallbacks(progress, None, writer.write_frame, point_sigma=True))
+            require_calibration(asked.log, done)
+            writer.write_metadata(run_metadata(asked.log, done))
+            complete = True
+        finally:
+            writer.close(complete)
+    except OSError as error:
+        raise BadInput(f"{out}: cannot be written ({error.strerror or error}); give a path that can.") from error
+    return done
+
+
+def run_metadata(log: Path, done: ReplayResult) -> RunMetadata:
+    """What is told of a replayed log besides its frames."""
+    told = result_json(done.result, done.settings)
+    return RunMetadata(log_name(log), done.result, told, as_keys(done.settings), first_run(log).config, load_series(log))

@@ -1,0 +1,185 @@
+"""What a simulator says was true, in the words of the measurement; read to score a run and for nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline, RectBivariateSpline
+
+from semlive.data.frame import FrameInfo
+from semlive.errors import BadInput
+from semlive.inputs.files import read_regular
+from semlive.inputs.json_text import parse_json
+
+Field = NDArray[np.float64]
+_VISITS = 64  # samples of a frame's drift; between them a cubic is exact to 1e-9 px for drift that bends over minutes
+_MOST_BYTES = 500_000_000  # of a truth file; that of a week has some MB
+_REFINEMENTS = 5  # each gains a factor of 100, the slope of distortion and drift
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrueFrame:
+    """How the specimen truly lay in one frame: material point xi is at ``xi + shift + gradient (xi - centre)``.
+
+    Attributes:
+        start_ns: when the scan truly began, UTC ns.
+        row_time_s: true row time.
+        shift_px: (2,) motion of the centre.
+        gradient: (2, 2) displacement gradient.
+    """
+
+    start_ns: int
+    row_time_s: float
+    shift_px: Field
+    gradient: Field
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """A simulator's truth.
+
+    Attributes:
+        youngs_modulus_gpa: E.
+        poissons_ratio: nu.
+        centre_px: (2,) about which gradients act.
+        frames: by the name of the exported file.
+        start_ns: when the drift's time begins, UTC ns.
+        drift: (2,) px at seconds since then.
+        distortion_px: E(R) along x and y over (y, x).
+    """
+
+    youngs_modulus_gpa: float
+    poissons_ratio: float
+    centre_px: Field
+    frames: Mapping[str, TrueFrame]
+    start_ns: int
+    drift: CubicSpline
+    distortion_px: tuple[RectBivariateSpline, RectBivariateSpline]
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any]) -> Truth:
+        """From the content of a truth file.
+
+        Raises:
+            BadInput: something is missing in it.
+        """
+        try:
+            frames = {
+                one["file"]: TrueFrame(
+                    int(one["start_time_ns"]), float(one["row_time_s"]), np.asarray(one["stage_px"]), np.asarray(one["gradient"])
+                )
+                for one in told["frames"]
+            }
+            drift, bend, start_ns = told["drift"], told["distortion"], int(told["start_time_ns"])
+            time_s = (np.asarray(drift["time_ns"], dtype=np.int64) - start_ns) * 1e-9
+            return cls(
+                float(told["youngs_modulus_gpa"]),
+                float(told["poissons_ratio"]),
+                np.asarray(told["centre_px"], dtype=np.float64),
+                frames,
+                start_ns,
+                CubicSpline(time_s, np.stack((drift["dx_px"], drift["dy_px"]), axis=1)),
+                (_surface(bend, "ex_px"), _surface(bend, "ey_px")),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise BadInput(f"the truth lacks what a score needs ({error}); give the truth.json that the simulator wrote") from error
+
+    def frame(self, name: str) -> TrueFrame:
+        """The truth of one frame.
+
+        Raises:
+            BadInput: it says nothing of that file.
+        """
+        if name not in self.frames:
+            raise BadInput(f"the truth says nothing of {name}; give the truth.json of this very run")
+        return self.frames[name]
+
+    def drift_at(self, frame: TrueFrame, time_s: ArrayLike) -> Field:
+        """(..., 2) drift in px at seconds since a frame's scan began."""
+        return np.asarray(self.drift((frame.start_ns - self.start_ns) * 1e-9 + np.asarray(time_s)))
+
+    def distortion_at(self, address_px: Field) -> Field:
+        """(..., 2) distortion E in px at scan addresses (..., 2)."""
+        return np.stack([one.ev(address_px[..., 1], address_px[..., 0]) for one in self.distortion_px], axis=-1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrueMotion:
+    """What truly happens to points of frame 0 in another frame.
+
+    Attributes:
+        displacement_px: (..., 2) of the specimen from frame 0, without drift and distortion.
+        correction_px: (..., 2) what drift and distortion add to it: ``[E(R_n) + d_n] - [E(R_0) + d_0]``.
+    """
+
+    displacement_px: Field
+    correction_px: Field
+
+
+def true_motion(truth: Truth, first: FrameInfo, info: FrameInfo, address_px: Field) -> TrueMotion:
+    """Follow the material points that frame 0 shows at scan addresses (..., 2) to another frame.
+
+    The beam at address R is at ``p = R - E(R) - d(t(R))`` and sees the material point with ``p = xi + s + G (xi - c)``.
+    An image that integrates M scans shows the mean of its visits.
+    """
+    before, after = truth.frame(first.name), truth.frame(info.name)
+    bent_px = truth.distortion_at(address_px) + _drift_of(truth, first, address_px)
+    centre = truth.centre_px
+    position = address_px - bent_px - centre
+    material = (position - before.shift_px) @ np.linalg.inv(np.eye(2) + before.gradient).T
+    moved = after.shift_px + material @ (np.eye(2) + after.gradient).T
+    reached = address_px + moved - position
+    for _ in range(_REFINEMENTS):
+        reached = centre + moved + truth.distortion_at(reached) + _drift_of(truth, info, reached)
+    return TrueMotion(moved - position, reached - centre - moved - bent_px)
+
+
+def average_over_subset(value: Callable[[Field], Field], address_px: Field, subset_px: int) -> Field:
+    """The mean of a field over the subset about each address (..., 2), by three Gauss points along each axis.
+
+    It is what a correlation with an affine shape function shows of a field that bends within the subset, and so what can be learnt
+    from disparity; it differs from the field by up to 0.02 px where a distortion shaped like the paper's Fig. 11 bends most.
+    """
+    points = [(0.5 * root * subset_px, 0.5 * weight) for root, weight in zip(*np.polynomial.legendre.leggauss(3), strict=True)]
+    means = [wx * wy * value(address_px + np.array([x, y])) for x, wx in points for y, wy in points]
+    return np.asarray(np.sum(means, axis=0))
+
+
+def strain_gradient(truth: Truth, first: FrameInfo, info: FrameInfo) -> Field:
+    """(2, 2) true displacement gradient of a frame relative to frame 0."""
+    before, after = np.eye(2) + truth.frame(first.name).gradient, np.eye(2) + truth.frame(info.name).gradient
+    return np.asarray(after @ np.linalg.inv(before) - np.eye(2))
+
+
+def load_truth(path: Path) -> dict[str, Any]:
+    """Read a simulator's truth.
+
+    Raises:
+        BadInput: the file is missing or is not a truth file.
+    """
+    try:
+        truth = parse_json(read_regular(path, _MOST_BYTES))
+    except (OSError, ValueError) as error:
+        raise BadInput(f"{path}: is not a truth file ({error}); give the truth.json that the simulator wrote") from error
+    if not isinstance(truth, dict) or truth.get("version") != 1:
+        raise BadInput(f"{path}: is not a truth file of version 1; give the truth.json that the simulator wrote")
+    return truth
+
+
+def _drift_of(truth: Truth, info: FrameInfo, address_px: Field) -> Field:
+    """(..., 2) drift that a frame shows at scan addresses: the mean over its visits there."""
+    frame, timing = truth.frame(info.name), info.timing
+    dwell_s, scan_s = timing.dwell_time_s.value, timing.frame_time_s.value
+    sampled_s = np.linspace(-0.1 * scan_s, 1.1 * scan_s, _VISITS)
+    visits_s = scan_s * np.arange(timing.integrations.value)
+    mean_px = truth.drift_at(frame, sampled_s[:, None] + visits_s).mean(axis=1)
+    return np.asarray(CubicSpline(sampled_s, mean_px)(address_px[..., 0] * dwell_s + address_px[..., 1] * frame.row_time_s))
+
+
+def _surface(bend: Mapping[str, Any], name: str) -> RectBivariateSpline:
+    return RectBivariateSpline(np.asarray(bend["y_px"]), np.asarray(bend["x_px"]), np.asarray(bend[name]))

@@ -1,0 +1,1 @@
+"""The analysis process: pairs in, results out."""

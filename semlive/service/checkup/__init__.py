@@ -1,5 +1,0 @@
-"""Is everything in place that a run needs? Each finding says what was looked at, what is so, and how to mend it; nothing is moved."""
-
-from semlive.service.checkup.look import look
-
-__all__ = ["look"]

@@ -1,0 +1,59 @@
+"""A model as a run's configuration holds it: `--model` puts it there, so whatever reads the log has it too."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from semlive.data.diagnosis import EffectModel, ModelEffect
+
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
+_Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+
+
+class ModelFieldConfig(BaseModel):
+    """Enough of an effect to predict it in any run."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    family: str
+    values: dict[str, _Finite]
+    size_px: _Positive
+
+
+class ModelEffectConfig(BaseModel):
+    """An effect of a model."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    name: str
+    law: ModelFieldConfig
+
+
+class ModelRun(BaseModel):
+    """The run that a model was found in."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    width_px: int | None = None
+    height_px: int | None = None
+    pixel_size_um: _Positive | None = None
+
+
+class ModelSection(BaseModel):
+    """What `--model` adds to a configuration."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    sha256: str
+    """Of the file."""
+    effects: tuple[ModelEffectConfig, ...]
+    run: ModelRun = ModelRun()
+
+    def known(self) -> EffectModel:
+        """What the pipeline needs to know of it."""
+        effects = tuple(ModelEffect(one.law.family, tuple(one.law.values.items()), one.law.size_px) for one in self.effects)
+        width, height = self.run.width_px, self.run.height_px
+        size_px = None if width is None or height is None else (width, height)
+        return EffectModel(effects, size_px, self.run.pixel_size_um, self.sha256)

@@ -1,0 +1,1 @@
+"""The daemon: control loop, device links, operator, analysis events."""

@@ -1,0 +1,47 @@
+"""Asking the SEM for a frame, apart from the loop: a trigger that never answers holds nobody up."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable
+
+from semlive.engine import Device, DeviceFault, Event
+from semlive.errors import LinkError
+from semlive.ports import ClockSource, Trigger
+
+
+class TriggerLink:
+    """Calls a trigger from threads of its own, which nobody waits for at the end.
+
+    Args:
+        trigger: who asks the SEM.
+        on_event: told in such a thread when asking failed.
+        clock: experiment time.
+    """
+
+    def __init__(self, trigger: Trigger, on_event: Callable[[Event], None], clock: ClockSource) -> None:
+        self._trigger, self._on_event, self._clock = trigger, on_event, clock
+
+    def request_scan(self) -> None:
+        """Ask for one frame; returns at once."""
+        threading.Thread(target=self._ask, name="trigger", daemon=True).start()
+
+    def close(self, timeout_s: float = 2.0) -> None:
+        """Close the link; never raises."""
+        closing = threading.Thread(target=self._close, name="trigger closing", daemon=True)
+        closing.start()
+        closing.join(timeout_s)
+
+    def _ask(self) -> None:
+        try:
+            self._trigger.trigger_scan()
+        except Exception as error:
+            reason = str(error) if isinstance(error, LinkError) else f"the trigger's driver failed: {error!r}"
+            # The loop may be closed by now: then nobody has to know any more.
+            with contextlib.suppress(RuntimeError):
+                self._on_event(DeviceFault(self._clock.now_ns(), Device.SEM, reason))
+
+    def _close(self) -> None:
+        with contextlib.suppress(Exception):
+            self._trigger.close()

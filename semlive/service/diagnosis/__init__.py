@@ -1,0 +1,1 @@
+"""Diagnosis of one or two logs, and what follows from it."""

@@ -1,0 +1,1 @@
+"""Writing, reading, following and repairing the log of a run."""

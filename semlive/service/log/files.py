@@ -1,0 +1,140 @@
+"""Logs as files: `LOG` is one MCAP file, or a run folder of segments ``<run>.000.mcap``, ``<run>.001.mcap``, ..."""
+
+from __future__ import annotations
+
+import heapq
+import os
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from semlive.errors import BadLog
+from semlive.formats.log.writer import LogMessage, read_messages, rewritten_after
+from semlive.inputs.files import open_regular
+
+SUFFIX = ".mcap"
+PARTIAL_SUFFIX = ".part"
+
+
+def log_name(log: Path) -> str:
+    """What a log is called: its folder, or its file without the suffix; a run's name may hold dots."""
+    name = log.name if log.name.strip(".") else log.resolve().name
+    return name if log.is_dir() else name.removesuffix(PARTIAL_SUFFIX).removesuffix(SUFFIX)
+
+
+def sibling_path(log: Path, ending: str) -> Path:
+    """A file next to a log, with the log's name before its ending."""
+    place = log if log.name.strip(".") else log.resolve()
+    return place.with_name(log_name(log) + ending)
+
+
+def segment_path(folder: Path, run: str, segment: int) -> Path:
+    """Where a segment of a run is kept when it is finished; while it grows it has `PARTIAL_SUFFIX` behind."""
+    return folder / f"{run}.{segment:03d}{SUFFIX}"
+
+
+def next_segment(path: Path) -> Path:
+    """Where the segment after this one is kept."""
+    run, _, number = path.name.removesuffix(SUFFIX).rpartition(".")
+    return segment_path(path.parent, run, int(number) + 1)
+
+
+def segments(log: Path) -> tuple[Path, ...]:
+    """The files of a log in order; a segment that was not finished (killed, or still growing) counts.
+
+    Raises:
+        BadLog: there is no such log, or the folder holds no segment or segments of several runs.
+    """
+    if log.is_file():
+        return (log,)
+    if not log.is_dir():
+        raise BadLog(f"{log}: no such log; give an MCAP file or a run folder.")
+    found, before = _listed(log), None
+    while before is None or found.keys() != before.keys():
+        # A file that is being renamed may be missed by a listing.
+        found, before = _listed(log), found
+    if not found:
+        raise BadLog(f"{log}: holds no {SUFFIX} file; give an MCAP file or a run folder.")
+    runs = sorted({name.removesuffix(SUFFIX).rpartition(".")[0] for name in found})
+    if len(runs) > 1:
+        raise BadLog(f"{log}: holds several logs ({', '.join(found)}); give one of them.")
+    # The thousandth has a digit more.
+    return tuple(found[name] for name in sorted(found, key=lambda name: (len(name), name)))
+
+
+def _listed(folder: Path) -> dict[str, Path]:
+    """Segments by the name that they have when they are finished."""
+    found: dict[str, Path] = {}
+    with os.scandir(folder) as entries:
+        names = sorted(entry.name for entry in entries if entry.name.removesuffix(PARTIAL_SUFFIX).endswith(SUFFIX) and entry.is_file())
+    for name in names:
+        # A finished segment comes before its own remains.
+        found.setdefault(name.removesuffix(PARTIAL_SUFFIX), folder / name)
+    return found
+
+
+def messages(log: Path, on_damage: Callable[[str], None] | None = None) -> Iterator[LogMessage]:
+    """All messages of a log in the order in which they were written.
+
+    Messages that a segment repeats, because the disk had not acknowledged them in the preceding one, are given once, from whichever of the
+    two has them.
+
+    Args:
+        log: one MCAP file, or a run folder.
+        on_damage: told one sentence for each damage that was passed over.
+
+    Raises:
+        BadLog: there is no such log, or a file of it cannot be read or is not MCAP.
+    """
+    found, held = segments(log), list[LogMessage]()
+    for place, path in enumerate(found):
+        repeated_after = _repeated_after(found[place + 1]) if place + 1 < len(found) else None
+        given, held = _merged(held, _segment(path, on_damage)), []
+        for message in given:
+            if repeated_after is not None and message.log_time_ns > repeated_after:
+                held.append(message)
+            else:
+                yield message
+    yield from held
+
+
+def _repeated_after(path: Path) -> int | None:
+    try:
+        with open_segment(path) as stream:
+            return rewritten_after(stream)
+    except (OSError, BadLog):
+        return None  # whoever reads the segment itself reports it
+
+
+def _merged(held: list[LogMessage], segment: Iterable[LogMessage]) -> Iterator[LogMessage]:
+    """Messages of a segment with those held from the preceding one, each log time once."""
+    if not held:
+        yield from segment
+        return
+    newest = -1
+    for message in heapq.merge(held, segment, key=lambda one: one.log_time_ns):
+        if message.log_time_ns > newest:
+            yield message
+        newest = max(newest, message.log_time_ns)
+
+
+def _segment(path: Path, on_damage: Callable[[str], None] | None) -> Iterator[LogMessage]:
+    def tell(what: str) -> None:
+        if on_damage is not None:
+            on_damage(f"{path.name}: {what}.")
+
+    try:
+        with open_segment(path) as stream:
+            yield from read_messages(stream, tell)
+    except OSError as exc:
+        raise BadLog(f"{path}: cannot be read ({exc.strerror}); check the file and its permissions.") from exc
+    except BadLog as exc:
+        raise BadLog(f"{path}: {exc}") from exc
+
+
+def open_segment(path: Path) -> BinaryIO:
+    """The segment, under its finished name if it was finished since it was listed."""
+    try:
+        return open_regular(path)
+    except FileNotFoundError:
+        return open_regular(path.with_name(path.name.removesuffix(PARTIAL_SUFFIX)))

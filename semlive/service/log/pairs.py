@@ -1,0 +1,184 @@
+"""What a log holds for analysis: settings, pairs with their disparity maps, load, the recorded result; one pair in memory at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.records import Channel, Statistics
+
+from semlive.data.disparity import DisparityMap
+from semlive.data.pair import PairDecision
+from semlive.data.series import LoadSeries
+from semlive.data.settings import AnalysisSettings
+from semlive.errors import BadLog
+from semlive.formats.log import conversions as values
+from semlive.formats.log.maps import decode_map
+from semlive.formats.log.messages import (
+    DIC_MAP,
+    SEM_ORIGINAL,
+    ClockOffsetMessage,
+    LoadSampleMessage,
+    PairMessage,
+    ResultMessage,
+    RunMessage,
+    from_json,
+)
+from semlive.formats.log.repair import summary
+from semlive.service.log.files import messages, open_segment, segments
+from semlive.service.log.settings import settings_of
+
+Maps = tuple[DisparityMap, ...]
+
+
+@dataclass(slots=True)
+class LogNotes:
+    """What was met on the way through a log.
+
+    Attributes:
+        run: the first `/run` message.
+        recorded: the newest recorded result.
+        sem_clock: what was told last of the microscope's clock.
+    """
+
+    run: RunMessage | None = None
+    recorded: dict[str, Any] | None = None
+    sem_clock: ClockOffsetMessage | None = None
+
+
+def first_run(log: Path) -> RunMessage:
+    """The log's first `/run` message.
+
+    Raises:
+        BadLog: the log cannot be read or has none.
+    """
+    for message in messages(log):
+        if message.topic == "/run":
+            run = from_json(message.topic, message.payload)
+            assert isinstance(run, RunMessage)  # by its topic
+            return run
+    raise BadLog(f"{log}: holds no run's configuration; give a log that semlive wrote.")
+
+
+def log_settings(log: Path) -> AnalysisSettings:
+    """The analysis settings that the log was made with.
+
+    Raises:
+        BadInput: the log cannot be read.
+    """
+    return settings_of(first_run(log))
+
+
+def pairs_with_maps(log: Path, words: LogNotes) -> Iterator[tuple[PairDecision, Maps]]:
+    """Pairs in their order, each with the maps that were made of it.
+
+    Args:
+        log: one file, or a run folder.
+        words: filled on the way.
+
+    Raises:
+        BadLog: the log cannot be read.
+    """
+    decisions: dict[int, PairDecision] = {}
+    pair, maps = -1, []
+    for message in messages(log):
+        if message.topic == DIC_MAP:
+            one = decode_map(message.payload)
+            if one.current // 2 < pair or any((one.reference, one.current) == (m.reference, m.current) for m in maps):
+                continue  # said again after a restart
+            if maps and one.current // 2 > pair:
+                yield _taken(log, decisions, pair), tuple(maps)
+                maps = []
+            pair = one.current // 2
+            maps.append(one)
+        else:
+            _note(message.topic, message.payload, decisions, words)
+    if maps:
+        yield _taken(log, decisions, pair), tuple(maps)
+
+
+def _note(topic: str, payload: bytes, decisions: dict[int, PairDecision], words: LogNotes) -> None:
+    if topic == "/pair":
+        told = from_json(topic, payload)
+        assert isinstance(told, PairMessage)  # by its topic
+        decisions[told.pair] = values.pair_decision(told)
+    elif topic == "/run" and words.run is None:
+        run = from_json(topic, payload)
+        words.run = run if isinstance(run, RunMessage) else None
+    elif topic == "/result":
+        result = from_json(topic, payload)
+        words.recorded = dict(result.root) if isinstance(result, ResultMessage) else None
+    elif topic == "/clock/offset":
+        offset = from_json(topic, payload)
+        if isinstance(offset, ClockOffsetMessage) and offset.clock == "sem":
+            words.sem_clock = offset
+
+
+def _taken(log: Path, decisions: dict[int, PairDecision], pair: int) -> PairDecision:
+    decision = decisions.pop(pair, None)
+    if decision is None:
+        raise BadLog(f"{log}: holds maps of pair {pair} but not the pair itself; recover the log first.")
+    return decision
+
+
+def recorded_result(log: Path) -> dict[str, Any] | None:
+    """The newest result that the log holds, None if its run did not end by itself.
+
+    Raises:
+        BadLog: the log cannot be read.
+    """
+    words = LogNotes()
+    for message in messages(log):
+        if message.topic == "/result":
+            _note(message.topic, message.payload, {}, words)
+    return words.recorded
+
+
+def has_images(log: Path) -> bool:
+    """Whether the log holds exported images.
+
+    Raises:
+        BadLog: the log cannot be read.
+    """
+    counts = topic_counts(log)
+    if counts is not None:
+        return counts.get(SEM_ORIGINAL, 0) > 0
+    return any(message.topic == SEM_ORIGINAL for message in messages(log))
+
+
+def topic_counts(log: Path) -> dict[str, int] | None:
+    """Messages by topic, from the summaries at the segments' ends; None if a segment has none."""
+    found: dict[str, int] = {}
+    for path in segments(log):
+        try:
+            with open_segment(path) as stream:
+                records = summary(stream)
+        except OSError:
+            return None
+        topics = {one.id: one.topic for one in records if isinstance(one, Channel)}
+        counts = next((one.channel_message_counts for one in records if isinstance(one, Statistics)), None)
+        if counts is None or not counts.keys() <= topics.keys():
+            return None
+        for channel, count in counts.items():
+            found[topics[channel]] = found.get(topics[channel], 0) + count
+    return found
+
+
+def load_series(log: Path) -> LoadSeries | None:
+    """Load and extension as sampled, or None if the run had no load frame.
+
+    Raises:
+        BadLog: the log cannot be read.
+    """
+    payloads = (message.payload for message in messages(log) if message.topic == "/load_frame/sample")
+    samples = [LoadSampleMessage.model_validate_json(payload) for payload in payloads]
+    if not samples:
+        return None
+    time_ns = np.array([sample.time_ns for sample in samples], dtype=np.int64)
+    force_n, extension_mm = (np.array([getattr(sample, name) for sample in samples]) for name in ("force_n", "extension_mm"))
+    said = [sample.gage_strain for sample in samples]
+    gage = None if all(one is None for one in said) else np.array([np.nan if one is None else one for one in said])
+    return LoadSeries(time_ns, force_n, extension_mm, gage)

@@ -1,0 +1,299 @@
+"""Torn and damaged logs made whole again, and what was lost of them.
+
+What was written is never deleted: a damaged segment stays beside the recovered one under another name. At every instant of a
+recovery, killed or not, the folder holds a log that can be read.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.records import Channel, Message, MessageIndex, Metadata, Schema, Statistics
+
+from semlive.errors import BadLog, SemliveError
+from semlive.formats.log.messages import RAW_TOPICS, TOPICS
+from semlive.formats.log.repair import SegmentSpan, channels_and_schemas, scan_spans, summary
+from semlive.formats.log.writer import LogWriter, rewritten_in
+from semlive.inputs.files import open_regular
+from semlive.service.log.files import PARTIAL_SUFFIX, SUFFIX, segments
+from semlive.service.log.segment import REWRITING
+from semlive.service.log.stream import is_being_written, sync_folder
+
+ORIGINAL = ".original"
+_GROWING = ".recovering"
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """One damaged stretch of a segment.
+
+    Attributes:
+        start_byte: first damaged byte.
+        end_byte: byte after the last.
+        what: what is wrong, a fragment of a sentence.
+        after_ns: log time of the last message before it, None if there is none.
+        before_ns: log time of the first message behind it, None if there is none.
+        lost: messages of each topic that stood there, by the index behind it; empty if there is none.
+    """
+
+    start_byte: int
+    end_byte: int
+    what: str
+    after_ns: int | None
+    before_ns: int | None
+    lost: Mapping[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class RepairSummary:
+    """What became of one segment.
+
+    Attributes:
+        source: the segment as it was found.
+        path: the valid segment.
+        kept_as: where the damaged original is now, None if nothing was wrong or it stayed where it was.
+        kept: messages of each topic in the valid segment.
+        lost: messages of each topic known to be lost.
+        lost_is_complete: `lost` is all that was lost; otherwise there may be more, behind a tear or of topics that are not counted.
+        damage: in order; empty if the segment was whole.
+    """
+
+    source: Path
+    path: Path
+    kept_as: Path | None
+    kept: Mapping[str, int]
+    lost: Mapping[str, int]
+    lost_is_complete: bool
+    damage: tuple[Damage, ...]
+
+    @property
+    def was_intact(self) -> bool:
+        """Nothing was wrong with it."""
+        return not self.damage
+
+
+def recover_log(log: Path, out: Path | None = None, progress: Callable[[int, int], object] = lambda *_: None) -> tuple[RepairSummary, ...]:
+    """Make every segment of a log valid.
+
+    Args:
+        log: one file, or a run folder.
+        out: where the valid log goes: a file for a file, a folder for a folder; by default each segment's own place.
+        progress: told how many bytes of how many are read.
+
+    Raises:
+        BadLog: there is no such log, it is no MCAP file, it is being written, or `out` exists.
+        SemliveError: it cannot be read or written.
+    """
+    if out is None and log.is_dir():
+        _adopt_rewriting(log)
+    found = segments(log)
+    sizes = {path: path.stat().st_size for path in found}
+
+    def recovered(path: Path, target: Path | None) -> RepairSummary:
+        before = sum(sizes[one] for one in found[: found.index(path)])
+        return recover_segment(path, target, lambda done: progress(before + done, sum(sizes.values())))
+
+    if out is None:
+        return tuple(recovered(path, None) for path in found)
+    if out.exists():
+        raise BadLog(f"{out}: exists already; name another file or folder.")
+    if log.is_file():
+        return (recovered(found[0], out),)
+    out.mkdir(parents=True)
+    return tuple(recovered(path, out / path.name.removesuffix(PARTIAL_SUFFIX)) for path in found)
+
+
+def repair_partial_segments(folder: Path) -> tuple[RepairSummary, ...]:
+    """Finish what an earlier start of a run left unfinished: every ``.part`` of its folder becomes a valid segment.
+
+    Raises:
+        BadLog: a segment is being written by another semlive.
+        SemliveError: a segment cannot be read or written.
+    """
+    _adopt_rewriting(folder)
+    parts = sorted(folder.glob(f"*{SUFFIX}{PARTIAL_SUFFIX}"))
+    return tuple(recover_segment(path) for path in parts if not path.with_name(path.name.removesuffix(PARTIAL_SUFFIX)).exists())
+
+
+def _adopt_rewriting(folder: Path) -> None:
+    """Make a segment that was being written again when the daemon was killed part of the log: it may hold what the disk lost elsewhere.
+
+    Raises:
+        SemliveError: it cannot be read or renamed.
+    """
+    for path in sorted(folder.glob(f"*{SUFFIX}{REWRITING}")):
+        finished = path.with_name(path.name.removesuffix(REWRITING))
+        part = finished.with_name(finished.name + PARTIAL_SUFFIX)
+        try:
+            with path.open("rb") as stream:
+                busy = is_being_written(stream)
+            if not (busy or finished.exists() or part.exists()):
+                path.rename(part)
+        except OSError as exc:
+            raise SemliveError(f"{path}: cannot be recovered ({exc.strerror or exc}); check the disk and try again.") from exc
+
+
+def recover_segment(path: Path, out: Path | None = None, read: Callable[[int], object] = lambda _: None) -> RepairSummary:
+    """Make one segment valid: everything that is whole, in its order, with an index.
+
+    Args:
+        path: the segment, finished or ``.part``.
+        out: where the valid one goes; by default its finished name, and the damaged original is kept beside it.
+        read: told how many bytes are read.
+
+    Raises:
+        BadLog: it is no MCAP file, or it is being written.
+        SemliveError: it cannot be read or written.
+    """
+    target = out or path.with_name(path.name.removesuffix(PARTIAL_SUFFIX))
+    growing = target.with_name(target.name + _GROWING)
+    try:
+        with open_regular(path) as stream:
+            if is_being_written(stream):
+                raise BadLog(f"{path}: is being written by a running semlive; stop that run first.")
+            with growing.open("wb") as written:
+                recovered = replace(_recover(stream, written, read), source=path, path=target)
+                written.flush()
+                os.fsync(written.fileno())
+        return _put_in_place(recovered, growing, out is None)
+    except OSError as exc:
+        with contextlib.suppress(OSError):
+            growing.unlink()
+        raise SemliveError(f"{path}: cannot be recovered ({exc.strerror or exc}); make room on the disk and try again.") from exc
+    except BadLog as exc:
+        growing.unlink(missing_ok=True)
+        raise BadLog(str(exc) if str(path) in str(exc) else f"{path}: {exc}") from exc
+
+
+def _put_in_place(recovered: RepairSummary, growing: Path, in_place: bool) -> RepairSummary:
+    path, target = recovered.source, recovered.path
+    if recovered.was_intact:
+        growing.unlink()
+        if not in_place:
+            shutil.copyfile(path, target)
+        elif path != target:
+            path.replace(target)
+    elif not in_place:
+        growing.replace(target)
+    else:
+        kept_as = _free_name(path.with_name(path.name.removesuffix(PARTIAL_SUFFIX).removesuffix(SUFFIX) + ORIGINAL))
+        if path == target:
+            try:
+                os.link(path, kept_as)
+            except OSError:
+                # No links on this file system: for an instant the log has only its other name.
+                path.replace(kept_as)
+            growing.replace(target)
+        else:
+            growing.replace(target)
+            path.replace(kept_as)
+        recovered = replace(recovered, kept_as=kept_as)
+    sync_folder(target.parent)
+    return recovered
+
+
+def _free_name(path: Path) -> Path:
+    number, free = 1, path
+    while free.exists():
+        number += 1
+        free = path.with_name(f"{path.name}{number}")
+    return free
+
+
+@dataclass(slots=True)
+class _Account:
+    """What was kept and what was lost, while a segment is read."""
+
+    channels: Mapping[int, Channel]
+    kept: Counter[str] = field(default_factory=Counter)
+    skipped: Counter[str] = field(default_factory=Counter)
+    newest: dict[str, int] = field(default_factory=dict)
+    damage: list[Damage] = field(default_factory=list)
+    last_ns: int | None = None
+    open_damage: bool = False
+
+    def read(self, topic: str, message: Message) -> None:
+        self.kept[topic] += 1
+        if topic in TOPICS and topic not in RAW_TOPICS:
+            self.skipped[topic] += max(0, message.sequence - self.newest.get(topic, -1) - 1)
+            self.newest[topic] = message.sequence
+        self.last_ns = message.log_time
+        if self.open_damage:
+            self.open_damage = False
+            self.damage = [replace(one, before_ns=message.log_time) if one.before_ns is None else one for one in self.damage]
+
+    def damaged(self, piece: SegmentSpan) -> None:
+        self.damage.append(Damage(piece.start, piece.end, piece.damage, self.last_ns, None, {}))
+        self.open_damage = True
+
+    def indexed(self, index: MessageIndex) -> None:
+        """An index behind a damaged chunk tells what stood in it."""
+        channel = self.channels.get(index.channel_id)
+        if channel is not None and self.open_damage:
+            last = self.damage[-1]
+            self.damage[-1] = replace(last, lost={**last.lost, channel.topic: len(index.records)})
+
+    def lost(self, statistics: Statistics | None) -> dict[str, int]:
+        if statistics is not None:
+            expected = {
+                self.channels[number].topic: n for number, n in statistics.channel_message_counts.items() if number in self.channels
+            }
+            lost = {topic: n - self.kept[topic] for topic, n in expected.items()}
+        else:
+            indexed = sum((Counter(one.lost) for one in self.damage), Counter[str]())
+            lost = {topic: max(indexed[topic], self.skipped[topic]) for topic in indexed | self.skipped}
+        return {topic: n for topic, n in sorted(lost.items()) if n > 0}
+
+
+def _recover(stream: BinaryIO, out: BinaryIO, read: Callable[[int], object]) -> RepairSummary:
+    """Write what is whole of one segment as another; paths are filled in by the caller."""
+    channels, schemas = channels_and_schemas(stream)
+    total = next((record for record in summary(stream) if isinstance(record, Statistics)), None)
+    account, writer, adopted = _Account(channels), LogWriter(out), set[str]()
+    unknown = 0
+    for piece in scan_spans(stream):
+        if piece.damage and not piece.truncated:
+            account.damaged(piece)
+        for record in piece.records:
+            if isinstance(record, MessageIndex):
+                account.indexed(record)
+            elif isinstance(record, Metadata) and (after_ns := rewritten_in(record)) is not None:
+                writer.tell_rewritten(after_ns)
+            elif isinstance(record, Message):
+                channel = channels.get(record.channel_id)
+                if channel is None:
+                    unknown += 1
+                    continue
+                if channel.topic not in adopted:
+                    adopted.add(channel.topic)
+                    _adopt(writer, channel, schemas)
+                account.read(channel.topic, record)
+                writer.write(channel.topic, record.data, record.log_time, record.publish_time, record.sequence)
+        if piece.truncated:
+            # What a torn chunk still gave stands before the tear.
+            account.damaged(piece)
+        # Chunks stay as small as they were: each can be lost alone again.
+        writer.flush()
+        read(piece.end)
+    writer.finish()
+    damage = list(account.damage)
+    complete = (total is not None or not damage) and not unknown
+    if total is None and not damage:
+        damage.append(Damage(0, 0, "the index at the end is damaged", account.last_ns, None, {}))
+    if unknown:
+        damage.append(Damage(0, 0, f"{unknown} messages belong to topics that are named nowhere", None, None, {}))
+    return RepairSummary(Path(), Path(), None, dict(sorted(account.kept.items())), account.lost(total), complete, tuple(damage))
+
+
+def _adopt(writer: LogWriter, channel: Channel, schemas: Mapping[int, Schema]) -> None:
+    """With the schema that stands in the log; where that is lost, our own."""
+    schema = schemas.get(channel.schema_id)
+    if schema is not None or channel.schema_id == 0 or channel.topic not in TOPICS:
+        writer.register_channels(channel, schema)

@@ -1,0 +1,79 @@
+"""What a log tells of its run besides measurements: alarms, refused frames, versions, configuration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from semlive.formats.log.messages import FileMessage, RunMessage, from_json
+from semlive.service.log.alarms import TOPICS as ALARM_TOPICS
+from semlive.service.log.alarms import Alarms, after
+from semlive.service.log.files import messages
+
+
+@dataclass(frozen=True, slots=True)
+class RefusedFile:
+    """An exported file that was not used.
+
+    Attributes:
+        export: its number; None if it was refused before it got one.
+        name: file name; empty if the log does not say.
+        reason: one sentence.
+    """
+
+    export: int | None
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class LogFacts:
+    """What a log tells of its run.
+
+    Attributes:
+        host: computer.
+        segments: how often the run was begun or taken up again.
+        versions: of the programs, by name.
+        config: the checked configuration.
+        files: exported files that arrived.
+        refused: those that were not used, in order.
+        alarms: what went wrong; None if the log was not read for it.
+    """
+
+    host: str = ""
+    segments: int = 0
+    versions: dict[str, str] | None = None
+    config: dict[str, Any] | None = None
+    files: int = 0
+    refused: tuple[RefusedFile, ...] = ()
+    alarms: Alarms | None = None
+
+
+def log_facts(log: Path) -> LogFacts:
+    """Read what a log tells of its run.
+
+    Raises:
+        BadLog: the log cannot be read.
+    """
+    runs: list[RunMessage] = []
+    names: dict[int, str] = {}
+    refused: list[RefusedFile] = []
+    alarms = Alarms()
+    for message in messages(log):
+        if message.topic not in ("/run", "/sem/file", *ALARM_TOPICS):
+            continue
+        told = from_json(message.topic, message.payload)
+        alarms = after(alarms, told)
+        if isinstance(told, RunMessage):
+            runs.append(told)
+        elif isinstance(told, FileMessage):
+            if told.decision == "arrived" and told.export is not None:
+                names[told.export] = told.name
+            elif told.decision == "refused":
+                name = told.name or ("" if told.export is None else names.get(told.export, ""))
+                refused.append(RefusedFile(told.export, name, told.reason))
+    if not runs:
+        return LogFacts(files=len(names), refused=tuple(refused), alarms=alarms)
+    first = runs[0]
+    return LogFacts(first.host, len(runs), dict(first.versions), dict(first.config), len(names), tuple(refused), alarms)

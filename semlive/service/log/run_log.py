@@ -1,0 +1,136 @@
+"""What happens, written down: values of the engine as messages of the log."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import time
+from collections.abc import Callable
+
+from pydantic import JsonValue
+
+from semlive.data.frame import ExportedFile, FrameInfo
+from semlive.data.loading import FrameLoad, LoadSample, StageSample
+from semlive.data.pair import PairDecision
+from semlive.engine import Transition
+from semlive.formats.log import conversions as values
+from semlive.formats.log.messages import (
+    RAW_TOPICS,
+    SEM_ORIGINAL,
+    SEM_SIDECAR,
+    BootStamped,
+    CommandMessage,
+    FaultMessage,
+    FileMessage,
+    LogLineMessage,
+    MonotonicStamped,
+    Payload,
+    StateMessage,
+    topic_of,
+)
+from semlive.formats.log.writer import LogMessage
+from semlive.service.log import alarms as alarm_rules
+from semlive.service.log.alarms import Alarms
+from semlive.service.log.recorder import Recorder
+from semlive.service.runtime.boot import boot_id
+
+
+class RunLog:
+    """The recorder, in the words of the experiment.
+
+    A follower is told every message as it stands in the log and in the log's order, so what it has been told is always a
+    beginning of the log. All methods are for one thread, the loop's.
+
+    Attributes:
+        recorder: who writes it all; its `behind` says whether it keeps up.
+        alarms: those of the log so far.
+    """
+
+    def __init__(self, recorder: Recorder, alarms: Alarms | None = None) -> None:
+        """A journal of a run that begins, or with the alarms of its earlier segments."""
+        self.recorder = recorder
+        self.alarms = alarms or Alarms()
+        self._boot_id = boot_id()
+        self._follower: Callable[[LogMessage], None] | None = None
+
+    def subscribe(self, follower: Callable[[LogMessage], None]) -> None:
+        """Tell `follower` every message from now on."""
+        self._follower = follower
+
+    def write_message(self, payload: Payload, publish_time_ns: int | None = None) -> None:
+        """Any message."""
+        self._write(topic_of(payload), payload, publish_time_ns)
+
+    def output(self, message: LogMessage) -> None:
+        """What analysis said, as it said it."""
+        sequence = message.sequence if message.topic in RAW_TOPICS else None
+        self._write(message.topic, message.payload, message.publish_time_ns, sequence)
+
+    def sample(self, sample: LoadSample | StageSample) -> None:
+        """A reading of the load frame or of the stage."""
+        told = values.load_sample_message(sample) if isinstance(sample, LoadSample) else values.stage_sample_message(sample)
+        self.write_message(told, sample.time_ns)
+
+    def file(self, file: ExportedFile) -> None:
+        """An exported file: what it is, then the bytes of its sidecar, if it has one, and its own."""
+        told = FileMessage(
+            export=file.index,
+            name=file.name,
+            size=len(file.data),
+            sha256=file.sha256,
+            mtime_ns=file.mtime_ns,
+            arrival_time_ns=file.arrival_time_ns,
+            decision="arrived",
+            reason="",
+            sidecar_sha256="" if file.sidecar is None else hashlib.sha256(file.sidecar).hexdigest(),
+            settled_time_ns=file.stable_time_ns,
+        )
+        self.write_message(told)
+        if file.sidecar is not None:
+            self._write(SEM_SIDECAR, file.sidecar, file.arrival_time_ns, file.index)
+        self._write(SEM_ORIGINAL, file.data, file.arrival_time_ns, file.index)
+
+    def refused_file(self, export: int | None, name: str, reason: str, time_ns: int) -> None:
+        """A file or frame that is part of no pair, and why."""
+        told = FileMessage(
+            export=export, name=name, size=0, sha256="", mtime_ns=0, arrival_time_ns=time_ns, decision="refused", reason=reason
+        )
+        self.write_message(told)
+
+    def scan(self, info: FrameInfo, load: FrameLoad | None) -> None:
+        """What is known of a frame, and the load while it was scanned."""
+        self.write_message(values.scan_message(info, load=load), info.end_time_ns)
+
+    def pair(self, decision: PairDecision) -> None:
+        """A pair."""
+        self.write_message(values.pair_message(decision), decision.second.end_time_ns)
+
+    def transition(self, one: Transition) -> None:
+        """A change of the engine's state; a guard of a device that the run does not have is left out."""
+        guards: dict[str, JsonValue] = {name: value for name, value in one.details if not (isinstance(value, float) and math.isnan(value))}
+        told = StateMessage(time_ns=one.time_ns, before=one.before, after=one.after, cause=one.cause, step=one.step, guards=guards)
+        self.write_message(told, one.time_ns)
+
+    def command(self, time_ns: int, what: str, args: dict[str, float | str], result: str) -> None:
+        """Something asked of a device."""
+        self.write_message(CommandMessage(time_ns=time_ns, what=what, args=dict(args), result=result))
+
+    def fault(self, time_ns: int, what: str, where: str, action: str, code: str = "") -> None:
+        """Something that went wrong; `code` is a `FaultCode`."""
+        self.write_message(FaultMessage(time_ns=time_ns, what=what, where=where, action=action, code=code))
+
+    def write_text(self, time_ns: int, text: str, level: str = "info") -> None:
+        """One line of the service's own log."""
+        self.write_message(LogLineMessage(time_ns=time_ns, level=level, text=text))
+
+    def _write(self, topic: str, payload: Payload | bytes, publish_time_ns: int | None, sequence: int | None = None) -> None:
+        if isinstance(payload, BootStamped):
+            stamp = {"mono_ns": time.monotonic_ns()} if isinstance(payload, MonotonicStamped) else {}
+            payload = payload.model_copy(update={**stamp, "boot_id": self._boot_id})
+        message = self.recorder.write(topic, payload, publish_time_ns, sequence)
+        if not isinstance(payload, bytes):
+            self.alarms = alarm_rules.after(self.alarms, payload)
+        elif topic == "/fault":
+            self.alarms = alarm_rules.after_message(self.alarms, message)
+        if self._follower is not None:
+            self._follower(message)

@@ -1,0 +1,57 @@
+"""What a log's `/run` message says of the analysis: a run's configuration, or that of an import."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+
+from semlive.data.settings import AnalysisSettings, EstimateSettings, SpecimenSettings
+from semlive.errors import BadLog
+from semlive.formats.log.messages import RunMessage
+from semlive.service.config.configuration import known_keys, parse_config
+
+IMPORTED = "imported"
+
+
+class ImportSection(BaseModel):
+    """Where the maps came from."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    format: Literal[1] = 1
+    folder: str
+    engines: tuple[str, ...]
+
+
+class ImportConfig(BaseModel):
+    """The configuration of a log that was imported: there was no run."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    imported: ImportSection
+    specimen: Annotated[SpecimenSettings, BeforeValidator(lambda v: known_keys(SpecimenSettings, v))] = SpecimenSettings()
+    estimate: Annotated[EstimateSettings, BeforeValidator(lambda v: known_keys(EstimateSettings, v))] = EstimateSettings()
+
+
+def is_imported(config: dict[str, Any]) -> bool:
+    """Whether a log's configuration is that of an import."""
+    return IMPORTED in config
+
+
+def settings_of(message: RunMessage) -> AnalysisSettings:
+    """The analysis settings of a log.
+
+    Raises:
+        BadInput: the configuration is not one that this version understands.
+    """
+    if not is_imported(message.config):
+        return parse_config(message.config, "the run's configuration").analysis_settings()
+    try:
+        config = ImportConfig.model_validate(message.config)
+    except ValidationError as error:
+        place = ".".join(str(part) for part in error.errors()[0]["loc"])
+        raise BadLog(
+            f"the import's configuration: {place}: {error.errors()[0]['msg']}; read this log with the version of semlive that wrote it"
+        ) from error
+    return AnalysisSettings(specimen=config.specimen, estimate=config.estimate)

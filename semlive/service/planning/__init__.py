@@ -1,0 +1,1 @@
+"""Duration, noise and stop distances of a planned run."""

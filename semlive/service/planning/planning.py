@@ -1,0 +1,222 @@
+"""An experiment before it is run: what it takes, what it may show, and what would be better."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from semlive import dic, mechanics
+from semlive.data.drift import DistortionField
+from semlive.data.experiment import Phase
+from semlive.data.frame import ExportedFile, Frame
+from semlive.data.grid import Grid
+from semlive.data.quality import PatternQuality
+from semlive.data.strain import Tensor2
+from semlive.engine import start
+from semlive.engine.schedule import Schedule, TimingAssumptions, schedule
+from semlive.errors import BadImage, BadInput
+from semlive.formats import read_frame
+from semlive.inputs.files import MOST_IMAGE_BYTES, read_regular
+from semlive.service.config.configuration import Config
+from semlive.service.diagnosis.model_file import Model, require_compatible
+from semlive.service.planning.advice import advice
+from semlive.service.planning.stop_distances import StopPlan, stop_plan
+from semlive.service.replay.replay import ReplayCallbacks, result_from_maps
+from semlive.service.watch.sidecars import sidecar_of
+
+GAUGES = (5, 9, 13, 17, 25, 33)
+"""Edges of virtual strain gauges, in points, whose noise is shown beside that of the configured one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """How the field is scanned.
+
+    Attributes:
+        width_px: of a frame.
+        height_px: of a frame.
+        dwell_s: on one pixel in one frame, all integrations and passes included; None if nothing tells.
+        frame_s: of one frame, all integrations included.
+        pixel_size_m: edge of a pixel.
+        source: who says so.
+        vendor: whose frame the test frame is; None without one.
+    """
+
+    width_px: int
+    height_px: int
+    dwell_s: float | None
+    frame_s: float
+    pixel_size_m: float
+    source: str
+    vendor: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class GaugeNoise:
+    """Expected standard uncertainty of strain at one gage length.
+
+    Attributes:
+        window_points: edge of the gauge in POI.
+        vsg_px: its edge in px, subset included.
+        sigma: of one gauge, noise of the correlation alone.
+    """
+
+    window_points: int
+    vsg_px: int
+    sigma: Tensor2
+
+
+@dataclass(frozen=True, slots=True)
+class FalseStrain:
+    """What a translation feigns if distortion is not corrected.
+
+    Attributes:
+        shift_px: the translation (x, y).
+        low: smallest value of each component over the field.
+        high: largest.
+    """
+
+    shift_px: tuple[float, float]
+    low: Tensor2
+    high: Tensor2
+
+    @property
+    def max_strain(self) -> float:
+        """Largest magnitude of any component."""
+        return max(abs(getattr(one, name)) for one in (self.low, self.high) for name in ("exx", "eyy", "exy"))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExperimentPlan:
+    """All that is known of an experiment before it is run.
+
+    Attributes:
+        scan: how the field is scanned.
+        schedule: expected times.
+        grid: the POI.
+        quality: of the test frame; None without one.
+        gauges: strain noise over gage length; empty without a test frame.
+        mean_sigma: expected standard uncertainty of the mean strain over the grid; None without a test frame.
+        false_strain: of each distinct translation.
+        distortion: what the false strain was worked out with.
+        advice: sentences, most urgent first.
+        effects: names of those that a model takes out of the maps.
+        stops: how far the specimen can go before each stop; None where semlive moves no load frame.
+    """
+
+    scan: Scan
+    schedule: Schedule
+    grid: Grid
+    quality: PatternQuality | None
+    gauges: tuple[GaugeNoise, ...]
+    mean_sigma: Tensor2 | None
+    false_strain: tuple[FalseStrain, ...]
+    distortion: str
+    advice: tuple[str, ...]
+    effects: tuple[str, ...] = ()
+    stops: StopPlan | None = None
+
+
+def plan_experiment(
+    config: Config,
+    test_frame: Path | None = None,
+    log: Path | None = None,
+    watch: ReplayCallbacks | None = None,
+    *,
+    force_noise_n: float = 0.0,
+    force_resolution_n: float = 0.0,
+) -> ExperimentPlan:
+    """Look at an experiment before it is run; touches neither devices nor the export folder.
+
+    Args:
+        config: of the run.
+        test_frame: one frame of the specimen as the SEM exports it, scanned as the run will scan; None leaves noise open.
+        log: of an earlier run at the same microscope and magnification, whose distortion is taken; None takes a typical one.
+        watch: who is told while that log is read.
+        force_noise_n: standard deviation of the force reading at rest, N.
+        force_resolution_n: smallest change that the force reading can show, N.
+
+    Raises:
+        BadInput: the plan breaks its limits, the test frame cannot be read, or nothing tells how long a frame takes.
+    """
+    plan = config.plan()
+    start(plan, 0)  # refuses a plan that breaks its limits, as the run would
+    frame = None if test_frame is None else _test_frame(test_frame, config)
+    scan = _scan(config, frame)
+    if config.model is not None and frame is not None:
+        require_compatible(
+            Model(config.model, name="of this run"), (scan.width_px, scan.height_px), 1e6 * scan.pixel_size_m, frame.info.name
+        )
+    grid = dic.grid_for(config.dic, scan.width_px, scan.height_px)
+    times = schedule(plan, TimingAssumptions(scan.frame_s, config.sem.stable_for_s + config.sem.poll_s))
+    quality = None if frame is None else dic.quality(frame.image, grid, config.dic)
+    gauges: tuple[GaugeNoise, ...] = ()
+    mean_sigma = None
+    if quality is not None and quality.usable.any():
+        sigma_px = quality.median_sigma_px
+        fit = config.estimate.strain
+        windows = sorted({*GAUGES, config.estimate.window_points})
+        gauges = tuple(
+            GaugeNoise(points, grid.vsg_px(points), mechanics.expected_sigma(grid, points, sigma_px, fit))
+            for points in windows
+            if points <= min(grid.shape)
+        )
+        mean_sigma = mechanics.expected_mean_sigma(grid, sigma_px)
+    distortion, said = _distortion(log, grid, scan, watch)
+    shifts = dict.fromkeys(step.shift_px for step in plan.steps if step.phase is not Phase.TENSION and step.shift_px != (0.0, 0.0))
+    feigned = tuple(_feigned(distortion, shift, config.estimate.window_points) for shift in shifts)
+    effects = tuple(one.name for one in config.analysis_settings().model.effects)
+    stops = stop_plan(config, force_noise_n, force_resolution_n)
+    shown = tuple(one for one in feigned if one is not None)
+    known = ExperimentPlan(scan, times, grid, quality, gauges, mean_sigma, shown, said, (), effects, stops)
+    return replace(known, advice=advice(config, known))
+
+
+def _test_frame(path: Path, config: Config) -> Frame:
+    try:
+        data, mtime_ns = read_regular(path, MOST_IMAGE_BYTES), path.stat().st_mtime_ns
+    except OSError as error:
+        raise BadImage(f"{path}: cannot be read ({error.strerror}); give one frame as the SEM exported it") from error
+    beside = sidecar_of(path)
+    sidecar = None if beside is None else read_regular(beside, MOST_IMAGE_BYTES)
+    return read_frame(ExportedFile(0, path.name, data, "", mtime_ns, mtime_ns, sidecar), config.sem.whole_profile)
+
+
+def _scan(config: Config, frame: Frame | None) -> Scan:
+    if frame is not None:
+        info, timing = frame.info, frame.info.timing
+        dwell_s = timing.dwell_time_s.value * timing.integrations.value * timing.line_integrations.value
+        return Scan(info.width_px, info.height_px, dwell_s, timing.duration_s, info.pixel_size_m.value, info.name, info.vendor)
+    profile, (width, height) = config.sem.profile, _frame_size(config)
+    frame_s = profile.frame_time_s or (None if profile.row_time_s is None else profile.row_time_s * height)
+    if frame_s is None:
+        raise BadInput(
+            "nothing tells how long a frame takes; give --test-frame FILE, one frame as the SEM exports it, or set sem.profile.frame_time_s"
+        )
+    return Scan(width, height, profile.dwell_time_s, frame_s, config.sem.pixel_size_um * 1e-6, "the configuration; its size is assumed")
+
+
+def _frame_size(config: Config) -> tuple[int, int]:
+    """A frame around the region of interest, as no file tells its size."""
+    if config.dic.roi_px is None:
+        return 1024, 884
+    x0, y0, x1, y1 = config.dic.roi_px
+    return max(1024, x0 + x1), max(884, y0 + y1)
+
+
+def _distortion(log: Path | None, grid: Grid, scan: Scan, watch: ReplayCallbacks | None) -> tuple[DistortionField, str]:
+    if log is None:
+        typical = mechanics.typical_distortion(grid, scan.width_px, scan.height_px)
+        return typical, "a typical one, as measured at x200 by Sutton et al. (2007); --log LOG takes your microscope's own"
+    return result_from_maps(log, watch)[0].estimate.distortion, f"that of {log.name}"
+
+
+def _feigned(distortion: DistortionField, shift: tuple[float, float], window_points: int) -> FalseStrain | None:
+    """None where the translation leaves nothing of the field in view."""
+    field = mechanics.false_strain(distortion, shift, min(window_points, *distortion.grid.shape))
+    if not field.valid.any():
+        return None
+    values = [one[field.valid] for one in (field.exx, field.eyy, field.exy)]
+    return FalseStrain(shift, Tensor2(*(float(np.min(one)) for one in values)), Tensor2(*(float(np.max(one)) for one in values)))

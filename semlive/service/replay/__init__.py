@@ -1,0 +1,1 @@
+"""A log analysed again, and maps of others imported."""

@@ -1,0 +1,1 @@
+"""Processes, clocks, memory and installed drivers."""

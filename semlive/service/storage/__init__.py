@@ -1,0 +1,1 @@
+"""Maps and pairs of a run that memory does not hold."""

@@ -1,0 +1,174 @@
+"""Disparity maps and what is made of them beside memory: in temporary files without a name, mapped while they are read."""
+
+from __future__ import annotations
+
+import contextlib
+import mmap
+import os
+import tempfile
+import threading
+import weakref
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.disparity import DisparityMap
+from semlive.data.storage import InMemoryStorage, Storage
+from semlive.pipeline import AnalysisState
+
+T = TypeVar("T", bound=np.generic)
+_SLAB_BYTES = 64 * 2**20
+_PART = 8  # a new file is as large as this part of all before, so that there are dozens of them and never thousands
+_ALIGNED = 64
+_IN_MEMORY_BYTES = 256 * 2**20
+_SETTLE_S = 0.05  # in which some 100 MB of pages are asked for at most
+
+
+class MapStore(InMemoryStorage):
+    """Keeps maps and arrays; the first 256 MB in memory, the rest in temporary files.
+
+    What is read from a file is the same numbers, aligned as in memory, so sums come out the same to the last bit. `flush` gives the
+    pages back to the system, which fetches them again when they are asked for. A file is gone when nothing that it holds is in use.
+
+    Args:
+        in_memory_bytes: so much stays in memory.
+        stays: what there is no room for in files stays there too, instead of raising OSError.
+    """
+
+    def __init__(self, in_memory_bytes: int = _IN_MEMORY_BYTES, *, stays: bool = False) -> None:
+        self._left, self._stays = in_memory_bytes, stays
+        self._file: int | None = None
+        self._slabs: dict[int, weakref.ref[NDArray[np.uint8]]] = {}
+        self._number = 0
+        self._newest = np.zeros(0, dtype=np.uint8)
+        self._used = self._taken = 0
+        self._lock = threading.Lock()  # pairs are read and kept while others are worked on
+
+    def store_map(self, disparity: DisparityMap) -> DisparityMap:
+        """The same map, kept here."""
+        arrays = {one.name: array for one in fields(disparity) if isinstance(array := getattr(disparity, one.name), np.ndarray)}
+        if self._has_room(sum(array.nbytes for array in arrays.values())):
+            return disparity
+        return replace(disparity, **{name: self._kept(array) for name, array in arrays.items()})
+
+    def store_array(self, array: NDArray[T]) -> NDArray[T]:
+        """The same array, kept here, and nothing that it was a part of; one that does not lie in one piece stays where it is."""
+        if not array.flags.forc or self.location(array) is not None:
+            return array
+        if self._has_room(array.nbytes):
+            return array if array.base is None else array.copy(order="K")
+        return self._kept(array)
+
+    def location(self, array: NDArray[Any]) -> tuple[int, NDArray[np.uint8], int] | None:
+        """Number and bytes of the file that an array lies in, and the byte that it begins at; None if it lies in none."""
+        for number, slab in reversed(self._slabs.items()):
+            base = slab()
+            if base is not None and array.base is base:
+                return number, base, array.ctypes.data - base.ctypes.data
+        return None
+
+    def flush(self) -> None:
+        """Give pages back; what they hold stays in the files."""
+        for slab in (one() for one in list(self._slabs.values())):
+            if slab is not None and hasattr(mmap, "MADV_DONTNEED"):
+                file: Any = slab.base  # a memoryview of the mapped file
+                file.obj.madvise(mmap.MADV_DONTNEED)
+
+    @contextlib.contextmanager
+    def flushing(self) -> Iterator[None]:
+        """Pages are given back again and again until this is left, whoever asks for them."""
+        over = threading.Event()
+
+        def run() -> None:
+            while not over.wait(_SETTLE_S):
+                self.flush()
+
+        thread = threading.Thread(target=run, name="map-store", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
+            self.flush()
+
+    def _has_room(self, size: int) -> bool:
+        """Whether so much may still stay in memory, where it then does."""
+        with self._lock:
+            room = size <= self._left
+            self._left -= size if room else 0
+            return room
+
+    def _kept(self, array: NDArray[T]) -> NDArray[T]:
+        try:
+            return self._filed(array)
+        except OSError:
+            if not self._stays:
+                raise
+            return array
+
+    def _filed(self, array: NDArray[T]) -> NDArray[T]:
+        size = -(-max(array.nbytes, 1) // _ALIGNED) * _ALIGNED
+        order = "C" if array.flags.c_contiguous else "F"  # sums follow the order
+        with self._lock:
+            if self._used + size > len(self._newest):
+                self._grow(size)
+            begin = self._used
+            self._used += size
+            copy: NDArray[T] = self._newest[begin : begin + array.nbytes].view(array.dtype).reshape(array.shape, order=order)
+            if self._file is not None and array.flags.forc and array.nbytes:
+                # Half the time of copying into mapped pages, each of which has to be asked for.
+                _write(self._file, (array if order == "C" else array.T).reshape(-1).view(np.uint8).data, begin)
+            else:
+                copy[...] = array
+        copy.setflags(write=False)
+        return copy
+
+    def _grow(self, size: int) -> None:
+        size = max(size, _SLAB_BYTES, self._taken // _PART)
+        size = -(-size // mmap.ALLOCATIONGRANULARITY) * mmap.ALLOCATIONGRANULARITY
+        self._taken += size
+        with tempfile.TemporaryFile(prefix="semlive-maps-", buffering=0) as file:
+            file.truncate(size)
+            slab = mmap.mmap(file.fileno(), size)  # with a handle of its own
+            if hasattr(os, "pwrite"):
+                if self._file is not None:
+                    os.close(self._file)
+                self._file = os.dup(file.fileno())
+        self._newest, self._used, self._number = np.frombuffer(slab, dtype=np.uint8), 0, self._number + 1
+        held = {number: one for number, one in self._slabs.items() if one() is not None}
+        self._slabs = {**held, self._number: weakref.ref(self._newest)}
+
+    def __del__(self) -> None:
+        if self._file is not None:
+            os.close(self._file)
+
+
+def offload_pair(begun: AnalysisState, pair: int, kept: tuple[DisparityMap, ...], store: Storage) -> AnalysisState:
+    """The run with what it holds of its newest pair in the store: columns, and maps from frame 0; later pairs go there as they come.
+
+    Args:
+        begun: the run.
+        pair: the newest one.
+        kept: maps of it that are there already; those that `pipeline.analyse` made need not be told.
+        store: where.
+
+    Raises:
+        OSError: there is no room for it.
+    """
+    estimator = begun.method.offload(begun.estimator_state, pair, store)
+    if begun.storage is store:
+        return replace(begun, estimator_state=estimator)
+    newest = [one if one in kept or one.current // 2 != pair else store.store_map(one) for one in begun.maps_from_reference[-2:]]
+    return replace(
+        begun, maps_from_reference=store.append(begun.maps_from_reference[:-2], newest), estimator_state=estimator, storage=store
+    )
+
+
+def _write(file: int, data: memoryview, at: int) -> None:
+    while data:
+        done = os.pwrite(file, data, at)
+        data, at = data[done:], at + done

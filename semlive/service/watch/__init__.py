@@ -1,0 +1,1 @@
+"""The export folder: which files are complete, numbered and unchanged."""

@@ -1,0 +1,98 @@
+"""The thread that watches the export folder."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+
+from semlive.data.frame import ExportedFile
+from semlive.ports import ClockSource
+from semlive.service.runtime.memory import trim_heap
+from semlive.service.watch.export_folder import ExportFolder, RejectedFile, WatchSettings, ignore
+
+__all__ = ["FolderWatcher", "RejectedFile", "WatchSettings"]
+
+_GIVE_BACK_EVERY_S = 5.0  # it takes 0.2 to 1 ms
+
+
+class FolderWatcher:
+    """Scans the export folder in a thread of its own and hands over each complete file once.
+
+    Callbacks come from that thread. File system events may `wake` it early; they never stand for a scan.
+
+    Args:
+        settings: what is watched.
+        clock: experiment time for arrivals, monotonic time for stability.
+        on_file: given each complete file once.
+        on_refused: given each refused file once.
+        on_trouble: told one sentence when the folder goes away, is back, or the watch itself fails.
+        on_notice: told one sentence of what is unusual but no trouble.
+        on_replaced: told one sentence when another folder stands in its place; nothing is taken from that before `accept`.
+
+    Raises:
+        BadConfig: the folder does not exist or cannot be read.
+    """
+
+    def __init__(
+        self,
+        settings: WatchSettings,
+        clock: ClockSource,
+        on_file: Callable[[ExportedFile], None],
+        on_refused: Callable[[RejectedFile], None],
+        on_trouble: Callable[[str], None],
+        on_notice: Callable[[str], None] = ignore,
+        on_replaced: Callable[[str], None] = ignore,
+    ) -> None:
+        self._folder = ExportFolder(settings, clock, on_file, on_refused, on_trouble, on_notice, on_replaced=on_replaced)
+        self._poll_s, self._on_trouble = settings.poll_s, on_trouble
+        self._wake = threading.Event()
+        self._accepts = threading.Event()
+        self._stop = threading.Event()
+        self._failed = threading.Event()
+        self._folder.open()
+        self._thread = threading.Thread(target=self._run, name="watch", daemon=True)
+
+    def start(self) -> None:
+        """Begin to scan. Files that came since the watcher was made are new."""
+        self._thread.start()
+
+    @property
+    def failed(self) -> bool:
+        """The thread is dead; nothing is taken from the folder any more."""
+        return self._failed.is_set()
+
+    def wake(self) -> None:
+        """Scan now."""
+        self._wake.set()
+
+    def accept(self) -> None:
+        """Go on with the folder that stands in the place of another one; from any thread."""
+        self._accepts.set()
+        self._wake.set()
+
+    def close(self, timeout_s: float = 5.0) -> None:
+        """Stop scanning; any number of times, started or not."""
+        self._stop.set()
+        self._wake.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout_s)
+
+    def _run(self) -> None:
+        given_back_s = time.monotonic()
+        try:
+            while not self._stop.is_set():
+                if self._accepts.is_set():
+                    self._accepts.clear()
+                    with contextlib.suppress(OSError):  # it is gone again, which `poll` reports
+                        self._folder.accept()
+                self._folder.poll()
+                if time.monotonic() - given_back_s > _GIVE_BACK_EVERY_S:  # this thread is the one that nobody waits for
+                    trim_heap()
+                    given_back_s = time.monotonic()
+                self._wake.wait(self._poll_s)
+                self._wake.clear()
+        except Exception as exc:
+            self._failed.set()
+            self._on_trouble(f"the watch of the export folder failed ({type(exc).__name__}: {exc}); stop the run and report this.")

@@ -1,0 +1,77 @@
+"""Who is let in: known names of this computer, small requests, and for whatever changes something only pages of our own."""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+from collections.abc import Iterable
+
+from starlette.datastructures import Headers
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+MAX_BODY_BYTES = 4096
+_SAFE = frozenset({"GET", "HEAD"})
+_HEADERS = {
+    "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+}
+
+
+class AccessControl:
+    """Stands before the application.
+
+    A name that is not this computer's may be somebody's who lets it point here, to speak to us from his page (DNS rebinding): addresses
+    are let through, names only if they are known.
+
+    Args:
+        app: what is guarded.
+        names: names by which this computer may be called, besides localhost and its own.
+    """
+
+    def __init__(self, app: ASGIApp, names: Iterable[str] = ()) -> None:
+        self._app = app
+        self._names = {"localhost", socket.gethostname().lower(), *(name.lower() for name in names)}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+        if scope["type"] != "http":
+            if scope["type"] == "lifespan":
+                await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+
+        async def sent(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message["headers"], *((name.encode(), value.encode()) for name, value in _HEADERS.items())]
+            await send(message)
+
+        refusal = self._refusal(scope["method"], headers)
+        await (self._app if refusal is None else refusal)(scope, receive, sent)
+
+    def _refusal(self, method: str, headers: Headers) -> PlainTextResponse | None:
+        host = headers.get("host", "")
+        if not self._knows(host):
+            return PlainTextResponse(f"{host[:100]}: not a name of this computer; give it with --page-name", 421)
+        if method in _SAFE:
+            return None
+        if headers.get("origin", "") not in (f"http://{host}", f"https://{host}"):
+            return PlainTextResponse("only a page of this server may ask that", 403)
+        if headers.get("content-type", "").partition(";")[0].strip() != "application/json":
+            return PlainTextResponse("send JSON", 415)
+        length = headers.get("content-length", "")
+        if not length.isdecimal():
+            return PlainTextResponse("say how long it is", 411)
+        return None if int(length) <= MAX_BODY_BYTES else PlainTextResponse("too long", 413)
+
+    def _knows(self, host: str) -> bool:
+        name = host.rpartition(":")[0] if host.rpartition(":")[2].isdecimal() and not host.endswith("]") else host
+        try:
+            ipaddress.ip_address(name.strip("[]"))
+        except ValueError:
+            return name.lower() in self._names
+        return True

@@ -1,0 +1,195 @@
+"""One reader of the log for all viewers: it follows the log in a thread and tells what changed, put into words once."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from semlive.errors import BadLog
+from semlive.formats.log.messages import SEM_ORIGINAL, SEM_SIDECAR
+from semlive.formats.log.writer import LogMessage
+from semlive.service.log.files import PARTIAL_SUFFIX, segments
+from semlive.service.log.stream import is_being_written
+from semlive.service.log.tail import LogTail
+from semlive.service.runtime.boot import boot_id
+from semlive.web.fields import FieldStore, fields_of
+from semlive.web.page_state import PageState
+from semlive.web.reducer import reduce, seconds, with_maps
+from semlive.web.serialise import full_state, state_diff, to_json_line
+
+POLL_S = 0.04
+# A finished log may still get another segment, when the run is taken up again.
+_POLL_FINISHED_S = 0.5
+_TOLD_EVERY_S = 0.25
+_LOOK_EVERY_S = 2.0
+_KEPT_CHANGES = 64
+
+
+@dataclass(frozen=True, slots=True)
+class NewestFile:
+    """The newest exported file, as it came."""
+
+    export: int
+    data: bytes
+    sidecar: bytes | None
+
+
+class LogBroadcaster:
+    """Follows a log; `start` starts the thread, `changes` gives viewers what they have not seen.
+
+    Args:
+        log: one file or a run folder, which need not exist yet.
+    """
+
+    def __init__(self, log: Path) -> None:
+        self.fields = FieldStore()
+        self.original: NewestFile | None = None
+        self.run_message: LogMessage | None = None
+        self.file_message: LogMessage | None = None
+        self._log, self._tail = log, LogTail(log)
+        self._orphaned, self._look_again_s = False, 0.0
+        self._view = self._told = PageState()
+        self._version = 0
+        self._whole: tuple[int, str] = (-1, "")
+        self._kept: deque[tuple[int, str]] = deque(maxlen=_KEPT_CHANGES)
+        self._sidecar: bytes | None = None
+        self._trouble = ""
+        self._reading = True
+        self._heard_s = time.monotonic()
+        self._over = threading.Event()
+        self._news: asyncio.Event = asyncio.Event()
+        self._boot_id = boot_id()
+
+    @property
+    def view(self) -> PageState:
+        """What is shown now."""
+        return self._told
+
+    @property
+    def finished(self) -> bool:
+        """The log is finished and all of it was told."""
+        return self._tail.finished and not state_diff(self._told, self._view)
+
+    def start(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Follow the log from now on."""
+        threading.Thread(target=self._follow, args=(loop,), name="log reader", daemon=True).start()
+
+    def close(self) -> None:
+        """Follow no more."""
+        self._over.set()
+
+    async def changes(self, version: int, timeout_s: float) -> tuple[int, list[str]]:
+        """What came after a version, as lines of JSON, oldest first; empty if nothing did within the time.
+
+        Whoever is too far behind gets everything: version -1 always does.
+        """
+        if version == self._version:
+            news = self._news
+            try:
+                async with asyncio.timeout(timeout_s):
+                    await news.wait()
+            except TimeoutError:
+                return version, []
+        missed = [text for number, text in self._kept if number > version]
+        if version < 0 or len(missed) != self._version - version:
+            return self._version, [self._everything()]
+        return self._version, missed
+
+    def heartbeat(self) -> str:
+        """The time, as a line of JSON."""
+        return to_json_line({"now": self._now()})
+
+    def _everything(self) -> str:
+        if self._whole[0] != self._version:
+            self._whole = (self._version, to_json_line(full_state(self._told)))
+        return f'{{"whole":true,"now":{to_json_line(self._now())},{self._whole[1][1:]}'
+
+    def _now(self) -> dict[str, Any]:
+        """Experiment time, how fast it goes, and whether the log can still grow."""
+        view, live = self._told, not self._tail.finished and not self._reading
+        same_boot = view.clock is not None and view.boot_id == self._boot_id != ""
+        running = live and view.clock is not None and same_boot
+        now_ns = view.clock.time_ns(time.monotonic_ns()) if running and view.clock else view.last_ns
+        return {
+            "time_s": seconds(view, max(now_ns, view.last_ns)),
+            "rate": view.clock.rate if running and view.clock else 0.0,
+            "start_ms": view.run.start_ns // 1_000_000 if view.run else 0,
+            "live": live,
+            "reading": self._reading,
+            "silent_s": round(time.monotonic() - self._heard_s, 1),
+            "orphaned": self._orphaned,
+            "trouble": self._trouble,
+        }
+
+    def _follow(self, loop: asyncio.AbstractEventLoop) -> None:
+        while not self._over.is_set():
+            told_s = time.monotonic()
+            try:
+                for message in self._tail.poll():
+                    self._take(message)
+                    if time.monotonic() > told_s + _TOLD_EVERY_S:
+                        told_s = time.monotonic()
+                        self._tell(loop)
+            except BadLog as error:
+                self._trouble = str(error)
+                self._over.wait(1.0)
+            if self._reading and self._view.last_ns:
+                self._reading = False
+                self._version_up(loop, state_diff(self._told, self._view))
+            self._tell(loop)
+            self._look_for_writer()
+            self._over.wait(_POLL_FINISHED_S if self._tail.finished else POLL_S)
+
+    def _look_for_writer(self) -> None:
+        """Whether the newest segment is unfinished and nobody writes it: a run without devices may be silent for long."""
+        if time.monotonic() < self._look_again_s:
+            return
+        self._look_again_s = time.monotonic() + _LOOK_EVERY_S
+        try:
+            newest = segments(self._log)[-1]
+            with newest.open("rb") as stream:
+                self._orphaned = newest.suffix == PARTIAL_SUFFIX and not is_being_written(stream)
+        except (BadLog, OSError):
+            self._orphaned = False
+
+    def _take(self, message: LogMessage) -> None:
+        self._heard_s = time.monotonic()
+        fields = fields_of(message)
+        if fields is not None:
+            self.fields.keep(fields)
+            self._view = with_maps(self._view, fields)
+        elif message.topic == SEM_SIDECAR:
+            self._sidecar = message.payload
+        elif message.topic == SEM_ORIGINAL:
+            self.original, self._sidecar = NewestFile(message.sequence, message.payload, self._sidecar), None
+        if message.topic == "/run":
+            self.run_message = message
+        elif message.topic == "/sem/file" and b'"arrived"' in message.payload:
+            self.file_message = message
+        self._view = reduce(self._view, message)
+
+    def _tell(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Put what changed into words, once for everybody."""
+        parts = state_diff(self._told, self._view)
+        if parts:
+            self._version_up(loop, parts)
+
+    def _version_up(self, loop: asyncio.AbstractEventLoop, parts: dict[str, Any]) -> None:
+        view = self._view
+        self._told = view
+        text = to_json_line({"now": self._now(), **parts})
+        try:
+            loop.call_soon_threadsafe(self._publish, text)
+        except RuntimeError:
+            self._over.set()
+
+    def _publish(self, text: str) -> None:
+        self._version += 1
+        self._kept.append((self._version, text))
+        news, self._news = self._news, asyncio.Event()
+        news.set()

@@ -1,0 +1,65 @@
+"""A curve over time that never grows beyond what a page can draw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+MAX_ROWS = 1500
+_FIRST_WIDTH_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class LoadRow:
+    """Readings of the load frame within a short time.
+
+    Attributes:
+        time_s: of the last one, seconds after the start of the run.
+        low_n: smallest force.
+        high_n: largest force.
+        extension_mm: last extension.
+        target_n: last target.
+    """
+
+    time_s: float
+    low_n: float
+    high_n: float
+    extension_mm: float
+    target_n: float
+
+
+@dataclass(frozen=True, slots=True)
+class DownsampledSeries:
+    """Rows of equal width in time; where there would be too many, neighbours are joined and the width doubles.
+
+    Attributes:
+        width_s: of a row.
+        rows: complete ones.
+        current_bin: the row that still takes readings.
+    """
+
+    width_s: float = _FIRST_WIDTH_S
+    rows: tuple[LoadRow, ...] = ()
+    current_bin: LoadRow | None = None
+
+
+def append(trace: DownsampledSeries, row: LoadRow) -> DownsampledSeries:
+    """With one reading more."""
+    if trace.current_bin is None:
+        return replace(trace, current_bin=row)
+    if int(row.time_s / trace.width_s) == int(trace.current_bin.time_s / trace.width_s):
+        return replace(trace, current_bin=_joined(trace.current_bin, row))
+    rows = (*trace.rows, trace.current_bin)
+    if len(rows) <= MAX_ROWS:
+        return replace(trace, rows=rows, current_bin=row)
+    width_s = 2.0 * trace.width_s
+    wider: list[LoadRow] = []
+    for one in rows:
+        if wider and int(one.time_s / width_s) == int(wider[-1].time_s / width_s):
+            wider[-1] = _joined(wider[-1], one)
+        else:
+            wider.append(one)
+    return DownsampledSeries(width_s, tuple(wider), row)
+
+
+def _joined(first: LoadRow, second: LoadRow) -> LoadRow:
+    return replace(second, low_n=min(first.low_n, second.low_n), high_n=max(first.high_n, second.high_n))

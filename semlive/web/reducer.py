@@ -1,0 +1,263 @@
+"""From the messages of a log to what the page shows: one pure function, one step a message."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from typing import Any
+
+from semlive.data.operator_prompts import PromptEvent
+from semlive.data.text import printable
+from semlive.engine import FINAL_STATES, Cause, OperatorCommand, State
+from semlive.errors import BadInput
+from semlive.formats.log import conversions as values
+from semlive.formats.log.messages import (
+    TOPICS,
+    ClockMessage,
+    ClockOffsetMessage,
+    FileMessage,
+    LoadSampleMessage,
+    LogLineMessage,
+    OperatorMessage,
+    PairMessage,
+    RunMessage,
+    StageSampleMessage,
+    StateMessage,
+    from_json,
+)
+from semlive.formats.log.writer import LogMessage
+from semlive.service.config.configuration import parse_config
+from semlive.service.log import alarms as alarm_rules
+from semlive.service.log.alarms import Alarm
+from semlive.web.advice_texts import QUESTION_STATES, advice, advice_for
+from semlive.web.downsampled_series import LoadRow, append
+from semlive.web.fields import Fields
+from semlive.web.page_state import FrameMaps, Notice, PageState, Question, RejectedFileRow, Run
+from semlive.web.result_reducers import RESULT_REDUCERS as RESULTS
+
+_KEPT_WARNINGS = 100
+_SHOWN_ALARMS = 200
+_KEPT_REFUSED = 100
+_KEPT_QUALITY = 4000
+
+
+def reduce(view: PageState, message: LogMessage) -> PageState:
+    """What the page shows after one message more; a topic that it does not show changes only the time of the last message.
+
+    Raises:
+        BadLog: the message is not what its topic promises.
+    """
+    view = replace(view, last_ns=message.log_time_ns)
+    if message.topic not in _FOLLOWED or message.topic not in TOPICS:
+        return view
+    payload = from_json(message.topic, message.payload)
+    view = _FOLLOWED[message.topic](view, payload)
+    raised = alarm_rules.after(view.raised, payload)
+    return view if raised is view.raised else _with_notices(replace(view, raised=raised))
+
+
+def with_maps(view: PageState, fields: Fields) -> PageState:
+    """With maps of one frame more: which there are, and how well they were correlated."""
+    if fields.quality is not None:
+        view = replace(view, quality=(*view.quality, fields.quality)[-_KEPT_QUALITY:])
+    if not fields.values:
+        return view
+    before = {one.frame: one for one in view.maps.frames}
+    pair = fields.frame // 2
+    step = view.schedule.done[pair] if pair < len(view.schedule.done) else None
+    old = before.get(fields.frame)
+    mapped = FrameMaps(
+        fields.frame,
+        "" if step is None else step.phase.value,
+        None if step is None else step.load_n,
+        tuple(dict.fromkeys((*(old.fields if old else ()), *fields.values))),
+        old.version + 1 if old else 1,
+    )
+    frames = tuple({**before, fields.frame: mapped}[number] for number in sorted({*before, fields.frame}))
+    grid = fields.grid
+    place = (grid.x0_px, grid.y0_px, grid.step_px, grid.nx, grid.ny, grid.subset_px)
+    return replace(view, maps=replace(view.maps, frames=frames, grid=place))
+
+
+def seconds(view: PageState, time_ns: int) -> float:
+    """Seconds after the start of the run."""
+    return 0.0 if view.run is None else round((time_ns - view.run.start_ns) / 1e9, 4)
+
+
+def _run(view: PageState, told: RunMessage) -> PageState:
+    try:
+        config = parse_config(told.config, "the run's configuration")
+        plan = config.plan()
+    except BadInput:
+        # A log of another version, or one that was imported: there is still something to see.
+        return replace(view, run=_bare(told), boot_id=told.boot_id)
+    gate, hold = plan.warm_up, plan.hold
+    run = Run(
+        name=told.run,
+        host=told.host,
+        version=told.versions.get("semlive", ""),
+        start_ns=view.run.start_ns if view.run else told.started_time_ns,
+        limits={} if config.limits is None else {name: value for name, value in asdict(config.limits).items() if value is not None},
+        hold_s=hold.hold_s,
+        max_hold_s=hold.hold_s if plan.adaptive_hold is None else plan.adaptive_hold.max_hold_s,
+        settle_s=hold.settle_s,
+        warm_up_rate_px_s=None if gate is None else gate.max_rate_px_s,
+        warm_up_wait_s=None if gate is None else gate.max_wait_s,
+        area_mm2=config.specimen.area_mm2,
+        loading_axis=config.specimen.loading_axis,
+    )
+    return replace(view, run=run, boot_id=told.boot_id, schedule=replace(view.schedule, planned=plan.steps))
+
+
+def _bare(told: RunMessage) -> Run:
+    return Run(told.run, told.host, told.versions.get("semlive", ""), told.started_time_ns, {}, 0.0, 0.0, 0.0, None, None, None, "y")
+
+
+def _clock(view: PageState, told: ClockMessage) -> PageState:
+    return replace(view, clock=values.clock(told))
+
+
+def _state(view: PageState, told: StateMessage) -> PageState:
+    since_s = seconds(view, told.time_ns)
+    hold_end_s = None if told.after != State.HOLDING or view.run is None else since_s + view.run.hold_s
+    protocol = replace(
+        view.protocol,
+        state=told.after,
+        cause=told.cause,
+        step=told.step,
+        since_s=since_s,
+        hold_end_s=hold_end_s,
+        advice=advice(told.after, told.cause),
+        asks=told.after in QUESTION_STATES,
+        guards={name: value for name, value in told.guards.items() if isinstance(value, float | int | str)},
+    )
+    measures = (view.schedule.measures and told.cause != Cause.PAIR_COMPLETE) or told.cause == Cause.MEASURE_AGAIN
+    schedule = view.schedule if measures == view.schedule.measures else replace(view.schedule, measures=measures)
+    view = replace(view, protocol=protocol, schedule=schedule, drift=_gate(view, told))
+    return replace(view, desk=replace(view.desk, questions=())) if told.after in FINAL_STATES else view
+
+
+def _gate(view: PageState, told: StateMessage) -> Any:
+    """The verdict of the warm-up gate, in the drift's part."""
+    rate, sigma, waited_s = (told.guards.get(name) for name in ("rate_px_s", "sigma_px_s", "waited_s"))
+    drift = view.drift
+    if view.run is None or view.run.warm_up_rate_px_s is None or not isinstance(rate, float | int) or not isinstance(sigma, float | int):
+        return drift
+    wanted = f"{60 * view.run.warm_up_rate_px_s:.2g} px/min wanted"
+    is_told = f"forecast {60 * rate:.2g} ± {60 * sigma:.1g} px/min"
+    waited = f", waited {float(waited_s) / 60:.0f} min" if isinstance(waited_s, float | int) else ""
+    if told.cause == Cause.WARMED_UP:
+        return replace(drift, verdict=f"warm: {is_told}, {wanted}", warm=True)
+    word = "too long" if told.cause == Cause.WARM_UP_TIMEOUT else "warming up"
+    return replace(drift, verdict=f"{word}: {is_told}, {wanted}{waited}", warm=False)
+
+
+def _load(view: PageState, told: LoadSampleMessage) -> PageState:
+    row = LoadRow(seconds(view, told.time_ns), told.force_n, told.force_n, told.extension_mm, told.target_n)
+    reading = replace(
+        view.reading,
+        force_n=told.force_n,
+        extension_mm=told.extension_mm,
+        target_n=told.target_n,
+        motion=told.motion.value,
+        gage_strain=told.gage_strain,
+    )
+    return replace(view, reading=reading, load=append(view.load, row))
+
+
+def _stage(view: PageState, told: StageSampleMessage) -> PageState:
+    return replace(view, reading=replace(view.reading, stage_um=(told.x_um, told.y_um)))
+
+
+def _line(view: PageState, told: LogLineMessage) -> PageState:
+    if told.level == "info":
+        return replace(view, protocol=replace(view.protocol, message=printable(told.text)))
+    lines = told.text.strip().splitlines()
+    # An error's text can be a trace, of which the last line says what it is about.
+    return _warned(view, told.time_ns, told.level, lines[-1] if lines and told.level == "error" else told.text.strip(), "")
+
+
+def _offset(view: PageState, told: ClockOffsetMessage) -> PageState:
+    return _warned(view, view.last_ns, "warning", told.reason, told.advice) if told.advice else view
+
+
+def _warned(view: PageState, time_ns: int, level: str, text: str, what_to_do: str) -> PageState:
+    notice = Notice(seconds(view, time_ns), level, printable(text), what_to_do)
+    return _with_notices(replace(view, warnings=(*view.warnings, notice)[-_KEPT_WARNINGS:]))
+
+
+def _with_notices(view: PageState) -> PageState:
+    """Alarms and warnings as one list; an open alarm that the machine does not obey is shown however many came later."""
+    known = view.raised.known
+    shown = (*(one for one in known[:-_SHOWN_ALARMS] if one.disobeyed and not one.acknowledged), *known[-_SHOWN_ALARMS:])
+    notices = sorted((*view.warnings, *(_notice(view, alarm) for alarm in shown)), key=lambda one: one.time_s)
+    return replace(view, alarms=tuple(notices))
+
+
+def _notice(view: PageState, alarm: Alarm) -> Notice:
+    return Notice(
+        seconds(view, alarm.time_ns),
+        "error",
+        alarm.text if alarm.where in ("", "run") else f"{alarm.where}: {alarm.text}",
+        advice_for(alarm.where, alarm.code) or f"semlive: {alarm.action}.",
+        alarm.identity,
+        alarm.code,
+        None if alarm.acknowledged_ns is None else seconds(view, alarm.acknowledged_ns),
+        alarm.acknowledged_by,
+        alarm.disobeyed and not alarm.acknowledged,
+    )
+
+
+def _only_alarms(view: PageState, _: object) -> PageState:
+    return view
+
+
+def _file(view: PageState, told: FileMessage) -> PageState:
+    frames, time_s = view.frames, seconds(view, view.last_ns)
+    name = printable(told.name)
+    if told.decision == "arrived":
+        return replace(view, frames=replace(frames, newest=told.export, name=name, time_s=time_s, arrived=frames.arrived + 1))
+    if told.decision != "refused":
+        return view
+    refused = RejectedFileRow(time_s, name, printable(told.reason))
+    kept = (refused, *frames.refused)[:_KEPT_REFUSED]
+    return replace(view, frames=replace(frames, refused=kept, refused_count=frames.refused_count + 1))
+
+
+def _pair(view: PageState, told: PairMessage) -> PageState:
+    done = (*view.schedule.done[: told.pair], told.step)
+    frames = replace(view.frames, paired=2 * len(done))
+    loads = {2 * told.pair + member: load.mean_n for member, load in enumerate(told.loads or ())}
+    desk = replace(view.desk, told="") if view.desk.told else view.desk
+    schedule = replace(view.schedule, done=done)
+    return replace(view, schedule=schedule, frames=frames, desk=desk, frame_loads={**view.frame_loads, **loads})
+
+
+def _operator(view: PageState, told: OperatorMessage) -> PageState:
+    text, question = str(told.args.get("text", "")), str(told.args.get("question", ""))
+    desk = view.desk
+    others = tuple(one for one in desk.questions if one.question != question)
+    if told.what == PromptEvent.PROMPT:
+        asked = Question(question, text, str(told.args.get("wanted", "")))
+        return replace(view, desk=replace(desk, questions=(*others, asked), told=""))
+    if told.what in (PromptEvent.RESPONSE, PromptEvent.WITHDRAWN):
+        return replace(view, desk=replace(desk, questions=others, told=""))
+    if told.what == PromptEvent.MESSAGE:
+        return replace(view, desk=replace(desk, told=text))
+    return view if told.what not in list(OperatorCommand) else replace(view, desk=replace(desk, told=""))
+
+
+_FOLLOWED: Mapping[str, Callable[[PageState, Any], PageState]] = {
+    "/run": _run,
+    "/clock": _clock,
+    "/clock/offset": _offset,
+    "/state": _state,
+    "/load_frame/sample": _load,
+    "/stage/sample": _stage,
+    "/log": _line,
+    "/fault": _only_alarms,
+    "/sem/file": _file,
+    "/pair": _pair,
+    "/operator": _operator,
+    **RESULTS,
+}

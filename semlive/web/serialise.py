@@ -1,0 +1,66 @@
+"""The view as JSON for browsers: all of it, or what changed."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, is_dataclass
+from typing import Any
+
+from semlive.web.downsampled_series import DownsampledSeries, LoadRow
+from semlive.web.page_state import Drift, PageState
+
+PARTS = ("run", "schedule", "protocol", "reading", "drift", "quality", "strength", "alarms", "desk", "frames", "maps")
+
+
+def full_state(view: PageState) -> dict[str, Any]:
+    """Every part."""
+    return {**{name: _part(view, name) for name in PARTS}, "load": {"from": 0, **_load(view.load, 0)}}
+
+
+def state_diff(before: PageState, now: PageState) -> dict[str, Any]:
+    """Parts that are not the same; of the load's curve, its new rows."""
+    parts = {name: _part(now, name) for name in PARTS if getattr(before, name) is not getattr(now, name)}
+    if before.load is not now.load:
+        known = len(before.load.rows) if before.load.width_s == now.load.width_s else 0
+        parts["load"] = {"from": known, **_load(now.load, known)}
+    return parts
+
+
+def to_json_line(told: dict[str, Any]) -> str:
+    """As one line of JSON.
+
+    Raises:
+        ValueError: a number is NaN or infinite.
+    """
+    return json.dumps(told, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+
+
+def _part(view: PageState, name: str) -> Any:
+    part = getattr(view, name)
+    if isinstance(part, Drift):
+        return {**_shallow(part), "frames": [{"frame": one.frame, "rows": one.rows} for one in part.frames]}
+    if name == "schedule":
+        done, measures = part.done, part.measures
+        ahead = part.planned[len([one for one in done if not one.warm_up]) :]
+        more = (asdict(ahead[0]) | {"warm_up": True, "load_n": None, "phase": "calibration"},) if measures and ahead else ()
+        return {"done": len(done), "steps": [*map(asdict, done), *more, *map(asdict, ahead)]}
+    return _plain(part)
+
+
+def _plain(part: Any) -> Any:
+    if isinstance(part, tuple):
+        return [_plain(one) for one in part]
+    return asdict(part) if is_dataclass(part) and not isinstance(part, type) else part
+
+
+def _shallow(part: Any) -> dict[str, Any]:
+    return {name: getattr(part, name) for name in part.__dataclass_fields__}
+
+
+def _load(trace: DownsampledSeries, known: int) -> dict[str, Any]:
+    rows = [*trace.rows[known:], *([trace.current_bin] if trace.current_bin else [])]
+    return {"rows": [_row(one) for one in rows]}
+
+
+def _row(row: LoadRow) -> tuple[float, ...]:
+    return round(row.time_s, 3), round(row.low_n, 3), round(row.high_n, 3), round(row.extension_mm, 6), round(row.target_n, 3)

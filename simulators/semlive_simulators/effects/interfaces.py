@@ -1,0 +1,273 @@
+"""How an effect enters the image: it implements as many of these protocols as it has ways.
+
+Signs: an offset moves what is seen to the right and down. With scan address R, distortion E, offsets b, deflection g, drift d
+and centre c, the beam is at p = c + T (1 - g)(R - E - b - c) - d, T being the scan rotation, and the material point xi seen
+there fulfils p = xi + s + G (xi - c) + w(xi). Whoever is slow (g, d, s, G) is evaluated where a row begins and ends and
+runs straight in between; whoever is not (b, w) is evaluated at every pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal, Protocol, Self, TypeAlias, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import ConfigDict
+
+from semlive_simulators.microscope.patterns import Pattern
+from semlive_simulators.microscope.scan import Scan, Timing
+from semlive_simulators.specimen.specimen import Motion
+
+Array: TypeAlias = NDArray[np.float64]
+Plane: TypeAlias = tuple[Array, Array]
+"""x and y components, each of a shape that broadcasts to (rows, width)."""
+Magnification: TypeAlias = Literal["x200", "x10000"]
+
+
+class Effect:
+    """What all effects have in common. Each is a frozen dataclass whose fields carry physical units.
+
+    Attributes:
+        name: as in reports, and in a scenario.
+        apparent: whether what it does at material points bends the picture and not the specimen.
+    """
+
+    __slots__ = ()
+    __pydantic_config__ = ConfigDict(extra="forbid")
+    name: ClassVar[str]
+    apparent: ClassVar[bool] = False
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> Self:
+        """A typical magnitude at x200 or x10000."""
+        raise NotImplementedError(f"{cls.__name__} has no defaults for {magnification}")
+
+
+def pick_by_magnification(magnification: Magnification, x200: float, x10000: float) -> float:
+    """One of two values.
+
+    Raises:
+        ValueError: for any other magnification.
+    """
+    if magnification not in ("x200", "x10000"):
+        raise ValueError(f"defaults are for x200 or x10000, not {magnification}")
+    return x200 if magnification == "x200" else x10000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Instants:
+    """Instants of a frame.
+
+    Attributes:
+        time_s: (n,) seconds since the run began.
+        start_s: when the frame began.
+        frame: its number.
+        scan: the raster.
+        motion: of the specimen, its load and what was done to it.
+    """
+
+    time_s: Array
+    start_s: float
+    frame: int
+    scan: Scan
+    motion: Motion
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PixelVisits:
+    """Visits of pixels of some rows.
+
+    Attributes:
+        x_px: (1, width) column.
+        y_px: (rows, 1) row.
+        time_s: (rows, width) seconds since the run began.
+        start_s: when the frame began.
+        frame: its number.
+        visit: number of the visit within the frame.
+        reversed_rows: (rows, 1) whether a row runs from right to left.
+        scan: the raster.
+        motion: of the specimen, its load and what was done to it.
+        distortion_px: E at these addresses.
+    """
+
+    x_px: Array
+    y_px: Array
+    time_s: Array
+    start_s: float
+    frame: int
+    visit: int
+    reversed_rows: NDArray[np.bool_]
+    scan: Scan
+    motion: Motion
+    distortion_px: Plane
+
+    @property
+    def in_frame_s(self) -> Array:
+        """(rows, width) seconds since the frame began."""
+        return self.time_s - self.start_s
+
+    @property
+    def from_centre_px(self) -> Plane:
+        """Columns (1, width) and rows (rows, 1) counted from the centre of the frame."""
+        centre = self.scan.centre_px
+        return self.x_px - centre[0], self.y_px - centre[1]
+
+    @property
+    def load_n(self) -> Array:
+        """(rows, 1) true load when a row is visited."""
+        return self.motion.load_at(self.time_s[:, :1])
+
+
+def exponential_approach(time_s: Array, change: float, time_constant_s: float) -> Array:
+    """An exponential approach to `change` from zero at the start of the run."""
+    return -change * np.expm1(-time_s / time_constant_s)
+
+
+def step_function(time_s: Array, instant_s: float) -> Array:
+    """1 from an instant on, 0 before."""
+    return np.where(time_s >= instant_s, 1.0, 0.0)
+
+
+def isotropic(strength: ArrayLike) -> Array:
+    """(n, 2, 2) deflection that scales by (n,) strengths."""
+    return np.asarray(strength, dtype=np.float64)[:, None, None] * np.eye(2)
+
+
+@runtime_checkable
+class TimingEffect(Protocol):
+    """Changes when pixels are visited."""
+
+    def retime(self, timing: Timing, scan: Scan) -> Timing:
+        """The timing as it truly is."""
+        ...
+
+
+@runtime_checkable
+class ScanEffect(Protocol):
+    """Stretches, turns or shears the raster."""
+
+    def deflection(self, at: Instants) -> Array:
+        """g, (n, 2, 2): what is seen moves by g (R - E - b - c)."""
+        ...
+
+
+@runtime_checkable
+class DriftEffect(Protocol):
+    """Moves the whole image, slowly."""
+
+    def drift_px(self, at: Instants) -> Array:
+        """d, (n, 2)."""
+        ...
+
+
+@runtime_checkable
+class PixelOffsetEffect(Protocol):
+    """Moves what is seen, pixel by pixel."""
+
+    def offset_px(self, at: PixelVisits) -> Plane:
+        """The offset b at every scan address."""
+        ...
+
+
+@runtime_checkable
+class SpecimenMotionEffect(Protocol):
+    """Moves the specimen as a whole, or strains it uniformly."""
+
+    def specimen_shift_px(self, at: Instants) -> Array:
+        """s, (n, 2)."""
+        ...
+
+    def specimen_gradient(self, at: Instants) -> Array:
+        """G, (n, 2, 2)."""
+        ...
+
+
+@runtime_checkable
+class DeformationEffect(Protocol):
+    """Deforms the specimen, or hangs on its material points."""
+
+    def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> Plane:
+        """The deformation w at material points (rows, width)."""
+        ...
+
+
+@runtime_checkable
+class HoleEffect(Protocol):
+    """Takes material away."""
+
+    def absent(self, x_px: Array, y_px: Array, at: PixelVisits) -> NDArray[np.bool_]:
+        """Which of material points (rows, width) are not there."""
+        ...
+
+
+@runtime_checkable
+class ProbeEffect(Protocol):
+    """Widens the probe."""
+
+    def blur_px2(self, at: Instants) -> Array:
+        """(n, 2, 2) covariance, added to the spot's."""
+        ...
+
+
+@runtime_checkable
+class SpeckleEffect(Protocol):
+    """Changes the pattern itself."""
+
+    def changed(self, speckle: Pattern) -> Pattern:
+        """The pattern in place of the scenario's."""
+        ...
+
+
+@runtime_checkable
+class IntensityEffect(Protocol):
+    """Changes the signal before noise is added."""
+
+    def grey(self, grey: Array, x_px: Array, y_px: Array, at: PixelVisits) -> Array:
+        """Grey levels (rows, width) for grey levels, seen at material points (x, y)."""
+        ...
+
+
+@runtime_checkable
+class NoiseEffect(Protocol):
+    """Changes the variance of the noise."""
+
+    def variance(self, variance: Array, grey: Array) -> Array:
+        """Variance (rows, width) in levels squared for a variance at grey levels."""
+        ...
+
+
+@runtime_checkable
+class PlasticityEffect(Protocol):
+    """Makes the specimen longer for good."""
+
+    def plastic_strain(self, peak_n: Array) -> Array:
+        """(n,) plastic strain along y after loads (n,) were the highest so far, N; must not fall with them."""
+        ...
+
+
+@runtime_checkable
+class LoadCellEffect(Protocol):
+    """Falsifies what the load cell says."""
+
+    def load_reading_n(self, reading_n: float, time_s: float, motion: Motion) -> float:
+        """The reading in place of another."""
+        ...
+
+
+@runtime_checkable
+class ExtensometerEffect(Protocol):
+    """Falsifies what the extension says."""
+
+    def extension_reading_mm(self, reading_mm: float, load_n: float) -> float:
+        """The reading in place of another, at a true load."""
+        ...
+
+
+@runtime_checkable
+class TimestampEffect(Protocol):
+    """Falsifies the time in the files."""
+
+    def stamp_s(self, true_s: float) -> float:
+        """Seconds that the microscope's clock shows at seconds since the run began."""
+        ...

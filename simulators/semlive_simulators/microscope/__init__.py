@@ -1,0 +1,1 @@
+"""The simulated SEM: column, scan, pattern, exposure."""

@@ -1,0 +1,1 @@
+"""The simulated specimen, stage and test machine."""

@@ -1,0 +1,292 @@
+"""Load frame, stage and specimen together, advanced in experiment time, with a memory of how the specimen lay."""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from semlive_simulators.kernels.pattern import gaussian
+from semlive_simulators.load_frame import dynamics, fault_schedule
+from semlive_simulators.load_frame.fault_schedule import MachineFault
+from semlive_simulators.scenario import Scenario
+from semlive_simulators.specimen import stage as stages
+from semlive_simulators.specimen.history import History, LoadStep, Move
+from semlive_simulators.specimen.specimen import Motion, at_rest
+from semlive_simulators.specimen.strain_field import elongation
+
+STEP_NS = 50_000_000
+"""Physics runs in steps of 50 ms on a grid fixed to the start of the run: half a row, 1 um of stage motion."""
+READINGS_PER_S = 100
+_REMEMBERED_S = 600.0
+"""How long the past is kept beyond one frame, whose truth is asked for when its scan is over."""
+_CONTROL_PASSES = 6
+"""Each pass gains the load cell's gain error: 2 % leaves 1e-10 of the load."""
+_FORCE_STREAM, _EXTENSION_STREAM, _ENCODER_X_STREAM, _ENCODER_Y_STREAM = 1, 2, 3, 4
+
+
+@dataclass(frozen=True, slots=True)
+class StateSample:
+    """How things stood at the end of a physics step."""
+
+    time_s: float
+    force_n: float
+    x_um: float
+    y_um: float
+    yaw_rad: float
+    moving: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What the devices say of themselves at an instant, their own noise included; `number` counts readings, the load frame's apart."""
+
+    number: int
+    load_frame_number: int
+    force_n: float
+    extension_mm: float
+    target_n: float
+    load_frame_moving: bool
+    load_frame_fault: bool
+    load_frame_drive: dynamics.Drive
+    encoder_x_um: float
+    encoder_y_um: float
+    stage_moving: bool
+    stage_fault: bool
+    beam_x_um: float
+    beam_y_um: float
+    beam_moving: bool
+    strain_gage: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """What truly happened between two instants.
+
+    Attributes:
+        motion: of the specimen.
+        force_mean_n: mean true force.
+        moving: whether load frame or stage moved.
+    """
+
+    motion: Motion
+    force_mean_n: float
+    moving: bool
+
+
+class LoadTrain:
+    """The moving parts of the bench; safe to use from several threads.
+
+    Attributes:
+        faults: what goes wrong, planned or ordered.
+    """
+
+    def __init__(self, scenario: Scenario, start_ns: int) -> None:
+        self._scenario = scenario
+        self._start_ns = start_ns
+        self._lock = threading.Lock()
+        self._steps = 0
+        self._load = dynamics.at_rest(scenario.load_frame, scenario.specimen.stiffness_n_mm)
+        self._stage = stages.StageState()
+        self._beam = stages.StageState()
+        self._memory: list[StateSample] = []
+        self.faults = fault_schedule.FaultSchedule(scenario.faults)
+        self._frozen: Reading | None = None
+        self._readings = scenario.effects.readings()
+        self._history = History()
+        self._remembered = math.ceil((scenario.frame_duration_s + _REMEMBERED_S) / (STEP_NS * 1e-9))
+        self._reached_n = 0.0
+        self._reached_px = (0.0, 0.0)
+        self._beam_reached_px = (0.0, 0.0)
+        self._remember()
+
+    def _remember(self) -> None:
+        stage_um = stages.true_position_um(self._stage, self._scenario.stage)
+        beam_um = stages.true_position_um(self._beam, self._scenario.beam_shift)
+        x_um, y_um = stage_um[0] + beam_um[0], stage_um[1] + beam_um[1]
+        moving = self._stage.moving or self._beam.moving or self._load.moving
+        time_s = self._steps * STEP_NS * 1e-9
+        self._memory.append(StateSample(time_s, self._load.force_n, x_um, y_um, self._stage.yaw_rad, moving))
+        if len(self._memory) > 2 * self._remembered:
+            del self._memory[: self._remembered]
+
+    def advance_to(self, time_ns: int) -> None:
+        """Let time pass up to the first step at or after an instant; never goes back."""
+        goal = -((self._start_ns - time_ns) // STEP_NS)
+        with self._lock:
+            while self._steps < goal:
+                load, stage, beam = self._load, self._stage, self._beam
+                self._load = dynamics.step(self._load, self._scenario.load_frame, STEP_NS * 1e-9, self._elongation_mm)
+                self._stage = stages.step(self._stage, self._scenario.stage, STEP_NS * 1e-9)
+                self._beam = stages.step(self._beam, self._scenario.beam_shift, STEP_NS * 1e-9)
+                self._steps += 1
+                now_s = self._steps * STEP_NS * 1e-9
+                # The very number that was `now_s` a step ago: a difference is off by a rounding, and what falls between strikes twice.
+                before_s, faults = (self._steps - 1) * STEP_NS * 1e-9, self.faults.begun(now_s)
+                self._load = fault_schedule.apply_faults(self._load, faults, before_s, now_s)
+                if any(fault.what is MachineFault.STAGE_STALL and fault.occurs_between(before_s, now_s) for fault in faults):
+                    self._stage = stages.stall(self._stage)
+                self._remember()
+                self._note(load, stage, beam)
+
+    def _note(self, load: dynamics.LoadFrameState, stage: stages.StageState, beam: stages.StageState) -> None:
+        """Enter into the history what ended with the last step; states are those before it, the lock is held."""
+        time_s = self._steps * STEP_NS * 1e-9
+        if load.moving and not self._load.moving:
+            step = LoadStep(time_s, self._load.force_n - self._reached_n)
+            self._history = replace(self._history, load_steps=(*self._history.load_steps, step))
+            self._reached_n = self._load.force_n
+        if stage.moving and not self._stage.moving:
+            move = Move(time_s, self._reached_px, self._place_px(self._stage))
+            self._history = replace(self._history, moves=(*self._history.moves, move))
+            self._reached_px = move.to_px
+        if beam.moving and not self._beam.moving:
+            shift = Move(time_s, self._beam_reached_px, self._place_px(self._beam))
+            self._history = replace(self._history, beam_shifts=(*self._history.beam_shifts, shift))
+            self._beam_reached_px = shift.to_px
+
+    def _elongation_mm(self, peak_n: float) -> float:
+        return self._scenario.effects.plastic_strain(peak_n) * self._scenario.specimen.length_mm
+
+    def _more_strain(self, load: dynamics.LoadFrameState, time_s: float, history: History) -> float:
+        """What the strain gage sees besides the elastic strain: plastic strain, creep, and what a hole or grains do along its grid."""
+        scenario, motion = self._scenario, at_rest(load_n=load.force_n, history=history)
+        creep = self._readings.specimen_strain(time_s, motion, scenario.scan)
+        grid_px = scenario.strain_gage.length_mm * 1e3 / scenario.scan.pixel_size_um
+        local = elongation(scenario.effects, scenario.scan, motion, time_s, grid_px)
+        return load.plastic_mm / scenario.specimen.length_mm + creep + local
+
+    def _place_px(self, state: stages.StageState) -> tuple[float, float]:
+        pixel_um = self._scenario.scan.pixel_size_um
+        return state.motor_x_um / pixel_um, state.motor_y_um / pixel_um
+
+    def _load_reading_n(self, force_n: float, time_s: float, history: History) -> float:
+        return self._readings.load_n(force_n, time_s, at_rest(load_n=force_n, history=history))
+
+    def read(self, time_ns: int) -> Reading:
+        """What the devices say at an instant."""
+        self.advance_to(time_ns)
+        number = max(0, (time_ns - self._start_ns) * READINGS_PER_S // 1_000_000_000)
+        seed, frame, stage = self._scenario.seed, self._scenario.load_frame, self._scenario.stage
+        with self._lock:
+            load, position, history, beam = self._load, self._stage, self._history, self._beam
+        time_s = (time_ns - self._start_ns) * 1e-9
+        extension_mm = self._readings.extension_mm(load.extension_mm, load.force_n)
+        noisy_n = self._load_reading_n(load.force_n, time_s, history) + frame.cell_noise_n * gaussian(seed, _FORCE_STREAM, number)
+        more = self._more_strain(load, time_s, history)
+        reading = Reading(
+            number=number,
+            load_frame_number=number,
+            force_n=frame.resolved_n(noisy_n),
+            extension_mm=extension_mm + frame.extension_noise_mm * gaussian(seed, _EXTENSION_STREAM, number),
+            target_n=self._load_reading_n(load.target_n, time_s, history),
+            load_frame_moving=load.moving,
+            load_frame_fault=load.faulty,
+            load_frame_drive=load.drive,
+            encoder_x_um=position.motor_x_um + stage.encoder_noise_um * gaussian(seed, _ENCODER_X_STREAM, number),
+            encoder_y_um=position.motor_y_um + stage.encoder_noise_um * gaussian(seed, _ENCODER_Y_STREAM, number),
+            stage_moving=position.moving,
+            stage_fault=position.stalled,
+            beam_x_um=beam.motor_x_um,
+            beam_y_um=beam.motor_y_um,
+            beam_moving=beam.moving,
+            strain_gage=self._scenario.strain_gage.reading(self._scenario.specimen, load.force_n, seed, number, more),
+        )
+        return self._spoilt(reading, time_s)
+
+    def _spoilt(self, reading: Reading, time_s: float) -> Reading:
+        """What is said while sensors are in trouble."""
+        there = {fault.what for fault in self.faults.known() if fault.lasts(time_s)}
+        if MachineFault.GAGE_OFF in there:
+            reading = replace(reading, strain_gage=math.nan)
+        with self._lock:
+            if MachineFault.FROZEN_READINGS not in there:
+                self._frozen = None
+                return reading
+            old = self._frozen = self._frozen or reading
+        said = {"force_n": old.force_n, "extension_mm": old.extension_mm, "strain_gage": old.strain_gage}
+        return replace(reading, load_frame_number=old.load_frame_number, **said)
+
+    def window(self, first_s: float, last_s: float) -> Window:
+        """What truly happened between two instants, seconds since the run began; must lie in the recent past."""
+        with self._lock:
+            newest = self._memory[-1].time_s
+            step_s = STEP_NS * 1e-9
+            behind = math.ceil((newest - first_s) / step_s) + 2
+            recent = self._memory[-max(behind, 2) :]
+            history = self._history
+        kept = [entry for entry in recent if first_s - step_s < entry.time_s < last_s + step_s] or recent[-1:]
+        force = np.array([entry.force_n for entry in kept])
+        yaw = np.array([entry.yaw_rad for entry in kept])
+        position = np.array([(entry.x_um, entry.y_um) for entry in kept])
+        specimen = self._scenario.specimen
+        shift = position / self._scenario.scan.pixel_size_um + specimen.shift_px(force)
+        motion = Motion(np.array([entry.time_s for entry in kept]), shift, specimen.gradient(force, yaw), force, history)
+        return Window(motion, float(force.mean()), any(entry.moving for entry in kept))
+
+    def ramp_to(self, force_n: float, rate_n_s: float) -> None:
+        """Start a ramp in load control, to where the load cell will say `force_n`."""
+        with self._lock:
+            time_s, true_n = self._steps * STEP_NS * 1e-9, force_n
+            for _ in range(_CONTROL_PASSES):
+                step = LoadStep(time_s, true_n - self._reached_n)
+                history = replace(self._history, load_steps=(*self._history.load_steps, step))
+                true_n += force_n - self._load_reading_n(true_n, time_s, history)
+            self._load = dynamics.ramp_to(self._load, true_n, rate_n_s)
+
+    def jog(self, speed_mm_s: float) -> None:
+        """Start moving the crosshead in displacement control, positive pulls."""
+        with self._lock:
+            self._load = dynamics.jog(self._load, speed_mm_s)
+
+    def travel_to(self, extension_mm: float, speed_mm_s: float) -> None:
+        """Start moving the crosshead to an extension in displacement control, and hold it there."""
+        with self._lock:
+            self._load = dynamics.travel_to(self._load, extension_mm, speed_mm_s)
+
+    def stop_load(self) -> None:
+        """Stop the load frame and hold position."""
+        with self._lock:
+            load = self._load
+            self._load = dynamics.stop(load)
+            self._note(load, self._stage, self._beam)
+
+    def move_stage(self, x_um: float, y_um: float, actuator: stages.Actuator = stages.Actuator.STAGE) -> None:
+        """Start a motion of the stage, or of the beam in its place."""
+        with self._lock:
+            if actuator is stages.Actuator.BEAM_SHIFT:
+                # Another seed: what the beam's shift errs by is not what the stage's motion does.
+                self._beam = stages.start_move(self._beam, self._scenario.beam_shift, x_um, y_um, self._scenario.seed + 1)
+                return
+            self._stage = stages.start_move(self._stage, self._scenario.stage, x_um, y_um, self._scenario.seed)
+
+    def stop_stage(self, actuator: stages.Actuator = stages.Actuator.STAGE) -> None:
+        """Stop the stage, or the beam's shift."""
+        with self._lock:
+            stage, beam = self._stage, self._beam
+            if actuator is stages.Actuator.BEAM_SHIFT:
+                self._beam = stages.stop(beam)
+            else:
+                self._stage = stages.stop(stage)
+            self._note(self._load, stage, beam)
+
+    def trip_watchdog(self) -> None:
+        """The watchdog expired: everything stops and holds, the load frame reports a fault."""
+        with self._lock:
+            load, stage = self._load, self._stage
+            self._load, self._stage = dynamics.trip_watchdog(load), stages.stop(stage)
+            self._note(load, stage, self._beam)
+
+    @property
+    def jogging_mm_s(self) -> float:
+        """Speed of the crosshead in displacement control, 0 if it is not driven so."""
+        with self._lock:
+            return self._load.jog_mm_s if self._load.drive is dynamics.Drive.JOGGING else 0.0
+
+    @property
+    def locked(self) -> bool:
+        """Whether the load frame obeys no motion before a stop: after its own force limit, or the emergency stop."""
+        with self._lock:
+            return self._load.drive in (dynamics.Drive.OVERLOAD, dynamics.Drive.EMERGENCY)
