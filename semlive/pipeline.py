@@ -37,7 +37,7 @@ from semlive.diagnose.maps.effect_correction import (
     fit_effect_correction,
     unavailable_for_long_run,
 )
-from semlive.diagnose.residual_whiteness import test_whiteness
+from semlive.diagnose.residual_whiteness import whiteness_test
 from semlive.errors import IllPosed
 from semlive.estimate.joint.elimination.smoother import LIVE_WINDOW_PAIRS
 from semlive.estimate.joint.outputs.stage_path import stage_path_messages
@@ -227,7 +227,7 @@ def review_hyperparameters(begun: AnalysisState) -> tuple[AnalysisState, PairRes
 
 def residual_warning(begun: AnalysisState) -> tuple[str, ...]:
     """Whether what the newest solution leaves of the maps is noise; a sentence that warns where it is not. Nobody waits for it either."""
-    found = test_whiteness(begun.solution, begun.pairs) if begun.settings.estimate.method == "joint" else None
+    found = whiteness_test(begun.solution, begun.pairs) if begun.settings.estimate.method == "joint" else None
     return () if found is None else found.messages()
 
 

@@ -75,7 +75,7 @@ _TOLD = {
 }
 
 
-def test_whiteness(solution: Solution, decisions: Sequence[PairDecision]) -> Whiteness | None:
+def whiteness_test(solution: Solution, decisions: Sequence[PairDecision]) -> Whiteness | None:
     """Look once; None where there are too few pairs or points to say anything, or more than one matrix holds.
 
     Args:

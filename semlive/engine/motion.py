@@ -163,7 +163,7 @@ def continue_motion(turn: StepContext) -> None:
         return
     device = motion.pending_devices[0]
     sample = state.sample(device)
-    if sample is None or sample.time_ns < motion.acknowledged_ns or sample.motion is not MotionState.STOPPED:
+    if sample is None or sample.time_ns <= motion.acknowledged_ns or sample.motion is not MotionState.STOPPED:
         turn.update(motion=replace(motion, out_of_tolerance_since_ns=None))
         return
     step = state.step

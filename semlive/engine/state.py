@@ -49,7 +49,7 @@ class MotionProgress:
     Attributes:
         began_ns: when the step's motion (or settling, after a disturbance) began; timeouts count from here.
         pending_devices: devices that are still to move, the first is under way. The stage comes first, never both at once.
-        acknowledged_ns: when the device took the command; a sample read before that says nothing.
+        acknowledged_ns: when the device took the command; a sample that is not later counts as old.
         out_of_tolerance_since_ns: since when everything rests out of tolerance, or None.
         approaches: how often the target was approached again.
         from_n: the load when the load frame was last ordered to move, or None.

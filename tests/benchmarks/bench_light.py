@@ -30,7 +30,7 @@ from numexp.world import HEIGHT_PX, WIDTH_PX
 from semlive import estimate
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
-from semlive.diagnose.residual_whiteness import Whiteness, test_whiteness
+from semlive.diagnose.residual_whiteness import Whiteness, whiteness_test
 from semlive.estimate.joint.solution.solver import selection_due
 from semlive_simulators.effects.interfaces import Effect
 
@@ -51,7 +51,7 @@ def looks(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRID
         if selection_due(len(decisions)):
             solution = estimate.solve_incremental(state, solution)
         began = time.process_time()
-        yield test_whiteness(solution, decisions), time.process_time() - began
+        yield whiteness_test(solution, decisions), time.process_time() - began
 
 
 def warned(conditions: Conditions, effects: tuple[Effect, ...]) -> Whiteness | None:

@@ -17,7 +17,7 @@ ROWS = 8  # order of the polynomials over rows
 MIN_RELATIVE_EIGENVALUE = 1e-3  # of the largest eigenvalue: what the baseline takes almost whole says nothing
 
 
-def test_domains(ladder: HyperparameterGrid, draws: NullDraws) -> tuple[DomainTest, ...]:
+def run_domain_tests(ladder: HyperparameterGrid, draws: NullDraws) -> tuple[DomainTest, ...]:
     """A test for each domain, family-wise over all of them (Westfall and Young: the least p among the draws)."""
     scene = ladder.design.observation.geometry
     told = []

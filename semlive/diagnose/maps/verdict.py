@@ -14,7 +14,7 @@ from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, NullDraws,
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.baseline.strain_attenuation import MAX_ATTENUATION, strain_attenuation
 from semlive.diagnose.maps.cross_validation import held_out_misfit
-from semlive.diagnose.maps.domain_tests import test_domains
+from semlive.diagnose.maps.domain_tests import run_domain_tests
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANT_LOG_FACTOR, SelectedEffect
 from semlive.diagnose.maps.figure_data import figure_data
 from semlive.diagnose.maps.refinement import RefinedEffect, refit_jointly
@@ -102,7 +102,7 @@ class SearchResult:
         """Search; so many draws of the null, and the seed of these."""
         begun = run.screening or Screening.run(run.observation, (*families, *UNNAMED_CLASSES), known)
         null = NullDraws.of(begun.baseline, *draws)
-        places, found = test_domains(begun.baseline, null), search(begun, families, null, draws[1])
+        places, found = run_domain_tests(begun.baseline, null), search(begun, families, null, draws[1])
         named = _beside(found.baseline_with_effects, found.effects)
         loud = found.residual_significant or _unlike(found.bare, found.baseline_with_effects, named)
         return cls(places, found, found.baseline_with_effects, named, (*begun.model_fields, *(one.refined.field_px for one in named)), loud)

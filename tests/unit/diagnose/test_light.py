@@ -20,7 +20,7 @@ from blind.live import followed
 from semlive import pipeline
 from semlive.data.diagnosis import DomainTest
 from semlive.data.settings import AnalysisSettings, EstimateSettings
-from semlive.diagnose.residual_whiteness import FALSE_ALARM_RATE, Whiteness, test_whiteness
+from semlive.diagnose.residual_whiteness import FALSE_ALARM_RATE, Whiteness, whiteness_test
 from semlive.service.analysis.warnings import new_warnings
 
 
@@ -34,7 +34,7 @@ def one_thread() -> Iterator[None]:
 def looks(name: str, conditions: Conditions) -> list[Whiteness | None]:
     effects = hidden_effect(name, 4.0 * PROTOTYPE_PX[name], conditions.seed) if name else ()
     said = followed(hidden(conditions, effects, GRID), AnalysisSettings())
-    return [test_whiteness(begun.solution, begun.pairs) for begun, _ in said]
+    return [whiteness_test(begun.solution, begun.pairs) for begun, _ in said]
 
 
 def test_nothing_is_said_of_noise() -> None:
@@ -76,6 +76,6 @@ def test_the_published_method_has_no_such_look() -> None:
 def test_values_that_allow_no_look_end_nothing() -> None:
     pairs = hidden(Conditions(31, calibration=5, tension=0), (), GRID)
     *_, (begun, _) = followed(pairs, AnalysisSettings())
-    assert test_whiteness(begun.solution, begun.pairs) is not None
-    assert test_whiteness(begun.solution, begun.pairs[:4]) is None
-    assert np.isfinite(test_whiteness(begun.solution, begun.pairs).where[0].p_value)  # type: ignore[union-attr]
+    assert whiteness_test(begun.solution, begun.pairs) is not None
+    assert whiteness_test(begun.solution, begun.pairs[:4]) is None
+    assert np.isfinite(whiteness_test(begun.solution, begun.pairs).where[0].p_value)  # type: ignore[union-attr]

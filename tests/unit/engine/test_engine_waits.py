@@ -164,7 +164,7 @@ def test_an_interrupted_warm_up_goes_on(known: bool) -> None:
 
 def held_s(run: Run) -> float:
     """How long the last hold was."""
-    (held,) = [value for one in run.of(Transition) if one.cause is Cause.HOLD_COMPLETE for name, value in one.guards if name == "held_s"][
+    (held,) = [value for one in run.of(Transition) if one.cause is Cause.HOLD_COMPLETE for name, value in one.details if name == "held_s"][
         -1:
     ]
     return float(held)

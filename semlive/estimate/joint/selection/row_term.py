@@ -23,7 +23,7 @@ def row_groups(state: EstimatorState) -> UniformSpline:
     return UniformSpline(0.0, (state.height_px - 1) / count, count, 1)
 
 
-def test_row_shifts(state: EstimatorState, left: Sequence[Field], noise_scale: float) -> tuple[TermTest, float]:
+def row_shift_term_test(state: EstimatorState, left: Sequence[Field], noise_scale: float) -> tuple[TermTest, float]:
     """The test, and the likeliest size of the shifts, px.
 
     Blocks side by side saw the same rows, so their mean residual is the rows' shift plus what noise gives; what drift and distortion have

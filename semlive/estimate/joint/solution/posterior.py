@@ -28,7 +28,7 @@ from semlive.estimate.joint.observations.priors import Hyperparameters, gauge_pr
 from semlive.estimate.joint.observations.state import EstimatorState, MapObservations, offload_rows
 from semlive.estimate.joint.selection.marginal_likelihood import LocalLikelihood, maximise_evidence, select_row_shift_size
 from semlive.estimate.joint.selection.model_selection import COUPLING_SIGMAS, distortion_advection, raster_terms
-from semlive.estimate.joint.selection.row_term import row_groups, test_row_shifts
+from semlive.estimate.joint.selection.row_term import row_groups, row_shift_term_test
 
 CLIP = 4.0
 HUBER, HUBER_PASSES = 5.0, 2  # of the noise; of 32,000 block means of noise alone one in fifty runs lies beyond
@@ -219,7 +219,7 @@ def _with_raster_terms(fitted: _Fitted, gauge: NDArray[np.float64]) -> tuple[_Fi
 
 
 def _with_line_shifts(fitted: _Fitted) -> tuple[_Fitted, TermTest]:
-    test, size_px = test_row_shifts(fitted.state, residuals(fitted.state, fitted.mean), fitted.hyper.noise_scale)
+    test, size_px = row_shift_term_test(fitted.state, residuals(fitted.state, fitted.mean), fitted.hyper.noise_scale)
     if not test.included:
         return fitted, test
     # Noise and drift were made to take up what the shifts did: begin again with them.
