@@ -30,7 +30,7 @@ from semlive.data.results import FrameResult, PairResult, RunResult
 from semlive.data.settings import AnalysisSettings
 from semlive.data.storage import IN_MEMORY, Storage
 from semlive.data.strain import ElasticConstants, MeasuredValue, StrainGageComparison, StrainSummary, Tensor2
-from semlive.diagnose.maps.effect_correction import (
+from semlive.diagnose.effect_correction import (
     MAX_PAIRS,
     EffectCorrection,
     MeasuredPair,

@@ -33,6 +33,13 @@ BREAKS = [
     ("layers", "semlive/service/broken.py", "import semlive.report"),
     ("layers", "semlive/report/broken.py", "import semlive.cli"),
     ("layers", "semlive/new_room/__init__.py", "import semlive.errors"),  # a room that no layer names
+    ("layers", "semlive/report/broken.py", "import semlive.api"),
+    ("layers-formats", "semlive/formats/vendors/broken.py", "import semlive.formats.log.writer"),
+    ("layers-joint", "semlive/estimate/joint/elimination/broken.py", "import semlive.estimate.joint.solution.posterior"),
+    ("layers-diagnose", "semlive/diagnose/baseline/broken.py", "import semlive.diagnose.maps.search"),
+    ("layers-diagnose", "semlive/diagnose/rows/broken.py", "import semlive.diagnose.intensity.verdict"),
+    ("layers-service", "semlive/service/storage/broken.py", "import semlive.service.log.recorder"),
+    ("layers-service", "semlive/service/analysis/broken.py", "import semlive.service.control.control"),
     ("no-plugins", "semlive/service/broken.py", "import semlive_drivers.modbus"),
     ("no-plugins", "semlive/cli/broken.py", "import semlive_simulators"),
     ("no-inverse-crime", "simulators/semlive_simulators/broken.py", "import semlive.model"),

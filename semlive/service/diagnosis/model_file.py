@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from semlive.data.diagnosis import EMPTY_MODEL, Diagnosis, EffectModel, IdentifiedEffect
 from semlive.diagnose.baseline.model_effects import effect_class
-from semlive.diagnose.maps.effect_correction import MAX_PAIRS, incompatibility_reason
+from semlive.diagnose.effect_correction import MAX_PAIRS, incompatibility_reason
 from semlive.errors import BadConfig, BadInput
 from semlive.formats.log.conversions import pair_decision
 from semlive.formats.log.messages import PairMessage, from_json

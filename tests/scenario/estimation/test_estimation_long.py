@@ -17,10 +17,10 @@ from semlive.estimate.joint.observations.normal_equations import DENSE_PAIRS, fi
 from semlive.estimate.joint.observations.priors import gauge_precision
 from semlive.estimate.joint.observations.state import MapObservations
 from semlive.estimate.joint.outputs.consistency import FIELD, PAIRS, consistency, warnings_of
-from semlive.estimate.joint.outputs.split_consistency import sampled_pair_numbers
 from semlive.estimate.joint.selection.long_run_choices import reselect_distortion_smoothness, residual_noise_ratio
 from semlive.estimate.joint.selection.marginal_likelihood import LocalLikelihood, maximise_evidence
 from semlive.estimate.joint.solution.solver import previous_selection
+from semlive.estimate.joint.solution.subset import sampled_pair_numbers
 
 COUNT = DENSE_PAIRS + 4
 Spoil = Callable[[MapObservations, np.ndarray], np.ndarray]

@@ -13,8 +13,8 @@ from semlive import estimate as estimating
 from semlive.data.settings import EstimateSettings
 from semlive.estimate.joint.observations import normal_equations
 from semlive.estimate.joint.observations.normal_equations import dense_limit
-from semlive.estimate.joint.outputs.split_consistency import sampled_pair_numbers
 from semlive.estimate.joint.selection.long_run import sampled_pairs
+from semlive.estimate.joint.solution.subset import sampled_pair_numbers
 
 NIGHT_S = 15 * 3600.0
 

@@ -144,7 +144,7 @@ def drifting(decision: PairDecision, rate_n_s: float) -> PairDecision:
 def test_more_pairs_than_can_be_fitted_go_on_without_the_model(
     monkeypatch: pytest.MonkeyPatch, charging: list[HiddenPair], bare: Said, modelled: Said
 ) -> None:
-    for module in (pipeline, sys.modules["semlive.diagnose.maps.effect_correction"]):
+    for module in (pipeline, sys.modules["semlive.diagnose.effect_correction"]):
         monkeypatch.setattr(module, "MOST_PAIRS", 5)
     begun, result = pipeline.add_pair(modelled[4][0], decided(charging[5]), charging[5].maps)
     assert result.estimate.notes[-1].startswith("WARNING: model: nothing is taken out of the maps: 6 pairs are more than the 5")

@@ -25,10 +25,11 @@ from semlive.estimate.joint.observations.normal_equations import (
 )
 from semlive.estimate.joint.observations.priors import gauge_precision, prior_precision
 from semlive.estimate.joint.observations.state import EstimatorState, MapObservations, ReferenceNoise
-from semlive.estimate.joint.outputs.split_consistency import field_half_difference, odd_even_difference, sampled_pair_numbers
+from semlive.estimate.joint.outputs.split_consistency import field_half_difference, odd_even_difference
 from semlive.estimate.joint.selection.marginal_likelihood import regularise
 from semlive.estimate.joint.solution.posterior import Solution
 from semlive.estimate.joint.solution.solver import previous_selection
+from semlive.estimate.joint.solution.subset import sampled_pair_numbers
 
 Field = NDArray[np.float64]
 WARN_SIGMAS = 4.0

@@ -15,23 +15,13 @@ from scipy.linalg import block_diag, cho_solve, cho_solve_banded, cholesky_bande
 from semlive.estimate.joint.elimination.elimination import eliminate_all
 from semlive.estimate.joint.elimination.shared_parameters import DISTORTION, DRIFT, NOISE, SHIFT, shared_prior
 from semlive.estimate.joint.elimination.smoother import solve_shared
-from semlive.estimate.joint.observations.normal_equations import without_normal_matrix
 from semlive.estimate.joint.observations.state import EstimatorState, rows_of
 from semlive.estimate.joint.selection.long_run import BandedSystem, banded_system, split_at_pauses, with_prior
 from semlive.estimate.joint.solution.posterior import Solution
-from semlive.model import PairMotions
+from semlive.estimate.joint.solution.subset import subset_state
 
 Field = NDArray[np.float64]
-MAX_PAIR_COUPLES = 16  # of neighbouring pairs
 BEYOND = 4  # pairs on either side that are solved for with some that are compared, 96 parameters: the drift forgets within some ten knots
-
-
-def sampled_pair_numbers(state: EstimatorState, since: int) -> tuple[int, ...]:
-    """Numbers of at most `2 COUPLES` pairs, in couples of neighbours evenly over those that came after the first `since`."""
-    every = (0, *state.motions.pairs)
-    late = every[max(min(since, len(every) - 2 * MAX_PAIR_COUPLES), 0) :]
-    first = np.unique(np.linspace(0, len(late) // 2 - 1, MAX_PAIR_COUPLES).astype(int))
-    return tuple(late[2 * one + member] for one in first for member in (0, 1))
 
 
 def field_half_difference(solution: Solution, pairs: tuple[int, ...]) -> tuple[Field, Field]:
@@ -125,20 +115,3 @@ def _times(band: Field, columns: Field) -> Field:
         total[lag:] += own * columns[: size - lag]
         total[: size - lag] += own * columns[lag:]
     return total
-
-
-def subset_state(solution: Solution, pairs: tuple[int, ...]) -> tuple[EstimatorState, Field]:
-    """The state as if it had seen some pairs alone, linearised where it is, and the parameters of the solution in its layout."""
-    state = solution.state
-    motion, held = state.layout.part("motion"), [(pair, *state.motions.part(pair)) for pair in state.motions.pairs if pair in pairs]
-    index = np.concatenate([np.arange(motion.start), *(motion.start + np.arange(one.start, one.stop) for _, one, _ in held)])
-    phase = dict(zip((0, *state.motions.pairs), state.phases, strict=True))
-    alone = replace(
-        without_normal_matrix(state),
-        motions=PairMotions(tuple(pair for pair, _, _ in held), tuple(kind for _, _, kind in held)),
-        frames=tuple(when for when in state.frames if when.frame // 2 in (0, *pairs)),
-        phases=(phase[0], *(phase[pair] for pair, _, _ in held)),
-        rows=tuple(rows_of(state, pairs)),
-        linearisation_point=state.linearisation_point[index],
-    )
-    return alone, solution.mean[index]

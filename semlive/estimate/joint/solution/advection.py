@@ -13,9 +13,9 @@ from semlive.estimate.joint.elimination.smoother import mean_of, solve_shared
 from semlive.estimate.joint.observations.normal_equations import predicted, with_advected_distortion, with_static_distortion
 from semlive.estimate.joint.observations.priors import Hyperparameters, rotation_indices
 from semlive.estimate.joint.observations.state import EstimatorState
-from semlive.estimate.joint.outputs.split_consistency import sampled_pair_numbers, subset_state
 from semlive.estimate.joint.selection.model_selection import COUPLING_SIGMAS, advection_column
 from semlive.estimate.joint.solution.posterior import Solution
+from semlive.estimate.joint.solution.subset import sampled_pair_numbers, subset_state
 
 LEAST_RAD = 1e-7
 
