@@ -15,39 +15,11 @@ from pathlib import Path
 
 PRODUCT = ("semlive", "drivers", "simulators")
 BANNED = frozenset(
-    [
-        "told",
-        "tell",
-        "said",
-        "say",
-        "known",
-        "left",
-        "seen",
-        "asked",
-        "begun",
-        "kept",
-        "heard",
-        "hear",
-        "voice",
-        "beside",
-        "among",
-        "apart",
-        "alike",
-        "having",
-        "bare",
-        "foreseen",
-        "foretold",
-        "loud",
-        "quiet",
-        "story",
-        "eaten",
-        "mend",
-        "anew",
-        "lately",
-        "wanted",
-        "knock",
-        "desk",
-    ]
+    {
+        *("told", "tell", "said", "say", "known", "left", "seen", "asked", "begun", "kept", "heard", "hear", "voice", "beside"),
+        *("among", "apart", "alike", "having", "bare", "foreseen", "foretold", "loud", "quiet", "story", "eaten", "mend"),
+        *("anew", "lately", "wanted", "knock", "desk"),
+    }
 )
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
