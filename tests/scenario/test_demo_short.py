@@ -19,6 +19,8 @@ from semlive.service.log.files import messages
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "conventions"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "golden"))
+from json_keys import RECORDED, commands, printed
 from read_by_others import check_layout, check_messages, counts
 from shown import CASES, ON_A_LOG
 from sidebyside.facts import PAPER, QUICK_WINDOWS
@@ -156,3 +158,12 @@ def test_the_paper_is_matched_in_what_a_short_run_can_show(demo: Demo) -> None:
     assert len(bars) >= 8
     shaky = {"Young's modulus", "Poisson's ratio"}  # four load steps: three times the uncertainty of the full experiment
     assert not [found[name].markdown() for name, held in bars.items() if not held and name not in shaky]
+
+
+def test_every_recorded_json_key_is_still_printed(demo: Demo) -> None:
+    recorded = json.loads(RECORDED.read_text(encoding="utf-8"))
+    for name, arguments in commands(demo.folder).items():
+        output = CliRunner().invoke(app, arguments).stdout
+        missing = sorted(set(recorded.pop(name)) - set(printed(output)))
+        assert missing == [], f"semlive {name}: keys are missing"
+    assert recorded == {}
