@@ -37,7 +37,7 @@ class ApproachSettings(BaseModel):
     """The slowest that the drive can go."""
     arrived_n: float = Field(default=1.0, gt=0)
     """The ramp is over this close to its target."""
-    lookahead_s: float = Field(default=0.5, gt=0, le=10)
+    ahead_s: float = Field(default=0.5, gt=0, le=10)
     """The way that is ordered at once is what is covered in this time; the next reading orders on."""
     travel_max_mm: float = Field(default=1.0, gt=0)
     """Most way in one ramp, whatever the load says: a specimen that has failed is not followed."""
@@ -149,7 +149,7 @@ def step(
         what = f"{now.travelled_mm:.3f} mm of travel brought the load to {force_n:.1f} N only, not to {ramp.target_n:g} N"
         return replace(now, finished=True, trouble=f"{what}; check grips, specimen, stiffness_n_mm and travel_max_mm"), None
     grown_mm = settings.first_travel_mm if ramp.ordered is None or now.strikes else 2.0 * ramp.ordered.travel_mm
-    way_mm = min(left_mm, speed * settings.lookahead_s, missing_n / settings.stiffness_n_mm, max(grown_mm, settings.first_travel_mm))
+    way_mm = min(left_mm, speed * settings.ahead_s, missing_n / settings.stiffness_n_mm, max(grown_mm, settings.first_travel_mm))
     go = JogOrder(ramp.in_tension, max(way_mm, least_mm), speed)
     return replace(now, ordered=go), go
 
@@ -181,7 +181,7 @@ def _too_stiff(ramp: ApproachState, settings: ApproachSettings, force_n: float) 
 def _speed(ramp: ApproachState, settings: ApproachSettings, force_n: float) -> float:
     """The wanted rate, and no faster than what closes the gap within the time that is ordered ahead."""
     wanted = ramp.rate_n_s / settings.stiffness_n_mm
-    gap = abs(ramp.target_n - force_n) / settings.stiffness_n_mm / settings.lookahead_s
+    gap = abs(ramp.target_n - force_n) / settings.stiffness_n_mm / settings.ahead_s
     return max(min(wanted, gap, settings.speed_max_mm_s), settings.speed_min_mm_s)
 
 

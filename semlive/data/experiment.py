@@ -85,7 +85,7 @@ class Limits:
         force_slope_max_n_s: fastest change of the load as read, over half a second; None does not look.
         slack_max_mm: how far the crosshead may run while the load changes by less than `slack_force_n`; None: as far as the
             stated stiffness and the distance to the force limit allow.
-        slack_force_n: see `max_travel_without_load_mm`.
+        slack_force_n: see `slack_max_mm`.
         unloaded_max_n: largest load, N, of pairs that are taken before any load; None: 5 % of the larger force limit. The load tolerance
             is allowed in any case, so 0 forbids an intended preload.
         stiffness_min_n_mm: smallest load change per travel of every ramp, N/mm, from the first change of load in the ramp on; below it the

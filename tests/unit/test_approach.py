@@ -128,7 +128,7 @@ def test_the_first_way_is_short_and_each_is_at_most_twice_the_one_before() -> No
             at_mm += min(go.travel_mm, go.speed_mm_s * TURN_S)
     assert ways[0] == SETTINGS.first_travel_mm
     assert all(later <= 2.0 * earlier for earlier, later in itertools.pairwise(ways))
-    assert max(ways) == pytest.approx(200.0 / SETTINGS.stiffness_n_mm * SETTINGS.lookahead_s)  # after some readings it is as ever
+    assert max(ways) == pytest.approx(200.0 / SETTINGS.stiffness_n_mm * SETTINGS.ahead_s)  # after some readings it is as ever
 
 
 @pytest.mark.parametrize(
