@@ -1,4 +1,4 @@
-"""From disparity maps to the state of the estimator, without the effects of the model in the settings, and to a solution."""
+"""From disparity maps to the state of the estimator and to a solution; the effect model is subtracted before."""
 
 from __future__ import annotations
 
