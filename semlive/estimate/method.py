@@ -17,35 +17,48 @@ from semlive.data.settings import EstimateSettings
 from semlive.data.storage import Storage
 from semlive.data.strain import Tensor2
 from semlive.estimate import sutton
+from semlive.estimate.sutton.results import CorrectionStrain as SuttonCorrectionStrain
+
+MethodState = joint.EstimatorState | sutton.SuttonState
+"""State of any method."""
+MethodSolution = joint.Solution | sutton.SuttonSolution
+"""Solution of any method."""
+MethodCorrectionStrain = joint.CorrectionStrain | SuttonCorrectionStrain
+"""Mean strain of a correction, of any method."""
 
 PointSigma = tuple[NDArray[np.float64], NDArray[np.float64]]
 """(ny, nx) along x and along y."""
 
 
 class Estimator(Protocol):
-    """From maps to a solution. A state goes back only to the method that it came from."""
+    """From maps to a solution.
 
-    def init(self, settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) -> Any:
+    Results are of the closed unions. Arguments are `Any`: a method takes only its own member of a union.
+    """
+
+    def init(self, settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) -> MethodState:
         """A state that has seen nothing."""
         ...
 
-    def update(self, state: Any, pair: int, phase: Phase, times: tuple[FrameTime, FrameTime], maps: tuple[DisparityMap, ...]) -> Any:
+    def update(
+        self, state: Any, pair: int, phase: Phase, times: tuple[FrameTime, FrameTime], maps: tuple[DisparityMap, ...]
+    ) -> MethodState:
         """The state with one pair more."""
         ...
 
-    def offload(self, state: Any, pair: int, keep: Storage) -> Any:
+    def offload(self, state: Any, pair: int, keep: Storage) -> MethodState:
         """The state with the large arrays of a pair, and those that are made of it later, kept by somebody else: the same numbers."""
         ...
 
-    def solve(self, state: Any) -> Any:
+    def solve(self, state: Any) -> MethodSolution:
         """The solution, with its `noise_floor_px`; everything that the data choose is chosen anew."""
         ...
 
-    def solve_incremental(self, state: Any, known: Any) -> Any:
+    def solve_incremental(self, state: Any, known: Any) -> MethodSolution:
         """The solution after a further pair, given that of an earlier one or None."""
         ...
 
-    def solve_live(self, state: Any, known: Any) -> Any:
+    def solve_live(self, state: Any, known: Any) -> MethodSolution:
         """What is wanted at once: with the choices that were made before, and of the newest pairs alone, if that costs less."""
         ...
 
@@ -69,7 +82,7 @@ class ResultExtractor(Protocol):
         """Standard uncertainty (ny, nx) along x and y of each map's correction; None from a method that does not say."""
         ...
 
-    def correction_strains(self, solution: Any, maps: Iterable[DisparityMap]) -> Sequence[Any]:
+    def correction_strains(self, solution: Any, maps: Iterable[DisparityMap]) -> Sequence[MethodCorrectionStrain]:
         """What the correction gives to each map's mean strain, with its uncertainty `sigma`, to be asked later how far it moved."""
         ...
 

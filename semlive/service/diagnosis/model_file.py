@@ -14,7 +14,6 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from semlive.data.diagnosis import EMPTY_MODEL, Diagnosis, EffectModel, IdentifiedEffect
 from semlive.diagnose.baseline.model_effects import effect_class
-from semlive.diagnose.effect_correction import MAX_PAIRS, incompatibility_reason
 from semlive.errors import BadConfig, BadInput
 from semlive.formats.log.conversions import pair_decision
 from semlive.formats.log.messages import PairMessage, from_json
@@ -22,6 +21,7 @@ from semlive.inputs.files import open_regular, read_regular
 from semlive.inputs.json_text import parse_json
 from semlive.model.effects.rows import RowEffectClass
 from semlive.model.effects.stage import non_map_effect
+from semlive.pipeline.effect_correction import MAX_PAIRS, incompatibility_reason
 from semlive.service.config.configuration import Config, parse_config
 from semlive.service.config.model_section import ModelEffectConfig, ModelRun, ModelSection
 from semlive.service.diagnosis.run import effect_json

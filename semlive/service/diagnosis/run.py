@@ -30,6 +30,7 @@ from semlive.diagnose.scalars.load_cell import add_clock_evidence, add_load_cell
 from semlive.diagnose.scalars.stage import add_stage_evidence, stage_moves
 from semlive.diagnose.scalars.strain_gage import add_gage_evidence, gage_readings
 from semlive.errors import BadLog, IllPosed
+from semlive.estimate import EstimatorState
 from semlive.model.effects.intensity import intensity_effect
 from semlive.model.effects.rows import row_effect
 from semlive.model.effects.stage import non_map_effect
@@ -117,17 +118,16 @@ def _observed(log: Path, words: LogNotes, watch: Callable[[str, int, int], None]
     limit_blas_threads()
     settings = log_settings(log)
     settings = replace(settings, estimate=replace(settings.estimate, method="joint"), model=EMPTY_MODEL)
-    begun = None
-    for done, (decision, maps) in enumerate(pairs_with_maps(log, words), start=1):
-        begun = begun or pipeline.start_from_maps(settings, decision.first, maps[0].grid)
-        within = tuple(one for one in maps if one.reference != 0)
-        begun = pipeline.accumulate(begun, decision, (*within, *pipeline.maps_from_reference(decision.pair, maps)))
+    state = None
+    pairs = ((decision, pipeline.complete_maps(decision.pair, maps)) for decision, maps in pairs_with_maps(log, words))
+    for state in pipeline.follow(settings, pairs):
         if watch is not None:
-            watch("pair", done, done)
-    if begun is None:
+            watch("pair", len(state.pairs), len(state.pairs))
+    if state is None:
         raise BadLog(f"{log}: holds no disparity maps; replay it from its images first.")
-    steps = step_conditions(begun.pairs, _hold_s(log))
-    solution, other = baseline_solution(begun.estimator_state)
+    assert isinstance(state.estimator_state, EstimatorState)  # of the joint method
+    steps = step_conditions(state.pairs, _hold_s(log))
+    solution, other = baseline_solution(state.estimator_state)
     return make_observation(solution, steps, other), steps
 
 

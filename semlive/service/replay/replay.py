@@ -14,6 +14,7 @@ from semlive.data.pair import PairDecision
 from semlive.data.results import FrameResult, RunResult
 from semlive.data.settings import AnalysisSettings
 from semlive.errors import BadConfig, BadLog, PoorCalibration
+from semlive.estimate.method import MethodSolution
 from semlive.formats.log.messages import ResultMessage, from_json
 from semlive.service.analysis.worker import INPUT_TOPICS, WorkerState, background_work, process_message
 from semlive.service.config.overrides import SettingOverride, apply_overrides
@@ -99,7 +100,7 @@ class ReplayResult:
         settings: that it was made with.
         recorded: the result that the live run recorded, or None if it did not get there.
         analysis: the run's pairs and maps.
-        solution: what was solved for, as `pipeline.corrected` takes it.
+        solution: of all pairs, as `pipeline.correct_frame` takes it.
         unchanged: whether all settings are the log's own and all pairs were taken, so that both results should be the same.
     """
 
@@ -107,7 +108,7 @@ class ReplayResult:
     settings: AnalysisSettings
     recorded: dict[str, Any] | None
     analysis: pipeline.AnalysisState
-    solution: Any
+    solution: MethodSolution
     unchanged: bool = True
 
 
@@ -264,21 +265,23 @@ def _absorbed(
     watch: ReplayCallbacks,
     store: MapStore,
 ) -> pipeline.AnalysisState | None:
-    pace, begun = _Pace(asked.speed), None
-    for done, (decision, kept) in enumerate(pairs, start=1):
-        begun = begun or pipeline.start_from_maps(settings, decision.first, kept[0].grid)
+    pace, state = _Pace(asked.speed), None
+
+    def step(before: pipeline.AnalysisState, decision: PairDecision, maps: Maps) -> pipeline.AnalysisState:
         pace.wait(decision.second.end_time_ns)
-        begun = pipeline.accumulate(begun, decision, kept) if watch.pair is None else _followed(begun, decision, kept)
-        begun = offload_pair(begun, decision.pair, kept, store)
+        after = pipeline.accumulate(before, decision, maps) if watch.pair is None else _live_step(before, decision, maps)
+        return offload_pair(after, decision.pair, maps, store)
+
+    for done, state in enumerate(pipeline.follow(settings, pairs, step), start=1):
         if watch.pair is not None:
-            watch.pair(decision, begun)
+            watch.pair(state.pairs[-1], state)
         watch.report_progress("pair", done, count)
-    return begun
+    return state
 
 
-def _followed(begun: pipeline.AnalysisState, decision: PairDecision, maps: Maps) -> pipeline.AnalysisState:
-    """As a live run goes on."""
-    return pipeline.review_hyperparameters(pipeline.add_pair(begun, decision, maps)[0])[0]
+def _live_step(state: pipeline.AnalysisState, decision: PairDecision, maps: Maps) -> pipeline.AnalysisState:
+    """Add a pair as a live run does, with the review that may be due."""
+    return pipeline.review_hyperparameters(pipeline.add_pair(state, decision, maps)[0])[0]
 
 
 def _from_images(
@@ -309,7 +312,7 @@ def _from_images(
     return state.analysis
 
 
-def _concluded(begun: pipeline.AnalysisState, solution: Any, watch: ReplayCallbacks) -> RunResult:
+def _concluded(begun: pipeline.AnalysisState, solution: MethodSolution, watch: ReplayCallbacks) -> RunResult:
     if watch.frame is None:
         return pipeline.finalise(begun, solution=solution)
     take, done = watch.frame, {"uncertainty": 0, "frame": 0}

@@ -23,6 +23,7 @@ from semlive.data.grid import Grid
 from semlive.data.pair import PairDecision
 from semlive.data.results import FrameResult
 from semlive.data.settings import AnalysisSettings, SpecimenSettings
+from semlive.pipeline import effect_correction
 from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
 
 GRID = Grid(101, 101, 25, 30, 24, 43)
@@ -82,11 +83,7 @@ def test_what_is_told_after_each_pair_is_without_the_effect(modelled: Said, bare
 
 
 def test_the_end_is_that_of_all_pairs_at_once(charging: list[HiddenPair], modelled: Said) -> None:
-    settings, begun = AnalysisSettings(model=MODEL), None
-    for one in charging:
-        decision = decided(one)
-        begun = pipeline.accumulate(begun or pipeline.start_from_maps(settings, decision.first, GRID), decision, one.maps)
-    assert begun is not None
+    *_, begun = pipeline.follow(AnalysisSettings(model=MODEL), ((decided(pair), pair.maps) for pair in charging))
     assert np.array_equal(last_field(modelled[-1][0]), last_field(pipeline.apply_effect_model(begun)))
 
 
@@ -103,11 +100,7 @@ def test_no_frame_is_told_anew_for_strain_that_only_changed_its_name(modelled: S
 
 def test_a_run_of_frames_of_another_size_goes_on_without_the_model(charging: list[HiddenPair], bare: Said) -> None:
     settings = AnalysisSettings(model=EffectModel(MODEL.effects, size_px=(512, 442)))
-    begun = None
-    for one in charging:
-        decision = decided(one)
-        begun = pipeline.accumulate(begun or pipeline.start_from_maps(settings, decision.first, GRID), decision, one.maps)
-    assert begun is not None
+    *_, begun = pipeline.follow(settings, ((decided(pair), pair.maps) for pair in charging))
     begun = pipeline.apply_effect_model(begun)
     (note,) = begun.model_correction.notes
     assert note.startswith("WARNING: model: nothing is taken out of the maps: it was found in frames of 512 x 442 px")
@@ -119,11 +112,8 @@ def test_what_the_load_cell_does_by_itself_is_taken_off_the_loads() -> None:
     specimen = SpecimenSettings(area_mm2=AREA_MM2)
     moduli = {}
     for name, effects in (("as read", ()), ("without drift", (ModelEffect("load_cell_drift", (), 10.0),))):
-        settings, begun = AnalysisSettings(specimen=specimen, model=EffectModel(effects)), None
-        for one in pairs:
-            decision = drifting(decided(one), 0.02)
-            begun = pipeline.accumulate(begun or pipeline.start_from_maps(settings, decision.first, GRID), decision, one.maps)
-        assert begun is not None
+        settings = AnalysisSettings(specimen=specimen, model=EffectModel(effects))
+        *_, begun = pipeline.follow(settings, ((drifting(decided(pair), 0.02), pair.maps) for pair in pairs))
         result = pipeline.finalise(pipeline.apply_effect_model(begun))
         assert result.elastic is not None
         moduli[name] = result.elastic.youngs_modulus_gpa
@@ -144,8 +134,7 @@ def drifting(decision: PairDecision, rate_n_s: float) -> PairDecision:
 def test_more_pairs_than_can_be_fitted_go_on_without_the_model(
     monkeypatch: pytest.MonkeyPatch, charging: list[HiddenPair], bare: Said, modelled: Said
 ) -> None:
-    for module in (pipeline, sys.modules["semlive.diagnose.effect_correction"]):
-        monkeypatch.setattr(module, "MOST_PAIRS", 5)
+    monkeypatch.setattr(effect_correction, "MAX_PAIRS", 5)
     begun, result = pipeline.add_pair(modelled[4][0], decided(charging[5]), charging[5].maps)
     assert result.estimate.notes[-1].startswith("WARNING: model: nothing is taken out of the maps: 6 pairs are more than the 5")
     assert np.array_equal(last_field(begun), last_field(bare[-1][0]))

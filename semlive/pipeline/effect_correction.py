@@ -1,4 +1,4 @@
-"""What a model's effects moved is taken out of the maps of a run, before anything is estimated from them."""
+"""Fit the effect model of the settings to a run; its displacement is subtracted from the maps before estimation."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from semlive.model.effects.stage import non_map_effect
 
 Array = NDArray[np.float64]
 MAX_PAIRS = DENSE_PAIRS
-"""That effects are fitted to: baseline and effects are one matrix over all pairs."""
-NOTHING = Tensor2(0.0, 0.0, 0.0)
+"""Limit for the fit of effects: baseline and effects are one matrix over all pairs."""
+ZERO_STRAIN = Tensor2(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredPair:
-    """A pair as it was measured.
+    """A pair with its maps as measured.
 
     Attributes:
-        decision: what it is.
-        times: when its frames were scanned.
-        maps: within it and from frame 0 to each of its frames.
+        decision: of the pair.
+        times: scan times of its frames.
+        maps: within the pair and from frame 0 to each of its frames.
     """
 
     decision: PairDecision
@@ -48,14 +48,14 @@ class MeasuredPair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffectCorrection:
-    """What effects moved in a run so far.
+    """Displacement, strain and load offsets of a model's effects in a run so far.
 
     Attributes:
-        pairs: that they were fitted to.
-        displacement_by_frame: by the number of each frame (ny, nx, 2) what is taken out of its map, px; empty where nothing is.
-        strain: by the number of each frame the mean strain of that.
-        loads_n: by the number of each pair what the load cell itself added to its reading.
-        notes: sentences for the operator.
+        pairs: number of pairs in the fit.
+        displacement_by_frame: by frame number (ny, nx, 2), px; empty where no effect is subtracted.
+        strain: mean strain of the displacement by frame number.
+        loads_n: error of the load cell by pair number.
+        notes: messages for the operator.
     """
 
     pairs: int
@@ -65,54 +65,55 @@ class EffectCorrection:
     notes: tuple[str, ...] = ()
 
     def apply(self, disparity: DisparityMap) -> DisparityMap:
-        """A map without it."""
+        """Subtract the displacement from a map."""
         return subtract_effects(disparity, self.displacement_by_frame)
 
     def strain_of(self, frame: int) -> Tensor2:
-        """Mean strain of what is taken out of a frame."""
-        return self.strain.get(frame, NOTHING)
+        """Mean strain of the displacement that is subtracted from a frame."""
+        return self.strain.get(frame, ZERO_STRAIN)
 
     def load_of(self, pair: int) -> float:
-        """What the load cell itself added to a pair's reading, N."""
+        """Error of the load cell in a pair's reading, N."""
         return self.loads_n.get(pair, 0.0)
 
 
 def fit_effect_correction(
-    model: EffectModel, settings: EstimateSettings, loading_axis: str, seen: Sequence[MeasuredPair]
+    model: EffectModel, settings: EstimateSettings, loading_axis: str, measured: Sequence[MeasuredPair]
 ) -> EffectCorrection:
-    """What a model's effects moved, their amplitudes fitted to all pairs so far, together with drift, distortion and motion.
+    """Fit the amplitudes of a model's effects to all pairs so far, jointly with drift, distortion and motion.
 
-    What the load cell did by itself is fitted to its readings beside the strain that maps without the other effects would show.
-
-    Where they cannot be fitted nothing is taken out, and a note says why: a run goes on.
+    Errors of the load cell are fitted to its readings, jointly with the strain in maps without the other effects.
+    Where the fit is not possible, no effect is subtracted, a note gives the reason, and the run continues.
 
     Args:
         model: the effects.
-        settings: of the estimate; it is the joint one that effects are fitted beside.
-        loading_axis: of the image, along which the specimen is pulled.
-        seen: the pairs so far, in the order in which they came.
+        settings: of the estimate; effects are always fitted with the joint method.
+        loading_axis: axis of the image along which the specimen is loaded.
+        measured: the pairs so far, in order.
     """
-    if len(seen) > MAX_PAIRS:
-        return unavailable_for_long_run(len(seen))
-    first = seen[0].decision.first
+    if len(measured) > MAX_PAIRS:
+        return unavailable_for_long_run(len(measured))
+    first = measured[0].decision.first
     of_maps = [one for one in model.effects if non_map_effect(one.name) is None]
     of_cell = [one.name for one in model.effects if one.name in LOAD_CELL_EFFECTS]
     notes = [f"model: {one.name} is {_kind(one)}, and is left in" for one in model.effects if _left_alone(one)]
     why = incompatibility_reason(model, (first.width_px, first.height_px))
     if why or not (of_maps or of_cell):
-        return EffectCorrection(len(seen), notes=(*((f"WARNING: model: nothing is taken out of the maps: {why}",) if why else ()), *notes))
-    state = estimate.init(settings, seen[0].maps[0].grid, first.width_px, first.height_px)
-    for one in seen:
+        return EffectCorrection(
+            len(measured), notes=(*((f"WARNING: model: nothing is taken out of the maps: {why}",) if why else ()), *notes)
+        )
+    state = estimate.init(settings, measured[0].maps[0].grid, first.width_px, first.height_px)
+    for one in measured:
         state = estimate.update(state, one.decision.pair, one.decision.step.phase, one.times, one.maps)
     try:
-        steps = step_conditions([one.decision for one in seen])
+        steps = step_conditions([one.decision for one in measured])
         solution, other = baseline_solution(state)
         observation = make_observation(solution, steps, other)
     except IllPosed as error:
-        return EffectCorrection(len(seen), notes=(f"model: nothing is taken out of the maps yet: {error}", *notes))
+        return EffectCorrection(len(measured), notes=(f"model: nothing is taken out of the maps yet: {error}", *notes))
     loads_n, said = _cell(load_readings(observation, steps, loading_axis), of_cell, steps)
     if not of_maps:
-        return EffectCorrection(len(seen), loads_n=loads_n, notes=(*said, *notes))
+        return EffectCorrection(len(measured), loads_n=loads_n, notes=(*said, *notes))
     return replace(_taken(observation, of_maps, [*said, *notes]), loads_n=loads_n)
 
 
@@ -125,7 +126,7 @@ def _kind(effect: ModelEffect) -> str:
 
 
 def _cell(readings: LoadReadings, names: Sequence[str], steps: Sequence[StepConditions]) -> tuple[dict[int, float], list[str]]:
-    """What the load cell added to each pair's reading, and what is said of it."""
+    """Error of the load cell in each pair's reading, and the notes on it."""
     added = load_offsets(readings, names)
     total = np.sum([np.zeros(len(steps)), *added.values()], axis=0)
     said = [f"model: {name}, {one[np.argmax(np.abs(one))]:+.2f} N at most, taken off the loads" for name, one in added.items()]
@@ -134,13 +135,13 @@ def _cell(readings: LoadReadings, names: Sequence[str], steps: Sequence[StepCond
 
 
 def unavailable_for_long_run(pairs: int) -> EffectCorrection:
-    """Of a run of more pairs than effects can be fitted to; live, those before were corrected, and no longer are."""
+    """No correction, for a run with more pairs than the limit of the fit; live, earlier pairs lose their correction."""
     why = f"{pairs} pairs are more than the {MAX_PAIRS} that its effects can be fitted to together"
     return EffectCorrection(pairs, notes=(f"WARNING: model: nothing is taken out of the maps: {why}",))
 
 
 def incompatibility_reason(model: EffectModel, size_px: tuple[int, int]) -> str:
-    """Why a model is none for frames of a size; empty if it is."""
+    """The reason why a model does not apply to frames of a size; empty if it applies."""
     if model.size_px is None or model.size_px == size_px:
         return ""
     return f"it was found in frames of {model.size_px[0]} x {model.size_px[1]} px, and these are {size_px[0]} x {size_px[1]} px"
@@ -159,7 +160,7 @@ def _taken(observation: Observation, effects: Sequence[ModelEffect], notes: Sequ
 
 
 def _strain(grid: Grid, moved_px: Array) -> Tensor2:
-    """Of the plane that is nearest to a field (ny, nx, 2)."""
+    """Strain of the plane that fits a field (ny, nx, 2) best."""
     x, y = grid.mesh()
     rows = np.stack((np.ones_like(x), x, y), axis=-1).reshape(-1, 3)
     _, along_x, along_y = np.linalg.lstsq(rows, moved_px.reshape(-1, 2), rcond=None)[0]
