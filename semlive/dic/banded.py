@@ -87,17 +87,17 @@ def correlate_tiled(
     matches, ambiguous = first_guesses(pair, grid, settings.search_px)
     small = max(reference.shape) <= WHOLE_PX and len(matches) > 0
     guess = smooth_field(matches, grid) if small else None
-    other = residual_affine_field(matches, grid) if small else None
-    whole = _empty(grid)
+    second_field = residual_affine_field(matches, grid) if small else None
+    merged = _empty(grid)
     for first, last in bands(grid, reference.shape, band_px, band_points):
         low, high = max(first - HALO, 0), min(last + HALO, grid.ny)
         rows = dataclasses.replace(grid, y0_px=grid.y0_px + low * grid.step_px, ny=high - low)
         seeds = guess[low:high] if guess is not None else _local_field(matches, rows)
-        second = None if other is None else other[low:high]
+        second = None if second_field is None else second_field[low:high]
         part = _band(pair, rows, (seeds, second), matches, ambiguous[low:high], traits, settings)
         for field in dataclasses.fields(PointMeasurements):
-            getattr(whole, field.name)[first:last] = getattr(part, field.name)[first - low : last - low]
-    return to_disparity_map(whole, grid, settings, reference_frame=reference_frame, current_frame=current_frame)
+            getattr(merged, field.name)[first:last] = getattr(part, field.name)[first - low : last - low]
+    return to_disparity_map(merged, grid, settings, reference_frame=reference_frame, current_frame=current_frame)
 
 
 def _mean(image: Image, mask: NDArray[np.bool_] | None) -> np.float32:
@@ -244,10 +244,10 @@ def _band(
 
 def _cramped(solutions: interface.Solutions, grid: Grid, above: bool, below: bool, height: int) -> bool:
     """Whether a subset came near a side of the band that is not the frame's: the spline is not the frame's there."""
-    went = np.isin(solutions.status, (PoiStatus.CONVERGED, PoiStatus.OUTSIDE_IMAGE))
+    finished = np.isin(solutions.status, (PoiStatus.CONVERGED, PoiStatus.OUTSIDE_IMAGE))
     y = grid.y_px[:, None] + solutions.parameters[..., 3]
     reach = 0.8 * grid.subset_px + SPLINE_PX
-    return bool((went & ((above & (y < reach)) | (below & (y > height - 1 - reach)))).any())
+    return bool((finished & ((above & (y < reach)) | (below & (y > height - 1 - reach)))).any())
 
 
 def _empty(grid: Grid) -> PointMeasurements:

@@ -174,8 +174,8 @@ def solve(
     attempt(status == PoiStatus.NO_SEED, SEED_FROM_NEIGHBOUR, guess)
     if (failed := ~FINAL[status]).any():
         attempt(failed, SEED_FROM_NEIGHBOUR, nearest_block_field(matches, grid))
-    if (failed := ~FINAL[status]).any() and (other := second()) is not None:
-        attempt(failed & (seed_distance(other, guess) > OTHER_SIDE_PX), SEED_FROM_NEIGHBOUR, other)
+    if (failed := ~FINAL[status]).any() and (alternative := second()) is not None:
+        attempt(failed & (seed_distance(alternative, guess) > OTHER_SIDE_PX), SEED_FROM_NEIGHBOUR, alternative)
     fresh = status == PoiStatus.CONVERGED
     for _ in range(MAX_PASSES):
         if not (failed := ~FINAL[status]).any():

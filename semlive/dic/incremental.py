@@ -93,9 +93,9 @@ def advance(
     m = _composed(track, correlate(track.reference, image, settings, reference_frame=track.first_frame, current_frame=frame))
     if (renew or _worn(track, m)) and track.last_map is not None and track.last_map.valid.any():
         fresh = _renewed(track, settings)
-        again = _composed(fresh, correlate(fresh.reference, image, settings, reference_frame=track.first_frame, current_frame=frame))
-        if renew or again.valid.sum() > m.valid.sum() or _median_zncc(again) > _median_zncc(m):
-            track, m = fresh, again
+        composed = _composed(fresh, correlate(fresh.reference, image, settings, reference_frame=track.first_frame, current_frame=frame))
+        if renew or composed.valid.sum() > m.valid.sum() or _median_zncc(composed) > _median_zncc(m):
+            track, m = fresh, composed
     if track.fallback is not None and not m.valid.all():
         m = _returned(m, track.fallback, image, settings, frame)
     if track.kept is None:
@@ -166,9 +166,9 @@ def compose_maps(older: DisparityMap, newer: DisparityMap) -> DisparityMap:
     at, spread, worst, sound = interpolate_bilinear(fx.ravel(), fy.ravel(), values, np.ascontiguousarray(newer.status))
     u, v, sigma_u, sigma_v, zncc = at.reshape(-1, *older.grid.shape)
     (spread_u, spread_v), worst = spread.reshape(-1, *older.grid.shape), worst.reshape(older.grid.shape)
-    whole = inside & sound.reshape(older.grid.shape)
-    torn = whole & (np.maximum(spread_u, spread_v) > CUT_PX + MAX_CELL_STRAIN * grid.step_px)
-    valid = whole & ~torn
+    usable = inside & sound.reshape(older.grid.shape)
+    torn = usable & (np.maximum(spread_u, spread_v) > CUT_PX + MAX_CELL_STRAIN * grid.step_px)
+    valid = usable & ~torn
     status = np.where(older.valid, np.where(inside, worst, PoiStatus.OUTSIDE_IMAGE), older.status)
     status = np.where(torn, PoiStatus.INCONSISTENT, status).astype(np.uint8)
 

@@ -33,7 +33,7 @@ class Estimator(Protocol):
         """The state with one pair more."""
         ...
 
-    def offload(self, state: Any, pair: int, keep: Storage) -> Any:
+    def offload(self, state: Any, pair: int, storage: Storage) -> Any:
         """The state with the large arrays of a pair, and those that are made of it later, kept by somebody else: the same numbers."""
         ...
 
@@ -41,11 +41,11 @@ class Estimator(Protocol):
         """The solution, with its `noise_floor_px`; everything that the data choose is chosen anew."""
         ...
 
-    def solve_incremental(self, state: Any, known: Any) -> Any:
+    def solve_incremental(self, state: Any, previous: Any) -> Any:
         """The solution after a further pair, given that of an earlier one or None."""
         ...
 
-    def solve_live(self, state: Any, known: Any) -> Any:
+    def solve_live(self, state: Any, previous: Any) -> Any:
         """What is wanted at once: with the choices that were made before, and of the newest pairs alone, if that costs less."""
         ...
 
@@ -73,7 +73,7 @@ class ResultExtractor(Protocol):
         """What the correction gives to each map's mean strain, with its uncertainty `sigma`, to be asked later how far it moved."""
         ...
 
-    def strain_change(self, solution: Any, told: Any) -> Tensor2:
+    def strain_change(self, solution: Any, previous: Any) -> Tensor2:
         """How far a mean strain moves if it is corrected with this solution instead of the one that was told of."""
         ...
 

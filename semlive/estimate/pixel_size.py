@@ -73,8 +73,8 @@ def magnification_from_translations(moved_um: Field, shifts_px: Field, sigma_um:
     _need_area(spread, count, 4, "translations")
     solved = np.linalg.lstsq(spread, moved_um - moved_um.mean(axis=0), rcond=None)[0]
     matrix = solved.T
-    left = moved_um - moved_um.mean(axis=0) - spread @ solved
-    scatter = float(np.sum(left**2)) / max(2 * count - 6, 1)
+    residual = moved_um - moved_um.mean(axis=0) - spread @ solved
+    scatter = float(np.sum(residual**2)) / max(2 * count - 6, 1)
     stated = sigma_um**2 + (sigma_px * float(np.sqrt(abs(np.linalg.det(matrix))))) ** 2
     variance = np.linalg.inv(spread.T @ spread) * max(scatter, stated)
     metric = matrix.T @ matrix
@@ -86,7 +86,7 @@ def magnification_from_translations(moved_um: Field, shifts_px: Field, sigma_um:
         change = step.T @ matrix + matrix.T @ step
         jacobian[:, at] = change[0, 0], change[1, 1], change[0, 1]
     covariance = jacobian @ np.kron(np.eye(2), variance) @ jacobian.T
-    return _pixel(np.array([metric[0, 0], metric[1, 1], metric[0, 1]]), covariance, float(np.sqrt(np.mean(left**2))))
+    return _pixel(np.array([metric[0, 0], metric[1, 1], metric[0, 1]]), covariance, float(np.sqrt(np.mean(residual**2))))
 
 
 def magnification_from_distances(points_px: Field, pairs: NDArray[np.int64], distances_um: Field, sigma_um: float = 0.0) -> PixelSize:
@@ -112,15 +112,15 @@ def magnification_from_distances(points_px: Field, pairs: NDArray[np.int64], dis
     metric, _, rank, _ = np.linalg.lstsq(weighted, distances_um**2 * weight, rcond=None)
     if rank < 3 or metric[0] <= 0 or metric[1] <= 0:
         raise IllPosed("the known distances run along two directions at most: add diagonal ones, or points off the lines")
-    left = distances_um - np.sqrt(np.maximum(rows @ metric, 0.0))
-    variance = max(float(np.sum(left**2)) / max(len(pairs) - 3, 1), sigma_um**2)
+    residual = distances_um - np.sqrt(np.maximum(rows @ metric, 0.0))
+    variance = max(float(np.sum(residual**2)) / max(len(pairs) - 3, 1), sigma_um**2)
     covariance = np.asarray(np.linalg.inv(weighted.T @ weighted) * variance, dtype=np.float64)
-    return _pixel(np.asarray(metric, dtype=np.float64), covariance, float(np.sqrt(np.mean(left**2))))
+    return _pixel(np.asarray(metric, dtype=np.float64), covariance, float(np.sqrt(np.mean(residual**2))))
 
 
 def _pixel(metric: Field, covariance: Field, residual_um: float) -> PixelSize:
     """Sizes and angle from the metric (Gxx, Gyy, Gxy) and its covariance."""
-    gxx, gyy, gxy = (float(one) for one in metric)
+    gxx, gyy, gxy = (float(value) for value in metric)
     size_x, size_y = float(np.sqrt(gxx)), float(np.sqrt(gyy))
     shear = gxy / (size_x * size_y)
     slopes = np.array(
@@ -130,10 +130,10 @@ def _pixel(metric: Field, covariance: Field, residual_um: float) -> PixelSize:
     return PixelSize(size_x, float(sigma[0]), size_y, float(sigma[1]), float(np.arcsin(shear)), float(sigma[2]), residual_um)
 
 
-def _need_area(spread: Field, count: int, least: int, what: str) -> None:
+def _need_area(spread: Field, count: int, least: int, quantity: str) -> None:
     extent = np.linalg.svd(spread, compute_uv=False) if count else np.zeros(2)
     if count < least or extent[-1] <= MIN_LEVERAGE * extent[0]:
         raise IllPosed(
-            f"{count} {what} reaching {extent[0]:.3g} px along one direction and {extent[-1]:.3g} px across do not tell the size "
+            f"{count} {quantity} reaching {extent[0]:.3g} px along one direction and {extent[-1]:.3g} px across do not tell the size "
             f"of a pixel in x and y: give at least {least} in two directions"
         )

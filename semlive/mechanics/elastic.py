@@ -47,8 +47,8 @@ def elastic_constants(
     stress_mpa = np.array([load for load, _ in points], dtype=np.float64) / area_mm2
     if len(points) < 2 or np.ptp(stress_mpa) <= MIN_SPAN * float(np.max(np.abs(stress_mpa))):
         raise IllPosed("elastic constants need frames at two or more different loads: add a load step")
-    strain = np.array([(one.mean.exx, one.mean.eyy) for _, one in points]).T
-    sigma = np.maximum(np.array([(one.mean_sigma.exx, one.mean_sigma.eyy) for _, one in points]).T, 1e-9)
+    strain = np.array([(value.mean.exx, value.mean.eyy) for _, value in points]).T
+    sigma = np.maximum(np.array([(value.mean_sigma.exx, value.mean_sigma.eyy) for _, value in points]).T, 1e-9)
     if covariance is None:
         covariance = np.diag(sigma.ravel() ** 2)
     axial, transverse = (0, 1) if loading_axis == "x" else (1, 0)

@@ -31,7 +31,7 @@ def false_strain(distortion: DistortionField, shift_px: tuple[float, float], win
     x, y = grid.x_px + shift_px[0], grid.y_px + shift_px[1]
     inside = _within(y, grid.y_px)[:, None] & _within(x, grid.x_px)[None, :]
     valid = inside & distortion.valid
-    after = [RectBivariateSpline(grid.y_px, grid.x_px, one)(y, x) for one in (distortion.ex_px, distortion.ey_px)]
+    after = [RectBivariateSpline(grid.y_px, grid.x_px, component)(y, x) for component in (distortion.ex_px, distortion.ey_px)]
     u, v = np.where(valid, after[0] - distortion.ex_px, 0.0), np.where(valid, after[1] - distortion.ey_px, 0.0)
     return strain(Displacement(0, grid, u, v, distortion.sigma_px, distortion.sigma_px, valid), window_points)
 
@@ -52,13 +52,13 @@ def typical_distortion(grid: Grid, width_px: int, height_px: int) -> DistortionF
     ex = 0.4 * a * b + 0.17 * np.cos(2.0 * np.pi * a) + 0.3 * b**2
     ey = 0.6 * b**2 + 0.6 * a * b + 0.42 * np.cos(2.0 * np.pi * b) + 0.4 * np.cos(3.0 * np.pi * a)
     fields = []
-    for one in (ex, ey, np.zeros(grid.shape)):
-        one.setflags(write=False)
-        fields.append(one)
+    for component in (ex, ey, np.zeros(grid.shape)):
+        component.setflags(write=False)
+        fields.append(component)
     everywhere = np.ones(grid.shape, dtype=np.bool_)
     everywhere.setflags(write=False)
     return DistortionField(grid, fields[0], fields[1], fields[2], everywhere)
 
 
-def _within(position: NDArray[np.float64], known: NDArray[np.float64]) -> NDArray[np.bool_]:
-    return (position >= known[0]) & (position <= known[-1])
+def _within(position: NDArray[np.float64], grid_axis: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return (position >= grid_axis[0]) & (position <= grid_axis[-1])

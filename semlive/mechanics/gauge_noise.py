@@ -42,10 +42,10 @@ def gauge_sigma(displacement: Displacement, field: StrainField, settings: Strain
         return None
     by_x, by_y = _gain(displacement.grid.step_px, displacement.grid.subset_px, field.window_points, settings.order, settings.weights)
     inside = displacement.valid
-    u2, v2 = (float(np.mean(one[inside] ** 2)) for one in (displacement.sigma_u_px, displacement.sigma_v_px))
+    u2, v2 = (float(np.mean(component[inside] ** 2)) for component in (displacement.sigma_u_px, displacement.sigma_v_px))
     random = (by_x * u2, by_y * v2, 0.25 * (by_y * u2 + by_x * v2))
     added = (systematic.exx, systematic.eyy, systematic.exy)
-    return Tensor2(*(float(np.sqrt(one + more**2)) for one, more in zip(random, added, strict=True)))
+    return Tensor2(*(float(np.sqrt(value + more**2)) for value, more in zip(random, added, strict=True)))
 
 
 @lru_cache(maxsize=32)
@@ -67,15 +67,15 @@ def expected_sigma(grid: Grid, window_points: int, sigma_px: tuple[float, float]
         settings: how the gauge fits.
     """
     by_x, by_y = _gain(grid.step_px, grid.subset_px, window_points, settings.order, settings.weights)
-    u2, v2 = (one**2 for one in sigma_px)
-    return Tensor2(*(float(np.sqrt(one)) for one in (by_x * u2, by_y * v2, 0.25 * (by_y * u2 + by_x * v2))))
+    u2, v2 = (value**2 for value in sigma_px)
+    return Tensor2(*(float(np.sqrt(value)) for value in (by_x * u2, by_y * v2, 0.25 * (by_y * u2 + by_x * v2))))
 
 
 def expected_mean_sigma(grid: Grid, sigma_px: tuple[float, float]) -> Tensor2:
     """Standard uncertainty of the mean strain over the whole grid from the noise of the correlation alone; terms as in `summary`."""
     x, y = grid.mesh()
     overlap = max(grid.subset_px, grid.step_px) / grid.step_px
-    spread_x, spread_y = (float(np.sqrt(np.sum((one - one.mean()) ** 2))) for one in (x, y))
-    u, v = (one * overlap for one in sigma_px)
+    spread_x, spread_y = (float(np.sqrt(np.sum((value - value.mean()) ** 2))) for value in (x, y))
+    u, v = (value * overlap for value in sigma_px)
     shear = 0.5 * float(np.hypot(u / max(spread_y, 1.0), v / max(spread_x, 1.0)))
     return Tensor2(u / max(spread_x, 1.0), v / max(spread_y, 1.0), shear)

@@ -44,9 +44,9 @@ def strain(displacement: Displacement, window_points: int) -> StrainField:
     scale = fit.determinant * grid.step_px
     ux, uy = _slopes(displacement.u_px * weight, half, fit.moments, scale)
     vx, vy = _slopes(displacement.v_px * weight, half, fit.moments, scale)
-    exx, eyy, exy = (np.where(valid, one, 0.0) for one in (ux, vy, 0.5 * (uy + vx)))
-    for one in (exx, eyy, exy, valid):
-        one.setflags(write=False)
+    exx, eyy, exy = (np.where(valid, value, 0.0) for value in (ux, vy, 0.5 * (uy + vx)))
+    for component in (exx, eyy, exy, valid):
+        component.setflags(write=False)
     return StrainField(displacement.frame, grid, window_points, exx, eyy, exy, valid)
 
 

@@ -41,10 +41,10 @@ def compare_with_gage(
     load_n = np.array([load for _, load, _, _ in points], dtype=np.float64)
     if len(points) < 2 or np.ptp(load_n) <= MIN_SPAN * float(np.max(np.abs(load_n))):
         raise IllPosed("a comparison with the strain gage needs frames at two or more different loads: add a load step")
-    stress_mpa, gage = load_n / area_mm2, np.array([one.value for _, _, one, _ in points])
-    gage_sigma = np.array([one.sigma for _, _, one, _ in points])
-    strain = np.array([(one.mean.exx, one.mean.eyy) for *_, one in points]).T
-    sigma = np.maximum(np.array([(one.mean_sigma.exx, one.mean_sigma.eyy) for *_, one in points]).T, 1e-9)
+    stress_mpa, gage = load_n / area_mm2, np.array([value.value for _, _, value, _ in points])
+    gage_sigma = np.array([value.sigma for _, _, value, _ in points])
+    strain = np.array([(value.mean.exx, value.mean.eyy) for *_, value in points]).T
+    sigma = np.maximum(np.array([(value.mean_sigma.exx, value.mean_sigma.eyy) for *_, value in points]).T, 1e-9)
     axial, transverse = (0, 1) if loading_axis == "x" else (1, 0)
     if covariance is None:
         covariance = np.diag(sigma.ravel() ** 2)
@@ -62,8 +62,8 @@ def compare_with_gage(
         slopes.append(MeasuredValue(slope, float(np.sqrt(random + (slope * factor_sigma) ** 2))))
     modulus = 1e-3 / compliance
     steps = tuple(
-        GageStep(pair, load, one.value, one.sigma, float(strain[axial, at]), float(sigma[axial, at]))
-        for at, (pair, load, one, _) in enumerate(points)
+        GageStep(pair, load, value.value, value.sigma, float(strain[axial, at]), float(sigma[axial, at]))
+        for at, (pair, load, value, _) in enumerate(points)
     )
     return StrainGageComparison(
         steps,
@@ -75,11 +75,11 @@ def compare_with_gage(
 
 def mean_gage_strain(first: FrameLoad, second: FrameLoad) -> MeasuredValue | None:
     """What the gage said during both frames of a pair; None if it was silent in one."""
-    said = (first.gage_strain, second.gage_strain, first.gage_strain_sigma, second.gage_strain_sigma)
-    if None in said:
+    reported = (first.gage_strain, second.gage_strain, first.gage_strain_sigma, second.gage_strain_sigma)
+    if None in reported:
         return None
-    one, two, sigma_one, sigma_two = (float(value or 0.0) for value in said)
-    return MeasuredValue(0.5 * (one + two), 0.5 * float(np.hypot(sigma_one, sigma_two)))
+    first_strain, second_strain, first_sigma, second_sigma = (float(value or 0.0) for value in reported)
+    return MeasuredValue(0.5 * (first_strain + second_strain), 0.5 * float(np.hypot(first_sigma, second_sigma)))
 
 
 def gage_notes(comparison: StrainGageComparison | None) -> tuple[str, ...]:

@@ -38,9 +38,9 @@ def strain_field(displacement: Displacement, window_points: int, settings: Strai
     exx, eyy, exy = ux, vy, 0.5 * (uy + vx)
     if settings.measure == "green_lagrange":
         exx, eyy, exy = exx + 0.5 * (ux**2 + vx**2), eyy + 0.5 * (uy**2 + vy**2), exy + 0.5 * (ux * uy + vx * vy)
-    exx, eyy, exy = (np.where(valid, one, 0.0) for one in (exx, eyy, exy))
-    for one in (exx, eyy, exy, valid):
-        one.setflags(write=False)
+    exx, eyy, exy = (np.where(valid, component, 0.0) for component in (exx, eyy, exy))
+    for component in (exx, eyy, exy, valid):
+        component.setflags(write=False)
     return StrainField(displacement.frame, displacement.grid, window_points, exx, eyy, exy, valid)
 
 
@@ -60,8 +60,8 @@ def gradients(
     moment = {power: _sum(weight, kernel * lag ** power[0], kernel * lag ** power[1]) for power in powers}
     normal = np.stack([np.stack([moment[a + c, b + d] for c, d in terms], axis=-1) for a, b in terms], axis=-2)
     values = [
-        np.stack([_sum(one * weight, kernel * lag**a, kernel * lag**b) for a, b in terms], axis=-1)
-        for one in (displacement.u_px, displacement.v_px)
+        np.stack([_sum(component * weight, kernel * lag**a, kernel * lag**b) for a, b in terms], axis=-1)
+        for component in (displacement.u_px, displacement.v_px)
     ]
     eigenvalues = np.linalg.eigvalsh(normal)
     count = _sum(weight, np.ones(window_points), np.ones(window_points))
@@ -71,7 +71,7 @@ def gradients(
     normal[~valid] = np.eye(len(terms))
     solved = np.linalg.solve(normal, np.stack(values, axis=-1)) / (half * displacement.grid.step_px)
     slopes = (solved[..., 1, 0], solved[..., 2, 0], solved[..., 1, 1], solved[..., 2, 1])
-    ux, uy, vx, vy = (np.where(valid, one, 0.0) for one in slopes)
+    ux, uy, vx, vy = (np.where(valid, slope, 0.0) for slope in slopes)
     return (ux, uy, vx, vy), valid
 
 
@@ -104,9 +104,9 @@ def butterworth(displacement: Displacement, cutoff_points: float) -> Displacemen
     plane = np.stack((np.ones(grid.shape), *grid.mesh()), axis=-1)
     filled = _passed(valid.astype(np.float64), gain)
     passed = []
-    for one in (displacement.u_px, displacement.v_px):
-        flat = plane @ np.linalg.lstsq(plane[valid], one[valid], rcond=None)[0]
-        smooth = _passed(np.where(valid, one - flat, 0.0), gain) / np.maximum(filled, 0.1)
+    for component in (displacement.u_px, displacement.v_px):
+        flat = plane @ np.linalg.lstsq(plane[valid], component[valid], rcond=None)[0]
+        smooth = _passed(np.where(valid, component - flat, 0.0), gain) / np.maximum(filled, 0.1)
         passed.append(np.where(valid, smooth + flat, 0.0))
         passed[-1].setflags(write=False)
     return Displacement(displacement.frame, grid, passed[0], passed[1], displacement.sigma_u_px, displacement.sigma_v_px, valid)
@@ -136,10 +136,10 @@ def noise_curve(displacement: Displacement, windows: Iterable[int]) -> tuple[Gag
         field = strain(displacement, window)
         plane = np.stack((np.ones(grid.shape), *grid.mesh()), axis=-1)[field.valid]
         if len(plane) > 6:
-            values = np.stack([one[field.valid] for one in (field.exx, field.eyy, field.exy)], axis=1)
-            left = values - plane @ np.linalg.lstsq(plane, values, rcond=None)[0]
-            sd = np.sqrt(np.sum(left**2, axis=0) / (len(plane) - 3))
-            curve.append(GageNoise(window, float(grid.vsg_px(window)), Tensor2(*(float(one) for one in sd))))
+            values = np.stack([component[field.valid] for component in (field.exx, field.eyy, field.exy)], axis=1)
+            residual = values - plane @ np.linalg.lstsq(plane, values, rcond=None)[0]
+            sd = np.sqrt(np.sum(residual**2, axis=0) / (len(plane) - 3))
+            curve.append(GageNoise(window, float(grid.vsg_px(window)), Tensor2(*(float(value) for value in sd))))
     return tuple(curve)
 
 
@@ -151,5 +151,5 @@ def _sum(value: Field, along_x: Field, along_y: Field) -> Field:
     """Sum over the window of each POI of ``value * along_x * along_y``; nothing lies beyond the edge."""
     half, (ny, nx) = len(along_x) // 2, value.shape
     padded = np.pad(value, half)
-    rows = sum(one * padded[:, i : i + nx] for i, one in enumerate(along_x))
-    return np.asarray(sum(one * np.asarray(rows)[i : i + ny] for i, one in enumerate(along_y)))
+    rows = sum(value * padded[:, i : i + nx] for i, value in enumerate(along_x))
+    return np.asarray(sum(value * np.asarray(rows)[i : i + ny] for i, value in enumerate(along_y)))

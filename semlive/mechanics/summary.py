@@ -51,7 +51,7 @@ def summary(
     )
     mean = Tensor2(float(gradient[0, 0]), float(gradient[1, 1]), 0.5 * float(gradient[0, 1] + gradient[1, 0]))
     inside = field.valid
-    scatter = (float(np.std(one[inside])) if inside.any() else 0.0 for one in (field.exx, field.eyy, field.exy))
+    scatter = (float(np.std(component[inside])) if inside.any() else 0.0 for component in (field.exx, field.eyy, field.exy))
     one_gauge = gauge_sigma(displacement, field, settings, systematic)
     vsg_px = float(grid.vsg_px(field.window_points))
     return StrainSummary(displacement.frame, mean, mean_sigma, Tensor2(*scatter), vsg_px, one_gauge, systematic)

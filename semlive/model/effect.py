@@ -109,7 +109,7 @@ class Effect(Protocol):
         """Whether the columns depend on the ideal position, which is itself estimated (so they are re-linearised)."""
         ...
 
-    def columns(self, seen: FrameObservation) -> tuple[Columns | TensorColumns, ...]:
+    def columns(self, observation: FrameObservation) -> tuple[Columns | TensorColumns, ...]:
         """The effect's columns for the points of a sighting."""
         ...
 

@@ -68,9 +68,9 @@ def _extended(spline: KnotSpline) -> Field:
 def _pieces(spline: KnotSpline) -> Field:
     """(intervals, degree + 1, degree + 1): ``[i, k, j]`` is the coefficient of f^k of basis function j on interval i."""
     knots, count = np.array(spline.knots), spline.degree + 1
-    whole, width = BSpline(_extended(spline), np.eye(spline.size), spline.degree), np.diff(knots)
+    basis, width = BSpline(_extended(spline), np.eye(spline.size), spline.degree), np.diff(knots)
     at = np.arange(len(width))[:, None] + np.arange(count)
-    values = [whole(knots[:-1], nu=power) * (width**power / math.factorial(power))[:, None] for power in range(count)]
+    values = [basis(knots[:-1], nu=power) * (width**power / math.factorial(power))[:, None] for power in range(count)]
     table = np.stack([np.take_along_axis(value, at, axis=1) for value in values], axis=1)
     table.setflags(write=False)
     return table

@@ -56,12 +56,12 @@ class RowShiftEffect:
         start = self.each * self.frames.index(frame)
         return slice(start, start + self.each)
 
-    def columns(self, seen: FrameObservation) -> tuple[Columns, ...]:
+    def columns(self, observation: FrameObservation) -> tuple[Columns, ...]:
         """Basis rows at the scan addresses of the sighting's frame."""
-        if self.over_y is None or seen.frame not in self.frames:
+        if self.over_y is None or observation.frame not in self.frames:
             return ()
-        index, value = self.over_y.local(seen.y_px)
-        return (Columns(Axis.X, self.part(seen.frame).start + index, value),)
+        index, value = self.over_y.local(observation.y_px)
+        return (Columns(Axis.X, self.part(observation.frame).start + index, value),)
 
     def frame_px(self, frame: int, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """(each,) shifts of a frame at the knots."""

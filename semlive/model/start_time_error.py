@@ -53,8 +53,12 @@ class StartTimeErrors:
     def only(self, pairs: set[int]) -> StartTimeErrors:
         """Of some pairs alone."""
         at = [number for number, pair in enumerate(self.pairs) if pair in pairs]
-        told = tuple(self.pairs[one] for one in at), tuple(self.sigma_s[one] for one in at), tuple(self.rate_px_s[one] for one in at)
-        return StartTimeErrors(*told)
+        selected = (
+            tuple(self.pairs[index] for index in at),
+            tuple(self.sigma_s[index] for index in at),
+            tuple(self.rate_px_s[index] for index in at),
+        )
+        return StartTimeErrors(*selected)
 
     def about(self, rates: dict[int, Rate]) -> StartTimeErrors:
         """Linearised about rates of the drift, by pair; of pairs that are not in there, about what it was."""
@@ -68,17 +72,17 @@ class StartTimeErrors:
         at = self.pairs.index(pair)
         return slice(at, at + 1)
 
-    def columns(self, seen: FrameObservation) -> tuple[Columns, ...]:
+    def columns(self, observation: FrameObservation) -> tuple[Columns, ...]:
         """Columns of the second frame of a pair, the same for all its points; none else.
 
         Over a frame the rate changes by some hundredths, and the error of a start is some hundredths of the time between frames.
         """
-        if seen.frame % 2 == 0 or seen.pair not in self.pairs:
+        if observation.frame % 2 == 0 or observation.pair not in self.pairs:
             return ()
-        at = self.pairs.index(seen.pair)
-        index = np.full((len(seen.x_px), 1), at, dtype=np.int64)
+        at = self.pairs.index(observation.pair)
+        index = np.full((len(observation.x_px), 1), at, dtype=np.int64)
         rate = zip((Axis.X, Axis.Y), self.rate_px_s[at], strict=True)
-        return tuple(Columns(axis, index, np.full((len(seen.x_px), 1), one)) for axis, one in rate)
+        return tuple(Columns(axis, index, np.full((len(observation.x_px), 1), value)) for axis, value in rate)
 
     def late_px(self, frame: int, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """(2,) how much further the drift had gone in a frame than at the time that is told."""

@@ -70,7 +70,7 @@ class SuttonSolution:
     def drift_of(self, frame: int) -> LocalDrift:
         """The drift of the phase that a frame belongs to."""
         begun_s = self.state.frame_time(frame).start_s
-        return [one for one in self.drifts if one.first.start_s <= begun_s][-1]
+        return [drift for drift in self.drifts if drift.first.start_s <= begun_s][-1]
 
     def drift_px(self, address_px: Array, when: FrameTime) -> Array:
         """(n, 2) drift at scan addresses of a frame."""
@@ -82,9 +82,9 @@ class SuttonSolution:
         return drift if self.bundle is None else drift + self.bundle.surface.at(address_px - self.options.carried * drift)
 
 
-def solve_incremental(state: SuttonState, known: SuttonSolution | None) -> SuttonSolution:
+def solve_incremental(state: SuttonState, previous: SuttonSolution | None) -> SuttonSolution:
     """The solution after a further pair: a batch, so the same as `solve`, with the options of the earlier solution."""
-    return solve(state, known.options if known is not None else PUBLISHED_OPTIONS)
+    return solve(state, previous.options if previous is not None else PUBLISHED_OPTIONS)
 
 
 def solve(state: SuttonState, options: SuttonOptions = PUBLISHED_OPTIONS) -> SuttonSolution:
@@ -100,7 +100,7 @@ def solve(state: SuttonState, options: SuttonOptions = PUBLISHED_OPTIONS) -> Sut
     if not images:
         return solution
     here = _grid_points(state)
-    flat = _flat(state, [here, *(one.after_px for one in images), *(one.before_px for one in images)])
+    flat = _flat(state, [here, *(image.after_px for image in images), *(image.before_px for image in images)])
     for _ in range(options.passes):
         bundle = adjust(translated(solution), flat, here)
         solution = _relaxed(solution, bundle, here)
@@ -130,11 +130,11 @@ def _drifts(state: SuttonState, options: SuttonOptions, removal: Removal | None)
 
 def _phases(state: SuttonState) -> list[list[PairMaps]]:
     """Calibration and measurement apart (footnote 5), or everything as one record; a phase of one pair joins the one before."""
-    whole = list(state.pairs)
-    cut = next((at for at, one in enumerate(whole) if not one.calibrates), len(whole))
-    if not state.settings.sutton_phases_apart or cut == 0 or len(whole) - cut < 2:
-        return [whole]
-    return [whole[:cut], whole[cut:]]
+    pairs = list(state.pairs)
+    cut = next((at for at, value in enumerate(pairs) if not value.calibrates), len(pairs))
+    if not state.settings.sutton_phases_apart or cut == 0 or len(pairs) - cut < 2:
+        return [pairs]
+    return [pairs[:cut], pairs[cut:]]
 
 
 def _removal(solution: SuttonSolution) -> Removal | None:
@@ -154,21 +154,21 @@ def translated(solution: SuttonSolution) -> list[TranslatedImage]:
     """The translated images of the calibration with drift removed."""
     state, carried, found = solution.state, solution.options.carried, []
     reference = state.pairs[0].times[0]
-    for one in state.pairs:
-        dmap = one.from_reference
-        if dmap is None or not one.calibrates or not dmap.valid.any():
+    for pair in state.pairs:
+        dmap = pair.from_reference
+        if dmap is None or not pair.calibrates or not dmap.valid.any():
             continue
         before = _grid_points(state)[dmap.valid.ravel()]
         after = before + np.stack((dmap.u_px[dmap.valid], dmap.v_px[dmap.valid]), axis=1)
-        drift_before, drift_after = solution.drift_px(before, reference), solution.drift_px(after, one.times[0])
+        drift_before, drift_after = solution.drift_px(before, reference), solution.drift_px(after, pair.times[0])
         moved = after - drift_after - before + drift_before
-        found.append(TranslatedImage(one.pair, before - carried * drift_before, after - carried * drift_after, moved))
+        found.append(TranslatedImage(pair.pair, before - carried * drift_before, after - carried * drift_after, moved))
     return found
 
 
 def _flat(state: SuttonState, addresses: list[Array]) -> Surface:
-    low = np.min([one.min(axis=0) for one in addresses], axis=0)
-    high = np.max([one.max(axis=0) for one in addresses], axis=0)
+    low = np.min([address.min(axis=0) for address in addresses], axis=0)
+    high = np.max([address.max(axis=0) for address in addresses], axis=0)
     return Surface.flat(low - 1.0, high + 1.0, state.settings.distortion_knot_px)
 
 

@@ -46,7 +46,7 @@ class PairMaps:
         return self.phase is Phase.CALIBRATION
 
     def _find(self, reference: int, current: int) -> DisparityMap | None:
-        return next((one for one in self.maps if (one.reference, one.current) == (reference, current)), None)
+        return next((dmap for dmap in self.maps if (dmap.reference, dmap.current) == (reference, current)), None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +77,7 @@ class SuttonState:
     @property
     def frames(self) -> Iterator[FrameTime]:
         """Times of all frames in order of arrival."""
-        return (when for one in self.pairs for when in one.times)
+        return (when for pair in self.pairs for when in pair.times)
 
 
 def init(settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) -> SuttonState:
@@ -111,7 +111,7 @@ def update(
     return replace(state, pairs=(*state.pairs, PairMaps(pair, phase, times, maps)))
 
 
-def offload(state: SuttonState, pair: int, keep: Storage) -> SuttonState:
+def offload(state: SuttonState, pair: int, storage: Storage) -> SuttonState:
     """The state itself: it holds the maps, which whoever gave them keeps."""
-    del pair, keep
+    del pair, storage
     return state

@@ -50,7 +50,7 @@ def sides(state: EstimatorState) -> ComponentBlocks:
         part = state.layout.part(name)
         kind[part.start : part.stop : 2], kind[part.start + 1 : part.stop : 2] = 0, 1
     kind[state.layout.part("line_shift")] = 0
-    motion = [value for one in state.motions.kinds for value in ((0, 1, 2) if one is MotionKind.RIGID else (0, 0, 0, 1, 1, 1))]
+    motion = [value for kind in state.motions.kinds for value in ((0, 1, 2) if kind is MotionKind.RIGID else (0, 0, 0, 1, 1, 1))]
     kind[state.layout.part("motion")] = motion
     return ComponentBlocks(*(np.flatnonzero(kind == value) for value in (0, 1, 2)))
 
@@ -74,27 +74,27 @@ class ArrowheadFactor:
     @property
     def half_log_det(self) -> float:
         """Half the logarithm of the matrix' determinant."""
-        return sum(float(np.sum(np.log(np.diag(one)))) for one in (*self.block, self.border))
+        return sum(float(np.sum(np.log(np.diag(value)))) for value in (*self.block, self.border))
 
     def half(self, right: Matrix) -> Matrix:
         """(n,) or (n, k) half of a solution, in the order x, y, shared: products of two such are those of a solution with a right side."""
-        ahead, rest = self._ahead(right)
-        return np.concatenate((*ahead, solve_triangular(self.border, rest, lower=True, check_finite=False)))
+        ahead, remainder = self._ahead(right)
+        return np.concatenate((*ahead, solve_triangular(self.border, remainder, lower=True, check_finite=False)))
 
     def solve(self, right: Matrix) -> Matrix:
         """(n,) or (n, k) solution."""
-        ahead, rest = self._ahead(right)
-        shared = cho_solve((self.border, True), rest, check_finite=False)
+        ahead, remainder = self._ahead(right)
+        shared = cho_solve((self.border, True), remainder, check_finite=False)
         total = np.empty_like(right)
         total[self.sides.shared] = shared
-        for low, join, one, at in zip(self.block, self.coupling, ahead, self.sides.own, strict=True):
-            total[at] = solve_triangular(low, one - join @ shared, lower=True, trans=1, check_finite=False)
+        for low, join, value, at in zip(self.block, self.coupling, ahead, self.sides.own, strict=True):
+            total[at] = solve_triangular(low, value - join @ shared, lower=True, trans=1, check_finite=False)
         return total
 
     def _ahead(self, right: Matrix) -> tuple[list[Matrix], Matrix]:
         """Both blocks half solved, and what is left of the border's right side."""
         ahead = [_half(low, right[at]) for low, at in zip(self.block, self.sides.own, strict=True)]
-        return ahead, right[self.sides.shared] - sum(join.T @ one for join, one in zip(self.coupling, ahead, strict=True))
+        return ahead, right[self.sides.shared] - sum(join.T @ value for join, value in zip(self.coupling, ahead, strict=True))
 
     def inverse(self) -> Matrix:
         """(n, n) inverse, symmetric."""
@@ -104,7 +104,7 @@ class ArrowheadFactor:
             for low, join in zip(self.block, self.coupling, strict=True)
         ]
         (x, y), shared = self.sides.own, self.sides.shared
-        through = [one @ border for one in reach]
+        through = [value @ border for value in reach]
         ordered = np.block(
             [
                 [inverse(self.block[0]) + through[0] @ reach[0].T, through[0] @ reach[1].T, -through[0]],
@@ -120,8 +120,8 @@ def _half(low: Matrix, right: Matrix) -> Matrix:
     """A triangular solution; right sides that ask nothing of a block, as those of the other component do, cost nothing."""
     if right.ndim == 1 or not right.size:
         return np.asarray(solve_triangular(low, right, lower=True, check_finite=False))
-    found, told = np.zeros_like(right), right.any(axis=0)
-    found[:, told] = solve_triangular(low, right[:, told], lower=True, check_finite=False)
+    found, nonzero = np.zeros_like(right), right.any(axis=0)
+    found[:, nonzero] = solve_triangular(low, right[:, nonzero], lower=True, check_finite=False)
     return found
 
 
@@ -148,31 +148,33 @@ def factorise(precision: Matrix, where: ComponentBlocks, rounding: float = ROUND
 
 
 def marginalise(
-    precision: Matrix, pull: NDArray[np.float64], where: ComponentBlocks, gone: NDArray[np.bool_]
+    precision: Matrix, pull: NDArray[np.float64], where: ComponentBlocks, eliminated: NDArray[np.bool_]
 ) -> tuple[Matrix, NDArray[np.float64]]:
     """Precision and pull of the parameters that stay, with those that are `gone` (n,) integrated out; first x and y, then the border."""
-    stay = ~gone
-    shared_gone = where.shared[gone[where.shared]]
-    kept = np.concatenate((np.flatnonzero(stay), shared_gone))
+    stay = ~eliminated
+    shared_gone = where.shared[eliminated[where.shared]]
+    retained = np.concatenate((np.flatnonzero(stay), shared_gone))
     place = np.full(len(pull), -1)
-    place[kept] = np.arange(len(kept))
-    left, asked = precision[np.ix_(kept, kept)], pull[kept]
+    place[retained] = np.arange(len(retained))
+    reduced, gradient = precision[np.ix_(retained, retained)], pull[retained]
     for at in where.own:
-        out, touched = at[gone[at]], np.concatenate((at[stay[at]], where.shared))
+        out, touched = at[eliminated[at]], np.concatenate((at[stay[at]], where.shared))
         if not out.size:
             continue
         low = cholesky(regularise(precision[np.ix_(out, out)]))
         right = np.column_stack((precision[np.ix_(out, touched)], pull[out]))
         join = solve_triangular(low, right, lower=True, check_finite=False)
         inside = place[touched]
-        left[np.ix_(inside, inside)] -= join[:, :-1].T @ join[:, :-1]
-        asked[inside] -= join[:, :-1].T @ join[:, -1]
+        reduced[np.ix_(inside, inside)] -= join[:, :-1].T @ join[:, :-1]
+        gradient[inside] -= join[:, :-1].T @ join[:, -1]
     count = int(stay.sum())
     if shared_gone.size:
-        rest = left[count:, count:] + np.diag(ROUNDING * np.diag(precision)[shared_gone])
-        join = solve_triangular(cholesky(rest), np.column_stack((left[count:, :count], asked[count:])), lower=True, check_finite=False)
-        return left[:count, :count] - join[:, :-1].T @ join[:, :-1], asked[:count] - join[:, :-1].T @ join[:, -1]
-    return left[:count, :count], asked[:count]
+        shared = reduced[count:, count:] + np.diag(ROUNDING * np.diag(precision)[shared_gone])
+        join = solve_triangular(
+            cholesky(shared), np.column_stack((reduced[count:, :count], gradient[count:])), lower=True, check_finite=False
+        )
+        return reduced[:count, :count] - join[:, :-1].T @ join[:, :-1], gradient[:count] - join[:, :-1].T @ join[:, -1]
+    return reduced[:count, :count], gradient[:count]
 
 
 def cholesky(precision: Matrix) -> Matrix:

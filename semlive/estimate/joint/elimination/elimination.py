@@ -114,9 +114,9 @@ class EliminationChain:
 def eliminate_all(state: EstimatorState, hyper: Hyperparameters, near: Vector) -> EliminationChain:
     """All pairs of a state, linearised at its `linearisation_point`, eliminated from the start; solutions are steps from `near` (n,)."""
     border = SharedParameters.of(state)
-    known = temporal_splines(state, hyper, border)
+    splines = temporal_splines(state, hyper, border)
     nothing = np.zeros(0)
-    first = tuple(one.first for one in known)
+    first = tuple(value.first for value in splines)
     front = Front(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, border.size)), nothing, first, first)
     total = shared_information(state, border, hyper.noise_scale**-2.0) if state.summed else np.zeros((border.size,) * 2)
     empty = EliminationChain(state, near, hyper, border, (), (), front, total, np.zeros(border.size))
@@ -136,35 +136,36 @@ def eliminate_further(chain: EliminationChain, state: EstimatorState, near: Vect
     """
     times = _times(state)
     order = sorted(times, key=lambda pair: times[pair][0].start_s)
-    known = temporal_splines(state, chain.hyper, chain.border)
-    seen = set(chain.pairs)
-    new = [pair for pair in order if pair not in seen]
+    splines = temporal_splines(state, chain.hyper, chain.border)
+    present = set(chain.pairs)
+    new = [pair for pair in order if pair not in present]
     if order[: len(chain.pairs)] != list(chain.pairs) or any(
-        _begin(one, times[pair]) < past
+        _begin(value, times[pair]) < past
         for pair in new
-        for one, past in zip(known, chain.front.first_active_knot, strict=True)
+        for value, past in zip(splines, chain.front.first_active_knot, strict=True)
         if chain.pairs
     ):
         return eliminate_all(state, chain.hyper, near)
     maps = _maps_of(state, new)
     weight, total, pull = chain.hyper.noise_scale**-2.0, chain.precision.copy(), chain.gradient.copy()
     front, steps, nothing = chain.front, [], _nothing(chain.border)
-    later = _begun_later(known, [times[pair] for pair in new])
-    for pair, begun in zip(new, later, strict=True):
-        for gap in _gap(known, front, times[pair]):
-            front, step = _eliminated(front, nothing, known, gap, (chain, state, near), total, pull, None)
+    later = _begun_later(splines, [times[pair] for pair in new])
+    for pair, limits in zip(new, later, strict=True):
+        for gap in _gap(splines, front, times[pair]):
+            front, step = _eliminated(front, nothing, splines, gap, (chain, state, near), total, pull, None)
             steps.append(step)
-        said = pair_information(state, maps[pair], chain.border, near, None if summed else weight)
-        said = replace(
-            said, **{name: weight * getattr(said, name) for name in ("precision", "shared_coupling", "gradient", "shared_gradient")}
+        information = pair_information(state, maps[pair], chain.border, near, None if summed else weight)
+        information = replace(
+            information,
+            **{name: weight * getattr(information, name) for name in ("precision", "shared_coupling", "gradient", "shared_gradient")},
         )
-        for one in said.shared:
-            one.add_to(total, chain.border.counts[DISTORTION])
-        pull += said.shared_gradient
-        sizes = tuple(max(one.size_at(_end_s(times[pair])), size) for one, size in zip(known, front.sizes, strict=True))
-        over = (one.interval(_over_s(times[pair])) for one in known)
-        past = tuple(max(min(one, then), before) for one, then, before in zip(over, begun, front.first_active_knot, strict=True))
-        front, step = _eliminated(front, said, known, (sizes, past), (chain, state, near), total, pull, pair)
+        for shared_rows in information.shared:
+            shared_rows.add_to(total, chain.border.counts[DISTORTION])
+        pull += information.shared_gradient
+        sizes = tuple(max(value.size_at(_end_s(times[pair])), size) for value, size in zip(splines, front.sizes, strict=True))
+        over = (value.interval(_over_s(times[pair])) for value in splines)
+        past = tuple(max(min(value, limit), before) for value, limit, before in zip(over, limits, front.first_active_knot, strict=True))
+        front, step = _eliminated(front, information, splines, (sizes, past), (chain, state, near), total, pull, pair)
         steps.append(step)
     _bring_up(total, steps)
     return EliminationChain(
@@ -186,10 +187,10 @@ def with_initial_motion(
 def eliminate_last(chain: EliminationChain) -> tuple[EliminationStep, Matrix, Vector]:
     """The last step, in which nothing of the front is kept, and the border's precision and pull after it."""
     total, pull, front = chain.precision.copy(), chain.gradient.copy(), chain.front
-    all_past = tuple(one + 1 for one in front.sizes)
-    known = temporal_splines(chain.state, chain.hyper, chain.border)
+    all_past = tuple(size + 1 for size in front.sizes)
+    splines = temporal_splines(chain.state, chain.hyper, chain.border)
     _, step = _eliminated(
-        front, _nothing(chain.border), known, (front.sizes, all_past), (chain, chain.state, chain.linearisation_point), total, pull, None
+        front, _nothing(chain.border), splines, (front.sizes, all_past), (chain, chain.state, chain.linearisation_point), total, pull, None
     )
     _bring_up(total, (step,))
     return step, total, pull
@@ -197,8 +198,8 @@ def eliminate_last(chain: EliminationChain) -> tuple[EliminationStep, Matrix, Ve
 
 def _eliminated(
     front: Front,
-    said: PairInformation,
-    known: Sequence[TemporalSpline],
+    information: PairInformation,
+    splines: Sequence[TemporalSpline],
     until: tuple[tuple[int, ...], tuple[int, ...]],
     of: tuple[EliminationChain, EstimatorState, Vector],
     total: Matrix,
@@ -211,43 +212,43 @@ def _eliminated(
     what the step took with it.
     """
     (sizes, past), (chain, state, near) = until, of
-    fresh = [one.codes(before, size) for one, before, size in zip(known, front.sizes, sizes, strict=True)]
-    motion, steadiness, drawn = pair_prior(state, near, pair, chain.hyper)
-    codes = np.unique(np.concatenate((front.codes, said.codes, motion, *fresh)))
+    fresh = [value.codes(before, size) for value, before, size in zip(splines, front.sizes, sizes, strict=True)]
+    motion, steadiness, prior_gradient = pair_prior(state, near, pair, chain.hyper)
+    codes = np.unique(np.concatenate((front.codes, information.codes, motion, *fresh)))
     own, to_border, pull = np.zeros((len(codes),) * 2), np.zeros((len(codes), chain.border.size)), np.zeros(len(codes))
-    for one in (front, said):
-        at = np.searchsorted(codes, one.codes)
-        own[np.ix_(at, at)] += one.precision
-        to_border[at] += one.shared_coupling
-        pull[at] += one.gradient
-    for strand, before, size in zip(known, front.sizes, sizes, strict=True):
+    for source in (front, information):
+        at = np.searchsorted(codes, source.codes)
+        own[np.ix_(at, at)] += source.precision
+        to_border[at] += source.shared_coupling
+        pull[at] += source.gradient
+    for strand, before, size in zip(splines, front.sizes, sizes, strict=True):
         if size > before:
             about, believed = strand.belief(before, size)
-            asked = strand.asked(before, size, near[parameter_indices(state.layout, about)])
-            _believe((about, believed, asked), codes, chain.border, (own, to_border, pull), (total, border_pull))
+            gradient = strand.asked(before, size, near[parameter_indices(state.layout, about)])
+            _believe((about, believed, gradient), codes, chain.border, (own, to_border, pull), (total, border_pull))
     at = np.searchsorted(codes, motion)
     own[at, at] += steadiness
-    pull[at] -= drawn
+    pull[at] -= prior_gradient
     out = np.isin(codes >> SHIFT, (MOTION, LINES, STARTS))
-    for strand, stop in zip(known, past, strict=True):
+    for strand, stop in zip(splines, past, strict=True):
         out |= np.isin(codes, strand.codes(0, stop))
     factor = cholesky(regularise(own[np.ix_(out, out)]))
     solved = solve_triangular(
         factor, np.concatenate((own[np.ix_(out, ~out)], to_border[out], pull[out, None]), axis=1), lower=True, check_finite=False
     )
-    kept = int((~out).sum())
-    step = EliminationStep(pair, codes[out], codes[~out], factor, solved[:, :kept], solved[:, kept:-1], solved[:, -1])
+    remaining = int((~out).sum())
+    step = EliminationStep(pair, codes[out], codes[~out], factor, solved[:, :remaining], solved[:, remaining:-1], solved[:, -1])
     border_pull -= step.to_border.T @ step.pull
-    left = own[np.ix_(~out, ~out)] - step.front_coupling.T @ step.front_coupling
+    reduced = own[np.ix_(~out, ~out)] - step.front_coupling.T @ step.front_coupling
     joined = to_border[~out] - step.front_coupling.T @ step.to_border
-    front = Front(codes[~out], left, joined, pull[~out] - step.front_coupling.T @ step.pull, sizes, past)
+    front = Front(codes[~out], reduced, joined, pull[~out] - step.front_coupling.T @ step.pull, sizes, past)
     return front, step if state.storage is IN_MEMORY else _kept(step, state.storage)
 
 
-def _kept(step: EliminationStep, keep: Storage) -> EliminationStep:
+def _kept(step: EliminationStep, storage: Storage) -> EliminationStep:
     """The step with what it holds kept elsewhere: most of what a pair leaves behind."""
-    own, kept, border = (keep.store_array(one) for one in (step.factor, step.front_coupling, step.to_border))
-    return replace(step, factor=own, front_coupling=kept, to_border=border, pull=step.pull.copy())
+    own, front_coupling, border = (storage.store_array(value) for value in (step.factor, step.front_coupling, step.to_border))
+    return replace(step, factor=own, front_coupling=front_coupling, to_border=border, pull=step.pull.copy())
 
 
 def _believe(
@@ -258,17 +259,17 @@ def _believe(
     outside: tuple[Matrix, Vector],
 ) -> None:
     """Add a belief about zero, in place, to a step's own parameters and to the border."""
-    about, believed, asked = belief
+    about, believed, gradient = belief
     own, to_border, pull = inside
     place = border.place(about)
     here = place < 0
     at, there = np.searchsorted(codes, about[here]), place[~here]
     own[np.ix_(at, at)] += believed[np.ix_(here, here)]
-    pull[at] -= asked[here]
+    pull[at] -= gradient[here]
     if there.size:
         to_border[np.ix_(at, there)] += believed[np.ix_(here, ~here)]
         outside[0][np.ix_(there, there)] += believed[np.ix_(~here, ~here)]
-        outside[1][there] -= asked[~here]
+        outside[1][there] -= gradient[~here]
 
 
 def pair_prior(state: EstimatorState, near: Vector, pair: int | None, hyper: Hyperparameters) -> tuple[Codes, Vector, Vector]:
@@ -305,10 +306,10 @@ def _bring_up(total: Matrix, steps: Sequence[EliminationStep]) -> None:
 
 
 def _gap(
-    known: Sequence[TemporalSpline], front: Front, times: tuple[FrameTime, FrameTime]
+    splines: Sequence[TemporalSpline], front: Front, times: tuple[FrameTime, FrameTime]
 ) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
     """Where to pause before a pair so that a long time without pairs is not eliminated at once."""
-    sizes = tuple(max(_begin(one, times), size) for one, size in zip(known, front.sizes, strict=True))
+    sizes = tuple(max(_begin(value, times), size) for value, size in zip(splines, front.sizes, strict=True))
     most = max(after - before for before, after in zip(front.sizes, sizes, strict=True))
     pauses = []
     for count in range(1, most // GAP_KNOTS + 1):
@@ -340,12 +341,12 @@ def _begin(strand: TemporalSpline, times: tuple[FrameTime, FrameTime]) -> int:
     return max(strand.interval(min(when.start_s - KNOT_MARGIN * when.timing.duration_s for when in times)), strand.first)
 
 
-def _begun_later(known: Sequence[TemporalSpline], times: Sequence[tuple[FrameTime, FrameTime]]) -> list[tuple[int, ...]]:
+def _begun_later(splines: Sequence[TemporalSpline], times: Sequence[tuple[FrameTime, FrameTime]]) -> list[tuple[int, ...]]:
     """For each of several pairs, in order of time, the first knot of each strand that any later one may touch."""
-    found, least = [], tuple(one.spline.size for one in known)
-    for one in reversed(times):
+    found, least = [], tuple(value.spline.size for value in splines)
+    for time in reversed(times):
         found.append(least)
-        least = tuple(min(_begin(strand, one), before) for strand, before in zip(known, least, strict=True))
+        least = tuple(min(_begin(strand, time), before) for strand, before in zip(splines, least, strict=True))
     return found[::-1]
 
 

@@ -85,20 +85,20 @@ def pair_information(
     state: EstimatorState, maps: Sequence[MapObservations], border: SharedParameters, near: Vector, weight: float | None = None
 ) -> PairInformation:
     """The information of one pair's maps, and what the border gets of it times `weight`, if given."""
-    rows = [one for dmap in maps if dmap.weight.any() for one in _components(state, dmap, border, near)]
-    codes = np.unique(np.concatenate([one.own[0] for one in rows])) if rows else np.zeros(0, dtype=np.int64)
+    rows = [component for dmap in maps if dmap.weight.any() for component in _components(state, dmap, border, near)]
+    codes = np.unique(np.concatenate([map_rows.own[0] for map_rows in rows])) if rows else np.zeros(0, dtype=np.int64)
     own, pull = np.zeros((len(codes),) * 2), np.zeros(len(codes))
     to_border, border_pull = np.zeros((len(codes), border.size)), np.zeros(border.size)
     shared: list[SharedContribution] = []
     for axis in (0, 1):
-        of_axis = [one for one in rows if one.axis == axis]
+        of_axis = [map_rows for map_rows in rows if map_rows.axis == axis]
         if not of_axis:
             continue
-        place = np.unique(np.concatenate([one.border[0] for one in of_axis]))
-        held, mine = _together([one.border for one in of_axis], place), _together([one.own for one in of_axis], codes)
+        place = np.unique(np.concatenate([value.border[0] for value in of_axis]))
+        held, mine = _together([value.border for value in of_axis], place), _together([value.own for value in of_axis], codes)
         # By the weights' roots: of a matrix and its own transpose half the products are made.
-        root = np.sqrt(np.concatenate([one.weight for one in of_axis]))
-        misfit = root * np.concatenate([one.misfit for one in of_axis])
+        root = np.sqrt(np.concatenate([value.weight for value in of_axis]))
+        misfit = root * np.concatenate([value.misfit for value in of_axis])
         mine *= root[:, None]
         held *= root[:, None]
         own += mine.T @ mine
@@ -106,14 +106,14 @@ def pair_information(
         to_border[:, place] += mine.T @ held
         border_pull[place] += held.T @ misfit
         noise: list[tuple[slice, Vector, Matrix]] = []
-        for number, one in enumerate(of_axis):
-            if one.noise_at is None:
+        for number, shared_rows in enumerate(of_axis):
+            if shared_rows.noise_at is None:
                 continue
             here = slice(number * state.blocks.size, (number + 1) * state.blocks.size)
-            to_border[:, one.noise_at] -= (mine[here] * root[here, None]).T
-            border_pull[one.noise_at] -= one.weight * one.misfit
+            to_border[:, shared_rows.noise_at] -= (mine[here] * root[here, None]).T
+            border_pull[shared_rows.noise_at] -= shared_rows.weight * shared_rows.misfit
             if weight is not None:
-                noise.append((one.noise_at, weight * one.weight, weight * held[here] * root[here, None]))
+                noise.append((shared_rows.noise_at, weight * shared_rows.weight, weight * held[here] * root[here, None]))
         if weight is not None:
             shared.append(SharedContribution(place, weight * (held.T @ held), tuple(noise)))
     return PairInformation(codes, own, to_border, pull, border_pull, tuple(shared))
@@ -131,12 +131,12 @@ def shared_information(state: EstimatorState, border: SharedParameters, weight: 
     return total * weight
 
 
-def _together(parts: Sequence[tuple[NDArray[np.int64], Matrix]], whole: NDArray[np.int64]) -> Matrix:
+def _together(parts: Sequence[tuple[NDArray[np.int64], Matrix]], place: NDArray[np.int64]) -> Matrix:
     """Columns of several maps, each with the places of its own, below each other over the places `whole`."""
-    total = np.zeros((sum(len(value) for _, value in parts), len(whole)))
+    total = np.zeros((sum(len(value) for _, value in parts), len(place)))
     row = 0
     for at, value in parts:
-        total[row : row + len(value), contiguous_slice(np.searchsorted(whole, at))] = value
+        total[row : row + len(value), contiguous_slice(np.searchsorted(place, at))] = value
         row += len(value)
     return total
 
@@ -147,10 +147,10 @@ def _scattered(total: Matrix, place: NDArray[np.int64], distortion: int, value: 
     if 2 * count == distortion:
         every = slice(int(place[0]), distortion, 2)
         total[every, every] += value[:count, :count]
-        rest = place[count:]
-        total[every, rest] += value[:count, count:]
-        total[rest, every] += value[count:, :count]
-        total[np.ix_(rest, rest)] += value[count:, count:]
+        others = place[count:]
+        total[every, others] += value[:count, count:]
+        total[others, every] += value[count:, :count]
+        total[np.ix_(others, others)] += value[count:, count:]
     else:
         total[np.ix_(place, place)] += value
 
@@ -159,18 +159,20 @@ def initial_motion(
     state: EstimatorState, maps: Sequence[MapObservations], border: SharedParameters, near: Vector
 ) -> tuple[NDArray[np.int64], Vector]:
     """Joint indices of a pair's motion, and what it seems to be if all else is as `near` has it: enough to linearise about."""
-    rows = [one for dmap in maps if dmap.weight.any() and not dmap.within_pair for one in _components(state, dmap, border, near)]
-    codes = np.unique(np.concatenate([one.own[0] for one in rows])) if rows else np.zeros(0, dtype=np.int64)
+    rows = [
+        component for dmap in maps if dmap.weight.any() and not dmap.within_pair for component in _components(state, dmap, border, near)
+    ]
+    codes = np.unique(np.concatenate([map_rows.own[0] for map_rows in rows])) if rows else np.zeros(0, dtype=np.int64)
     codes = codes[codes >> SHIFT == MOTION]
-    precision, asked = np.eye(len(codes)) * 1e-6, np.zeros(len(codes))
-    for one in rows:
-        mine, value = one.own
-        moving = mine >> SHIFT == MOTION
-        at, design = np.searchsorted(codes, mine[moving]), value[:, moving]
-        precision[np.ix_(at, at)] += design.T @ (design * one.weight[:, None])
-        asked[at] += design.T @ (one.weight * one.misfit)
+    precision, gradient = np.eye(len(codes)) * 1e-6, np.zeros(len(codes))
+    for shared_rows in rows:
+        own_codes, value = shared_rows.own
+        moving = own_codes >> SHIFT == MOTION
+        at, design = np.searchsorted(codes, own_codes[moving]), value[:, moving]
+        precision[np.ix_(at, at)] += design.T @ (design * shared_rows.weight[:, None])
+        gradient[at] += design.T @ (shared_rows.weight * shared_rows.misfit)
     index = state.layout.part("motion").start + (codes & ((1 << SHIFT) - 1))
-    return index, near[index] + np.linalg.solve(precision, asked)
+    return index, near[index] + np.linalg.solve(precision, gradient)
 
 
 def _components(state: EstimatorState, rows: MapObservations, border: SharedParameters, near: Vector) -> list[_Rows]:

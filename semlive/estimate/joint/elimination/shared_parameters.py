@@ -61,9 +61,9 @@ class SharedParameters:
     def of(cls, state: EstimatorState) -> SharedParameters:
         """Of a state that has a pair."""
         assert state.drift is not None  # it has a pair
-        x, y = (one[[0, 0, -1, -1], [0, -1, 0, -1]] for one in state.grid.mesh())
+        x, y = (coordinates[[0, 0, -1, -1], [0, -1, 0, -1]] for coordinates in state.grid.mesh())
         last_s = float(sighting(state.frame_time(0), x, y).visit_time_s.max())
-        knots = [_touched(one, last_s) for one in (state.drift.spline, *(change.spline for change in state.raster))]
+        knots = [_touched(value, last_s) for value in (state.drift.spline, *(change.spline for change in state.raster))]
         of_time = 2 * knots[0], knots[1], knots[2], state.row_shifts.each, 0
         return cls((state.distortion.size, *of_time, state.axes.size, 0, 2 * state.blocks.size))
 
@@ -122,10 +122,10 @@ class TemporalSpline:
     def belief(self, first: int, stop: int) -> tuple[Codes, Matrix]:
         """What is believed of knots first ... stop - 1 and those before them that was not said of those before: codes, precision."""
         begin, total = self.since(first), np.zeros((stop - self.since(first),) * 2)
-        for one in self.filters:
-            own = slice(max(first - one.reach, 0) - begin, None)
-            rows = one.rows(len(total[own]))
-            total[own, own] += one.precision * (rows.T @ rows)
+        for penalty in self.filters:
+            own = slice(max(first - penalty.reach, 0) - begin, None)
+            rows = penalty.rows(len(total[own]))
+            total[own, own] += penalty.precision * (rows.T @ rows)
         fresh = np.arange(first - begin, stop - begin)
         total[fresh, fresh] += self.knot_precision
         return self.codes(begin, stop), total
@@ -133,17 +133,17 @@ class TemporalSpline:
     def asked(self, first: int, stop: int, value: Vector) -> Vector:
         """That precision times the knots' values, by their differences: products with the matrix would lose what is left of large ones."""
         begin, total = self.since(first), np.zeros(len(value))
-        for one in self.filters:
-            own = slice(max(first - one.reach, 0) - begin, None)
-            bent = one.of(value[own])
+        for penalty in self.filters:
+            own = slice(max(first - penalty.reach, 0) - begin, None)
+            bent = penalty.of(value[own])
             if bent.size:
-                total[own] += one.precision * one.reversed(bent)
+                total[own] += penalty.precision * penalty.reversed(bent)
         total[first - begin :] += self.knot_precision * value[first - begin :]
         return total
 
     def since(self, first: int) -> int:
         """First knot that a belief about knot `first` joins with it."""
-        return max(first - max((one.reach for one in self.filters), default=0), 0)
+        return max(first - max((penalty.reach for penalty in self.filters), default=0), 0)
 
     def size_at(self, end_s: float) -> int:
         """Number of knots that a run until then has."""
@@ -159,9 +159,9 @@ def temporal_splines(state: EstimatorState, hyper: Hyperparameters, border: Shar
     assert state.drift is not None  # there are pairs
     found = [
         TemporalSpline(
-            DRIFT, 2, axis, state.drift.spline, border.counts[DRIFT] // 2, (DifferencePenalty(2, BASE_PX**-2.0), one.filter), 0.0
+            DRIFT, 2, axis, state.drift.spline, border.counts[DRIFT] // 2, (DifferencePenalty(2, BASE_PX**-2.0), value.filter), 0.0
         )
-        for axis, one in enumerate(hyper.drift)
+        for axis, value in enumerate(hyper.drift)
     ]
     for change, size_px in zip(state.raster, hyper.raster_px, strict=True):
         kind = KINDS.index(change.name)
@@ -176,8 +176,8 @@ def shared_prior(state: EstimatorState, hyper: Hyperparameters, border: SharedPa
     affine = state.distortion.affine_rows(state.grid) / GAUGE_PX
     bending = state.distortion.roughness() * BASE_PX**-2.0 + affine.T @ affine
     for axis, kind in enumerate(hyper.distortion):
-        one = slice(axis, border.counts[DISTORTION], 2)
-        total[one, one] += bending + kind.roughness(state.distortion)
+        component = slice(axis, border.counts[DISTORTION], 2)
+        total[component, component] += bending + kind.roughness(state.distortion)
     for strand in temporal_splines(state, hyper, border):
         codes, believed = strand.belief(0, strand.first)
         at = border.place(codes)

@@ -43,15 +43,15 @@ class SharedPosterior:
     def covariance_of(self, rows: Matrix) -> Matrix:
         """(k, k) covariance of k linear functions (k, n) of the joint parameters; steps before the first that they touch are left out."""
         layout, border = self.chain.state.layout, self.chain.border
-        left, total = rows.copy(), np.zeros((len(rows),) * 2)
+        residual, total = rows.copy(), np.zeros((len(rows),) * 2)
         held = np.zeros((len(rows), border.size))
         held[:, : border.known] = rows[:, parameter_indices(layout, border.codes()[: border.known])]
         for step in self._since(rows):
-            here = left[:, parameter_indices(layout, step.eliminated)]
+            here = residual[:, parameter_indices(layout, step.eliminated)]
             if here.any():
                 ahead = solve_triangular(step.factor, here.T, lower=True, check_finite=False)
                 total += ahead.T @ ahead
-                left[:, parameter_indices(layout, step.kept)] -= ahead.T @ step.front_coupling
+                residual[:, parameter_indices(layout, step.kept)] -= ahead.T @ step.front_coupling
                 held -= ahead.T @ step.to_border
         ahead = solve_triangular(self.factor, held.T, lower=True, check_finite=False)
         return total + ahead.T @ ahead
@@ -61,11 +61,11 @@ class SharedPosterior:
         layout, border, found = self.chain.state.layout, self.chain.border, list[EliminationStep]()
         touched = np.asarray(np.any(rows, axis=0), dtype=np.bool_)
         touched[parameter_indices(layout, border.codes()[: border.known])] = False
-        left = int(touched.sum())
-        for step in self.backward_pass() if left else ():
+        count = int(touched.sum())
+        for step in self.backward_pass() if count else ():
             found.append(step)
-            left -= int(touched[parameter_indices(layout, step.eliminated)].sum())
-            if not left:
+            count -= int(touched[parameter_indices(layout, step.eliminated)].sum())
+            if not count:
                 break
         return reversed(found)
 
@@ -79,9 +79,9 @@ def solve_shared(chain: EliminationChain, belief: Hyperparameters | None = None)
     """
     last, precision, pull = eliminate_last(chain)
     believed = shared_prior(chain.state, belief or chain.hyper, chain.border)
-    known = chain.border.codes()[: chain.border.known]
-    about = chain.linearisation_point[parameter_indices(chain.state.layout, known)]
-    pull[: len(known)] -= believed[: len(known), : len(known)] @ about
+    border_codes = chain.border.codes()[: chain.border.known]
+    about = chain.linearisation_point[parameter_indices(chain.state.layout, border_codes)]
+    pull[: len(border_codes)] -= believed[: len(border_codes), : len(border_codes)] @ about
     precision += believed
     factor = cholesky(regularise(precision))
     return SharedPosterior(chain, last, factor, cho_solve((factor, True), pull, check_finite=False))
@@ -97,14 +97,14 @@ def mean_of(ending: SharedPosterior, newest: int | None = None) -> Vector:
     """
     layout, border = ending.chain.state.layout, ending.chain.border
     move = np.zeros(layout.size)
-    known = border.codes()[: border.known]
-    move[parameter_indices(layout, known)] = ending.step[: border.known]
-    left = newest or 0
+    border_codes = border.codes()[: border.known]
+    move[parameter_indices(layout, border_codes)] = ending.step[: border.known]
+    remaining = newest or 0
     for step in ending.backward_pass():
-        asked = step.pull - step.front_coupling @ move[parameter_indices(layout, step.kept)] - step.to_border @ ending.step
-        move[parameter_indices(layout, step.eliminated)] = solve_triangular(step.factor, asked, lower=True, trans=1, check_finite=False)
-        left -= step.pair is not None
-        if newest and not left:
+        gradient = step.pull - step.front_coupling @ move[parameter_indices(layout, step.kept)] - step.to_border @ ending.step
+        move[parameter_indices(layout, step.eliminated)] = solve_triangular(step.factor, gradient, lower=True, trans=1, check_finite=False)
+        remaining -= step.pair is not None
+        if newest and not remaining:
             break
     return ending.chain.linearisation_point + move
 
@@ -171,18 +171,18 @@ def covariances(ending: SharedPosterior, rows: Mapping[int, tuple[Codes, Matrix]
         KeyError: the chain does not have a pair.
     """
     border, found = ending.chain.border, {}
-    for one in _way_back(ending):
-        if one.step.pair is None or one.step.pair not in rows:
+    for step in _way_back(ending):
+        if step.step.pair is None or step.step.pair not in rows:
             continue
-        codes, own = rows[one.step.pair]
+        codes, own = rows[step.step.pair]
         place = border.place(codes)
         inside = place < 0
-        of_front, of_border = np.zeros((len(own), len(one.codes))), np.zeros((len(own), border.size))
-        of_front[:, np.searchsorted(one.codes, codes[inside])] = own[:, inside]
+        of_front, of_border = np.zeros((len(own), len(step.codes))), np.zeros((len(own), border.size))
+        of_front[:, np.searchsorted(step.codes, codes[inside])] = own[:, inside]
         of_border[:, place[~inside]] = own[:, ~inside]
-        alone = of_front @ one.given
-        shared = solve_triangular(ending.factor, (of_border + of_front @ one.response).T, lower=True, check_finite=False)
-        found[one.step.pair] = alone @ alone.T + shared.T @ shared
+        alone = of_front @ step.given
+        shared = solve_triangular(ending.factor, (of_border + of_front @ step.response).T, lower=True, check_finite=False)
+        found[step.step.pair] = alone @ alone.T + shared.T @ shared
         if len(found) == len(rows):
             break
     return {pair: found[pair] for pair in rows}
@@ -199,24 +199,24 @@ def pair_covariances(ending: SharedPosterior, newest: int | None = None) -> Iter
     (trsm,), factor = get_blas_funcs(("trsm",), (ending.factor,)), np.asfortranarray(ending.factor)
     knot_codes, through_knots = border.codes()[knots], trsm(1.0, factor, np.eye(border.size)[:, knots], lower=1).T
     through = np.zeros((0, border.size))
-    way, left = _way_back(ending), newest or 0
+    way, remaining = _way_back(ending), newest or 0
     while together := list(islice(way, min(TOGETHER, newest + 1) if newest else TOGETHER)):
-        seen = trsm(1.0, factor, np.concatenate([one.answer for one in together]).T, lower=1, overwrite_b=1).T
+        solved = trsm(1.0, factor, np.concatenate([value.answer for value in together]).T, lower=1, overwrite_b=1).T
         row = 0
-        for one in together:
-            stop = row + len(one.step.eliminated)
-            through = np.concatenate((seen[row:stop], through[one.kept_at]))[one.order]
+        for group in together:
+            stop = row + len(group.step.eliminated)
+            through = np.concatenate((solved[row:stop], through[group.kept_at]))[group.order]
             row = stop
-            if one.step.pair is None:
+            if group.step.pair is None:
                 continue
             all_through = np.concatenate((through, through_knots))
             total = all_through @ all_through.T
-            total[: len(one.codes), : len(one.codes)] += one.given @ one.given.T
-            index = parameter_indices(layout, np.concatenate((one.codes, knot_codes)))
+            total[: len(group.codes), : len(group.codes)] += group.given @ group.given.T
+            index = parameter_indices(layout, np.concatenate((group.codes, knot_codes)))
             sort = np.argsort(index)
-            yield PairCovariance(one.step.pair, index[sort], total[np.ix_(sort, sort)])
-            left -= 1
-            if newest and not left:
+            yield PairCovariance(group.step.pair, index[sort], total[np.ix_(sort, sort)])
+            remaining -= 1
+            if newest and not remaining:
                 return
 
 

@@ -117,9 +117,9 @@ class Blocks:
 
 def _level(value: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
     """(ny, nx) a component without its slopes from point to point, the median of each."""
-    told = np.where(valid, value, np.nan)
-    across, down = (np.diff(told, axis=axis) for axis in (1, 0))
-    slopes = [float(np.median(one[np.isfinite(one)])) if np.isfinite(one).any() else 0.0 for one in (across, down)]
+    finite = np.where(valid, value, np.nan)
+    across, down = (np.diff(finite, axis=axis) for axis in (1, 0))
+    slopes = [float(np.median(value[np.isfinite(value)])) if np.isfinite(value).any() else 0.0 for value in (across, down)]
     height, width = value.shape
     return value - slopes[0] * np.arange(width) - slopes[1] * np.arange(height)[:, None]
 
@@ -130,17 +130,17 @@ def isolated_outliers(value: NDArray[np.float64], valid: NDArray[np.bool_]) -> N
     Whatever moves a picture, a jump between two rows or a slip line, moves some neighbour alike. One that has no neighbour is not alone.
     """
     height, width = value.shape
-    left = np.full((height + 2, width + 2), np.nan)
+    padded = np.full((height + 2, width + 2), np.nan)
     inside = np.full(value.shape, np.nan)
     inside[valid] = _unbent(value, valid)
-    left[1:-1, 1:-1] = inside
+    padded[1:-1, 1:-1] = inside
     ways = [(dy, dx) for dy in (0, 1, 2) for dx in (0, 1, 2) if (dy, dx) != (1, 1)]
-    apart = np.stack([np.abs(inside - left[dy : dy + height, dx : dx + width]) for dy, dx in ways])
-    told = np.isfinite(apart)
-    if not told.any():
+    distance = np.stack([np.abs(inside - padded[dy : dy + height, dx : dx + width]) for dy, dx in ways])
+    defined = np.isfinite(distance)
+    if not defined.any():
         return np.zeros_like(valid)
-    nearest = np.where(told, apart, np.inf).min(axis=0)
-    return np.isfinite(nearest) & (nearest > ISOLATION_FACTOR * np.median(apart[told]) + OUTLIER_FLOOR_PX)
+    nearest = np.where(defined, distance, np.inf).min(axis=0)
+    return np.isfinite(nearest) & (nearest > ISOLATION_FACTOR * np.median(distance[defined]) + OUTLIER_FLOOR_PX)
 
 
 def _unbent(value: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -148,12 +148,12 @@ def _unbent(value: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.
     x, y = (np.linspace(-1.0, 1.0, count) for count in (value.shape[1], value.shape[0]))
     order = np.arange(BEND + 1)
     shapes = np.polynomial.legendre.legvander2d(*np.meshgrid(x, y), (BEND, BEND))[valid][:, np.add.outer(order, order).ravel() <= BEND]
-    told, weight = value[valid], np.ones(int(valid.sum()))
-    left = told
+    samples, weight = value[valid], np.ones(int(valid.sum()))
+    residual = samples
     for _ in range(BEND_PASSES):
-        left = told - shapes @ np.linalg.lstsq(shapes * weight[:, None], told * weight, rcond=None)[0]
-        weight = 1.0 / np.sqrt(np.maximum(np.abs(left), OUTLIER_FLOOR_PX))
-    return left
+        residual = samples - shapes @ np.linalg.lstsq(shapes * weight[:, None], samples * weight, rcond=None)[0]
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(residual), OUTLIER_FLOOR_PX))
+    return residual
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -228,25 +228,25 @@ class StoredColumns:
     value: NDArray[np.float64]
 
     @classmethod
-    def of(cls, columns: Sequence[BlockColumns | PackedColumns], keep: Storage) -> StoredColumns:
+    def of(cls, columns: Sequence[BlockColumns | PackedColumns], storage: Storage) -> StoredColumns:
         """Of columns as they were made."""
         kinds, places, values = [], list[NDArray[np.int64]](), list[NDArray[np.float64]]()
-        for one in columns:
-            if isinstance(one, PackedColumns):
-                kinds.append((one.effect, one.shape))
-                sizes, at, value = one.window.shape, one.low.ravel(), one.window
+        for column in columns:
+            if isinstance(column, PackedColumns):
+                kinds.append((column.effect, column.shape))
+                sizes, at, value = column.window.shape, column.low.ravel(), column.window
             else:
-                kinds.append((one.effect, one.axis))
-                sizes, at, value = (*one.value.shape, 0), one.index, one.value
+                kinds.append((column.effect, column.axis))
+                sizes, at, value = (*column.value.shape, 0), column.index, column.value
             places += [np.array(sizes, dtype=np.int64), at]
             values += [value.ravel(), np.zeros(-value.size % _ALIGNED)]
-        return cls(_shared(tuple(kinds)), keep.store_array(np.concatenate(places)), keep.store_array(np.concatenate(values)))
+        return cls(_shared(tuple(kinds)), storage.store_array(np.concatenate(places)), storage.store_array(np.concatenate(values)))
 
     def columns(self) -> Iterator[BlockColumns | PackedColumns]:
         """The same numbers as they were made."""
         at = begin = 0
         for effect, how in self.labels:
-            blocks, first, second = (int(one) for one in self.offsets[at : at + 3])
+            blocks, first, second = (int(offset) for offset in self.offsets[at : at + 3])
             shape = (blocks, first) if isinstance(how, Axis) else (blocks, first, second)
             count, size = first if isinstance(how, Axis) else 2 * blocks, math.prod(shape)
             where = self.offsets[at + 3 : at + 3 + count]

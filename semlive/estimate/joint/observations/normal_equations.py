@@ -98,7 +98,7 @@ def update(
     drift = state.drift or DriftSpline(UniformSpline(0.0, duration_s / state.settings.drift_knots_per_frame, 1))
     raster = state.raster or _raster(state, duration_s)
     end_s = _end_s(times[1])
-    drift, raster = drift.until(end_s), tuple(one.until(end_s) for one in raster)
+    drift, raster = drift.until(end_s), tuple(value.until(end_s) for value in raster)
     if drift.spline.size > MAX_DRIFT_KNOTS:
         raise IllPosed(f"the run is {times[1].start_s:.0f} s long at pair {pair}, more than {MAX_DRIFT_KNOTS} drift knots: start a new run")
     motions = state.motions if pair == 0 else state.motions.with_pair(pair, _KIND[phase])
@@ -110,15 +110,15 @@ def update(
     )
     grown = with_rates(_grown(larger, state.layout), state.start_time_errors)
     # Kept as soon as they are made: a solution holds them too, and would hold what they were before.
-    rows = [offload_rows(one, state.storage) for one in observation_rows(grown, maps)]
+    rows = [offload_rows(observation_row, state.storage) for observation_row in observation_rows(grown, maps)]
     sums = NormalMatrix(grown.precision, grown.information, grown.reference.copy())  # made by `_grown` for this state alone
-    for one in rows:
+    for map_rows in rows:
         if grown.summed:
-            add_rows(grown, one, grown.linearisation_point, sums)
-        add_prior(one, sums.reference)
+            add_rows(grown, map_rows, grown.linearisation_point, sums)
+        add_prior(map_rows, sums.reference)
     calibrated = state.calibrated if phase is Phase.TENSION else _widened(state, state.calibrated, rows)
-    taken = replace(grown, rows=state.storage.append(grown.rows, rows), calibrated=calibrated)
-    return replace(taken, precision=sums.precision, information=sums.information, reference=sums.reference)
+    extended = replace(grown, rows=state.storage.append(grown.rows, rows), calibrated=calibrated)
+    return replace(extended, precision=sums.precision, information=sums.information, reference=sums.reference)
 
 
 def _check_pair(state: EstimatorState, pair: int, times: tuple[FrameTime, FrameTime], maps: tuple[DisparityMap, ...]) -> None:
@@ -138,9 +138,9 @@ def with_normal_matrix(state: EstimatorState) -> EstimatorState:
         return state
     n = state.layout.size
     sums = NormalMatrix(np.zeros((n, n)), np.zeros(n), ReferenceNoise.empty(state.blocks.size, n))
-    for one in state.rows:
-        add_rows(state, one, state.linearisation_point, sums)
-        add_prior(one, sums.reference)
+    for map_rows in state.rows:
+        add_rows(state, map_rows, state.linearisation_point, sums)
+        add_prior(map_rows, sums.reference)
     return replace(state, precision=sums.precision, information=sums.information, reference=sums.reference)
 
 
@@ -235,9 +235,9 @@ def dense_limit(state: EstimatorState) -> int:
 
 def first_pairs(state: EstimatorState, pairs: int) -> EstimatorState:
     """The state as if the first so many pairs that came were all."""
-    kept = {0, *state.motions.pairs[: pairs - 1]}
+    retained = {0, *state.motions.pairs[: pairs - 1]}
     loaded = {pair for pair, phase in zip((0, *state.motions.pairs), state.phases, strict=True) if phase is Phase.TENSION}
-    frames = tuple(when for when in state.frames if when.frame // 2 in kept)
+    frames = tuple(when for when in state.frames if when.frame // 2 in retained)
     end_s = max(_end_s(when) for when in frames)
     assert state.drift is not None  # there are pairs
     shorter = without_normal_matrix(state)
@@ -245,26 +245,26 @@ def first_pairs(state: EstimatorState, pairs: int) -> EstimatorState:
         replace(
             shorter,
             drift=replace(state.drift, spline=replace(state.drift.spline, intervals=1)).until(end_s),
-            raster=tuple(replace(one, spline=replace(one.spline, intervals=1)).until(end_s) for one in state.raster),
+            raster=tuple(replace(value, spline=replace(value.spline, intervals=1)).until(end_s) for value in state.raster),
             motions=PairMotions(state.motions.pairs[: pairs - 1], state.motions.kinds[: pairs - 1]),
-            start_time_errors=state.start_time_errors.only(kept),
+            start_time_errors=state.start_time_errors.only(retained),
             frames=frames,
             phases=state.phases[:pairs],
-            rows=tuple(rows_of(state, kept)),
+            rows=tuple(rows_of(state, retained)),
             linearisation_point=np.zeros(0),
-            calibrated=_widened(state, None, rows_of(state, kept - loaded)),
+            calibrated=_widened(state, None, rows_of(state, retained - loaded)),
         )
     )
 
 
-def _widened(state: EstimatorState, known: Extent | None, maps: Sequence[MapObservations]) -> Extent | None:
+def _widened(state: EstimatorState, extent: Extent | None, maps: Sequence[MapObservations]) -> Extent | None:
     for rows in maps:
-        seen = rows.weight.any(axis=1)
-        if rows.from_reference and not rows.within_pair and seen.any():
-            there = (rows.position_px + rows.disparity_px)[seen] + state.centre_px
+        used = rows.weight.any(axis=1)
+        if rows.from_reference and not rows.within_pair and used.any():
+            there = (rows.position_px + rows.disparity_px)[used] + state.centre_px
             here = Extent(there.min(axis=0), there.max(axis=0))
-            known = known.union(here) if known else here
-    return known
+            extent = extent.union(here) if extent else here
+    return extent
 
 
 def marginal(state: EstimatorState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -273,12 +273,12 @@ def marginal(state: EstimatorState) -> tuple[NDArray[np.float64], NDArray[np.flo
     precision, information = state.precision.copy(), state.information.copy()
     noise = state.reference
     for axis in (0, 1):
-        seen = noise.weight[:, axis] > 0
+        used = noise.weight[:, axis] > 0
         touched = np.flatnonzero(noise.coupling[axis].any(axis=0))
-        root = 1.0 / np.sqrt(noise.weight[seen, axis])
-        half = noise.coupling[axis][np.ix_(seen, touched)] * root[:, None]
+        root = 1.0 / np.sqrt(noise.weight[used, axis])
+        half = noise.coupling[axis][np.ix_(used, touched)] * root[:, None]
         precision[np.ix_(touched, touched)] -= half.T @ half
-        information[touched] -= half.T @ (noise.information[seen, axis] * root)
+        information[touched] -= half.T @ (noise.information[used, axis] * root)
     return precision, information
 
 
@@ -341,8 +341,10 @@ def _parts(state: EstimatorState, rows: MapObservations, about: NDArray[np.float
     nowhere, every = np.zeros(0), np.arange(blocks)
     pair = rows.current // 2
     turn_rad = state.motions.turn_rad(pair, about[layout.part("motion")]) if about.size else 0.0
-    seen = FrameObservation(rows.current, pair, nowhere, nowhere, nowhere, ideal, turn_rad)
-    moving = [block_columns(one.name, part, every, blocks) for one in (state.axes, state.motions) for part in one.columns(seen)]
+    observation = FrameObservation(rows.current, pair, nowhere, nowhere, nowhere, ideal, turn_rad)
+    moving = [
+        block_columns(value.name, part, every, blocks) for value in (state.axes, state.motions) for part in value.columns(observation)
+    ]
     return [*_unpacked(rows.difference_columns), *late, *moving]
 
 
@@ -351,11 +353,13 @@ def _late(state: EstimatorState, rows: MapObservations) -> list[BlockColumns]:
     if not state.start_time_errors.size or not rows.weight.any():
         return []
     every, nowhere = np.arange(len(rows.position_px)), np.zeros(len(rows.position_px))
-    seen = FrameObservation(rows.current, rows.current // 2, nowhere, nowhere, nowhere)
-    return [block_columns(state.start_time_errors.name, one, every, len(every)) for one in state.start_time_errors.columns(seen)]
+    observation = FrameObservation(rows.current, rows.current // 2, nowhere, nowhere, nowhere)
+    return [
+        block_columns(state.start_time_errors.name, column, every, len(every)) for column in state.start_time_errors.columns(observation)
+    ]
 
 
-def with_rates(state: EstimatorState, known: StartTimeErrors = NO_START_TIME_ERRORS) -> EstimatorState:
+def with_rates(state: EstimatorState, given: StartTimeErrors = NO_START_TIME_ERRORS) -> EstimatorState:
     """The state with errors of starts linearised about the drift that it is linearised about itself; those `known` stay as they are."""
     if not state.start_time_errors.size or not state.linearisation_point.size or state.drift is None:
         return state
@@ -364,12 +368,12 @@ def with_rates(state: EstimatorState, known: StartTimeErrors = NO_START_TIME_ERR
     index, value = state.drift.spline.local_rate([when.start_s + 0.5 * when.timing.duration_s for when in second])
     rate = np.einsum("nk,nkc->nc", value, drift[index])
     rates = {pair: (float(x), float(y)) for pair, (x, y) in zip(state.start_time_errors.pairs, rate, strict=True)}
-    return replace(state, start_time_errors=state.start_time_errors.about(rates | dict(zip(known.pairs, known.rate_px_s, strict=True))))
+    return replace(state, start_time_errors=state.start_time_errors.about(rates | dict(zip(given.pairs, given.rate_px_s, strict=True))))
 
 
 def _unpacked(columns: ManyColumns) -> list[BlockColumns]:
     every = columns.columns() if isinstance(columns, StoredColumns) else columns
-    return [one.unpacked() if isinstance(one, PackedColumns) else one for one in every]
+    return [value.unpacked() if isinstance(value, PackedColumns) else value for value in every]
 
 
 def _component(layout: Layout, columns: list[BlockColumns], axis: Axis) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -420,9 +424,10 @@ def with_row_shifts(state: EstimatorState, over_y: UniformSpline, about: NDArray
 
 def with_maps(state: EstimatorState, changed: Callable[[DisparityMap], DisparityMap]) -> EstimatorState:
     """The same pairs with other maps, no block being doubted yet: all columns made anew."""
-    made = (map_observations(state, changed(one.dmap)) if one.weight.any() else one for one in state.rows)
+    rebuilt = (map_observations(state, changed(map_rows.dmap)) if map_rows.weight.any() else map_rows for map_rows in state.rows)
     return _having(
-        state, (replace(new, weight=np.where(one.weight > 0.0, new.weight, 0.0)) for new, one in zip(made, state.rows, strict=True))
+        state,
+        (replace(new, weight=np.where(map_rows.weight > 0.0, new.weight, 0.0)) for new, map_rows in zip(rebuilt, state.rows, strict=True)),
     )
 
 
@@ -430,19 +435,23 @@ def reset_model_selection(state: EstimatorState, changed: Callable[[DisparityMap
     """The same pairs with other maps, as before any choice: the distortion at rest, no rows shifted."""
     smaller = replace(without_normal_matrix(state), distortion=replace(state.distortion, carried=False), row_shifts=NO_ROW_SHIFTS)
     about = state.linearisation_point[smaller.layout.within(state.layout)] if state.linearisation_point.size else state.linearisation_point
-    begun = with_maps(replace(smaller, linearisation_point=about), changed)
-    return with_normal_matrix(begun) if state.summed else begun
+    restarted = with_maps(replace(smaller, linearisation_point=about), changed)
+    return with_normal_matrix(restarted) if state.summed else restarted
 
 
 def _remade(state: EstimatorState) -> EstimatorState:
     return _having(
-        state, (replace(map_observations(state, one.dmap), weight=one.weight) if one.weight.any() else one for one in state.rows)
+        state,
+        (
+            replace(map_observations(state, map_rows.dmap), weight=map_rows.weight) if map_rows.weight.any() else map_rows
+            for map_rows in state.rows
+        ),
     )
 
 
-def _having(state: EstimatorState, made: Iterable[MapObservations]) -> EstimatorState:
-    again = replace(state, rows=state.storage.append((), (offload_rows(one, state.storage) for one in made)))
-    return with_normal_matrix(without_normal_matrix(again)) if state.summed else again
+def _having(state: EstimatorState, rebuilt: Iterable[MapObservations]) -> EstimatorState:
+    rebuilt_state = replace(state, rows=state.storage.append((), (offload_rows(value, state.storage) for value in rebuilt)))
+    return with_normal_matrix(without_normal_matrix(rebuilt_state)) if state.summed else rebuilt_state
 
 
 def _end_s(when: FrameTime) -> float:
@@ -455,7 +464,7 @@ def _start(when: FrameTime) -> float:
 
 
 def _raster(state: EstimatorState, duration_s: float) -> tuple[RasterChange, ...]:
-    x, y = (float(one) for one in state.centre_px)
+    x, y = (float(value) for value in state.centre_px)
     spline = UniformSpline(0.0, RASTER_KNOT_FRAMES * duration_s, 1)
     return tuple(RasterChange(term, spline, (x, y), x) for term in RasterTerm)
 
@@ -480,19 +489,19 @@ def _grown(state: EstimatorState, before: Layout) -> EstimatorState:
     )
 
 
-def extended_parameters(layout: Layout, before: Layout, known: NDArray[np.float64]) -> NDArray[np.float64]:
+def extended_parameters(layout: Layout, before: Layout, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) parameters of a shorter run in a longer one's layout: drift goes on at its last rate, motions are zero."""
-    if not known.size:
-        return known
+    if not parameters.size:
+        return parameters
     about = np.zeros(layout.size)
-    about[before.within(layout)] = known
+    about[before.within(layout)] = parameters
     _go_on(about[layout.part("drift")].reshape(-1, 2), before.part("drift"))
     return about
 
 
-def _go_on(drift: NDArray[np.float64], known: slice) -> None:
+def _go_on(drift: NDArray[np.float64], estimated: slice) -> None:
     """Coefficients that no pair has touched yet go on at the rate of the last ones, in place: columns may need the drift there."""
-    count = (known.stop - known.start) // 2
+    count = (estimated.stop - estimated.start) // 2
     last = min(TREND_KNOTS, count - 1)
     rate = (drift[count - 1] - drift[count - 1 - last]) / last
     drift[count:] = drift[count - 1] + rate * np.arange(1, len(drift) - count + 1)[:, None]

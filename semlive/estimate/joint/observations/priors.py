@@ -101,17 +101,17 @@ class Smoothness:
         tight = self.size_px**-2.0
         if not self.oscillation_period_knots:
             return DifferencePenalty(self.order, tight)
-        kept = math.exp(-OSCILLATION_DAMPING / self.oscillation_period_knots)
-        taps = np.array([1.0, -2.0 * kept * math.cos(2.0 * math.pi / self.oscillation_period_knots), kept**2])
-        return DifferencePenalty(self.order, tight, tuple(float(one) for one in taps / taps.sum()))
+        damping = math.exp(-OSCILLATION_DAMPING / self.oscillation_period_knots)
+        taps = np.array([1.0, -2.0 * damping * math.cos(2.0 * math.pi / self.oscillation_period_knots), damping**2])
+        return DifferencePenalty(self.order, tight, tuple(float(value) for value in taps / taps.sum()))
 
     def roughness(self, effect: DriftSpline | DistortionSpline) -> NDArray[np.float64]:
         """(m, m) precision of one component of an effect."""
-        one = self.filter
-        if len(one.taps) == 1:
-            return effect.roughness(one.order) * one.precision
-        rows = one.rows(effect.size // 2)
-        return one.precision * (rows.T @ rows)
+        penalty = self.filter
+        if len(penalty.taps) == 1:
+            return effect.roughness(penalty.order) * penalty.precision
+        rows = penalty.rows(effect.size // 2)
+        return penalty.precision * (rows.T @ rows)
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,8 +174,8 @@ def motion_prior(state: EstimatorState, rotation_rad: float | None) -> NDArray[n
 
 def raster_prior(change: RasterChange, size_px: float) -> NDArray[np.float64]:
     """(size, size) precision of what the raster does: smooth in time, or nothing where `size_px` is 0."""
-    one = np.eye(change.size)
-    return one * STILL_PX**-2.0 if size_px == 0.0 else one * RASTER_PX**-2.0 + change.roughness() * size_px**-2.0
+    identity = np.eye(change.size)
+    return identity * STILL_PX**-2.0 if size_px == 0.0 else identity * RASTER_PX**-2.0 + change.roughness() * size_px**-2.0
 
 
 def rotation_indices(state: EstimatorState) -> NDArray[np.int64]:
@@ -199,8 +199,8 @@ def prior_precision(state: EstimatorState, hyper: Hyperparameters) -> NDArray[np
         part = layout.part(effect.name)
         base = effect.roughness() * BASE_PX**-2.0
         for axis, kind in enumerate(kinds):
-            one = slice(part.start + axis, part.stop, 2)
-            total[one, one] += base + kind.roughness(effect)
+            component = slice(part.start + axis, part.stop, 2)
+            total[component, component] += base + kind.roughness(effect)
     for change, size_px in zip(state.raster, hyper.raster_px, strict=False):
         part = layout.part(change.name)
         total[part, part] += raster_prior(change, size_px)
@@ -211,7 +211,7 @@ def prior_precision(state: EstimatorState, hyper: Hyperparameters) -> NDArray[np
     return total
 
 
-def _add(total: NDArray[np.float64], part: slice, one: NDArray[np.float64]) -> None:
+def _add(total: NDArray[np.float64], part: slice, addend: NDArray[np.float64]) -> None:
     for axis in (0, 1):
         at = slice(part.start + axis, part.stop, 2)
-        total[at, at] += one
+        total[at, at] += addend

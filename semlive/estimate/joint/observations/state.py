@@ -101,7 +101,7 @@ class ReferenceNoise:
 
     def mean_px(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """(blocks, 2) its posterior mean, given the parameters."""
-        explained = np.stack([one @ parameters for one in self.coupling], axis=1)
+        explained = np.stack([value @ parameters for value in self.coupling], axis=1)
         return (self.information - explained) / np.where(self.weight > 0, self.weight, 1.0)
 
 
@@ -208,8 +208,8 @@ def rows_of(state: EstimatorState, pairs: Collection[int]) -> list[MapObservatio
     for place, pair in enumerate((0, *state.motions.pairs)):
         if pair in pairs:
             usual = state.rows[max(3 * place - 2, 0) : 3 * place + 1]
-            if len(usual) != (3 if place else 1) or any(one.current // 2 != pair for one in usual):
-                return [one for one in state.rows if one.current // 2 in pairs]
+            if len(usual) != (3 if place else 1) or any(value.current // 2 != pair for value in usual):
+                return [map_rows for map_rows in state.rows if map_rows.current // 2 in pairs]
             found += usual
     return found
 
@@ -252,7 +252,7 @@ def init(settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) 
     )
 
 
-def offload(state: EstimatorState, pair: int, keep: Storage) -> EstimatorState:
+def offload(state: EstimatorState, pair: int, storage: Storage) -> EstimatorState:
     """The state with the rows of a pair's maps, nearly all that it holds of a pair, kept by somebody else, and what is made of them later.
 
     Args:
@@ -260,28 +260,34 @@ def offload(state: EstimatorState, pair: int, keep: Storage) -> EstimatorState:
         pair: its number.
         keep: where.
     """
-    if state.storage is keep:
+    if state.storage is storage:
         return state  # kept since they were made
-    count = next((at for at, one in enumerate(reversed(state.rows)) if one.current // 2 != pair), len(state.rows))
+    count = next((at for at, map_rows in enumerate(reversed(state.rows)) if map_rows.current // 2 != pair), len(state.rows))
     first = len(state.rows) - count
-    return replace(state, rows=keep.append(state.rows[:first], (offload_rows(one, keep) for one in state.rows[first:])), storage=keep)
-
-
-def offload_rows(rows: MapObservations, keep: Storage) -> MapObservations:
-    """The same with its large arrays kept by somebody else."""
-    if keep is IN_MEMORY:
-        return rows
-    # Columns at a frame 0 that has all its points are one for all maps; others are packed.
-    own = not isinstance(rows.reference_columns, StoredColumns) and any(isinstance(one, PackedColumns) for one in rows.reference_columns)
     return replace(
-        rows,
-        disparity_px=keep.store_array(rows.disparity_px),
-        weight=keep.store_array(rows.weight),
-        position_px=keep.store_array(rows.position_px),
-        difference_columns=_stored(rows.difference_columns, keep),
-        reference_columns=_stored(rows.reference_columns, keep) if own else rows.reference_columns,
+        state,
+        rows=storage.append(state.rows[:first], (offload_rows(map_rows, storage) for map_rows in state.rows[first:])),
+        storage=storage,
     )
 
 
-def _stored(columns: ManyColumns, keep: Storage) -> StoredColumns:
-    return columns if isinstance(columns, StoredColumns) else StoredColumns.of(columns, keep)
+def offload_rows(rows: MapObservations, storage: Storage) -> MapObservations:
+    """The same with its large arrays kept by somebody else."""
+    if storage is IN_MEMORY:
+        return rows
+    # Columns at a frame 0 that has all its points are one for all maps; others are packed.
+    own = not isinstance(rows.reference_columns, StoredColumns) and any(
+        isinstance(reference_column, PackedColumns) for reference_column in rows.reference_columns
+    )
+    return replace(
+        rows,
+        disparity_px=storage.store_array(rows.disparity_px),
+        weight=storage.store_array(rows.weight),
+        position_px=storage.store_array(rows.position_px),
+        difference_columns=_stored(rows.difference_columns, storage),
+        reference_columns=_stored(rows.reference_columns, storage) if own else rows.reference_columns,
+    )
+
+
+def _stored(columns: ManyColumns, storage: Storage) -> StoredColumns:
+    return columns if isinstance(columns, StoredColumns) else StoredColumns.of(columns, storage)

@@ -99,11 +99,11 @@ def calibration(solution: Solution) -> CalibrationAssessment:
     before = np.asarray(np.linalg.inv(prior[part, part]), dtype=np.float64)
     # The belief about the distortion is about the border alone, so the elimination of the pairs serves both.
     after = distortion_covariance(solve_shared(solution.shared_posterior.chain, loose))
-    one, two = slice(0, None, 2), slice(1, None, 2)
-    ratio = [pointwise(state, after[at, at]) / pointwise(state, before[at, at]) for at in (one, two)]
+    along_x, along_y = slice(0, None, 2), slice(1, None, 2)
+    ratio = [pointwise(state, after[at, at]) / pointwise(state, before[at, at]) for at in (along_x, along_y)]
     covered = np.sqrt(0.5 * (ratio[0] + ratio[1])) < COVERED
     waves = _waves(state)
-    sigma = np.sqrt(np.maximum(*(np.einsum("ki,ij,kj->k", waves, after[at, at], waves) for at in (one, two))))
+    sigma = np.sqrt(np.maximum(*(np.einsum("ki,ij,kj->k", waves, after[at, at], waves) for at in (along_x, along_y))))
     return CalibrationAssessment(covered, translation_extent_px(solution), (float(sigma[0]), float(sigma[1])))
 
 
@@ -118,10 +118,10 @@ def translation_extent_px(solution: Solution) -> tuple[float, float]:
     along_y = np.array([1 if kind is MotionKind.RIGID else 3 for kind in kinds], dtype=np.int64)
     shifts = np.stack((motion[np.append(starts, len(motion) - 2)], motion[np.append(starts + along_y, len(motion) - 1)]), axis=1)
     row = {pair: number for number, pair in enumerate((*state.motions.pairs, 0))}
-    frames = [one for one in state.frames if one.frame < 2 or every[one.frame // 2] is not Phase.TENSION]
-    index, value = drift.spline.local(np.array([one.start_s for one in frames]))
+    frames = [frame for frame in state.frames if frame.frame < 2 or every[frame.frame // 2] is not Phase.TENSION]
+    index, value = drift.spline.local(np.array([frame.start_s for frame in frames]))
     drifted = np.einsum("nk,nkc->nc", value, solution.part("drift").reshape(-1, 2)[index])
-    extent = np.ptp(shifts[[row[one.frame // 2] for one in frames]] + drifted, axis=0)
+    extent = np.ptp(shifts[[row[frame.frame // 2] for frame in frames]] + drifted, axis=0)
     return float(extent[0]), float(extent[1])
 
 
@@ -147,8 +147,8 @@ def outside_region_messages(state: EstimatorState, pairs: Collection[int]) -> li
         if not rows.from_reference or not rows.dmap.valid.any():
             continue
         there = rows.position_px + state.centre_px + rows.disparity_px
-        seen = rows.weight.any(axis=1)
-        fraction = 1.0 - float(area.holds(there[seen, 0], there[seen, 1]).mean()) if seen.any() else 0.0
+        used = rows.weight.any(axis=1)
+        fraction = 1.0 - float(area.holds(there[used, 0], there[used, 1]).mean()) if used.any() else 0.0
         frames += fraction > REPORT_FRACTION
         if fraction > worst:
             worst, worst_frame = fraction, rows.current

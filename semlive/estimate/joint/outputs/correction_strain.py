@@ -53,7 +53,7 @@ def correction_strain(solution: Solution, dmap: DisparityMap) -> CorrectionStrai
 
 def correction_strains(solution: Solution, maps: Iterable[DisparityMap]) -> tuple[CorrectionStrain, ...]:
     """The same of many maps, in one way back along the chain for all of them."""
-    found, keep = list[CorrectionStrain](), solution.state.storage
+    found, storage = list[CorrectionStrain](), solution.state.storage
     of_pair: dict[int, list[int]] = {}
     for dmap in maps:
         rows = _strain_rows(solution, _thinned(dmap))
@@ -67,12 +67,12 @@ def correction_strains(solution: Solution, maps: Iterable[DisparityMap]) -> tupl
         value = own @ solution.mean[touched]
         found.append(
             CorrectionStrain(
-                keep.store_array(parameter_codes(solution.state.layout, touched)), keep.store_array(own), value, NO_PARAMETERS.sigma
+                storage.store_array(parameter_codes(solution.state.layout, touched)), storage.store_array(own), value, NO_PARAMETERS.sigma
             )
         )
     for pair, covariance in covariances(solution.shared_posterior, _Together(found, of_pair)).items():
         for number, sigma in zip(of_pair[pair], np.sqrt(np.diag(covariance)).reshape(-1, 3), strict=True):
-            found[number] = replace(found[number], sigma=Tensor2(*(float(one) for one in sigma)))
+            found[number] = replace(found[number], sigma=Tensor2(*(float(value) for value in sigma)))
     return tuple(found)
 
 
@@ -97,10 +97,10 @@ class _Together(Mapping[int, tuple[Codes, NDArray[np.float64]]]):
 
 def _together(parts: Sequence[CorrectionStrain]) -> tuple[Codes, NDArray[np.float64]]:
     """Functions of several frames below each other, over the parameters of all of them."""
-    codes = np.unique(np.concatenate([one.parameters for one in parts]))
+    codes = np.unique(np.concatenate([part.parameters for part in parts]))
     rows = np.zeros((3 * len(parts), len(codes)))
-    for number, one in enumerate(parts):
-        rows[3 * number : 3 * number + 3, np.searchsorted(codes, one.parameters)] = one.jacobian
+    for number, part in enumerate(parts):
+        rows[3 * number : 3 * number + 3, np.searchsorted(codes, part.parameters)] = part.jacobian
     return codes, rows
 
 
@@ -113,9 +113,9 @@ def _strain_rows(solution: Solution, dmap: DisparityMap) -> tuple[NDArray[np.int
     position = np.column_stack((np.ones(int(valid.sum())), reference.x_px[valid], reference.y_px[valid]))
     slopes = np.zeros((2, len(valid)))
     slopes[:, valid] = np.linalg.pinv(position)[1:]
-    moved, rest = _columns_at(solution, current), _columns_at_rest(solution, dmap.grid)
-    index = np.unique(np.concatenate([_joint_index(part, columns) for part, columns in (*moved, *rest)]))
-    along = _along(index, moved, slopes) - _along(index, rest, slopes)
+    moved, static = _columns_at(solution, current), _columns_at_rest(solution, dmap.grid)
+    index = np.unique(np.concatenate([_joint_index(part, columns) for part, columns in (*moved, *static)]))
+    along = _along(index, moved, slopes) - _along(index, static, slopes)
     return index, np.stack((along[0, 0], along[1, 1], 0.5 * (along[1, 0] + along[0, 1])))
 
 
@@ -123,10 +123,10 @@ ActiveColumns = tuple[tuple[slice, Columns | TensorColumns], ...]
 """Columns of what acts at points, each with the place of its effect's parameters."""
 
 
-def _columns_at(solution: Solution, seen: FrameObservation) -> ActiveColumns:
+def _columns_at(solution: Solution, observation: FrameObservation) -> ActiveColumns:
     layout = solution.state.layout
-    effects = (one for one in solution.state.model if not one.needs_ideal)
-    return tuple((layout.part(effect.name), columns) for effect in effects for columns in effect.columns(seen))
+    effects = (effect for effect in solution.state.model if not effect.needs_ideal)
+    return tuple((layout.part(effect.name), columns) for effect in effects for columns in effect.columns(observation))
 
 
 def _span(columns: Columns | TensorColumns) -> tuple[int, int]:
@@ -162,10 +162,10 @@ def _summed(columns: Columns | TensorColumns, weights: NDArray[np.float64]) -> N
     together = np.zeros(weights.shape[1], dtype=np.int64)
     if isinstance(columns, TensorColumns):
         along_x = columns.index_x, columns.value_x
-        weighed = [(columns.index_y, one[:, None] * columns.value_y) for one in weights]
+        weighed = [(columns.index_y, weight[:, None] * columns.value_y) for weight in weights]
         return np.stack([tensor_sums(together, 1, *along_y, *along_x, columns.shape).ravel() for along_y in weighed])
     low, high = _span(columns)
-    return np.concatenate([local_sums(together, 1, columns.index, one[:, None] * columns.value, low, high - low) for one in weights])
+    return np.concatenate([local_sums(together, 1, columns.index, weight[:, None] * columns.value, low, high - low) for weight in weights])
 
 
 @lru_cache(maxsize=1)
@@ -179,15 +179,15 @@ def correction_strain_sigma(solution: Solution, dmap: DisparityMap) -> Tensor2:
     return correction_strain(solution, dmap).sigma
 
 
-def strain_change(solution: Solution, told: CorrectionStrain) -> Tensor2:
+def strain_change(solution: Solution, previous: CorrectionStrain) -> Tensor2:
     """How far the mean strain of a corrected map would move if it were corrected with another solution, exx, eyy and exy.
 
     Parameters that the other solution does not have are zero there.
     """
     layout = solution.state.layout
-    kept = codes_in_layout(layout, told.parameters)
-    moved = told.value - told.jacobian[:, kept] @ solution.mean[parameter_indices(layout, told.parameters[kept])]
-    return Tensor2(*(float(one) for one in moved))
+    codes = codes_in_layout(layout, previous.parameters)
+    moved = previous.value - previous.jacobian[:, codes] @ solution.mean[parameter_indices(layout, previous.parameters[codes])]
+    return Tensor2(*(float(value) for value in moved))
 
 
 def frame_observations(solution: Solution, dmap: DisparityMap) -> tuple[FrameObservation, FrameObservation]:

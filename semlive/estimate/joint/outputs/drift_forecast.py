@@ -30,19 +30,19 @@ def forecast(solution: Solution, ahead_scans: tuple[float, ...] = FORECAST_SCANS
     assert drift is not None  # a solution has data
     duration_s = newest.timing.duration_s
     begin_s = newest.start_s + duration_s * (1.0 + np.asarray(ahead_scans, dtype=np.float64))
-    known, longer = drift.spline.size, drift.until(float(begin_s.max()) + duration_s).spline
+    count, longer = drift.spline.size, drift.until(float(begin_s.max()) + duration_s).spline
     first, rows = _mean_rate(longer.local(begin_s), longer.local(begin_s + duration_s), duration_s, longer.size)
     part = state.layout.part("drift")
     rates, variances = [], []
     for strand in temporal_splines(state, solution.hyper, SharedParameters.of(state))[:2]:
-        since = min(strand.since(known), first)
-        of_known, added = _continued(strand.belief(known, longer.size)[1], known - strand.since(known), rows[:, known:])
-        whole = rows[:, since:known].copy()
-        whole[:, strand.since(known) - since :] += of_known
-        at = part.start + strand.offset + strand.stride * np.arange(since, known)
+        since = min(strand.since(count), first)
+        of_known, added = _continued(strand.belief(count, longer.size)[1], count - strand.since(count), rows[:, count:])
+        recent_rows = rows[:, since:count].copy()
+        recent_rows[:, strand.since(count) - since :] += of_known
+        at = part.start + strand.offset + strand.stride * np.arange(since, count)
         joint = np.zeros((len(rows), state.layout.size))
-        joint[:, at] = whole
-        rates.append(whole @ solution.mean[at])
+        joint[:, at] = recent_rows
+        rates.append(recent_rows @ solution.mean[at])
         variances.append(np.diag(solution.covariance_of(joint)) + added)
     return DriftForecast(begin_s, duration_s, np.stack(rates, axis=1), np.sqrt(np.clip(np.stack(variances, axis=1), 0.0, None)))
 

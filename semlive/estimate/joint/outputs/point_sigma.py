@@ -37,18 +37,18 @@ def correction_sigma(solution: Solution, dmap: DisparityMap) -> tuple[Field, Fie
 
 def correction_sigmas(solution: Solution, maps: Iterable[DisparityMap]) -> Iterator[tuple[Field, Field]]:
     """The same of many maps in their order, some together: each way back along the chain serves all of them."""
-    left = iter(maps)
-    while together := tuple(islice(left, TOGETHER)):
+    queue = iter(maps)
+    while together := tuple(islice(queue, TOGETHER)):
         of_pair: dict[int, list[int]] = {}
         for number, dmap in enumerate(together):
             of_pair.setdefault(dmap.current // 2, []).append(number)
-        wanted = {}
+        remaining = {}
         for pair, numbers in of_pair.items():
             terms = [_change(solution, together[number]) for number in numbers]
-            touched = np.unique(np.concatenate([index.ravel() for one in terms for _, index, _ in one]))
-            wanted[pair] = parameter_codes(solution.state.layout, touched), np.concatenate([_rows(one, touched) for one in terms])
+            touched = np.unique(np.concatenate([index.ravel() for term in terms for _, index, _ in term]))
+            remaining[pair] = parameter_codes(solution.state.layout, touched), np.concatenate([_rows(term, touched) for term in terms])
         found: dict[int, tuple[Field, Field]] = {}
-        for pair, covariance in covariances(solution.shared_posterior, wanted).items():
+        for pair, covariance in covariances(solution.shared_posterior, remaining).items():
             for number, variance in zip(of_pair[pair], np.split(np.diag(covariance), len(of_pair[pair])), strict=True):
                 found[number] = _everywhere(together[number], variance)
         yield from (found[number] for number in range(len(together)))
@@ -65,7 +65,7 @@ def _everywhere(dmap: DisparityMap, variance: Field) -> tuple[Field, Field]:
     grid, (rows, columns) = dmap.grid, _places(dmap)
     every = np.stack(np.meshgrid(np.arange(grid.ny), np.arange(grid.nx), indexing="ij"), axis=-1)
     some = np.sqrt(np.clip(variance, 0.0, None)).reshape(2, len(rows), len(columns))
-    u, v = (np.asarray(RegularGridInterpolator((rows, columns), one)(every)) for one in some)
+    u, v = (np.asarray(RegularGridInterpolator((rows, columns), value)(every)) for value in some)
     return u, v
 
 
@@ -74,8 +74,8 @@ def _change(solution: Solution, dmap: DisparityMap) -> Terms:
     if dmap.reference != 0:
         raise ValueError(f"corrections are for maps from frame 0, not from frame {dmap.reference}")
     state, at = solution.state, np.ix_(*_places(dmap))
-    x, y = (one[at] for one in dmap.grid.mesh())
-    moved = [_filled(one, dmap.valid)[at] for one in (dmap.u_px, dmap.v_px)]
+    x, y = (coordinates[at] for coordinates in dmap.grid.mesh())
+    moved = [_filled(component, dmap.valid)[at] for component in (dmap.u_px, dmap.v_px)]
     here = sighting(state.frame_time(0), x, y)
     there = sighting(state.frame_time(dmap.current), x + moved[0], y + moved[1])
     return [*_acting(solution, there, 1.0), *_acting(solution, here, -1.0)]
@@ -85,12 +85,12 @@ def _filled(moved_px: Field, valid: NDArray[np.bool_]) -> Field:
     return np.where(valid, moved_px, moved_px[valid].mean() if valid.any() else 0.0)
 
 
-def _acting(solution: Solution, seen: FrameObservation, sign: float) -> Terms:
+def _acting(solution: Solution, observation: FrameObservation, sign: float) -> Terms:
     state, found = solution.state, Terms()
-    seen = evaluate_drift(state.model, solution.mean, seen)
-    for effect in (one for one in state.model if not one.needs_ideal):
+    observation = evaluate_drift(state.model, solution.mean, observation)
+    for effect in (effect for effect in state.model if not effect.needs_ideal):
         start = state.layout.part(effect.name).start
-        for columns in effect.columns(seen):
+        for columns in effect.columns(observation):
             index, value = columns.index, sign * columns.value
             for axis in (0, 1) if columns.axis is Axis.EACH else (int(columns.axis is Axis.Y),):
                 found.append((axis, start + (2 * index + axis if columns.axis is Axis.EACH else index), value))

@@ -31,7 +31,7 @@ def sampled_pair_numbers(state: EstimatorState, since: int) -> tuple[int, ...]:
     every = (0, *state.motions.pairs)
     late = every[max(min(since, len(every) - 2 * MAX_PAIR_COUPLES), 0) :]
     first = np.unique(np.linspace(0, len(late) // 2 - 1, MAX_PAIR_COUPLES).astype(int))
-    return tuple(late[2 * one + member] for one in first for member in (0, 1))
+    return tuple(late[2 * value + member] for value in first for member in (0, 1))
 
 
 def field_half_difference(solution: Solution, pairs: tuple[int, ...]) -> tuple[Field, Field]:
@@ -41,7 +41,7 @@ def field_half_difference(solution: Solution, pairs: tuple[int, ...]) -> tuple[F
     the drift forgets between them are looked at apart: the cost is that of the pairs, however long the run.
     """
     found = [_drift_of_halves(solution, some, around) for some, around in _neighbours(solution.state, pairs)]
-    return np.concatenate([one for one, _ in found]), np.asarray(block_diag(*(one for _, one in found)), dtype=np.float64)
+    return np.concatenate([value for value, _ in found]), np.asarray(block_diag(*(value for _, value in found)), dtype=np.float64)
 
 
 def _neighbours(state: EstimatorState, pairs: tuple[int, ...]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
@@ -54,26 +54,28 @@ def _neighbours(state: EstimatorState, pairs: tuple[int, ...]) -> list[tuple[tup
         at = [place for place, pair in enumerate(every) if pair in pairs and pair]
         cuts = [number for number in range(1, len(at)) if at[number] - at[number - 1] > 2 * BEYOND]
         lots = [at[begin:end] for begin, end in zip((0, *cuts), (*cuts, len(at)), strict=True) if begin < end]
-        found += [(tuple(every[one] for one in lot), every[max(lot[0] - BEYOND, 0) : lot[-1] + BEYOND + 1]) for lot in lots]
+        found += [(tuple(every[value] for value in group), every[max(group[0] - BEYOND, 0) : group[-1] + BEYOND + 1]) for group in lots]
     return found
 
 
 def _drift_of_halves(solution: Solution, pairs: tuple[int, ...], around: tuple[int, ...]) -> tuple[Field, Field]:
     state, columns = solution.state, solution.state.blocks.layout[1]
-    left = ((np.arange(state.blocks.size) % columns) < columns // 2)[:, None]
+    left_half = ((np.arange(state.blocks.size) % columns) < columns // 2)[:, None]
     rows = rows_of(state, pairs)
-    halves = [tuple(replace(one, weight=np.where(side, one.weight, 0.0)) for one in rows) for side in (left, ~left)]
+    halves = [
+        tuple(replace(map_rows, weight=np.where(side, map_rows.weight, 0.0)) for map_rows in rows) for side in (left_half, ~left_half)
+    ]
     noise_px = solution.shared_posterior.step[solution.shared_posterior.chain.border.part(NOISE)]
     bands = [banded_system(replace(state, rows=half), solution.hyper, solution.mean, noise_px, around) for half in (*halves, ())]
-    asked = _within_frames(bands[0], pairs)
+    gradient = _within_frames(bands[0], pairs)
     steps, spreads = [], []
     for band in bands[:2]:
         precision, pull, _ = with_prior(band, solution.hyper)
         factor = (cholesky_banded(precision, lower=True, check_finite=False), True)
-        spreads.append(cho_solve_banded(factor, asked.T, check_finite=False))
+        spreads.append(cho_solve_banded(factor, gradient.T, check_finite=False))
         steps.append(cho_solve_banded(factor, pull, check_finite=False))
     cross = spreads[0].T @ _times(with_prior(bands[2], solution.hyper)[0], spreads[1])
-    return asked @ (steps[0] - steps[1]), asked @ (spreads[0] + spreads[1]) - cross - cross.T
+    return gradient @ (steps[0] - steps[1]), gradient @ (spreads[0] + spreads[1]) - cross - cross.T
 
 
 def odd_even_difference(solution: Solution, pairs: tuple[int, ...], rows: Field) -> tuple[Field, Field]:
@@ -84,16 +86,16 @@ def odd_even_difference(solution: Solution, pairs: tuple[int, ...], rows: Field)
     """
 
     def of(parity: int) -> tuple[Field, Field, Field]:
-        half, near = subset_state(solution, tuple(one for one in pairs if one and one % 2 == parity))
+        half, near = subset_state(solution, tuple(pair for pair in pairs if pair and pair % 2 == parity))
         ending = solve_shared(eliminate_all(half, solution.hyper, near))
-        asked = np.zeros((len(rows), len(ending.step)))
-        asked[:, ending.chain.border.part(DISTORTION)] = rows
-        return asked, asked @ ending.step, np.asarray(cho_solve((ending.factor, True), asked.T, check_finite=False))
+        gradient = np.zeros((len(rows), len(ending.step)))
+        gradient[:, ending.chain.border.part(DISTORTION)] = rows
+        return gradient, gradient @ ending.step, np.asarray(cho_solve((ending.factor, True), gradient.T, check_finite=False))
 
-    (asked, odd, one), (_, even, two) = of(1), of(0)
+    (gradient, odd, first_spread), (_, even, second_spread) = of(1), of(0)
     border = solution.shared_posterior.chain.border
-    cross = one.T @ shared_prior(solution.state, solution.hyper, border) @ two
-    return odd - even, asked @ (one + two) - cross - cross.T
+    cross = first_spread.T @ shared_prior(solution.state, solution.hyper, border) @ second_spread
+    return odd - even, gradient @ (first_spread + second_spread) - cross - cross.T
 
 
 def _within_frames(band: BandedSystem, pairs: tuple[int, ...]) -> Field:
@@ -131,7 +133,7 @@ def subset_state(solution: Solution, pairs: tuple[int, ...]) -> tuple[EstimatorS
     """The state as if it had seen some pairs alone, linearised where it is, and the parameters of the solution in its layout."""
     state = solution.state
     motion, held = state.layout.part("motion"), [(pair, *state.motions.part(pair)) for pair in state.motions.pairs if pair in pairs]
-    index = np.concatenate([np.arange(motion.start), *(motion.start + np.arange(one.start, one.stop) for _, one, _ in held)])
+    index = np.concatenate([np.arange(motion.start), *(motion.start + np.arange(value.start, value.stop) for _, value, _ in held)])
     phase = dict(zip((0, *state.motions.pairs), state.phases, strict=True))
     alone = replace(
         without_normal_matrix(state),

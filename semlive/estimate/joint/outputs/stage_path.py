@@ -62,27 +62,27 @@ def stage_path(commands_um: Field, shifts_px: Field) -> StagePath:
     extent = np.linalg.svd(spread, compute_uv=False) if count else np.zeros(2)
     if count < 4 or extent[-1] <= MIN_ACROSS * extent[0]:
         raise IllPosed(f"{count} commanded positions do not span an area: the stage's scale and angle need four in two directions")
-    seen = shifts_px - shifts_px.mean(axis=0)
-    solved = np.linalg.lstsq(spread, seen, rcond=None)[0]
-    left = seen - spread @ solved
+    measured_px = shifts_px - shifts_px.mean(axis=0)
+    solved = np.linalg.lstsq(spread, measured_px, rcond=None)[0]
+    residual = measured_px - spread @ solved
     along_x, along_y = solved  # where the picture goes for one unit along the stage's x, y
     size = np.linalg.norm(solved, axis=1)
-    variance = float(np.sum(left**2)) / max(2 * count - 6, 1) * np.diag(np.linalg.inv(spread.T @ spread))
+    variance = float(np.sum(residual**2)) / max(2 * count - 6, 1) * np.diag(np.linalg.inv(spread.T @ spread))
     relative = np.sqrt(variance) / size
     cosine = float(np.clip(along_x @ along_y / (size[0] * size[1]), -1.0, 1.0))
     return StagePath(
         float(size[0]), float(size[1]), float(relative.max()), float(np.degrees(np.arccos(cosine))), float(np.degrees(np.hypot(*relative))),
-        float(np.degrees(np.arctan2(along_x[1], along_x[0]))), float(np.sqrt(np.mean(left**2))),
+        float(np.degrees(np.arctan2(along_x[1], along_x[0]))), float(np.sqrt(np.mean(residual**2))),
     )  # fmt: skip
 
 
 def stage_path_messages(commands: Iterable[tuple[int, tuple[float, float]]], motions: Sequence[PairMotion]) -> tuple[str, ...]:
     """The sentence, where the pairs' commanded positions (pair, um) allow a fit; nothing otherwise."""
-    measured = {one.pair: one.shift_px for one in motions}
-    known = [(command, measured[pair]) for pair, command in commands if pair in measured]
-    if len(known) < 5:
+    measured = {motion.pair: motion.shift_px for motion in motions}
+    matched = [(command, measured[pair]) for pair, command in commands if pair in measured]
+    if len(matched) < 5:
         return ()
     try:
-        return (stage_path(np.array([one for one, _ in known]), np.array([one for _, one in known])).message(),)
+        return (stage_path(np.array([value for value, _ in matched]), np.array([value for _, value in matched])).message(),)
     except IllPosed:
         return ()

@@ -89,11 +89,13 @@ def reselect_temporal_terms(
     bands = [banded_system(state, hyper, near, noise_px, stretch) for stretch in sampled_pairs(state)]
     for axis in (0, 1):
         hyper = _climbed(bands, hyper, axis)
-    tests = {one.name: one for one in terms}
+    tests = {term.name: term for term in terms}
     for number, change in enumerate(state.raster):
-        sizes = [0.0, *(float(one) for one in RASTER_CANDIDATES)]
-        options = [replace(hyper, raster_px=tuple(size if i == number else one for i, one in enumerate(hyper.raster_px))) for size in sizes]
-        scores = np.array([sum(log_evidence(band, one) for band in bands) for one in options])
+        sizes = [0.0, *(float(value) for value in RASTER_CANDIDATES)]
+        options = [
+            replace(hyper, raster_px=tuple(size if i == number else value for i, value in enumerate(hyper.raster_px))) for size in sizes
+        ]
+        scores = np.array([sum(log_evidence(band, option) for band in bands) for option in options])
         best = int(np.argmax(scores[1:])) + 1
         gain = float(scores[best] - scores[0])
         hyper = options[best if gain > MIN_BAYES_FACTOR else 0]
@@ -134,25 +136,25 @@ def banded_system(
     maps: dict[int, list[MapObservations]] = {}
     for rows in rows_of(state, pairs):
         maps.setdefault(rows.current // 2, []).append(rows)
-    said = []
-    for _, one in sorted(maps.items()):
-        told = pair_information(state, one, border, near)
-        pull = told.gradient - told.shared_coupling[:, border.part(NOISE)] @ noise_px
-        said.append((empty.place(told.codes), weight * told.precision, weight * pull))
-    width = max((int(np.ptp(at)) for at, _, _ in said if at.size), default=0)
+    terms = []
+    for _, pair_maps in sorted(maps.items()):
+        information = pair_information(state, pair_maps, border, near)
+        pull = information.gradient - information.shared_coupling[:, border.part(NOISE)] @ noise_px
+        terms.append((empty.place(information.codes), weight * information.precision, weight * pull))
+    width = max((int(np.ptp(at)) for at, _, _ in terms if at.size), default=0)
     for strand in empty.strands(hyper):
         at = empty.place(strand.codes(strand.first, strand.spline.size))
         width = max(width, int((at[:-MAX_COUPLED_KNOTS] - at[MAX_COUPLED_KNOTS:]).max(initial=0)))
     precision, pull = np.zeros((width + 1, len(codes))), np.zeros(len(codes))
-    for at, own, asked in said:
+    for at, own, gradient in terms:
         lower = at[:, None] >= at[None, :]
         precision[(at[:, None] - at[None, :])[lower], np.broadcast_to(at, own.shape)[lower]] += own[lower]
-        pull[at] += asked
+        pull[at] += gradient
     for pair in pairs:
-        own, believed, asked = pair_prior(state, near, pair, hyper)
+        own, believed, gradient = pair_prior(state, near, pair, hyper)
         at = empty.place(own)
         precision[0, at] += believed
-        pull[at] -= asked
+        pull[at] -= gradient
     return replace(empty, precision=precision, pull=pull)
 
 
@@ -163,12 +165,12 @@ def with_prior(band: BandedSystem, hyper: Hyperparameters) -> tuple[Matrix, Vect
         codes = strand.codes(0, strand.spline.size)
         value = band.near[parameter_indices(band.state.layout, codes)]
         own, cost = _belief(strand, value)
-        begin, asked = strand.first, strand.asked(strand.first, strand.spline.size, value[strand.since(strand.first) :])
+        begin, gradient = strand.first, strand.asked(strand.first, strand.spline.size, value[strand.since(strand.first) :])
         at = band.place(codes[begin:][::-1])
         for lag in range(len(own)):
             count = own.shape[1] - lag
             precision[at[lag:] - at[:count], at[:count]] += own[lag, :count]
-        pull[at] -= asked[begin - strand.since(begin) :][::-1]
+        pull[at] -= gradient[begin - strand.since(begin) :][::-1]
         total += _log_determinant(strand) - cost
     return precision, pull, total
 
@@ -191,8 +193,8 @@ def _belief(strand: TemporalSpline, value: Vector) -> tuple[Matrix, float]:
     for lag in range(len(own)):
         own[lag, : own.shape[1] - lag] = own[lag, : own.shape[1] - lag][::-1].copy()
     cost = strand.knot_precision * float(value[first:] @ value[first:])
-    for one in strand.filters:
-        cost += one.precision * float(np.sum(one.of(value[max(first - one.reach, 0) :]) ** 2))
+    for penalty in strand.filters:
+        cost += penalty.precision * float(np.sum(penalty.of(value[max(first - penalty.reach, 0) :]) ** 2))
     return own, cost
 
 
@@ -202,22 +204,27 @@ def _log_determinant(strand: TemporalSpline) -> float:
     Differences of the lowest order are as good unknowns as the knots themselves (each knot brings one, with coefficient 1), and far better
     to factor: thousands of knots free at one end span more than the decades of a double.
     """
-    least = 0 if strand.knot_precision else min(one.order for one in strand.filters)
+    least = 0 if strand.knot_precision else min(penalty.order for penalty in strand.filters)
     own = _band(
-        tuple(replace(one, order=one.order - least) for one in strand.filters), strand.knot_precision, strand.spline.size, strand.first
+        tuple(replace(penalty, order=penalty.order - least) for penalty in strand.filters),
+        strand.knot_precision,
+        strand.spline.size,
+        strand.first,
     )
     return 2.0 * float(np.log(cholesky_banded(own, lower=True, check_finite=False)[0]).sum())
 
 
 def _band(filters: tuple[DifferencePenalty, ...], each: float, size: int, first: int) -> Matrix:
     """(reach + 1, size - first) lower band of what filtered differences of a series, and its values, cost, those before `first` given."""
-    own = np.zeros((max((one.reach for one in filters), default=0) + 1, size))
+    own = np.zeros((max((penalty.reach for penalty in filters), default=0) + 1, size))
     own[0] += each
-    for one in filters:
-        weights, begin = one.weights, max(first - one.reach, 0)
-        for later in range(one.reach + 1):
+    for penalty in filters:
+        weights, begin = penalty.weights, max(first - penalty.reach, 0)
+        for later in range(penalty.reach + 1):
             for earlier in range(later + 1):
-                own[later - earlier, begin + earlier : size - one.reach + earlier] += one.precision * weights[later] * weights[earlier]
+                own[later - earlier, begin + earlier : size - penalty.reach + earlier] += (
+                    penalty.precision * weights[later] * weights[earlier]
+                )
     return own[:, first:]
 
 
@@ -226,48 +233,48 @@ def _climbed(bands: list[BandedSystem], hyper: Hyperparameters, axis: int) -> Hy
 
     From size to size as long as it becomes likelier, for the kind that it has and those beside the best, until none of these is better.
     """
-    known: dict[tuple[Kind, int], tuple[float, Hyperparameters]] = {}
+    scores: dict[tuple[Kind, int], tuple[float, Hyperparameters]] = {}
 
     def at(kind: Kind, number: int) -> float:
-        if (kind, number) not in known:
-            one = smoothness_of_kind(kind, float(CANDIDATES[number]))
-            option = replace(hyper, drift=(one, hyper.drift[1]) if axis == 0 else (hyper.drift[0], one))
+        if (kind, number) not in scores:
+            smoothness = smoothness_of_kind(kind, float(CANDIDATES[number]))
+            option = replace(hyper, drift=(smoothness, hyper.drift[1]) if axis == 0 else (hyper.drift[0], smoothness))
             believed = float(log_prior(CANDIDATES[number : number + 1], DRIFT_ORDERS[kind])[0])
-            known[kind, number] = sum(log_evidence(band, option) for band in bands) + believed, option
-        return known[kind, number][0]
+            scores[kind, number] = sum(log_evidence(band, option) for band in bands) + believed, option
+        return scores[kind, number][0]
 
     now, kinds = hyper.drift[axis], list(DRIFT_ORDERS)
     best = now.kind, int(np.argmin(np.abs(np.log(CANDIDATES / max(now.size_px, CANDIDATES[0])))))
     climbed: set[Kind] = set()
     while True:
         here = kinds.index(best[0])
-        left = [kinds[one] for one in (here, here - 1, here + 1) if 0 <= one < len(kinds) and kinds[one] not in climbed]
-        if not left:
-            return known[best][1]
-        climbed.add(left[0])
+        pending = [kinds[value] for value in (here, here - 1, here + 1) if 0 <= value < len(kinds) and kinds[value] not in climbed]
+        if not pending:
+            return scores[best][1]
+        climbed.add(pending[0])
         number = best[1]
         while True:
-            near = [one for one in (number - 1, number, number + 1) if 0 <= one < len(CANDIDATES)]
-            likeliest = max(near, key=lambda one: at(left[0], one))
+            near = [value for value in (number - 1, number, number + 1) if 0 <= value < len(CANDIDATES)]
+            likeliest = max(near, key=lambda one: at(pending[0], one))
             if likeliest == number:
                 break
             number = likeliest
-        best = max(known, key=lambda one: known[one][0])
+        best = max(scores, key=lambda one: scores[one][0])
 
 
 def _strands(state: EstimatorState, pairs: tuple[int, ...], hyper: Hyperparameters, border: SharedParameters) -> tuple[TemporalSpline, ...]:
-    whole = temporal_splines(state, hyper, border)
+    splines = temporal_splines(state, hyper, border)
     if len(pairs) == len(state.phases):
-        return whole
+        return splines
     frames = [when for when in state.frames if when.frame // 2 in pairs]
     begin_s = min(when.start_s - KNOT_MARGIN * when.timing.duration_s for when in frames)
     end_s = max(when.start_s + (1.0 + KNOT_MARGIN) * when.timing.duration_s for when in frames)
     some = []
-    for one in whole:
-        if one.kind == DRIFT:  # knots of the raster are few, and what it did before says where it is
-            shorter = replace(one.spline, intervals=one.size_at(end_s) - one.spline.degree)
-            one = replace(one, first=max(one.interval(begin_s), one.first), spline=shorter)
-        some.append(one)
+    for strand in splines:
+        if strand.kind == DRIFT:  # knots of the raster are few, and what it did before says where it is
+            shorter = replace(strand.spline, intervals=strand.size_at(end_s) - strand.spline.degree)
+            strand = replace(strand, first=max(strand.interval(begin_s), strand.first), spline=shorter)
+        some.append(strand)
     return tuple(some)
 
 

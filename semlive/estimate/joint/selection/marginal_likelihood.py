@@ -80,9 +80,9 @@ def maximise_evidence(state: EstimatorState, data: LocalLikelihood, hyper: Hyper
     in the logarithm of the likelihood), and the modulus was known to 11 % where it is to 3 %.
     """
     at, where = rotation_indices(state), sides(state)
-    bare = data.scaled(hyper.noise_scale**-2.0).with_prior(gauge)
+    baseline = data.scaled(hyper.noise_scale**-2.0).with_prior(gauge)
     if at.size:
-        turning = marginal_of(bare, prior_precision(state, hyper), where, at)
+        turning = marginal_of(baseline, prior_precision(state, hyper), where, at)
         hyper = replace(hyper, rotation_rad=_likeliest_size(turning, ROTATION_CANDIDATES, ROTATION_PRIOR))
     for effect, orders, sizes in (
         (state.distortion, DISTORTION_ORDERS, DISTORTION_CANDIDATES),
@@ -90,13 +90,13 @@ def maximise_evidence(state: EstimatorState, data: LocalLikelihood, hyper: Hyper
     ):
         assert effect is not None  # solve() refuses an empty state
         part = state.layout.part(effect.name)
-        both = marginal_of(bare, prior_precision(state, hyper), where, np.arange(part.start, part.stop))
+        both = marginal_of(baseline, prior_precision(state, hyper), where, np.arange(part.start, part.stop))
         pinned = gauge[part, part][0::2, 0::2]  # the same for x and y
-        best, known = [], SmoothnessPrior(effect, pinned)
+        best, prior = [], SmoothnessPrior(effect, pinned)
         for axis in (0, 1):
-            one = slice(axis, None, 2)
-            own = LocalLikelihood(both.precision[one, one], both.gradient[one], both.linearisation_point[one])
-            best.append(select_smoothness(own, known, orders, sizes))
+            component = slice(axis, None, 2)
+            own = LocalLikelihood(both.precision[component, component], both.gradient[component], both.linearisation_point[component])
+            best.append(select_smoothness(own, prior, orders, sizes))
         hyper = replace(hyper, **{effect.name: (best[0], best[1])})
     return hyper
 
@@ -109,21 +109,21 @@ def select_row_shift_size(
     Chosen in turn with the drift's the two chase each other: a drift a little too stiff leaves its change from frame to frame to the rows,
     whose shifts, grown from 0.06 px to 0.6 px, then leave nothing for the drift to bend for.
     """
-    lines, bare = (
+    lines, baseline = (
         np.arange(*state.layout.part("line_shift").indices(state.layout.size)),
         data.scaled(hyper.noise_scale**-2.0).with_prior(gauge),
     )
-    shifted = marginal_of(bare, prior_precision(state, replace(hyper, drift=Hyperparameters().drift)), sides(state), lines)
+    shifted = marginal_of(baseline, prior_precision(state, replace(hyper, drift=Hyperparameters().drift)), sides(state), lines)
     return replace(hyper, row_shift_px=_likeliest_size(shifted, LINE_CANDIDATES, ROW_SHIFT_PRIOR))
 
 
-def marginal_of(bare: LocalLikelihood, belief: NDArray[np.float64], where: ComponentBlocks, at: NDArray[np.int64]) -> LocalLikelihood:
+def marginal_of(baseline: LocalLikelihood, belief: NDArray[np.float64], where: ComponentBlocks, at: NDArray[np.int64]) -> LocalLikelihood:
     """What is known of some parameters, with all others integrated out and what `belief` says of these left out."""
-    gone = np.ones(len(bare.gradient), dtype=bool)
-    gone[at] = False
-    belief = np.where(gone[:, None], belief, 0.0)  # no belief joins parameters of two effects
-    precision, pull = marginalise(bare.precision + belief, bare.gradient - belief @ bare.linearisation_point, where, gone)
-    return LocalLikelihood(precision, pull, bare.linearisation_point[~gone])
+    eliminated = np.ones(len(baseline.gradient), dtype=bool)
+    eliminated[at] = False
+    belief = np.where(eliminated[:, None], belief, 0.0)  # no belief joins parameters of two effects
+    precision, pull = marginalise(baseline.precision + belief, baseline.gradient - belief @ baseline.linearisation_point, where, eliminated)
+    return LocalLikelihood(precision, pull, baseline.linearisation_point[~eliminated])
 
 
 def _likeliest_size(data: LocalLikelihood, candidates: NDArray[np.float64], believed: tuple[float, float]) -> float:
@@ -159,41 +159,41 @@ class SmoothnessPrior:
         return self._spread[kind]
 
 
-def select_smoothness(data: LocalLikelihood, known: SmoothnessPrior, orders: Orders, sizes: NDArray[np.float64]) -> Smoothness:
+def select_smoothness(data: LocalLikelihood, prior: SmoothnessPrior, orders: Orders, sizes: NDArray[np.float64]) -> Smoothness:
     """The kind and size of smoothness with the largest marginal likelihood, for one component of one effect.
 
     The marginal likelihood is a likelihood of held-out data: that of the first block mean, times that of the second as the first foretells
     it, and so on to the last, in any order. A drift is asked whether it swings only where it bends enough for that to matter.
     """
-    data = data.with_prior(known.base)
+    data = data.with_prior(prior.base)
     best, highest = Smoothness(2, 0.0), -np.inf
-    for group in (orders, OSCILLATING_PRIORS) if isinstance(known.effect, DriftSpline) else (orders,):
+    for group in (orders, OSCILLATING_PRIORS) if isinstance(prior.effect, DriftSpline) else (orders,):
         for kind, belief in group.items() if group is orders or best.size_px > STILL_PX else ():
-            score = _scores(data, known, kind, sizes) + log_prior(sizes, belief)
+            score = _scores(data, prior, kind, sizes) + log_prior(sizes, belief)
             at = int(np.argmax(score))
             if score[at] > highest:
                 best, highest = smoothness_of_kind(kind, float(sizes[at])), float(score[at])
     return best
 
 
-def _scores(data: LocalLikelihood, known: SmoothnessPrior, kind: Kind, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
+def _scores(data: LocalLikelihood, smoothness_prior: SmoothnessPrior, kind: Kind, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Logarithm of the marginal likelihood of each size, up to what all kinds and sizes have in common.
 
     One generalised eigendecomposition serves all sizes s of a kind: with the precision ``P`` of data and base belief,
     ``V^T (P + R / s0^2) V = 1`` and ``V^T R V = L``, every posterior precision ``P + R / s^2`` is diagonal, as is the prior in its own.
     """
-    roughness, tight = smoothness_of_kind(kind, 1.0).roughness(known.effect), sizes**-2.0
+    roughness, tight = smoothness_of_kind(kind, 1.0).roughness(smoothness_prior.effect), sizes**-2.0
     data, held = _about_tightest(data, roughness * tight.max())
-    values, vectors = _spectrum(known.effect, kind, regularise(data.precision + roughness * tight[-1]))
+    values, vectors = _spectrum(smoothness_prior.effect, kind, regularise(data.precision + roughness * tight[-1]))
     held_back = smoothness_of_kind(kind, 1.0).filter
-    drifts = isinstance(known.effect, DriftSpline)
+    drifts = isinstance(smoothness_prior.effect, DriftSpline)
     # By differences, or what is left of large values would be lost.
     bent = held_back.reversed(held_back.of(data.linearisation_point)) if drifts else roughness @ data.linearisation_point
     pull = data.gradient @ vectors - np.outer(tight, bent @ vectors)
     more = 1.0 + np.outer(tight - tight[-1], values)
     fit = (pull**2 / more).sum(axis=1) - tight * float(data.linearisation_point @ bent)
     after = np.log(more).sum(axis=1) - 2.0 * float(np.linalg.slogdet(vectors)[1])
-    prior = np.log1p(np.outer(tight, known.spread(kind))).sum(axis=1)
+    prior = np.log1p(np.outer(tight, smoothness_prior.spread(kind))).sum(axis=1)
     return np.asarray(held + 0.5 * (fit + prior - after), dtype=np.float64)
 
 
@@ -221,9 +221,9 @@ def _about_tightest(data: LocalLikelihood, belief: NDArray[np.float64]) -> tuple
     About a point that bends a tight belief is the small difference of large numbers.
     """
     step = np.linalg.solve(regularise(data.precision + belief), data.gradient - belief @ data.linearisation_point)
-    asked = data.precision @ step
-    return LocalLikelihood(data.precision, data.gradient - asked, data.linearisation_point + step), float(
-        data.gradient @ step - 0.5 * step @ asked
+    gradient = data.precision @ step
+    return LocalLikelihood(data.precision, data.gradient - gradient, data.linearisation_point + step), float(
+        data.gradient @ step - 0.5 * step @ gradient
     )
 
 

@@ -37,14 +37,14 @@ def raster_terms(
     subsets do not count more than once.
     """
     where = sides(state)
-    bare, tests = data.scaled(hyper.noise_scale**-2.0).with_prior(gauge), []
+    baseline, tests = data.scaled(hyper.noise_scale**-2.0).with_prior(gauge), []
     for number, change in enumerate(state.raster):
         part = state.layout.part(change.name)
         off = _sized(hyper, number, 0.0)
-        own = marginal_of(bare, prior_precision(state, off), where, np.arange(part.start, part.stop))
+        own = marginal_of(baseline, prior_precision(state, off), where, np.arange(part.start, part.stop))
         still = _from_zero(own, part.stop - part.start)
         if change.term is RasterTerm.ROTATION:
-            gains, turns = _gains_of_rotation(state, bare, off, change, gauge[part, part])
+            gains, turns = _gains_of_rotation(state, baseline, off, change, gauge[part, part])
         else:
             gains = np.array([_gain(still, raster_prior(change, size), gauge[part, part]) for size in RASTER_CANDIDATES])
             turns = np.full(len(gains), hyper.rotation_rad)
@@ -56,12 +56,12 @@ def raster_terms(
 
 
 def _sized(hyper: Hyperparameters, number: int, size_px: float) -> Hyperparameters:
-    sizes = [size_px if at == number else one for at, one in enumerate(hyper.raster_px)]
+    sizes = [size_px if at == number else value for at, value in enumerate(hyper.raster_px)]
     return replace(hyper, raster_px=(sizes[0], sizes[1]))
 
 
 def _gains_of_rotation(
-    state: EstimatorState, bare: LocalLikelihood, off: Hyperparameters, change: RasterChange, gauge: NDArray[np.float64]
+    state: EstimatorState, baseline: LocalLikelihood, off: Hyperparameters, change: RasterChange, gauge: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """How much likelier the data become for each size of the raster's rotation, and the size of the specimen's that goes with it.
 
@@ -70,7 +70,7 @@ def _gains_of_rotation(
     """
     part, turning = state.layout.part(change.name), rotation_indices(state)
     at = np.concatenate((np.arange(part.start, part.stop), turning))
-    own, count = marginal_of(bare, prior_precision(state, off), sides(state), at), part.stop - part.start
+    own, count = marginal_of(baseline, prior_precision(state, off), sides(state), at), part.stop - part.start
     order = np.argsort(np.argsort(at))  # what is kept comes sorted
     own = _from_zero(LocalLikelihood(own.precision[np.ix_(order, order)], own.gradient[order], own.linearisation_point[order]), count)
     sizes = np.concatenate(([0.0], RASTER_CANDIDATES))
@@ -109,8 +109,8 @@ def distortion_advection(
         if rows.from_reference:
             noise -= rows.weight * column
             noise_pull -= rows.weight * misfit
-    seen = state.reference.weight > 0
-    per = np.where(seen, 1.0 / np.where(seen, state.reference.weight, 1.0), 0.0)
+    used = state.reference.weight > 0
+    per = np.where(used, 1.0 / np.where(used, state.reference.weight, 1.0), 0.0)
     own -= float(np.sum(noise**2 * per))
     pulled -= float(np.sum(noise * noise_pull * per))
     for axis in (0, 1):
@@ -120,9 +120,9 @@ def distortion_advection(
     solved = factorise(full.precision, sides(state)).solve(np.column_stack((across * weight, full.gradient)))
     # `mean` is the best fit of all others, but for rounding, so what they would take over is the step that is left.
     step = full.linearisation_point + solved[:, 1] - mean
-    known = own * weight - float(across @ solved[:, 0]) * weight
-    gamma = (pulled * weight - float(across @ step) * weight) / known if known > 0 else 0.0
-    sigma = known**-0.5 if known > 0 else np.inf
+    information = own * weight - float(across @ solved[:, 0]) * weight
+    gamma = (pulled * weight - float(across @ step) * weight) / information if information > 0 else 0.0
+    sigma = information**-0.5 if information > 0 else np.inf
     # Far from both 0 and 1 it is neither: something else is wrong, and carrying would only hide it.
     carried = bool(abs(gamma - 1.0) < 0.4 and gamma > COUPLING_SIGMAS * sigma)
     return TermTest("coupling", carried, (gamma / sigma) ** 2, 0.5 * (gamma**2 - (1.0 - gamma) ** 2) / sigma**2, float(gamma), float(sigma))
@@ -139,8 +139,8 @@ def advection_column(state: EstimatorState, rows: MapObservations, mean: NDArray
 
 def _carried_at(state: EstimatorState, when: FrameTime, at: NDArray[np.float64], mean: NDArray[np.float64]) -> NDArray[np.float64]:
     assert state.drift is not None  # there are rows
-    seen = sighting(when, at[:, 0], at[:, 1])
-    drift = state.drift.rows(seen.visit_time_s.mean(axis=0)) @ mean[state.layout.part("drift")].reshape(-1, 2)
+    observation = sighting(when, at[:, 0], at[:, 1])
+    drift = state.drift.rows(observation.visit_time_s.mean(axis=0)) @ mean[state.layout.part("drift")].reshape(-1, 2)
     bend = mean[state.layout.part("distortion")]
     before = at - drift
     return state.distortion.field(bend, before[:, 0], before[:, 1]) - state.distortion.field(bend, at[:, 0], at[:, 1])
@@ -163,5 +163,5 @@ def _gain(own: LocalLikelihood, prior: NDArray[np.float64], gauge: NDArray[np.fl
 def _f_ratio(own: LocalLikelihood) -> float:
     """Mean square per degree of freedom that the term would explain; 1 where there is nothing, whatever its number of knots."""
     values, vectors = np.linalg.eigh(own.precision)
-    told = values > 1e-3  # a tenth of a pixel and better is told by the data at all
-    return float(np.mean((own.gradient @ vectors[:, told]) ** 2 / values[told])) if told.any() else 0.0
+    determined = values > 1e-3  # a tenth of a pixel and better is told by the data at all
+    return float(np.mean((own.gradient @ vectors[:, determined]) ** 2 / values[determined])) if determined.any() else 0.0

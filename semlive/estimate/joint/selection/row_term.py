@@ -23,7 +23,7 @@ def row_groups(state: EstimatorState) -> UniformSpline:
     return UniformSpline(0.0, (state.height_px - 1) / count, count, 1)
 
 
-def row_shift_term_test(state: EstimatorState, left: Sequence[Field], noise_scale: float) -> tuple[TermTest, float]:
+def row_shift_term_test(state: EstimatorState, misfit: Sequence[Field], noise_scale: float) -> tuple[TermTest, float]:
     """The test, and the likeliest size of the shifts, px.
 
     Blocks side by side saw the same rows, so their mean residual is the rows' shift plus what noise gives; what drift and distortion have
@@ -34,13 +34,13 @@ def row_shift_term_test(state: EstimatorState, left: Sequence[Field], noise_scal
         left: residual (blocks, 2) of each map from frame 0 or within a pair that has weight, px, in the order of the state's rows.
         noise_scale: of the data.
     """
-    told = [rows for rows in state.rows if rows.weight.any()]
-    of_x, of_y = ([_of_rows(state, rows, residual, axis) for rows, residual in zip(told, left, strict=True)] for axis in (0, 1))
-    (mean, weight), (other, other_weight) = (tuple(np.concatenate(one) for one in zip(*both, strict=True)) for both in (of_x, of_y))
+    used_rows = [rows for rows in state.rows if rows.weight.any()]
+    of_x, of_y = ([_of_rows(state, rows, residual, axis) for rows, residual in zip(used_rows, misfit, strict=True)] for axis in (0, 1))
+    (mean, weight), (mean_y, other_weight) = (tuple(np.concatenate(value) for value in zip(*both, strict=True)) for both in (of_x, of_y))
     gain = _gains(mean, weight * noise_scale**-2.0)
-    beside = _gains(other, other_weight * noise_scale**-2.0)
+    gains_y = _gains(mean_y, other_weight * noise_scale**-2.0)
     best = int(np.argmax(gain))
-    more = float(gain[best] - max(float(beside.max()), 0.0))
+    more = float(gain[best] - max(float(gains_y.max()), 0.0))
     z = mean * np.sqrt(weight) / noise_scale
     return TermTest("line_shift", more > MIN_BAYES_FACTOR, float(np.mean(z**2)), more), float(LINE_CANDIDATES[best])
 
@@ -50,8 +50,8 @@ def _of_rows(state: EstimatorState, rows: MapObservations, residual: Field, axis
     shape = state.blocks.layout
     weight = rows.weight[:, axis].reshape(shape)
     total = weight.sum(axis=1)
-    seen = total > 0
-    return (weight * residual[:, axis].reshape(shape)).sum(axis=1)[seen] / total[seen], total[seen]
+    used = total > 0
+    return (weight * residual[:, axis].reshape(shape)).sum(axis=1)[used] / total[used], total[used]
 
 
 def _gains(mean: Field, weight: Field) -> Field:

@@ -31,14 +31,18 @@ def reestimate_advection(solution: Solution, since: int) -> TermTest:
         solution.shared_posterior.step[solution.shared_posterior.chain.border.part(NOISE)],
         solution.state.distortion.carried,
     )
-    told = [rows for rows in state.rows if rows.weight.any() and rows.disparity_px.any()]
-    columns = [advection_column(solution.state, rows, solution.mean) for rows in told]
-    as_data = tuple(replace(rows, disparity_px=column) for rows, column in zip(told, columns, strict=True))
+    used_rows = [rows for rows in state.rows if rows.weight.any() and rows.disparity_px.any()]
+    columns = [advection_column(solution.state, rows, solution.mean) for rows in used_rows]
+    as_data = tuple(replace(rows, disparity_px=column) for rows, column in zip(used_rows, columns, strict=True))
     fit = solve_shared(eliminate_all(replace(state, rows=as_data), solution.hyper, np.zeros(len(near))))
     unexplained = _left(replace(state, rows=as_data), mean_of(fit), fit.step[fit.chain.border.part(NOISE)])
-    misfit = _left(replace(state, rows=tuple(told)), near, noise_px)
-    own = sum(float(np.sum(rows.weight * one * column)) for rows, one, column in zip(told, unexplained, columns, strict=True))
-    pulled = sum(float(np.sum(rows.weight * one * left)) for rows, one, left in zip(told, unexplained, misfit, strict=True))
+    misfit = _left(replace(state, rows=tuple(used_rows)), near, noise_px)
+    own = sum(
+        float(np.sum(rows.weight * residual * column)) for rows, residual, column in zip(used_rows, unexplained, columns, strict=True)
+    )
+    pulled = sum(
+        float(np.sum(rows.weight * residual * change)) for rows, residual, change in zip(used_rows, unexplained, misfit, strict=True)
+    )
     gamma = float(carried) + (pulled / own if own > 0 else 0.0)  # where it is carried already, the misfit asks for less or more of it
     sigma = float(solution.hyper.noise_scale / np.sqrt(own)) if own > 0 else np.inf
     doubtful = abs(gamma - float(carried)) > COUPLING_SIGMAS * sigma
@@ -51,10 +55,10 @@ def _better_otherwise(state: EstimatorState, hyper: Hyperparameters, near: Vecto
     """Whether the pairs of a state leave less with the distortion carried if it is not, or not carried if it is."""
     about = replace(state, linearisation_point=near)
     spreads = []
-    for one in (state, with_static_distortion(about) if state.distortion.carried else with_advected_distortion(about)):
-        fit = solve_shared(eliminate_all(one, hyper, near))
-        left = _left(one, mean_of(fit), fit.step[fit.chain.border.part(NOISE)])
-        z = np.concatenate([(residual * np.sqrt(rows.weight)).ravel() for rows, residual in zip(one.rows, left, strict=True)])
+    for candidate in (state, with_static_distortion(about) if state.distortion.carried else with_advected_distortion(about)):
+        fit = solve_shared(eliminate_all(candidate, hyper, near))
+        left = _left(candidate, mean_of(fit), fit.step[fit.chain.border.part(NOISE)])
+        z = np.concatenate([(residual * np.sqrt(rows.weight)).ravel() for rows, residual in zip(candidate.rows, left, strict=True)])
         spreads.append(float(np.mean(z**2)))
     return spreads[1] < spreads[0]
 

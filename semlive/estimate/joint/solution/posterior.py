@@ -98,10 +98,10 @@ def solve_both_couplings(state: EstimatorState) -> tuple[Solution, Solution | No
     Raises:
         IllPosed: there are no data, or they are not finite.
     """
-    chosen, other = _couplings(state)
+    chosen, alternative = _couplings(state)
     found = _finished(chosen, state.storage)
     try:
-        return found, other and _finished(other, state.storage)
+        return found, alternative and _finished(alternative, state.storage)
     except IllPosed:  # what was not chosen may be so wrong that nothing comes of it
         return found, None
 
@@ -165,12 +165,12 @@ def _couplings(state: EstimatorState) -> tuple[_Coupled, _Coupled | None]:
     return still, along
 
 
-def _finished(one: _Coupled, keep: Storage) -> Solution:
-    fitted, lines = _with_line_shifts(one.fitted)
+def _finished(coupled: _Coupled, storage: Storage) -> Solution:
+    fitted, lines = _with_line_shifts(coupled.fitted)
     gauge = gauge_precision(fitted.state)
     fitted = _robust(fitted, gauge)
-    kept = replace(fitted.state, rows=keep.append((), (offload_rows(each, keep) for each in fitted.state.rows)), storage=keep)
-    return _concluded(kept, fitted.data, fitted.hyper, gauge, (*one.terms, lines))
+    stored = replace(fitted.state, rows=storage.append((), (offload_rows(each, storage) for each in fitted.state.rows)), storage=storage)
+    return _concluded(stored, fitted.data, fitted.hyper, gauge, (*coupled.terms, lines))
 
 
 def _fitted(state: EstimatorState, hyper: Hyperparameters, gauge: NDArray[np.float64], near: NDArray[np.float64]) -> _Fitted:
@@ -231,8 +231,8 @@ def _with_line_shifts(fitted: _Fitted) -> tuple[_Fitted, TermTest]:
     return _fitted(state, select_row_shift_size(state, data, start, gauge), gauge, mean), test
 
 
-def _same(one: Hyperparameters, two: Hyperparameters) -> bool:
-    return abs(np.log(one.noise_scale / two.noise_scale)) < CONVERGENCE_TOLERANCE
+def _same(first: Hyperparameters, second: Hyperparameters) -> bool:
+    return abs(np.log(first.noise_scale / second.noise_scale)) < CONVERGENCE_TOLERANCE
 
 
 def _as_it_is(state: EstimatorState) -> EstimatorState:
@@ -241,18 +241,18 @@ def _as_it_is(state: EstimatorState) -> EstimatorState:
 
 def _robust(fitted: _Fitted, gauge: NDArray[np.float64]) -> _Fitted:
     """Refitted with Huber's weights of block means, where any lies far off; points far off their own block never get into its mean."""
-    whole = fitted.state
+    state = fitted.state
     for _ in range(HUBER_PASSES):
         limit = HUBER * fitted.hyper.noise_scale
-        left = iter(residuals(fitted.state, fitted.mean))
-        kept, any_far = list[MapObservations](), False
-        for rows in whole.rows:
-            far = np.abs(next(left)) * np.sqrt(rows.weight) if rows.weight.any() else np.zeros_like(rows.weight)
-            kept.append(replace(rows, weight=rows.weight * (limit / np.maximum(far, limit))) if (far > limit).any() else rows)
+        misfit = iter(residuals(fitted.state, fitted.mean))
+        retained, any_far = list[MapObservations](), False
+        for rows in state.rows:
+            far = np.abs(next(misfit)) * np.sqrt(rows.weight) if rows.weight.any() else np.zeros_like(rows.weight)
+            retained.append(replace(rows, weight=rows.weight * (limit / np.maximum(far, limit))) if (far > limit).any() else rows)
             any_far = any_far or bool((far > limit).any())
         if not any_far:
             return fitted
-        fitted = _fitted(reweight(fitted.state, tuple(kept)), fitted.hyper, gauge, fitted.mean)
+        fitted = _fitted(reweight(fitted.state, tuple(retained)), fitted.hyper, gauge, fitted.mean)
     return fitted
 
 
@@ -302,8 +302,8 @@ def _posterior_about(
 def residuals(state: EstimatorState, mean: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """(blocks, 2) residual of the block means of each map with any weight, px, without the noise of frame 0 in maps from it."""
     noise_px = state.reference.mean_px(mean)
-    told = [rows for rows in state.rows if rows.weight.any()]
-    return [rows.disparity_px - predicted(state, rows, mean) + (noise_px if rows.from_reference else 0.0) for rows in told]
+    used_rows = [rows for rows in state.rows if rows.weight.any()]
+    return [rows.disparity_px - predicted(state, rows, mean) + (noise_px if rows.from_reference else 0.0) for rows in used_rows]
 
 
 def _noise(
@@ -321,8 +321,8 @@ def _noise(
     """
     blocks, noise = state.blocks, state.reference
     z, variance, fields = [(noise.mean_px(mean) * np.sqrt(noise.prior))[noise.prior > 0]], [], []
-    told = [rows for rows in state.rows if rows.weight.any()]
-    for rows, residual in zip(told, residuals(state, mean), strict=True):
+    used_rows = [rows for rows in state.rows if rows.weight.any()]
+    for rows, residual in zip(used_rows, residuals(state, mean), strict=True):
         used = rows.weight > 0
         fields.append(residual * np.sqrt(rows.weight))
         z.append(fields[-1][used])
@@ -348,10 +348,13 @@ def _scatter(blocks: Blocks, fields: list[NDArray[np.float64]], limit: float) ->
     """
     if not fields:
         return 1.0
-    seen = np.clip(np.stack(fields), -limit, limit).reshape(len(fields), *blocks.layout, 2)
-    along_x, along_y = seen[:, :, 1:] * seen[:, :, :-1], seen[:, 1:] * seen[:, :-1]
+    clipped = np.clip(np.stack(fields), -limit, limit).reshape(len(fields), *blocks.layout, 2)
+    along_x, along_y = clipped[:, :, 1:] * clipped[:, :, :-1], clipped[:, 1:] * clipped[:, :-1]
     inflation = 1.0
-    for product, pair in ((along_x, (seen[:, :, 1:] != 0) & (seen[:, :, :-1] != 0)), (along_y, (seen[:, 1:] != 0) & (seen[:, :-1] != 0))):
-        power = float(np.mean(seen[seen != 0] ** 2)) if seen.any() else 1.0
+    for product, pair in (
+        (along_x, (clipped[:, :, 1:] != 0) & (clipped[:, :, :-1] != 0)),
+        (along_y, (clipped[:, 1:] != 0) & (clipped[:, :-1] != 0)),
+    ):
+        power = float(np.mean(clipped[clipped != 0] ** 2)) if clipped.any() else 1.0
         inflation *= 1.0 + 2.0 * max(float(product.sum()) / max(int(pair.sum()), 1) / power, 0.0)
     return float(np.clip(1.0 / inflation, blocks.block_variance_ratio, 1.0))

@@ -26,7 +26,7 @@ from semlive.estimate.joint.solution.advection import reestimate_advection, rms_
 from semlive.estimate.joint.solution.posterior import Solution, posterior_from_elimination, select_and_solve
 
 
-def solve_incremental(state: EstimatorState, known: Solution | None) -> Solution:
+def solve_incremental(state: EstimatorState, previous: Solution | None) -> Solution:
     """The solution after a further pair, given that of an earlier one.
 
     Noise scale, smoothness, optional terms and coupling are chosen anew after 1, 2, 3, 4, 6, 8, 12, 16, 24, ... pairs and kept in
@@ -41,37 +41,37 @@ def solve_incremental(state: EstimatorState, known: Solution | None) -> Solution
     Raises:
         IllPosed: there are no data, or they are not finite; or `known` is of pairs that the state does not have.
     """
-    if known is None or (selection_due(len(state.phases)) and dense_limit(state) == len(state.phases)):
+    if previous is None or (selection_due(len(state.phases)) and dense_limit(state) == len(state.phases)):
         return solve(state)
-    followed = posterior_from_elimination(_gone_on(state, known), known.terms, known.noise_floor_px)
+    followed = posterior_from_elimination(_gone_on(state, previous), previous.terms, previous.noise_floor_px)
     return _anew(followed, previous_selection(len(state.phases))) if selection_due(len(state.phases)) else followed
 
 
-def solve_newest(state: EstimatorState, known: Solution, pairs: int = 1) -> Solution:
+def solve_newest(state: EstimatorState, previous: Solution, pairs: int = 1) -> Solution:
     """The same for so many newest pairs alone, and for what all pairs share: costs as much after a thousand pairs as after ten.
 
     The mean of what belongs to earlier pairs stays where the last choice left it.
     """
-    return posterior_from_elimination(_gone_on(state, known), known.terms, known.noise_floor_px, newest=pairs)
+    return posterior_from_elimination(_gone_on(state, previous), previous.terms, previous.noise_floor_px, newest=pairs)
 
 
-def solve_live(state: EstimatorState, known: Solution | None) -> Solution:
+def solve_live(state: EstimatorState, previous: Solution | None) -> Solution:
     """What is wanted at once after a further pair: the `LIVE_WINDOW_PAIRS` newest pairs, with the choices that were made before.
 
     So the first 32 pairs are smoothed whole every time, and of a longer run what is older than that moves when `solve_incremental` chooses.
     """
-    return solve(state) if known is None else solve_newest(state, known, LIVE_WINDOW_PAIRS)
+    return solve(state) if previous is None else solve_newest(state, previous, LIVE_WINDOW_PAIRS)
 
 
-def _gone_on(state: EstimatorState, known: Solution) -> EliminationChain:
+def _gone_on(state: EstimatorState, previous: Solution) -> EliminationChain:
     """The known elimination, with the pairs that it has not seen."""
-    chain, before = known.shared_posterior.chain, known.state
+    chain, before = previous.shared_posterior.chain, previous.state
     if state.motions.pairs[: len(before.motions.pairs)] != before.motions.pairs:
         raise IllPosed("the earlier solution is of another run: begin without one")
     # Drift goes on from where it was found to be; what belongs to the past is in no column that is still to be made.
     local = slice(before.layout.part("drift").start + chain.border.counts[DRIFT], before.layout.part("drift").stop)
     before = replace(before, linearisation_point=before.linearisation_point.copy())
-    before.linearisation_point[local] = known.mean[local]
+    before.linearisation_point[local] = previous.mean[local]
     if (
         before.distortion.carried or before.row_shifts.size
     ):  # columns that a fresh state does not have, so the earlier pairs' are taken over
@@ -96,8 +96,8 @@ def solve(state: EstimatorState) -> Solution:
     first = dense_limit(state)
     if first == len(state.phases):
         return select_and_solve(state)
-    known = select_and_solve(first_pairs(state, first))
-    return _anew(posterior_from_elimination(_gone_on(state, known), known.terms, known.noise_floor_px), first)
+    previous = select_and_solve(first_pairs(state, first))
+    return _anew(posterior_from_elimination(_gone_on(state, previous), previous.terms, previous.noise_floor_px), first)
 
 
 def _anew(solution: Solution, since: int) -> Solution:
@@ -117,7 +117,7 @@ def _anew(solution: Solution, since: int) -> Solution:
     larger = residual_noise_ratio(state, solution.mean, noise_px, since)
     turned = rms_rotation(state, solution.mean, solution.hyper.rotation_rad)
     hyper = replace(solution.hyper, noise_scale=larger * solution.hyper.noise_scale, rotation_rad=turned)
-    before = tuple(test if one.name == test.name else one for one in solution.terms)
+    before = tuple(test if term.name == test.name else term for term in solution.terms)
     hyper, terms = reselect_temporal_terms(state, hyper, before, solution.mean, noise_px)
     chain = eliminate_all(state, hyper, solution.mean)  # eliminates the pairs; the belief about the distortion comes after
     return posterior_from_elimination(replace(chain, hyper=reselect_distortion_smoothness(chain)), terms, larger * solution.noise_floor_px)
@@ -131,14 +131,14 @@ def selection_due(pairs: int) -> bool:
 
 def previous_selection(pairs: int) -> int:
     """The largest number of pairs below this one after which choices were due; 1 for the first."""
-    return next((one for one in range(pairs - 1, 0, -1) if selection_due(one)), 1)
+    return next((count for count in range(pairs - 1, 0, -1) if selection_due(count)), 1)
 
 
-def _caught_up(known: EstimatorState, state: EstimatorState) -> EstimatorState:
+def _caught_up(previous: EstimatorState, state: EstimatorState) -> EstimatorState:
     """The earlier state with the pairs that it has not seen."""
-    seen = set(known.motions.pairs)
+    present = set(previous.motions.pairs)
     for pair, phase in itertools.islice(zip((0, *state.motions.pairs), state.phases, strict=True), 1, None):
-        if pair not in seen:
+        if pair not in present:
             maps = tuple(rows.dmap for rows in rows_of(state, (pair,)))
-            known = update(known, pair, phase, (state.frame_time(2 * pair), state.frame_time(2 * pair + 1)), maps)
-    return known
+            previous = update(previous, pair, phase, (state.frame_time(2 * pair), state.frame_time(2 * pair + 1)), maps)
+    return previous
