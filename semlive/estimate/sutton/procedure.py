@@ -131,7 +131,7 @@ def _drifts(state: SuttonState, options: SuttonOptions, removal: Removal | None)
 def _phases(state: SuttonState) -> list[list[PairMaps]]:
     """Calibration and measurement apart (footnote 5), or everything as one record; a phase of one pair joins the one before."""
     pairs = list(state.pairs)
-    cut = next((at for at, value in enumerate(pairs) if not value.calibrates), len(pairs))
+    cut = next((at for at, pair_maps in enumerate(pairs) if not pair_maps.calibrates), len(pairs))
     if not state.settings.sutton_phases_apart or cut == 0 or len(pairs) - cut < 2:
         return [pairs]
     return [pairs[:cut], pairs[cut:]]

@@ -92,7 +92,7 @@ def correction_strain_sigma(solution: SuttonSolution, dmap: DisparityMap) -> Ten
 
 def _by_start_times(solution: SuttonSolution, pair: int) -> Tensor2:
     """What the uncertain starts of a pair's scans do to the strain of its frames."""
-    own = next(value for value in solution.state.pairs if value.pair == pair)
+    own = next(pair_maps for pair_maps in solution.state.pairs if pair_maps.pair == pair)
     if own.within is None or not own.within.valid.any():
         return Tensor2(0.0, 0.0, 0.0)
     return start_time_strain(own.times, [float(component[own.within.valid].mean()) for component in (own.within.u_px, own.within.v_px)])

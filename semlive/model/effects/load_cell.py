@@ -52,4 +52,4 @@ LOAD_CELL_EFFECTS = frozenset(effect.name for effect in LOADS)
 
 def load_effect(name: str) -> LoadEffectClass | None:
     """The effect of readings or clocks of a name; None if it is none."""
-    return next((value for value in (*LOADS, CLOCK, OUT_OF_PLANE) if value.name == name), None)
+    return next((family for family in (*LOADS, CLOCK, OUT_OF_PLANE) if family.name == name), None)

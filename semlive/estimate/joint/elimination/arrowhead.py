@@ -150,7 +150,7 @@ def factorise(precision: Matrix, where: ComponentBlocks, rounding: float = ROUND
 def marginalise(
     precision: Matrix, pull: NDArray[np.float64], where: ComponentBlocks, eliminated: NDArray[np.bool_]
 ) -> tuple[Matrix, NDArray[np.float64]]:
-    """Precision and pull of the parameters that stay, with those that are `gone` (n,) integrated out; first x and y, then the border."""
+    """Precision and gradient of the remaining parameters (x, y, then shared) after marginalising those marked in `eliminated` (n,)."""
     stay = ~eliminated
     shared_gone = where.shared[eliminated[where.shared]]
     retained = np.concatenate((np.flatnonzero(stay), shared_gone))

@@ -116,7 +116,7 @@ def eliminate_all(state: EstimatorState, hyper: Hyperparameters, near: Vector) -
     border = SharedParameters.of(state)
     splines = temporal_splines(state, hyper, border)
     nothing = np.zeros(0)
-    first = tuple(value.first for value in splines)
+    first = tuple(spline.first for spline in splines)
     front = Front(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, border.size)), nothing, first, first)
     total = shared_information(state, border, hyper.noise_scale**-2.0) if state.summed else np.zeros((border.size,) * 2)
     empty = EliminationChain(state, near, hyper, border, (), (), front, total, np.zeros(border.size))
@@ -162,8 +162,8 @@ def eliminate_further(chain: EliminationChain, state: EstimatorState, near: Vect
         for shared_rows in information.shared:
             shared_rows.add_to(total, chain.border.counts[DISTORTION])
         pull += information.shared_gradient
-        sizes = tuple(max(value.size_at(_end_s(times[pair])), size) for value, size in zip(splines, front.sizes, strict=True))
-        over = (value.interval(_over_s(times[pair])) for value in splines)
+        sizes = tuple(max(spline.size_at(_end_s(times[pair])), size) for spline, size in zip(splines, front.sizes, strict=True))
+        over = (spline.interval(_over_s(times[pair])) for spline in splines)
         past = tuple(max(min(value, limit), before) for value, limit, before in zip(over, limits, front.first_active_knot, strict=True))
         front, step = _eliminated(front, information, splines, (sizes, past), (chain, state, near), total, pull, pair)
         steps.append(step)
@@ -212,7 +212,7 @@ def _eliminated(
     what the step took with it.
     """
     (sizes, past), (chain, state, near) = until, of
-    fresh = [value.codes(before, size) for value, before, size in zip(splines, front.sizes, sizes, strict=True)]
+    fresh = [spline.codes(before, size) for spline, before, size in zip(splines, front.sizes, sizes, strict=True)]
     motion, steadiness, prior_gradient = pair_prior(state, near, pair, chain.hyper)
     codes = np.unique(np.concatenate((front.codes, information.codes, motion, *fresh)))
     own, to_border, pull = np.zeros((len(codes),) * 2), np.zeros((len(codes), chain.border.size)), np.zeros(len(codes))
@@ -343,7 +343,7 @@ def _begin(strand: TemporalSpline, times: tuple[FrameTime, FrameTime]) -> int:
 
 def _begun_later(splines: Sequence[TemporalSpline], times: Sequence[tuple[FrameTime, FrameTime]]) -> list[tuple[int, ...]]:
     """For each of several pairs, in order of time, the first knot of each strand that any later one may touch."""
-    found, least = [], tuple(value.spline.size for value in splines)
+    found, least = [], tuple(spline.spline.size for spline in splines)
     for time in reversed(times):
         found.append(least)
         least = tuple(min(_begin(strand, time), before) for strand, before in zip(splines, least, strict=True))

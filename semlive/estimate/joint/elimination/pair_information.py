@@ -94,11 +94,14 @@ def pair_information(
         of_axis = [map_rows for map_rows in rows if map_rows.axis == axis]
         if not of_axis:
             continue
-        place = np.unique(np.concatenate([value.border[0] for value in of_axis]))
-        held, mine = _together([value.border for value in of_axis], place), _together([value.own for value in of_axis], codes)
+        place = np.unique(np.concatenate([shared_rows.border[0] for shared_rows in of_axis]))
+        held, mine = (
+            _together([shared_rows.border for shared_rows in of_axis], place),
+            _together([shared_rows.own for shared_rows in of_axis], codes),
+        )
         # By the weights' roots: of a matrix and its own transpose half the products are made.
-        root = np.sqrt(np.concatenate([value.weight for value in of_axis]))
-        misfit = root * np.concatenate([value.misfit for value in of_axis])
+        root = np.sqrt(np.concatenate([shared_rows.weight for shared_rows in of_axis]))
+        misfit = root * np.concatenate([shared_rows.misfit for shared_rows in of_axis])
         mine *= root[:, None]
         held *= root[:, None]
         own += mine.T @ mine
@@ -132,7 +135,7 @@ def shared_information(state: EstimatorState, border: SharedParameters, weight: 
 
 
 def _together(parts: Sequence[tuple[NDArray[np.int64], Matrix]], place: NDArray[np.int64]) -> Matrix:
-    """Columns of several maps, each with the places of its own, below each other over the places `whole`."""
+    """Columns of several maps, each with the places of its own, below each other over the places `place`."""
     total = np.zeros((sum(len(value) for _, value in parts), len(place)))
     row = 0
     for at, value in parts:

@@ -159,9 +159,9 @@ def temporal_splines(state: EstimatorState, hyper: Hyperparameters, border: Shar
     assert state.drift is not None  # there are pairs
     found = [
         TemporalSpline(
-            DRIFT, 2, axis, state.drift.spline, border.counts[DRIFT] // 2, (DifferencePenalty(2, BASE_PX**-2.0), value.filter), 0.0
+            DRIFT, 2, axis, state.drift.spline, border.counts[DRIFT] // 2, (DifferencePenalty(2, BASE_PX**-2.0), smoothness.filter), 0.0
         )
-        for axis, value in enumerate(hyper.drift)
+        for axis, smoothness in enumerate(hyper.drift)
     ]
     for change, size_px in zip(state.raster, hyper.raster_px, strict=True):
         kind = KINDS.index(change.name)

@@ -201,7 +201,7 @@ def pair_covariances(ending: SharedPosterior, newest: int | None = None) -> Iter
     through = np.zeros((0, border.size))
     way, remaining = _way_back(ending), newest or 0
     while together := list(islice(way, min(TOGETHER, newest + 1) if newest else TOGETHER)):
-        solved = trsm(1.0, factor, np.concatenate([value.answer for value in together]).T, lower=1, overwrite_b=1).T
+        solved = trsm(1.0, factor, np.concatenate([group.answer for group in together]).T, lower=1, overwrite_b=1).T
         row = 0
         for group in together:
             stop = row + len(group.step.eliminated)

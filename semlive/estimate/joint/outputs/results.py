@@ -61,7 +61,7 @@ def to_estimate(solution: Solution, revision: int, newest_only: bool = False) ->
 
 def consistency_messages(solution: Solution) -> tuple[str, ...]:
     """Whether halves of the data agree, one sentence each; a warning where they do not."""
-    messages = [value.message() for value in consistency(solution)]
+    messages = [check.message() for check in consistency(solution)]
     if solution.hyper.noise_scale > MODEL_MISFIT_FACTOR:
         messages.append(
             f"WARNING: the model leaves {solution.noise_floor_px:.2g} px unexplained, {solution.hyper.noise_scale:.1f} times what the "
@@ -104,7 +104,9 @@ def correction(solution: Solution, dmap: DisparityMap) -> Correction:
 
 def _acting(solution: Solution) -> tuple[tuple[Effect, ...], NDArray[np.float64]]:
     """Effects at the scan address with their parameters; what is held at zero (to 1e-9 px) adds nothing and is left out."""
-    held = {value.name for value, size_px in zip(solution.state.raster, solution.hyper.raster_px, strict=True) if not size_px}
+    held = {
+        raster_effect.name for raster_effect, size_px in zip(solution.state.raster, solution.hyper.raster_px, strict=True) if not size_px
+    }
     model = tuple(effect for effect in solution.state.model if not effect.needs_ideal and effect.name not in held and effect.size)
     return model, np.concatenate([solution.part(effect.name) for effect in model])
 

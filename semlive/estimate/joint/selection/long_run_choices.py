@@ -1,4 +1,4 @@
-"""Choices of a long run that concern what all pairs share: the noise, and the smoothness of the distortion."""
+"""Selection of shared hyperparameters in a long run: noise scale and smoothness of the distortion."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ CLIP = 4.0
 
 
 def residual_noise_ratio(state: EstimatorState, mean: Vector, noise_px: Vector, since: int) -> float:
-    """How much larger the residuals of all pairs are than those of the first `since`, which the noise scale is known from.
+    """Ratio of the residuals of all pairs to those of the first `since` pairs, from which the noise scale was estimated.
 
-    Each is judged from some pairs evenly over them. What the estimate takes out of the residuals, some 2 %, it takes out of both.
+    Both are computed from pairs distributed evenly. The fit reduces both by the same fraction of about 2 %.
 
     Args:
         state: the data, linearised about `mean`.
-        mean: (n,) estimate.
-        noise_px: (2 blocks,) estimate of the noise of frame 0, first x, then y.
-        since: number of pairs.
+        mean: (n,) estimate of the joint parameters.
+        noise_px: (2 blocks,) estimate of the noise of frame 0, px, first x, then y.
+        since: number of first pairs.
     """
     every = (0, *state.motions.pairs)
     return _spread(state, mean, noise_px, every) / _spread(state, mean, noise_px, every[:since])
 
 
 def reselect_distortion_smoothness(chain: EliminationChain) -> Hyperparameters:
-    """The likeliest smoothness of the distortion, all pairs' drift and motions and the noise of frame 0 integrated out."""
+    """Most likely smoothness of the distortion after marginalising drift and motions of all pairs and the noise of frame 0."""
     state, hyper, border, spline = chain.state, chain.hyper, chain.border, chain.state.distortion
     _, lower, pull = eliminate_last(chain)
     precision = np.tril(lower) + np.tril(lower, -1).T
@@ -69,7 +69,7 @@ def reselect_distortion_smoothness(chain: EliminationChain) -> Hyperparameters:
 
 
 def _spread(state: EstimatorState, mean: Vector, noise_px: Vector, pairs: tuple[int, ...]) -> float:
-    """Root mean square of normalised residuals, outliers clipped."""
+    """Root mean square of the normalised residuals, outliers clipped."""
     at = np.unique(np.linspace(0, len(pairs) - 1, ENOUGH_PAIRS).astype(int))
     sampled, noise = {pairs[index] for index in at}, noise_px.reshape(2, -1).T
     found = []

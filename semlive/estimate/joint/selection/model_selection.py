@@ -1,4 +1,4 @@
-"""Optional terms, each decided by the data: magnification and rotation of the raster, and whether drift carries the distortion."""
+"""Selection of optional terms from the data: magnification and rotation of the raster, and advection of the distortion by the drift."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ COUPLING_SIGMAS = 4.0
 def raster_terms(
     state: EstimatorState, data: LocalLikelihood, hyper: Hyperparameters, gauge: NDArray[np.float64]
 ) -> tuple[Hyperparameters, tuple[TermTest, ...]]:
-    """Which terms of the raster the data ask for, and how large they may be.
+    """Test the raster terms and select their sizes.
 
-    Each is tested with all other parameters integrated out and the noise as it is in blocks of a subset's size, so that overlapping
-    subsets do not count more than once.
+    Each term is tested after marginalising all other parameters. The noise is that of blocks of subset size, so that overlapping subsets
+    count once.
     """
     where = sides(state)
     baseline, tests = data.scaled(hyper.noise_scale**-2.0).with_prior(gauge), []
@@ -63,10 +63,10 @@ def _sized(hyper: Hyperparameters, number: int, size_px: float) -> Hyperparamete
 def _gains_of_rotation(
     state: EstimatorState, baseline: LocalLikelihood, off: Hyperparameters, change: RasterChange, gauge: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """How much likelier the data become for each size of the raster's rotation, and the size of the specimen's that goes with it.
+    """Log likelihood gain for each size of the raster rotation, and the corresponding size of the specimen rotation.
 
-    From pair to pair the specimen may turn instead, so a size of one is judged with the likeliest of the other: judged with rotations of
-    the specimen as large as the data asked for without the raster's, 5e-4 rad of it were not seen in twelve out of twelve runs.
+    From pair to pair the specimen may rotate instead, so each size is evaluated with the most likely size of the other rotation. With the
+    specimen rotation selected without the raster rotation, a raster rotation of 5e-4 rad was missed in twelve of twelve runs.
     """
     part, turning = state.layout.part(change.name), rotation_indices(state)
     at = np.concatenate((np.arange(part.start, part.stop), turning))
@@ -91,10 +91,10 @@ def _gains_of_rotation(
 def distortion_advection(
     state: EstimatorState, data: LocalLikelihood, mean: NDArray[np.float64], prior: NDArray[np.float64], noise_scale: float
 ) -> TermTest:
-    """How far the drift carries the distortion: gamma of E(R - gamma d), by one column beside all others.
+    """Estimate the advection coefficient gamma of E(R - gamma d) from one column fitted jointly with all other parameters.
 
-    The column is what the maps would show more if the estimated distortion were carried by the estimated drift; its coefficient is
-    found with everything else free, so the rest of the model has had its chance to explain the same.
+    The column is the change of the maps if the drift advected the estimated distortion. All other parameters are free, so they can explain
+    the same change.
     """
     own, pulled, across = 0.0, 0.0, np.zeros(len(mean))
     noise, noise_pull = np.zeros((state.blocks.size, 2)), np.zeros((state.blocks.size, 2))
@@ -123,13 +123,13 @@ def distortion_advection(
     information = own * weight - float(across @ solved[:, 0]) * weight
     gamma = (pulled * weight - float(across @ step) * weight) / information if information > 0 else 0.0
     sigma = information**-0.5 if information > 0 else np.inf
-    # Far from both 0 and 1 it is neither: something else is wrong, and carrying would only hide it.
+    # A value far from both 0 and 1 indicates another model error, which advection would hide.
     carried = bool(abs(gamma - 1.0) < 0.4 and gamma > COUPLING_SIGMAS * sigma)
     return TermTest("coupling", carried, (gamma / sigma) ** 2, 0.5 * (gamma**2 - (1.0 - gamma) ** 2) / sigma**2, float(gamma), float(sigma))
 
 
 def advection_column(state: EstimatorState, rows: MapObservations, mean: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(blocks, 2) what carrying adds to a map, taken at the middle of each block."""
+    """(blocks, 2) change of a map by advection of the distortion, px, at the centre of each block."""
     here = rows.position_px + state.centre_px
     there = here + rows.disparity_px
     return _carried_at(state, state.frame_time(rows.current), there, mean) - _carried_at(
@@ -147,21 +147,21 @@ def _carried_at(state: EstimatorState, when: FrameTime, at: NDArray[np.float64],
 
 
 def _from_zero(own: LocalLikelihood, count: int) -> LocalLikelihood:
-    """The same data about a point where the first parameters, those of the term that is judged, are zero."""
+    """The data linearised about a point where the first `count` parameters, those of the tested term, are zero."""
     about = own.linearisation_point.copy()
     about[:count] = 0.0
     return LocalLikelihood(own.precision, own.gradient - own.precision @ (about - own.linearisation_point), about)
 
 
 def _gain(own: LocalLikelihood, prior: NDArray[np.float64], gauge: NDArray[np.float64]) -> float:
-    """How likely the data are with a belief about zero, natural logarithm; the gauge is in what is known already."""
+    """Log likelihood gain of a prior about zero relative to the term being absent; the gauge is part of the data."""
     after, pull = own.precision + prior, own.gradient - prior @ own.linearisation_point
     fit = float(pull @ np.linalg.solve(after, pull)) - float(own.linearisation_point @ prior @ own.linearisation_point)
     return 0.5 * (fit + float(np.linalg.slogdet(prior + gauge)[1]) - float(np.linalg.slogdet(after)[1]))
 
 
 def _f_ratio(own: LocalLikelihood) -> float:
-    """Mean square per degree of freedom that the term would explain; 1 where there is nothing, whatever its number of knots."""
+    """Mean square per degree of freedom explained by the term; 1 on average without an effect, for any number of knots."""
     values, vectors = np.linalg.eigh(own.precision)
     determined = values > 1e-3  # a tenth of a pixel and better is told by the data at all
     return float(np.mean((own.gradient @ vectors[:, determined]) ** 2 / values[determined])) if determined.any() else 0.0

@@ -1,4 +1,4 @@
-"""Choices of a long run that the first pairs made: whether the drift carries the distortion, and how far the specimen turns."""
+"""Selections of a long run that the first pairs determined: distortion advection and typical specimen rotation."""
 
 from __future__ import annotations
 
@@ -21,10 +21,13 @@ LEAST_RAD = 1e-7
 
 
 def reestimate_advection(solution: Solution, since: int) -> TermTest:
-    """Gamma as the pairs since the first `since` have it: one column beside all others, as in `terms.coupling`, along a chain of 32 pairs.
+    """Estimate the advection coefficient gamma again from the pairs after the first `since`.
 
-    The column is fitted by everything else as if it were the data; what is left of it is what gamma alone can explain. Where gamma is not
-    what was chosen, these pairs are fitted both ways, and the smaller misfit decides.
+    The estimate uses one extra column, as in `distortion_advection`, and a chain of 32 pairs. All other parameters are fitted to
+    the column;
+    only the residual of that fit determines gamma. If gamma differs from the selected value, the pairs are fitted with and
+    without advection
+    and the fit with the smaller residual is selected.
     """
     state, near = subset_state(solution, sampled_pair_numbers(solution.state, since))
     noise_px, carried = (
@@ -43,7 +46,7 @@ def reestimate_advection(solution: Solution, since: int) -> TermTest:
     pulled = sum(
         float(np.sum(rows.weight * residual * change)) for rows, residual, change in zip(used_rows, unexplained, misfit, strict=True)
     )
-    gamma = float(carried) + (pulled / own if own > 0 else 0.0)  # where it is carried already, the misfit asks for less or more of it
+    gamma = float(carried) + (pulled / own if own > 0 else 0.0)  # with advection in the model, the residual determines a change of gamma
     sigma = float(solution.hyper.noise_scale / np.sqrt(own)) if own > 0 else np.inf
     doubtful = abs(gamma - float(carried)) > COUPLING_SIGMAS * sigma
     used = carried != _better_otherwise(state, solution.hyper, near) if doubtful else carried
@@ -52,7 +55,7 @@ def reestimate_advection(solution: Solution, since: int) -> TermTest:
 
 
 def _better_otherwise(state: EstimatorState, hyper: Hyperparameters, near: Vector) -> bool:
-    """Whether the pairs of a state leave less with the distortion carried if it is not, or not carried if it is."""
+    """Whether the residual of the pairs of a state is smaller with the other choice of distortion advection."""
     about = replace(state, linearisation_point=near)
     spreads = []
     for candidate in (state, with_static_distortion(about) if state.distortion.carried else with_advected_distortion(about)):
@@ -64,12 +67,12 @@ def _better_otherwise(state: EstimatorState, hyper: Hyperparameters, near: Vecto
 
 
 def _left(state: EstimatorState, mean: Vector, noise_px: Vector) -> list[Matrix]:
-    """(blocks, 2) of each map, what parameters and the noise of frame 0 leave."""
+    """(blocks, 2) residual of each map for given parameters and given noise of frame 0, px."""
     noise = noise_px.reshape(2, -1).T
     return [rows.disparity_px - predicted(state, rows, mean) + (noise if rows.from_reference else 0.0) for rows in state.rows]
 
 
 def rms_rotation(state: EstimatorState, mean: Vector, before_rad: float) -> float:
-    """Root mean square of the rotations of pairs that moved rigidly; as before where there are none."""
+    """Root mean square rotation of the pairs with rigid motion, rad; `before_rad` if there are none."""
     at = rotation_indices(state)
     return max(float(np.sqrt(np.mean(mean[at] ** 2))), LEAST_RAD) if at.size else before_rad
