@@ -49,18 +49,18 @@ class Whiteness:
     @property
     def most_significant(self) -> DomainTest | None:
         """The domain that is no chance, and the least likely one; None where all may be."""
-        least = min(self.where, key=lambda one: (one.p_value, -one.rms_px))  # p-values end at 0
+        least = min(self.where, key=lambda candidate: (candidate.p_value, -candidate.rms_px))  # p-values end at 0
         return least if least.p_value <= self.significance_level else None
 
     def messages(self) -> tuple[str, ...]:
         """A sentence for the operator, where there is something to say."""
-        one = self.most_significant
-        if one is None:
+        test = self.most_significant
+        if test is None:
             return ()
-        chance = f"p = {one.p_value:.1g}" if one.p_value >= 1e-99 else "p < 1e-99"
+        chance = f"p = {test.p_value:.1g}" if test.p_value >= 1e-99 else "p < 1e-99"
         return (
-            f"WARNING: what the estimate leaves of the maps after {self.pairs} pairs is not noise, seen by {_TOLD[one.domain]}: {chance}, "
-            f"{one.rms_px:.4f} px rms; the model lacks something",
+            f"WARNING: what the estimate leaves of the maps after {self.pairs} pairs is not noise, seen by {_TOLD[test.domain]}: {chance}, "
+            f"{test.rms_px:.4f} px rms; the model lacks something",
         )
 
 
@@ -90,24 +90,24 @@ def whiteness_test(solution: Solution, decisions: Sequence[PairDecision]) -> Whi
         return None
 
 
-def _quiet(seen: Observation) -> HyperparameterGrid:
+def _quiet(observation: Observation) -> HyperparameterGrid:
     """As `noise.quiet` has it, with one pass for the noise, the likeliest drift alone, and any distortion."""
-    residual, rough = seen.residual_px(), rough_modes(seen)
-    length_px = likeliest_length_px(seen.grid, seen.valid_blocks, residual - residual.mean(axis=0), rough)
-    columns = design(seen, make_whitener(seen.grid, seen.valid_blocks, length_px, float(residual.std()) or 1e-6))
+    residual, rough = observation.residual_px(), rough_modes(observation)
+    length_px = likeliest_length_px(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough)
+    columns = design(observation, make_whitener(observation.grid, observation.valid_blocks, length_px, float(residual.std()) or 1e-6))
     return with_free_distortion(columns.rescaled(residual_scale(with_free_distortion(columns), rough)))
 
 
-def _looked(quiet: HyperparameterGrid) -> tuple[DomainTest, ...]:
-    asked = domain_contrasts(quiet.design.observation.geometry)
-    f, b, _ = quiet.whitened_residual.shape
+def _looked(baseline: HyperparameterGrid) -> tuple[DomainTest, ...]:
+    gradient = domain_contrasts(baseline.design.observation.geometry)
+    f, b, _ = baseline.whitened_residual.shape
     found = []
-    for domain, field in asked:
-        told = project(quiet, field)
-        values, pull = told.values[0], told.gradient[0]
-        seen = values > MIN_RELATIVE_EIGENVALUE * values[-1]
-        power, count = float(np.sum(pull[seen] ** 2 / values[seen])), int(seen.sum())
-        rms_px = quiet.design.whiten.sigma_px * float(np.sqrt(max(power - count, 0.0) / (2 * f * b)))
+    for domain, field in gradient:
+        projection = project(baseline, field)
+        values, pull = projection.values[0], projection.gradient[0]
+        observed = values > MIN_RELATIVE_EIGENVALUE * values[-1]
+        power, count = float(np.sum(pull[observed] ** 2 / values[observed])), int(observed.sum())
+        rms_px = baseline.design.whiten.sigma_px * float(np.sqrt(max(power - count, 0.0) / (2 * f * b)))
         p_value = float(chi2.sf(power, count)) if count else 1.0
-        found.append(DomainTest(domain, min(1.0, len(asked) * p_value), rms_px))
+        found.append(DomainTest(domain, min(1.0, len(gradient) * p_value), rms_px))
     return tuple(found)

@@ -86,18 +86,18 @@ def compare_with_simulations(measured: Observation, without: Observation, with_e
         BadInput: the runs have not the same frames, or not the same grid.
     """
     runs = (measured, without, with_effects)
-    if len({(one.frames, one.grid) for one in runs}) > 1:
-        told = ", ".join(f"{one.frames} frames of {one.grid.nx} x {one.grid.ny} points" for one in runs)
-        raise BadInput(f"the runs cannot be compared frame by frame: {told}; simulate the scenario of the measured run's own protocol")
-    blocks = reduce(np.intersect1d, [one.valid_blocks for one in runs])
-    baselines = [noise_scaled_baseline(one) for one in runs]
-    left = [_left(one)[:, np.isin(one.design.observation.valid_blocks, blocks)] for one in baselines]
+    if len({(run.frames, run.grid) for run in runs}) > 1:
+        text = ", ".join(f"{run.frames} frames of {run.grid.nx} x {run.grid.ny} points" for run in runs)
+        raise BadInput(f"the runs cannot be compared frame by frame: {text}; simulate the scenario of the measured run's own protocol")
+    blocks = reduce(np.intersect1d, [run.valid_blocks for run in runs])
+    baselines = [noise_scaled_baseline(run) for run in runs]
+    residual = [_left(baseline)[:, np.isin(baseline.design.observation.valid_blocks, blocks)] for baseline in baselines]
     noisier = (baselines[0].design.whiten.sigma_px / baselines[1].design.whiten.sigma_px) ** 2
-    gaps = (left[0] - left[1], left[0] - left[2])
-    maps = _maps(np.stack([*(_squares(one) for one in gaps), (1.0 + noisier) * _squares(left[1])]))
+    gaps = (residual[0] - residual[1], residual[0] - residual[2])
+    maps = _maps(np.stack([*(_squares(gap) for gap in gaps), (1.0 + noisier) * _squares(residual[1])]))
     shapes = np.linalg.qr(modes(measured.geometry)[:, np.isin(measured.valid_blocks, blocks)].mean(axis=0))[0]
-    smooth = [_squares(np.einsum("bk,ck,fcd->fbd", shapes, shapes, one, optimize=True)) for one in left]
-    return Comparison(maps, _sizes(smooth, noisier), len(left[0]), len(blocks))
+    smooth = [_squares(np.einsum("bk,ck,fcd->fbd", shapes, shapes, value, optimize=True)) for value in residual]
+    return Comparison(maps, _sizes(smooth, noisier), len(residual[0]), len(blocks))
 
 
 def _left(run: HyperparameterGrid) -> Array:
@@ -120,8 +120,8 @@ def _again(by_pair: Array) -> Array:
     return np.asarray(by_pair[:, np.random.default_rng(0).integers(n, size=(RESAMPLED, n))].mean(axis=2))
 
 
-def _interval(drawn: Array) -> tuple[float, float]:
-    low, high = np.quantile(drawn, (0.025, 0.975)).tolist()
+def _interval(samples: Array) -> tuple[float, float]:
+    low, high = np.quantile(samples, (0.025, 0.975)).tolist()
     return low, high
 
 
@@ -140,9 +140,9 @@ def _sizes(smooth: list[Array], noisier: float) -> SmoothPowerRatio:
     """By how much the measurement and the simulation with effects exceed the simulation without, noise being scaled."""
     beyond = np.stack([smooth[0] - noisier * smooth[1], smooth[2] - smooth[1]])
     measured, simulated = np.sqrt(np.maximum(beyond.mean(axis=1), 0.0)).tolist()
-    drawn = np.maximum(_again(beyond), 0.0)
+    samples = np.maximum(_again(beyond), 0.0)
     # What the baseline leaves of noise differs by a fifth between runs: drift and distortion are as smooth as each run says.
-    seen = float(np.quantile(drawn[0], 0.025)) > MIN_BEYOND_NOISE_FRACTION * noisier * float(smooth[1].mean())
-    ratios = np.sqrt(drawn[1] / np.maximum(drawn[0], 1e-30))
-    ratio = simulated / measured if seen else 0.0
-    return SmoothPowerRatio(measured if seen else 0.0, simulated, ratio, _interval(ratios) if seen else (0.0, math.inf))
+    observed = float(np.quantile(samples[0], 0.025)) > MIN_BEYOND_NOISE_FRACTION * noisier * float(smooth[1].mean())
+    ratios = np.sqrt(samples[1] / np.maximum(samples[0], 1e-30))
+    ratio = simulated / measured if observed else 0.0
+    return SmoothPowerRatio(measured if observed else 0.0, simulated, ratio, _interval(ratios) if observed else (0.0, math.inf))

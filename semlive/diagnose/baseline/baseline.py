@@ -104,18 +104,20 @@ class DesignMatrix:
     def rescaled(self, by: float) -> DesignMatrix:
         """The same where noise is larger by a factor."""
         columns = self.columns[0] / by, self.columns[1] / by
-        own = [tuple((at, block / by) for at, block in one) for one in self.per_frame_columns]
+        own = [tuple((at, block / by) for at, block in per_frame_column) for per_frame_column in self.per_frame_columns]
         whiten = replace(self.whiten, sigma_px=self.whiten.sigma_px * by)
         return replace(self, whiten=whiten, columns=columns, per_frame_columns=(own[0], own[1]), normal_matrix=self.normal_matrix / by**2)
 
-    def effect_columns(self, fields: Sequence[Array], known: int) -> tuple[slice, ...]:
-        """Where the amplitudes of effects (f, b, 2, q) are among all: the first `known` came first, the others last.
+    def effect_columns(self, fields: Sequence[Array], effect_count: int) -> tuple[slice, ...]:
+        """Where the amplitudes of effects (f, b, 2, q) are among all: the first `effect_count` came first, the others last.
 
         What was added since a spline of the baseline was too coarse lies between.
         """
-        widths = [one.shape[-1] for one in fields]
+        widths = [field.shape[-1] for field in fields]
         between, ends = len(self.sizes_px) - sum(widths), np.cumsum(widths).tolist()
-        starts = [end - width + (0 if place < known else between) for place, (end, width) in enumerate(zip(ends, widths, strict=True))]
+        starts = [
+            end - width + (0 if place < effect_count else between) for place, (end, width) in enumerate(zip(ends, widths, strict=True))
+        ]
         return tuple(slice(start, start + width) for start, width in zip(starts, widths, strict=True))
 
     def with_effects(self, found: BaselineEffect) -> DesignMatrix:
@@ -127,9 +129,9 @@ class DesignMatrix:
         normal[: self.size, : self.size] = self.normal_matrix
         cross = self.transposed(found.columns)
         normal[: self.size, self.size :], normal[self.size :, : self.size] = cross, cross.T
-        normal[self.size :, self.size :] = sum(one.T @ one for one in flat)
-        columns = [np.concatenate((one, more), axis=1) for one, more in zip(self.columns, flat, strict=True)]
-        index = [np.concatenate((one, place)) for one in self.index]
+        normal[self.size :, self.size :] = sum(value.T @ value for value in flat)
+        columns = [np.concatenate((column, more), axis=1) for column, more in zip(self.columns, flat, strict=True)]
+        index = [np.concatenate((value, place)) for value in self.index]
         sizes = np.concatenate((self.sizes_px, np.full(q, found.size_px)))
         return replace(self, columns=(columns[0], columns[1]), index=(index[0], index[1]), normal_matrix=normal, sizes_px=sizes)
 
@@ -140,31 +142,31 @@ def design(observation: Observation, whiten: Whitener) -> DesignMatrix:
     dropped = np.zeros(layout.size, dtype=np.bool_)
     for change in state.raster:
         dropped[layout.part(change.name)] = True  # what the raster does is to be named
-    kept = np.flatnonzero(~dropped)
+    retained = np.flatnonzero(~dropped)
     place = np.full(layout.size, -1)
-    place[kept] = np.arange(len(kept))
-    told = [map_columns(state, one, state.linearisation_point) for one in observation.rows]
+    place[retained] = np.arange(len(retained))
+    told = [map_columns(state, map_rows, state.linearisation_point) for map_rows in observation.rows]
     columns, index, moving = [], [], list[Moving]()
     for axis in (0, 1):
-        touched = np.unique(np.concatenate([one[axis][0] for one in told]))
+        touched = np.unique(np.concatenate([value[axis][0] for value in told]))
         touched = touched[~dropped[touched]]
         at = np.full(layout.size, -1)
         at[touched] = np.arange(len(touched))
         dense = np.zeros((observation.frames, observation.blocks, len(touched)))
-        for frame, one in enumerate(told):
-            own, value = one[axis]
+        for frame, entry in enumerate(told):
+            own, value = entry[axis]
             inside = at[own] >= 0
             dense[frame + 1][:, at[own[inside]]] = value[np.ix_(observation.valid_blocks, inside)]
         columns.append(whiten(dense).reshape(-1, len(touched)))
         index.append(place[touched])
-        there = [np.flatnonzero(one.any(axis=0)) for one in dense]
-        moving.append(tuple((at, whiten.inverse @ one[:, at] / whiten.sigma_px) for at, one in zip(there, dense, strict=True)))
-    normal = np.zeros((len(kept), len(kept)))
+        there = [np.flatnonzero(value.any(axis=0)) for value in dense]
+        moving.append(tuple((at, whiten.inverse @ value[:, at] / whiten.sigma_px) for at, value in zip(there, dense, strict=True)))
+    normal = np.zeros((len(retained), len(retained)))
     for axis in (0, 1):
         normal[np.ix_(index[axis], index[axis])] += columns[axis].T @ columns[axis]
     both, own = (columns[0], columns[1]), (moving[0], moving[1])
-    beliefs = PriorCache.of(observation, kept)
-    return DesignMatrix(observation, whiten, both, own, (index[0], index[1]), kept, normal, np.zeros(0), beliefs)
+    beliefs = PriorCache.of(observation, retained)
+    return DesignMatrix(observation, whiten, both, own, (index[0], index[1]), retained, normal, np.zeros(0), beliefs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -217,12 +219,12 @@ class HyperparameterGrid:
     @property
     def best(self) -> HyperparameterPoint:
         """The likeliest."""
-        return max(self.points, key=lambda one: one.evidence)
+        return max(self.points, key=lambda candidate: candidate.evidence)
 
     @property
     def evidence(self) -> float:
         """Logarithm of the likelihood summed over the rungs."""
-        return float(np.logaddexp.reduce([one.evidence for one in self.points]))
+        return float(np.logaddexp.reduce([point.evidence for point in self.points]))
 
     @property
     def log_evidence(self) -> float:
@@ -240,21 +242,23 @@ class HyperparameterGrid:
 def build_grid(columns: DesignMatrix) -> HyperparameterGrid:
     """For each smoothness of the drift the baseline with the likeliest of the distortion's, but for those that have no hope."""
     tries = _Tries.of(columns)
-    plain = parallel_map(lambda one: (one, tries.rung(one, 1.0)), columns.beliefs.different())
-    best = max((rung for _, rung in plain), key=lambda one: one.evidence)
-    kept = [
-        (one, rung) for one, rung in plain if rung.evidence > best.evidence - MAX_LOG_ODDS_DEFICIT or rung.occam_factor > best.occam_factor
+    plain = parallel_map(lambda candidate: (candidate, tries.rung(candidate, 1.0)), columns.beliefs.different())
+    best = max((rung for _, rung in plain), key=lambda candidate: candidate.evidence)
+    retained = [
+        (value, rung)
+        for value, rung in plain
+        if rung.evidence > best.evidence - MAX_LOG_ODDS_DEFICIT or rung.occam_factor > best.occam_factor
     ]
-    rungs = parallel_map(lambda both: max((both[1], *tries.bent(both[0])), key=lambda one: one.evidence), kept)
+    rungs = parallel_map(lambda both: max((both[1], *tries.bent(both[0])), key=lambda candidate: candidate.evidence), retained)
     return HyperparameterGrid(columns, tries.left, tuple(rungs))
 
 
 def best_point(columns: DesignMatrix) -> HyperparameterGrid:
     """A ladder of one rung: the likeliest smoothness of the drift, and then of the distortion."""
     tries = _Tries.of(columns)
-    found = dict(parallel_map(lambda one: (one, tries.rung(one, 1.0)), columns.beliefs.different()))
-    best = max(found, key=lambda one: found[one].evidence)
-    return HyperparameterGrid(columns, tries.left, (max((found[best], *tries.bent(best)), key=lambda one: one.evidence),))
+    found = dict(parallel_map(lambda candidate: (candidate, tries.rung(candidate, 1.0)), columns.beliefs.different()))
+    best = max(found, key=lambda candidate: found[candidate].evidence)
+    return HyperparameterGrid(columns, tries.left, (max((found[best], *tries.bent(best)), key=lambda candidate: candidate.evidence),))
 
 
 def prior_point(columns: DesignMatrix) -> HyperparameterGrid:
@@ -282,7 +286,9 @@ def with_free_distortion(columns: DesignMatrix) -> HyperparameterGrid:
     """
     tries = _Tries.of(columns)
     return HyperparameterGrid(
-        columns, tries.left, (max((tries.rung(one, FREE_DISTORTION_FACTOR) for one in SMOOTH_DRIFT_PRIORS), key=lambda one: one.evidence),)
+        columns,
+        tries.left,
+        (max((tries.rung(value, FREE_DISTORTION_FACTOR) for value in SMOOTH_DRIFT_PRIORS), key=lambda candidate: candidate.evidence),),
     )
 
 
@@ -301,8 +307,8 @@ class _Tries:
         near = np.concatenate(
             (columns.observation.solution.mean[columns.parameter_indices], np.zeros(columns.size - len(columns.parameter_indices)))
         )
-        left = columns.whiten(columns.observation.disparity_px) - columns.apply(near[:, None])[..., 0]
-        return cls(columns, near, left, columns.transposed(left[..., None])[:, 0], float(np.sum(left**2)))
+        residual = columns.whiten(columns.observation.disparity_px) - columns.apply(near[:, None])[..., 0]
+        return cls(columns, near, residual, columns.transposed(residual[..., None])[:, 0], float(np.sum(residual**2)))
 
     def rung(self, drift: DriftPrior, also: float) -> HyperparameterPoint:
         columns, belief = self.columns, self.columns.beliefs.belief(drift, also)
@@ -353,8 +359,8 @@ def evaluate_point(
     """
     factor = factorise(normal + prior[0], where, 0.0)
     held = prior[0] @ near
-    whole = pull - held
-    asked = factor.half(whole)
+    full = pull - held
+    gradient = factor.half(full)
     volume = prior[1] - factor.half_log_det
-    fit = power + float(near @ held) - float(asked @ asked)
-    return HyperparameterPoint(hyper, prior[0], factor, volume - 0.5 * fit + believed, volume, whole, asked)
+    fit = power + float(near @ held) - float(gradient @ gradient)
+    return HyperparameterPoint(hyper, prior[0], factor, volume - 0.5 * fit + believed, volume, full, gradient)

@@ -85,8 +85,8 @@ class CandidateEvidence:
     @property
     def best(self) -> tuple[int, int, int]:
         """Law, rung and size that are likeliest."""
-        law, rung, size = np.unravel_index(int(np.argmax(self.log_bayes_factors)), self.log_bayes_factors.shape)
-        return int(law), int(rung), int(size)
+        basis_field, rung, size = np.unravel_index(int(np.argmax(self.log_bayes_factors)), self.log_bayes_factors.shape)
+        return int(basis_field), int(rung), int(size)
 
 
 def log_factor(values: Array, pull: Array, size_px: Array) -> Array:
@@ -127,66 +127,70 @@ def project_candidates(
     scene, found = ladder.design.observation.geometry, dict(so_far)
     for first in range(0, len(families), WORKERS):
         some = families[first : first + WORKERS]
-        made = parallel_map(lambda family: project_candidate(ladder, family, scene), some)
-        found |= {family.name: one for family, one in zip(some, made, strict=True) if one is not None}
-        if sum(one.nbytes for one in found.values()) > MAX_BYTES:
+        projections = parallel_map(lambda family: project_candidate(ladder, family, scene), some)
+        found |= {family.name: value for family, value in zip(some, projections, strict=True) if value is not None}
+        if sum(projection.nbytes for projection in found.values()) > MAX_BYTES:
             return {}
     return found
 
 
 def score_candidates(
-    ladder: HyperparameterGrid, families: Sequence[EffectClass], kept: Mapping[str, CandidateProjection] | None = None
+    ladder: HyperparameterGrid, families: Sequence[EffectClass], projections: Mapping[str, CandidateProjection] | None = None
 ) -> tuple[CandidateEvidence, ...]:
     """Families against the data; those that cannot be seen here are left out.
 
     Args:
         ladder: the baseline, with the effects so far.
         families: that are asked.
-        kept: `project_candidates` the same baseline without the last effects.
+        projections: `project_candidates` the same baseline without the last effects.
     """
-    found = parallel_map(lambda family: _weighed(ladder, family, _asked(ladder, family, kept)), families)
-    return tuple(one for one in found if one is not None)
+    found = parallel_map(lambda family: _weighed(ladder, family, _asked(ladder, family, projections)), families)
+    return tuple(effect for effect in found if effect is not None)
 
 
 def with_draws(
     ladder: HyperparameterGrid,
     candidates: Sequence[CandidateEvidence],
     draws: NullDraws,
-    kept: Mapping[str, CandidateProjection] | None = None,
+    projections: Mapping[str, CandidateProjection] | None = None,
 ) -> tuple[CandidateEvidence, ...]:
-    """Families that were weighed, against draws of the null of the same baseline too; `kept` as for `score_candidates`."""
-    return tuple(parallel_map(lambda one: replace(one, null=_drawn(ladder, one, draws, kept)), candidates))
+    """Families that were weighed, against draws of the null of the same baseline too; `projections` as for `score_candidates`."""
+    return tuple(parallel_map(lambda candidate: replace(candidate, null=_drawn(ladder, candidate, draws, projections)), candidates))
 
 
-def _asked(ladder: HyperparameterGrid, family: EffectClass, kept: Mapping[str, CandidateProjection] | None) -> CandidateProjection | None:
-    return (kept or {}).get(family.name) or project_candidate(ladder, family, ladder.design.observation.geometry)
+def _asked(
+    ladder: HyperparameterGrid, family: EffectClass, projections: Mapping[str, CandidateProjection] | None
+) -> CandidateProjection | None:
+    return (projections or {}).get(family.name) or project_candidate(ladder, family, ladder.design.observation.geometry)
 
 
-def _weighed(ladder: HyperparameterGrid, family: EffectClass, asked: CandidateProjection | None) -> CandidateEvidence | None:
-    if asked is None:
+def _weighed(ladder: HyperparameterGrid, family: EffectClass, projection: CandidateProjection | None) -> CandidateEvidence | None:
+    if projection is None:
         return None
-    sizes, base = sizes_of(family), np.array([one.evidence for one in ladder.points]) - ladder.evidence
-    laws = [law for batch in asked.batches for law in _against(_Flat.of(ladder, batch), batch)]
-    factors = np.stack([one.log_factor(sizes) for one in laws]) + base[None, :, None]
-    return CandidateEvidence(family, asked.values, tuple(laws), factors, np.zeros(0))
+    sizes, base = sizes_of(family), np.array([point.evidence for point in ladder.points]) - ladder.evidence
+    basis_fields = [basis_field for batch in projection.batches for basis_field in _against(_Flat.of(ladder, batch), batch)]
+    factors = np.stack([basis_field.log_factor(sizes) for basis_field in basis_fields]) + base[None, :, None]
+    return CandidateEvidence(family, projection.values, tuple(basis_fields), factors, np.zeros(0))
 
 
-def _drawn(ladder: HyperparameterGrid, one: CandidateEvidence, draws: NullDraws, kept: Mapping[str, CandidateProjection] | None) -> Array:
+def _drawn(
+    ladder: HyperparameterGrid, candidate: CandidateEvidence, draws: NullDraws, projections: Mapping[str, CandidateProjection] | None
+) -> Array:
     """(draws,) logarithm of a family's Bayes factor at the likeliest rung."""
-    asked, sizes, rung, laws = (
-        _asked(ladder, one.family, kept),
-        sizes_of(one.family),
+    gradient, sizes, rung, basis_fields = (
+        _asked(ladder, candidate.family, projections),
+        sizes_of(candidate.family),
         ladder.points.index(ladder.best),
-        iter(one.projected_fields),
+        iter(candidate.projected_fields),
     )
-    assert asked is not None  # it was weighed
+    assert gradient is not None  # it was weighed
     null = []
-    for batch in asked.batches:
-        drawn = draws.pull(batch, ladder.best.half(batch.products_with(ladder.design)))
+    for batch in gradient.batches:
+        samples = draws.pull(batch, ladder.best.half(batch.products_with(ladder.design)))
         for own in batch.spans:
-            law = next(laws)
-            gains = np.outer(sizes**2, law.values[rung])
-            fit = (drawn[:, own] @ law.vectors[rung]) ** 2 @ (sizes[:, None] ** 2 / (1.0 + gains)).T
+            basis_field = next(basis_fields)
+            gains = np.outer(sizes**2, basis_field.values[rung])
+            fit = (samples[:, own] @ basis_field.vectors[rung]) ** 2 @ (sizes[:, None] ** 2 / (1.0 + gains)).T
             null.append(0.5 * (fit - np.log1p(gains).sum(axis=1)))
     return np.asarray(np.logaddexp.reduce(np.stack(null), axis=(0, 2)) - np.log(len(null) * len(sizes)))
 
@@ -218,13 +222,13 @@ class _Flat:
 
 def _against(flat: _Flat, white: WhitenedColumns) -> tuple[ProjectedField, ...]:
     """Each law."""
-    return tuple(ProjectedField.of(_left_of(flat, white, law), flat.pull[:, own]) for law, own in enumerate(white.spans))
+    return tuple(ProjectedField.of(_left_of(flat, white, basis_field), flat.pull[:, own]) for basis_field, own in enumerate(white.spans))
 
 
-def _left_of(flat: _Flat, white: WhitenedColumns, law: int) -> Array:
+def _left_of(flat: _Flat, white: WhitenedColumns, index: int) -> Array:
     """(rungs, q, q) what the baseline leaves of a law's columns."""
-    own, alone = white.spans[law], white.gram_matrices[law]
-    return np.stack([alone - one[:, own].T @ one[:, own] for one in flat.halves])
+    own, alone = white.spans[index], white.gram_matrices[index]
+    return np.stack([alone - halve[:, own].T @ halve[:, own] for halve in flat.halves])
 
 
 def residual_gram(ladder: HyperparameterGrid, field: Array) -> Array:
@@ -241,13 +245,13 @@ def gradient_of(ladder: HyperparameterGrid, field: Array) -> Array:
     )
 
 
-def overlap(ladder: HyperparameterGrid, field: Array, law: Array) -> float:
+def overlap(ladder: HyperparameterGrid, field: Array, basis_field: Array) -> float:
     """Share of a field (f, b, 2) that a law's columns (f, b, 2, q) have too, of what the likeliest baseline leaves of both."""
-    both = residual_gram(ladder, np.concatenate((field[..., None], law), axis=-1))
+    both = residual_gram(ladder, np.concatenate((field[..., None], basis_field), axis=-1))
     values, vectors = np.linalg.eigh(both[1:, 1:])
-    told = values > MIN_RELATIVE_EIGENVALUE * values[-1]
-    along = vectors[:, told].T @ both[1:, 0]
-    return float(np.clip(np.sum(along**2 / values[told]) / both[0, 0], 0.0, 1.0)) if both[0, 0] > 0.0 and told.any() else 0.0
+    determined = values > MIN_RELATIVE_EIGENVALUE * values[-1]
+    along = vectors[:, determined].T @ both[1:, 0]
+    return float(np.clip(np.sum(along**2 / values[determined]) / both[0, 0], 0.0, 1.0)) if both[0, 0] > 0.0 and determined.any() else 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -274,9 +278,9 @@ class NullDraws:
         noise = rng.normal(size=(f, b, 2, draws))
         noise -= noise.mean(axis=0)
         believed = np.linalg.cholesky(ladder.best.prior) @ rng.normal(size=(ladder.design.size, draws))
-        asked = ladder.best.half(ladder.design.transposed(noise) - believed)
+        gradient = ladder.best.half(ladder.design.transposed(noise) - believed)
         flat = noise[:, :, 0].reshape(-1, draws), noise[:, :, 1].reshape(-1, draws)
-        return cls(flat, asked)
+        return cls(flat, gradient)
 
     def pull(self, white: WhitenedColumns, half: Array) -> Array:
         """(draws, q) what each draw asks of columns that have so much, half solved, in common with the likeliest baseline."""

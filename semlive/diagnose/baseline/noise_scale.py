@@ -51,13 +51,13 @@ def residual_scale(found: HyperparameterGrid, rough: Array) -> float:
     columns, residual = found.design, found.residual()
     f, b, _ = residual.shape
     to_rough = solve_triangular(rough_cholesky(columns.whiten, rough), rough.T @ columns.whiten.factor, lower=True, check_finite=False)
-    left = to_rough @ residual
-    taken = 0.0
+    residuals = to_rough @ residual
+    explained = 0.0
     for axis in (0, 1):
         own = (to_rough @ columns.columns[axis].reshape(f, b, -1)).reshape(f * len(to_rough), -1)
         inside = np.zeros((columns.size, own.shape[1]))
         inside[columns.index[axis]] = own.T @ own
-        taken += float(np.trace(found.best.solve(inside)[columns.index[axis]]))
-    freedom = 2.0 * len(to_rough) * (f - 1) - taken
-    limit = CLIP * 1.4826 * float(np.median(np.abs(left)))
-    return float(np.sqrt(np.sum(np.clip(left, -limit, limit) ** 2) / max(freedom, 1.0)))
+        explained += float(np.trace(found.best.solve(inside)[columns.index[axis]]))
+    freedom = 2.0 * len(to_rough) * (f - 1) - explained
+    limit = CLIP * 1.4826 * float(np.median(np.abs(residuals)))
+    return float(np.sqrt(np.sum(np.clip(residuals, -limit, limit) ** 2) / max(freedom, 1.0)))

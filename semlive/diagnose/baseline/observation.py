@@ -91,8 +91,8 @@ class Observation:
 
     def residual_px(self) -> NDArray[np.float64]:
         """(f - 1, b, 2) what the first solution leaves of each map."""
-        left = [one.disparity_px - predicted(self.state, one, self.solution.mean) for one in self.rows]
-        return np.stack(left)[:, self.valid_blocks]
+        residual = [map_rows.disparity_px - predicted(self.state, map_rows, self.solution.mean) for map_rows in self.rows]
+        return np.stack(residual)[:, self.valid_blocks]
 
 
 def baseline_solution(state: EstimatorState) -> tuple[Solution, Solution | None]:
@@ -138,34 +138,36 @@ def make_observation(solution: Solution, steps: Sequence[StepConditions], other:
         IllPosed: there are too few pairs or points to name anything.
     """
     state = solution.state
-    frames = np.array([2 * one.pair + member for one in steps for member in (0, 1)])
-    found = {one.current: one for one in state.rows if one.reference == 0 and one.weight.any()}
+    frames = np.array([2 * step.pair + member for step in steps for member in (0, 1)])
+    found = {map_rows.current: map_rows for map_rows in state.rows if map_rows.reference == 0 and map_rows.weight.any()}
     missing = [int(frame) for frame in frames if frame and frame not in found]
     if missing:
         raise IllPosed(f"no map from frame 0 to frame {missing[0]}: diagnosis needs one to every frame of a run")
     rows = tuple(found[int(frame)] for frame in frames if frame)
-    used = np.flatnonzero(np.all([one.weight.all(axis=1) for one in rows], axis=0)) if rows else np.zeros(0, dtype=np.int64)
+    used = np.flatnonzero(np.all([map_rows.weight.all(axis=1) for map_rows in rows], axis=0)) if rows else np.zeros(0, dtype=np.int64)
     if len(steps) < MIN_PAIRS or len(used) < MIN_BLOCKS:
         raise IllPosed(
             f"{len(steps)} pairs with {len(used)} blocks of points that all of them show: nothing can be named with this data; "
             f"needs at least {MIN_PAIRS} pairs and {MIN_BLOCKS} blocks"
         )
-    disparity = np.concatenate((np.zeros((1, len(used), 2)), np.stack([one.disparity_px[used] for one in rows])))
+    disparity = np.concatenate((np.zeros((1, len(used), 2)), np.stack([map_rows.disparity_px[used] for map_rows in rows])))
     # Effects are predicted on what the estimate says of the maps: sin(2 pi U) of a measured U goes along with U's own noise.
-    told = np.concatenate((np.zeros((1, len(used), 2)), np.stack([predicted(state, one, solution.mean)[used] for one in rows])))
+    predicted_px = np.concatenate(
+        (np.zeros((1, len(used), 2)), np.stack([predicted(state, map_rows, solution.mean)[used] for map_rows in rows]))
+    )
     # A block lies where its points of that map lie on average. With those of the first map, points that others lack moved it by 6 px, and a
     # bending specimen was told 22 % too large.
-    position = np.stack([one.position_px[used] for one in (rows[0], *rows)])
-    return Observation(state, solution, rows, used, disparity, _scene(solution, steps, frames, position, told), tuple(steps), other)
+    position = np.stack([map_rows.position_px[used] for map_rows in (rows[0], *rows)])
+    return Observation(state, solution, rows, used, disparity, _scene(solution, steps, frames, position, predicted_px), tuple(steps), other)
 
 
 def step_conditions(decisions: Sequence[PairDecision], hold_s: float = HOLD_S) -> tuple[StepConditions, ...]:
     """What a run's decisions say, its pairs having been taken so long after their steps."""
     found = []
-    for one in decisions:
-        load = (0.0, 0.0) if one.loads is None else (one.loads[0].mean_n, one.loads[1].mean_n)
-        gage = None if one.loads is None else mean_gage_strain(*one.loads)
-        found.append(StepConditions(one.pair, one.step.phase, load, one.step.shift_px, hold_s, gage))
+    for decision in decisions:
+        load = (0.0, 0.0) if decision.loads is None else (decision.loads[0].mean_n, decision.loads[1].mean_n)
+        gage = None if decision.loads is None else mean_gage_strain(*decision.loads)
+        found.append(StepConditions(decision.pair, decision.step.phase, load, decision.step.shift_px, hold_s, gage))
     return tuple(found)
 
 
@@ -181,8 +183,8 @@ def _scene(
     address = position + disparity
     time_s, in_frame, in_row = _visited(state, frames, address)
     start_s = np.array([state.frame_time(int(frame)).start_s for frame in frames])
-    between = np.array([0.5 * sum(one.load_n) for one in steps])
-    shift = np.array([one.shift_px for one in steps])
+    between = np.array([0.5 * sum(step.load_n) for step in steps])
+    shift = np.array([step.shift_px for step in steps])
     return RunGeometry(
         address_px=address,
         disparity_px=disparity,
@@ -194,13 +196,13 @@ def _scene(
         half_px=float(state.centre_px[0]),
         frame=frames,
         pair=frames // 2,
-        loaded=np.repeat([one.phase is Phase.TENSION for one in steps], 2),
-        gradient_free=np.repeat([one.phase is not Phase.CALIBRATION for one in steps], 2),
+        loaded=np.repeat([step.phase is Phase.TENSION for step in steps], 2),
+        gradient_free=np.repeat([step.phase is not Phase.CALIBRATION for step in steps], 2),
         start_s=start_s,
-        load_n=np.array([load for one in steps for load in one.load_n]),
+        load_n=np.array([load for step in steps for load in step.load_n]),
         load_change_n=np.repeat(np.diff(between, prepend=0.0), 2),
         move_px=np.repeat(np.diff(shift, axis=0, prepend=shift[:1]), 2, axis=0),
-        since_step_s=np.repeat([one.hold_s for one in steps], 2) + start_s - np.repeat(start_s[::2], 2),
+        since_step_s=np.repeat([step.hold_s for step in steps], 2) + start_s - np.repeat(start_s[::2], 2),
         drift_knot_s=state.drift.spline.spacing,
         distortion_knot_px=state.distortion.along_y.spacing,
     )
@@ -211,12 +213,12 @@ def _visited(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """(f, b) when the beam was at addresses (f, b, 2): since the start of frame 0, of the frame and of the row."""
     pixel, whens = address_px + state.centre_px, [state.frame_time(int(frame)) for frame in frames]
-    in_frame = np.stack([when.timing.time_in_frame_s(one[:, 0], one[:, 1]) for when, one in zip(whens, pixel, strict=True)])
-    in_row = np.stack([when.timing.dwell_time_s.value * one[:, 0] for when, one in zip(whens, pixel, strict=True)])
+    in_frame = np.stack([when.timing.time_in_frame_s(value[:, 0], value[:, 1]) for when, value in zip(whens, pixel, strict=True)])
+    in_row = np.stack([when.timing.dwell_time_s.value * value[:, 0] for when, value in zip(whens, pixel, strict=True)])
     return in_frame + np.array([when.start_s for when in whens])[:, None], in_frame, in_row
 
 
-def sample_within_blocks(seen: Observation) -> tuple[tuple[RunGeometry, RunGeometry], ...]:
+def sample_within_blocks(observation: Observation) -> tuple[tuple[RunGeometry, RunGeometry], ...]:
     """At four places of each block what every frame saw, and where frame 0 had seen the same: a law's mean is that over points and subsets.
 
     They lie a standard deviation of all those places to either side along each axis, so the mean is right to the third order. Where a
@@ -224,22 +226,23 @@ def sample_within_blocks(seen: Observation) -> tuple[tuple[RunGeometry, RunGeome
     Points that a map lacks move a block's middle by up to 6 px in both frames: with frame 0's own middle for all maps, that alone told a
     law from the distortion, and took a sixth off what had settled.
     """
-    members = seen.state.blocks.members[seen.valid_blocks]
-    points = np.stack([np.where(members < 0, np.nan, one.ravel()[members]) for one in seen.grid.mesh()], axis=-1)
-    apart_px = np.sqrt(np.nanvar(points, axis=1) + seen.grid.subset_px**2 / 12.0)
-    scene = seen.geometry
-    first = np.zeros(seen.frames, dtype=np.int64)
+    members = observation.state.blocks.members[observation.valid_blocks]
+    points = np.stack([np.where(members < 0, np.nan, coordinates.ravel()[members]) for coordinates in observation.grid.mesh()], axis=-1)
+    apart_px = np.sqrt(np.nanvar(points, axis=1) + observation.grid.subset_px**2 / 12.0)
+    scene = observation.geometry
+    first = np.zeros(observation.frames, dtype=np.int64)
     before = replace(scene, drift_rate_px_s=scene.drift_rate_px_s[first], address_px=scene.address_px - scene.disparity_px)
     ways = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
     return tuple(
-        (_moved(seen, scene, scene.frame, apart_px * way), _moved(seen, before, scene.frame[first], apart_px * way)) for way in ways
+        (_moved(observation, scene, scene.frame, apart_px * way), _moved(observation, before, scene.frame[first], apart_px * way))
+        for way in ways
     )
 
 
-def _moved(seen: Observation, scene: RunGeometry, frames: NDArray[np.int64], by_px: NDArray[np.float64]) -> RunGeometry:
+def _moved(observation: Observation, scene: RunGeometry, frames: NDArray[np.int64], by_px: NDArray[np.float64]) -> RunGeometry:
     """Blocks at other places, (b, 2) from their own, as those frames saw them."""
     address = scene.address_px + by_px
-    time_s, in_frame, in_row = _visited(seen.state, frames, address)
+    time_s, in_frame, in_row = _visited(observation.state, frames, address)
     return replace(scene, address_px=address, time_s=time_s, time_in_frame_s=in_frame, time_in_row_s=in_row)
 
 

@@ -77,11 +77,11 @@ class PriorCache:
     known: dict[DriftPrior, BaselinePrior] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, observation: Observation, kept: NDArray[np.int64]) -> PriorCache:
+    def of(cls, observation: Observation, retained: NDArray[np.int64]) -> PriorCache:
         """None known yet."""
-        whole = sides(observation.state)
-        own = ComponentBlocks(*(np.flatnonzero(np.isin(kept, one)) for one in (*whole.own, whole.shared)))
-        return cls(observation, kept, own, gauge_precision(observation.state)[np.ix_(kept, kept)])
+        full = sides(observation.state)
+        own = ComponentBlocks(*(np.flatnonzero(np.isin(retained, value)) for value in (*full.own, full.shared)))
+        return cls(observation, retained, own, gauge_precision(observation.state)[np.ix_(retained, retained)])
 
     def belief(self, drift: DriftPrior, also: float) -> BaselinePrior:
         """With a distortion so much rougher than in the first choice."""
@@ -95,8 +95,8 @@ class PriorCache:
         """Beliefs that differ, the first choice's own smoothness before others: nothing can be smoother than the smoothest."""
         first = self.observation.solution.hyper.drift
         by_kind = {}
-        for one in sorted(DRIFTS, key=lambda one: abs(math.log(one.bend_factor or 1.0))):
-            by_kind.setdefault((_drift_of(first, one), one.random_walk_px), one)
+        for drift in sorted(DRIFTS, key=lambda candidate: abs(math.log(candidate.bend_factor or 1.0))):
+            by_kind.setdefault((_drift_of(first, drift), drift.random_walk_px), drift)
         return list(by_kind.values())
 
     def _made(self, drift: DriftPrior, also: float) -> BaselinePrior:
@@ -114,8 +114,8 @@ class PriorCache:
         if drift.random_walk_px:
             self._walk(precision, drift.random_walk_px)
         precision += self.gauge
-        told = hyper if drift.bend_factor else replace(hyper, drift=_scaled(first.drift, 1.0))
-        return BaselinePrior(told, precision, factorise(precision, self.sides, 0.0).half_log_det)
+        scaled = hyper if drift.bend_factor else replace(hyper, drift=_scaled(first.drift, 1.0))
+        return BaselinePrior(scaled, precision, factorise(precision, self.sides, 0.0).half_log_det)
 
     def _walk(self, precision: Array, wander_px: float) -> None:
         """Let the drift walk at random, too: covariances add up."""
@@ -133,11 +133,11 @@ class PriorCache:
 def _drift_of(first: Sequence[Smoothness], drift: DriftPrior) -> tuple[Smoothness, Smoothness]:
     if not drift.bend_factor:
         return Smoothness(3, SMOOTHEST_PX), Smoothness(3, SMOOTHEST_PX)
-    one, two = (replace(kind, size_px=min(kind.size_px, ROUGHEST_PX)) for kind in _scaled(first, drift.bend_factor))
-    return one, two
+    x, y = (replace(kind, size_px=min(kind.size_px, ROUGHEST_PX)) for kind in _scaled(first, drift.bend_factor))
+    return x, y
 
 
 def _scaled(kinds: Sequence[Smoothness], by: float) -> tuple[Smoothness, Smoothness]:
     """Without a liking for any period: what swings is to be named."""
-    one, two = (replace(kind, size_px=max(kind.size_px * by, SMOOTHEST_PX), oscillation_period_knots=0.0) for kind in kinds)
-    return one, two
+    x, y = (replace(kind, size_px=max(kind.size_px * by, SMOOTHEST_PX), oscillation_period_knots=0.0) for kind in kinds)
+    return x, y

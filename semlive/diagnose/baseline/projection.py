@@ -42,23 +42,23 @@ class WhitenedColumns:
     @classmethod
     def of(cls, ladder: HyperparameterGrid, fields: Sequence[Array]) -> WhitenedColumns:
         """Laws' columns (f, b, 2, q) in px."""
-        design, left = ladder.design, ladder.whitened_residual
-        ends = np.cumsum([0, *(one.shape[-1] for one in fields)]).tolist()
-        index, rows, shared, asked = [], [], [], np.zeros(ends[-1])
-        told, white = np.zeros(0), np.zeros(0)
+        design, residual = ladder.design, ladder.whitened_residual
+        ends = np.cumsum([0, *(field.shape[-1] for field in fields)]).tolist()
+        index, rows, shared, gradient = [], [], [], np.zeros(ends[-1])
+        eigenvalues, white = np.zeros(0), np.zeros(0)
         for axis, each in enumerate(_in_one_piece(fields)):
             there = np.flatnonzero(each.any(axis=(1, 2)))
-            before, told = told, each[there]
+            before, eigenvalues = eigenvalues, each[there]
             # Most laws of many columns have the same along x and along y.
-            white = white if np.array_equal(before, told) else design.whiten.rows(told)
-            flat = white.reshape(len(there), left[:, :, axis].size)
-            asked[there] += flat @ left[:, :, axis].ravel()
+            white = white if np.array_equal(before, eigenvalues) else design.whiten.rows(eigenvalues)
+            flat = white.reshape(len(there), residual[:, :, axis].size)
+            gradient[there] += flat @ residual[:, :, axis].ravel()
             index.append(there)
             rows.append(flat)
             shared.append(design.along(axis, white))
         spans = tuple(slice(first, last) for first, last in pairwise(ends))
         alone = tuple(_among(index, rows, own) for own in spans)
-        return cls(spans, (index[0], index[1]), (rows[0], rows[1]), alone, asked, (shared[0], shared[1]))
+        return cls(spans, (index[0], index[1]), (rows[0], rows[1]), alone, gradient, (shared[0], shared[1]))
 
     def products_with(self, design: DesignMatrix) -> Array:
         """(p, q) products with all columns of a baseline: that which these were made for, and effects that it got since."""
@@ -73,8 +73,8 @@ class WhitenedColumns:
     def along(self, noise: tuple[Array, Array]) -> Array:
         """(q, draws) columns times whitened noise, (f b, draws) for x and for y."""
         total = np.zeros((len(self.residual_products), noise[0].shape[1]))
-        for there, rows, one in zip(self.index, self.rows, noise, strict=True):
-            total[there] += rows @ one
+        for there, rows, value in zip(self.index, self.rows, noise, strict=True):
+            total[there] += rows @ value
         return total
 
 
@@ -98,13 +98,15 @@ class CandidateProjection:
 
 def project_candidate(ladder: HyperparameterGrid, family: EffectClass, scene: RunGeometry) -> CandidateProjection | None:
     """A family's laws on a scene; None where none of them can be seen."""
-    told = [(dict(values), family.law(scene, values)) for values in family.grid(scene)]
-    seen = [(values, law.field_px) for values, law in told if law is not None]
-    if not seen:
+    basis_fields = [(dict(values), family.law(scene, values)) for values in family.grid(scene)]
+    observed = [(values, basis_field.field_px) for values, basis_field in basis_fields if basis_field is not None]
+    if not observed:
         return None
-    each = max(1, COLUMNS_AT_ONCE // seen[0][1].shape[-1])
-    batches = [WhitenedColumns.of(ladder, [field for _, field in seen[first : first + each]]) for first in range(0, len(seen), each)]
-    return CandidateProjection(tuple(values for values, _ in seen), tuple(batches))
+    each = max(1, COLUMNS_AT_ONCE // observed[0][1].shape[-1])
+    batches = [
+        WhitenedColumns.of(ladder, [field for _, field in observed[first : first + each]]) for first in range(0, len(observed), each)
+    ]
+    return CandidateProjection(tuple(values for values, _ in observed), tuple(batches))
 
 
 def _in_one_piece(fields: Sequence[Array]) -> Array:
@@ -114,18 +116,18 @@ def _in_one_piece(fields: Sequence[Array]) -> Array:
     """
     if len(fields) == 1:
         return fields[0].transpose(2, 3, 0, 1)
-    told = np.empty((2, sum(one.shape[-1] for one in fields), *fields[0].shape[:2]))
+    stacked = np.empty((2, sum(field.shape[-1] for field in fields), *fields[0].shape[:2]))
     first = 0
-    for one in fields:
-        told[:, first : first + one.shape[-1]] = one.transpose(2, 3, 0, 1)
-        first += one.shape[-1]
-    return told
+    for field in fields:
+        stacked[:, first : first + field.shape[-1]] = field.transpose(2, 3, 0, 1)
+        first += field.shape[-1]
+    return stacked
 
 
 def _among(index: Sequence[NDArray[np.int64]], rows: Sequence[Array], own: slice) -> Array:
     total = np.zeros((own.stop - own.start,) * 2)
-    for there, one in zip(index, rows, strict=True):
+    for there, map_rows in zip(index, rows, strict=True):
         low, high = np.searchsorted(there, (own.start, own.stop))
         at = there[low:high] - own.start
-        total[np.ix_(at, at)] += one[low:high] @ one[low:high].T
+        total[np.ix_(at, at)] += map_rows[low:high] @ map_rows[low:high].T
     return total

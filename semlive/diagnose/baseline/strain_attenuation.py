@@ -14,27 +14,27 @@ MAX_ATTENUATION = 0.02
 """Share of an injected strain that a correction may take away."""
 
 
-def strain_attenuation(having: HyperparameterGrid, fields: tuple[Array, ...], known: int) -> tuple[float, ...]:
+def strain_attenuation(baseline_with_effects: HyperparameterGrid, fields: tuple[Array, ...], effect_count: int) -> tuple[float, ...]:
     """For each effect of a baseline the largest share of an injected strain that its correction takes away; 0 without a tension phase.
 
     Strain of each component by itself is added to all frames under load, which changes what is found of the effects linearly: no
     noise takes part, as in the difference of two runs with the same noise.
 
     Args:
-        having: the baseline with the effects.
+        baseline_with_effects: the baseline with the effects.
         fields: of each effect, (f, b, 2, q) what unit amplitudes move, px.
-        known: how many of them were in the baseline before anything was found in it.
+        effect_count: how many of them were in the baseline before anything was found in it.
     """
-    scene, columns = having.design.observation.geometry, having.design
+    scene, columns = baseline_with_effects.design.observation.geometry, baseline_with_effects.design
     if not scene.loaded.any():
         return tuple(0.0 for _ in fields)
-    told = np.concatenate(_injected(scene), axis=-1)
+    injected = np.concatenate(_injected(scene), axis=-1)
     first = len(columns.parameter_indices)
-    asked = having.best.solve(columns.transposed(columns.whiten(told)))[first:]
+    gradient = baseline_with_effects.best.solve(columns.transposed(columns.whiten(injected)))[first:]
     shares = []
-    for field, own in zip(fields, columns.effect_columns(fields, known), strict=True):
-        taken = np.einsum("fbcq,qk->fbck", field, asked[own])
-        shares.append(max(abs(_strain(scene, taken[..., k])[k]) for k in range(told.shape[-1])))
+    for field, own in zip(fields, columns.effect_columns(fields, effect_count), strict=True):
+        absorbed = np.einsum("fbcq,qk->fbck", field, gradient[own])
+        shares.append(max(abs(_strain(scene, absorbed[..., k])[k]) for k in range(injected.shape[-1])))
     return tuple(shares)
 
 

@@ -78,7 +78,7 @@ class EffectCorrection:
 
 
 def fit_effect_correction(
-    model: EffectModel, settings: EstimateSettings, loading_axis: str, seen: Sequence[MeasuredPair]
+    model: EffectModel, settings: EstimateSettings, loading_axis: str, observed: Sequence[MeasuredPair]
 ) -> EffectCorrection:
     """What a model's effects moved, their amplitudes fitted to all pairs so far, together with drift, distortion and motion.
 
@@ -90,29 +90,31 @@ def fit_effect_correction(
         model: the effects.
         settings: of the estimate; it is the joint one that effects are fitted beside.
         loading_axis: of the image, along which the specimen is pulled.
-        seen: the pairs so far, in the order in which they came.
+        observed: the pairs so far, in the order in which they came.
     """
-    if len(seen) > MAX_PAIRS:
-        return unavailable_for_long_run(len(seen))
-    first = seen[0].decision.first
-    of_maps = [one for one in model.effects if non_map_effect(one.name) is None]
-    of_cell = [one.name for one in model.effects if one.name in LOAD_CELL_EFFECTS]
-    notes = [f"model: {one.name} is {_kind(one)}, and is left in" for one in model.effects if _left_alone(one)]
+    if len(observed) > MAX_PAIRS:
+        return unavailable_for_long_run(len(observed))
+    first = observed[0].decision.first
+    of_maps = [effect for effect in model.effects if non_map_effect(effect.name) is None]
+    of_cell = [effect.name for effect in model.effects if effect.name in LOAD_CELL_EFFECTS]
+    notes = [f"model: {effect.name} is {_kind(effect)}, and is left in" for effect in model.effects if _left_alone(effect)]
     why = incompatibility_reason(model, (first.width_px, first.height_px))
     if why or not (of_maps or of_cell):
-        return EffectCorrection(len(seen), notes=(*((f"WARNING: model: nothing is taken out of the maps: {why}",) if why else ()), *notes))
-    state = estimate.init(settings, seen[0].maps[0].grid, first.width_px, first.height_px)
-    for one in seen:
-        state = estimate.update(state, one.decision.pair, one.decision.step.phase, one.times, one.maps)
+        return EffectCorrection(
+            len(observed), notes=(*((f"WARNING: model: nothing is taken out of the maps: {why}",) if why else ()), *notes)
+        )
+    state = estimate.init(settings, observed[0].maps[0].grid, first.width_px, first.height_px)
+    for entry in observed:
+        state = estimate.update(state, entry.decision.pair, entry.decision.step.phase, entry.times, entry.maps)
     try:
-        steps = step_conditions([one.decision for one in seen])
-        solution, other = baseline_solution(state)
-        observation = make_observation(solution, steps, other)
+        steps = step_conditions([entry.decision for entry in observed])
+        solution, alternative = baseline_solution(state)
+        observation = make_observation(solution, steps, alternative)
     except IllPosed as error:
-        return EffectCorrection(len(seen), notes=(f"model: nothing is taken out of the maps yet: {error}", *notes))
+        return EffectCorrection(len(observed), notes=(f"model: nothing is taken out of the maps yet: {error}", *notes))
     loads_n, said = _cell(load_readings(observation, steps, loading_axis), of_cell, steps)
     if not of_maps:
-        return EffectCorrection(len(seen), loads_n=loads_n, notes=(*said, *notes))
+        return EffectCorrection(len(observed), loads_n=loads_n, notes=(*said, *notes))
     return replace(_taken(observation, of_maps, [*said, *notes]), loads_n=loads_n)
 
 
@@ -128,9 +130,9 @@ def _cell(readings: LoadReadings, names: Sequence[str], steps: Sequence[StepCond
     """What the load cell added to each pair's reading, and what is said of it."""
     added = load_offsets(readings, names)
     total = np.sum([np.zeros(len(steps)), *added.values()], axis=0)
-    said = [f"model: {name}, {one[np.argmax(np.abs(one))]:+.2f} N at most, taken off the loads" for name, one in added.items()]
-    said += [f"model: {name} cannot be seen in these readings, and is left in" for name in names if name not in added]
-    return ({one.pair: float(load_n) for one, load_n in zip(steps, total, strict=True)} if added else {}), said
+    notes = [f"model: {name}, {value[np.argmax(np.abs(value))]:+.2f} N at most, taken off the loads" for name, value in added.items()]
+    notes += [f"model: {name} cannot be seen in these readings, and is left in" for name in names if name not in added]
+    return ({step.pair: float(load_n) for step, load_n in zip(steps, total, strict=True)} if added else {}), notes
 
 
 def unavailable_for_long_run(pairs: int) -> EffectCorrection:
@@ -147,12 +149,16 @@ def incompatibility_reason(model: EffectModel, size_px: tuple[int, int]) -> str:
 
 
 def _taken(observation: Observation, effects: Sequence[ModelEffect], notes: Sequence[str]) -> EffectCorrection:
-    seen = observable_effects(observation, effects)
-    moved = effect_displacement(choose_coupling(observation, (), seen).observation, seen)
-    out = [one for one in moved.effects if one not in moved.not_corrected]
+    observed = observable_effects(observation, effects)
+    moved = effect_displacement(choose_coupling(observation, (), observed).observation, observed)
+    out = [effect for effect in moved.effects if effect not in moved.not_corrected]
     said = [f"model: {', '.join(out)} taken out of the maps; what is stated of strain does not hold their uncertainty"] if out else []
-    said += [f"model: {one} is strain or cannot be told from it, and is left in" for one in moved.not_corrected]
-    said += [f"model: {one.name} cannot be seen: there are no loads or moves for it to go with" for one in effects if one not in seen]
+    said += [f"model: {value} is strain or cannot be told from it, and is left in" for value in moved.not_corrected]
+    said += [
+        f"model: {effect.name} cannot be seen: there are no loads or moves for it to go with"
+        for effect in effects
+        if effect not in observed
+    ]
     fields = interpolate_to_grid(observation, moved.field_px, observation.grid) if out else {}
     strain = {frame: _strain(observation.grid, moved_px) for frame, moved_px in fields.items()}
     return EffectCorrection(len(observation.geometry.frame) // 2, fields, strain, notes=(*said, *notes))

@@ -50,23 +50,23 @@ class SelectedEffect:
         return self.refined.family.alias_rule(self.refined.parameters) or (self.refined.family.name,)
 
 
-def refine_parameters(having: HyperparameterGrid, heard: Sequence[CandidateEvidence]) -> tuple[CandidateEvidence, ...]:
+def refine_parameters(baseline_with_effects: HyperparameterGrid, candidates: Sequence[CandidateEvidence]) -> tuple[CandidateEvidence, ...]:
     """With families that are tried at one value alone, and have others, asked about those too, where there is anything to be heard.
 
     The distortion's affine part is not known, and a drift of the distortion that had another was called a drift of the magnification first.
     """
-    return tuple(parallel_map(lambda one: replace(one, refinement_gain=_between(having, one)), heard))
+    return tuple(parallel_map(lambda candidate: replace(candidate, refinement_gain=_between(baseline_with_effects, candidate)), candidates))
 
 
-def _between(having: HyperparameterGrid, one: CandidateEvidence) -> float:
-    if not one.family.nonlinear_parameters or len(one.projected_fields) > 1 or one.log_factor <= CANDIDATE_LOG_FACTOR:
+def _between(baseline_with_effects: HyperparameterGrid, candidate: CandidateEvidence) -> float:
+    if not candidate.family.nonlinear_parameters or len(candidate.projected_fields) > 1 or candidate.log_factor <= CANDIDATE_LOG_FACTOR:
         return 0.0
-    return max(refined(having, one).log_factor - one.log_factor, 0.0)
+    return max(refined(baseline_with_effects, candidate).log_factor - candidate.log_factor, 0.0)
 
 
 def add_effect(
-    having: HyperparameterGrid,
-    named: Sequence[SelectedEffect],
+    baseline_with_effects: HyperparameterGrid,
+    effects: Sequence[SelectedEffect],
     best: CandidateEvidence,
     p_value: float,
     rivals: Sequence[CandidateEvidence],
@@ -75,48 +75,49 @@ def add_effect(
     """The baseline and its effects with another one.
 
     Args:
-        having: the baseline with those before.
-        named: those.
+        baseline_with_effects: the baseline with those before.
+        effects: those.
         best: what is added, not refined yet.
         p_value: its.
         rivals: its.
         unnamed: see `SelectedEffect`.
     """
-    one = refined(having, best)
-    after = build_grid(having.design.with_effects(one.baseline_effect))
-    gain = max(best.log_factor, one.log_factor)
-    room = gain - (after.evidence - having.evidence)
-    return after, (*named, SelectedEffect(one, gain, room, p_value, tuple(rivals), unnamed))
+    effect = refined(baseline_with_effects, best)
+    after = build_grid(baseline_with_effects.design.with_effects(effect.baseline_effect))
+    gain = max(best.log_factor, effect.log_factor)
+    room = gain - (after.evidence - baseline_with_effects.evidence)
+    return after, (*effects, SelectedEffect(effect, gain, room, p_value, tuple(rivals), unnamed))
 
 
 def remove_unnecessary(
-    bare: HyperparameterGrid, having: HyperparameterGrid, named: tuple[SelectedEffect, ...]
+    baseline: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, effects: tuple[SelectedEffect, ...]
 ) -> tuple[HyperparameterGrid, tuple[SelectedEffect, ...]]:
     """The baseline and its effects without those that are not loud beside all others, one at a time.
 
     What was added first had to do for all. A rotation that drifts and a bending were called a drift of the distortion, then bending and
     rotation came in beside it, and nothing was left for it to explain.
     """
-    while len(named) > 1:
+    while len(effects) > 1:
         # The last was loud beside all before it.
         without = [
-            rebuild_baseline(bare, [other for other in named if other is not one], named[0].unnamed_log_factor) for one in named[:-1]
+            rebuild_baseline(baseline, [other for other in effects if other is not value], effects[0].unnamed_log_factor)
+            for value in effects[:-1]
         ]
-        total = having.evidence + sum(one.occam_factor for one in named)
-        left = [one.evidence + sum(other.occam_factor for other in rest) for one, rest in without]
-        place = int(np.argmax(left))
-        if total - left[place] >= SIGNIFICANT_LOG_FACTOR:
+        total = baseline_with_effects.evidence + sum(effect.occam_factor for effect in effects)
+        residual = [value.evidence + sum(other.occam_factor for other in remaining) for value, remaining in without]
+        place = int(np.argmax(residual))
+        if total - residual[place] >= SIGNIFICANT_LOG_FACTOR:
             break
-        having, named = without[place]
-    return having, named
+        baseline_with_effects, effects = without[place]
+    return baseline_with_effects, effects
 
 
 def reselect_effects(
-    bare: HyperparameterGrid,
-    having: HyperparameterGrid,
-    named: tuple[SelectedEffect, ...],
+    baseline: HyperparameterGrid,
+    baseline_with_effects: HyperparameterGrid,
+    effects: tuple[SelectedEffect, ...],
     families: Sequence[EffectClass],
-    kept: Mapping[str, CandidateProjection],
+    projections: Mapping[str, CandidateProjection],
 ) -> tuple[HyperparameterGrid, tuple[SelectedEffect, ...]]:
     """The baseline and its effects, each heard once more beside the others: another name may do better there, or as well.
 
@@ -126,37 +127,44 @@ def reselect_effects(
     left wrong took a third name, with a logarithm of the Bayes factor of 38.
 
     Args:
-        bare: the baseline without effects.
-        having: with them.
-        named: they; the last was heard beside all others.
+        baseline: the baseline without effects.
+        baseline_with_effects: with them.
+        effects: they; the last was heard beside all others.
         families: that are asked, those without a name among them.
-        kept: their laws.
+        projections: their laws.
     """
-    for family in [one.refined.family for one in named[:-1]]:
-        one = next(each for each in named if each.refined.family is family)
-        before, rest = rebuild_baseline(bare, [other for other in named if other is not one], named[0].unnamed_log_factor)
-        others = [each for each in families if each not in {other.refined.family for other in rest}]
-        heard = refine_parameters(before, score_candidates(before, others, kept))
-        candidates = [each for each in heard if each.family not in UNNAMED_CLASSES]
+    for family in [effect.refined.family for effect in effects[:-1]]:
+        effect = next(each for each in effects if each.refined.family is family)
+        before, remaining = rebuild_baseline(baseline, [other for other in effects if other is not effect], effects[0].unnamed_log_factor)
+        other_families = [each for each in families if each not in {other.refined.family for other in remaining}]
+        scored = refine_parameters(before, score_candidates(before, other_families, projections))
+        candidates = [each for each in scored if each.family not in UNNAMED_CLASSES]
         best = max(candidates, key=lambda each: each.log_factor)
         rivals = [each for each in candidates if each is not best and each.log_factor > best.log_factor - MIN_LOG_ODDS]
         if best.family is family and not family.nonlinear_parameters:
-            named = tuple(replace(each, rivals=tuple(rivals)) if each is one else each for each in named)
+            effects = tuple(replace(each, rivals=tuple(rivals)) if each is effect else each for each in effects)
             continue
-        unnamed = max(each.log_factor for each in heard if each.family in UNNAMED_CLASSES)
-        having, named = add_effect(before, rest, best, one.p_value, rivals, unnamed)
+        unnamed = max(each.log_factor for each in scored if each.family in UNNAMED_CLASSES)
+        baseline_with_effects, effects = add_effect(before, remaining, best, effect.p_value, rivals, unnamed)
         if best.family is not family:
             break
-    return having, named
+    return baseline_with_effects, effects
 
 
 def rebuild_baseline(
-    bare: HyperparameterGrid, named: Sequence[SelectedEffect], unnamed: float
+    baseline: HyperparameterGrid, effects: Sequence[SelectedEffect], unnamed: float
 ) -> tuple[HyperparameterGrid, tuple[SelectedEffect, ...]]:
     """Effects added anew in their order; what has no name was heard at the beginning, and not beside just these."""
-    having, found = bare, list[SelectedEffect]()
-    for one in named:
-        before, having = having, build_grid(having.design.with_effects(one.refined.baseline_effect))
+    baseline_with_effects, found = baseline, list[SelectedEffect]()
+    for effect in effects:
+        before, baseline_with_effects = (
+            baseline_with_effects,
+            build_grid(baseline_with_effects.design.with_effects(effect.refined.baseline_effect)),
+        )
         first = -math.inf if found else unnamed
-        found.append(replace(one, log_bayes_factor=having.evidence - before.evidence + one.occam_factor, unnamed_log_factor=first))
-    return having, tuple(found)
+        found.append(
+            replace(
+                effect, log_bayes_factor=baseline_with_effects.evidence - before.evidence + effect.occam_factor, unnamed_log_factor=first
+            )
+        )
+    return baseline_with_effects, tuple(found)

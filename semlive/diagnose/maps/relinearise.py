@@ -45,23 +45,25 @@ class CouplingChoice:
         return -np.inf if self.screening is None else self.screening.best_log_evidence
 
 
-def choose_coupling(observation: Observation, families: Sequence[EffectClass], known: Sequence[ModelEffect] = ()) -> CouplingChoice:
+def choose_coupling(observation: Observation, families: Sequence[EffectClass], model_effects: Sequence[ModelEffect] = ()) -> CouplingChoice:
     """The same maps with the distortion carried by the drift, or not: as is likelier beside the loudest of all effects.
 
     Args:
         observation: as the estimate chose.
         families: that may be hidden, those without a name among them.
-        known: effects that are there.
+        model_effects: effects that are there.
     """
     other = _otherwise(observation)
     if other is None:
         return CouplingChoice(observation)
-    both = parallel_map(lambda one: CouplingChoice(one, Screening.run(one, families, known)), (observation, other))
-    return max(both, key=lambda one: one.best_log_evidence)
+    both = parallel_map(
+        lambda candidate: CouplingChoice(candidate, Screening.run(candidate, families, model_effects)), (observation, other)
+    )
+    return max(both, key=lambda candidate: candidate.best_log_evidence)
 
 
 def relinearise_with_effects(
-    baseline: HyperparameterGrid, fields: Sequence[Array], families: Sequence[EffectClass], known: Sequence[ModelEffect] = ()
+    baseline: HyperparameterGrid, fields: Sequence[Array], families: Sequence[EffectClass], model_effects: Sequence[ModelEffect] = ()
 ) -> CouplingChoice:
     """The same maps about what is chosen where effects were taken out of them.
 
@@ -69,32 +71,32 @@ def relinearise_with_effects(
         baseline: with the effects.
         fields: of each effect, (f, b, 2, q) what unit amplitudes move, px.
         families: that may be hidden, those without a name among them.
-        known: effects that are there.
+        model_effects: effects that are there.
 
     Raises:
         IllPosed: without the effects there is too little left.
     """
-    seen = baseline.design.observation
-    amplitudes, spans = fitted_amplitudes(baseline), baseline.design.effect_columns(fields, len(known))
+    observed = baseline.design.observation
+    amplitudes, spans = fitted_amplitudes(baseline), baseline.design.effect_columns(fields, len(model_effects))
     moved = np.sum([field @ amplitudes[own] for field, own in zip(fields, spans, strict=True)], axis=0)
-    taken = interpolate_to_grid(seen, moved - moved[0], seen.grid)
-    chosen, other = baseline_solution(reset_model_selection(seen.state, lambda one: subtract_effects(one, taken)))
-    again = make_observation(_about_the_whole(chosen, seen), seen.steps, other and _about_the_whole(other, seen))
-    return choose_coupling(again, families, known)
+    interpolated = interpolate_to_grid(observed, moved - moved[0], observed.grid)
+    chosen, rival = baseline_solution(reset_model_selection(observed.state, lambda candidate: subtract_effects(candidate, interpolated)))
+    repeated = make_observation(_about_the_whole(chosen, observed), observed.steps, rival and _about_the_whole(rival, observed))
+    return choose_coupling(repeated, families, model_effects)
 
 
-def _about_the_whole(solution: Solution, seen: Observation) -> Solution:
+def _about_the_whole(solution: Solution, observation: Observation) -> Solution:
     """With the maps as they were seen."""
-    whole = {(one.reference, one.current): one.dmap for one in seen.state.rows}
-    return replace(solution, state=with_maps(solution.state, lambda one: whole[one.reference, one.current]))
+    full = {(map_rows.reference, map_rows.current): map_rows.dmap for map_rows in observation.state.rows}
+    return replace(solution, state=with_maps(solution.state, lambda candidate: full[candidate.reference, candidate.current]))
 
 
-def _otherwise(seen: Observation) -> Observation | None:
+def _otherwise(observation: Observation) -> Observation | None:
     """The same maps with the other coupling; None where there is no doubt, or other blocks would be compared."""
-    if seen.alternative_solution is None:
+    if observation.alternative_solution is None:
         return None
     try:
-        other = make_observation(seen.alternative_solution, seen.steps)
+        other = make_observation(observation.alternative_solution, observation.steps)
     except IllPosed:
         return None
-    return other if np.array_equal(other.valid_blocks, seen.valid_blocks) else None
+    return other if np.array_equal(other.valid_blocks, observation.valid_blocks) else None

@@ -36,17 +36,17 @@ class Screening:
     candidates: tuple[CandidateEvidence, ...]
 
     @classmethod
-    def run(cls, observation: Observation, families: Sequence[EffectClass], known: Sequence[ModelEffect]) -> Screening:
+    def run(cls, observation: Observation, families: Sequence[EffectClass], model_effects: Sequence[ModelEffect]) -> Screening:
         """Hear them.
 
         Raises:
             BadInput: a known effect has no such name, or cannot be in these data.
         """
-        bare, already = add_model_effects(noise_scaled_baseline(observation), known)
-        kept = project_candidates(bare, families)
-        return cls(bare, already, kept, refine_parameters(bare, score_candidates(bare, families, kept)))
+        baseline, already = add_model_effects(noise_scaled_baseline(observation), model_effects)
+        projections = project_candidates(baseline, families)
+        return cls(baseline, already, projections, refine_parameters(baseline, score_candidates(baseline, families, projections)))
 
     @property
     def best_log_evidence(self) -> float:
         """Logarithm of the likelihood of the data beside the family that does most for it."""
-        return self.baseline.log_evidence + max((one.log_factor for one in self.candidates), default=0.0)
+        return self.baseline.log_evidence + max((candidate.log_factor for candidate in self.candidates), default=0.0)

@@ -57,8 +57,8 @@ def _fine_distortion(scene: RunGeometry, values: Values) -> BasisField | None:
 
 def _square_px(scene: RunGeometry) -> float:
     """Distance of neighbouring squares of points."""
-    apart = np.diff(np.sort(scene.address_px[0, :, 0]))
-    return float(np.median(apart[apart > 0.1 * apart.max()]))
+    spacing_px = np.diff(np.sort(scene.address_px[0, :, 0]))
+    return float(np.median(spacing_px[spacing_px > 0.1 * spacing_px.max()]))
 
 
 FINE_DRIFT = EffectClass("baseline_drift_underresolved", "the drift is finer than the knots of its spline", _fine_drift, sizes_px=SIZES_PX)
@@ -67,12 +67,12 @@ FINE_DISTORTION = EffectClass(
 )
 
 
-def fine_scale_candidates(bare: HyperparameterGrid) -> tuple[EffectClass, ...]:
+def fine_scale_candidates(baseline: HyperparameterGrid) -> tuple[EffectClass, ...]:
     """What may be finer than its spline in a run: a drift only if it wanders, as a smooth one has nothing beyond its knots."""
-    belief = bare.best.prior_choice
+    belief = baseline.best.prior_choice
     return (FINE_DISTORTION, FINE_DRIFT) if belief is not None and belief[0].random_walk_px else (FINE_DISTORTION,)
 
 
-def add_fine_scale_terms(bare: HyperparameterGrid, heard: CandidateEvidence) -> HyperparameterGrid:
+def add_fine_scale_terms(baseline: HyperparameterGrid, candidates: CandidateEvidence) -> HyperparameterGrid:
     """The baseline with what is no effect of its own."""
-    return build_grid(bare.design.with_effects(refined(bare, heard).baseline_effect))
+    return build_grid(baseline.design.with_effects(refined(baseline, candidates).baseline_effect))

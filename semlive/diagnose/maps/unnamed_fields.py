@@ -114,13 +114,13 @@ def _after_steps(scene: RunGeometry, values: Values) -> BasisField:
     each = (scene.pair[:, None] == np.unique(scene.pair)).astype(np.float64)
     fall = exponential_decay(scene, each, values["time_constant_s"])
     return BasisField(
-        np.concatenate([xy_columns(one) for one in np.moveaxis(fall, -1, 0)], axis=-1), random_amplitude=("rms_px", "px", 1.0)
+        np.concatenate([xy_columns(value) for value in np.moveaxis(fall, -1, 0)], axis=-1), random_amplitude=("rms_px", "px", 1.0)
     )
 
 
 def _constants(scene: RunGeometry) -> Iterable[Values]:
     del scene
-    return ({"time_constant_s": float(one)} for one in np.geomspace(8.0, 400.0, 6))
+    return ({"time_constant_s": float(value)} for value in np.geomspace(8.0, 400.0, 6))
 
 
 UNNAMED_CLASSES: tuple[EffectClass, ...] = (

@@ -29,15 +29,15 @@ def held_out_row_misfit(series: Sequence[RowSeries], waves: Sequence[Wave], jitt
         waves: that were found.
         jitter: what rows have in common once waves are taken off, where they jitter.
     """
-    parts = [_of_wave(series, one) for one in waves] + ([] if jitter is None else [_of_jitter(jitter)])
-    was, now, noise = (np.sum([one[at] for one in parts], axis=0) for at in range(3))
+    parts = [_of_wave(series, wave) for wave in waves] + ([] if jitter is None else [_of_jitter(jitter)])
+    was, now, noise = (np.sum([part[at] for part in parts], axis=0) for at in range(3))
     rng = np.random.default_rng(43)
-    drawn = [rng.integers(0, len(was), len(was)) for _ in range(RESAMPLED)]
-    closures = [_closure(was[one], now[one], noise[one]) for one in drawn]
-    low, high = (float(one) for one in np.quantile(closures, (0.025, 0.975)))
+    samples = [rng.integers(0, len(was), len(was)) for _ in range(RESAMPLED)]
+    closures = [_closure(was[value], now[value], noise[value]) for value in samples]
+    low, high = (float(value) for value in np.quantile(closures, (0.025, 0.975)))
     gain = was - now
     spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain)) if len(gain) > 1 else float(noise.mean())
-    sizes = [float(np.sqrt(max(np.mean(one), 0.0))) for one in (was, now, noise)]
+    sizes = [float(np.sqrt(max(np.mean(value), 0.0))) for value in (was, now, noise)]
     return HeldOutMisfit(sizes[0], sizes[1], sizes[2], _closure(was, now, noise), (low, high), float(gain.mean()) / max(spread, 1e-12))
 
 
@@ -52,7 +52,7 @@ def _closure(was: Array, now: Array, noise: Array) -> float:
 
 def _of_wave(series: Sequence[RowSeries], wave: Wave) -> tuple[Array, Array, Array]:
     """(pairs,) mean squares in the wave's own shape, px^2: before, after and by noise alone."""
-    halves = [[one.pieces(range(first, len(one.middle_px), 2)) for one in series] for first in (0, 1)]
+    halves = [[run_series.pieces(range(first, len(run_series.middle_px), 2)) for run_series in series] for first in (0, 1)]
     found = [fit_wave(half, wave.frequency_hz) for half in halves]
     was, now, noise = (np.zeros(len(series)) for _ in range(3))
     for fitted, scored in (found, found[::-1]):
@@ -70,8 +70,8 @@ def _of_jitter(found: CommonRowVariance) -> tuple[Array, Array, Array]:
     noise = np.sum(found.variance_px2, axis=1)
     was = np.sum(found.variance_px2 * found.ratio, axis=1)
     fold = np.arange(len(was)) % FOLDS
-    told = np.zeros(len(was))
-    for one in np.unique(fold):
-        others = fold != one if (fold != one).any() else fold == one
-        told[fold == one] = np.sum(found.square_px2(others)[0]) * found.frames[fold == one] / DETRENDED
-    return was, noise + abs(float(np.mean(was - noise - told))), noise  # over all pairs: what one has beyond another is noise
+    predicted = np.zeros(len(was))
+    for value in np.unique(fold):
+        training = fold != value if (fold != value).any() else fold == value
+        predicted[fold == value] = np.sum(found.square_px2(training)[0]) * found.frames[fold == value] / DETRENDED
+    return was, noise + abs(float(np.mean(was - noise - predicted))), noise  # over all pairs: what one has beyond another is noise

@@ -50,9 +50,9 @@ class CommonRowVariance:
         """(pairs, 2) its standard uncertainty."""
         return np.sqrt(2.0 / self.freedom) * self.ratio * self.variance_px2 / self.frames[:, None]
 
-    def square_px2(self, told: NDArray[np.bool_] | None = None) -> tuple[Array, Array]:
+    def square_px2(self, selected: NDArray[np.bool_] | None = None) -> tuple[Array, Array]:
         """(2,) square of the jitter along x and y, which noise may make negative, and its uncertainty, from some of the pairs."""
-        which = np.ones(len(self.frames), dtype=np.bool_) if told is None else told
+        which = np.ones(len(self.frames), dtype=np.bool_) if selected is None else selected
         spread = np.sqrt(2.0 / self.freedom) * self.variance_px2 / self.frames[:, None]
         weight = spread[which] ** -2.0
         total = weight.sum(axis=0)
@@ -96,12 +96,12 @@ def common_row_variance(series: Sequence[RowSeries], seed: int) -> CommonRowVari
     """
     rng = np.random.default_rng((seed, 51))
     ratio, freedom, variance, white = (np.ones((len(series), 2)) for _ in range(4))
-    for at, one in enumerate(series):
+    for at, run_series in enumerate(series):
         for axis in (0, 1):
-            shift, weight = one.shift_px[axis], one.weight[axis]
+            shift, weight = run_series.shift_px[axis], run_series.weight[axis]
             ratio[at, axis], freedom[at, axis], variance[at, axis] = _one(shift, weight, rng)
             white[at, axis] = _white(shift, weight) / variance[at, axis]
-    return CommonRowVariance(ratio, freedom, variance, white, np.array([1.0 + one.interpolation_gain for one in series]))
+    return CommonRowVariance(ratio, freedom, variance, white, np.array([1.0 + run_series.interpolation_gain for run_series in series]))
 
 
 def _one(shift: Array, weight: Array, rng: np.random.Generator) -> tuple[float, float, float]:
@@ -109,22 +109,22 @@ def _one(shift: Array, weight: Array, rng: np.random.Generator) -> tuple[float, 
     n, pieces = shift.shape
     own = _mean_square(shift, weight)
     total = weight.sum(axis=1)
-    known = total > 0.0
-    count = float(np.mean(total[known] ** 2 / np.sum(weight[known] ** 2, axis=1))) if known.any() else 1.0
+    used = total > 0.0
+    count = float(np.mean(total[used] ** 2 / np.sum(weight[used] ** 2, axis=1))) if used.any() else 1.0
     if count < 2.0:  # with fewer pieces nothing tells what they share
         return 1.0, 1.0, 1.0
     rows = np.arange(n)[:, None]
-    drawn = []
+    samples = []
     for _ in range(PERMUTATIONS):
         by = rng.integers(MIN_ROLL, n - MIN_ROLL, pieces)
         at = (rows + by) % n
-        drawn.append(_mean_square(np.take_along_axis(shift, at, axis=0), np.take_along_axis(weight, at, axis=0)))
-    rolled = float(np.mean(drawn))
+        samples.append(_mean_square(np.take_along_axis(shift, at, axis=0), np.take_along_axis(weight, at, axis=0)))
+    rolled = float(np.mean(samples))
     if not rolled > 0.0:
         return 1.0, 1.0, 1.0
     # Jitter is in the pieces too, so rolled ones still show its part of one piece in so many.
     noise = max((rolled - own / count) / (1.0 - 1.0 / count), 1e-3 * rolled)
-    return own / noise, 2.0 * (rolled / float(np.std(drawn, ddof=1))) ** 2, noise
+    return own / noise, 2.0 * (rolled / float(np.std(samples, ddof=1))) ** 2, noise
 
 
 def _white(shift: Array, weight: Array) -> float:
@@ -138,6 +138,6 @@ def _white(shift: Array, weight: Array) -> float:
 def _mean_square(shift: Array, weight: Array) -> float:
     """Of the rows' weighted means."""
     total = weight.sum(axis=1)
-    known = total > 0.0
-    mean = np.sum(shift * weight, axis=1)[known] / total[known]
-    return float(np.mean(mean**2)) if known.any() else 0.0
+    used = total > 0.0
+    mean = np.sum(shift * weight, axis=1)[used] / total[used]
+    return float(np.mean(mean**2)) if used.any() else 0.0

@@ -81,13 +81,13 @@ def row_series(shifts: RowShifts, row_time_s: float, dwell_time_s: float) -> Row
         dwell_time_s: from column to column.
     """
     edges = shifts.edges_px.astype(np.float64)
-    known = shifts.segment_valid
+    valid = shifts.segment_valid
     both = []
     for value, sigma in ((shifts.segment_u_px, shifts.segment_sigma_u_px), (shifts.segment_v_px, shifts.segment_sigma_v_px)):
-        weight = np.where(known & (sigma > 0.0), 1.0 / np.where(sigma > 0.0, sigma, 1.0) ** 2, 0.0)
+        weight = np.where(valid & (sigma > 0.0), 1.0 / np.where(sigma > 0.0, sigma, 1.0) ** 2, 0.0)
         both.append((_fast(np.where(weight > 0.0, value, 0.0), weight), weight))
     return RowSeries(
-        np.stack([one for one, _ in both]),
+        np.stack([value for value, _ in both]),
         np.stack([weight for _, weight in both]),
         shifts.row_px.astype(np.float64),
         0.5 * (edges[:-1] + edges[1:] - 1.0),
