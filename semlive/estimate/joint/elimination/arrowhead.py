@@ -1,7 +1,7 @@
-"""Linear algebra of the information matrix: what acts along x and along y alone meets only in a few shared parameters.
+"""Linear algebra of the information matrix: parameters acting along x and along y are coupled only by a few shared parameters.
 
-Distortion, drift and shifts have parameters of their own for each component; rotations, the raster and the axes of the scan are
-shared. Ordered so, the matrix is an arrow of two large blocks and a narrow border, and factors in a quarter of the time of a full one.
+Distortion, drift and shifts have separate parameters for each component; rotations, raster terms and scan axes are shared. In this
+order the matrix is an arrowhead of two large blocks and a narrow border. Its factorisation takes a quarter of the time of a full matrix.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ComponentBlocks:
-    """Which joint parameters act on one component alone.
+    """Joint parameter indices by the component they act on.
 
     Attributes:
-        x: on x.
-        y: on y.
-        shared: on both.
+        x: indices acting on x only.
+        y: indices acting on y only.
+        shared: indices acting on both.
     """
 
     x: Indices
@@ -39,12 +39,12 @@ class ComponentBlocks:
 
     @property
     def own(self) -> tuple[Indices, Indices]:
-        """Those of x and those of y."""
+        """Indices acting on x only, and on y only."""
         return self.x, self.y
 
 
 def sides(state: EstimatorState) -> ComponentBlocks:
-    """Of all parameters of a state."""
+    """Component blocks of all parameters of a state."""
     kind = np.full(state.layout.size, 2, dtype=np.int8)
     for name in ("distortion", "drift") if state.drift is not None else ("distortion",):
         part = state.layout.part(name)
@@ -57,13 +57,13 @@ def sides(state: EstimatorState) -> ComponentBlocks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArrowheadFactor:
-    """Cholesky factor of an arrow: of each block, of the border with the blocks eliminated, and what joins them.
+    """Cholesky factor of an arrowhead matrix.
 
     Attributes:
-        sides: where the blocks lie.
+        sides: indices of the blocks.
         block: lower factors of the blocks of x and y.
-        coupling: factor of each block, inverted, times its border.
-        border: lower factor of what is left of the border.
+        coupling: inverse factor of each block times its coupling to the border.
+        border: lower factor of the Schur complement of the border.
     """
 
     sides: ComponentBlocks
@@ -73,11 +73,11 @@ class ArrowheadFactor:
 
     @property
     def half_log_det(self) -> float:
-        """Half the logarithm of the matrix' determinant."""
+        """Half the log determinant of the matrix."""
         return sum(float(np.sum(np.log(np.diag(value)))) for value in (*self.block, self.border))
 
     def half(self, right: Matrix) -> Matrix:
-        """(n,) or (n, k) half of a solution, in the order x, y, shared: products of two such are those of a solution with a right side."""
+        """(n,) or (n, k) forward substitution in the order x, y, shared. The product of two results is a quadratic form of the inverse."""
         ahead, remainder = self._ahead(right)
         return np.concatenate((*ahead, solve_triangular(self.border, remainder, lower=True, check_finite=False)))
 
@@ -92,7 +92,7 @@ class ArrowheadFactor:
         return total
 
     def _ahead(self, right: Matrix) -> tuple[list[Matrix], Matrix]:
-        """Both blocks half solved, and what is left of the border's right side."""
+        """Forward substitution of both blocks, and the remaining right side of the border."""
         ahead = [_half(low, right[at]) for low, at in zip(self.block, self.sides.own, strict=True)]
         return ahead, right[self.sides.shared] - sum(join.T @ value for join, value in zip(self.coupling, ahead, strict=True))
 
@@ -117,7 +117,7 @@ class ArrowheadFactor:
 
 
 def _half(low: Matrix, right: Matrix) -> Matrix:
-    """A triangular solution; right sides that ask nothing of a block, as those of the other component do, cost nothing."""
+    """Triangular solution that skips right sides equal to zero, such as those of the other component."""
     if right.ndim == 1 or not right.size:
         return np.asarray(solve_triangular(low, right, lower=True, check_finite=False))
     found, nonzero = np.zeros_like(right), right.any(axis=0)
@@ -126,15 +126,15 @@ def _half(low: Matrix, right: Matrix) -> Matrix:
 
 
 def factorise(precision: Matrix, where: ComponentBlocks, rounding: float = ROUNDING) -> ArrowheadFactor:
-    """The factor of a precision matrix.
+    """Factorise a precision matrix.
 
     Args:
-        precision: (n, n), none of whose rows joins x with y.
-        where: what acts on which.
-        rounding: share of the diagonal that is added to it.
+        precision: (n, n) matrix without coupling between x and y.
+        where: indices of the blocks.
+        rounding: fraction of the diagonal added to it.
 
     Raises:
-        IllPosed: the matrix is not finite or not positive.
+        IllPosed: the matrix is not finite or not positive definite.
     """
     block, joined = [], []
     border = regularise(precision[np.ix_(where.shared, where.shared)], rounding)
@@ -178,10 +178,10 @@ def marginalise(
 
 
 def cholesky(precision: Matrix) -> Matrix:
-    """Lower factor.
+    """Lower Cholesky factor.
 
     Raises:
-        IllPosed: the matrix is not finite or not positive.
+        IllPosed: the matrix is not finite or not positive definite.
     """
     try:
         if np.isfinite(precision).all():
@@ -206,7 +206,7 @@ def inverse(factor: Matrix) -> Matrix:
 
 
 def regularise(precision: Matrix, rounding: float = ROUNDING) -> Matrix:
-    """The matrix with as much added to its diagonal as rounding may have taken: what no datum says must not turn negative."""
+    """The matrix plus the possible rounding error on its diagonal, so that directions without data do not become negative."""
     total = precision.copy()
     np.einsum("ii->i", total)[...] *= 1.0 + rounding
     return total

@@ -1,8 +1,8 @@
-"""Elimination pair by pair in the order of time: what is past is integrated out, so a further pair costs what the first did.
+"""Elimination of pairs in order of time. Past parameters are marginalised, so each further pair has the same cost.
 
-Frame 0 is in every map, so its noise would join all pairs with each other; kept as unknowns, with the distortion and the first knots of
-drift and raster, in a border that all pairs share, it leaves pairs that meet only their neighbours in time. Each step eliminates what no
-later pair can touch. Carried on are a front of a few knots, and the border.
+Frame 0 is part of every map, so marginalising its noise would couple all pairs. The noise of frame 0, the distortion and the first knots of
+drift and raster therefore stay in the parameter vector as a border shared by all pairs. Pairs are then coupled only to the border and to
+their neighbours in time. Each step eliminates the parameters that no later pair touches. A front of a few knots and the border remain.
 """
 
 from __future__ import annotations
@@ -42,16 +42,16 @@ ROWS_PER_BATCH = 256  # rows by which the border is brought up to date at once, 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EliminationStep:
-    """What was eliminated at once.
+    """Parameters eliminated in one step.
 
     Attributes:
-        pair: whose parameters; None for knots between pairs.
-        eliminated: (g,) codes of what is eliminated.
-        kept: (k,) codes of the front that stays.
+        pair: number of the pair; None for knots between pairs.
+        eliminated: (g,) codes of the eliminated parameters.
+        kept: (k,) codes of the remaining front.
         factor: (g, g) lower Cholesky factor.
-        front_coupling: (g, k) inverted factor times what joins them to the front.
-        to_border: (g, b) and to the border.
-        pull: (g,) and times what is asked of them.
+        front_coupling: (g, k) inverse factor times the coupling to the front.
+        to_border: (g, b) inverse factor times the coupling to the border.
+        pull: (g,) inverse factor times the gradient.
     """
 
     pair: int | None
@@ -65,15 +65,15 @@ class EliminationStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Front:
-    """What earlier steps say of the parameters that later pairs may touch.
+    """Information of earlier steps on parameters that later pairs may touch.
 
     Attributes:
-        codes: (k,) sorted.
+        codes: (k,) sorted codes.
         precision: (k, k) precision.
-        shared_coupling: (k, b) shared with the border.
-        gradient: (k,) asked of them.
-        sizes: number of knots of each strand that have come in.
-        first_active_knot: first knot of each strand that is not yet eliminated.
+        shared_coupling: (k, b) coupling to the border.
+        gradient: (k,) gradient.
+        sizes: number of knots of each temporal spline added so far.
+        first_active_knot: first knot of each temporal spline not yet eliminated.
     """
 
     codes: Codes
@@ -86,18 +86,18 @@ class Front:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EliminationChain:
-    """All pairs so far, eliminated.
+    """Elimination of all pairs so far.
 
     Attributes:
         state: the data, linearised about its `linearisation_point`.
-        linearisation_point: (n,) parameters from which solutions are steps: the closer, the less rounding.
-        hyper: noise scale and beliefs.
-        border: what all pairs share.
-        pairs: in order of time.
-        steps: in order of time.
-        front: what is left besides the border.
-        precision: (b, b) of the border with all steps eliminated, without beliefs about the border alone; the lower triangle counts.
-        gradient: (b,) what is asked of the border.
+        linearisation_point: (n,) parameters about which steps are computed; a close point reduces rounding errors.
+        hyper: noise scale and prior sizes.
+        border: parameters shared by all pairs.
+        pairs: numbers of the pairs, in order of time.
+        steps: elimination steps, in order of time.
+        front: remaining parameters besides the border.
+        precision: (b, b) precision of the border after all steps, without priors of the border alone; only the lower triangle is valid.
+        gradient: (b,) gradient of the border.
     """
 
     state: EstimatorState
@@ -112,7 +112,7 @@ class EliminationChain:
 
 
 def eliminate_all(state: EstimatorState, hyper: Hyperparameters, near: Vector) -> EliminationChain:
-    """All pairs of a state, linearised at its `linearisation_point`, eliminated from the start; solutions are steps from `near` (n,)."""
+    """Eliminate all pairs of a state, linearised at its `linearisation_point`. Solutions are steps from `near` (n,)."""
     border = SharedParameters.of(state)
     splines = temporal_splines(state, hyper, border)
     nothing = np.zeros(0)
@@ -124,15 +124,15 @@ def eliminate_all(state: EstimatorState, hyper: Hyperparameters, near: Vector) -
 
 
 def eliminate_further(chain: EliminationChain, state: EstimatorState, near: Vector, summed: bool = False) -> EliminationChain:
-    """The chain with the pairs of a state that it has not seen, linearised about the chain's point.
+    """Add to a chain the pairs of a state that it does not contain, linearised about the point of the chain.
 
-    A pair that comes after all others costs the same whatever their number; one that belongs before another costs a new elimination.
+    A pair after all others has constant cost. A pair that belongs before another requires a new elimination.
 
     Args:
-        chain: what was eliminated before, of the same run.
-        state: the data; its `linearisation_point` holds the chain's point and, for new parameters, where to linearise.
-        near: (n,) the chain's, with the new parameters.
-        summed: whether the border has got already what the new pairs say of it.
+        chain: earlier elimination of the same run.
+        state: the data; its `linearisation_point` holds the point of the chain and, for new parameters, their linearisation point.
+        near: (n,) the point of the chain, extended by the new parameters.
+        summed: whether the border already contains the information of the new pairs.
     """
     times = _times(state)
     order = sorted(times, key=lambda pair: times[pair][0].start_s)
@@ -176,7 +176,7 @@ def eliminate_further(chain: EliminationChain, state: EstimatorState, near: Vect
 def with_initial_motion(
     state: EstimatorState, near: Vector, pairs: Iterable[int], border: SharedParameters
 ) -> tuple[EstimatorState, Vector]:
-    """The state with a first look at the motions of pairs in its `linearisation_point`, and parameters near them with the same."""
+    """Return the state with initial motions of the pairs in its `linearisation_point`, and parameters `near` with the same motions."""
     about, near = state.linearisation_point.copy(), near.copy()
     for maps in _maps_of(state, pairs).values():
         index, motion = initial_motion(state, maps, border, near)
@@ -185,7 +185,7 @@ def with_initial_motion(
 
 
 def eliminate_last(chain: EliminationChain) -> tuple[EliminationStep, Matrix, Vector]:
-    """The last step, in which nothing of the front is kept, and the border's precision and pull after it."""
+    """The last step, which leaves no front, and the precision and gradient of the border after it."""
     total, pull, front = chain.precision.copy(), chain.gradient.copy(), chain.front
     all_past = tuple(size + 1 for size in front.sizes)
     splines = temporal_splines(chain.state, chain.hyper, chain.border)
@@ -206,10 +206,10 @@ def _eliminated(
     border_pull: Vector,
     pair: int | None,
 ) -> tuple[Front, EliminationStep]:
-    """One step: new knots come in with what is believed of them, a pair with what it says, and all before `until` goes out.
+    """One step: add new knots with their prior and a pair with its information, then eliminate everything before `until`.
 
-    What is believed of the border, and what the step asks of it, is added to `total` and `shared_gradient` in place; `_bring_up` takes off
-    what the step took with it.
+    The prior terms and the gradient of the border are added to `total` and `border_pull` in place. `_bring_up` subtracts the Schur
+    complement of the step.
     """
     (sizes, past), (chain, state, near) = until, of
     fresh = [spline.codes(before, size) for spline, before, size in zip(splines, front.sizes, sizes, strict=True)]
@@ -246,7 +246,7 @@ def _eliminated(
 
 
 def _kept(step: EliminationStep, storage: Storage) -> EliminationStep:
-    """The step with what it holds kept elsewhere: most of what a pair leaves behind."""
+    """The step with its arrays moved to a storage; they are most of the memory of a pair."""
     own, front_coupling, border = (storage.store_array(value) for value in (step.factor, step.front_coupling, step.to_border))
     return replace(step, factor=own, front_coupling=front_coupling, to_border=border, pull=step.pull.copy())
 
@@ -258,7 +258,7 @@ def _believe(
     inside: tuple[Matrix, Matrix, Vector],
     outside: tuple[Matrix, Vector],
 ) -> None:
-    """Add a belief about zero, in place, to a step's own parameters and to the border."""
+    """Add, in place, a zero-mean prior to the parameters of a step and to the border."""
     about, believed, gradient = belief
     own, to_border, pull = inside
     place = border.place(about)
@@ -294,7 +294,7 @@ def pair_prior(state: EstimatorState, near: Vector, pair: int | None, hyper: Hyp
 
 
 def _bring_up(total: Matrix, steps: Sequence[EliminationStep]) -> None:
-    """Take off the lower triangle of the border's precision what steps took with them, in place."""
+    """Subtract, in place, the Schur complements of steps from the lower triangle of the border precision."""
     (syrk,) = get_blas_funcs(("syrk",), (total,))
     pending: list[Matrix] = []
     for number, step in enumerate(steps):
@@ -308,7 +308,7 @@ def _bring_up(total: Matrix, steps: Sequence[EliminationStep]) -> None:
 def _gap(
     splines: Sequence[TemporalSpline], front: Front, times: tuple[FrameTime, FrameTime]
 ) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
-    """Where to pause before a pair so that a long time without pairs is not eliminated at once."""
+    """First knots to stop at before a pair, so that a long time without pairs is not eliminated in one step."""
     sizes = tuple(max(_begin(value, times), size) for value, size in zip(splines, front.sizes, strict=True))
     most = max(after - before for before, after in zip(front.sizes, sizes, strict=True))
     pauses = []
@@ -342,7 +342,7 @@ def _begin(strand: TemporalSpline, times: tuple[FrameTime, FrameTime]) -> int:
 
 
 def _begun_later(splines: Sequence[TemporalSpline], times: Sequence[tuple[FrameTime, FrameTime]]) -> list[tuple[int, ...]]:
-    """For each of several pairs, in order of time, the first knot of each strand that any later one may touch."""
+    """For each of several pairs in order of time, the first knot of each temporal spline that a later pair may touch."""
     found, least = [], tuple(spline.spline.size for spline in splines)
     for time in reversed(times):
         found.append(least)

@@ -1,4 +1,4 @@
-"""What one pair says, apart from what all others say: information on its own parameters, on the border, and on both together."""
+"""Information of one pair on its own parameters, on the shared parameters, and their coupling."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from semlive.estimate.joint.observations.state import EstimatorState, MapObserva
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairInformation:
-    """Information of one pair's maps about a point `near`, at unit noise scale.
+    """Information of the maps of one pair about a point `near`, at unit noise scale.
 
     Attributes:
-        codes: (m,) its own parameters, sorted.
-        precision: (m, m) precision of these.
-        shared_coupling: (m, b) precision that they share with the border.
-        gradient: (m,) what the residuals ask of them.
-        shared_gradient: (b,) and of the border.
-        shared: what the border gets, weighted; empty where that was not asked for.
+        codes: (m,) sorted codes of its own parameters.
+        precision: (m, m) precision of its own parameters.
+        shared_coupling: (m, b) coupling to the border.
+        gradient: (m,) gradient of its own parameters.
+        shared_gradient: (b,) gradient of the border.
+        shared: weighted contribution to the border; empty if not requested.
     """
 
     codes: Codes
@@ -47,12 +47,12 @@ class PairInformation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharedContribution:
-    """What one component of a pair's maps gives the border.
+    """Contribution of one component of the maps of a pair to the border.
 
     Attributes:
-        place: (k,) sorted places.
+        place: (k,) positions in the border.
         value: (k, k) information on them.
-        noise: for each map from frame 0 where the noise of its blocks lies, information on it, and what it shares with the places.
+        noise: for each map from frame 0, positions of the noise of its blocks, information on it, and its coupling to `place`.
     """
 
     place: NDArray[np.int64]
@@ -71,7 +71,7 @@ class SharedContribution:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rows:
-    """One component of one map: its columns on the pair's own parameters and on the border without noise, with their places."""
+    """One component of one map: its columns on the parameters of the pair and on the border without noise, with their positions."""
 
     axis: int
     border: tuple[NDArray[np.int64], Matrix]
@@ -84,7 +84,7 @@ class _Rows:
 def pair_information(
     state: EstimatorState, maps: Sequence[MapObservations], border: SharedParameters, near: Vector, weight: float | None = None
 ) -> PairInformation:
-    """The information of one pair's maps, and what the border gets of it times `weight`, if given."""
+    """Information of the maps of one pair, and its contribution to the border times `weight`, if given."""
     rows = [component for dmap in maps if dmap.weight.any() for component in _components(state, dmap, border, near)]
     codes = np.unique(np.concatenate([map_rows.own[0] for map_rows in rows])) if rows else np.zeros(0, dtype=np.int64)
     own, pull = np.zeros((len(codes),) * 2), np.zeros(len(codes))
@@ -135,7 +135,7 @@ def shared_information(state: EstimatorState, border: SharedParameters, weight: 
 
 
 def _together(parts: Sequence[tuple[NDArray[np.int64], Matrix]], place: NDArray[np.int64]) -> Matrix:
-    """Columns of several maps, each with the places of its own, below each other over the places `place`."""
+    """Columns of several maps, each with its own positions, stacked over the positions `place`."""
     total = np.zeros((sum(len(value) for _, value in parts), len(place)))
     row = 0
     for at, value in parts:
@@ -145,7 +145,10 @@ def _together(parts: Sequence[tuple[NDArray[np.int64], Matrix]], place: NDArray[
 
 
 def _scattered(total: Matrix, place: NDArray[np.int64], distortion: int, value: Matrix) -> None:
-    """Add `value` at `place` (sorted), in place; the distortion's every second parameter in one go, which is most of it."""
+    """Add `value` at sorted positions `place`, in place.
+
+    Distortion parameters of one component (every second) are added in one operation.
+    """
     count = int(np.searchsorted(place, distortion))
     if 2 * count == distortion:
         every = slice(int(place[0]), distortion, 2)
@@ -161,7 +164,7 @@ def _scattered(total: Matrix, place: NDArray[np.int64], distortion: int, value: 
 def initial_motion(
     state: EstimatorState, maps: Sequence[MapObservations], border: SharedParameters, near: Vector
 ) -> tuple[NDArray[np.int64], Vector]:
-    """Joint indices of a pair's motion, and what it seems to be if all else is as `near` has it: enough to linearise about."""
+    """Joint indices and initial estimate of the motion of a pair, all other parameters fixed at `near`, for linearisation."""
     rows = [
         component for dmap in maps if dmap.weight.any() and not dmap.within_pair for component in _components(state, dmap, border, near)
     ]

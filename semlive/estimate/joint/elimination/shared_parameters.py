@@ -1,6 +1,6 @@
-"""Names of parameters that stay as the run grows, and which of them every pair may touch: the border of the chain of pairs.
+"""Parameter codes that stay constant while the run grows, and the border: parameters that any pair may touch.
 
-Drift, raster and motions grow at their ends, so a parameter's place in the joint vector moves when the run grows; its code does not.
+Drift, raster and motions grow at their ends, so the index of a parameter in the joint vector changes when the run grows. Its code does not.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ def parameter_indices(layout: Layout, codes: Codes) -> NDArray[np.int64]:
 
 
 def codes_in_layout(layout: Layout, codes: Codes) -> NDArray[np.bool_]:
-    """Which codes a layout has: those of shifts of rows are gone when the data no longer ask for any."""
+    """Which codes exist in a layout. Codes of row shifts disappear if the term is no longer selected."""
     return np.asarray((codes & INDEX) < np.array(layout.sizes)[codes >> SHIFT])
 
 
 @dataclass(frozen=True, slots=True)
 class SharedParameters:
-    """How many parameters of each kind, counted from the first, any pair may touch.
+    """Number of parameters of each kind, counted from the first, that any pair may touch.
 
-    All of the distortion and of the scan's axes, the first knots of drift and raster and the rows of frame 0 (every map from frame 0
-    touches them), and the noise of frame 0, block by block for x and then for y. All others belong to the time of one pair.
+    The border contains the distortion, the scan axes, the first knots of drift and raster, the rows of frame 0 (touched by every map from
+    frame 0), and the noise of frame 0, block by block for x and then for y. All other parameters belong to the time of one pair.
 
     Attributes:
-        counts: by kind, in the order of `KINDS`.
+        counts: number by kind, in the order of `KINDS`.
     """
 
     counts: tuple[int, ...]
@@ -74,7 +74,7 @@ class SharedParameters:
 
     @property
     def known(self) -> int:
-        """How many of them are in the joint vector: all but the noise."""
+        """Number of them in the joint vector: all but the noise."""
         return self.size - self.counts[NOISE]
 
     def part(self, kind: int) -> slice:
@@ -83,7 +83,7 @@ class SharedParameters:
         return slice(start, start + self.counts[kind])
 
     def place(self, codes: Codes) -> NDArray[np.int64]:
-        """Place of each code in the border, -1 for those outside."""
+        """Position of each code in the border; -1 outside."""
         starts, counts = np.cumsum([0, *self.counts[:-1]]), np.array(self.counts)
         kind, index = codes >> SHIFT, codes & INDEX
         return np.where(index < counts[kind], starts[kind] + index, -1)
@@ -120,7 +120,7 @@ class TemporalSpline:
         return (self.kind << SHIFT) | (self.offset + self.stride * np.arange(first, stop, dtype=np.int64))
 
     def belief(self, first: int, stop: int) -> tuple[Codes, Matrix]:
-        """What is believed of knots first ... stop - 1 and those before them that was not said of those before: codes, precision."""
+        """Prior of knots first ... stop - 1 given the earlier ones: codes and precision."""
         begin, total = self.since(first), np.zeros((stop - self.since(first),) * 2)
         for penalty in self.filters:
             own = slice(max(first - penalty.reach, 0) - begin, None)
@@ -131,7 +131,7 @@ class TemporalSpline:
         return self.codes(begin, stop), total
 
     def asked(self, first: int, stop: int, value: Vector) -> Vector:
-        """That precision times the knots' values, by their differences: products with the matrix would lose what is left of large ones."""
+        """Prior precision times knot values, computed from differences to avoid cancellation of large values."""
         begin, total = self.since(first), np.zeros(len(value))
         for penalty in self.filters:
             own = slice(max(first - penalty.reach, 0) - begin, None)
@@ -142,20 +142,20 @@ class TemporalSpline:
         return total
 
     def since(self, first: int) -> int:
-        """First knot that a belief about knot `first` joins with it."""
+        """First knot coupled by the prior to knot `first`."""
         return max(first - max((penalty.reach for penalty in self.filters), default=0), 0)
 
     def size_at(self, end_s: float) -> int:
-        """Number of knots that a run until then has."""
+        """Number of knots of a run that ends at `end_s`."""
         return min(max(_intervals(self.spline, end_s), 1) + self.spline.degree, self.spline.size)
 
     def interval(self, time_s: float) -> int:
-        """First knot that is felt at a time or later."""
+        """First knot with influence at a time or later."""
         return max(int(np.floor((time_s - self.spline.origin) / self.spline.spacing)), 0)
 
 
 def temporal_splines(state: EstimatorState, hyper: Hyperparameters, border: SharedParameters) -> tuple[TemporalSpline, ...]:
-    """The splines in time and what is believed of each."""
+    """Temporal splines with their priors."""
     assert state.drift is not None  # there are pairs
     found = [
         TemporalSpline(
@@ -171,7 +171,7 @@ def temporal_splines(state: EstimatorState, hyper: Hyperparameters, border: Shar
 
 
 def shared_prior(state: EstimatorState, hyper: Hyperparameters, border: SharedParameters) -> Matrix:
-    """(size, size) gauges and beliefs about the border alone; the noise of frame 0 counts in units of the data's noise scale."""
+    """(size, size) gauges and priors of the border alone. The noise of frame 0 is in units of the noise scale of the data."""
     total = np.zeros((border.size,) * 2)
     affine = state.distortion.affine_rows(state.grid) / GAUGE_PX
     bending = state.distortion.roughness() * BASE_PX**-2.0 + affine.T @ affine

@@ -1,8 +1,9 @@
-"""Does the estimate agree with itself? Halves of the data, each solved alone, beside what their noise lets them differ.
+"""Consistency checks: halves of the data are solved separately and their difference is compared with its covariance.
 
-Both halves keep the smoothness, the weights and the linearisation of the whole. With ``S = (P + L)^-1`` the covariance of a half
-(P its information, L the belief both share) their difference has the covariance ``S_a + S_b - S_a (L + X) S_b - transposed``: what both
-believe cannot make them differ, and X is what their noise has in common, that of frame 0 where both halves hold the same points.
+Both halves use the smoothness, weights and linearisation of the full data. ``S = (P + L)^-1`` is the covariance of a half (P its
+information, L the common prior). The difference has the covariance ``S_a + S_b - S_a (L + X) S_b - transposed``: the common
+prior cannot cause a
+difference, and X is the common noise, that of frame 0 where both halves contain the same points.
 """
 
 from __future__ import annotations
@@ -38,14 +39,13 @@ LATTICE = 9  # points along x and y where distortions are compared
 
 @dataclass(frozen=True, slots=True)
 class HalfSplitCheck:
-    """How far two halves of the data differ.
+    """Difference between two halves of the data.
 
     Attributes:
         name: ``split field`` (left and right half of the points: drift within frames) or ``odd and even pairs`` (distortion).
-        difference_px: root mean square of the difference.
-        expected_px: what noise alone gives on average.
-        sigmas: how unlikely the difference is by chance, as standard deviations of a normal distribution; negative where it is
-            smaller than expected.
+        difference_px: root mean square of the difference, px.
+        expected_px: expected root mean square from noise alone, px.
+        sigmas: improbability of the difference as standard deviations of a normal distribution; negative if smaller than expected.
     """
 
     name: str
@@ -69,11 +69,11 @@ _REASON = {
 
 
 def consistency(solution: Solution) -> tuple[HalfSplitCheck, ...]:
-    """Split field for the drift, odd and even pairs for the distortion; empty where a half says too little.
+    """Check the drift by a split field and the distortion by odd and even pairs; empty if a half has too little data.
 
-    Costs two half passes over the block means and four factorisations. The map within a pair counts where the others do not, so each half
-    is made from the weights that the whole has. Of more than `dense_limit` some of those are taken that came since choices were last
-    due, so that each stretch of a long run is looked at, and at the same cost.
+    The cost is two passes over half of the block means and four factorisations. The weights of each half are derived from those of the full
+    data. With more than `dense_limit` pairs, the checks use a sample of the pairs since the last selection, so the cost is bounded and
+    each part of a long run is checked.
     """
     count = len(solution.state.phases)
     if count < MIN_PAIRS:
@@ -92,7 +92,7 @@ def consistency(solution: Solution) -> tuple[HalfSplitCheck, ...]:
 
 
 def warnings_of(agreements: tuple[HalfSplitCheck, ...]) -> tuple[HalfSplitCheck, ...]:
-    """Those that disagree by more than chance allows."""
+    """Checks whose difference exceeds the limit."""
     return tuple(agreement for agreement in agreements if agreement.sigmas > WARN_SIGMAS)
 
 
@@ -100,7 +100,7 @@ BlockSelector = Callable[[MapObservations], NDArray[np.bool_]]
 
 
 def _agreement(solution: Solution, name: str, choose: BlockSelector, rows: Field) -> HalfSplitCheck:
-    """How linear functions (k, n) of the parameters differ between the chosen blocks and the others."""
+    """Compare linear functions (k, n) of the parameters between the chosen blocks and the other blocks."""
     state, weight = solution.state, solution.hyper.noise_scale**-2.0
     belief = prior_precision(state, solution.hyper) + gauge_precision(state)
     half_fit = _half(state, choose)
@@ -123,10 +123,11 @@ def _told(name: str, difference: Field, covariance: Field) -> HalfSplitCheck:
 
 
 def _sigmas(difference: Field, covariance: Field) -> float:
-    """How unlikely a difference is by chance, as standard deviations.
+    """Improbability of a difference as standard deviations.
 
-    Directions count by their noise, so that one that the data hardly know does not drown the others; from the median on towards the
-    best known they count less and less, for there a few per cent of sigma would raise an alarm.
+    Directions are weighted by their noise, so that a poorly determined direction does not hide the others. Beyond the median,
+    better determined
+    directions get less weight, because there an error of a few per cent in sigma would cause a false alarm.
     """
     values, vectors = np.linalg.eigh(covariance)
     values = np.clip(values, 0.0, None)
@@ -139,7 +140,7 @@ def _sigmas(difference: Field, covariance: Field) -> float:
 
 
 def _half(state: EstimatorState, choose: BlockSelector) -> EstimatorState:
-    """The state as if it had seen the chosen blocks alone."""
+    """State with the information of the chosen blocks only."""
     n = len(state.information)
     sums = NormalMatrix(np.zeros((n, n)), np.zeros(n), ReferenceNoise.empty(state.blocks.size, n))
     for map_rows in state.rows:
@@ -151,7 +152,7 @@ def _half(state: EstimatorState, choose: BlockSelector) -> EstimatorState:
 
 
 def _rest(state: EstimatorState, half: EstimatorState) -> EstimatorState:
-    """What the whole saw and a half did not: information adds up."""
+    """Information of the full data minus that of a half."""
     full, part = state.reference, half.reference
     weight = (full.weight - full.prior) - (part.weight - part.prior)
     common = weight > 1e-9 * full.weight
@@ -166,7 +167,7 @@ def _rest(state: EstimatorState, half: EstimatorState) -> EstimatorState:
 
 
 def _shared(first: ReferenceNoise, spread: Field, second: ReferenceNoise, second_spread: Field) -> Field:
-    """(k, k) what frame 0's noise, in the blocks that both halves hold, gives to the covariance of their functions."""
+    """(k, k) contribution of the noise of frame 0, in blocks of both halves, to the covariance of their functions."""
     total = np.zeros((spread.shape[1],) * 2)
     for axis in (0, 1):
         weight = [np.where(half.weight[:, axis] > 0, half.weight[:, axis], np.inf) for half in (first, second)]
@@ -176,7 +177,7 @@ def _shared(first: ReferenceNoise, spread: Field, second: ReferenceNoise, second
 
 
 def _within_frames(state: EstimatorState) -> Field:
-    """(4 frames, n) change of the drift, along x and y, from the middle of every frame to its ends: no shift is in it."""
+    """(4 frames, n) change of the drift along x and y from the middle of each frame to its ends. It contains no shift."""
     drift, part = state.drift, state.layout.part("drift")
     assert drift is not None  # a solution has data
     begin, middle, end = (

@@ -1,4 +1,4 @@
-"""How uncertain a correction is at every point: the systematic part of a displacement, beside the correlation's own noise."""
+"""Standard uncertainty of a correction at every point: the systematic part of a displacement, without DIC noise."""
 
 from __future__ import annotations
 
@@ -23,20 +23,21 @@ TOGETHER = 32  # maps for one way back along the chain: 60 MB of their functions
 
 
 def correction_sigma(solution: Solution, dmap: DisparityMap) -> tuple[Field, Field]:
-    """Standard uncertainty (ny, nx) along x and y of a map's correction, px; its mean over the field left out.
+    """Standard uncertainty (ny, nx) along x and y of the correction of a map, px, without its mean over the field.
 
-    It is the same however good the correlation of the frame is, and hangs together over the field and from frame to frame. The mean is one
-    number with the motion of the specimen (F4) and stated there, with `Motion.shift_sigma_px`. Worked out at some places and interpolated.
+    The error is independent of the DIC noise of the frame and correlated over the field and from frame to frame. Its mean is not
+    distinguishable from the motion of the specimen (F4) and is reported there as `shift_sigma_px`. It is computed at some positions and
+    interpolated.
 
     Raises:
-        IllPosed: the map's frame is not part of the estimate.
+        IllPosed: the frame of the map is not part of the estimate.
         ValueError: the map does not start from frame 0.
     """
     return next(correction_sigmas(solution, (dmap,)))
 
 
 def correction_sigmas(solution: Solution, maps: Iterable[DisparityMap]) -> Iterator[tuple[Field, Field]]:
-    """The same of many maps in their order, some together: each way back along the chain serves all of them."""
+    """Uncertainties of many maps in their order; several maps share one backward pass of the smoother."""
     queue = iter(maps)
     while together := tuple(islice(queue, TOGETHER)):
         of_pair: dict[int, list[int]] = {}
@@ -61,7 +62,7 @@ def _places(dmap: DisparityMap) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def _everywhere(dmap: DisparityMap, variance: Field) -> tuple[Field, Field]:
-    """From the places to all points."""
+    """Interpolate from the sampled positions to all points."""
     grid, (rows, columns) = dmap.grid, _places(dmap)
     every = np.stack(np.meshgrid(np.arange(grid.ny), np.arange(grid.nx), indexing="ij"), axis=-1)
     some = np.sqrt(np.clip(variance, 0.0, None)).reshape(2, len(rows), len(columns))
@@ -70,7 +71,7 @@ def _everywhere(dmap: DisparityMap, variance: Field) -> tuple[Field, Field]:
 
 
 def _change(solution: Solution, dmap: DisparityMap) -> Terms:
-    """What acts where the map's frame shows some places, less what acts there in frame 0."""
+    """Terms acting at the sampled positions in the frame of the map, minus those in frame 0."""
     if dmap.reference != 0:
         raise ValueError(f"corrections are for maps from frame 0, not from frame {dmap.reference}")
     state, at = solution.state, np.ix_(*_places(dmap))

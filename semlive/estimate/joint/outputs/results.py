@@ -1,4 +1,4 @@
-"""The posterior in the words of `semlive.data`: drift samples, distortion field, motions, corrections."""
+"""Conversion of the posterior to the types of `semlive.data`: drift samples, distortion field, motions, corrections."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ MODEL_MISFIT_FACTOR = 2.0  # times the stated noise; rendered frames and the num
 
 
 def to_estimate(solution: Solution, revision: int, newest_only: bool = False) -> EstimateRevision:
-    """Everything known, as one revision; `newest_only` leaves out what belongs to pairs older than the `LIVE_WINDOW_PAIRS` newest."""
+    """Convert the solution to one revision; with `newest_only`, only pairs among the newest `LIVE_WINDOW_PAIRS` are included."""
     state = solution.state
     assessment = calibration(solution)
     distortion = _distortion(solution, assessment)
@@ -60,7 +60,7 @@ def to_estimate(solution: Solution, revision: int, newest_only: bool = False) ->
 
 
 def consistency_messages(solution: Solution) -> tuple[str, ...]:
-    """Whether halves of the data agree, one sentence each; a warning where they do not."""
+    """Results of the consistency checks, one sentence each; a warning where a check fails."""
     messages = [check.message() for check in consistency(solution)]
     if solution.hyper.noise_scale > MODEL_MISFIT_FACTOR:
         messages.append(
@@ -80,12 +80,12 @@ def current_drift_rate(solution: Solution) -> NDArray[np.float64]:
 
 
 def correction(solution: Solution, dmap: DisparityMap) -> Correction:
-    """Drift and distortion in a map from frame 0, to be subtracted to get displacement.
+    """Drift and distortion in a map from frame 0, to be subtracted to obtain displacement.
+
+    Points outside the scan addresses observed in calibration are marked, because the distortion there would be extrapolated.
 
     Raises:
-        IllPosed: the map's frame is not part of the estimate.
-
-    Points that a frame shows beyond the addresses seen in calibration are marked: the distortion there would be extrapolated.
+        IllPosed: the frame of the map is not part of the estimate.
     """
     model, parameters = _acting(solution)
     _, current = frame_observations(solution, dmap)
@@ -103,7 +103,7 @@ def correction(solution: Solution, dmap: DisparityMap) -> Correction:
 
 
 def _acting(solution: Solution) -> tuple[tuple[Effect, ...], NDArray[np.float64]]:
-    """Effects at the scan address with their parameters; what is held at zero (to 1e-9 px) adds nothing and is left out."""
+    """Effects at the scan address with their parameters, without effects held at zero (to 1e-9 px)."""
     held = {
         raster_effect.name for raster_effect, size_px in zip(solution.state.raster, solution.hyper.raster_px, strict=True) if not size_px
     }
@@ -113,7 +113,7 @@ def _acting(solution: Solution) -> tuple[tuple[Effect, ...], NDArray[np.float64]
 
 @lru_cache(maxsize=1)
 def _at_reference(solution: Solution, grid: Grid) -> NDArray[np.float64]:
-    """(n, 2) what acts at the points of frame 0, the same for every map from there: half of a correction's time."""
+    """(n, 2) displacement by the effects at the points of frame 0, px, common to all maps: half of the time of a correction."""
     observation = sighting(solution.state.frame_time(0), *grid.mesh())
     model, parameters = _acting(solution)
     found = predicted_offsets(model, parameters, evaluate_drift(model, parameters, observation))
@@ -122,11 +122,13 @@ def _at_reference(solution: Solution, grid: Grid) -> NDArray[np.float64]:
 
 
 def mean_strain_covariance(solution: Solution, frames: Sequence[int], of: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-    """(2 n, 2 n) joint covariance of the mean strains of n frames, first all exx, then all eyy; or (k, k) of functions (k, 2 n) `of` them.
+    """(2 n, 2 n) joint covariance of the mean strains of n frames, first all exx, then all eyy.
 
-    Errors of distortion and drift are common to the frames and may grow with load, because the specimen travels under
-    load: taken as independent they make Young's modulus look better known than it is. The gradients of the pairs hold
-    them together with the DIC's noise. Frames of one pair share theirs; frames without a free gradient have zeros.
+    If `of` is given: (k, k) covariance of the functions `of` (k, 2 n).
+
+    Errors of distortion and drift are common to the frames and may grow with load, because the specimen travels under load. Treating
+    them as independent underestimates the uncertainty of Young's modulus. The displacement gradients of the pairs contain them and the DIC
+    noise. Frames of one pair share a gradient; frames without a free gradient have zeros.
     """
     motions, start, count = solution.state.motions, solution.state.layout.part("motion").start, len(frames)
     of = np.eye(2 * count) if of is None else of
@@ -142,15 +144,15 @@ def mean_strain_covariance(solution: Solution, frames: Sequence[int], of: NDArra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _OfFrame:
-    """What is known of one frame.
+    """Results for one frame.
 
     Attributes:
-        when: its times.
-        time_s: (t,) samples of the drift.
-        drift_px: (t, 2) there.
-        variance_px2: (t, 2) of its change from the middle of the frame.
-        rate_px_s: (t, 2) there.
-        wander: value and variance of each term of the raster, at the middle of the frame.
+        when: scan times of the frame.
+        time_s: (t,) sample times of the drift, s.
+        drift_px: (t, 2) drift at these times, px.
+        variance_px2: (t, 2) variance of the drift change from the middle of the frame, px^2.
+        rate_px_s: (t, 2) drift rate, px/s.
+        wander: value and variance of each raster term at the middle of the frame.
     """
 
     when: FrameTime
@@ -163,7 +165,7 @@ class _OfFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _OfPair:
-    """What is known of one pair, without the covariances that it was made of: those are a hundred times as much."""
+    """Results for one pair, without the covariances, which need a hundred times the memory."""
 
     motion: PairMotion
     frames: tuple[_OfFrame, _OfFrame]

@@ -1,7 +1,7 @@
-"""Halves of a long run's data, each solved alone: at bounded cost, from a few dozen pairs.
+"""Consistency checks of a long run at bounded cost, from a few dozen pairs.
 
-All parameters in one matrix would be too many. What the halves of the field say of the drift is compared given the border, which all pairs
-have made known; what odd and even pairs say of the distortion, with everything else of each half integrated out along a chain.
+One matrix of all parameters would be too large. The drift from the halves of the field is compared conditional on the shared parameters,
+which all pairs determine. The distortion from odd and even pairs is compared after eliminating all other parameters pair by pair.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ BEYOND = 4  # pairs on either side that are solved for with some that are compar
 
 
 def sampled_pair_numbers(state: EstimatorState, since: int) -> tuple[int, ...]:
-    """Numbers of at most `2 COUPLES` pairs, in couples of neighbours evenly over those that came after the first `since`."""
+    """Numbers of at most `2 COUPLES` pairs: neighbouring couples distributed evenly over the pairs after the first `since`."""
     every = (0, *state.motions.pairs)
     late = every[max(min(since, len(every) - 2 * MAX_PAIR_COUPLES), 0) :]
     first = np.unique(np.linspace(0, len(late) // 2 - 1, MAX_PAIR_COUPLES).astype(int))
@@ -35,10 +35,11 @@ def sampled_pair_numbers(state: EstimatorState, since: int) -> tuple[int, ...]:
 
 
 def field_half_difference(solution: Solution, pairs: tuple[int, ...]) -> tuple[Field, Field]:
-    """Difference (k,) of what the left and the right half of the field say of the drift within frames, and its covariance (k, k).
+    """Difference (k,) of the drift within frames from the left and the right half of the field, and its covariance (k, k).
 
-    Both take the border as known, and both believe the same of the drift: that cannot make them differ. Pairs that are so far apart that
-    the drift forgets between them are looked at apart: the cost is that of the pairs, however long the run.
+    Both halves use the same shared parameters and the same drift prior, which cannot cause a difference. Pairs too far apart for
+    their drift to
+    be correlated are solved separately, so the cost depends on the number of pairs and not on the length of the run.
     """
     found = [_drift_of_halves(solution, some, around) for some, around in _neighbours(solution.state, pairs)]
     return np.concatenate([value for value, _ in found]), np.asarray(block_diag(*(value for _, value in found)), dtype=np.float64)
@@ -81,8 +82,8 @@ def _drift_of_halves(solution: Solution, pairs: tuple[int, ...], around: tuple[i
 def odd_even_difference(solution: Solution, pairs: tuple[int, ...], rows: Field) -> tuple[Field, Field]:
     """Difference (k,) of linear functions (k, d) of the distortion from odd and from even pairs, and its covariance (k, k).
 
-    What both halves believe of the border they have in common. What they believe of the drift is taken as independent, for each knows the
-    drift of its own pairs: that makes the covariance a little too large.
+    The halves share the prior of the border. Their drift priors are treated as independent, because each half determines the drift of its
+    own pairs. This makes the covariance slightly too large.
     """
 
     def of(parity: int) -> tuple[Field, Field, Field]:
@@ -120,7 +121,7 @@ def _within_frames(band: BandedSystem, pairs: tuple[int, ...]) -> Field:
 
 
 def _times(band: Field, columns: Field) -> Field:
-    """A symmetric matrix, given as its lower band, times columns."""
+    """Product of a symmetric matrix, given by its lower band, and columns."""
     total, size = band[0][:, None] * columns, len(columns)
     for lag in range(1, len(band)):
         own = band[lag, : size - lag][:, None]
@@ -130,7 +131,7 @@ def _times(band: Field, columns: Field) -> Field:
 
 
 def subset_state(solution: Solution, pairs: tuple[int, ...]) -> tuple[EstimatorState, Field]:
-    """The state as if it had seen some pairs alone, linearised where it is, and the parameters of the solution in its layout."""
+    """State restricted to some pairs at the same linearisation point, and the parameters of the solution in its layout."""
     state = solution.state
     motion, held = state.layout.part("motion"), [(pair, *state.motions.part(pair)) for pair in state.motions.pairs if pair in pairs]
     index = np.concatenate([np.arange(motion.start), *(motion.start + np.arange(value.start, value.stop) for _, value, _ in held)])

@@ -1,4 +1,4 @@
-"""Where the stage was sent against where the picture went: scale, angle between the axes, what is left (Sutton 2007, Fig. 15)."""
+"""Comparison of commanded stage positions with image shifts: scale, angle between the axes, residual (Sutton 2007, Fig. 15)."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ MIN_ACROSS = 0.05  # of the larger extent: below, the commands lie on a line
 
 @dataclass(frozen=True, slots=True)
 class StagePath:
-    """``shift = S command + offset``, from the columns of S.
+    """Fit of ``shift = S command + offset``, derived from the columns of S.
 
     Attributes:
-        scale_x: pixels per unit of command along the stage's x.
-        scale_y: likewise y.
-        scale_sigma: standard uncertainty of both, relative.
-        angle_deg: between the stage's axes as imaged, 90 where the stage is square and the picture undistorted.
-        angle_sigma_deg: of it.
-        rotation_deg: of the stage's x axis in the picture, positive from x towards y.
-        residual_px: root mean square of what is left, per axis.
+        scale_x: pixels per unit of command along the x axis of the stage.
+        scale_y: pixels per unit of command along the y axis of the stage.
+        scale_sigma: relative standard uncertainty of both scales.
+        angle_deg: imaged angle between the stage axes, deg; 90 for a square stage and an undistorted image.
+        angle_sigma_deg: standard uncertainty of the angle, deg.
+        rotation_deg: rotation of the x axis of the stage in the image, deg, positive from x towards y.
+        residual_px: root mean square residual per axis, px.
     """
 
     scale_x: float
@@ -51,8 +51,8 @@ def stage_path(commands_um: Field, shifts_px: Field) -> StagePath:
     """Fit measured shifts to commanded positions.
 
     Args:
-        commands_um: (n, 2).
-        shifts_px: (n, 2) measured, drift across motions included.
+        commands_um: (n, 2) commanded positions, um.
+        shifts_px: (n, 2) measured shifts, px, including drift between motions.
 
     Raises:
         IllPosed: fewer than four positions, or all on a line.
@@ -77,7 +77,7 @@ def stage_path(commands_um: Field, shifts_px: Field) -> StagePath:
 
 
 def stage_path_messages(commands: Iterable[tuple[int, tuple[float, float]]], motions: Sequence[PairMotion]) -> tuple[str, ...]:
-    """The sentence, where the pairs' commanded positions (pair, um) allow a fit; nothing otherwise."""
+    """Message on the stage path if the commanded positions of the pairs (pair, um) allow a fit; empty otherwise."""
     measured = {motion.pair: motion.shift_px for motion in motions}
     matched = [(command, measured[pair]) for pair, command in commands if pair in measured]
     if len(matched) < 5:
