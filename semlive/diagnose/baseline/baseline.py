@@ -1,4 +1,4 @@
-"""The baseline: drift, distortion and motion as the estimator has them, effects that were found, and what the data leave of them."""
+"""The baseline: drift, distortion and motion of the estimator, the effects identified so far, and the residual of the data."""
 
 from __future__ import annotations
 
@@ -22,18 +22,16 @@ Array = NDArray[np.float64]
 FREE_DISTORTION_FACTOR = 10.0
 BELIEF = 4.0  # standard deviation of the logarithm about the first choice
 DISTORTION_SMOOTHNESS_FACTORS = (0.3, 1.0, 3.0)
-MAX_LOG_ODDS_DEFICIT = (
-    40.0  # logarithm of the odds against a drift that could follow more, and explains less: an effect helps it less than others
-)
+MAX_LOG_ODDS_DEFICIT = 40.0  # log odds against a rougher drift that explains less: an effect improves it less than others
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BaselineEffect:
-    """An effect that is in the baseline.
+    """An effect that is part of the baseline.
 
     Attributes:
         columns: (f, b, 2, q) whitened columns.
-        size_px: standard deviation of their amplitudes before the data.
+        size_px: prior standard deviation of the amplitudes, px.
     """
 
     columns: Array
@@ -45,18 +43,18 @@ Moving = tuple[tuple[NDArray[np.int64], Array], ...]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DesignMatrix:
-    """The baseline's columns, whitened; those of effects that were found come last.
+    """Whitened columns of the baseline; the columns of identified effects come last.
 
     Attributes:
-        observation: what they are for.
-        whiten: the noise.
+        observation: the observation described by the columns.
+        whiten: the whitening of the noise.
         columns: for x and for y, (f b, m) columns.
-        per_frame_columns: for x and y and each frame: the baseline's columns that move it, and (b, k) their mean over the frames.
-        index: for x and for y, (m,) the parameters that they belong to.
-        parameter_indices: (p,) joint parameters of the estimator that the baseline has.
-        normal_matrix: (p + r, p + r) A^T A, r being the number of the effects' amplitudes.
-        sizes_px: (r,) of the effects' amplitudes.
-        beliefs: what may be believed of the baseline's own parameters.
+        per_frame_columns: for x and y and each frame, the columns that are not zero there, and (b, k) their mean over the frames.
+        index: for x and for y, (m,) the parameters of the columns.
+        parameter_indices: (p,) joint parameters of the estimator contained in the baseline.
+        normal_matrix: (p + r, p + r) A^T A, with r amplitudes of effects.
+        sizes_px: (r,) prior standard deviations of the amplitudes, px.
+        beliefs: candidate priors of the parameters of the baseline.
     """
 
     observation: Observation
@@ -102,7 +100,7 @@ class DesignMatrix:
         return np.concatenate(parts, axis=2)
 
     def rescaled(self, by: float) -> DesignMatrix:
-        """The same where noise is larger by a factor."""
+        """The design matrix for noise larger by a factor."""
         columns = self.columns[0] / by, self.columns[1] / by
         own = [tuple((at, block / by) for at, block in per_frame_column) for per_frame_column in self.per_frame_columns]
         whiten = replace(self.whiten, sigma_px=self.whiten.sigma_px * by)
@@ -121,7 +119,7 @@ class DesignMatrix:
         return tuple(slice(start, start + width) for start, width in zip(starts, widths, strict=True))
 
     def with_effects(self, found: BaselineEffect) -> DesignMatrix:
-        """The same with an effect more."""
+        """The design matrix with one more effect."""
         q = found.columns.shape[-1]
         place = self.size + np.arange(q)
         flat = [np.ascontiguousarray(found.columns[:, :, axis].reshape(-1, q)) for axis in (0, 1)]
@@ -137,11 +135,11 @@ class DesignMatrix:
 
 
 def design(observation: Observation, whiten: Whitener) -> DesignMatrix:
-    """Columns of an observation, linearised about its first solution."""
+    """Whitened columns of an observation, linearised about its first solution."""
     state, layout = observation.state, observation.state.layout
     dropped = np.zeros(layout.size, dtype=np.bool_)
     for change in state.raster:
-        dropped[layout.part(change.name)] = True  # what the raster does is to be named
+        dropped[layout.part(change.name)] = True  # raster changes are effects to be identified, not part of the baseline
     retained = np.flatnonzero(~dropped)
     place = np.full(layout.size, -1)
     place[retained] = np.arange(len(retained))
@@ -171,17 +169,17 @@ def design(observation: Observation, whiten: Whitener) -> DesignMatrix:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HyperparameterPoint:
-    """A baseline with one smoothness.
+    """Posterior of the baseline for one smoothness.
 
     Attributes:
         hyper: the smoothness.
-        prior: (p + r, p + r) precision before the data.
-        factor: of the posterior precision.
-        evidence: logarithm of the likelihood of the data, up to a constant that all rungs share.
-        occam_factor: the part of it, negative, that comes from what else there might have been.
-        gradient: (p + r,) what residuals and belief ask for at the first solution.
-        half_solved_gradient: (p + r,) the same, half solved.
-        prior_choice: of the drift, and the roughness of the distortion in that of the first choice; None of runs that were joined.
+        prior: (p + r, p + r) prior precision.
+        factor: factor of the posterior precision.
+        evidence: log marginal likelihood, up to a constant common to all points.
+        occam_factor: the Occam factor, the negative part of the evidence due to the prior volume.
+        gradient: (p + r,) gradient of the log posterior at the first solution.
+        half_solved_gradient: (p + r,) forward substitution of the gradient.
+        prior_choice: prior of the drift, and roughness of the distortion relative to the first choice; None for joined runs.
     """
 
     hyper: Hyperparameters
@@ -194,7 +192,7 @@ class HyperparameterPoint:
     prior_choice: tuple[DriftPrior, float] | None = None
 
     def half(self, right: Array) -> Array:
-        """(p + r, ...) inverse of the factor times (p + r, ...): products of two such are those of a solution with one right side."""
+        """(p + r, ...) forward substitution; products of two results are quadratic forms of the posterior covariance."""
         return self.factor.half(right)
 
     def solve(self, right: Array) -> Array:
@@ -204,12 +202,12 @@ class HyperparameterPoint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HyperparameterGrid:
-    """The baseline against the data.
+    """The baseline evaluated on the data for several smoothness values.
 
     Attributes:
         design: the columns.
-        whitened_residual: (f, b, 2) whitened, what the first solution leaves of the data.
-        points: the drift that is smoothest first.
+        whitened_residual: (f, b, 2) whitened residual of the first solution.
+        points: one point per drift prior, the smoothest first.
     """
 
     design: DesignMatrix
@@ -218,29 +216,29 @@ class HyperparameterGrid:
 
     @property
     def best(self) -> HyperparameterPoint:
-        """The likeliest."""
+        """The most likely point."""
         return max(self.points, key=lambda candidate: candidate.evidence)
 
     @property
     def evidence(self) -> float:
-        """Logarithm of the likelihood summed over the rungs."""
+        """Log marginal likelihood, summed over the points."""
         return float(np.logaddexp.reduce([point.evidence for point in self.points]))
 
     @property
     def log_evidence(self) -> float:
-        """The same in px and not in units of the noise: to be set beside that of the same maps about another solution."""
+        """Log marginal likelihood in px instead of noise units, comparable between solutions of the same maps."""
         whiten, f = self.design.whiten, self.design.observation.frames
         volume = len(whiten.factor) * np.log(whiten.sigma_px) + np.sum(np.log(np.diag(whiten.factor)))
         return float(self.evidence - 2.0 * (f - 1) * volume)
 
     def residual(self) -> Array:
-        """(f, b, 2) whitened, what the likeliest baseline leaves."""
+        """(f, b, 2) whitened residual of the most likely baseline."""
         step = self.best.solve(self.best.gradient[:, None])
         return self.whitened_residual - self.design.apply(step)[..., 0]
 
 
 def build_grid(columns: DesignMatrix) -> HyperparameterGrid:
-    """For each smoothness of the drift the baseline with the likeliest of the distortion's, but for those that have no hope."""
+    """Evaluate, for each drift prior, the most likely smoothness of the distortion; points with negligible likelihood are left out."""
     tries = _Tries.of(columns)
     plain = parallel_map(lambda candidate: (candidate, tries.rung(candidate, 1.0)), columns.beliefs.different())
     best = max((rung for _, rung in plain), key=lambda candidate: candidate.evidence)
@@ -254,7 +252,7 @@ def build_grid(columns: DesignMatrix) -> HyperparameterGrid:
 
 
 def best_point(columns: DesignMatrix) -> HyperparameterGrid:
-    """A ladder of one rung: the likeliest smoothness of the drift, and then of the distortion."""
+    """Grid of one point: the most likely smoothness of the drift, then of the distortion."""
     tries = _Tries.of(columns)
     found = dict(parallel_map(lambda candidate: (candidate, tries.rung(candidate, 1.0)), columns.beliefs.different()))
     best = max(found, key=lambda candidate: found[candidate].evidence)
@@ -262,16 +260,16 @@ def best_point(columns: DesignMatrix) -> HyperparameterGrid:
 
 
 def prior_point(columns: DesignMatrix) -> HyperparameterGrid:
-    """A ladder of one rung: as smooth as the first solution has it."""
+    """Grid of one point with the smoothness of the first solution."""
     tries = _Tries.of(columns)
     return HyperparameterGrid(columns, tries.left, (tries.rung(DriftPrior(1.0), 1.0),))
 
 
 def point_like(columns: DesignMatrix, like: HyperparameterGrid) -> HyperparameterGrid:
-    """A ladder of one rung: as smooth as another's likeliest.
+    """Grid of one point with the most likely smoothness of another grid.
 
     Raises:
-        ValueError: the other is of runs that were joined.
+        ValueError: the other grid is of joined runs.
     """
     if like.best.prior_choice is None:
         raise ValueError("runs that were joined have no smoothness of one run")
@@ -280,9 +278,10 @@ def point_like(columns: DesignMatrix, like: HyperparameterGrid) -> Hyperparamete
 
 
 def with_free_distortion(columns: DesignMatrix) -> HyperparameterGrid:
-    """A ladder of one rung: the likeliest smoothness of the drift, with a distortion far rougher than what was chosen.
+    """Grid of one point: the most likely smoothness of the drift, with a distortion prior much wider than selected.
 
-    A distortion is no draw of what is believed of it: of five pairs one in five was found loud by a few of its terms.
+    A real distortion is not a sample of its prior. With the selected prior, one in five runs of five pairs had significant
+    distortion terms.
     """
     tries = _Tries.of(columns)
     return HyperparameterGrid(
@@ -294,7 +293,7 @@ def with_free_distortion(columns: DesignMatrix) -> HyperparameterGrid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tries:
-    """What all smoothnesses have in common."""
+    """Data common to all smoothness values."""
 
     columns: DesignMatrix
     near: Array
@@ -327,7 +326,7 @@ class _Tries:
 
 
 def _beside(precision: Array, sizes_px: Array) -> Array:
-    """(p + r, p + r) precision before the data of the baseline's own parameters, and of amplitudes of effects."""
+    """(p + r, p + r) prior precision of the parameters of the baseline and of the amplitudes of effects."""
     p, r = len(precision), len(sizes_px)
     total = np.zeros((p + r, p + r))
     total[:p, :p] = precision
@@ -345,17 +344,17 @@ def evaluate_point(
     believed: float,
     where: ComponentBlocks,
 ) -> HyperparameterPoint:
-    """A baseline of p parameters, by what it left at a first solution.
+    """Evaluate a baseline of p parameters from the residual of a first solution.
 
     Args:
         normal: (p, p) A^T A.
-        prior: (p, p) precision before the data, and half the logarithm of its determinant.
-        pull: (p,) A^T times what the first solution left, whitened.
-        power: sum of the squares of what it left.
-        near: (p,) that solution.
-        hyper: its smoothness.
-        believed: logarithm of how much that smoothness is believed in.
-        where: which parameters act along x or along y alone.
+        prior: (p, p) prior precision, and half its log determinant.
+        pull: (p,) A^T times the whitened residual of the first solution.
+        power: sum of squares of this residual.
+        near: (p,) the first solution.
+        hyper: the smoothness.
+        believed: log prior probability of the smoothness.
+        where: component blocks of the parameters.
     """
     factor = factorise(normal + prior[0], where, 0.0)
     held = prior[0] @ near

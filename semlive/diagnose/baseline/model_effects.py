@@ -1,4 +1,4 @@
-"""Effects that are known before: they join the baseline, and what they move can be taken off."""
+"""Effects given by the user: they are added to the baseline, and their displacement can be subtracted."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ Array = NDArray[np.float64]
 
 
 def effect_class(name: str) -> EffectClass:
-    """A family by its name.
+    """Effect class by name.
 
     Raises:
-        BadInput: nothing has that name.
+        BadInput: no class has this name.
     """
     found = next((family for family in EFFECT_CLASSES if family.name == name), None)
     if found is None:
@@ -35,7 +35,7 @@ def effect_class(name: str) -> EffectClass:
 
 
 def observable_effects(observation: Observation, model_effects: Sequence[ModelEffect]) -> list[ModelEffect]:
-    """Those that a run can show: some go with loads or moves."""
+    """Effects observable in a run; some require loads or stage moves."""
     return [
         model_effect
         for model_effect in model_effects
@@ -44,10 +44,10 @@ def observable_effects(observation: Observation, model_effects: Sequence[ModelEf
 
 
 def add_model_effects(baseline: HyperparameterGrid, model_effects: Sequence[ModelEffect]) -> tuple[HyperparameterGrid, tuple[Array, ...]]:
-    """The baseline with effects in it, whose amplitudes the data refit, and (f, b, 2, q) what unit amplitudes of each move in px.
+    """Add effects to the baseline with free amplitudes. Returns the grid and (f, b, 2, q) displacement of unit amplitudes of each, px.
 
     Raises:
-        BadInput: an effect is unknown, or cannot be in these data.
+        BadInput: an effect is unknown or not observable in these data.
     """
     columns, fields = baseline.design, []
     for model_effect in model_effects:
@@ -60,7 +60,7 @@ def add_model_effects(baseline: HyperparameterGrid, model_effects: Sequence[Mode
 
 
 def fitted_amplitudes(baseline_with_effects: HyperparameterGrid) -> Array:
-    """(r,) most likely amplitudes of the effects in a baseline, at its likeliest smoothness."""
+    """(r,) most likely amplitudes of the effects in a baseline at its most likely smoothness."""
     return np.asarray(
         baseline_with_effects.best.solve(baseline_with_effects.best.gradient[:, None])[
             len(baseline_with_effects.design.parameter_indices) :, 0
@@ -70,12 +70,12 @@ def fitted_amplitudes(baseline_with_effects: HyperparameterGrid) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffectDisplacement:
-    """What effects move.
+    """Displacement caused by effects.
 
     Attributes:
-        effects: their names.
-        field_px: (f, b, 2) since frame 0, all of them together.
-        not_corrected: names of those that are strain, look like it, or would take more than 2 % of a strain away; not in the field.
+        effects: names of the effects.
+        field_px: (f, b, 2) total displacement since frame 0, px.
+        not_corrected: names of effects that are strain, resemble strain, or would remove more than 2 % of a strain; not part of the field.
     """
 
     effects: tuple[str, ...]
@@ -84,10 +84,10 @@ class EffectDisplacement:
 
 
 def effect_displacement(observation: Observation, model_effects: Sequence[ModelEffect]) -> EffectDisplacement:
-    """What effects have moved, their amplitudes refitted together with drift, distortion and motion.
+    """Displacement by effects, with amplitudes refitted jointly with drift, distortion and motion.
 
     Raises:
-        BadInput: an effect is unknown, or cannot be in these data.
+        BadInput: an effect is unknown or not observable in these data.
     """
     baseline_with_effects, fields = add_model_effects(noise_scaled_baseline(observation), model_effects)
     amplitudes = fitted_amplitudes(baseline_with_effects)
@@ -105,9 +105,9 @@ def effect_displacement(observation: Observation, model_effects: Sequence[ModelE
 
 
 def interpolate_to_grid(observation: Observation, moved: Array, grid: Grid) -> dict[int, Array]:
-    """By the number of each frame (ny, nx, 2) what effects move at every point, from what they move in blocks (f, b, 2).
+    """Interpolate the displacement of effects from blocks (f, b, 2) to all points: (ny, nx, 2) by frame number.
 
-    The smoothest surface through the blocks: effects are smooth over a subset, as correlation shows nothing finer.
+    The smoothest interpolating surface is used. Effects are smooth over a subset, because correlation does not resolve shorter waves.
     """
     scene = observation.geometry
     place = scene.address_px[0] + observation.state.centre_px
@@ -119,7 +119,7 @@ def interpolate_to_grid(observation: Observation, moved: Array, grid: Grid) -> d
 
 
 def subtract_effects(disparity: DisparityMap, by_frame: Mapping[int, Array]) -> DisparityMap:
-    """A map without what moved by the number of each frame, (ny, nx, 2) px; as it is where nothing did."""
+    """A map minus the displacement (ny, nx, 2) px of its frames, by frame number; unchanged for frames without displacement."""
     if not by_frame:
         return disparity
     by = by_frame[disparity.current] - by_frame[disparity.reference]

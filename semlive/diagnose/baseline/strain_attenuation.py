@@ -1,4 +1,4 @@
-"""Whether an effect eats strain: strain is injected, and looked for again after the correction."""
+"""Attenuation of strain by the correction of an effect, measured with injected strain."""
 
 from __future__ import annotations
 
@@ -15,15 +15,14 @@ MAX_ATTENUATION = 0.02
 
 
 def strain_attenuation(baseline_with_effects: HyperparameterGrid, fields: tuple[Array, ...], effect_count: int) -> tuple[float, ...]:
-    """For each effect of a baseline the largest share of an injected strain that its correction takes away; 0 without a tension phase.
+    """Largest fraction of an injected strain removed by the correction of each effect; 0 without a tension phase.
 
-    Strain of each component by itself is added to all frames under load, which changes what is found of the effects linearly: no
-    noise takes part, as in the difference of two runs with the same noise.
+    Each strain component is added separately to all frames under load. The fitted amplitudes change linearly, so noise does not contribute.
 
     Args:
         baseline_with_effects: the baseline with the effects.
-        fields: of each effect, (f, b, 2, q) what unit amplitudes move, px.
-        effect_count: how many of them were in the baseline before anything was found in it.
+        fields: for each effect, (f, b, 2, q) displacement of unit amplitudes, px.
+        effect_count: number of effects given before the search.
     """
     scene, columns = baseline_with_effects.design.observation.geometry, baseline_with_effects.design
     if not scene.loaded.any():
@@ -39,14 +38,14 @@ def strain_attenuation(baseline_with_effects: HyperparameterGrid, fields: tuple[
 
 
 def _injected(scene: RunGeometry) -> tuple[Array, ...]:
-    """(f, b, 2, 1) for exx, eyy and exy: what a strain of 1 / half width moves in frames under load, px."""
+    """(f, b, 2, 1) for exx, eyy and exy: displacement by a strain of 1 / half width in frames under load, px."""
     on = scene.loaded[:, None].astype(np.float64)
     nothing = np.zeros_like(scene.x)
     return field_column(scene.x * on, nothing), field_column(nothing, scene.y * on), field_column(scene.y * on, scene.x * on)
 
 
 def _strain(scene: RunGeometry, moved: Array) -> tuple[float, float, float]:
-    """Mean exx, eyy and exy of frames under load against the others, in units of what was injected."""
+    """Mean exx, eyy and exy of frames under load relative to the other frames, in units of the injected strain."""
     found = []
     for frame in range(len(scene.frame)):
         rows = np.stack((np.ones_like(scene.x[frame]), scene.x[frame], scene.y[frame]), axis=-1)
