@@ -117,7 +117,7 @@ def project_candidates(
 ) -> dict[str, CandidateProjection]:
     """Whiten the basis fields of each effect class, for repeated use with the same baseline and further effects.
 
-    Classes beyond half a gigabyte in total are not stored.
+    Returns an empty mapping if the projections need more than half a gigabyte.
 
     Args:
         ladder: the baseline.

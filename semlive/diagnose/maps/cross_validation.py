@@ -1,4 +1,4 @@
-"""The gap: how much of the misfit effects explain on pairs that they were not fitted on."""
+"""Cross-validation: the part of the misfit explained by effects in pairs excluded from the fit."""
 
 from __future__ import annotations
 
@@ -24,13 +24,15 @@ MIN_PREDICTED_CHI2 = 9.0  # of what effects predict in held-out frames, in squar
 
 
 def held_out_misfit(without: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, seed: int) -> HeldOutMisfit:
-    """The gap without and with the effects that the second ladder has.
+    """Misfit of held-out pairs without and with the additional effects of the second grid.
 
-    Amplitudes and baseline come from the other pairs; in held-out frames only the specimen's own motion and what drift does
-    within the frame are fitted, on half of the field, and the other half is scored, both ways. Amplitudes that held-out frames have to
-    themselves are fitted there too. Both baselines are as smooth as the second is: a rougher drift would follow a part of the effect. A gap
-    counts in smooth shapes and in those of the effects: all else is noise, which at four times the least effect that can be detected is a
-    hundred times larger than the gap. The floor is what draws of noise, drift and distortion leave, and scatters as they do.
+    Amplitudes and baseline are fitted to the other pairs. In held-out frames only the motion of the specimen and the drift
+    within the frame are
+    fitted, on half of the field; the other half is scored, and vice versa. Amplitudes that occur only in held-out frames are fitted
+    there too. Both baselines have the smoothness of the second, because a rougher drift would absorb a part of the effect. The misfit is
+    measured in smooth shapes and in the shapes of the effects. The remainder is noise, which at four times the smallest
+    detectable effect is
+    a hundred times larger than the misfit. The noise floor and its scatter follow from draws of noise, drift and distortion.
     """
     without = point_like(without.design, baseline_with_effects)
     before, after = _elsewhere(without, baseline_with_effects, seed)
@@ -59,9 +61,9 @@ def held_out_misfit(without: HyperparameterGrid, baseline_with_effects: Hyperpar
 def explained_fraction_known(
     without: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, unhidden_px: Array, seed: int
 ) -> float:
-    """The closure for somebody who has the same data, noise and all, without what is hidden, (f, b, 2) px: for benchmarks.
+    """Explained fraction relative to the same data without the hidden displacement (f, b, 2) px; for benchmarks.
 
-    What those data leave without the effects is the gap's floor, so that noise has no part in it.
+    The noise floor is the misfit of the data without the effects, so noise does not contribute.
     """
     alone = point_like(
         replace(without.design, observation=replace(without.design.observation, disparity_px=unhidden_px)), baseline_with_effects
@@ -77,7 +79,7 @@ def explained_fraction_known(
 
 
 def held_out_residual(ladder: HyperparameterGrid, held: NDArray[np.bool_]) -> Array:
-    """(h, b, 2) whitened, what is left of held-out frames, everything but how the specimen lay in them being that of the others."""
+    """(h, b, 2) whitened residual of held-out frames; all parameters except the specimen motion are those of the other frames."""
     columns, data = ladder.design, ladder.whitened_residual[..., None]
     elsewhere = _fitted_elsewhere(ladder, data, ~held, _normal_of(columns, held))
     residual = data - columns.apply(elsewhere.step)
@@ -91,12 +93,12 @@ def held_out_residual(ladder: HyperparameterGrid, held: NDArray[np.bool_]) -> Ar
 
 
 def _predicted(before: list[Array], after: list[Array]) -> float:
-    """Square of what the effects predict in the shapes that count, in units of the noise."""
+    """Squared prediction of the effects in the scored shapes, in units of the noise."""
     return sum(float(np.sum((value[:, 0] - two[:, 0]) ** 2)) for value, two in zip(before, after, strict=True))
 
 
 def _elsewhere(without: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, seed: int) -> tuple[list[Array], list[Array]]:
-    """What is left of each frame without and with the effects, their amplitudes being those of the other pairs."""
+    """Residual of each frame without and with the effects, with amplitudes fitted to the other pairs."""
     pair = without.design.observation.geometry.pair
     order = np.searchsorted(np.unique(pair), pair)
     before, after = [], []
@@ -110,7 +112,7 @@ def _elsewhere(without: HyperparameterGrid, baseline_with_effects: Hyperparamete
 
 
 def _in_the_fit(without: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, seed: int) -> tuple[list[Array], list[Array]]:
-    """The same of the fit itself: a jump moves whole frames, whose own shifts are free where they are held out."""
+    """Residual of the fit itself, without held-out frames. A jump moves whole frames, whose shift would be free if they were held out."""
     columns = baseline_with_effects.design
     both = [without.residual(), baseline_with_effects.residual()]
     noise = _left_of_draws(baseline_with_effects, seed)
@@ -126,7 +128,7 @@ def _in_the_fit(without: HyperparameterGrid, baseline_with_effects: Hyperparamet
 
 
 def _left_of_draws(baseline_with_effects: HyperparameterGrid, seed: int) -> Array:
-    """(f, b, 2, draws) what the fit leaves of noise, drift and distortion as they are believed."""
+    """(f, b, 2, draws) residual of the fit for draws of noise, drift and distortion from their priors."""
     columns, rng = baseline_with_effects.design, np.random.default_rng((seed, 44))
     noise = rng.normal(size=(columns.observation.frames, columns.observation.blocks, 2, DRAWS))
     noise -= noise.mean(axis=0)
@@ -136,21 +138,24 @@ def _left_of_draws(baseline_with_effects: HyperparameterGrid, seed: int) -> Arra
 
 
 def _believe(columns: DesignMatrix, prior: Array, pull: Array, seed: int) -> None:
-    """Let draws (p, k) ask for their own drift and distortion less: they were drawn with some, as these are believed."""
+    """Correct the gradient of draws (p, k) for the drift and distortion sampled from their priors."""
     for own in _unforeseen(columns):
         samples = np.random.default_rng((seed, 45, len(own))).normal(size=(len(own), pull.shape[1]))
         pull[own] -= np.linalg.cholesky(prior[np.ix_(own, own)]) @ samples
 
 
 def _closure(gained: float, gap: float, noise: float) -> float:
-    """A gap is at least as large as what is gained on it: at twice the least effect that can be detected noise scatters by more than it."""
+    """Explained fraction.
+
+    The misfit is at least the gain: at twice the smallest detectable effect the noise scatters by more than the misfit.
+    """
     return gained / max(gap, gained, 1e-3 * noise)
 
 
 def _scored(ladder: HyperparameterGrid, shapes: DesignMatrix, held: NDArray[np.bool_], normal: Array, seed: int) -> list[Array]:
-    """Of each held-out frame (n, 1 + draws) what is left of the data, and of noise alone, in the shapes that count.
+    """Residual of the data and of noise draws, (n, 1 + draws), in the scored shapes, for each held-out frame.
 
-    `normal_matrix` is that of the told frames, of these columns and perhaps of further ones after them.
+    `normal` is the normal matrix of the training frames, of these columns and possibly of further columns after them.
     """
     columns = ladder.design
     f, b = columns.observation.frames, columns.observation.blocks
@@ -164,12 +169,12 @@ def _scored(ladder: HyperparameterGrid, shapes: DesignMatrix, held: NDArray[np.b
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Known:
-    """What the other pairs say.
+    """Result of the fit to the other pairs.
 
     Attributes:
         step: (p, k) parameters.
-        spread: (r, r) covariance of the effects' amplitudes.
-        within_px: (f,) standard deviation of what drift does from the top of each frame to its bottom.
+        spread: (r, r) covariance of the amplitudes of the effects.
+        within_px: (f,) standard deviation of the drift change from the top to the bottom of each frame, px.
     """
 
     step: Array
@@ -178,7 +183,7 @@ class _Known:
 
 
 def _normal_of(columns: DesignMatrix, held: NDArray[np.bool_]) -> Array:
-    """(p, p) A^T A of the frames that are not held out: what those that are give is less to multiply."""
+    """(p, p) A^T A of the training frames, computed by subtracting the held-out frames."""
     f, b = columns.observation.frames, columns.observation.blocks
     normal = columns.normal_matrix.copy()
     for axis in (0, 1):
@@ -189,9 +194,9 @@ def _normal_of(columns: DesignMatrix, held: NDArray[np.bool_]) -> Array:
 
 
 def _fitted_elsewhere(ladder: HyperparameterGrid, data: Array, training: NDArray[np.bool_], normal: Array, seed: int = 0) -> _Known:
-    """Baseline and effects fitted to the told frames alone, of data (f, b, 2, 1 + draws): the measured ones, then draws of noise.
+    """Fit baseline and effects to the training frames of data (f, b, 2, 1 + draws): the measured data, then draws of noise.
 
-    Of a draw the parameters are those that the fit has too much: what it was drawn with cancels in all that is left.
+    For a draw, the parameters are the errors of the fit, because the sampled values cancel in every residual.
     """
     columns, rung = ladder.design, ladder.best
     f, b = columns.observation.frames, columns.observation.blocks
@@ -216,14 +221,14 @@ def _fitted_elsewhere(ladder: HyperparameterGrid, data: Array, training: NDArray
 
 
 def _unforeseen(columns: DesignMatrix) -> list[NDArray[np.int64]]:
-    """Parameters of the drift, and of the distortion."""
+    """Parameters of the drift and of the distortion."""
     layout = columns.observation.state.layout
     parts = [layout.part(name) for name in ("drift", "distortion")]
     return [np.flatnonzero((columns.parameter_indices >= part.start) & (columns.parameter_indices < part.stop)) for part in parts]
 
 
 def _drift_within(columns: DesignMatrix) -> Array:
-    """(f, p) rows that give what drift does along x from the first block of each frame to its last."""
+    """(f, p) rows that give the drift change along x from the first block of each frame to its last."""
     observation = columns.observation
     state, time_s = observation.state, observation.geometry.time_s
     assert state.drift is not None  # there are pairs
@@ -234,7 +239,7 @@ def _drift_within(columns: DesignMatrix) -> Array:
 
 
 def _nuisance_rows(columns: DesignMatrix, elsewhere: _Known, held: NDArray[np.bool_]) -> Iterator[tuple[int, Array, Array]]:
-    """Each held-out frame, rows (b, 2, n) of nuisances and effects in it, and the precision (n, n) with which they are believed."""
+    """For each held-out frame, rows (b, 2, n) of nuisance parameters and effects, and their prior precision (n, n)."""
     belief = np.linalg.inv(elsewhere.spread) if len(elsewhere.spread) else elsewhere.spread
     for frame, effect in zip(np.flatnonzero(held).tolist(), _effects_in(columns, held), strict=True):
         free, sizes_px = _nuisances(columns, frame, float(elsewhere.within_px[frame]))
@@ -249,7 +254,7 @@ def _nuisance_rows(columns: DesignMatrix, elsewhere: _Known, held: NDArray[np.bo
 def _nuisances_taken(
     columns: DesignMatrix, shapes: DesignMatrix, residual: Array, elsewhere: _Known, held: NDArray[np.bool_]
 ) -> list[Array]:
-    """Of each held-out frame (n, k) what is left on each half of the field, nuisances fitted on the other."""
+    """For each held-out frame, (n, k) residual on each half of the field after fitting nuisance parameters on the other half."""
     board = _checkerboard(columns)
     scored = []
     for (frame, rows, precision), counted in zip(_nuisance_rows(columns, elsewhere, held), _effects_in(shapes, held), strict=True):
@@ -305,7 +310,7 @@ def _whitened(columns: DesignMatrix, shapes: list[Array]) -> Array:
 
 
 def _checkerboard(columns: DesignMatrix) -> NDArray[np.bool_]:
-    """(b,) the blocks that are fitted."""
+    """(b,) True for blocks used in the fit."""
     observation = columns.observation
     row, column = np.divmod(observation.valid_blocks, observation.state.blocks.layout[1])
     return np.asarray((row // CHECKERBOARD_BLOCKS + column // CHECKERBOARD_BLOCKS) % 2 == 0, dtype=np.bool_)

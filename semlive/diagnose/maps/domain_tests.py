@@ -1,4 +1,4 @@
-"""Where model and data disagree: one calibrated test for each domain."""
+"""Tests of model misfit: one calibrated test for each domain."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MIN_RELATIVE_EIGENVALUE = 1e-3  # of the largest eigenvalue: what the baseline t
 
 
 def run_domain_tests(ladder: HyperparameterGrid, draws: NullDraws) -> tuple[DomainTest, ...]:
-    """A test for each domain, family-wise over all of them (Westfall and Young: the least p among the draws)."""
+    """Test each domain, with family-wise p-values over all domains (Westfall and Young: smallest p-value of each draw)."""
     scene = ladder.design.observation.geometry
     tests = []
     for domain, field in domain_contrasts(scene):
@@ -40,13 +40,13 @@ def run_domain_tests(ladder: HyperparameterGrid, draws: NullDraws) -> tuple[Doma
 
 
 def _upper(null: Array, value: Array) -> Array:
-    """(n,) share of null draws that are at least as large as values (n,)."""
+    """(n,) fraction of null draws at least as large as the values (n,)."""
     below = np.searchsorted(np.sort(null), value, side="left")
     return np.asarray((1.0 + len(null) - below) / (1.0 + len(null)), dtype=np.float64)
 
 
 def domain_contrasts(scene: RunGeometry) -> list[tuple[str, Array]]:
-    """(domain, (f, b, 2, q) fields)."""
+    """Contrast fields as pairs of a domain and (f, b, 2, q) fields."""
     late = np.broadcast_to((scene.time_s / scene.end_s), scene.time_s.shape)
     frames = np.eye(len(scene.frame))[:, None, :] * np.ones((1, scene.time_s.shape[1], 1))
     row = np.polynomial.legendre.legvander(scene.time_in_frame_s / float(scene.time_in_frame_s.max()) * 2.0 - 1.0, ROWS)[..., 1:]
@@ -73,7 +73,7 @@ def _all(shapes: Array) -> Array:
 
 
 def _apart(field: Array) -> Array:
-    """(f, b, 2, 2) a field's components by themselves."""
+    """(f, b, 2, 2) the two components of a field as separate columns."""
     columns = np.zeros((*field.shape, 2))
     columns[..., 0, 0], columns[..., 1, 1] = field[..., 0], field[..., 1]
     return columns

@@ -1,4 +1,4 @@
-"""What a model's effects moved is taken out of the maps of a run, before anything is estimated from them."""
+"""Subtraction of the effects of a model from the maps of a run before the estimate."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ NOTHING = Tensor2(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredPair:
-    """A pair as it was measured.
+    """A measured pair.
 
     Attributes:
-        decision: what it is.
-        times: when its frames were scanned.
-        maps: within it and from frame 0 to each of its frames.
+        decision: the decision that requested the pair.
+        times: scan times of its frames.
+        maps: the map within the pair and the maps from frame 0 to each of its frames.
     """
 
     decision: PairDecision
@@ -48,13 +48,13 @@ class MeasuredPair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffectCorrection:
-    """What effects moved in a run so far.
+    """Displacement caused by the effects of a model in a run so far.
 
     Attributes:
-        pairs: that they were fitted to.
-        displacement_by_frame: by the number of each frame (ny, nx, 2) what is taken out of its map, px; empty where nothing is.
-        strain: by the number of each frame the mean strain of that.
-        loads_n: by the number of each pair what the load cell itself added to its reading.
+        pairs: numbers of the pairs used in the fit.
+        displacement_by_frame: by frame number, (ny, nx, 2) displacement subtracted from the map, px; empty if nothing is subtracted.
+        strain: by frame number, mean strain of that displacement.
+        loads_n: by pair number, error of the load cell reading, N.
         notes: sentences for the operator.
     """
 
@@ -65,32 +65,31 @@ class EffectCorrection:
     notes: tuple[str, ...] = ()
 
     def apply(self, disparity: DisparityMap) -> DisparityMap:
-        """A map without it."""
+        """Subtract the displacement from a map."""
         return subtract_effects(disparity, self.displacement_by_frame)
 
     def strain_of(self, frame: int) -> Tensor2:
-        """Mean strain of what is taken out of a frame."""
+        """Mean strain subtracted from a frame."""
         return self.strain.get(frame, NOTHING)
 
     def load_of(self, pair: int) -> float:
-        """What the load cell itself added to a pair's reading, N."""
+        """Error of the load cell reading of a pair, N."""
         return self.loads_n.get(pair, 0.0)
 
 
 def fit_effect_correction(
     model: EffectModel, settings: EstimateSettings, loading_axis: str, observed: Sequence[MeasuredPair]
 ) -> EffectCorrection:
-    """What a model's effects moved, their amplitudes fitted to all pairs so far, together with drift, distortion and motion.
+    """Fit the amplitudes of the effects of a model to all pairs so far, jointly with drift, distortion and motion.
 
-    What the load cell did by itself is fitted to its readings beside the strain that maps without the other effects would show.
-
-    Where they cannot be fitted nothing is taken out, and a note says why: a run goes on.
+    Effects of the load cell are fitted to its readings together with the strain of maps corrected for the other effects. If the fit fails,
+    nothing is subtracted and a note gives the reason; the run continues.
 
     Args:
         model: the effects.
-        settings: of the estimate; it is the joint one that effects are fitted beside.
-        loading_axis: of the image, along which the specimen is pulled.
-        observed: the pairs so far, in the order in which they came.
+        settings: settings of the estimate; the fit uses the joint method.
+        loading_axis: image axis of the load, ``x`` or ``y``.
+        observed: the pairs so far, in order of arrival.
     """
     if len(observed) > MAX_PAIRS:
         return unavailable_for_long_run(len(observed))
@@ -127,7 +126,7 @@ def _kind(effect: ModelEffect) -> str:
 
 
 def _cell(readings: LoadReadings, names: Sequence[str], steps: Sequence[StepConditions]) -> tuple[dict[int, float], list[str]]:
-    """What the load cell added to each pair's reading, and what is said of it."""
+    """Error of the load cell reading of each pair, and the notes about it."""
     added = load_offsets(readings, names)
     total = np.sum([np.zeros(len(steps)), *added.values()], axis=0)
     notes = [f"model: {name}, {value[np.argmax(np.abs(value))]:+.2f} N at most, taken off the loads" for name, value in added.items()]
@@ -136,13 +135,13 @@ def _cell(readings: LoadReadings, names: Sequence[str], steps: Sequence[StepCond
 
 
 def unavailable_for_long_run(pairs: int) -> EffectCorrection:
-    """Of a run of more pairs than effects can be fitted to; live, those before were corrected, and no longer are."""
+    """Empty correction of a run with more pairs than the fit supports. In a live run, earlier pairs lose their correction."""
     why = f"{pairs} pairs are more than the {MAX_PAIRS} that its effects can be fitted to together"
     return EffectCorrection(pairs, notes=(f"WARNING: model: nothing is taken out of the maps: {why}",))
 
 
 def incompatibility_reason(model: EffectModel, size_px: tuple[int, int]) -> str:
-    """Why a model is none for frames of a size; empty if it is."""
+    """Reason why a model does not apply to frames of a size; empty if it does."""
     if model.size_px is None or model.size_px == size_px:
         return ""
     return f"it was found in frames of {model.size_px[0]} x {model.size_px[1]} px, and these are {size_px[0]} x {size_px[1]} px"
@@ -165,7 +164,7 @@ def _taken(observation: Observation, effects: Sequence[ModelEffect], notes: Sequ
 
 
 def _strain(grid: Grid, moved_px: Array) -> Tensor2:
-    """Of the plane that is nearest to a field (ny, nx, 2)."""
+    """Strain of the plane fitted to a field (ny, nx, 2)."""
     x, y = grid.mesh()
     rows = np.stack((np.ones_like(x), x, y), axis=-1).reshape(-1, 3)
     _, along_x, along_y = np.linalg.lstsq(rows, moved_px.reshape(-1, 2), rcond=None)[0]

@@ -1,4 +1,4 @@
-"""What a verdict looks like: maps before and after, each effect's course, what it adds to strain, and what is left."""
+"""Data for the figures of a verdict: maps before and after correction, time course and strain bias of each effect, residual."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ LEAST_STRAIN = 1e-7
 def figure_data(
     without: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, names: Sequence[str], fields: Sequence[Array]
 ) -> DiagnosisFigureData:
-    """Of a baseline without and with effects.
+    """Figure data from a baseline without and with effects.
 
     Args:
         without: the baseline.
-        baseline_with_effects: with the effects, whose columns come last.
-        names: of the effects that were named.
-        fields: of each, (f, b, 2, q) what unit amplitudes move, px.
+        baseline_with_effects: the baseline with the effects, whose columns come last.
+        names: names of the identified effects.
+        fields: for each effect, (f, b, 2, q) displacement of unit amplitudes, px.
     """
     columns = baseline_with_effects.design
     scene = columns.observation.geometry
@@ -53,7 +53,7 @@ def figure_data(
 
 
 def _moved(baseline_with_effects: HyperparameterGrid, fields: Sequence[Array]) -> list[Array]:
-    """(f, b, 2) what each effect moves since frame 0, px; other effects of the baseline come before them."""
+    """(f, b, 2) displacement of each identified effect since frame 0, px; other effects of the baseline precede them."""
     amplitudes = baseline_with_effects.best.solve(baseline_with_effects.best.gradient[:, None])[:, 0]
     first, found = len(amplitudes) - sum(field.shape[-1] for field in fields), []
     for field in fields:
@@ -64,7 +64,7 @@ def _moved(baseline_with_effects: HyperparameterGrid, fields: Sequence[Array]) -
 
 
 def _shown(white: Array, scene: RunGeometry) -> NDArray[np.bool_]:
-    """One frame of each of the pairs in which the effects are largest; frame 0's pair is what others are seen against."""
+    """One frame of each pair with the largest displacement by effects; the pair of frame 0 is the reference."""
     size = np.sum(white**2, axis=(1, 2))
     best: dict[int, int] = {}
     for at in np.argsort(-size):
@@ -77,7 +77,7 @@ def _shown(white: Array, scene: RunGeometry) -> NDArray[np.bool_]:
 
 
 def _profile(baseline_with_effects: HyperparameterGrid, residual: Array, name: str, moved: Array) -> EffectProfile:
-    """How much of the shape that an effect has where it is largest."""
+    """Amplitude, in each frame, of the shape the effect has at its maximum."""
     columns = baseline_with_effects.design
     scene, whiten = columns.observation.geometry, columns.whiten
     white = whiten(moved)
@@ -96,7 +96,7 @@ def _profile(baseline_with_effects: HyperparameterGrid, residual: Array, name: s
 
 
 def _on_strain(scene: RunGeometry, name: str, moved: Array) -> StrainBias:
-    """Mean strain of frames under load, and slopes over the load against those of the maps."""
+    """Mean strain by an effect in frames under load, and its slope over load relative to that of the maps."""
     if not scene.loaded.any():
         return StrainBias(name, 0.0, 0.0, 0.0, None, None)
     own, observed = _gradients(scene, moved), _gradients(scene, scene.disparity_px)
@@ -130,7 +130,7 @@ def _quantiles(residual: Array) -> Array:
 
 
 def _neighbours(residual: Array) -> tuple[float, float]:
-    """Frames share the noise of frame 0, whose part was taken out as their mean: that makes -1 / (f - 1)."""
+    """Autocorrelation between frames, corrected for the common mean of -1 / (f - 1) caused by removal of the noise of frame 0."""
     f = len(residual)
     own = float(np.mean(residual[1:] * residual[:-1]) / np.mean(residual**2)) + 1.0 / (f - 1.0)
     return own, float((residual[1:].size) ** -0.5)

@@ -1,4 +1,4 @@
-"""Refinement: what is not linear in an effect, between the values of the grid."""
+"""Refinement of the nonlinear parameters of an effect between the grid values."""
 
 from __future__ import annotations
 
@@ -27,19 +27,18 @@ REACH, POSTERIOR_LOG_DEPTH = 13, 4.5  # the posterior is followed for so many st
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RefinedEffect:
-    """The likeliest law of a family.
+    """The most likely basis field of an effect class.
 
     Attributes:
-        family: which.
-        field: its columns in px, and what people call its amplitudes.
-        baseline_effect: the same columns, ready to be added to the baseline.
-        values: of what is not linear.
-        sigmas: their standard uncertainties.
-        amplitudes: (q,) most likely.
-        covariance: (q, q) of them, `parameter_covariance` included.
-        parameter_covariance: (q, q) the part of it that comes from what the values leave open.
-        log_factor: logarithm of the Bayes factor at these values, every smoothness and size at its own likelihood, less what it costs that
-            the values had room.
+        family: the effect class.
+        field: its columns in px and its reported parameters.
+        baseline_effect: the whitened columns, ready to be added to the baseline.
+        values: nonlinear parameters.
+        sigmas: standard uncertainties of the nonlinear parameters.
+        amplitudes: (q,) most likely amplitudes.
+        covariance: (q, q) covariance of the amplitudes, including `parameter_covariance`.
+        parameter_covariance: (q, q) part of the covariance due to the uncertainty of the nonlinear parameters.
+        log_factor: log Bayes factor at these values, weighted over smoothness and size, minus the cost of the parameter range.
     """
 
     family: EffectClass
@@ -65,7 +64,7 @@ class RefinedEffect:
 
     @property
     def parameters(self) -> tuple[ParameterEstimate, ...]:
-        """What people call amplitudes and values."""
+        """Reported parameters: amplitudes and nonlinear parameters in physical units."""
         values = dict(self.values)
         own = [
             ParameterEstimate(nonlinear_parameter.name, values[nonlinear_parameter.name], sigma, nonlinear_parameter.unit)
@@ -75,7 +74,7 @@ class RefinedEffect:
 
 
 def refined(ladder: HyperparameterGrid, weighed: CandidateEvidence) -> RefinedEffect:
-    """The likeliest law of a family, refined a parameter at a time; what the parameters leave open counts in the amplitudes' covariance."""
+    """Refine the most likely basis field of a class one parameter at a time; the parameter uncertainty adds to the amplitude covariance."""
     gradient, values = _chosen(ladder, weighed)
     family, basis_field = weighed.family, gradient.law(values)
     mean, covariance = project(gradient.ladder, basis_field.field_px).amplitudes(0, gradient.size_px)
@@ -88,7 +87,7 @@ def refined(ladder: HyperparameterGrid, weighed: CandidateEvidence) -> RefinedEf
 def _integrated(
     ladder: HyperparameterGrid, weighed: CandidateEvidence, basis_field: BasisField, values: Values, sigmas: Sequence[float]
 ) -> float:
-    """Logarithm of the Bayes factor over the grid's room, by the peak between its values: that may be narrower than the grid is fine."""
+    """Log Bayes factor over the parameter range, integrated with the refined peak, which may be narrower than the grid spacing."""
     sizes = sizes_of(weighed.family)
     each = (
         project(ladder, basis_field.field_px).log_factor(sizes) + np.array([[point.evidence] for point in ladder.points]) - ladder.evidence
@@ -107,7 +106,7 @@ def _integrated(
 
 
 def refit_jointly(baseline_with_effects: HyperparameterGrid, found: Sequence[RefinedEffect]) -> tuple[RefinedEffect, ...]:
-    """Effects with their amplitudes refitted beside each other; their columns are the last of the baseline that has them."""
+    """Effects with amplitudes fitted jointly; their columns are the last of the baseline."""
     best, count = baseline_with_effects.best, sum(len(effect.amplitudes) for effect in found)
     if not count:
         return ()
@@ -122,7 +121,7 @@ def refit_jointly(baseline_with_effects: HyperparameterGrid, found: Sequence[Ref
 
 
 class CandidateObjective(Protocol):
-    """A family's laws against data, with amplitudes of one size."""
+    """Objective of the basis fields of a class for a fixed prior amplitude size."""
 
     @property
     def family(self) -> EffectClass:
@@ -139,20 +138,20 @@ class CandidateObjective(Protocol):
         ...
 
     def evaluate(self, values: Values) -> ProjectedField | None:
-        """The law with such values against the data; None where it cannot be seen."""
+        """Basis field at parameter values, projected on the data; None if it is not observable."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearParameterSums:
-    """Laws that are linear in what is not an amplitude: each is a sum of the same columns, and nothing but sums is to be done for it.
+    """Precomputed sums for basis fields that are linear in their parameters.
 
-    A drift of the distortion has four such values, and took two thirds of all refinements' time.
+    A distortion drift has four such parameters and took two thirds of the time of all refinements.
 
     Attributes:
-        thetas: their names.
-        information: (rungs, (1 + t) q, (1 + t) q) what the baseline leaves of the columns: at no value, then what each value adds at 1.
-        pull: (rungs, (1 + t) q) what the data ask of them.
+        thetas: names of the parameters.
+        information: (rungs, (1 + t) q, (1 + t) q) information: at zero parameters, then the change per unit of each parameter.
+        pull: (rungs, (1 + t) q) gradient.
     """
 
     thetas: tuple[str, ...]
@@ -186,7 +185,7 @@ class LinearParameterSums:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Asked:
-    """Against one rung of a run's baseline."""
+    """Objective for one point of the baseline grid."""
 
     ladder: HyperparameterGrid
     family: EffectClass
@@ -219,10 +218,11 @@ def _score(objective: CandidateObjective, projected_field: ProjectedField) -> fl
 
 
 def _chosen(ladder: HyperparameterGrid, weighed: CandidateEvidence) -> tuple[_Asked, dict[str, float]]:
-    """Values between those of the grid, and smoothness and size that are likeliest with them.
+    """Parameters between the grid values, and the most likely smoothness and size with them.
 
-    On the grid a large jump lies beside its instant, which only the roughest drift bears: with that one kept, a hidden jump of
-    (0.30, 0.40) px was told as (0.31, 0.26).
+    On the grid a large jump is displaced from its true time, which only the roughest drift permits. With that drift retained, a
+    hidden jump of
+    (0.30, 0.40) px was estimated as (0.31, 0.26) px.
     """
     (law_at, *at), sums = weighed.best, LinearParameterSums.of(ladder, weighed.family)
     values = {nonlinear_parameter.name: 0.0 for nonlinear_parameter in weighed.family.nonlinear_parameters} | weighed.values[law_at]
@@ -271,7 +271,7 @@ class _Line:
 
 
 def optimise_parameters(objective: CandidateObjective, start: Values) -> dict[str, float]:
-    """The likeliest values between the neighbours on the grid."""
+    """Most likely parameter values between the neighbouring grid values."""
     values = dict(start)
     for _ in range(PASSES):
         for theta in objective.family.nonlinear_parameters:
@@ -287,16 +287,17 @@ def optimise_parameters(objective: CandidateObjective, start: Values) -> dict[st
 
 
 def parameter_uncertainty(objective: CandidateObjective, values: dict[str, float], mean: Array) -> tuple[tuple[float, ...], Array]:
-    """Standard uncertainties of what is not linear, and the (q, q) covariance that amplitudes get as they follow it."""
+    """Standard uncertainties of the nonlinear parameters, and the resulting (q, q) covariance of the amplitudes."""
     found = [_left_open(_Line.of(objective, values, theta), mean) for theta in objective.family.nonlinear_parameters]
     return tuple(sigma for sigma, _ in found), np.sum([also for _, also in found] or [np.zeros((len(mean),) * 2)], axis=0)
 
 
 def _left_open(line: _Line, mean: Array) -> tuple[float, Array]:
-    """Standard uncertainty of a parameter, and the (q, q) covariance that the amplitudes get as they follow it: over its posterior.
+    """Standard uncertainty of a parameter, and the resulting (q, q) covariance of the amplitudes, integrated over its posterior.
 
-    A tenth of an onset's logarithm is a tenth of creep: with the onset taken as known, hidden amplitudes of creep lay 2.2 to 5.5 standard
-    uncertainties off in 12 of 12 runs; and its posterior is wider than the curvature at its peak says.
+    A change of a tenth in the log onset time changes creep by a tenth. With the onset treated as known, amplitudes of creep
+    deviated by 2.2 to
+    5.5 standard uncertainties in 12 of 12 runs. The posterior is wider than the curvature at its peak indicates.
     """
     top = line.score(0.0)
     bend = 2.0 * top - line.score(-NEAR) - line.score(NEAR)
@@ -314,7 +315,7 @@ def _left_open(line: _Line, mean: Array) -> tuple[float, Array]:
 
 
 def reported_parameters(basis_field: BasisField, mean: Array, covariance: Array) -> tuple[ParameterEstimate, ...]:
-    """What people call a law's amplitudes (q,) with a covariance (q, q)."""
+    """Reported parameters from the amplitudes (q,) of a basis field and their covariance (q, q)."""
     parameters = [
         ParameterEstimate(
             reported_parameter.name,

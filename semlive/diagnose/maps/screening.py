@@ -1,4 +1,4 @@
-"""A run before anything in it is named: its baseline, and every family heard beside that."""
+"""Initial screening of a run: the baseline, and the evidence of every effect class added to it."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from semlive.model.effects import EffectClass
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Screening:
-    """Families beside a baseline that has nothing but what was known.
+    """Evidence of effect classes added to a baseline with only the given effects.
 
     Attributes:
-        baseline: that baseline.
-        model_fields: (f, b, 2, q) what unit amplitudes of each known effect move, px.
-        projected_candidates: the families' laws, ready to be asked again.
-        candidates: what each says; those that cannot be seen here are left out.
+        baseline: the baseline.
+        model_fields: (f, b, 2, q) displacement of unit amplitudes of each given effect, px.
+        projected_candidates: projected basis fields of the classes, for repeated scoring.
+        candidates: evidence of each class; classes not observable in this run are left out.
     """
 
     baseline: HyperparameterGrid
@@ -37,10 +37,10 @@ class Screening:
 
     @classmethod
     def run(cls, observation: Observation, families: Sequence[EffectClass], model_effects: Sequence[ModelEffect]) -> Screening:
-        """Hear them.
+        """Score all effect classes.
 
         Raises:
-            BadInput: a known effect has no such name, or cannot be in these data.
+            BadInput: a given effect is unknown or not observable in these data.
         """
         baseline, already = add_model_effects(noise_scaled_baseline(observation), model_effects)
         projections = project_candidates(baseline, families)
@@ -48,5 +48,5 @@ class Screening:
 
     @property
     def best_log_evidence(self) -> float:
-        """Logarithm of the likelihood of the data beside the family that does most for it."""
+        """Log likelihood of the data with the most likely effect class."""
         return self.baseline.log_evidence + max((candidate.log_factor for candidate in self.candidates), default=0.0)

@@ -1,4 +1,4 @@
-"""The search: effects are added one at a time, the loudest first, until what is left is quiet."""
+"""Stepwise search: effects are added one at a time, the most significant first, until the residual is consistent with noise."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ ALL_UNNAMED_CLASSES = (*UNNAMED_CLASSES, FINE_DISTORTION, FINE_DRIFT)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Search:
-    """How far it got.
+    """State of the search.
 
     Attributes:
         bare: the baseline without effects.
-        baseline_with_effects: with those that were named.
-        effects: they.
-        initial_screening: all that was heard before any was named.
-        excluded: families that are not asked again.
-        fine_scale_candidates: what of the baseline may still be finer than its splines.
-        underresolved_splines: names of those of its splines that are too coarse; what they left is in the baseline.
-        residual_significant: whether what is left is.
+        baseline_with_effects: the baseline with the selected effects.
+        effects: the selected effects.
+        initial_screening: evidence of all candidates before the first selection.
+        excluded: effect classes not to be tested again.
+        fine_scale_candidates: candidates for components of the baseline finer than its splines.
+        underresolved_splines: names of splines that are too coarse; their residual has been added to the baseline.
+        residual_significant: whether the remaining residual is significant.
     """
 
     bare: HyperparameterGrid
@@ -58,13 +58,13 @@ class Search:
 
 
 def search(screening: Screening, dictionary: Sequence[EffectClass], null: NullDraws, seed: int) -> Search:
-    """All that can be named.
+    """Identify effects until none is significant.
 
     Args:
-        screening: the dictionary, and what has no name, beside the baseline with effects that are known.
-        dictionary: the effects that have a name.
-        null: draws of the baseline.
-        seed: of further draws.
+        screening: evidence of the dictionary and of unnamed fields with the baseline and the given effects.
+        dictionary: the named effect classes.
+        null: null draws of the baseline.
+        seed: seed of further draws.
     """
     baseline, fine = screening.baseline, fine_scale_candidates(screening.baseline)
     projections = project_candidates(baseline, fine, screening.projected_candidates)
@@ -93,7 +93,7 @@ def search(screening: Screening, dictionary: Sequence[EffectClass], null: NullDr
 def _heard(
     now: Search, dictionary: Sequence[EffectClass], projections: Mapping[str, CandidateProjection], draws: tuple[int, int]
 ) -> tuple[CandidateEvidence, ...]:
-    """What is left to be tried; against so many draws, with a seed, where anything is loud: what is left is quiet nearly always."""
+    """Score the remaining candidates; null draws are computed only if a candidate is significant."""
     families = (*(value for value in dictionary if value not in now.excluded), *UNNAMED_CLASSES, *now.fine_scale_candidates)
     candidates = refine_parameters(now.baseline_with_effects, score_candidates(now.baseline_with_effects, families, projections))
     if max(candidate.log_factor for candidate in candidates) < SIGNIFICANT_LOG_FACTOR:
@@ -103,7 +103,7 @@ def _heard(
 
 
 def _without_coarse(now: Search, fine: CandidateEvidence) -> Search:
-    """The splines' own, before anything that has a name."""
+    """Add fine-scale terms of the splines before any named effect."""
     baseline = add_fine_scale_terms(now.bare, fine)
     baseline_with_effects, effects = rebuild_baseline(
         baseline, now.effects, now.effects[0].unnamed_log_factor if now.effects else -math.inf

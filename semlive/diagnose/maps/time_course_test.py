@@ -1,7 +1,7 @@
-"""Does what was named go as its law says? The same shape may have another course over the frames.
+"""Test of the time course of identified effects: the same spatial shape with another course over the frames.
 
-A law with an amplitude for every pair bends to anything of its shape, and leaves nothing behind: with `magnification_drift` out of the
-dictionary, a slow drift was named `refocus_magnification_step`, a jump of the magnification at every step.
+An effect with an amplitude for every pair fits any field of its shape without residual. With `magnification_drift` removed from the
+dictionary, a slow drift was identified as `refocus_magnification_step`, a magnification jump at every step.
 """
 
 from __future__ import annotations
