@@ -1,8 +1,8 @@
-"""Frames of any size in bounded memory: bands of full width, one after the other, and one verdict over the whole map.
+"""Correlation of frames of any size in bounded memory: full-width bands one after the other, then one outlier test over the whole map.
 
-A band is what `correlate` is given, with so many rows of points more on each side as retries can reach, so that the result is,
-byte for byte, that of the whole frame at once. Frames beyond WHOLE_PX alone differ: they get their first guesses cell by cell.
-Images and mask may be memory maps: only bands of them are ever read.
+A band is correlated with additional rows of points on each side, as many as retries can reach, so the result is bit-identical to that of
+the whole frame. Only frames larger than WHOLE_PX differ: their initial guesses are computed cell by cell. Images and mask may be
+memory maps; only bands of them are read.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 def is_large(shape: tuple[int, ...], grid: Grid) -> bool:
-    """Whether a frame or a grid asks for bands: at once, it would take more than 1 GB."""
+    """Whether a frame or grid is processed in bands, because processing it at once would need more than 1 GB."""
     return shape[0] * shape[1] > WHOLE_PX**2 or grid.nx * grid.ny > BAND_POINTS
 
 

@@ -1,4 +1,4 @@
-"""Drift seen directly, between two frames while nothing was moved."""
+"""Direct measurement of drift between two frames of a hold."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from semlive.errors import IllPosed
 
 
 def hold_drift(before: Frame, after: Frame, settings: DicSettings) -> HoldDrift:
-    """How the picture drifted from one frame to a later one of the same rest.
+    """Image drift from one frame to a later one of the same hold.
 
     Raises:
         BadInput: the frames differ in size, or no point fits them.
-        IllPosed: less than half of the points are found again.
+        IllPosed: fewer than half of the points are found in the later frame.
     """
     own = prepare(before.image, grid_for(settings, before.info.width_px, before.info.height_px), settings)
     solutions = correlate(own, after.image, settings, reference_frame=before.info.export, current_frame=after.info.export)

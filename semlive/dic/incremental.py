@@ -1,11 +1,11 @@
-"""Large strain in steps: when the reference no longer resembles what is seen, a later frame takes its place.
+"""Incremental correlation for large strain: a later frame replaces the reference when the correlation becomes too weak.
 
-Results stay on the grid of the first reference. If a point x went to x + u0(x) in the frame that is the reference now, and what
-is there went on by u1, then u(x) = u0(x) + u1(x + u0(x)), u1 interpolated between the points of the newer grid.
+Results stay on the grid of the first reference. If a point x moved to x + u0(x) in the current reference and from there by u1, then
+u(x) = u0(x) + u1(x + u0(x)), with u1 interpolated between the points of the newer grid.
 
-The noise of the frame in between is in both maps with opposite sign and cancels but for LEFT_OVER, so uncertainties grow far less
-than those of independent maps would. Points that were lost when a later frame took over are looked for from the reference before it
-too, and return if what hid them has gone.
+The noise of the intermediate frame is in both maps with opposite sign and cancels except for LEFT_OVER, so uncertainties grow far less than
+those of independent maps. Points lost at a change of the reference are also correlated with the previous reference and return
+if they become visible again.
 """
 
 from __future__ import annotations
@@ -35,18 +35,18 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IncrementalTrack:
-    """A specimen followed from its first reference on; a value, `advance` returns the next one.
+    """State of an incremental correlation. Immutable; `advance` returns the next state.
 
     Attributes:
         grid: the points, in the first reference.
-        first_frame: its number.
-        reference: the reference in use.
-        base_map: where the points are in it; None while it is the first.
-        kept: how many points its first map had, None before.
-        zncc: their median correlation then.
+        first_frame: number of the first reference.
+        reference: the current reference.
+        base_map: map from the first to the current reference; None while they are the same.
+        kept: number of valid points in the first map from the current reference; None before.
+        zncc: median correlation of these points.
         last_image: the latest frame.
-        last_map: and its map; None before the first.
-        fallback: the track with an earlier reference, if points were lost when that was replaced.
+        last_map: map of the latest frame; None before the first.
+        fallback: the track with the previous reference, if points were lost when it was replaced.
     """
 
     grid: Grid
@@ -117,7 +117,7 @@ def _median_zncc(m: DisparityMap) -> float:
 
 
 def _worn(track: IncrementalTrack, m: DisparityMap) -> bool:
-    """Whether the reference no longer resembles the frame."""
+    """Whether the correlation with the reference has become too weak."""
     before = track.kept if track.kept is not None else (track.base_map.valid.sum() if track.base_map else m.status.size)
     return bool(m.valid.sum() < MIN_TRACKED_FRACTION * before or _median_zncc(m) < MIN_ZNCC_FRACTION * track.zncc)
 
@@ -152,11 +152,11 @@ def _composed(track: IncrementalTrack, newer: DisparityMap) -> DisparityMap:
 
 
 def compose_maps(older: DisparityMap, newer: DisparityMap) -> DisparityMap:
-    """Two maps one after the other, on the grid of the older one.
+    """Compose two maps, on the grid of the older one.
 
     Args:
-        older: to the frame that is the newer one's reference.
-        newer: from there on.
+        older: map to the frame that is the reference of the newer map.
+        newer: map from that frame.
     """
     grid = newer.grid
     x, y = older.grid.mesh()

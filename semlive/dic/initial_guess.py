@@ -1,8 +1,8 @@
-"""First guesses for IC-GN: one shift of the whole frame, then blocks matched around it, then a smooth field through them.
+"""Initial guesses for IC-GN: one shift of the whole frame, then block matching around it, then a smooth field through the matches.
 
-The frame's shift is the peak of a low-passed phase correlation at half resolution: it is right to a few px whatever the
-distance (up to half the frame), because strain, distortion and drift within a frame only smear the peak. Blocks of 64 px are then
-searched within 32 px of it by ZNCC, which says for each block whether to believe it.
+The frame shift is the peak of a low-passed phase correlation at half resolution. It is correct to a few px for shifts up to half the
+frame, because strain, distortion and drift within a frame only broaden the peak. Blocks of 64 px are then searched within 32 px of it
+by ZNCC, whose value decides whether a block is accepted.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ def _grown(reference: InitialGuessReference, current: NDArray[np.float32], match
 
 
 def _led(reference: InitialGuessReference, current: NDArray[np.float32], matches: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Matches found again around the affine map on which the given ones agree; none if they do not agree."""
+    """Matches found again around the affine map on which the given ones agree; empty without agreement."""
     few = max(MIN_INLIERS, len(reference.centres) // 8)
     best = np.empty((0, 4))
     for _ in range(2):

@@ -1,7 +1,7 @@
-"""How large a pixel is: from known translations, from known distances between points, or from what the microscope states.
+"""Pixel size from known translations, from known distances between points, or from microscope metadata.
 
-None of it changes a strain: an isotropic scale drops out, and what x and y differ by, or fail to be perpendicular, scales strain by
-its own size (the affine part of the distortion, which unknown translations leave open).
+An isotropic scale does not change strain. Different scales of x and y, or a deviation from perpendicular axes, change strain by the same
+fraction. They are the affine part of the distortion, which unknown translations do not determine.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ MIN_LEVERAGE = 0.05  # of the larger extent: below, the points or translations l
 
 @dataclass(frozen=True, slots=True)
 class PixelSize:
-    """Size and shape of a pixel, each with its standard uncertainty.
+    """Size and shape of a pixel with standard uncertainties.
 
     Attributes:
-        x_um: along rows.
-        x_sigma_um: of it.
-        y_um: along columns.
-        y_sigma_um: of it.
-        shear_rad: by how much the angle between the raster's axes falls short of 90 degrees.
-        shear_sigma_rad: of it.
-        residual_um: root mean square of what is left of the known lengths.
+        x_um: pixel size along rows, um.
+        x_sigma_um: its standard uncertainty, um.
+        y_um: pixel size along columns, um.
+        y_sigma_um: its standard uncertainty, um.
+        shear_rad: 90 degrees minus the angle between the raster axes, rad.
+        shear_sigma_rad: its standard uncertainty, rad.
+        residual_um: root mean square residual of the known lengths, um.
     """
 
     x_um: float
@@ -47,7 +47,7 @@ class PixelSize:
 
 
 def magnification_from_metadata(pixel_size_um: float, relative_sigma: float = STATED_RELATIVE) -> PixelSize:
-    """A pixel as the file states it: square, and as uncertain as makers say."""
+    """Square pixel with the size stated in the file and the relative uncertainty stated by manufacturers."""
     if not pixel_size_um > 0:
         raise IllPosed(f"a pixel of {pixel_size_um} um is none: give the scale that the microscope states")
     sigma = pixel_size_um * relative_sigma
@@ -55,15 +55,15 @@ def magnification_from_metadata(pixel_size_um: float, relative_sigma: float = ST
 
 
 def magnification_from_translations(moved_um: Field, shifts_px: Field, sigma_um: float = 0.0, sigma_px: float = 0.0) -> PixelSize:
-    """Pixel size from translations known in both units; the stage may lie at any angle to the raster.
+    """Pixel size from translations known in both units; the angle between stage and raster is free.
 
-    Fits ``moved = M shift + offset``; the metric ``M^T M`` holds sizes and angle of the raster's axes and no rotation.
+    Fits ``moved = M shift + offset``. The metric ``M^T M`` contains sizes and angle of the raster axes but no rotation.
 
     Args:
-        moved_um: (n, 2) known positions of the specimen.
-        shifts_px: (n, 2) measured shifts of the picture at these, drift taken out.
-        sigma_um: standard uncertainty of a known position, per axis.
-        sigma_px: standard uncertainty of a measured shift, per axis.
+        moved_um: (n, 2) known positions of the specimen, um.
+        shifts_px: (n, 2) measured image shifts at these positions, corrected for drift, px.
+        sigma_um: standard uncertainty of a known position, per axis, um.
+        sigma_px: standard uncertainty of a measured shift, per axis, px.
 
     Raises:
         IllPosed: fewer than four positions, or all on a line.
@@ -90,15 +90,15 @@ def magnification_from_translations(moved_um: Field, shifts_px: Field, sigma_um:
 
 
 def magnification_from_distances(points_px: Field, pairs: NDArray[np.int64], distances_um: Field, sigma_um: float = 0.0) -> PixelSize:
-    """Pixel size from known distances between points of one picture.
+    """Pixel size from known distances between points of one image.
 
     A squared distance is linear in the metric of a pixel: ``d^2 = Gxx dx^2 + Gyy dy^2 + 2 Gxy dx dy``.
 
     Args:
-        points_px: (n, 2) positions of the points, drift and distortion taken out.
-        pairs: (m, 2) numbers of the two points of each distance.
-        distances_um: (m,) known distances.
-        sigma_um: standard uncertainty of one of them.
+        points_px: (n, 2) positions of the points, corrected for drift and distortion, px.
+        pairs: (m, 2) indices of the two points of each distance.
+        distances_um: (m,) known distances, um.
+        sigma_um: standard uncertainty of one distance, um.
 
     Raises:
         IllPosed: fewer than three distances, or all along one line.

@@ -1,4 +1,4 @@
-"""What strain a distortion feigns when an uncorrected image is merely translated (Sutton 2007, Fig. 16)."""
+"""Apparent strain caused by distortion when an uncorrected image is translated (Sutton 2007, Fig. 16)."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from semlive.mechanics.strain import strain
 
 
 def false_strain(distortion: DistortionField, shift_px: tuple[float, float], window_points: int) -> StrainField:
-    """Strain that would be measured without correction after a translation of the specimen.
+    """Strain measured without correction after a translation of the specimen.
 
-    A point at X is seen displaced by ``shift + E(X + shift) - E(X)``; the second part is not uniform. Points that come to lie
-    beyond the calibrated grid are not valid.
+    A point at X has the apparent displacement ``shift + E(X + shift) - E(X)``; the second part is not uniform. Points that move outside the
+    calibrated grid are invalid.
 
     Args:
-        distortion: on the grid.
-        shift_px: translation (x, y).
-        window_points: edge of the virtual strain gauge in POI.
+        distortion: distortion on the grid.
+        shift_px: translation (x, y), px.
+        window_points: edge of the virtual strain gauge, in POI.
 
     Raises:
         IllPosed: the window does not fit the grid.
@@ -37,15 +37,15 @@ def false_strain(distortion: DistortionField, shift_px: tuple[float, float], win
 
 
 def typical_distortion(grid: Grid, width_px: int, height_px: int) -> DistortionField:
-    """A distortion like those that were measured at x200: 0.7 px from end to end along x and 1.9 px along y (Sutton 2007, part II).
+    """Distortion similar to those measured at x200: 0.7 px from end to end along x and 1.9 px along y (Sutton 2007, part II).
 
-    It stands in for a microscope's own before that is known. Its amplitudes are chosen so that a translation of 5 px feigns the
-    strain that the paper's Fig. 16 shows.
+    It replaces the distortion of a microscope until that is known. With its amplitudes a translation of 5 px causes the apparent strain
+    of Fig. 16 of the paper.
 
     Args:
-        grid: where it is sampled.
-        width_px: of the frame.
-        height_px: of the frame.
+        grid: grid of the samples.
+        width_px: frame width, px.
+        height_px: frame height, px.
     """
     x, y = grid.mesh()
     a, b = 2.0 * x / width_px - 1.0, 2.0 * y / height_px - 1.0

@@ -1,4 +1,4 @@
-"""Standard uncertainty of one virtual strain gauge from the noise of the correlation, whose subsets overlap."""
+"""Standard uncertainty of one virtual strain gauge from DIC noise with overlapping subsets."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ def overlap_correlation(count: int, grid: Grid) -> Field:
 
 
 def gauge_sigma(displacement: Displacement, field: StrainField, settings: StrainSettings, systematic: Tensor2) -> Tensor2 | None:
-    """Standard uncertainty of the strain of one whole gauge; one that the edge or a mask cuts has more.
+    """Standard uncertainty of the strain of one complete gauge; a gauge cut by the edge or a mask has a larger one.
 
-    The local fit is linear: its weights, and the overlap of subsets as the correlation of their noise, give the random part exactly.
-    What the correction adds is taken as that of the mean strain: beside 6e-4 of 9 x 9 points 5 px apart, its course over the field
-    (3e-5 with noise shared over subsets) does not show.
+    The local fit is linear. Its weights and the noise correlation from subset overlap give the random part exactly. The part of the
+    correction is taken as that of the mean strain; its variation over the field (3e-5) is negligible relative to 6e-4 for 9 x 9 points 5 px
+    apart.
 
     Args:
-        displacement: with the standard uncertainty of every POI.
-        field: its strain, for the window.
-        settings: how it was fitted.
-        systematic: standard uncertainty that the correction adds.
+        displacement: displacement with the standard uncertainty of every POI.
+        field: strain field of the displacement; gives the window.
+        settings: settings of the strain fit.
+        systematic: standard uncertainty added by the correction.
 
     Returns:
-        None after a Butterworth filter, which has no window, or where nothing was measured.
+        The standard uncertainty; None after a Butterworth filter, which has no window, or without valid points.
     """
     if settings.butterworth_points is not None or not field.valid.any():
         return None
@@ -58,13 +58,13 @@ def _gain(step_px: int, subset_px: int, window_points: int, order: int, weights:
 
 
 def expected_sigma(grid: Grid, window_points: int, sigma_px: tuple[float, float], settings: StrainSettings) -> Tensor2:
-    """Standard uncertainty of one whole gauge's strain that noise of the correlation alone is going to make.
+    """Expected standard uncertainty of the strain of one complete gauge from DIC noise alone.
 
     Args:
-        grid: the POI.
+        grid: grid of the POI.
         window_points: edge of the gauge in POI, odd.
-        sigma_px: standard uncertainty of u and of v at a POI.
-        settings: how the gauge fits.
+        sigma_px: standard uncertainty of u and of v at a POI, px.
+        settings: settings of the strain fit.
     """
     by_x, by_y = _gain(grid.step_px, grid.subset_px, window_points, settings.order, settings.weights)
     u2, v2 = (value**2 for value in sigma_px)
@@ -72,7 +72,7 @@ def expected_sigma(grid: Grid, window_points: int, sigma_px: tuple[float, float]
 
 
 def expected_mean_sigma(grid: Grid, sigma_px: tuple[float, float]) -> Tensor2:
-    """Standard uncertainty of the mean strain over the whole grid from the noise of the correlation alone; terms as in `summary`."""
+    """Expected standard uncertainty of the mean strain over the whole grid from DIC noise alone; formula as in `summary`."""
     x, y = grid.mesh()
     overlap = max(grid.subset_px, grid.step_px) / grid.step_px
     spread_x, spread_y = (float(np.sqrt(np.sum((value - value.mean()) ** 2))) for value in (x, y))

@@ -1,4 +1,4 @@
-"""DIC beside a strain gage on the same specimen (Fig. 14 of Sutton et al. 2007, part II)."""
+"""Comparison of DIC with a strain gage on the same specimen (Sutton et al. 2007, part II, Fig. 14)."""
 
 from __future__ import annotations
 
@@ -23,17 +23,18 @@ def compare_with_gage(
     factor_sigma: float = 0.0,
     covariance: Covariance | None = None,
 ) -> StrainGageComparison:
-    """Three slopes with free intercepts: stress, and DIC's two strains, each over what the gage says.
+    """Fit three slopes with free intercepts: stress and both DIC strains, each over the gage strain.
 
-    A gage's readings are so quiet (1e-7 in a scan's mean, against 1e-5 of DIC) that noise in the regressor flattens nothing. What is
-    uncertain in all three slopes alike is the gage's factor.
+    Gage readings have so little noise (1e-7 in the mean of a scan, against 1e-5 of DIC) that noise in the regressor does not
+    reduce the slope.
+    The uncertainty common to all three slopes is that of the gage factor.
 
     Args:
         points: (pair, mean load in N, mean of the gage, mean strain by DIC), one for each load step.
-        area_mm2: cross-section; its uncertainty is not included.
-        loading_axis: ``x`` or ``y``, the image axis that is pulled, along which the gage lies.
-        factor_sigma: relative standard uncertainty of the gage's factor.
-        covariance: of the mean strains by DIC; without it the frames' own sigmas are taken as independent.
+        area_mm2: cross-section, mm^2; its uncertainty is not included.
+        loading_axis: image axis of the load and of the gage, ``x`` or ``y``.
+        factor_sigma: relative standard uncertainty of the gage factor.
+        covariance: covariance of the mean strains by DIC; None treats the standard uncertainties of the frames as independent.
 
     Raises:
         IllPosed: fewer than two distinct loads, or the gage does not follow them.
@@ -74,7 +75,7 @@ def compare_with_gage(
 
 
 def mean_gage_strain(first: FrameLoad, second: FrameLoad) -> MeasuredValue | None:
-    """What the gage said during both frames of a pair; None if it was silent in one."""
+    """Mean gage strain during both frames of a pair; None if one has no readings."""
     reported = (first.gage_strain, second.gage_strain, first.gage_strain_sigma, second.gage_strain_sigma)
     if None in reported:
         return None
@@ -83,7 +84,7 @@ def mean_gage_strain(first: FrameLoad, second: FrameLoad) -> MeasuredValue | Non
 
 
 def gage_notes(comparison: StrainGageComparison | None) -> tuple[str, ...]:
-    """A sentence for the operator where DIC and gage contradict each other; nothing otherwise."""
+    """Note for the operator if DIC and gage disagree; empty otherwise."""
     if comparison is None:
         return ()
     ratio = comparison.dic_over_gage
@@ -96,7 +97,7 @@ def gage_notes(comparison: StrainGageComparison | None) -> tuple[str, ...]:
 
 
 def _gage_over_stress(stress: NDArray[np.float64], gage: NDArray[np.float64], sigma: NDArray[np.float64]) -> tuple[float, float]:
-    """Slope of the gage's strain over stress, uncertain as its readings scatter, or as the points miss the line if that is more."""
+    """Slope of the gage strain over stress; its uncertainty is the larger of that from the readings and that from the fit residual."""
     sigma = np.maximum(sigma, 1e-9)
     weights = _weights(stress, sigma)
     slope = float(weights @ gage)

@@ -1,4 +1,4 @@
-"""Strain by other local fits than the plane over a square: weights, second order, Green-Lagrange; and the price of a gage length."""
+"""Strain by other local fits than a plane over a square: weights, second order, Green-Lagrange; noise as a function of gauge length."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BUTTERWORTH_ORDER = 2
 
 
 def strain_field(displacement: Displacement, window_points: int, settings: StrainSettings) -> StrainField:
-    """Strain as the settings ask for it; with their defaults the same as `strain`, to the last bit.
+    """Strain according to the settings. With default settings the result is bit-identical to `strain`.
 
     Raises:
         IllPosed: the window does not fit the grid.
@@ -47,10 +47,10 @@ def strain_field(displacement: Displacement, window_points: int, settings: Strai
 def gradients(
     displacement: Displacement, window_points: int, settings: StrainSettings
 ) -> tuple[tuple[Field, Field, Field, Field], NDArray[np.bool_]]:
-    """du/dx, du/dy, dv/dx, dv/dy (ny, nx) by a polynomial over the window of each POI, and where it holds.
+    """du/dx, du/dy, dv/dx, dv/dy (ny, nx) by a polynomial over the window of each POI, and the mask of valid results.
 
-    Masked POI and those beyond the edge are left out. A window that is less than half full, or whose points do not hold a polynomial
-    of this order (a second order one at an edge needs more than a plane does), gives nothing.
+    Masked POI and those outside the grid are excluded. A window less than half full, or with points that do not determine the polynomial (a
+    second-order one needs more points at an edge), is invalid.
     """
     half = window_points // 2
     lag = np.arange(-half, half + 1) / half  # in units of the half width, which keeps the normal matrix well scaled
@@ -88,10 +88,11 @@ def whole_window(window_points: int, settings: StrainSettings) -> Field:
 
 
 def butterworth(displacement: Displacement, cutoff_points: float) -> Displacement:
-    """Displacement through a low pass of second order; waves of `cutoff_points` POI lose half their power.
+    """Displacement after a low-pass filter of second order; waves of `cutoff_points` POI lose half their power.
 
-    The plane is taken out before and put back after, and edges are mirrored, so a homogeneous strain passes unchanged. Missing points
-    count by normalised convolution.
+    The best plane is subtracted before and added after filtering, and edges are mirrored, so a homogeneous strain is unchanged.
+    Missing points
+    are handled by normalised convolution.
     """
     grid, valid = displacement.grid, displacement.valid
     if not cutoff_points > 2:
@@ -114,12 +115,12 @@ def butterworth(displacement: Displacement, cutoff_points: float) -> Displacemen
 
 @dataclass(frozen=True, slots=True)
 class GageNoise:
-    """Scatter of strain at one gage length; neither says anything without the other.
+    """Scatter of strain at one gauge length.
 
     Attributes:
-        window_points: edge of the gage in POI.
-        vsg_px: its length, the subset included.
-        sd: standard deviation over the field, its best affine course taken out.
+        window_points: edge of the gauge in POI.
+        vsg_px: gauge length including the subset, px.
+        sd: standard deviation over the field after removal of the best affine field.
     """
 
     window_points: int
@@ -128,7 +129,7 @@ class GageNoise:
 
 
 def noise_curve(displacement: Displacement, windows: Iterable[int]) -> tuple[GageNoise, ...]:
-    """Scatter of strain over gage length, from a frame whose true strain is uniform or linear; windows that do not fit are left out."""
+    """Scatter of strain as a function of gauge length, from a frame with uniform or linear strain; windows that do not fit are left out."""
     grid, curve = displacement.grid, []
     for window in windows:
         if window > min(grid.nx, grid.ny):

@@ -1,4 +1,4 @@
-"""Raster change: magnification and rotation of the raster that wander in time, a slow spline each."""
+"""Raster drift: slow changes of magnification and rotation of the raster, one spline each."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from semlive.model.splines import UniformSpline
 
 
 class RasterTerm(StrEnum):
-    """What of the raster changes."""
+    """Component of the raster change."""
 
     MAGNIFICATION = "magnification"
     """Every distance from the image centre grows by the same fraction."""
@@ -61,7 +61,7 @@ class RasterChange:
         return Columns(Axis.X, index, along_x), Columns(Axis.Y, index, along_y)
 
     def until(self, time_s: float) -> RasterChange:
-        """The same, lengthened to reach `time_s`."""
+        """The effect extended to reach `time_s`."""
         needed = math.ceil((time_s - self.spline.origin) / self.spline.spacing)
         return self if needed <= self.spline.intervals else replace(self, spline=replace(self.spline, intervals=needed))
 

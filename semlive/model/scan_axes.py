@@ -1,4 +1,4 @@
-"""Axes: scan axes that are not of one length or not at right angles make a rotation of the specimen look partly like strain."""
+"""Scan axes of unequal length or not at right angles, which make a specimen rotation partly resemble strain."""
 
 from __future__ import annotations
 
