@@ -1,4 +1,4 @@
-"""One verdict from all channels: disparity maps, rows that were registered by themselves, and grey levels."""
+"""Combination of the verdicts of all channels: disparity maps, row registration and intensity."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ COINCIDENCE_S = 10.0  # maps know an instant no better: a subset has 43 rows of 
 
 
 def add_row_verdict(maps: Diagnosis, rows: RowDiagnosis) -> Diagnosis:
-    """The maps' verdict with what rows show beside it."""
+    """Combine the verdict of the maps with that of the rows."""
     return _joined(replace(maps, rows=rows), rows, rows.gap)
 
 
 def add_intensity_verdict(found: Diagnosis, grey: IntensityDiagnosis) -> Diagnosis:
-    """The verdict so far with what grey levels show beside it.
+    """Combine the verdict so far with that of the intensity.
 
-    Grey that no law explains goes along with a charge that the maps named. A jump of the maps that comes with a flash is a charge's.
+    Unexplained intensity changes are attributed to charging if the maps identified it. A jump of the maps that coincides with a flash is
+    attributed to charging.
     """
     found = replace(found, grey=grey)
     if grey.outcome is Outcome.UNKNOWN and {effect.name for effect in found.effects} & set(_BRIGHTER):
@@ -40,9 +41,9 @@ def add_intensity_verdict(found: Diagnosis, grey: IntensityDiagnosis) -> Diagnos
 
 
 def _joined(maps: Diagnosis, channel: RowDiagnosis | IntensityDiagnosis, gap: HeldOutMisfit | None = None) -> Diagnosis:
-    """What one channel cannot explain, or had rejected, is not made good by a name that the other has.
+    """Combine two channels. Unexplained misfit or a rejected effect of one channel is not compensated by an effect of the other.
 
-    A rejected effect of rows does not touch what maps identified.
+    A rejected effect of the rows does not change the effects identified from the maps.
     """
     merged = replace(maps, where=(*maps.where, *channel.where), evidence=(*maps.evidence, *channel.evidence))
     if channel.outcome is Outcome.NONE or (channel.outcome is Outcome.REJECTED and maps.outcome is not Outcome.NONE):
@@ -66,7 +67,7 @@ def _joined(maps: Diagnosis, channel: RowDiagnosis | IntensityDiagnosis, gap: He
 
 
 def _flashed(found: Diagnosis, jump: IdentifiedEffect, flash: IdentifiedEffect) -> Diagnosis:
-    """The verdict with a jump called by the name of what flashes; its law and its size stay those of the maps."""
+    """The verdict with a jump renamed to the effect of the flash; basis field and size remain those of the maps."""
     charge = replace(jump, name=flash.name, parameters=(*jump.parameters, *flash.parameters))
     among = tuple(dict.fromkeys(flash.name if value in _JUMPS else value for value in found.ambiguous))
     merged = replace(
@@ -78,7 +79,7 @@ def _flashed(found: Diagnosis, jump: IdentifiedEffect, flash: IdentifiedEffect) 
 
 
 def _coincide(jump: IdentifiedEffect, flash: IdentifiedEffect) -> bool:
-    """Whether one of the flashes comes when the picture jumps, as far as the maps tell when."""
+    """Whether a flash coincides with the jump within the uncertainty of the maps."""
     parameters = {parameter.name: parameter for parameter in jump.parameters}
     at = parameters.get("at_s")
     if at is None:

@@ -1,7 +1,8 @@
-"""The light part of diagnosis, asked after every pair of a run: is what the estimate leaves of the maps still white?
+"""Live test of the diagnosis after each pair: whether the residual of the maps is consistent with white noise.
 
-The contrasts are those of `where`. The baseline takes of each what its posterior says, so under the null, noise and belief as they are
-believed, what is left of it is Gaussian with a known covariance, and its square a chi-squared number: no draws are needed.
+The contrasts are those of the domain tests. Under the null hypothesis the residual of a contrast after marginalising the
+baseline is Gaussian
+with a known covariance. Its squared norm is chi-squared distributed, so no draws are needed.
 """
 
 from __future__ import annotations
@@ -30,11 +31,11 @@ FALSE_ALARM_RATE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Whiteness:
-    """What the estimate leaves of a run so far.
+    """Result of the residual test of a run so far.
 
     Attributes:
-        pairs: that there are.
-        where: each domain; p-values count all domains of this look.
+        pairs: number of pairs.
+        where: test of each domain; p-values are corrected for the number of domains of this test.
     """
 
     pairs: int
@@ -42,18 +43,18 @@ class Whiteness:
 
     @property
     def significance_level(self) -> float:
-        """p-values up to this are no chance: the k-th look spends 1 / (k (k + 1)) of the false alarms, all looks together all of it."""
+        """Significance level of this test: the k-th test spends the fraction 1 / (k (k + 1)) of the total false-alarm probability."""
         look = self.pairs - MIN_PAIRS + 1
         return FALSE_ALARM_RATE / (look * (look + 1))
 
     @property
     def most_significant(self) -> DomainTest | None:
-        """The domain that is no chance, and the least likely one; None where all may be."""
+        """The domain with the smallest p-value if it is significant; else None."""
         least = min(self.where, key=lambda candidate: (candidate.p_value, -candidate.rms_px))  # p-values end at 0
         return least if least.p_value <= self.significance_level else None
 
     def messages(self) -> tuple[str, ...]:
-        """A sentence for the operator, where there is something to say."""
+        """Message for the operator; empty if no domain is significant."""
         test = self.most_significant
         if test is None:
             return ()
@@ -76,11 +77,11 @@ _TOLD = {
 
 
 def whiteness_test(solution: Solution, decisions: Sequence[PairDecision]) -> Whiteness | None:
-    """Look once; None where there are too few pairs or points to say anything, or more than one matrix holds.
+    """Test the residual; None with too few pairs or points, or more pairs than one matrix holds.
 
     Args:
-        solution: of the joint method, after the newest pair.
-        decisions: of all pairs.
+        solution: solution of the joint method after the newest pair.
+        decisions: decisions of all pairs.
     """
     if len(decisions) < MIN_PAIRS or dense_limit(solution.state) < len(decisions):
         return None

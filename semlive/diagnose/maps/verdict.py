@@ -1,4 +1,4 @@
-"""The verdict: detected, adequate, unique, useful; in this order."""
+"""Verdict on the maps. Criteria in this order: detected, adequate, unique, useful."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ def diagnose(
     draws: int = DRAWS,
     model_effects: Sequence[ModelEffect] = (),
 ) -> Diagnosis:
-    """Find where model and data disagree, and what is missing.
+    """Test the model against the data and identify the missing effects.
 
     Args:
-        observation: of a run.
-        seed: of the draws of the null.
-        dictionary: the effects that have a name.
-        draws: of the null.
-        model_effects: effects that the model has already; their amplitudes are refitted, and they are not looked for.
+        observation: observation of a run.
+        seed: seed of the null draws.
+        dictionary: the named effect classes.
+        draws: number of null draws.
+        model_effects: effects already in the model; their amplitudes are refitted and they are not candidates.
 
     Raises:
-        IllPosed: the data are too few to name anything.
-        BadInput: a known effect has no such name, or cannot be in these data.
+        IllPosed: the data are too few to identify an effect.
+        BadInput: a given effect is unknown or not observable in these data.
     """
     families = [family for family in dictionary if family.name not in {item.name for item in model_effects}]
     look = SearchResult.run(
@@ -79,15 +79,15 @@ def diagnose(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchResult:
-    """What a search about one point of linearisation found.
+    """Result of a search at one linearisation point.
 
     Attributes:
-        domain_tests: where model and data disagree, before anything was named.
-        search: the search.
+        domain_tests: tests of the model in each domain, before any effect was added.
+        search: the final state of the search.
         baseline_with_effects: the baseline with all effects.
-        effects: they, refitted beside each other.
-        fields: of each effect, those that were known first, (f, b, 2, q) what unit amplitudes move, px.
-        residual_significant: whether something is left, or what was named does not go as its laws say.
+        effects: the identified effects, fitted jointly.
+        fields: for each effect, given ones first, (f, b, 2, q) displacement of unit amplitudes, px.
+        residual_significant: whether a significant residual remains, or an effect has another time course than its basis field.
     """
 
     domain_tests: tuple[DomainTest, ...]
@@ -101,7 +101,7 @@ class SearchResult:
     def run(
         cls, run: CouplingChoice, families: Sequence[EffectClass], model_effects: Sequence[ModelEffect], draws: tuple[int, int]
     ) -> SearchResult:
-        """Search; so many draws of the null, and the seed of these."""
+        """Search for effects with the given number and seed of null draws."""
         screening = run.screening or Screening.run(run.observation, (*families, *UNNAMED_CLASSES), model_effects)
         null = NullDraws.of(screening.baseline, *draws)
         places, found = run_domain_tests(screening.baseline, null), search(screening, families, null, draws[1])
@@ -118,14 +118,14 @@ class SearchResult:
 
     @property
     def needs_second_pass(self) -> bool:
-        """Whether the effects may have misled the choices that were made without them: one takes other names to mend what went wrong."""
+        """Whether the effects may have biased the earlier selections, so that further effects compensate the error."""
         return bool(self.effects) and (self.residual_significant or len(self.effects) == MAX_EFFECTS)
 
 
 def _looked_again(
     look: SearchResult, families: Sequence[EffectClass], model_effects: Sequence[ModelEffect], draws: tuple[int, int]
 ) -> SearchResult:
-    """About the point that is chosen without the effects, if that is another for what was named, and the data are likelier there."""
+    """Search at the linearisation point selected without the effects, if it differs and the data are more likely there."""
     try:
         repeated = relinearise_with_effects(look.baseline_with_effects, look.fields, (*families, *UNNAMED_CLASSES), model_effects)
     except IllPosed:
@@ -143,7 +143,7 @@ def _looked_again(
 
 
 def _moves_otherwise(effect: RefinedEffect, observation: Observation, baseline_with_effects: HyperparameterGrid) -> bool:
-    """Whether a law says something else of the maps about another point: by more than a part of their noise."""
+    """Whether the prediction of an effect differs at another linearisation point by more than a fraction of the noise."""
     basis_field = effect.family.law(observation.geometry, dict(effect.values))
     if basis_field is None:
         return True
@@ -152,14 +152,14 @@ def _moves_otherwise(effect: RefinedEffect, observation: Observation, baseline_w
 
 
 def _beside(baseline_with_effects: HyperparameterGrid, effects: Sequence[SelectedEffect]) -> tuple[SelectedEffect, ...]:
-    """With amplitudes refitted beside each other; what was named itself is nobody's rival."""
+    """Effects with jointly refitted amplitudes; selected effects are removed from the lists of rivals."""
     families = {effect.refined.family for effect in effects}
     both = zip(effects, refit_jointly(baseline_with_effects, [effect.refined for effect in effects]), strict=True)
     return tuple(replace(value, refined=refit, rivals=tuple(o for o in value.rivals if o.family not in families)) for value, refit in both)
 
 
 def _unlike(baseline: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, effects: Sequence[SelectedEffect]) -> bool:
-    """Whether something without a name is likelier than all names from some round on, or another course than that of their laws."""
+    """Whether an unnamed field or another time course is more likely than the named effects in any round."""
     gained = np.cumsum([effect.log_bayes_factor for effect in reversed(effects)])[::-1]
     if any(effect.unnamed_log_factor > total + MIN_LOG_ODDS for effect, total in zip(effects, gained, strict=True)):
         return True
@@ -176,7 +176,7 @@ def _told(candidates: Sequence[CandidateEvidence]) -> tuple[tuple[str, float], .
 def _overlaps(
     baseline: HyperparameterGrid, effects: RefinedEffect, candidates: Sequence[CandidateEvidence]
 ) -> tuple[tuple[str, float], ...]:
-    """What other names, each as it is likeliest here, could take over of an effect; the most first."""
+    """Fraction of an effect that other effects, each at its most likely parameters, could explain; the largest first."""
     scene, field = baseline.design.observation.geometry, effects.field_px @ effects.amplitudes
     found = []
     for candidate in candidates:
@@ -238,9 +238,10 @@ def _group(families: Sequence[EffectClass]) -> str | None:
 
 
 def _useful(gap: HeldOutMisfit, log_factor: float) -> bool:
-    """With what held-out pairs say against them effects would still be loud, and nothing says that most of their gap stays open.
+    """Whether effects remain significant after held-out pairs, and the misfit reduction is not significantly below half.
 
-    At twice the least effect that can be detected a real one gains 1.5 +- 1 standard errors on held-out pairs or, where they leave little
-    of it to be seen, nothing: creep with a logarithm of the Bayes factor of 43 was rejected for a loss of 1.2.
+    At twice the smallest detectable effect, a true effect gains 1.5 +- 1 standard errors on held-out pairs, or nothing if they
+    contain little
+    of it: creep with a log Bayes factor of 43 was rejected for a loss of 1.2.
     """
     return log_factor + min(gap.log_odds, 0.0) > SIGNIFICANT_LOG_FACTOR and gap.closure_interval[1] > MIN_EXPLAINED_FRACTION

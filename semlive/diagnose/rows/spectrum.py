@@ -1,4 +1,4 @@
-"""Waves in the rows: a spectrum over physical frequencies, because columns tell apart what rows alone would alias."""
+"""Spectrum of row shifts over physical frequency. Columns resolve frequencies that rows alone would alias."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ EXPONENTIAL_MEDIAN = float(np.log(2.0))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectrum:
-    """Power of waves in all pairs together, in units of the noise.
+    """Spectral power of all pairs, in units of the noise.
 
     Attributes:
-        frequency_hz: (m,) that were tried.
-        power: (k, m) of each pair along each axis; of noise alone exponential with mean 1.
-        information: (k, m) 1 / variance of a wave's sine and cosine, px^-2.
+        frequency_hz: (m,) frequencies, Hz.
+        power: (k, m) power of each pair along each axis; for noise alone exponentially distributed with mean 1.
+        information: (k, m) 1 / variance of the sine and cosine amplitudes, px^-2.
     """
 
     frequency_hz: Array
