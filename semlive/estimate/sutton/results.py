@@ -99,7 +99,7 @@ def _by_start_times(solution: SuttonSolution, pair: int) -> Tensor2:
 
 
 def correction_sigmas(solution: SuttonSolution, maps: Iterable[DisparityMap]) -> tuple[None, ...]:
-    """Nothing: the procedure says of its correction how uncertain mean strain is, not points."""
+    """None for each map: the procedure gives the uncertainty of the mean strain only, not of points."""
     del solution
     return tuple(None for _ in maps)
 
@@ -234,7 +234,7 @@ def _shared_points(solution: SuttonSolution) -> float:
 
 
 def _motion(solution: SuttonSolution, pair_maps: PairMaps) -> PairMotion:
-    """The bundle's motion in calibration; elsewhere the best affine map of what is left after correction."""
+    """Motion from the bundle in calibration; otherwise the best affine map of the residual after correction."""
     if pair_maps.pair == 0:
         return PairMotion(0, np.zeros(2), np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2)))
     bundle = solution.bundle
