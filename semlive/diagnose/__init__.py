@@ -1,1 +1,1 @@
-"""Diagnose: find where model and data disagree, name the missing effect, add it, and show that the gap shrinks."""
+"""Diagnosis: test the model against the data, identify the missing effect, add it, and verify that the misfit decreases."""

@@ -1,4 +1,4 @@
-"""Work that has nothing to do with each other, two at a time: linear algebra, which most of a verdict is, lets other threads run."""
+"""Parallel map over independent tasks with two threads. Linear algebra, most of the work of a verdict, releases the interpreter lock."""
 
 from __future__ import annotations
 
@@ -14,6 +14,6 @@ WORKERS = 2
 
 
 def parallel_map(work: Callable[[T], R], many: Iterable[T]) -> list[R]:
-    """What work makes of each, in their order; what it raises of the first that raises."""
+    """Results of `work` for each item, in order. Raises the exception of the first item that fails."""
     with ThreadPoolExecutor(WORKERS) as pool:
         return list(pool.map(work, many))

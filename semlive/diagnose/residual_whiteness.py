@@ -1,7 +1,8 @@
-"""The light part of diagnosis, asked after every pair of a run: is what the estimate leaves of the maps still white?
+"""Live test of the diagnosis after each pair: whether the residual of the maps is consistent with white noise.
 
-The contrasts are those of `where`. The baseline takes of each what its posterior says, so under the null, noise and belief as they are
-believed, what is left of it is Gaussian with a known covariance, and its square a chi-squared number: no draws are needed.
+The contrasts are those of the domain tests. Under the null hypothesis the residual of a contrast after marginalising the
+baseline is Gaussian
+with a known covariance. Its squared norm is chi-squared distributed, so no draws are needed.
 """
 
 from __future__ import annotations
@@ -30,11 +31,11 @@ FALSE_ALARM_RATE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Whiteness:
-    """What the estimate leaves of a run so far.
+    """Result of the residual test of a run so far.
 
     Attributes:
-        pairs: that there are.
-        where: each domain; p-values count all domains of this look.
+        pairs: number of pairs.
+        where: test of each domain; p-values are corrected for the number of domains of this test.
     """
 
     pairs: int
@@ -42,25 +43,25 @@ class Whiteness:
 
     @property
     def significance_level(self) -> float:
-        """p-values up to this are no chance: the k-th look spends 1 / (k (k + 1)) of the false alarms, all looks together all of it."""
+        """Significance level of this test: the k-th test spends the fraction 1 / (k (k + 1)) of the total false-alarm probability."""
         look = self.pairs - MIN_PAIRS + 1
         return FALSE_ALARM_RATE / (look * (look + 1))
 
     @property
     def most_significant(self) -> DomainTest | None:
-        """The domain that is no chance, and the least likely one; None where all may be."""
-        least = min(self.where, key=lambda one: (one.p_value, -one.rms_px))  # p-values end at 0
+        """The domain with the smallest p-value if it is significant; else None."""
+        least = min(self.where, key=lambda candidate: (candidate.p_value, -candidate.rms_px))  # p-values end at 0
         return least if least.p_value <= self.significance_level else None
 
     def messages(self) -> tuple[str, ...]:
-        """A sentence for the operator, where there is something to say."""
-        one = self.most_significant
-        if one is None:
+        """Message for the operator; empty if no domain is significant."""
+        test = self.most_significant
+        if test is None:
             return ()
-        chance = f"p = {one.p_value:.1g}" if one.p_value >= 1e-99 else "p < 1e-99"
+        chance = f"p = {test.p_value:.1g}" if test.p_value >= 1e-99 else "p < 1e-99"
         return (
-            f"WARNING: what the estimate leaves of the maps after {self.pairs} pairs is not noise, seen by {_TOLD[one.domain]}: {chance}, "
-            f"{one.rms_px:.4f} px rms; the model lacks something",
+            f"WARNING: what the estimate leaves of the maps after {self.pairs} pairs is not noise, seen by {_TOLD[test.domain]}: {chance}, "
+            f"{test.rms_px:.4f} px rms; the model lacks something",
         )
 
 
@@ -76,11 +77,11 @@ _TOLD = {
 
 
 def whiteness_test(solution: Solution, decisions: Sequence[PairDecision]) -> Whiteness | None:
-    """Look once; None where there are too few pairs or points to say anything, or more than one matrix holds.
+    """Test the residual; None with too few pairs or points, or more pairs than one matrix holds.
 
     Args:
-        solution: of the joint method, after the newest pair.
-        decisions: of all pairs.
+        solution: solution of the joint method after the newest pair.
+        decisions: decisions of all pairs.
     """
     if len(decisions) < MIN_PAIRS or dense_limit(solution.state) < len(decisions):
         return None
@@ -90,24 +91,24 @@ def whiteness_test(solution: Solution, decisions: Sequence[PairDecision]) -> Whi
         return None
 
 
-def _quiet(seen: Observation) -> HyperparameterGrid:
+def _quiet(observation: Observation) -> HyperparameterGrid:
     """As `noise.quiet` has it, with one pass for the noise, the likeliest drift alone, and any distortion."""
-    residual, rough = seen.residual_px(), rough_modes(seen)
-    length_px = likeliest_length_px(seen.grid, seen.valid_blocks, residual - residual.mean(axis=0), rough)
-    columns = design(seen, make_whitener(seen.grid, seen.valid_blocks, length_px, float(residual.std()) or 1e-6))
+    residual, rough = observation.residual_px(), rough_modes(observation)
+    length_px = likeliest_length_px(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough)
+    columns = design(observation, make_whitener(observation.grid, observation.valid_blocks, length_px, float(residual.std()) or 1e-6))
     return with_free_distortion(columns.rescaled(residual_scale(with_free_distortion(columns), rough)))
 
 
-def _looked(quiet: HyperparameterGrid) -> tuple[DomainTest, ...]:
-    asked = domain_contrasts(quiet.design.observation.geometry)
-    f, b, _ = quiet.whitened_residual.shape
+def _looked(baseline: HyperparameterGrid) -> tuple[DomainTest, ...]:
+    gradient = domain_contrasts(baseline.design.observation.geometry)
+    f, b, _ = baseline.whitened_residual.shape
     found = []
-    for domain, field in asked:
-        told = project(quiet, field)
-        values, pull = told.values[0], told.gradient[0]
-        seen = values > MIN_RELATIVE_EIGENVALUE * values[-1]
-        power, count = float(np.sum(pull[seen] ** 2 / values[seen])), int(seen.sum())
-        rms_px = quiet.design.whiten.sigma_px * float(np.sqrt(max(power - count, 0.0) / (2 * f * b)))
+    for domain, field in gradient:
+        projection = project(baseline, field)
+        values, pull = projection.values[0], projection.gradient[0]
+        observed = values > MIN_RELATIVE_EIGENVALUE * values[-1]
+        power, count = float(np.sum(pull[observed] ** 2 / values[observed])), int(observed.sum())
+        rms_px = baseline.design.whiten.sigma_px * float(np.sqrt(max(power - count, 0.0) / (2 * f * b)))
         p_value = float(chi2.sf(power, count)) if count else 1.0
-        found.append(DomainTest(domain, min(1.0, len(asked) * p_value), rms_px))
+        found.append(DomainTest(domain, min(1.0, len(gradient) * p_value), rms_px))
     return tuple(found)

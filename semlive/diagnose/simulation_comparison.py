@@ -1,4 +1,4 @@
-"""A measurement against simulations of it, without and with the effects that were found: does the gap between them shrink?"""
+"""Comparison of a measurement with simulations without and with the identified effects: reduction of the misfit."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MIN_BEYOND_NOISE_FRACTION = 0.5
 
 @dataclass(frozen=True, slots=True)
 class MisfitReduction:
-    """A gap without and with effects, what noise leaves of it, and the share that they close with its 95 % interval."""
+    """Misfit without and with effects, noise floor, and explained fraction with its 95 % interval."""
 
     before_px: float
     after_px: float
@@ -31,13 +31,13 @@ class MisfitReduction:
 
     @property
     def is_reduced(self) -> bool:
-        """Whether more than half of the gap is closed, and not by chance."""
+        """Whether more than half of the misfit is explained, significantly."""
         return self.closure > 0.5 and self.interval[0] > 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class SmoothPowerRatio:
-    """How much more than noise is left that is smooth over the field: measured, simulated, and their ratio with its 95 % interval."""
+    """Smooth residual power beyond noise: measured, simulated, and their ratio with its 95 % interval."""
 
     measured_px: float
     simulated_px: float
@@ -46,19 +46,19 @@ class SmoothPowerRatio:
 
     @property
     def agrees(self) -> bool:
-        """Whether something is left of the measurement, and the simulation has as much of it within a factor of two."""
+        """Whether the measurement has a smooth residual and the simulation has the same power within a factor of two."""
         return self.measured_px > 0.0 and 0.5 < self.ratio < 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What a simulation says of a model that was found. Intervals are those of pairs drawn again.
+    """Comparison of simulation and measurement. Intervals are bootstrap intervals over pairs.
 
     Attributes:
-        maps: measured less simulated maps, what the baseline explains of either taken off.
-        sizes: of an effect that is anew in every frame or move a simulation has the size and not the course.
-        frames: that were compared.
-        blocks: of points in each.
+        maps: misfit between measured and simulated maps, both without the part explained by the baseline.
+        sizes: sizes of effects that are random in every frame or step; a simulation reproduces their size but not their time course.
+        frames: number of compared frames.
+        blocks: number of point blocks in each.
     """
 
     maps: MisfitReduction
@@ -68,42 +68,42 @@ class Comparison:
 
     @property
     def confirmed(self) -> bool:
-        """Whether the simulation with the effects is nearer to the measurement, or what cannot be foretold has the same size."""
+        """Whether the simulation with the effects is closer to the measurement, or random effects have the same size."""
         return self.maps.is_reduced or self.sizes.agrees
 
 
 def compare_with_simulations(measured: Observation, without: Observation, with_effects: Observation) -> Comparison:
     """Compare root mean squares of block means.
 
-    The simulation without effects has nothing but noise in what the baseline leaves of it, so it tells how much that is.
+    The residual of the simulation without effects contains only noise, so it determines the noise floor.
 
     Args:
-        measured: the run that effects were found in.
-        without: the same experiment, simulated without them.
-        with_effects: simulated with them.
+        measured: the run in which the effects were identified.
+        without: simulation of the same experiment without them.
+        with_effects: simulation with them.
 
     Raises:
-        BadInput: the runs have not the same frames, or not the same grid.
+        BadInput: the runs differ in frames or grid.
     """
     runs = (measured, without, with_effects)
-    if len({(one.frames, one.grid) for one in runs}) > 1:
-        told = ", ".join(f"{one.frames} frames of {one.grid.nx} x {one.grid.ny} points" for one in runs)
-        raise BadInput(f"the runs cannot be compared frame by frame: {told}; simulate the scenario of the measured run's own protocol")
-    blocks = reduce(np.intersect1d, [one.valid_blocks for one in runs])
-    baselines = [noise_scaled_baseline(one) for one in runs]
-    left = [_left(one)[:, np.isin(one.design.observation.valid_blocks, blocks)] for one in baselines]
+    if len({(run.frames, run.grid) for run in runs}) > 1:
+        text = ", ".join(f"{run.frames} frames of {run.grid.nx} x {run.grid.ny} points" for run in runs)
+        raise BadInput(f"the runs cannot be compared frame by frame: {text}; simulate the scenario of the measured run's own protocol")
+    blocks = reduce(np.intersect1d, [run.valid_blocks for run in runs])
+    baselines = [noise_scaled_baseline(run) for run in runs]
+    residual = [_left(baseline)[:, np.isin(baseline.design.observation.valid_blocks, blocks)] for baseline in baselines]
     noisier = (baselines[0].design.whiten.sigma_px / baselines[1].design.whiten.sigma_px) ** 2
-    gaps = (left[0] - left[1], left[0] - left[2])
-    maps = _maps(np.stack([*(_squares(one) for one in gaps), (1.0 + noisier) * _squares(left[1])]))
+    gaps = (residual[0] - residual[1], residual[0] - residual[2])
+    maps = _maps(np.stack([*(_squares(gap) for gap in gaps), (1.0 + noisier) * _squares(residual[1])]))
     shapes = np.linalg.qr(modes(measured.geometry)[:, np.isin(measured.valid_blocks, blocks)].mean(axis=0))[0]
-    smooth = [_squares(np.einsum("bk,ck,fcd->fbd", shapes, shapes, one, optimize=True)) for one in left]
-    return Comparison(maps, _sizes(smooth, noisier), len(left[0]), len(blocks))
+    smooth = [_squares(np.einsum("bk,ck,fcd->fbd", shapes, shapes, value, optimize=True)) for value in residual]
+    return Comparison(maps, _sizes(smooth, noisier), len(residual[0]), len(blocks))
 
 
 def _left(run: HyperparameterGrid) -> Array:
-    """(f, b, 2) px that the baseline leaves of every frame, their mean over the frames being nobody's.
+    """(f, b, 2) residual of the baseline in every frame, px; the mean over the frames is not determined.
 
-    Not what the first solution leaves: that may have turned or stretched the raster, and a magnification that drifts by 0.4 px was gone.
+    The residual of the first solution is not used: it may include raster terms, which removed a magnification drift of 0.4 px.
     """
     whiten = run.design.whiten
     return np.asarray(whiten.sigma_px * np.matmul(whiten.factor, run.residual()))
@@ -115,13 +115,13 @@ def _squares(field_px: Array) -> Array:
 
 
 def _again(by_pair: Array) -> Array:
-    """(k, draws) means over pairs drawn again, of (k, pairs)."""
+    """(k, draws) bootstrap means over resampled pairs, of (k, pairs)."""
     n = by_pair.shape[1]
     return np.asarray(by_pair[:, np.random.default_rng(0).integers(n, size=(RESAMPLED, n))].mean(axis=2))
 
 
-def _interval(drawn: Array) -> tuple[float, float]:
-    low, high = np.quantile(drawn, (0.025, 0.975)).tolist()
+def _interval(samples: Array) -> tuple[float, float]:
+    low, high = np.quantile(samples, (0.025, 0.975)).tolist()
     return low, high
 
 
@@ -131,7 +131,7 @@ def _maps(by_pair: Array) -> MisfitReduction:
 
 
 def _closure(squares: Array) -> Array:
-    """Nothing is closed where there is no gap."""
+    """Explained fraction; 0 without a misfit."""
     gap = squares[0] - squares[2]
     return np.where(gap > 0.0, (squares[0] - squares[1]) / np.where(gap > 0.0, gap, 1.0), 0.0)
 
@@ -140,9 +140,9 @@ def _sizes(smooth: list[Array], noisier: float) -> SmoothPowerRatio:
     """By how much the measurement and the simulation with effects exceed the simulation without, noise being scaled."""
     beyond = np.stack([smooth[0] - noisier * smooth[1], smooth[2] - smooth[1]])
     measured, simulated = np.sqrt(np.maximum(beyond.mean(axis=1), 0.0)).tolist()
-    drawn = np.maximum(_again(beyond), 0.0)
+    samples = np.maximum(_again(beyond), 0.0)
     # What the baseline leaves of noise differs by a fifth between runs: drift and distortion are as smooth as each run says.
-    seen = float(np.quantile(drawn[0], 0.025)) > MIN_BEYOND_NOISE_FRACTION * noisier * float(smooth[1].mean())
-    ratios = np.sqrt(drawn[1] / np.maximum(drawn[0], 1e-30))
-    ratio = simulated / measured if seen else 0.0
-    return SmoothPowerRatio(measured if seen else 0.0, simulated, ratio, _interval(ratios) if seen else (0.0, math.inf))
+    observed = float(np.quantile(samples[0], 0.025)) > MIN_BEYOND_NOISE_FRACTION * noisier * float(smooth[1].mean())
+    ratios = np.sqrt(samples[1] / np.maximum(samples[0], 1e-30))
+    ratio = simulated / measured if observed else 0.0
+    return SmoothPowerRatio(measured if observed else 0.0, simulated, ratio, _interval(ratios) if observed else (0.0, math.inf))

@@ -1,4 +1,4 @@
-"""Correlation of two arrays in one call, for people who only want a fast DIC."""
+"""Correlation of two arrays in one call."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def match(
     *,
     mask: NDArray[np.bool_] | None = None,
 ) -> DisparityMap:
-    """Find where every point of one image went in another: ``x_current = x_reference + u``, y likewise with v.
+    """Measure the displacement of every grid point between two images: ``x_current = x_reference + u``, y likewise with v.
 
     With many current images of one reference, prepare it once: ``prepared = prepare(reference, grid, settings)``, then
     ``correlate(prepared, current, settings, reference_frame=0, current_frame=n)`` for each; it saves a quarter of the time.

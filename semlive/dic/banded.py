@@ -1,8 +1,8 @@
-"""Frames of any size in bounded memory: bands of full width, one after the other, and one verdict over the whole map.
+"""Correlation of frames of any size in bounded memory: full-width bands one after the other, then one outlier test over the whole map.
 
-A band is what `correlate` is given, with so many rows of points more on each side as retries can reach, so that the result is,
-byte for byte, that of the whole frame at once. Frames beyond WHOLE_PX alone differ: they get their first guesses cell by cell.
-Images and mask may be memory maps: only bands of them are ever read.
+A band is correlated with additional rows of points on each side, as many as retries can reach, so the result is bit-identical to that of
+the whole frame. Only frames larger than WHOLE_PX differ: their initial guesses are computed cell by cell. Images and mask may be
+memory maps; only bands of them are read.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 def is_large(shape: tuple[int, ...], grid: Grid) -> bool:
-    """Whether a frame or a grid asks for bands: at once, it would take more than 1 GB."""
+    """Whether a frame or grid is processed in bands, because processing it at once would need more than 1 GB."""
     return shape[0] * shape[1] > WHOLE_PX**2 or grid.nx * grid.ny > BAND_POINTS
 
 
@@ -87,17 +87,17 @@ def correlate_tiled(
     matches, ambiguous = first_guesses(pair, grid, settings.search_px)
     small = max(reference.shape) <= WHOLE_PX and len(matches) > 0
     guess = smooth_field(matches, grid) if small else None
-    other = residual_affine_field(matches, grid) if small else None
-    whole = _empty(grid)
+    second_field = residual_affine_field(matches, grid) if small else None
+    merged = _empty(grid)
     for first, last in bands(grid, reference.shape, band_px, band_points):
         low, high = max(first - HALO, 0), min(last + HALO, grid.ny)
         rows = dataclasses.replace(grid, y0_px=grid.y0_px + low * grid.step_px, ny=high - low)
         seeds = guess[low:high] if guess is not None else _local_field(matches, rows)
-        second = None if other is None else other[low:high]
+        second = None if second_field is None else second_field[low:high]
         part = _band(pair, rows, (seeds, second), matches, ambiguous[low:high], traits, settings)
         for field in dataclasses.fields(PointMeasurements):
-            getattr(whole, field.name)[first:last] = getattr(part, field.name)[first - low : last - low]
-    return to_disparity_map(whole, grid, settings, reference_frame=reference_frame, current_frame=current_frame)
+            getattr(merged, field.name)[first:last] = getattr(part, field.name)[first - low : last - low]
+    return to_disparity_map(merged, grid, settings, reference_frame=reference_frame, current_frame=current_frame)
 
 
 def _mean(image: Image, mask: NDArray[np.bool_] | None) -> np.float32:
@@ -244,10 +244,10 @@ def _band(
 
 def _cramped(solutions: interface.Solutions, grid: Grid, above: bool, below: bool, height: int) -> bool:
     """Whether a subset came near a side of the band that is not the frame's: the spline is not the frame's there."""
-    went = np.isin(solutions.status, (PoiStatus.CONVERGED, PoiStatus.OUTSIDE_IMAGE))
+    finished = np.isin(solutions.status, (PoiStatus.CONVERGED, PoiStatus.OUTSIDE_IMAGE))
     y = grid.y_px[:, None] + solutions.parameters[..., 3]
     reach = 0.8 * grid.subset_px + SPLINE_PX
-    return bool((went & ((above & (y < reach)) | (below & (y > height - 1 - reach)))).any())
+    return bool((finished & ((above & (y < reach)) | (below & (y > height - 1 - reach)))).any())
 
 
 def _empty(grid: Grid) -> PointMeasurements:

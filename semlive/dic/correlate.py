@@ -76,7 +76,7 @@ def correlate(
 
 
 def point_measurements(reference: Reference, solutions: interface.Solutions, settings: DicSettings) -> PointMeasurements:
-    """What the solutions say, with their uncertainties; zero where nothing converged."""
+    """Point measurements from the solutions, with their uncertainties; zero for points without convergence."""
     valid = solutions.status == PoiStatus.CONVERGED
     p = solutions.parameters
     sums = reference.sums
@@ -107,7 +107,7 @@ def point_measurements(reference: Reference, solutions: interface.Solutions, set
 def to_disparity_map(
     found: PointMeasurements, grid: Grid, settings: DicSettings, *, reference_frame: int, current_frame: int
 ) -> DisparityMap:
-    """The map of what is believed of it."""
+    """Disparity map of the accepted point measurements."""
     verdict = rejection_status(found, grid, curved=settings.shape_function != "affine")
     valid = found.valid & (verdict == PoiStatus.CONVERGED)
 
@@ -139,17 +139,17 @@ def solve(
 ) -> interface.Solutions:
     """Affine parameters at every POI.
 
-    A first pass along rows from a smooth field of first guesses; what failed again from the nearest block (a jump within the
-    frame, which no smooth field follows), then from the motion of the blocks that the smooth field leaves out; what failed still
-    from neighbours that converged, ring by ring.
+    The first pass follows rows from a smooth field of initial guesses. Failed points are retried from the nearest block (for a
+    jump within the
+    frame), then from the motion of blocks not explained by the smooth field, then from converged neighbours, ring by ring.
 
     Args:
         reference: from `prepare`.
         interpolator: of the current frame, from `cast.interpolator`.
         matches: from `coarse.match`.
         settings: tolerance, iterations, smallest ZNCC.
-        guess: (ny, nx, 6) first guesses; None takes `coarse.smooth_field`.
-        second: gives others, from `coarse.residual_affine_field`, if they are needed.
+        guess: (ny, nx, 6) initial guesses; None uses `coarse.smooth_field`.
+        second: returns alternative initial guesses, from `coarse.residual_affine_field`; called only if needed.
     """
     grid, solutions = reference.grid, _unsolved(reference)
     status = solutions.status
@@ -174,8 +174,8 @@ def solve(
     attempt(status == PoiStatus.NO_SEED, SEED_FROM_NEIGHBOUR, guess)
     if (failed := ~FINAL[status]).any():
         attempt(failed, SEED_FROM_NEIGHBOUR, nearest_block_field(matches, grid))
-    if (failed := ~FINAL[status]).any() and (other := second()) is not None:
-        attempt(failed & (seed_distance(other, guess) > OTHER_SIDE_PX), SEED_FROM_NEIGHBOUR, other)
+    if (failed := ~FINAL[status]).any() and (alternative := second()) is not None:
+        attempt(failed & (seed_distance(alternative, guess) > OTHER_SIDE_PX), SEED_FROM_NEIGHBOUR, alternative)
     fresh = status == PoiStatus.CONVERGED
     for _ in range(MAX_PASSES):
         if not (failed := ~FINAL[status]).any():

@@ -1,4 +1,4 @@
-"""Windows along one axis, made once for each length: frames come in one size, and what a small one costs is calls, not pixels."""
+"""One-dimensional FFT windows, cached by length, because call overhead dominates for small frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drift seen directly, between two frames while nothing was moved."""
+"""Direct measurement of drift between two frames of a hold."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from semlive.errors import IllPosed
 
 
 def hold_drift(before: Frame, after: Frame, settings: DicSettings) -> HoldDrift:
-    """How the picture drifted from one frame to a later one of the same rest.
+    """Image drift from one frame to a later one of the same hold.
 
     Raises:
         BadInput: the frames differ in size, or no point fits them.
-        IllPosed: less than half of the points are found again.
+        IllPosed: fewer than half of the points are found in the later frame.
     """
     own = prepare(before.image, grid_for(settings, before.info.width_px, before.info.height_px), settings)
-    seen = correlate(own, after.image, settings, reference_frame=before.info.export, current_frame=after.info.export)
-    if 2 * seen.valid.sum() < seen.valid.size:
+    solutions = correlate(own, after.image, settings, reference_frame=before.info.export, current_frame=after.info.export)
+    if 2 * solutions.valid.sum() < solutions.valid.size:
         raise IllPosed(f"{after.info.name} shows less than half of the points of {before.info.name}: no drift is seen between them")
     apart_s = (after.info.start_time_ns.value - before.info.start_time_ns.value) / 1e9
-    alone = max(1.0, seen.valid.sum() * min(1.0, settings.step_px / settings.subset_px) ** 2)  # points that share no pixel
+    alone = max(1.0, solutions.valid.sum() * min(1.0, settings.step_px / settings.subset_px) ** 2)  # points that share no pixel
     late = np.hypot(before.info.start_sigma_s, after.info.start_sigma_s) / apart_s
 
     def rate(moved_px: NDArray[np.float64], sigma_px: NDArray[np.float64]) -> tuple[float, float]:
-        found = float(np.median(moved_px[seen.valid])) / apart_s
-        return found, float(np.hypot(np.median(sigma_px[seen.valid]) / np.sqrt(alone) / apart_s, found * late))
+        found = float(np.median(moved_px[solutions.valid])) / apart_s
+        return found, float(np.hypot(np.median(sigma_px[solutions.valid]) / np.sqrt(alone) / apart_s, found * late))
 
-    (x, sigma_x), (y, sigma_y) = rate(seen.u_px, seen.sigma_u_px), rate(seen.v_px, seen.sigma_v_px)
+    (x, sigma_x), (y, sigma_y) = rate(solutions.u_px, solutions.sigma_u_px), rate(solutions.v_px, solutions.sigma_v_px)
     times_ns = before.info.start_time_ns.value, after.info.end_time_ns
     return HoldDrift(before.info.export, after.info.export, *times_ns, (x, y), (sigma_x, sigma_y))

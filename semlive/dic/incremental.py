@@ -1,11 +1,11 @@
-"""Large strain in steps: when the reference no longer resembles what is seen, a later frame takes its place.
+"""Incremental correlation for large strain: a later frame replaces the reference when the correlation becomes too weak.
 
-Results stay on the grid of the first reference. If a point x went to x + u0(x) in the frame that is the reference now, and what
-is there went on by u1, then u(x) = u0(x) + u1(x + u0(x)), u1 interpolated between the points of the newer grid.
+Results stay on the grid of the first reference. If a point x moved to x + u0(x) in the current reference and from there by u1, then
+u(x) = u0(x) + u1(x + u0(x)), with u1 interpolated between the points of the newer grid.
 
-The noise of the frame in between is in both maps with opposite sign and cancels but for LEFT_OVER, so uncertainties grow far less
-than those of independent maps would. Points that were lost when a later frame took over are looked for from the reference before it
-too, and return if what hid them has gone.
+The noise of the intermediate frame is in both maps with opposite sign and cancels except for LEFT_OVER, so uncertainties grow far less than
+those of independent maps. Points lost at a change of the reference are also correlated with the previous reference and return
+if they become visible again.
 """
 
 from __future__ import annotations
@@ -35,18 +35,18 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IncrementalTrack:
-    """A specimen followed from its first reference on; a value, `advance` returns the next one.
+    """State of an incremental correlation. Immutable; `advance` returns the next state.
 
     Attributes:
         grid: the points, in the first reference.
-        first_frame: its number.
-        reference: the reference in use.
-        base_map: where the points are in it; None while it is the first.
-        kept: how many points its first map had, None before.
-        zncc: their median correlation then.
+        first_frame: number of the first reference.
+        reference: the current reference.
+        base_map: map from the first to the current reference; None while they are the same.
+        kept: number of valid points in the first map from the current reference; None before.
+        zncc: median correlation of these points.
         last_image: the latest frame.
-        last_map: and its map; None before the first.
-        fallback: the track with an earlier reference, if points were lost when that was replaced.
+        last_map: map of the latest frame; None before the first.
+        fallback: the track with the previous reference, if points were lost when it was replaced.
     """
 
     grid: Grid
@@ -93,9 +93,9 @@ def advance(
     m = _composed(track, correlate(track.reference, image, settings, reference_frame=track.first_frame, current_frame=frame))
     if (renew or _worn(track, m)) and track.last_map is not None and track.last_map.valid.any():
         fresh = _renewed(track, settings)
-        again = _composed(fresh, correlate(fresh.reference, image, settings, reference_frame=track.first_frame, current_frame=frame))
-        if renew or again.valid.sum() > m.valid.sum() or _median_zncc(again) > _median_zncc(m):
-            track, m = fresh, again
+        composed = _composed(fresh, correlate(fresh.reference, image, settings, reference_frame=track.first_frame, current_frame=frame))
+        if renew or composed.valid.sum() > m.valid.sum() or _median_zncc(composed) > _median_zncc(m):
+            track, m = fresh, composed
     if track.fallback is not None and not m.valid.all():
         m = _returned(m, track.fallback, image, settings, frame)
     if track.kept is None:
@@ -117,7 +117,7 @@ def _median_zncc(m: DisparityMap) -> float:
 
 
 def _worn(track: IncrementalTrack, m: DisparityMap) -> bool:
-    """Whether the reference no longer resembles the frame."""
+    """Whether the correlation with the reference has become too weak."""
     before = track.kept if track.kept is not None else (track.base_map.valid.sum() if track.base_map else m.status.size)
     return bool(m.valid.sum() < MIN_TRACKED_FRACTION * before or _median_zncc(m) < MIN_ZNCC_FRACTION * track.zncc)
 
@@ -152,11 +152,11 @@ def _composed(track: IncrementalTrack, newer: DisparityMap) -> DisparityMap:
 
 
 def compose_maps(older: DisparityMap, newer: DisparityMap) -> DisparityMap:
-    """Two maps one after the other, on the grid of the older one.
+    """Compose two maps, on the grid of the older one.
 
     Args:
-        older: to the frame that is the newer one's reference.
-        newer: from there on.
+        older: map to the frame that is the reference of the newer map.
+        newer: map from that frame.
     """
     grid = newer.grid
     x, y = older.grid.mesh()
@@ -166,9 +166,9 @@ def compose_maps(older: DisparityMap, newer: DisparityMap) -> DisparityMap:
     at, spread, worst, sound = interpolate_bilinear(fx.ravel(), fy.ravel(), values, np.ascontiguousarray(newer.status))
     u, v, sigma_u, sigma_v, zncc = at.reshape(-1, *older.grid.shape)
     (spread_u, spread_v), worst = spread.reshape(-1, *older.grid.shape), worst.reshape(older.grid.shape)
-    whole = inside & sound.reshape(older.grid.shape)
-    torn = whole & (np.maximum(spread_u, spread_v) > CUT_PX + MAX_CELL_STRAIN * grid.step_px)
-    valid = whole & ~torn
+    usable = inside & sound.reshape(older.grid.shape)
+    torn = usable & (np.maximum(spread_u, spread_v) > CUT_PX + MAX_CELL_STRAIN * grid.step_px)
+    valid = usable & ~torn
     status = np.where(older.valid, np.where(inside, worst, PoiStatus.OUTSIDE_IMAGE), older.status)
     status = np.where(torn, PoiStatus.INCONSISTENT, status).astype(np.uint8)
 

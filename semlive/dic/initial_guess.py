@@ -1,8 +1,8 @@
-"""First guesses for IC-GN: one shift of the whole frame, then blocks matched around it, then a smooth field through them.
+"""Initial guesses for IC-GN: one shift of the whole frame, then block matching around it, then a smooth field through the matches.
 
-The frame's shift is the peak of a low-passed phase correlation at half resolution: it is right to a few px whatever the
-distance (up to half the frame), because strain, distortion and drift within a frame only smear the peak. Blocks of 64 px are then
-searched within 32 px of it by ZNCC, which says for each block whether to believe it.
+The frame shift is the peak of a low-passed phase correlation at half resolution. It is correct to a few px for shifts up to half the
+frame, because strain, distortion and drift within a frame only broaden the peak. Blocks of 64 px are then searched within 32 px of it
+by ZNCC, whose value decides whether a block is accepted.
 """
 
 from __future__ import annotations
@@ -141,9 +141,9 @@ def search(reference: InitialGuessReference, current: NDArray[np.float32], match
 def _grown(reference: InitialGuessReference, current: NDArray[np.float32], matches: NDArray[np.float64]) -> NDArray[np.float64]:
     """Matches and those found around the motion of the match nearest to each block, until no more are."""
     while 0 < len(matches) < len(reference.centres):
-        left = np.array([centre for centre in reference.centres if not (centre == matches[:, :2]).all(axis=1).any()])
-        _, nearest = KDTree(matches[:, :2]).query(left)
-        fresh = match_blocks(reference.image, left, current, np.round(matches[nearest, 2:]).astype(np.int64))
+        unmatched = np.array([centre for centre in reference.centres if not (centre == matches[:, :2]).all(axis=1).any()])
+        _, nearest = KDTree(matches[:, :2]).query(unmatched)
+        fresh = match_blocks(reference.image, unmatched, current, np.round(matches[nearest, 2:]).astype(np.int64))
         if not len(fresh):
             break
         matches = np.concatenate([matches, fresh])
@@ -151,7 +151,7 @@ def _grown(reference: InitialGuessReference, current: NDArray[np.float32], match
 
 
 def _led(reference: InitialGuessReference, current: NDArray[np.float32], matches: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Matches found again around the affine map on which the given ones agree; none if they do not agree."""
+    """Matches found again around the affine map on which the given ones agree; empty without agreement."""
     few = max(MIN_INLIERS, len(reference.centres) // 8)
     best = np.empty((0, 4))
     for _ in range(2):
@@ -171,12 +171,12 @@ def _led(reference: InitialGuessReference, current: NDArray[np.float32], matches
 def warped_blocks(reference: InitialGuessReference, current: NDArray[np.float32], affine: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 4) x, y, u, v in binned pixels of blocks of the reference drawn as an affine map (2, 3) has it."""
     height, width = current.shape
-    drawn = np.asarray(cv2.warpAffine(reference.image, affine, (width, height), flags=cv2.INTER_LINEAR), dtype=np.float32)
+    warped = np.asarray(cv2.warpAffine(reference.image, affine, (width, height), flags=cv2.INTER_LINEAR), dtype=np.float32)
     inverse = cv2.invertAffineTransform(affine)
     half = BLOCK // 2
     centres = np.round(reference.centres @ affine[:, :2].T + affine[:, 2]).astype(np.int64)
     inside = np.all((centres >= half) & (centres <= np.array([width, height]) - half), axis=1)
-    found = match_blocks(drawn, centres[inside], current, (0, 0))
+    found = match_blocks(warped, centres[inside], current, (0, 0))
     origin = found[:, :2] @ inverse[:, :2].T + inverse[:, 2]
     return np.column_stack([origin, found[:, :2] + found[:, 2:] - origin])
 
@@ -253,7 +253,7 @@ def match_blocks(
             found[k] = _match_block(_block(image, x, y), x, y, current, (u, v), search)
 
     parallel_chunks(match_some, len(centres), BLOCKS_AT_ONCE)
-    return np.array([one for one in found if one], dtype=np.float64).reshape(-1, 4)
+    return np.array([value for value in found if value], dtype=np.float64).reshape(-1, 4)
 
 
 def _match_block(
@@ -282,7 +282,7 @@ def _vertex(score: NDArray, at: int) -> float:
     """Position of a parabola's top about a sample of a line of scores; 0 for the first and the last."""
     if not 0 < at < score.size - 1:
         return 0.0
-    before, middle, after = (float(one) for one in score[at - 1 : at + 2])
+    before, middle, after = (float(value) for value in score[at - 1 : at + 2])
     curvature = before - 2.0 * middle + after
     return 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0
 
@@ -320,11 +320,11 @@ def residual_affine_field(matches: NDArray[np.float64], grid: Grid) -> NDArray[n
     those left out agree on nothing.
     """
     _, good = _robust_affine(matches[:, 0], matches[:, 1], matches[:, 2:])
-    left = matches[~good]
-    if len(left) < MIN_INLIERS:
+    rejected = matches[~good]
+    if len(rejected) < MIN_INLIERS:
         return None
-    affine, agree = _robust_affine(left[:, 0], left[:, 1], left[:, 2:])
-    if agree.sum() < max(MIN_INLIERS, len(left) // 2):
+    affine, agree = _robust_affine(rejected[:, 0], rejected[:, 1], rejected[:, 2:])
+    if agree.sum() < max(MIN_INLIERS, len(rejected) // 2):
         return None
     return _affine_field(affine, grid)
 

@@ -67,7 +67,7 @@ def smear_within(dmap: DisparityMap, apart_s: float, scan_s: float, scans: int) 
     """
     if apart_s <= 0.0 or not dmap.valid.any():
         return None
-    rates = (float(np.median(one[dmap.valid])) / apart_s for one in (dmap.u_px, dmap.v_px))
+    rates = (float(np.median(component[dmap.valid])) / apart_s for component in (dmap.u_px, dmap.v_px))
     step_x_px, step_y_px = (rate * scan_s for rate in rates)
     return IntegrationBlur(step_x_px, step_y_px, scans)
 
@@ -120,8 +120,8 @@ def correlate_with_matched_blur(
     dmap = correlate(reference, blurred(image, passed), settings, reference_frame=reference_frame, current_frame=current_frame)
     believed = interpolation_noise_gain(dmap.u_px, *_flat(dmap), dmap.grid.subset_px, settings.interpolation)
     believed = believed * interpolation_noise_gain(dmap.v_px, *_flat(dmap), dmap.grid.subset_px, settings.interpolation)
-    left, felt = _white_left(passed, image.shape), _felt(reference, passed)
-    factor = np.sqrt((1.0 + felt) * (1.0 + believed) / (2.0 * (1.0 + left)))
+    noise_fraction, felt = _white_left(passed, image.shape), _felt(reference, passed)
+    factor = np.sqrt((1.0 + felt) * (1.0 + believed) / (2.0 * (1.0 + noise_fraction)))
     covariance = None if dmap.covariance_px2 is None else dmap.covariance_px2 * factor**2
     return replace(dmap, sigma_u_px=dmap.sigma_u_px * factor, sigma_v_px=dmap.sigma_v_px * factor, covariance_px2=covariance)
 
@@ -147,12 +147,12 @@ def _white_left(passed: Field, shape: tuple[int, int]) -> float:
 
 def _felt(reference: Reference, passed: Field) -> float:
     """Part of the smeared frame's noise that the displacement still feels: that along the reference's gradients."""
-    twice, kept, whole = _twice(reference.shape), 0.0, 0.0
+    twice, retained, total = _twice(reference.shape), 0.0, 0.0
     for gradient in (reference.sums.gradient_x, reference.sums.gradient_y):
         energy = np.abs(np.asarray(fft.rfft2(gradient))) ** 2 * twice
-        kept += float(np.sum(energy * passed**2))
-        whole += float(np.sum(energy))
-    return kept / whole if whole > 0.0 else 1.0
+        retained += float(np.sum(energy * passed**2))
+        total += float(np.sum(energy))
+    return retained / total if total > 0.0 else 1.0
 
 
 def _twice(shape: tuple[int, int]) -> Field:

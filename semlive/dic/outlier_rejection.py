@@ -242,7 +242,7 @@ def _confirmed(
     trusted = trusted.copy()
     believed = np.zeros(suspect.shape, dtype=bool)
     reach = int(np.clip(round(grid.subset_px / 2 / grid.step_px), 1, MAX_REACH))
-    told = np.array([grid.nx >= MIN_LINES, grid.ny >= MIN_LINES] * 2)  # slopes that the points can tell
+    determined = np.array([grid.nx >= MIN_LINES, grid.ny >= MIN_LINES] * 2)  # slopes that the points can tell
     small = max(REFERENCE_SUBSET_PX / grid.subset_px, 1.0)
     agrees_px, bends_px = AGREES_PX * small * (QUADRATIC_NOISE_RATIO if curved else 1.0), BENDS_PX * small
     tolerance = agrees_px + np.where(spreading, m.sigma_px, 0.5 * np.median(m.sigma_px[trusted]) if trusted.any() else 0.0)
@@ -252,22 +252,22 @@ def _confirmed(
         """Those near that agree with the trusted within reach, where these are a large enough part of the points there."""
         around = min(2 * reach + 1, grid.ny) * min(2 * reach + 1, grid.nx)
         u, v, slope, support = fit_local_planes(u_px, v_px, trusted, near, reach)
-        apart = np.hypot(u_px[near] - u, v_px[near] - v)
-        bent = np.linalg.norm((m.gradient[near] - slope / grid.step_px) * told, axis=-1) * (grid.subset_px // 2)
+        distance = np.hypot(u_px[near] - u, v_px[near] - v)
+        bent = np.linalg.norm((m.gradient[near] - slope / grid.step_px) * determined, axis=-1) * (grid.subset_px // 2)
         agree = np.zeros(suspect.shape, dtype=bool)
-        agree[near] = (support >= np.maximum(3.0, part * around)) & (apart <= tolerance[near]) & (bent <= bends_px)
+        agree[near] = (support >= np.maximum(3.0, part * around)) & (distance <= tolerance[near]) & (bent <= bends_px)
         return agree
 
     near = pending = suspect | excusable
     for _ in range(MAX_ROUNDS):
         fresh = agreeing(near, reach, np.where(excusable[near], MIN_TRUSTED_FRACTION, MIN_SUPPORT))
         believed |= fresh
-        news = fresh & spreading & ~trusted
-        if not news.any():
+        added = fresh & spreading & ~trusted
+        if not added.any():
             break
-        trusted |= news
+        trusted |= added
         # to the others nothing has changed
-        reached = np.asarray(ndimage.maximum_filter(news, 2 * reach + 1, mode="constant"), dtype=bool)
+        reached = np.asarray(ndimage.maximum_filter(added, 2 * reach + 1, mode="constant"), dtype=bool)
         near = pending & ~believed & reached
-    left = excusable & ~believed
-    return believed | agreeing(left, 2 * reach, MIN_TRUSTED_FRACTION_FAR) if left.any() else believed
+    rejected = excusable & ~believed
+    return believed | agreeing(rejected, 2 * reach, MIN_TRUSTED_FRACTION_FAR) if rejected.any() else believed

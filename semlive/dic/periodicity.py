@@ -46,8 +46,8 @@ def periodic_lags(spectrum: NDArray[np.complex64], shape: tuple[int, int], reach
     chance = np.sqrt(blob / (WINDOWED * height * width))
     y, x = np.nonzero(near >= max(MIN_PEAK, PEAK_SIGMAS * chance))
     x -= edge
-    kept = (x**2 + y**2 >= MIN_LAG**2) & ((y > 0) | (x > 0)) & (np.maximum(np.abs(x), y) <= reach)
-    x, y = x[kept], y[kept]
+    searched = (x**2 + y**2 >= MIN_LAG**2) & ((y > 0) | (x > 0)) & (np.maximum(np.abs(x), y) <= reach)
+    x, y = x[searched], y[searched]
     if not x.size:
         return []
     rows = np.clip(y[:, None] + AROUND_Y, 0, edge)

@@ -68,7 +68,7 @@ def quality(
         raise BadInput("the mask leaves no pixel of the frame: it is True where the frame may be used")
     grey = interface.to_float32_grey(image, mask)
     used = 1.0 if mask is None else float(mask.mean())
-    seen = image if mask is None else image[mask]
+    pixels = image if mask is None else image[mask]
     noise, local = _noise(grey, grid, mask)
     contrast = float(np.sqrt(max(float(np.mean(grey**2)) / used - noise**2, 0.0)))
     speckle_x, speckle_y = _speckle_size(grey, noise, mask)
@@ -78,8 +78,8 @@ def quality(
         grid=grid,
         noise_grey=noise,
         contrast_grey=contrast,
-        mean_grey=float(seen.mean()),
-        saturated_fraction=float(np.mean((seen == 0) | (seen == np.iinfo(image.dtype).max))),
+        mean_grey=float(pixels.mean()),
+        saturated_fraction=float(np.mean((pixels == 0) | (pixels == np.iinfo(image.dtype).max))),
         speckle_x_px=speckle_x,
         speckle_y_px=speckle_y,
         speckles_per_subset=grid.subset_px**2 / (speckle_x * speckle_y) if speckle_x * speckle_y > 0.0 else 0.0,
@@ -183,45 +183,45 @@ def _mean_gradient(grey: NDArray[np.float32], noise: float, mask: NDArray[np.boo
 
 def _with_warnings(q: PatternQuality, full_scale: float, usable: float) -> PatternQuality:
     """The same with what is too poor put into words; `usable` is the part of the points outside the mask that can be correlated."""
-    said: list[str] = []
+    messages: list[str] = []
     subset = q.grid.subset_px
     if q.saturated_fraction > MAX_SATURATED:
-        said.append(
+        messages.append(
             f"{100 * q.saturated_fraction:.1f} % of the pixels are saturated (at most {100 * MAX_SATURATED:.0f} % are harmless): "
             "lower the detector's contrast, or move its brightness to the middle"
         )
     wanted_grey = MIN_CONTRAST_GREY * full_scale / 255.0
     if q.contrast_grey < wanted_grey:
-        said.append(
+        messages.append(
             f"the pattern's contrast is {q.contrast_grey:.1f} grey levels (at least {wanted_grey:.0f} are wanted): "
             "raise the detector's contrast"
         )
     speckle = (q.speckle_x_px, q.speckle_y_px)
     if 0.0 < min(speckle) < MIN_SPECKLE_PX:
-        said.append(
+        messages.append(
             f"the speckle is {min(speckle):.1f} px wide (at least {MIN_SPECKLE_PX:.0f} px are wanted): magnify more, or defocus a little"
         )
     if 0.0 < q.speckles_per_subset < MIN_SPECKLES_PER_SUBSET:
-        wanted = _odd(float(np.sqrt(MIN_SPECKLES_PER_SUBSET * speckle[0] * speckle[1])))
-        said.append(
+        required = _odd(float(np.sqrt(MIN_SPECKLES_PER_SUBSET * speckle[0] * speckle[1])))
+        messages.append(
             f"a subset of {subset} px holds {q.speckles_per_subset:.1f} speckles of {speckle[0]:.0f} x {speckle[1]:.0f} px "
-            f"(at least {MIN_SPECKLES_PER_SUBSET:.0f} are wanted): take a subset of {wanted} px, or magnify less"
+            f"(at least {MIN_SPECKLES_PER_SUBSET:.0f} are wanted): take a subset of {required} px, or magnify less"
         )
     if usable < MIN_USABLE:
-        said.append(
+        messages.append(
             f"{100 * (1 - usable):.0f} % of the points have too little contrast to be correlated: "
             "mask what bears no pattern, take a larger subset, or dwell longer"
         )
     sigma = max(q.median_sigma_px)
     if sigma > GOOD_SIGMA_PX:
         ratio = sigma / GOOD_SIGMA_PX
-        wanted = _odd(subset * ratio)
-        larger = f"take a subset of {wanted} px, or " if wanted <= MAX_SUBSET_PX else ""
-        said.append(
+        required = _odd(subset * ratio)
+        larger = f"take a subset of {required} px, or " if required <= MAX_SUBSET_PX else ""
+        messages.append(
             f"displacements will have a noise of {sigma:.3f} px ({GOOD_SIGMA_PX} px is good): "
             f"{larger}dwell {ratio**2:.1f} times as long, or raise the contrast"
         )
-    return PatternQuality(**{name: getattr(q, name) for name in q.__slots__ if name != "warnings"}, warnings=tuple(said))
+    return PatternQuality(**{name: getattr(q, name) for name in q.__slots__ if name != "warnings"}, warnings=tuple(messages))
 
 
 def _odd(value: float) -> int:

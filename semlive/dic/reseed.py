@@ -29,8 +29,8 @@ def neighbour_seeds(
     """
     values = _extrapolated(solutions, fresh, step_px)
     first, score = _best(values)
-    second, other = _best([(p, np.where(seed_distance(p, first) > OTHER_SIDE_PX, z, 0.0)) for p, z in values])
-    return first, score > 0.0, second, other > 0.0
+    second, second_score = _best([(p, np.where(seed_distance(p, first) > OTHER_SIDE_PX, z, 0.0)) for p, z in values])
+    return first, score > 0.0, second, second_score > 0.0
 
 
 def _extrapolated(
@@ -46,12 +46,12 @@ def _extrapolated(
                 continue
             to = (slice(max(-dy, 0), ny - max(dy, 0)), slice(max(-dx, 0), nx - max(dx, 0)))
             source = (slice(max(dy, 0), ny - max(-dy, 0)), slice(max(dx, 0), nx - max(-dx, 0)))
-            guess, seen = np.zeros_like(solutions.parameters), np.zeros((ny, nx))
+            guess, filled = np.zeros_like(solutions.parameters), np.zeros((ny, nx))
             p = solutions.parameters[source].copy()
             p[..., 0] -= step_px * (dx * p[..., 1] + dy * p[..., 2])
             p[..., 3] -= step_px * (dx * p[..., 4] + dy * p[..., 5])
-            guess[to], seen[to] = p, score[source]
-            values.append((guess, seen))
+            guess[to], filled[to] = p, score[source]
+            values.append((guess, filled))
     return values
 
 

@@ -103,11 +103,11 @@ def register_rows(
             f, *gradients, coefficients, usable, edges, (u_nodes, v_nodes), (u_affine, v_affine), lattice, (base[0], base[1]), gain
         )
         pieces = _normal(sums)
-        whole = pieces.over_segments()
-        noise = _noise_grey(whole, passed_xy)
+        combined = pieces.over_segments()
+        noise = _noise_grey(combined, passed_xy)
         scale = gradient_scales(f, *gradients, noise)
         variance = noise**2 * (1.0 + passed_y)
-        rows = _solve(whole, scale, variance)
+        rows = _solve(combined, scale, variance)
         if base.any() or max(np.abs(rows.u).max(), np.abs(rows.v).max()) <= LINEAR_PX:
             break
         base = np.stack([rows.u, rows.v])
@@ -199,14 +199,14 @@ def _smooth_field(disparity: DisparityMap, values: Plane) -> tuple[Plane, NDArra
     x_scale, y_scale = x - x.mean(), y - y.mean()
     design = np.column_stack([np.ones(int(valid.sum())), x_scale[valid], y_scale[valid]])
     c = np.linalg.lstsq(design, values[valid], rcond=1e-9)[0]
-    rest = np.where(valid, values - (c[0] + c[1] * x_scale + c[2] * y_scale), 0.0)
+    residual = np.where(valid, values - (c[0] + c[1] * x_scale + c[2] * y_scale), 0.0)
     if not valid.all():
         sd = 4.0
         weight = cv2.GaussianBlur(valid.astype(np.float64), (0, 0), sd, borderType=cv2.BORDER_CONSTANT)
-        filled = cv2.GaussianBlur(rest, (0, 0), sd, borderType=cv2.BORDER_CONSTANT) / (weight + 1e-6)
-        rest = np.where(valid, rest, filled)
+        filled = cv2.GaussianBlur(residual, (0, 0), sd, borderType=cv2.BORDER_CONSTANT) / (weight + 1e-6)
+        residual = np.where(valid, residual, filled)
     affine = np.array([c[0] - c[1] * x.mean() - c[2] * y.mean(), c[1], c[2]])
-    return affine, np.ascontiguousarray(rest, dtype=np.float32)
+    return affine, np.ascontiguousarray(residual, dtype=np.float32)
 
 
 def _blurred_sd(image: NDArray[np.float32]) -> float:

@@ -1,4 +1,4 @@
-"""The methods of estimation by name: modules with the same doors, each with a state and a solution of its own."""
+"""Estimation methods by name: modules with a common interface, each with its own types of state and solution."""
 
 from __future__ import annotations
 
@@ -31,47 +31,47 @@ PointSigma = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 class Estimator(Protocol):
-    """From maps to a solution.
+    """Computes a solution from maps. A state is valid only for the method that created it.
 
-    Results are of the closed unions. Arguments are `Any`: a method takes only its own member of a union.
+    Results are of the closed unions. Arguments are `Any`, because a method accepts only its own member of a union.
     """
 
     def init(self, settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) -> MethodState:
-        """A state that has seen nothing."""
+        """A state without data."""
         ...
 
     def update(
         self, state: Any, pair: int, phase: Phase, times: tuple[FrameTime, FrameTime], maps: tuple[DisparityMap, ...]
     ) -> MethodState:
-        """The state with one pair more."""
+        """The state with one more pair."""
         ...
 
-    def offload(self, state: Any, pair: int, keep: Storage) -> MethodState:
-        """The state with the large arrays of a pair, and those that are made of it later, kept by somebody else: the same numbers."""
+    def offload(self, state: Any, pair: int, storage: Storage) -> MethodState:
+        """The state with the large arrays of a pair, and arrays derived from them later, moved to a storage. The values do not change."""
         ...
 
     def solve(self, state: Any) -> MethodSolution:
-        """The solution, with its `noise_floor_px`; everything that the data choose is chosen anew."""
+        """The solution with its `noise_floor_px`; all hyperparameters are selected again."""
         ...
 
-    def solve_incremental(self, state: Any, known: Any) -> MethodSolution:
-        """The solution after a further pair, given that of an earlier one or None."""
+    def solve_incremental(self, state: Any, previous: Any) -> MethodSolution:
+        """The solution after a further pair, from the previous solution or None."""
         ...
 
-    def solve_live(self, state: Any, known: Any) -> MethodSolution:
-        """What is wanted at once: with the choices that were made before, and of the newest pairs alone, if that costs less."""
+    def solve_live(self, state: Any, previous: Any) -> MethodSolution:
+        """The solution with the previous hyperparameters, restricted to the newest pairs if that is faster."""
         ...
 
 
 class ResultExtractor(Protocol):
-    """From a solution to what is said of it."""
+    """Derives results from a solution."""
 
     def to_estimate(self, solution: Any, revision: int, newest_only: bool = False) -> EstimateRevision:
-        """Everything known; if so asked, of the newest pairs alone."""
+        """The complete estimate; with `newest_only`, restricted to the newest pairs."""
         ...
 
     def consistency_messages(self, solution: Any) -> tuple[str, ...]:
-        """Whether the estimate agrees with itself, one sentence each; costly, so not after every pair."""
+        """Results of consistency checks, one sentence each. Expensive, so not computed after every pair."""
         ...
 
     def correction(self, solution: Any, dmap: DisparityMap) -> Correction:
@@ -79,19 +79,19 @@ class ResultExtractor(Protocol):
         ...
 
     def correction_sigmas(self, solution: Any, maps: Iterable[DisparityMap]) -> Iterable[PointSigma | None]:
-        """Standard uncertainty (ny, nx) along x and y of each map's correction; None from a method that does not say."""
+        """Standard uncertainty (ny, nx) along x and y of the correction of each map; None if the method does not provide it."""
         ...
 
     def correction_strains(self, solution: Any, maps: Iterable[DisparityMap]) -> Sequence[MethodCorrectionStrain]:
-        """What the correction gives to each map's mean strain, with its uncertainty `sigma`, to be asked later how far it moved."""
+        """Contribution of the correction to the mean strain of each map, with its uncertainty `sigma`, as input of `strain_change`."""
         ...
 
-    def strain_change(self, solution: Any, told: Any) -> Tensor2:
-        """How far a mean strain moves if it is corrected with this solution instead of the one that was told of."""
+    def strain_change(self, solution: Any, previous: Any) -> Tensor2:
+        """Change of a mean strain if the map is corrected with this solution instead of the previous one."""
         ...
 
     def mean_strain_covariance(self, solution: Any, frames: Sequence[int], of: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-        """(2 n, 2 n) covariance of the mean strains of n frames, first all exx, then all eyy; or (k, k) of functions (k, 2 n) `of` them."""
+        """(2 n, 2 n) covariance of the mean strains of n frames, first all exx, then all eyy; (k, k) of the functions `of` (k, 2 n)."""
         ...
 
 

@@ -11,7 +11,7 @@ from semlive.data.drift import Correction
 
 
 def displacement(dmap: DisparityMap, correction: Correction) -> Displacement:
-    """Displacement of the specimen from frame 0 to the map's frame; that of frame 0 itself is zero by definition."""
+    """Displacement of the specimen from frame 0 to the frame of the map; that of frame 0 is zero by definition."""
     if dmap.reference != 0 or dmap.current != correction.frame:
         raise ValueError(f"a correction of frame {correction.frame} does not belong to a map {dmap.reference} -> {dmap.current}")
     valid = dmap.valid if correction.valid is None else dmap.valid & correction.valid

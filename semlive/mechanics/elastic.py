@@ -27,19 +27,18 @@ def elastic_constants(
     load_sigma_n: float = 0.0,
     covariance: Covariance | None = None,
 ) -> ElasticConstants:
-    """Slopes of axial and transverse strain over stress, intercepts free.
+    """Fit the slopes of axial and transverse strain over stress, with free intercepts.
 
-    Strain is fitted over stress, not the other way round: the load cell is by far the better of the two, and noise in
-    the regressor would flatten the slope. What is left of it, `load_sigma_n`, enters the weights (effective variance).
-    The intercepts take up strain of frame 0 and everything else that all load steps have in common. The uncertainty of
-    the cross-section is not included.
+    Strain is fitted over stress because the load cell is the more precise of the two; noise in the regressor would reduce the slope. The
+    remaining load uncertainty `load_sigma_n` enters the weights (effective variance). The intercepts absorb the strain of frame 0 and
+    everything common to all load steps. The uncertainty of the cross-section is not included.
 
     Args:
         points: (mean load in N, strain of the frame), one for each frame under load, tension positive.
-        area_mm2: cross-section.
-        loading_axis: ``x`` or ``y``, the image axis that is pulled.
-        load_sigma_n: standard uncertainty of one mean load, independent from frame to frame.
-        covariance: of the mean strains; without it the frames' own sigmas are taken as independent.
+        area_mm2: cross-section, mm^2.
+        loading_axis: image axis of the load, ``x`` or ``y``.
+        load_sigma_n: standard uncertainty of one mean load, N, independent from frame to frame.
+        covariance: covariance of the mean strains; None treats the standard uncertainties of the frames as independent.
 
     Raises:
         IllPosed: fewer than two distinct loads, or strain does not follow stress.
@@ -47,8 +46,8 @@ def elastic_constants(
     stress_mpa = np.array([load for load, _ in points], dtype=np.float64) / area_mm2
     if len(points) < 2 or np.ptp(stress_mpa) <= MIN_SPAN * float(np.max(np.abs(stress_mpa))):
         raise IllPosed("elastic constants need frames at two or more different loads: add a load step")
-    strain = np.array([(one.mean.exx, one.mean.eyy) for _, one in points]).T
-    sigma = np.maximum(np.array([(one.mean_sigma.exx, one.mean_sigma.eyy) for _, one in points]).T, 1e-9)
+    strain = np.array([(value.mean.exx, value.mean.eyy) for _, value in points]).T
+    sigma = np.maximum(np.array([(value.mean_sigma.exx, value.mean_sigma.eyy) for _, value in points]).T, 1e-9)
     if covariance is None:
         covariance = np.diag(sigma.ravel() ** 2)
     axial, transverse = (0, 1) if loading_axis == "x" else (1, 0)
@@ -72,7 +71,7 @@ def elastic_constants(
 
 
 def covariance_of(covariance: Covariance, functions: Field) -> Field:
-    """(k, k) of linear functions (k, 2 n)."""
+    """(k, k) covariance of linear functions (k, 2 n)."""
     return covariance(functions) if callable(covariance) else functions @ covariance @ functions.T
 
 

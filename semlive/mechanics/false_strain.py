@@ -1,4 +1,4 @@
-"""What strain a distortion feigns when an uncorrected image is merely translated (Sutton 2007, Fig. 16)."""
+"""Apparent strain caused by distortion when an uncorrected image is translated (Sutton 2007, Fig. 16)."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from semlive.mechanics.strain import strain
 
 
 def false_strain(distortion: DistortionField, shift_px: tuple[float, float], window_points: int) -> StrainField:
-    """Strain that would be measured without correction after a translation of the specimen.
+    """Strain measured without correction after a translation of the specimen.
 
-    A point at X is seen displaced by ``shift + E(X + shift) - E(X)``; the second part is not uniform. Points that come to lie
-    beyond the calibrated grid are not valid.
+    A point at X has the apparent displacement ``shift + E(X + shift) - E(X)``; the second part is not uniform. Points that move outside the
+    calibrated grid are invalid.
 
     Args:
-        distortion: on the grid.
-        shift_px: translation (x, y).
-        window_points: edge of the virtual strain gauge in POI.
+        distortion: distortion on the grid.
+        shift_px: translation (x, y), px.
+        window_points: edge of the virtual strain gauge, in POI.
 
     Raises:
         IllPosed: the window does not fit the grid.
@@ -31,34 +31,34 @@ def false_strain(distortion: DistortionField, shift_px: tuple[float, float], win
     x, y = grid.x_px + shift_px[0], grid.y_px + shift_px[1]
     inside = _within(y, grid.y_px)[:, None] & _within(x, grid.x_px)[None, :]
     valid = inside & distortion.valid
-    after = [RectBivariateSpline(grid.y_px, grid.x_px, one)(y, x) for one in (distortion.ex_px, distortion.ey_px)]
+    after = [RectBivariateSpline(grid.y_px, grid.x_px, component)(y, x) for component in (distortion.ex_px, distortion.ey_px)]
     u, v = np.where(valid, after[0] - distortion.ex_px, 0.0), np.where(valid, after[1] - distortion.ey_px, 0.0)
     return strain(Displacement(0, grid, u, v, distortion.sigma_px, distortion.sigma_px, valid), window_points)
 
 
 def typical_distortion(grid: Grid, width_px: int, height_px: int) -> DistortionField:
-    """A distortion like those that were measured at x200: 0.7 px from end to end along x and 1.9 px along y (Sutton 2007, part II).
+    """Distortion similar to those measured at x200: 0.7 px from end to end along x and 1.9 px along y (Sutton 2007, part II).
 
-    It stands in for a microscope's own before that is known. Its amplitudes are chosen so that a translation of 5 px feigns the
-    strain that the paper's Fig. 16 shows.
+    It replaces the distortion of a microscope until that is known. With its amplitudes a translation of 5 px causes the apparent strain
+    of Fig. 16 of the paper.
 
     Args:
-        grid: where it is sampled.
-        width_px: of the frame.
-        height_px: of the frame.
+        grid: grid of the samples.
+        width_px: frame width, px.
+        height_px: frame height, px.
     """
     x, y = grid.mesh()
     a, b = 2.0 * x / width_px - 1.0, 2.0 * y / height_px - 1.0
     ex = 0.4 * a * b + 0.17 * np.cos(2.0 * np.pi * a) + 0.3 * b**2
     ey = 0.6 * b**2 + 0.6 * a * b + 0.42 * np.cos(2.0 * np.pi * b) + 0.4 * np.cos(3.0 * np.pi * a)
     fields = []
-    for one in (ex, ey, np.zeros(grid.shape)):
-        one.setflags(write=False)
-        fields.append(one)
+    for component in (ex, ey, np.zeros(grid.shape)):
+        component.setflags(write=False)
+        fields.append(component)
     everywhere = np.ones(grid.shape, dtype=np.bool_)
     everywhere.setflags(write=False)
     return DistortionField(grid, fields[0], fields[1], fields[2], everywhere)
 
 
-def _within(position: NDArray[np.float64], known: NDArray[np.float64]) -> NDArray[np.bool_]:
-    return (position >= known[0]) & (position <= known[-1])
+def _within(position: NDArray[np.float64], grid_axis: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return (position >= grid_axis[0]) & (position <= grid_axis[-1])

@@ -1,4 +1,4 @@
-"""Standard uncertainty of one virtual strain gauge from the noise of the correlation, whose subsets overlap."""
+"""Standard uncertainty of one virtual strain gauge from DIC noise with overlapping subsets."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ def overlap_correlation(count: int, grid: Grid) -> Field:
 
 
 def gauge_sigma(displacement: Displacement, field: StrainField, settings: StrainSettings, systematic: Tensor2) -> Tensor2 | None:
-    """Standard uncertainty of the strain of one whole gauge; one that the edge or a mask cuts has more.
+    """Standard uncertainty of the strain of one complete gauge; a gauge cut by the edge or a mask has a larger one.
 
-    The local fit is linear: its weights, and the overlap of subsets as the correlation of their noise, give the random part exactly.
-    What the correction adds is taken as that of the mean strain: beside 6e-4 of 9 x 9 points 5 px apart, its course over the field
-    (3e-5 with noise shared over subsets) does not show.
+    The local fit is linear. Its weights and the noise correlation from subset overlap give the random part exactly. The part of the
+    correction is taken as that of the mean strain; its variation over the field (3e-5) is negligible relative to 6e-4 for 9 x 9 points 5 px
+    apart.
 
     Args:
-        displacement: with the standard uncertainty of every POI.
-        field: its strain, for the window.
-        settings: how it was fitted.
-        systematic: standard uncertainty that the correction adds.
+        displacement: displacement with the standard uncertainty of every POI.
+        field: strain field of the displacement; gives the window.
+        settings: settings of the strain fit.
+        systematic: standard uncertainty added by the correction.
 
     Returns:
-        None after a Butterworth filter, which has no window, or where nothing was measured.
+        The standard uncertainty; None after a Butterworth filter, which has no window, or without valid points.
     """
     if settings.butterworth_points is not None or not field.valid.any():
         return None
     by_x, by_y = _gain(displacement.grid.step_px, displacement.grid.subset_px, field.window_points, settings.order, settings.weights)
     inside = displacement.valid
-    u2, v2 = (float(np.mean(one[inside] ** 2)) for one in (displacement.sigma_u_px, displacement.sigma_v_px))
+    u2, v2 = (float(np.mean(component[inside] ** 2)) for component in (displacement.sigma_u_px, displacement.sigma_v_px))
     random = (by_x * u2, by_y * v2, 0.25 * (by_y * u2 + by_x * v2))
     added = (systematic.exx, systematic.eyy, systematic.exy)
-    return Tensor2(*(float(np.sqrt(one + more**2)) for one, more in zip(random, added, strict=True)))
+    return Tensor2(*(float(np.sqrt(value + more**2)) for value, more in zip(random, added, strict=True)))
 
 
 @lru_cache(maxsize=32)
@@ -58,24 +58,24 @@ def _gain(step_px: int, subset_px: int, window_points: int, order: int, weights:
 
 
 def expected_sigma(grid: Grid, window_points: int, sigma_px: tuple[float, float], settings: StrainSettings) -> Tensor2:
-    """Standard uncertainty of one whole gauge's strain that noise of the correlation alone is going to make.
+    """Expected standard uncertainty of the strain of one complete gauge from DIC noise alone.
 
     Args:
-        grid: the POI.
+        grid: grid of the POI.
         window_points: edge of the gauge in POI, odd.
-        sigma_px: standard uncertainty of u and of v at a POI.
-        settings: how the gauge fits.
+        sigma_px: standard uncertainty of u and of v at a POI, px.
+        settings: settings of the strain fit.
     """
     by_x, by_y = _gain(grid.step_px, grid.subset_px, window_points, settings.order, settings.weights)
-    u2, v2 = (one**2 for one in sigma_px)
-    return Tensor2(*(float(np.sqrt(one)) for one in (by_x * u2, by_y * v2, 0.25 * (by_y * u2 + by_x * v2))))
+    u2, v2 = (value**2 for value in sigma_px)
+    return Tensor2(*(float(np.sqrt(value)) for value in (by_x * u2, by_y * v2, 0.25 * (by_y * u2 + by_x * v2))))
 
 
 def expected_mean_sigma(grid: Grid, sigma_px: tuple[float, float]) -> Tensor2:
-    """Standard uncertainty of the mean strain over the whole grid from the noise of the correlation alone; terms as in `summary`."""
+    """Expected standard uncertainty of the mean strain over the whole grid from DIC noise alone; formula as in `summary`."""
     x, y = grid.mesh()
     overlap = max(grid.subset_px, grid.step_px) / grid.step_px
-    spread_x, spread_y = (float(np.sqrt(np.sum((one - one.mean()) ** 2))) for one in (x, y))
-    u, v = (one * overlap for one in sigma_px)
+    spread_x, spread_y = (float(np.sqrt(np.sum((value - value.mean()) ** 2))) for value in (x, y))
+    u, v = (value * overlap for value in sigma_px)
     shear = 0.5 * float(np.hypot(u / max(spread_y, 1.0), v / max(spread_x, 1.0)))
     return Tensor2(u / max(spread_x, 1.0), v / max(spread_y, 1.0), shear)

@@ -1,4 +1,4 @@
-"""Frame 0, from which displacement is counted."""
+"""Frame 0, the reference of displacement."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ MIN_SPREAD = 0.25  # smallest eigenvalue of the points' spread, relative to a fu
 
 
 def strain(displacement: Displacement, window_points: int) -> StrainField:
-    """Engineering small strain by a plane fitted to u and v over `window_points` x `window_points` POI.
+    """Engineering small strain from a plane fitted to u and v over `window_points` x `window_points` POI.
 
     Masked POI and POI beyond the edge are left out of the fit. A point is valid when it was measured itself and its
     window, as cut by the edge of the grid, is at least half full and not too thin in any direction.
@@ -44,20 +44,20 @@ def strain(displacement: Displacement, window_points: int) -> StrainField:
     scale = fit.determinant * grid.step_px
     ux, uy = _slopes(displacement.u_px * weight, half, fit.moments, scale)
     vx, vy = _slopes(displacement.v_px * weight, half, fit.moments, scale)
-    exx, eyy, exy = (np.where(valid, one, 0.0) for one in (ux, vy, 0.5 * (uy + vx)))
-    for one in (exx, eyy, exy, valid):
-        one.setflags(write=False)
+    exx, eyy, exy = (np.where(valid, value, 0.0) for value in (ux, vy, 0.5 * (uy + vx)))
+    for component in (exx, eyy, exy, valid):
+        component.setflags(write=False)
     return StrainField(displacement.frame, grid, window_points, exx, eyy, exy, valid)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fit:
-    """The windows of a mask, whatever the displacement.
+    """Window statistics of a mask, independent of the displacement.
 
     Attributes:
-        valid: (ny, nx) where a window is full enough and thick enough.
-        determinant: (ny, nx) of the points' spread; 1 where not valid.
-        moments: (ny, nx) each: count, sums of x and y, spreads xx, xy, yy.
+        valid: (ny, nx) True where a window has enough points in every direction.
+        determinant: (ny, nx) determinant of the point scatter; 1 where not valid.
+        moments: (ny, nx) each: count, sums of x and y, scatter xx, xy, yy.
     """
 
     valid: NDArray[np.bool_]

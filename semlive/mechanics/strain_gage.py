@@ -1,4 +1,4 @@
-"""DIC beside a strain gage on the same specimen (Fig. 14 of Sutton et al. 2007, part II)."""
+"""Comparison of DIC with a strain gage on the same specimen (Sutton et al. 2007, part II, Fig. 14)."""
 
 from __future__ import annotations
 
@@ -23,17 +23,18 @@ def compare_with_gage(
     factor_sigma: float = 0.0,
     covariance: Covariance | None = None,
 ) -> StrainGageComparison:
-    """Three slopes with free intercepts: stress, and DIC's two strains, each over what the gage says.
+    """Fit three slopes with free intercepts: stress and both DIC strains, each over the gage strain.
 
-    A gage's readings are so quiet (1e-7 in a scan's mean, against 1e-5 of DIC) that noise in the regressor flattens nothing. What is
-    uncertain in all three slopes alike is the gage's factor.
+    Gage readings have so little noise (1e-7 in the mean of a scan, against 1e-5 of DIC) that noise in the regressor does not
+    reduce the slope.
+    The uncertainty common to all three slopes is that of the gage factor.
 
     Args:
         points: (pair, mean load in N, mean of the gage, mean strain by DIC), one for each load step.
-        area_mm2: cross-section; its uncertainty is not included.
-        loading_axis: ``x`` or ``y``, the image axis that is pulled, along which the gage lies.
-        factor_sigma: relative standard uncertainty of the gage's factor.
-        covariance: of the mean strains by DIC; without it the frames' own sigmas are taken as independent.
+        area_mm2: cross-section, mm^2; its uncertainty is not included.
+        loading_axis: image axis of the load and of the gage, ``x`` or ``y``.
+        factor_sigma: relative standard uncertainty of the gage factor.
+        covariance: covariance of the mean strains by DIC; None treats the standard uncertainties of the frames as independent.
 
     Raises:
         IllPosed: fewer than two distinct loads, or the gage does not follow them.
@@ -41,10 +42,10 @@ def compare_with_gage(
     load_n = np.array([load for _, load, _, _ in points], dtype=np.float64)
     if len(points) < 2 or np.ptp(load_n) <= MIN_SPAN * float(np.max(np.abs(load_n))):
         raise IllPosed("a comparison with the strain gage needs frames at two or more different loads: add a load step")
-    stress_mpa, gage = load_n / area_mm2, np.array([one.value for _, _, one, _ in points])
-    gage_sigma = np.array([one.sigma for _, _, one, _ in points])
-    strain = np.array([(one.mean.exx, one.mean.eyy) for *_, one in points]).T
-    sigma = np.maximum(np.array([(one.mean_sigma.exx, one.mean_sigma.eyy) for *_, one in points]).T, 1e-9)
+    stress_mpa, gage = load_n / area_mm2, np.array([value.value for _, _, value, _ in points])
+    gage_sigma = np.array([value.sigma for _, _, value, _ in points])
+    strain = np.array([(value.mean.exx, value.mean.eyy) for *_, value in points]).T
+    sigma = np.maximum(np.array([(value.mean_sigma.exx, value.mean_sigma.eyy) for *_, value in points]).T, 1e-9)
     axial, transverse = (0, 1) if loading_axis == "x" else (1, 0)
     if covariance is None:
         covariance = np.diag(sigma.ravel() ** 2)
@@ -62,8 +63,8 @@ def compare_with_gage(
         slopes.append(MeasuredValue(slope, float(np.sqrt(random + (slope * factor_sigma) ** 2))))
     modulus = 1e-3 / compliance
     steps = tuple(
-        GageStep(pair, load, one.value, one.sigma, float(strain[axial, at]), float(sigma[axial, at]))
-        for at, (pair, load, one, _) in enumerate(points)
+        GageStep(pair, load, value.value, value.sigma, float(strain[axial, at]), float(sigma[axial, at]))
+        for at, (pair, load, value, _) in enumerate(points)
     )
     return StrainGageComparison(
         steps,
@@ -74,16 +75,16 @@ def compare_with_gage(
 
 
 def mean_gage_strain(first: FrameLoad, second: FrameLoad) -> MeasuredValue | None:
-    """What the gage said during both frames of a pair; None if it was silent in one."""
-    said = (first.gage_strain, second.gage_strain, first.gage_strain_sigma, second.gage_strain_sigma)
-    if None in said:
+    """Mean gage strain during both frames of a pair; None if one has no readings."""
+    reported = (first.gage_strain, second.gage_strain, first.gage_strain_sigma, second.gage_strain_sigma)
+    if None in reported:
         return None
-    one, two, sigma_one, sigma_two = (float(value or 0.0) for value in said)
-    return MeasuredValue(0.5 * (one + two), 0.5 * float(np.hypot(sigma_one, sigma_two)))
+    first_strain, second_strain, first_sigma, second_sigma = (float(value or 0.0) for value in reported)
+    return MeasuredValue(0.5 * (first_strain + second_strain), 0.5 * float(np.hypot(first_sigma, second_sigma)))
 
 
 def gage_notes(comparison: StrainGageComparison | None) -> tuple[str, ...]:
-    """A sentence for the operator where DIC and gage contradict each other; nothing otherwise."""
+    """Note for the operator if DIC and gage disagree; empty otherwise."""
     if comparison is None:
         return ()
     ratio = comparison.dic_over_gage
@@ -96,7 +97,7 @@ def gage_notes(comparison: StrainGageComparison | None) -> tuple[str, ...]:
 
 
 def _gage_over_stress(stress: NDArray[np.float64], gage: NDArray[np.float64], sigma: NDArray[np.float64]) -> tuple[float, float]:
-    """Slope of the gage's strain over stress, uncertain as its readings scatter, or as the points miss the line if that is more."""
+    """Slope of the gage strain over stress; its uncertainty is the larger of that from the readings and that from the fit residual."""
     sigma = np.maximum(sigma, 1e-9)
     weights = _weights(stress, sigma)
     slope = float(weights @ gage)

@@ -1,4 +1,4 @@
-"""Strain by other local fits than the plane over a square: weights, second order, Green-Lagrange; and the price of a gage length."""
+"""Strain by other local fits than a plane over a square: weights, second order, Green-Lagrange; noise as a function of gauge length."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BUTTERWORTH_ORDER = 2
 
 
 def strain_field(displacement: Displacement, window_points: int, settings: StrainSettings) -> StrainField:
-    """Strain as the settings ask for it; with their defaults the same as `strain`, to the last bit.
+    """Strain according to the settings. With default settings the result is bit-identical to `strain`.
 
     Raises:
         IllPosed: the window does not fit the grid.
@@ -38,19 +38,19 @@ def strain_field(displacement: Displacement, window_points: int, settings: Strai
     exx, eyy, exy = ux, vy, 0.5 * (uy + vx)
     if settings.measure == "green_lagrange":
         exx, eyy, exy = exx + 0.5 * (ux**2 + vx**2), eyy + 0.5 * (uy**2 + vy**2), exy + 0.5 * (ux * uy + vx * vy)
-    exx, eyy, exy = (np.where(valid, one, 0.0) for one in (exx, eyy, exy))
-    for one in (exx, eyy, exy, valid):
-        one.setflags(write=False)
+    exx, eyy, exy = (np.where(valid, component, 0.0) for component in (exx, eyy, exy))
+    for component in (exx, eyy, exy, valid):
+        component.setflags(write=False)
     return StrainField(displacement.frame, displacement.grid, window_points, exx, eyy, exy, valid)
 
 
 def gradients(
     displacement: Displacement, window_points: int, settings: StrainSettings
 ) -> tuple[tuple[Field, Field, Field, Field], NDArray[np.bool_]]:
-    """du/dx, du/dy, dv/dx, dv/dy (ny, nx) by a polynomial over the window of each POI, and where it holds.
+    """du/dx, du/dy, dv/dx, dv/dy (ny, nx) by a polynomial over the window of each POI, and the mask of valid results.
 
-    Masked POI and those beyond the edge are left out. A window that is less than half full, or whose points do not hold a polynomial
-    of this order (a second order one at an edge needs more than a plane does), gives nothing.
+    Masked POI and those outside the grid are excluded. A window less than half full, or with points that do not determine the polynomial (a
+    second-order one needs more points at an edge), is invalid.
     """
     half = window_points // 2
     lag = np.arange(-half, half + 1) / half  # in units of the half width, which keeps the normal matrix well scaled
@@ -60,8 +60,8 @@ def gradients(
     moment = {power: _sum(weight, kernel * lag ** power[0], kernel * lag ** power[1]) for power in powers}
     normal = np.stack([np.stack([moment[a + c, b + d] for c, d in terms], axis=-1) for a, b in terms], axis=-2)
     values = [
-        np.stack([_sum(one * weight, kernel * lag**a, kernel * lag**b) for a, b in terms], axis=-1)
-        for one in (displacement.u_px, displacement.v_px)
+        np.stack([_sum(component * weight, kernel * lag**a, kernel * lag**b) for a, b in terms], axis=-1)
+        for component in (displacement.u_px, displacement.v_px)
     ]
     eigenvalues = np.linalg.eigvalsh(normal)
     count = _sum(weight, np.ones(window_points), np.ones(window_points))
@@ -71,7 +71,7 @@ def gradients(
     normal[~valid] = np.eye(len(terms))
     solved = np.linalg.solve(normal, np.stack(values, axis=-1)) / (half * displacement.grid.step_px)
     slopes = (solved[..., 1, 0], solved[..., 2, 0], solved[..., 1, 1], solved[..., 2, 1])
-    ux, uy, vx, vy = (np.where(valid, one, 0.0) for one in slopes)
+    ux, uy, vx, vy = (np.where(valid, slope, 0.0) for slope in slopes)
     return (ux, uy, vx, vy), valid
 
 
@@ -88,10 +88,11 @@ def whole_window(window_points: int, settings: StrainSettings) -> Field:
 
 
 def butterworth(displacement: Displacement, cutoff_points: float) -> Displacement:
-    """Displacement through a low pass of second order; waves of `cutoff_points` POI lose half their power.
+    """Displacement after a low-pass filter of second order; waves of `cutoff_points` POI lose half their power.
 
-    The plane is taken out before and put back after, and edges are mirrored, so a homogeneous strain passes unchanged. Missing points
-    count by normalised convolution.
+    The best plane is subtracted before and added after filtering, and edges are mirrored, so a homogeneous strain is unchanged.
+    Missing points
+    are handled by normalised convolution.
     """
     grid, valid = displacement.grid, displacement.valid
     if not cutoff_points > 2:
@@ -104,9 +105,9 @@ def butterworth(displacement: Displacement, cutoff_points: float) -> Displacemen
     plane = np.stack((np.ones(grid.shape), *grid.mesh()), axis=-1)
     filled = _passed(valid.astype(np.float64), gain)
     passed = []
-    for one in (displacement.u_px, displacement.v_px):
-        flat = plane @ np.linalg.lstsq(plane[valid], one[valid], rcond=None)[0]
-        smooth = _passed(np.where(valid, one - flat, 0.0), gain) / np.maximum(filled, 0.1)
+    for component in (displacement.u_px, displacement.v_px):
+        flat = plane @ np.linalg.lstsq(plane[valid], component[valid], rcond=None)[0]
+        smooth = _passed(np.where(valid, component - flat, 0.0), gain) / np.maximum(filled, 0.1)
         passed.append(np.where(valid, smooth + flat, 0.0))
         passed[-1].setflags(write=False)
     return Displacement(displacement.frame, grid, passed[0], passed[1], displacement.sigma_u_px, displacement.sigma_v_px, valid)
@@ -114,12 +115,12 @@ def butterworth(displacement: Displacement, cutoff_points: float) -> Displacemen
 
 @dataclass(frozen=True, slots=True)
 class GageNoise:
-    """Scatter of strain at one gage length; neither says anything without the other.
+    """Scatter of strain at one gauge length.
 
     Attributes:
-        window_points: edge of the gage in POI.
-        vsg_px: its length, the subset included.
-        sd: standard deviation over the field, its best affine course taken out.
+        window_points: edge of the gauge in POI.
+        vsg_px: gauge length including the subset, px.
+        sd: standard deviation over the field after removal of the best affine field.
     """
 
     window_points: int
@@ -128,7 +129,7 @@ class GageNoise:
 
 
 def noise_curve(displacement: Displacement, windows: Iterable[int]) -> tuple[GageNoise, ...]:
-    """Scatter of strain over gage length, from a frame whose true strain is uniform or linear; windows that do not fit are left out."""
+    """Scatter of strain as a function of gauge length, from a frame with uniform or linear strain; windows that do not fit are left out."""
     grid, curve = displacement.grid, []
     for window in windows:
         if window > min(grid.nx, grid.ny):
@@ -136,10 +137,10 @@ def noise_curve(displacement: Displacement, windows: Iterable[int]) -> tuple[Gag
         field = strain(displacement, window)
         plane = np.stack((np.ones(grid.shape), *grid.mesh()), axis=-1)[field.valid]
         if len(plane) > 6:
-            values = np.stack([one[field.valid] for one in (field.exx, field.eyy, field.exy)], axis=1)
-            left = values - plane @ np.linalg.lstsq(plane, values, rcond=None)[0]
-            sd = np.sqrt(np.sum(left**2, axis=0) / (len(plane) - 3))
-            curve.append(GageNoise(window, float(grid.vsg_px(window)), Tensor2(*(float(one) for one in sd))))
+            values = np.stack([component[field.valid] for component in (field.exx, field.eyy, field.exy)], axis=1)
+            residual = values - plane @ np.linalg.lstsq(plane, values, rcond=None)[0]
+            sd = np.sqrt(np.sum(residual**2, axis=0) / (len(plane) - 3))
+            curve.append(GageNoise(window, float(grid.vsg_px(window)), Tensor2(*(float(value) for value in sd))))
     return tuple(curve)
 
 
@@ -151,5 +152,5 @@ def _sum(value: Field, along_x: Field, along_y: Field) -> Field:
     """Sum over the window of each POI of ``value * along_x * along_y``; nothing lies beyond the edge."""
     half, (ny, nx) = len(along_x) // 2, value.shape
     padded = np.pad(value, half)
-    rows = sum(one * padded[:, i : i + nx] for i, one in enumerate(along_x))
-    return np.asarray(sum(one * np.asarray(rows)[i : i + ny] for i, one in enumerate(along_y)))
+    rows = sum(value * padded[:, i : i + nx] for i, value in enumerate(along_x))
+    return np.asarray(sum(value * np.asarray(rows)[i : i + ny] for i, value in enumerate(along_y)))

@@ -1,4 +1,4 @@
-"""Strain of a frame as a few numbers: mean with uncertainty, scatter."""
+"""Strain of a frame as scalars: mean with uncertainty, and scatter."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ def summary(
 ) -> StrainSummary:
     """Mean strain over the valid grid by the best affine fit, its uncertainty, and the scatter of the field.
 
-    The fit to all points at once has the smallest noise of any mean: for n points whose noise sigma is shared over a
-    subset, ``sigma_e = sigma sqrt(12 / N_eff) / L`` with N_eff = n (step / subset)^2 (272 of the paper's 18,000 points).
+    The joint fit to all points has the smallest noise of all mean estimates. For n points whose noise sigma is correlated over a subset,
+    ``sigma_e = sigma sqrt(12 / N_eff) / L`` with N_eff = n (step / subset)^2 (272 of the 18,000 points of the paper).
 
     Args:
         displacement: corrected displacement from frame 0.
         field: its strain field.
-        noise_px: standard deviation of one POI, per component; by default what the DIC says of itself.
-        systematic: standard uncertainty that the correction adds to the mean.
-        settings: how the field was fitted.
+        noise_px: standard deviation of one POI, per component, px; None uses the standard uncertainty reported by the DIC.
+        systematic: standard uncertainty of the mean added by the correction.
+        settings: settings of the strain fit.
 
     Raises:
-        IllPosed: too few points were measured.
+        IllPosed: too few valid points.
     """
     gradient, spread = mean_gradient(displacement)
     grid, valid = displacement.grid, displacement.valid
@@ -51,7 +51,7 @@ def summary(
     )
     mean = Tensor2(float(gradient[0, 0]), float(gradient[1, 1]), 0.5 * float(gradient[0, 1] + gradient[1, 0]))
     inside = field.valid
-    scatter = (float(np.std(one[inside])) if inside.any() else 0.0 for one in (field.exx, field.eyy, field.exy))
+    scatter = (float(np.std(component[inside])) if inside.any() else 0.0 for component in (field.exx, field.eyy, field.exy))
     one_gauge = gauge_sigma(displacement, field, settings, systematic)
     vsg_px = float(grid.vsg_px(field.window_points))
     return StrainSummary(displacement.frame, mean, mean_sigma, Tensor2(*scatter), vsg_px, one_gauge, systematic)
@@ -79,7 +79,7 @@ def mean_gradient(displacement: Displacement) -> tuple[np.ndarray, np.ndarray]:
 
 
 def average_of_pair(first: StrainSummary, second: StrainSummary) -> StrainSummary:
-    """The two frames of a pair as one, numbered as the first; their sigmas are mostly shared, so they are not reduced."""
+    """Mean of the two frames of a pair, with the number of the first. Their errors are mostly common, so the uncertainty is not reduced."""
     mean, sigma, sd = (
         Tensor2(*(0.5 * (getattr(a, c) + getattr(b, c)) for c in ("exx", "eyy", "exy")))
         for a, b in ((first.mean, second.mean), (first.mean_sigma, second.mean_sigma), (first.sd, second.sd))

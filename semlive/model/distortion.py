@@ -65,13 +65,13 @@ class DistortionSpline:
         """False: it belongs to the scan address, drift taken off or not."""
         return False
 
-    def columns(self, seen: FrameObservation) -> tuple[TensorColumns, ...]:
+    def columns(self, observation: FrameObservation) -> tuple[TensorColumns, ...]:
         """Tensor-product basis rows at the scan addresses."""
-        x_px, y_px = seen.x_px, seen.y_px
+        x_px, y_px = observation.x_px, observation.y_px
         if self.carried:
-            if seen.drift_px is None:
+            if observation.drift_px is None:
                 raise ValueError("a distortion that is carried along needs the drift at the points")
-            x_px, y_px = x_px - seen.drift_px[:, 0], y_px - seen.drift_px[:, 1]
+            x_px, y_px = x_px - observation.drift_px[:, 0], y_px - observation.drift_px[:, 1]
         index_x, value_x = self.along_x.local(x_px)
         index_y, value_y = self.along_y.local(y_px)
         return (TensorColumns(Axis.EACH, index_x, value_x, index_y, value_y, (self.along_y.size, self.along_x.size)),)

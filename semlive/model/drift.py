@@ -37,9 +37,9 @@ class DriftSpline:
         """False."""
         return False
 
-    def columns(self, seen: FrameObservation) -> tuple[Columns, ...]:
+    def columns(self, observation: FrameObservation) -> tuple[Columns, ...]:
         """Basis rows at the visit times; the mean over the visits where a frame integrates several scans."""
-        visits = [self.spline.local(time_s) for time_s in seen.visit_time_s]
+        visits = [self.spline.local(time_s) for time_s in observation.visit_time_s]
         index = np.concatenate([index for index, _ in visits], axis=1)
         value = np.concatenate([value for _, value in visits], axis=1) / len(visits)
         return (Columns(Axis.EACH, index, value),)

@@ -1,4 +1,4 @@
-"""What an effect is: a name, a number of parameters, and columns of the design matrix."""
+"""Interface of an effect: a name, a number of parameters, and columns of the design matrix."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Axis(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameObservation:
-    """Where and when one frame saw n material points.
+    """Scan addresses and times at which one frame observed n material points.
 
     Attributes:
         frame: number of the frame.
@@ -92,7 +92,7 @@ class TensorColumns:
 
 
 class Effect(Protocol):
-    """Something that displaces the scan address of a material point, linear in its parameters."""
+    """Displacement of the scan address of a material point, linear in its parameters."""
 
     @property
     def name(self) -> str:
@@ -109,18 +109,18 @@ class Effect(Protocol):
         """Whether the columns depend on the ideal position, which is itself estimated (so they are re-linearised)."""
         ...
 
-    def columns(self, seen: FrameObservation) -> tuple[Columns | TensorColumns, ...]:
-        """The effect's columns for the points of a sighting."""
+    def columns(self, observation: FrameObservation) -> tuple[Columns | TensorColumns, ...]:
+        """Columns of the effect for the points of an observation."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where each effect's parameters lie in the joint parameter vector.
+    """Index range of the parameters of each effect in the joint parameter vector.
 
     Attributes:
         names: names of the effects in order.
-        sizes: their numbers of parameters.
+        sizes: numbers of their parameters.
     """
 
     names: tuple[str, ...]

@@ -18,14 +18,14 @@ from semlive.model.raster_time import sighting
 ITERATIONS = 8  # distortion gradients are below 2e-2, so each pass gains two digits
 
 
-def predicted_offsets(model: Sequence[Effect], parameters: NDArray[np.float64], seen: FrameObservation) -> NDArray[np.float64]:
+def predicted_offsets(model: Sequence[Effect], parameters: NDArray[np.float64], observation: FrameObservation) -> NDArray[np.float64]:
     """(n, 2) what all effects together add to the ideal position: ``R - p_0``."""
     layout = Layout.of(model)
-    seen = evaluate_drift(model, parameters, seen)
-    total = np.zeros((len(seen.x_px), 2))
+    observation = evaluate_drift(model, parameters, observation)
+    total = np.zeros((len(observation.x_px), 2))
     for effect in model:
         own = parameters[layout.part(effect.name)]
-        for columns in effect.columns(seen):
+        for columns in effect.columns(observation):
             if columns.axis is Axis.EACH:
                 total += _both(columns, own.reshape(-1, 2))
             else:
@@ -40,12 +40,16 @@ def _both(columns: Columns | TensorColumns, own: NDArray[np.float64]) -> NDArray
     return evaluate_curve(np.ascontiguousarray(columns.index), np.ascontiguousarray(columns.value), np.ascontiguousarray(own))
 
 
-def evaluate_drift(model: Sequence[Effect], parameters: NDArray[np.float64], seen: FrameObservation) -> FrameObservation:
+def evaluate_drift(model: Sequence[Effect], parameters: NDArray[np.float64], observation: FrameObservation) -> FrameObservation:
     """The sighting with the drift at its points, where the model's distortion is carried along by it; else as it was."""
     drift = next((effect for effect in model if isinstance(effect, DriftSpline)), None)
-    if drift is None or seen.drift_px is not None or not any(isinstance(one, DistortionSpline) and one.carried for one in model):
-        return seen
-    return replace(seen, drift_px=predicted_offsets((drift,), parameters[Layout.of(model).part(drift.name)], seen))
+    if (
+        drift is None
+        or observation.drift_px is not None
+        or not any(isinstance(effect, DistortionSpline) and effect.carried for effect in model)
+    ):
+        return observation
+    return replace(observation, drift_px=predicted_offsets((drift,), parameters[Layout.of(model).part(drift.name)], observation))
 
 
 def scan_address(
@@ -57,6 +61,6 @@ def scan_address(
     """
     address = p0_px
     for _ in range(ITERATIONS):
-        seen = sighting(when, address[:, 0], address[:, 1], p0_px - centre_px)
-        address = p0_px + predicted_offsets(model, parameters, seen)
+        observation = sighting(when, address[:, 0], address[:, 1], p0_px - centre_px)
+        address = p0_px + predicted_offsets(model, parameters, observation)
     return address

@@ -1,4 +1,4 @@
-"""B-splines in one dimension on knots that are closer where more happens."""
+"""One-dimensional B-splines on non-uniform knots, denser where the function varies faster."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Field = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class KnotSpline:
-    """A B-spline on any knots, with what `UniformSpline` has; on equidistant knots it is the same.
+    """B-spline on arbitrary increasing knots with the interface of `UniformSpline`; identical to it on equidistant knots.
 
     Beyond either end the outermost interval is repeated. Coefficient i has its support on the intervals i - degree ... i.
 
@@ -52,7 +52,7 @@ class KnotSpline:
 
 
 def towards_start(end: float, intervals: int, halvings: int, degree: int) -> KnotSpline:
-    """A spline over ``[0, end]`` with equidistant knots, the first interval halved again and again towards 0."""
+    """Spline over ``[0, end]`` with equidistant knots, the first interval halved repeatedly towards 0."""
     spacing = end / intervals
     first = [0.0, *(spacing * 0.5**number for number in range(halvings, 0, -1))]
     return KnotSpline((*first, *(spacing * number for number in range(1, intervals + 1))), degree)
@@ -68,9 +68,9 @@ def _extended(spline: KnotSpline) -> Field:
 def _pieces(spline: KnotSpline) -> Field:
     """(intervals, degree + 1, degree + 1): ``[i, k, j]`` is the coefficient of f^k of basis function j on interval i."""
     knots, count = np.array(spline.knots), spline.degree + 1
-    whole, width = BSpline(_extended(spline), np.eye(spline.size), spline.degree), np.diff(knots)
+    basis, width = BSpline(_extended(spline), np.eye(spline.size), spline.degree), np.diff(knots)
     at = np.arange(len(width))[:, None] + np.arange(count)
-    values = [whole(knots[:-1], nu=power) * (width**power / math.factorial(power))[:, None] for power in range(count)]
+    values = [basis(knots[:-1], nu=power) * (width**power / math.factorial(power))[:, None] for power in range(count)]
     table = np.stack([np.take_along_axis(value, at, axis=1) for value in values], axis=1)
     table.setflags(write=False)
     return table

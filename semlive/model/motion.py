@@ -57,17 +57,17 @@ class PairMotions:
         """The same with one pair more."""
         return PairMotions((*self.pairs, pair), (*self.kinds, kind))
 
-    def columns(self, seen: FrameObservation) -> tuple[Columns, ...]:
+    def columns(self, observation: FrameObservation) -> tuple[Columns, ...]:
         """Columns of the sighting's own pair; none for the reference pair."""
-        if seen.pair not in self.pairs:
+        if observation.pair not in self.pairs:
             return ()
-        if seen.ideal_px is None:
+        if observation.ideal_px is None:
             raise ValueError("the motion's columns need the ideal position of the points")
-        part, kind = self.part(seen.pair)
-        one, (px, py) = np.ones(len(seen.ideal_px)), seen.ideal_px.T
+        part, kind = self.part(observation.pair)
+        ones, (px, py) = np.ones(len(observation.ideal_px)), observation.ideal_px.T
         if kind is MotionKind.RIGID:
-            return _column(Axis.X, part.start, (0, 2), (one, -py)), _column(Axis.Y, part.start, (1, 2), (one, px))
-        return _column(Axis.X, part.start, (0, 1, 2), (one, px, py)), _column(Axis.Y, part.start, (3, 4, 5), (one, px, py))
+            return _column(Axis.X, part.start, (0, 2), (ones, -py)), _column(Axis.Y, part.start, (1, 2), (ones, px))
+        return _column(Axis.X, part.start, (0, 1, 2), (ones, px, py)), _column(Axis.Y, part.start, (3, 4, 5), (ones, px, py))
 
     def turn_rad(self, pair: int, parameters: NDArray[np.float64]) -> float:
         """Rotation of a pair that moved rigidly, else 0."""

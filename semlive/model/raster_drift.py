@@ -1,4 +1,4 @@
-"""Raster change: magnification and rotation of the raster that wander in time, a slow spline each."""
+"""Raster drift: slow changes of magnification and rotation of the raster, one spline each."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from semlive.model.splines import UniformSpline
 
 
 class RasterTerm(StrEnum):
-    """What of the raster changes."""
+    """Component of the raster change."""
 
     MAGNIFICATION = "magnification"
     """Every distance from the image centre grows by the same fraction."""
@@ -54,14 +54,14 @@ class RasterChange:
         """False: it acts on the scan address."""
         return False
 
-    def columns(self, seen: FrameObservation) -> tuple[Columns, ...]:
+    def columns(self, observation: FrameObservation) -> tuple[Columns, ...]:
         """Basis rows at the mean visit time, times the lever."""
-        index, by_x, by_y = _levers(self.spline, self.centre_px, self.radius_px, seen)
+        index, by_x, by_y = _levers(self.spline, self.centre_px, self.radius_px, observation)
         along_x, along_y = (by_x, by_y) if self.term is RasterTerm.MAGNIFICATION else (-by_y, by_x)
         return Columns(Axis.X, index, along_x), Columns(Axis.Y, index, along_y)
 
     def until(self, time_s: float) -> RasterChange:
-        """The same, lengthened to reach `time_s`."""
+        """The effect extended to reach `time_s`."""
         needed = math.ceil((time_s - self.spline.origin) / self.spline.spacing)
         return self if needed <= self.spline.intervals else replace(self, spline=replace(self.spline, intervals=needed))
 
@@ -79,9 +79,9 @@ class RasterChange:
 
 @lru_cache(maxsize=2)  # two maps at a time
 def _levers(
-    spline: UniformSpline, centre_px: tuple[float, float], radius_px: float, seen: FrameObservation
+    spline: UniformSpline, centre_px: tuple[float, float], radius_px: float, observation: FrameObservation
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     """Indices, and basis values times the levers along x and y: rotation asks for the same as magnification did just before."""
-    index, value = spline.local(seen.visit_time_s.mean(axis=0))
-    x, y = (seen.x_px - centre_px[0]) / radius_px, (seen.y_px - centre_px[1]) / radius_px
+    index, value = spline.local(observation.visit_time_s.mean(axis=0))
+    x, y = (observation.x_px - centre_px[0]) / radius_px, (observation.y_px - centre_px[1]) / radius_px
     return index, value * x[:, None], value * y[:, None]

@@ -22,7 +22,7 @@ def visit_offsets_s(timing: ScanTiming) -> NDArray[np.float64]:
 
 
 def sighting(when: FrameTime, x_px: ArrayLike, y_px: ArrayLike, ideal_px: NDArray[np.float64] | None = None) -> FrameObservation:
-    """The sighting of points at scan addresses (x, y), of any shape, in a frame."""
+    """Observation of points at scan addresses (x, y), of any shape, in a frame."""
     x, y = np.asarray(x_px, dtype=np.float64).ravel(), np.asarray(y_px, dtype=np.float64).ravel()
     mean_time_s = when.start_s + when.timing.time_in_frame_s(x, y)
     visits = visit_offsets_s(when.timing)[:, None] + mean_time_s

@@ -1,4 +1,4 @@
-"""Line shift: rows that begin a little to the left or right of where they should, otherwise in every frame."""
+"""Row shift: displacement of groups of rows along x, different in every frame."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from semlive.model.splines import UniformSpline
 
 @dataclass(frozen=True, slots=True)
 class RowShiftEffect:
-    """l_n(y) along x in frame n: the mean shift of a group of rows, straight from group to group, with parameters for every frame.
+    """Mean shift of row groups along x in frame n, l_n(y), linear between groups, with parameters for every frame.
 
-    Single rows are not seen in maps: a subset averages over its own.
+    Single rows are not observable in maps, because a subset averages over its rows.
 
     Attributes:
-        over_y: over the rows of a frame; None where no frame has any.
+        over_y: spline over the rows of a frame; None without row shifts.
         frames: numbers of the frames, in order of arrival.
     """
 
@@ -46,22 +46,22 @@ class RowShiftEffect:
         return False
 
     def with_frames(self, frames: tuple[int, ...]) -> RowShiftEffect:
-        """The same with some frames more, if there are any line shifts at all."""
+        """With further frames, if the model has row shifts."""
         return self if self.over_y is None else replace(self, frames=(*self.frames, *frames))
 
     def part(self, frame: int) -> slice:
-        """Where the parameters of a frame lie."""
+        """Index range of the parameters of a frame."""
         if frame not in self.frames:
             return slice(0, 0)
         start = self.each * self.frames.index(frame)
         return slice(start, start + self.each)
 
-    def columns(self, seen: FrameObservation) -> tuple[Columns, ...]:
+    def columns(self, observation: FrameObservation) -> tuple[Columns, ...]:
         """Basis rows at the scan addresses of the sighting's frame."""
-        if self.over_y is None or seen.frame not in self.frames:
+        if self.over_y is None or observation.frame not in self.frames:
             return ()
-        index, value = self.over_y.local(seen.y_px)
-        return (Columns(Axis.X, self.part(seen.frame).start + index, value),)
+        index, value = self.over_y.local(observation.y_px)
+        return (Columns(Axis.X, self.part(observation.frame).start + index, value),)
 
     def frame_px(self, frame: int, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """(each,) shifts of a frame at the knots."""

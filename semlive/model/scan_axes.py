@@ -1,4 +1,4 @@
-"""Axes: scan axes that are not of one length or not at right angles make a rotation of the specimen look partly like strain."""
+"""Scan axes of unequal length or not at right angles, which make a specimen rotation partly resemble strain."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class ScanAxes:
         """True: the columns hold the rotation and the ideal position."""
         return True
 
-    def columns(self, seen: FrameObservation) -> tuple[Columns, ...]:
+    def columns(self, observation: FrameObservation) -> tuple[Columns, ...]:
         """Columns of a pair that was rotated; none for others."""
-        if seen.rotation_rad == 0.0 or seen.ideal_px is None:
+        if observation.rotation_rad == 0.0 or observation.ideal_px is None:
             return ()
-        twice = 2.0 * seen.rotation_rad * seen.ideal_px
+        twice = 2.0 * observation.rotation_rad * observation.ideal_px
         index = np.broadcast_to(np.arange(2), twice.shape)
         return (
             Columns(Axis.X, index, np.stack((-twice[:, 1], twice[:, 0]), axis=1)),

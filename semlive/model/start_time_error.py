@@ -1,4 +1,4 @@
-"""Start times: scans that began a little earlier or later than is told, so the drift had gone less or more far."""
+"""Start-time errors: scans that began earlier or later than reported, so the drift at the scan differs."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ ZERO_RATE: Rate = (0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class StartTimeErrors:
-    """How much later than told the second frame of a pair began, s, counted from the first: it shows ``rate of drift * error`` more.
+    """Delay of the second frame of a pair relative to its reported start, s. The frame shows an additional ``drift rate * delay``.
 
-    An error that both frames of a pair have is one with their motion, and is left to it.
+    A delay common to both frames of a pair is equivalent to their motion and is not modelled.
 
     Attributes:
-        pairs: numbers of the pairs whose starts are not known exactly, in order of arrival.
-        sigma_s: standard uncertainty of each.
-        rate_px_s: drift rate along x and y in the middle of each pair's second frame that columns are linearised about.
+        pairs: numbers of the pairs with uncertain starts, in order of arrival.
+        sigma_s: standard uncertainty of each delay, s.
+        rate_px_s: drift rate along x and y in the middle of the second frame of each pair, px/s, used for linearisation.
     """
 
     pairs: tuple[int, ...] = ()
@@ -45,43 +45,47 @@ class StartTimeErrors:
         return True
 
     def with_pairs(self, pair: int, sigma_s: float) -> StartTimeErrors:
-        """The same with one pair more; as it is where the starts are known exactly."""
+        """With one more pair; unchanged if its starts are known exactly."""
         if not sigma_s > 0:
             return self
         return StartTimeErrors((*self.pairs, pair), (*self.sigma_s, sigma_s), (*self.rate_px_s, ZERO_RATE))
 
     def only(self, pairs: set[int]) -> StartTimeErrors:
-        """Of some pairs alone."""
+        """Restricted to some pairs."""
         at = [number for number, pair in enumerate(self.pairs) if pair in pairs]
-        told = tuple(self.pairs[one] for one in at), tuple(self.sigma_s[one] for one in at), tuple(self.rate_px_s[one] for one in at)
-        return StartTimeErrors(*told)
+        selected = (
+            tuple(self.pairs[index] for index in at),
+            tuple(self.sigma_s[index] for index in at),
+            tuple(self.rate_px_s[index] for index in at),
+        )
+        return StartTimeErrors(*selected)
 
     def about(self, rates: dict[int, Rate]) -> StartTimeErrors:
-        """Linearised about rates of the drift, by pair; of pairs that are not in there, about what it was."""
+        """Linearised about drift rates given by pair; other pairs keep their rates."""
         told = zip(self.pairs, self.rate_px_s, strict=True)
         return replace(self, rate_px_s=tuple(rates.get(pair, before) for pair, before in told))
 
     def part(self, pair: int) -> slice:
-        """Where the parameter of a pair lies; nowhere if its starts are known exactly."""
+        """Index range of the parameter of a pair; empty if its starts are known exactly."""
         if pair not in self.pairs:
             return slice(0, 0)
         at = self.pairs.index(pair)
         return slice(at, at + 1)
 
-    def columns(self, seen: FrameObservation) -> tuple[Columns, ...]:
+    def columns(self, observation: FrameObservation) -> tuple[Columns, ...]:
         """Columns of the second frame of a pair, the same for all its points; none else.
 
         Over a frame the rate changes by some hundredths, and the error of a start is some hundredths of the time between frames.
         """
-        if seen.frame % 2 == 0 or seen.pair not in self.pairs:
+        if observation.frame % 2 == 0 or observation.pair not in self.pairs:
             return ()
-        at = self.pairs.index(seen.pair)
-        index = np.full((len(seen.x_px), 1), at, dtype=np.int64)
+        at = self.pairs.index(observation.pair)
+        index = np.full((len(observation.x_px), 1), at, dtype=np.int64)
         rate = zip((Axis.X, Axis.Y), self.rate_px_s[at], strict=True)
-        return tuple(Columns(axis, index, np.full((len(seen.x_px), 1), one)) for axis, one in rate)
+        return tuple(Columns(axis, index, np.full((len(observation.x_px), 1), value)) for axis, value in rate)
 
     def late_px(self, frame: int, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(2,) how much further the drift had gone in a frame than at the time that is told."""
+        """(2,) additional drift of a frame due to its start delay, px."""
         if frame % 2 == 0 or frame // 2 not in self.pairs:
             return np.zeros(2)
         at = self.pairs.index(frame // 2)

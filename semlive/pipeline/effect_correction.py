@@ -129,9 +129,9 @@ def _cell(readings: LoadReadings, names: Sequence[str], steps: Sequence[StepCond
     """Error of the load cell in each pair's reading, and the notes on it."""
     added = load_offsets(readings, names)
     total = np.sum([np.zeros(len(steps)), *added.values()], axis=0)
-    said = [f"model: {name}, {one[np.argmax(np.abs(one))]:+.2f} N at most, taken off the loads" for name, one in added.items()]
-    said += [f"model: {name} cannot be seen in these readings, and is left in" for name in names if name not in added]
-    return ({one.pair: float(load_n) for one, load_n in zip(steps, total, strict=True)} if added else {}), said
+    notes = [f"model: {name}, {value[np.argmax(np.abs(value))]:+.2f} N at most, taken off the loads" for name, value in added.items()]
+    notes += [f"model: {name} cannot be seen in these readings, and is left in" for name in names if name not in added]
+    return ({step.pair: float(load_n) for step, load_n in zip(steps, total, strict=True)} if added else {}), notes
 
 
 def unavailable_for_long_run(pairs: int) -> EffectCorrection:
@@ -148,12 +148,16 @@ def incompatibility_reason(model: EffectModel, size_px: tuple[int, int]) -> str:
 
 
 def _taken(observation: Observation, effects: Sequence[ModelEffect], notes: Sequence[str]) -> EffectCorrection:
-    seen = observable_effects(observation, effects)
-    moved = effect_displacement(choose_coupling(observation, (), seen).observation, seen)
-    out = [one for one in moved.effects if one not in moved.not_corrected]
+    observed = observable_effects(observation, effects)
+    moved = effect_displacement(choose_coupling(observation, (), observed).observation, observed)
+    out = [effect for effect in moved.effects if effect not in moved.not_corrected]
     said = [f"model: {', '.join(out)} taken out of the maps; what is stated of strain does not hold their uncertainty"] if out else []
-    said += [f"model: {one} is strain or cannot be told from it, and is left in" for one in moved.not_corrected]
-    said += [f"model: {one.name} cannot be seen: there are no loads or moves for it to go with" for one in effects if one not in seen]
+    said += [f"model: {value} is strain or cannot be told from it, and is left in" for value in moved.not_corrected]
+    said += [
+        f"model: {effect.name} cannot be seen: there are no loads or moves for it to go with"
+        for effect in effects
+        if effect not in observed
+    ]
     fields = interpolate_to_grid(observation, moved.field_px, observation.grid) if out else {}
     strain = {frame: _strain(observation.grid, moved_px) for frame, moved_px in fields.items()}
     return EffectCorrection(len(observation.geometry.frame) // 2, fields, strain, notes=(*said, *notes))

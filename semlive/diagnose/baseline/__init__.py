@@ -1,1 +1,1 @@
-"""The run without further effects: observations, priors, whitening, Bayes factors."""
+"""The baseline model without further effects: observations, priors, whitening, Bayes factors."""

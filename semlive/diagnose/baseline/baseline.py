@@ -1,4 +1,4 @@
-"""The baseline: drift, distortion and motion as the estimator has them, effects that were found, and what the data leave of them."""
+"""The baseline: drift, distortion and motion of the estimator, the effects identified so far, and the residual of the data."""
 
 from __future__ import annotations
 
@@ -22,18 +22,16 @@ Array = NDArray[np.float64]
 FREE_DISTORTION_FACTOR = 10.0
 BELIEF = 4.0  # standard deviation of the logarithm about the first choice
 DISTORTION_SMOOTHNESS_FACTORS = (0.3, 1.0, 3.0)
-MAX_LOG_ODDS_DEFICIT = (
-    40.0  # logarithm of the odds against a drift that could follow more, and explains less: an effect helps it less than others
-)
+MAX_LOG_ODDS_DEFICIT = 40.0  # log odds against a rougher drift that explains less: an effect improves it less than others
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BaselineEffect:
-    """An effect that is in the baseline.
+    """An effect that is part of the baseline.
 
     Attributes:
         columns: (f, b, 2, q) whitened columns.
-        size_px: standard deviation of their amplitudes before the data.
+        size_px: prior standard deviation of the amplitudes, px.
     """
 
     columns: Array
@@ -45,18 +43,18 @@ Moving = tuple[tuple[NDArray[np.int64], Array], ...]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DesignMatrix:
-    """The baseline's columns, whitened; those of effects that were found come last.
+    """Whitened columns of the baseline; the columns of identified effects come last.
 
     Attributes:
-        observation: what they are for.
-        whiten: the noise.
+        observation: the observation described by the columns.
+        whiten: the whitening of the noise.
         columns: for x and for y, (f b, m) columns.
-        per_frame_columns: for x and y and each frame: the baseline's columns that move it, and (b, k) their mean over the frames.
-        index: for x and for y, (m,) the parameters that they belong to.
-        parameter_indices: (p,) joint parameters of the estimator that the baseline has.
-        normal_matrix: (p + r, p + r) A^T A, r being the number of the effects' amplitudes.
-        sizes_px: (r,) of the effects' amplitudes.
-        beliefs: what may be believed of the baseline's own parameters.
+        per_frame_columns: for x and y and each frame, the columns that are not zero there, and (b, k) their mean over the frames.
+        index: for x and for y, (m,) the parameters of the columns.
+        parameter_indices: (p,) joint parameters of the estimator contained in the baseline.
+        normal_matrix: (p + r, p + r) A^T A, with r amplitudes of effects.
+        sizes_px: (r,) prior standard deviations of the amplitudes, px.
+        beliefs: candidate priors of the parameters of the baseline.
     """
 
     observation: Observation
@@ -102,24 +100,26 @@ class DesignMatrix:
         return np.concatenate(parts, axis=2)
 
     def rescaled(self, by: float) -> DesignMatrix:
-        """The same where noise is larger by a factor."""
+        """The design matrix for noise larger by a factor."""
         columns = self.columns[0] / by, self.columns[1] / by
-        own = [tuple((at, block / by) for at, block in one) for one in self.per_frame_columns]
+        own = [tuple((at, block / by) for at, block in per_frame_column) for per_frame_column in self.per_frame_columns]
         whiten = replace(self.whiten, sigma_px=self.whiten.sigma_px * by)
         return replace(self, whiten=whiten, columns=columns, per_frame_columns=(own[0], own[1]), normal_matrix=self.normal_matrix / by**2)
 
-    def effect_columns(self, fields: Sequence[Array], known: int) -> tuple[slice, ...]:
-        """Where the amplitudes of effects (f, b, 2, q) are among all: the first `known` came first, the others last.
+    def effect_columns(self, fields: Sequence[Array], effect_count: int) -> tuple[slice, ...]:
+        """Where the amplitudes of effects (f, b, 2, q) are among all: the first `effect_count` came first, the others last.
 
         What was added since a spline of the baseline was too coarse lies between.
         """
-        widths = [one.shape[-1] for one in fields]
+        widths = [field.shape[-1] for field in fields]
         between, ends = len(self.sizes_px) - sum(widths), np.cumsum(widths).tolist()
-        starts = [end - width + (0 if place < known else between) for place, (end, width) in enumerate(zip(ends, widths, strict=True))]
+        starts = [
+            end - width + (0 if place < effect_count else between) for place, (end, width) in enumerate(zip(ends, widths, strict=True))
+        ]
         return tuple(slice(start, start + width) for start, width in zip(starts, widths, strict=True))
 
     def with_effects(self, found: BaselineEffect) -> DesignMatrix:
-        """The same with an effect more."""
+        """The design matrix with one more effect."""
         q = found.columns.shape[-1]
         place = self.size + np.arange(q)
         flat = [np.ascontiguousarray(found.columns[:, :, axis].reshape(-1, q)) for axis in (0, 1)]
@@ -127,59 +127,59 @@ class DesignMatrix:
         normal[: self.size, : self.size] = self.normal_matrix
         cross = self.transposed(found.columns)
         normal[: self.size, self.size :], normal[self.size :, : self.size] = cross, cross.T
-        normal[self.size :, self.size :] = sum(one.T @ one for one in flat)
-        columns = [np.concatenate((one, more), axis=1) for one, more in zip(self.columns, flat, strict=True)]
-        index = [np.concatenate((one, place)) for one in self.index]
+        normal[self.size :, self.size :] = sum(value.T @ value for value in flat)
+        columns = [np.concatenate((column, more), axis=1) for column, more in zip(self.columns, flat, strict=True)]
+        index = [np.concatenate((value, place)) for value in self.index]
         sizes = np.concatenate((self.sizes_px, np.full(q, found.size_px)))
         return replace(self, columns=(columns[0], columns[1]), index=(index[0], index[1]), normal_matrix=normal, sizes_px=sizes)
 
 
 def design(observation: Observation, whiten: Whitener) -> DesignMatrix:
-    """Columns of an observation, linearised about its first solution."""
+    """Whitened columns of an observation, linearised about its first solution."""
     state, layout = observation.state, observation.state.layout
     dropped = np.zeros(layout.size, dtype=np.bool_)
     for change in state.raster:
-        dropped[layout.part(change.name)] = True  # what the raster does is to be named
-    kept = np.flatnonzero(~dropped)
+        dropped[layout.part(change.name)] = True  # raster changes are effects to be identified, not part of the baseline
+    retained = np.flatnonzero(~dropped)
     place = np.full(layout.size, -1)
-    place[kept] = np.arange(len(kept))
-    told = [map_columns(state, one, state.linearisation_point) for one in observation.rows]
+    place[retained] = np.arange(len(retained))
+    told = [map_columns(state, map_rows, state.linearisation_point) for map_rows in observation.rows]
     columns, index, moving = [], [], list[Moving]()
     for axis in (0, 1):
-        touched = np.unique(np.concatenate([one[axis][0] for one in told]))
+        touched = np.unique(np.concatenate([value[axis][0] for value in told]))
         touched = touched[~dropped[touched]]
         at = np.full(layout.size, -1)
         at[touched] = np.arange(len(touched))
         dense = np.zeros((observation.frames, observation.blocks, len(touched)))
-        for frame, one in enumerate(told):
-            own, value = one[axis]
+        for frame, entry in enumerate(told):
+            own, value = entry[axis]
             inside = at[own] >= 0
             dense[frame + 1][:, at[own[inside]]] = value[np.ix_(observation.valid_blocks, inside)]
         columns.append(whiten(dense).reshape(-1, len(touched)))
         index.append(place[touched])
-        there = [np.flatnonzero(one.any(axis=0)) for one in dense]
-        moving.append(tuple((at, whiten.inverse @ one[:, at] / whiten.sigma_px) for at, one in zip(there, dense, strict=True)))
-    normal = np.zeros((len(kept), len(kept)))
+        there = [np.flatnonzero(value.any(axis=0)) for value in dense]
+        moving.append(tuple((at, whiten.inverse @ value[:, at] / whiten.sigma_px) for at, value in zip(there, dense, strict=True)))
+    normal = np.zeros((len(retained), len(retained)))
     for axis in (0, 1):
         normal[np.ix_(index[axis], index[axis])] += columns[axis].T @ columns[axis]
     both, own = (columns[0], columns[1]), (moving[0], moving[1])
-    beliefs = PriorCache.of(observation, kept)
-    return DesignMatrix(observation, whiten, both, own, (index[0], index[1]), kept, normal, np.zeros(0), beliefs)
+    beliefs = PriorCache.of(observation, retained)
+    return DesignMatrix(observation, whiten, both, own, (index[0], index[1]), retained, normal, np.zeros(0), beliefs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HyperparameterPoint:
-    """A baseline with one smoothness.
+    """Posterior of the baseline for one smoothness.
 
     Attributes:
         hyper: the smoothness.
-        prior: (p + r, p + r) precision before the data.
-        factor: of the posterior precision.
-        evidence: logarithm of the likelihood of the data, up to a constant that all rungs share.
-        occam_factor: the part of it, negative, that comes from what else there might have been.
-        gradient: (p + r,) what residuals and belief ask for at the first solution.
-        half_solved_gradient: (p + r,) the same, half solved.
-        prior_choice: of the drift, and the roughness of the distortion in that of the first choice; None of runs that were joined.
+        prior: (p + r, p + r) prior precision.
+        factor: factor of the posterior precision.
+        evidence: log marginal likelihood, up to a constant common to all points.
+        occam_factor: the Occam factor, the negative part of the evidence due to the prior volume.
+        gradient: (p + r,) gradient of the log posterior at the first solution.
+        half_solved_gradient: (p + r,) forward substitution of the gradient.
+        prior_choice: prior of the drift, and roughness of the distortion relative to the first choice; None for joined runs.
     """
 
     hyper: Hyperparameters
@@ -192,7 +192,7 @@ class HyperparameterPoint:
     prior_choice: tuple[DriftPrior, float] | None = None
 
     def half(self, right: Array) -> Array:
-        """(p + r, ...) inverse of the factor times (p + r, ...): products of two such are those of a solution with one right side."""
+        """(p + r, ...) forward substitution; products of two results are quadratic forms of the posterior covariance."""
         return self.factor.half(right)
 
     def solve(self, right: Array) -> Array:
@@ -202,12 +202,12 @@ class HyperparameterPoint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HyperparameterGrid:
-    """The baseline against the data.
+    """The baseline evaluated on the data for several smoothness values.
 
     Attributes:
         design: the columns.
-        whitened_residual: (f, b, 2) whitened, what the first solution leaves of the data.
-        points: the drift that is smoothest first.
+        whitened_residual: (f, b, 2) whitened residual of the first solution.
+        points: one point per drift prior, the smoothest first.
     """
 
     design: DesignMatrix
@@ -216,58 +216,60 @@ class HyperparameterGrid:
 
     @property
     def best(self) -> HyperparameterPoint:
-        """The likeliest."""
-        return max(self.points, key=lambda one: one.evidence)
+        """The most likely point."""
+        return max(self.points, key=lambda candidate: candidate.evidence)
 
     @property
     def evidence(self) -> float:
-        """Logarithm of the likelihood summed over the rungs."""
-        return float(np.logaddexp.reduce([one.evidence for one in self.points]))
+        """Log marginal likelihood, summed over the points."""
+        return float(np.logaddexp.reduce([point.evidence for point in self.points]))
 
     @property
     def log_evidence(self) -> float:
-        """The same in px and not in units of the noise: to be set beside that of the same maps about another solution."""
+        """Log marginal likelihood in px instead of noise units, comparable between solutions of the same maps."""
         whiten, f = self.design.whiten, self.design.observation.frames
         volume = len(whiten.factor) * np.log(whiten.sigma_px) + np.sum(np.log(np.diag(whiten.factor)))
         return float(self.evidence - 2.0 * (f - 1) * volume)
 
     def residual(self) -> Array:
-        """(f, b, 2) whitened, what the likeliest baseline leaves."""
+        """(f, b, 2) whitened residual of the most likely baseline."""
         step = self.best.solve(self.best.gradient[:, None])
         return self.whitened_residual - self.design.apply(step)[..., 0]
 
 
 def build_grid(columns: DesignMatrix) -> HyperparameterGrid:
-    """For each smoothness of the drift the baseline with the likeliest of the distortion's, but for those that have no hope."""
+    """Evaluate, for each drift prior, the most likely smoothness of the distortion; points with negligible likelihood are left out."""
     tries = _Tries.of(columns)
-    plain = parallel_map(lambda one: (one, tries.rung(one, 1.0)), columns.beliefs.different())
-    best = max((rung for _, rung in plain), key=lambda one: one.evidence)
-    kept = [
-        (one, rung) for one, rung in plain if rung.evidence > best.evidence - MAX_LOG_ODDS_DEFICIT or rung.occam_factor > best.occam_factor
+    plain = parallel_map(lambda candidate: (candidate, tries.rung(candidate, 1.0)), columns.beliefs.different())
+    best = max((rung for _, rung in plain), key=lambda candidate: candidate.evidence)
+    retained = [
+        (value, rung)
+        for value, rung in plain
+        if rung.evidence > best.evidence - MAX_LOG_ODDS_DEFICIT or rung.occam_factor > best.occam_factor
     ]
-    rungs = parallel_map(lambda both: max((both[1], *tries.bent(both[0])), key=lambda one: one.evidence), kept)
+    rungs = parallel_map(lambda both: max((both[1], *tries.bent(both[0])), key=lambda candidate: candidate.evidence), retained)
     return HyperparameterGrid(columns, tries.left, tuple(rungs))
 
 
 def best_point(columns: DesignMatrix) -> HyperparameterGrid:
-    """A ladder of one rung: the likeliest smoothness of the drift, and then of the distortion."""
+    """Grid of one point: the most likely smoothness of the drift, then of the distortion."""
     tries = _Tries.of(columns)
-    found = dict(parallel_map(lambda one: (one, tries.rung(one, 1.0)), columns.beliefs.different()))
-    best = max(found, key=lambda one: found[one].evidence)
-    return HyperparameterGrid(columns, tries.left, (max((found[best], *tries.bent(best)), key=lambda one: one.evidence),))
+    found = dict(parallel_map(lambda candidate: (candidate, tries.rung(candidate, 1.0)), columns.beliefs.different()))
+    best = max(found, key=lambda candidate: found[candidate].evidence)
+    return HyperparameterGrid(columns, tries.left, (max((found[best], *tries.bent(best)), key=lambda candidate: candidate.evidence),))
 
 
 def prior_point(columns: DesignMatrix) -> HyperparameterGrid:
-    """A ladder of one rung: as smooth as the first solution has it."""
+    """Grid of one point with the smoothness of the first solution."""
     tries = _Tries.of(columns)
     return HyperparameterGrid(columns, tries.left, (tries.rung(DriftPrior(1.0), 1.0),))
 
 
 def point_like(columns: DesignMatrix, like: HyperparameterGrid) -> HyperparameterGrid:
-    """A ladder of one rung: as smooth as another's likeliest.
+    """Grid of one point with the most likely smoothness of another grid.
 
     Raises:
-        ValueError: the other is of runs that were joined.
+        ValueError: the other grid is of joined runs.
     """
     if like.best.prior_choice is None:
         raise ValueError("runs that were joined have no smoothness of one run")
@@ -276,19 +278,22 @@ def point_like(columns: DesignMatrix, like: HyperparameterGrid) -> Hyperparamete
 
 
 def with_free_distortion(columns: DesignMatrix) -> HyperparameterGrid:
-    """A ladder of one rung: the likeliest smoothness of the drift, with a distortion far rougher than what was chosen.
+    """Grid of one point: the most likely smoothness of the drift, with a distortion prior much wider than selected.
 
-    A distortion is no draw of what is believed of it: of five pairs one in five was found loud by a few of its terms.
+    A real distortion is not a sample of its prior. With the selected prior, one in five runs of five pairs had significant
+    distortion terms.
     """
     tries = _Tries.of(columns)
     return HyperparameterGrid(
-        columns, tries.left, (max((tries.rung(one, FREE_DISTORTION_FACTOR) for one in SMOOTH_DRIFT_PRIORS), key=lambda one: one.evidence),)
+        columns,
+        tries.left,
+        (max((tries.rung(value, FREE_DISTORTION_FACTOR) for value in SMOOTH_DRIFT_PRIORS), key=lambda candidate: candidate.evidence),),
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tries:
-    """What all smoothnesses have in common."""
+    """Data common to all smoothness values."""
 
     columns: DesignMatrix
     near: Array
@@ -301,8 +306,8 @@ class _Tries:
         near = np.concatenate(
             (columns.observation.solution.mean[columns.parameter_indices], np.zeros(columns.size - len(columns.parameter_indices)))
         )
-        left = columns.whiten(columns.observation.disparity_px) - columns.apply(near[:, None])[..., 0]
-        return cls(columns, near, left, columns.transposed(left[..., None])[:, 0], float(np.sum(left**2)))
+        residual = columns.whiten(columns.observation.disparity_px) - columns.apply(near[:, None])[..., 0]
+        return cls(columns, near, residual, columns.transposed(residual[..., None])[:, 0], float(np.sum(residual**2)))
 
     def rung(self, drift: DriftPrior, also: float) -> HyperparameterPoint:
         columns, belief = self.columns, self.columns.beliefs.belief(drift, also)
@@ -321,7 +326,7 @@ class _Tries:
 
 
 def _beside(precision: Array, sizes_px: Array) -> Array:
-    """(p + r, p + r) precision before the data of the baseline's own parameters, and of amplitudes of effects."""
+    """(p + r, p + r) prior precision of the parameters of the baseline and of the amplitudes of effects."""
     p, r = len(precision), len(sizes_px)
     total = np.zeros((p + r, p + r))
     total[:p, :p] = precision
@@ -339,22 +344,22 @@ def evaluate_point(
     believed: float,
     where: ComponentBlocks,
 ) -> HyperparameterPoint:
-    """A baseline of p parameters, by what it left at a first solution.
+    """Evaluate a baseline of p parameters from the residual of a first solution.
 
     Args:
         normal: (p, p) A^T A.
-        prior: (p, p) precision before the data, and half the logarithm of its determinant.
-        pull: (p,) A^T times what the first solution left, whitened.
-        power: sum of the squares of what it left.
-        near: (p,) that solution.
-        hyper: its smoothness.
-        believed: logarithm of how much that smoothness is believed in.
-        where: which parameters act along x or along y alone.
+        prior: (p, p) prior precision, and half its log determinant.
+        pull: (p,) A^T times the whitened residual of the first solution.
+        power: sum of squares of this residual.
+        near: (p,) the first solution.
+        hyper: the smoothness.
+        believed: log prior probability of the smoothness.
+        where: component blocks of the parameters.
     """
     factor = factorise(normal + prior[0], where, 0.0)
     held = prior[0] @ near
-    whole = pull - held
-    asked = factor.half(whole)
+    full = pull - held
+    gradient = factor.half(full)
     volume = prior[1] - factor.half_log_det
-    fit = power + float(near @ held) - float(asked @ asked)
-    return HyperparameterPoint(hyper, prior[0], factor, volume - 0.5 * fit + believed, volume, whole, asked)
+    fit = power + float(near @ held) - float(gradient @ gradient)
+    return HyperparameterPoint(hyper, prior[0], factor, volume - 0.5 * fit + believed, volume, full, gradient)

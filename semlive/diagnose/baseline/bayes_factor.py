@@ -1,4 +1,4 @@
-"""Evidence: how much likelier the data are with an effect than without, refitted together with the baseline."""
+"""Bayes factors of effects: likelihood ratio with and without an effect, refitted jointly with the baseline."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from semlive.diagnose.parallel import WORKERS, parallel_map
 from semlive.model.effects import EffectClass
 
 Array = NDArray[np.float64]
-SIZES = 6  # that are tried between the least and the largest that is expected
+SIZES = 6  # number of candidate sizes between the smallest and the largest expected amplitude
 MAX_BYTES = 500_000_000
 MIN_RELATIVE_EIGENVALUE = 1e-6  # of the largest eigenvalue: sums of a law's columns that the baseline takes whole say nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProjectedField:
-    """A law against the data, for each rung of a ladder.
+    """A basis field projected on the data, for each point of a grid.
 
     Attributes:
-        values: (rungs, q) eigenvalues of the law's information.
-        vectors: (rungs, q, q) its eigenvectors.
-        gradient: (rungs, q) what the data ask for, along the eigenvectors.
+        values: (rungs, q) eigenvalues of the information on the amplitudes.
+        vectors: (rungs, q, q) eigenvectors.
+        gradient: (rungs, q) gradient along the eigenvectors.
     """
 
     values: Array
@@ -36,12 +36,12 @@ class ProjectedField:
 
     @classmethod
     def of(cls, information: Array, pull: Array) -> ProjectedField:
-        """From what the baseline leaves of a law's columns (rungs, q, q), and what the data ask of them (rungs, q)."""
+        """Diagonalise the information (rungs, q, q) and the gradient (rungs, q) of the amplitudes."""
         values, vectors = np.linalg.eigh(information)
         return cls(np.clip(values, 0.0, None), vectors, np.einsum("rji,rj->ri", vectors, pull))
 
     def log_factor(self, sizes_px: Array) -> Array:
-        """(rungs, sizes) logarithm of the Bayes factor against no effect, for amplitudes of so many px."""
+        """(rungs, sizes) log Bayes factor against no effect, for prior amplitudes of the given sizes, px."""
         return log_factor(self.values[:, None, :], self.gradient[:, None, :], sizes_px[:, None])
 
     def amplitudes(self, rung: int, size_px: float) -> tuple[Array, Array]:
@@ -53,15 +53,15 @@ class ProjectedField:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CandidateEvidence:
-    """A family against the data.
+    """Evidence for one effect class.
 
     Attributes:
-        family: which.
-        values: what is not linear, for each law.
-        projected_fields: the same laws against the data.
-        log_bayes_factors: (laws, rungs, sizes) logarithms of the Bayes factors, those of the rungs relative to the whole ladder.
-        null: (draws,) logarithm of the family's Bayes factor where there is nothing but the likeliest baseline, where that was asked.
-        refinement_gain: what values between those of the grid add to the logarithm of the Bayes factor, where that was asked.
+        family: the effect class.
+        values: nonlinear parameters of each basis field.
+        projected_fields: the basis fields projected on the data.
+        log_bayes_factors: (laws, rungs, sizes) log Bayes factors, weighted by the likelihood of each point within the grid.
+        null: (draws,) log Bayes factor of the class for bootstrap data of the most likely baseline; empty if not requested.
+        refinement_gain: gain in log Bayes factor from parameter values between those of the grid; 0 if not requested.
     """
 
     family: EffectClass
@@ -73,7 +73,7 @@ class CandidateEvidence:
 
     @property
     def log_factor(self) -> float:
-        """Logarithm of the family's Bayes factor: the mean over laws and sizes, every smoothness at its own likelihood."""
+        """Log Bayes factor of the class: mean over basis fields and sizes, with each smoothness weighted by its likelihood."""
         return (
             float(
                 np.logaddexp.reduce(self.log_bayes_factors, axis=None)
@@ -84,29 +84,29 @@ class CandidateEvidence:
 
     @property
     def best(self) -> tuple[int, int, int]:
-        """Law, rung and size that are likeliest."""
-        law, rung, size = np.unravel_index(int(np.argmax(self.log_bayes_factors)), self.log_bayes_factors.shape)
-        return int(law), int(rung), int(size)
+        """Indices of the most likely basis field, point and size."""
+        basis_field, rung, size = np.unravel_index(int(np.argmax(self.log_bayes_factors)), self.log_bayes_factors.shape)
+        return int(basis_field), int(rung), int(size)
 
 
 def log_factor(values: Array, pull: Array, size_px: Array) -> Array:
-    """(...) for eigenvalues and pulls (..., q) of a law and amplitudes of a size: its Bayes factor, amplitudes integrated out."""
+    """(...) log Bayes factor for eigenvalues and gradients (..., q) of a basis field, amplitudes of a given prior size marginalised."""
     gain = size_px**2
     return np.asarray(0.5 * np.sum(pull**2 * gain / (1.0 + gain * values) - np.log1p(gain * values), axis=-1))
 
 
 def sizes_of(family: EffectClass) -> Array:
-    """(sizes,) amplitudes that are tried, px."""
+    """(sizes,) candidate prior amplitudes, px."""
     return np.geomspace(*family.sizes_px, SIZES)
 
 
 def project(ladder: HyperparameterGrid, field: Array) -> ProjectedField:
-    """One law's columns (f, b, 2, q), in px, against the data."""
+    """Project the columns (f, b, 2, q) of one basis field, px, on the data."""
     return ProjectedField.of(*information(ladder, field))
 
 
 def information(ladder: HyperparameterGrid, field: Array) -> tuple[Array, Array]:
-    """Of columns (f, b, 2, q), in px, (rungs, q, q) what the baseline leaves of them, and (rungs, q) what the data ask of them."""
+    """For columns (f, b, 2, q), px: (rungs, q, q) information after marginalising the baseline, and (rungs, q) gradient."""
     white = WhitenedColumns.of(ladder, (field,))
     flat = _Flat.of(ladder, white)
     return _left_of(flat, white, 0), flat.pull
@@ -115,89 +115,93 @@ def information(ladder: HyperparameterGrid, field: Array) -> tuple[Array, Array]
 def project_candidates(
     ladder: HyperparameterGrid, families: Sequence[EffectClass], so_far: Mapping[str, CandidateProjection] = MappingProxyType({})
 ) -> dict[str, CandidateProjection]:
-    """By the name of each family its laws, whitened: to be asked of the same baseline with more and more effects in it.
+    """Whiten the basis fields of each effect class, for repeated use with the same baseline and further effects.
 
-    None where they would take more than half a gigabyte.
+    Returns an empty mapping if the projections need more than half a gigabyte.
 
     Args:
         ladder: the baseline.
-        families: whose laws are wanted.
-        so_far: what is kept of others.
+        families: effect classes to project.
+        so_far: projections already stored.
     """
     scene, found = ladder.design.observation.geometry, dict(so_far)
     for first in range(0, len(families), WORKERS):
         some = families[first : first + WORKERS]
-        made = parallel_map(lambda family: project_candidate(ladder, family, scene), some)
-        found |= {family.name: one for family, one in zip(some, made, strict=True) if one is not None}
-        if sum(one.nbytes for one in found.values()) > MAX_BYTES:
+        projections = parallel_map(lambda family: project_candidate(ladder, family, scene), some)
+        found |= {family.name: value for family, value in zip(some, projections, strict=True) if value is not None}
+        if sum(projection.nbytes for projection in found.values()) > MAX_BYTES:
             return {}
     return found
 
 
 def score_candidates(
-    ladder: HyperparameterGrid, families: Sequence[EffectClass], kept: Mapping[str, CandidateProjection] | None = None
+    ladder: HyperparameterGrid, families: Sequence[EffectClass], projections: Mapping[str, CandidateProjection] | None = None
 ) -> tuple[CandidateEvidence, ...]:
-    """Families against the data; those that cannot be seen here are left out.
+    """Compute the evidence of effect classes; classes not observable in this run are left out.
 
     Args:
-        ladder: the baseline, with the effects so far.
-        families: that are asked.
-        kept: `project_candidates` the same baseline without the last effects.
+        ladder: the baseline, including the effects so far.
+        families: effect classes to score.
+        projections: result of `project_candidates` for the same baseline without the latest effects; None: not stored.
     """
-    found = parallel_map(lambda family: _weighed(ladder, family, _asked(ladder, family, kept)), families)
-    return tuple(one for one in found if one is not None)
+    found = parallel_map(lambda family: _weighed(ladder, family, _asked(ladder, family, projections)), families)
+    return tuple(effect for effect in found if effect is not None)
 
 
 def with_draws(
     ladder: HyperparameterGrid,
     candidates: Sequence[CandidateEvidence],
     draws: NullDraws,
-    kept: Mapping[str, CandidateProjection] | None = None,
+    projections: Mapping[str, CandidateProjection] | None = None,
 ) -> tuple[CandidateEvidence, ...]:
-    """Families that were weighed, against draws of the null of the same baseline too; `kept` as for `score_candidates`."""
-    return tuple(parallel_map(lambda one: replace(one, null=_drawn(ladder, one, draws, kept)), candidates))
+    """Add Bayes factors of bootstrap draws of the null hypothesis to scored classes; `projections` as for `score_candidates`."""
+    return tuple(parallel_map(lambda candidate: replace(candidate, null=_drawn(ladder, candidate, draws, projections)), candidates))
 
 
-def _asked(ladder: HyperparameterGrid, family: EffectClass, kept: Mapping[str, CandidateProjection] | None) -> CandidateProjection | None:
-    return (kept or {}).get(family.name) or project_candidate(ladder, family, ladder.design.observation.geometry)
+def _asked(
+    ladder: HyperparameterGrid, family: EffectClass, projections: Mapping[str, CandidateProjection] | None
+) -> CandidateProjection | None:
+    return (projections or {}).get(family.name) or project_candidate(ladder, family, ladder.design.observation.geometry)
 
 
-def _weighed(ladder: HyperparameterGrid, family: EffectClass, asked: CandidateProjection | None) -> CandidateEvidence | None:
-    if asked is None:
+def _weighed(ladder: HyperparameterGrid, family: EffectClass, projection: CandidateProjection | None) -> CandidateEvidence | None:
+    if projection is None:
         return None
-    sizes, base = sizes_of(family), np.array([one.evidence for one in ladder.points]) - ladder.evidence
-    laws = [law for batch in asked.batches for law in _against(_Flat.of(ladder, batch), batch)]
-    factors = np.stack([one.log_factor(sizes) for one in laws]) + base[None, :, None]
-    return CandidateEvidence(family, asked.values, tuple(laws), factors, np.zeros(0))
+    sizes, base = sizes_of(family), np.array([point.evidence for point in ladder.points]) - ladder.evidence
+    basis_fields = [basis_field for batch in projection.batches for basis_field in _against(_Flat.of(ladder, batch), batch)]
+    factors = np.stack([basis_field.log_factor(sizes) for basis_field in basis_fields]) + base[None, :, None]
+    return CandidateEvidence(family, projection.values, tuple(basis_fields), factors, np.zeros(0))
 
 
-def _drawn(ladder: HyperparameterGrid, one: CandidateEvidence, draws: NullDraws, kept: Mapping[str, CandidateProjection] | None) -> Array:
-    """(draws,) logarithm of a family's Bayes factor at the likeliest rung."""
-    asked, sizes, rung, laws = (
-        _asked(ladder, one.family, kept),
-        sizes_of(one.family),
+def _drawn(
+    ladder: HyperparameterGrid, candidate: CandidateEvidence, draws: NullDraws, projections: Mapping[str, CandidateProjection] | None
+) -> Array:
+    """(draws,) log Bayes factor of a class at the most likely point."""
+    gradient, sizes, rung, basis_fields = (
+        _asked(ladder, candidate.family, projections),
+        sizes_of(candidate.family),
         ladder.points.index(ladder.best),
-        iter(one.projected_fields),
+        iter(candidate.projected_fields),
     )
-    assert asked is not None  # it was weighed
+    assert gradient is not None  # it was weighed
     null = []
-    for batch in asked.batches:
-        drawn = draws.pull(batch, ladder.best.half(batch.products_with(ladder.design)))
+    for batch in gradient.batches:
+        samples = draws.pull(batch, ladder.best.half(batch.products_with(ladder.design)))
         for own in batch.spans:
-            law = next(laws)
-            gains = np.outer(sizes**2, law.values[rung])
-            fit = (drawn[:, own] @ law.vectors[rung]) ** 2 @ (sizes[:, None] ** 2 / (1.0 + gains)).T
+            basis_field = next(basis_fields)
+            gains = np.outer(sizes**2, basis_field.values[rung])
+            fit = (samples[:, own] @ basis_field.vectors[rung]) ** 2 @ (sizes[:, None] ** 2 / (1.0 + gains)).T
             null.append(0.5 * (fit - np.log1p(gains).sum(axis=1)))
     return np.asarray(np.logaddexp.reduce(np.stack(null), axis=(0, 2)) - np.log(len(null) * len(sizes)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Flat:
-    """Whitened columns against the baseline.
+    """Whitened columns projected on the baseline.
 
     Attributes:
-        halves: for each rung, what the baseline has in common with the columns, half solved.
-        pull: (rungs, q) what the data ask for.
+        halves: for each point, forward substitution of the products of baseline and columns.
+        pull: (rungs, q) gradient.
     """
 
     halves: tuple[Array, ...]
@@ -217,46 +221,46 @@ class _Flat:
 
 
 def _against(flat: _Flat, white: WhitenedColumns) -> tuple[ProjectedField, ...]:
-    """Each law."""
-    return tuple(ProjectedField.of(_left_of(flat, white, law), flat.pull[:, own]) for law, own in enumerate(white.spans))
+    """Projections of each basis field."""
+    return tuple(ProjectedField.of(_left_of(flat, white, basis_field), flat.pull[:, own]) for basis_field, own in enumerate(white.spans))
 
 
-def _left_of(flat: _Flat, white: WhitenedColumns, law: int) -> Array:
-    """(rungs, q, q) what the baseline leaves of a law's columns."""
-    own, alone = white.spans[law], white.gram_matrices[law]
-    return np.stack([alone - one[:, own].T @ one[:, own] for one in flat.halves])
+def _left_of(flat: _Flat, white: WhitenedColumns, index: int) -> Array:
+    """(rungs, q, q) information of a basis field after marginalising the baseline."""
+    own, alone = white.spans[index], white.gram_matrices[index]
+    return np.stack([alone - halve[:, own].T @ halve[:, own] for halve in flat.halves])
 
 
 def residual_gram(ladder: HyperparameterGrid, field: Array) -> Array:
-    """(q, q) products of columns (f, b, 2, q), in px, with each other: of what the likeliest baseline leaves of them."""
+    """(q, q) Gram matrix of columns (f, b, 2, q), px, after marginalising the most likely baseline."""
     white = WhitenedColumns.of(ladder, (field,))
     flat = _Flat.of(HyperparameterGrid(ladder.design, ladder.whitened_residual, (ladder.best,)), white)
     return white.gram_matrices[0] - flat.halves[0].T @ flat.halves[0]
 
 
 def gradient_of(ladder: HyperparameterGrid, field: Array) -> Array:
-    """(q,) what the data ask of columns (f, b, 2, q), in px, at the likeliest baseline."""
+    """(q,) gradient of the amplitudes of columns (f, b, 2, q), px, at the most likely baseline."""
     return np.asarray(
         _Flat.of(HyperparameterGrid(ladder.design, ladder.whitened_residual, (ladder.best,)), WhitenedColumns.of(ladder, (field,))).pull[0]
     )
 
 
-def overlap(ladder: HyperparameterGrid, field: Array, law: Array) -> float:
-    """Share of a field (f, b, 2) that a law's columns (f, b, 2, q) have too, of what the likeliest baseline leaves of both."""
-    both = residual_gram(ladder, np.concatenate((field[..., None], law), axis=-1))
+def overlap(ladder: HyperparameterGrid, field: Array, basis_field: Array) -> float:
+    """Fraction of a field (f, b, 2) explained by columns (f, b, 2, q) of a basis field, after marginalising the most likely baseline."""
+    both = residual_gram(ladder, np.concatenate((field[..., None], basis_field), axis=-1))
     values, vectors = np.linalg.eigh(both[1:, 1:])
-    told = values > MIN_RELATIVE_EIGENVALUE * values[-1]
-    along = vectors[:, told].T @ both[1:, 0]
-    return float(np.clip(np.sum(along**2 / values[told]) / both[0, 0], 0.0, 1.0)) if both[0, 0] > 0.0 and told.any() else 0.0
+    determined = values > MIN_RELATIVE_EIGENVALUE * values[-1]
+    along = vectors[:, determined].T @ both[1:, 0]
+    return float(np.clip(np.sum(along**2 / values[determined]) / both[0, 0], 0.0, 1.0)) if both[0, 0] > 0.0 and determined.any() else 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NullDraws:
-    """Data as the likeliest baseline would make them, with nothing hidden in them: a parametric bootstrap.
+    """Parametric bootstrap: data simulated from the most likely baseline without further effects.
 
     Attributes:
         noise: for x and for y, (f b, draws) whitened noise.
-        half_solved_gradient: (p, draws) what noise and belief ask of the baseline, half solved.
+        half_solved_gradient: (p, draws) forward substitution of the gradient from noise and prior.
     """
 
     noise: tuple[Array, Array]
@@ -274,17 +278,17 @@ class NullDraws:
         noise = rng.normal(size=(f, b, 2, draws))
         noise -= noise.mean(axis=0)
         believed = np.linalg.cholesky(ladder.best.prior) @ rng.normal(size=(ladder.design.size, draws))
-        asked = ladder.best.half(ladder.design.transposed(noise) - believed)
+        gradient = ladder.best.half(ladder.design.transposed(noise) - believed)
         flat = noise[:, :, 0].reshape(-1, draws), noise[:, :, 1].reshape(-1, draws)
-        return cls(flat, asked)
+        return cls(flat, gradient)
 
     def pull(self, white: WhitenedColumns, half: Array) -> Array:
-        """(draws, q) what each draw asks of columns that have so much, half solved, in common with the likeliest baseline."""
+        """(draws, q) gradient of each draw for columns with the given forward-substituted coupling to the most likely baseline."""
         return (white.along(self.noise) - half.T @ self.half_solved_gradient).T
 
 
 def projected_with_draws(ladder: HyperparameterGrid, field: Array, draws: NullDraws) -> tuple[Array, Array, Array]:
-    """(q,) eigenvalues, ascending, (q,) pull of the data and (draws, q) of the null for columns in px, at the likeliest rung."""
+    """For columns in px at the most likely point: (q,) eigenvalues, ascending, (q,) gradient of the data and (draws, q) of the null."""
     white = WhitenedColumns.of(ladder, (field,))
     flat = _Flat.of(replace(ladder, points=(ladder.best,)), white)
     (all_of_it,) = _against(flat, white)

@@ -1,4 +1,4 @@
-"""Effects that are known before: they join the baseline, and what they move can be taken off."""
+"""Effects given by the user: they are added to the baseline, and their displacement can be subtracted."""
 
 from __future__ import annotations
 
@@ -23,51 +23,59 @@ Array = NDArray[np.float64]
 
 
 def effect_class(name: str) -> EffectClass:
-    """A family by its name.
+    """Effect class by name.
 
     Raises:
-        BadInput: nothing has that name.
+        BadInput: no class has this name.
     """
-    found = next((one for one in EFFECT_CLASSES if one.name == name), None)
+    found = next((family for family in EFFECT_CLASSES if family.name == name), None)
     if found is None:
-        raise BadInput(f"model: no effect is called {name}; the known ones are {', '.join(one.name for one in EFFECT_CLASSES)}.")
+        raise BadInput(f"model: no effect is called {name}; the known ones are {', '.join(family.name for family in EFFECT_CLASSES)}.")
     return found
 
 
-def observable_effects(observation: Observation, known: Sequence[ModelEffect]) -> list[ModelEffect]:
-    """Those that a run can show: some go with loads or moves."""
-    return [one for one in known if effect_class(one.name).law(observation.geometry, dict(one.values)) is not None]
+def observable_effects(observation: Observation, model_effects: Sequence[ModelEffect]) -> list[ModelEffect]:
+    """Effects observable in a run; some require loads or stage moves."""
+    return [
+        model_effect
+        for model_effect in model_effects
+        if effect_class(model_effect.name).law(observation.geometry, dict(model_effect.values)) is not None
+    ]
 
 
-def add_model_effects(bare: HyperparameterGrid, known: Sequence[ModelEffect]) -> tuple[HyperparameterGrid, tuple[Array, ...]]:
-    """The baseline with effects in it, whose amplitudes the data refit, and (f, b, 2, q) what unit amplitudes of each move in px.
+def add_model_effects(baseline: HyperparameterGrid, model_effects: Sequence[ModelEffect]) -> tuple[HyperparameterGrid, tuple[Array, ...]]:
+    """Add effects to the baseline with free amplitudes. Returns the grid and (f, b, 2, q) displacement of unit amplitudes of each, px.
 
     Raises:
-        BadInput: an effect is unknown, or cannot be in these data.
+        BadInput: an effect is unknown or not observable in these data.
     """
-    columns, fields = bare.design, []
-    for one in known:
-        law = effect_class(one.name).law(columns.observation.geometry, dict(one.values))
-        if law is None:
-            raise BadInput(f"model: {one.name} cannot be seen in this run: it has no loads or moves to go with.")
-        columns = columns.with_effects(BaselineEffect(columns.whiten(law.field_px), one.size_px))
-        fields.append(law.field_px)
-    return (build_grid(columns) if known else bare), tuple(fields)
+    columns, fields = baseline.design, []
+    for model_effect in model_effects:
+        basis_field = effect_class(model_effect.name).law(columns.observation.geometry, dict(model_effect.values))
+        if basis_field is None:
+            raise BadInput(f"model: {model_effect.name} cannot be seen in this run: it has no loads or moves to go with.")
+        columns = columns.with_effects(BaselineEffect(columns.whiten(basis_field.field_px), model_effect.size_px))
+        fields.append(basis_field.field_px)
+    return (build_grid(columns) if model_effects else baseline), tuple(fields)
 
 
-def fitted_amplitudes(having: HyperparameterGrid) -> Array:
-    """(r,) most likely amplitudes of the effects in a baseline, at its likeliest smoothness."""
-    return np.asarray(having.best.solve(having.best.gradient[:, None])[len(having.design.parameter_indices) :, 0])
+def fitted_amplitudes(baseline_with_effects: HyperparameterGrid) -> Array:
+    """(r,) most likely amplitudes of the effects in a baseline at its most likely smoothness."""
+    return np.asarray(
+        baseline_with_effects.best.solve(baseline_with_effects.best.gradient[:, None])[
+            len(baseline_with_effects.design.parameter_indices) :, 0
+        ]
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffectDisplacement:
-    """What effects move.
+    """Displacement caused by effects.
 
     Attributes:
-        effects: their names.
-        field_px: (f, b, 2) since frame 0, all of them together.
-        not_corrected: names of those that are strain, look like it, or would take more than 2 % of a strain away; not in the field.
+        effects: names of the effects.
+        field_px: (f, b, 2) total displacement since frame 0, px.
+        not_corrected: names of effects that are strain, resemble strain, or would remove more than 2 % of a strain; not part of the field.
     """
 
     effects: tuple[str, ...]
@@ -75,29 +83,31 @@ class EffectDisplacement:
     not_corrected: tuple[str, ...]
 
 
-def effect_displacement(observation: Observation, known: Sequence[ModelEffect]) -> EffectDisplacement:
-    """What effects have moved, their amplitudes refitted together with drift, distortion and motion.
+def effect_displacement(observation: Observation, model_effects: Sequence[ModelEffect]) -> EffectDisplacement:
+    """Displacement by effects, with amplitudes refitted jointly with drift, distortion and motion.
 
     Raises:
-        BadInput: an effect is unknown, or cannot be in these data.
+        BadInput: an effect is unknown or not observable in these data.
     """
-    having, fields = add_model_effects(noise_scaled_baseline(observation), known)
-    amplitudes = fitted_amplitudes(having)
+    baseline_with_effects, fields = add_model_effects(noise_scaled_baseline(observation), model_effects)
+    amplitudes = fitted_amplitudes(baseline_with_effects)
     total, first = np.zeros((observation.frames, observation.blocks, 2)), 0
     harmful = []
-    for one, field, share in zip(known, fields, strain_attenuation(having, fields, len(fields)), strict=True):
-        if effect_class(one.name).strain_like or share > MAX_ATTENUATION:
-            harmful.append(one.name)
+    for model_effect, field, share in zip(
+        model_effects, fields, strain_attenuation(baseline_with_effects, fields, len(fields)), strict=True
+    ):
+        if effect_class(model_effect.name).strain_like or share > MAX_ATTENUATION:
+            harmful.append(model_effect.name)
         else:
             total += field @ amplitudes[first : first + field.shape[-1]]
         first += field.shape[-1]
-    return EffectDisplacement(tuple(one.name for one in known), total - total[0], tuple(harmful))
+    return EffectDisplacement(tuple(model_effect.name for model_effect in model_effects), total - total[0], tuple(harmful))
 
 
 def interpolate_to_grid(observation: Observation, moved: Array, grid: Grid) -> dict[int, Array]:
-    """By the number of each frame (ny, nx, 2) what effects move at every point, from what they move in blocks (f, b, 2).
+    """Interpolate the displacement of effects from blocks (f, b, 2) to all points: (ny, nx, 2) by frame number.
 
-    The smoothest surface through the blocks: effects are smooth over a subset, as correlation shows nothing finer.
+    The smoothest interpolating surface is used. Effects are smooth over a subset, because correlation does not resolve shorter waves.
     """
     scene = observation.geometry
     place = scene.address_px[0] + observation.state.centre_px
@@ -109,11 +119,11 @@ def interpolate_to_grid(observation: Observation, moved: Array, grid: Grid) -> d
 
 
 def subtract_effects(disparity: DisparityMap, by_frame: Mapping[int, Array]) -> DisparityMap:
-    """A map without what moved by the number of each frame, (ny, nx, 2) px; as it is where nothing did."""
+    """A map minus the displacement (ny, nx, 2) px of its frames, by frame number; unchanged for frames without displacement."""
     if not by_frame:
         return disparity
     by = by_frame[disparity.current] - by_frame[disparity.reference]
-    u, v = (one.copy() for one in (disparity.u_px, disparity.v_px))
+    u, v = (value.copy() for value in (disparity.u_px, disparity.v_px))
     u[disparity.valid] -= by[..., 0][disparity.valid]
     v[disparity.valid] -= by[..., 1][disparity.valid]
     return replace(disparity, u_px=u, v_px=v)

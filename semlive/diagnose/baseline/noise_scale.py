@@ -1,4 +1,4 @@
-"""How large the noise is, from what is too rough for any effect, and fields that are smooth in every frame."""
+"""Noise estimate from the residual components too rough for any effect, and smooth fields in every frame."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ def modes(scene: RunGeometry, order: int = ORDER) -> Array:
 
 
 def noise_scaled_baseline(observation: Observation) -> HyperparameterGrid:
-    """The baseline against the data, in units of the noise.
+    """Evaluate the baseline in units of the noise.
 
-    The noise is that of the rough part of the residual: smooth effects, which are to be found, do not count in it. Its correlation over
-    subsets is the likeliest.
+    The noise is estimated from the rough part of the residual, which contains no smooth effects. The correlation length over subsets is the
+    most likely one.
     """
     residual, rough = observation.residual_px(), rough_modes(observation)
     sigma_px = float(residual.std()) or 1e-6
@@ -41,23 +41,23 @@ def noise_scaled_baseline(observation: Observation) -> HyperparameterGrid:
 
 
 def rough_modes(observation: Observation) -> Array:
-    """(b, k) orthonormal columns that no smooth field has a part in; frames lie close enough to each other for one set."""
+    """(b, k) orthonormal columns orthogonal to all smooth fields; one set serves all frames because their points nearly coincide."""
     shapes = modes(observation.geometry).mean(axis=0)
     return np.linalg.qr(shapes, mode="complete")[0][:, shapes.shape[1] :]
 
 
 def residual_scale(found: HyperparameterGrid, rough: Array) -> float:
-    """Root mean square of the rough part of the residual against what a unit noise would leave."""
+    """Root mean square of the rough part of the residual relative to that of unit noise."""
     columns, residual = found.design, found.residual()
     f, b, _ = residual.shape
     to_rough = solve_triangular(rough_cholesky(columns.whiten, rough), rough.T @ columns.whiten.factor, lower=True, check_finite=False)
-    left = to_rough @ residual
-    taken = 0.0
+    residuals = to_rough @ residual
+    explained = 0.0
     for axis in (0, 1):
         own = (to_rough @ columns.columns[axis].reshape(f, b, -1)).reshape(f * len(to_rough), -1)
         inside = np.zeros((columns.size, own.shape[1]))
         inside[columns.index[axis]] = own.T @ own
-        taken += float(np.trace(found.best.solve(inside)[columns.index[axis]]))
-    freedom = 2.0 * len(to_rough) * (f - 1) - taken
-    limit = CLIP * 1.4826 * float(np.median(np.abs(left)))
-    return float(np.sqrt(np.sum(np.clip(left, -limit, limit) ** 2) / max(freedom, 1.0)))
+        explained += float(np.trace(found.best.solve(inside)[columns.index[axis]]))
+    freedom = 2.0 * len(to_rough) * (f - 1) - explained
+    limit = CLIP * 1.4826 * float(np.median(np.abs(residuals)))
+    return float(np.sqrt(np.sum(np.clip(residuals, -limit, limit) ** 2) / max(freedom, 1.0)))

@@ -1,4 +1,4 @@
-"""What there is to explain: block means of every map from frame 0, and what was known when each was taken."""
+"""Observations for the diagnosis: block means of every map from frame 0, and the conditions of each frame."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ HOLD_S = 30.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepConditions:
-    """What was done before a pair.
+    """Conditions of the step before a pair.
 
     Attributes:
-        pair: its number.
-        phase: what it is for.
-        load_n: (2,) mean load during its frames, 0 without a load frame.
-        shift_px: (2,) commanded place of the stage or the beam.
-        hold_s: from the end of the step to the start of the first frame.
-        gage: what a strain gage said during both frames; None without one, or while it was silent.
+        pair: number of the pair.
+        phase: phase of the pair.
+        load_n: (2,) mean load during each frame, N; 0 without a load frame.
+        shift_px: (2,) commanded position of the stage or beam, px.
+        hold_s: time from the end of the step to the start of the first frame, s.
+        gage: mean strain-gage reading during both frames; None without a gage or without readings.
     """
 
     pair: int
@@ -52,17 +52,17 @@ class StepConditions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """Block means as seen by every frame, and the estimate that they were taken from.
+    """Block means of every frame, and the estimate from which they were derived.
 
     Attributes:
-        state: of the estimator, linearised about a first solution.
-        solution: that first solution.
-        rows: maps from frame 0, in the order of the scene's frames without frame 0.
-        valid_blocks: (b,) blocks that every map has.
-        disparity_px: (f, b, 2) as measured; zero for frame 0.
-        geometry: where and when they were seen.
-        steps: what was done before each pair.
-        alternative_solution: the solution with the other coupling, where that is in doubt.
+        state: state of the estimator, linearised about the first solution.
+        solution: the first solution.
+        rows: maps from frame 0, in the order of the frames of the geometry without frame 0.
+        valid_blocks: (b,) blocks contained in every map.
+        disparity_px: (f, b, 2) measured disparity, px; zero for frame 0.
+        geometry: scan addresses and times of the blocks.
+        steps: conditions before each pair.
+        alternative_solution: the solution with the other distortion advection, if the selection is in doubt.
     """
 
     state: EstimatorState
@@ -86,20 +86,20 @@ class Observation:
 
     @property
     def grid(self) -> Grid:
-        """Of the points that the blocks were made of."""
+        """Grid of the points in the blocks."""
         return self.state.grid
 
     def residual_px(self) -> NDArray[np.float64]:
-        """(f - 1, b, 2) what the first solution leaves of each map."""
-        left = [one.disparity_px - predicted(self.state, one, self.solution.mean) for one in self.rows]
-        return np.stack(left)[:, self.valid_blocks]
+        """(f - 1, b, 2) residual of the first solution for each map, px."""
+        residual = [map_rows.disparity_px - predicted(self.state, map_rows, self.solution.mean) for map_rows in self.rows]
+        return np.stack(residual)[:, self.valid_blocks]
 
 
 def baseline_solution(state: EstimatorState) -> tuple[Solution, Solution | None]:
-    """What all pairs together say without further effects, and what they would with the other coupling, where that is in doubt.
+    """Solution from all pairs without further effects, and the one with the other distortion advection if the selection is in doubt.
 
     Raises:
-        IllPosed: they are too many, or too far apart in time, for one matrix.
+        IllPosed: there are too many pairs, or they are too far apart in time, for one matrix.
     """
     held = dense_limit(state)
     if held < len(state.phases):
@@ -112,11 +112,13 @@ def baseline_solution(state: EstimatorState) -> tuple[Solution, Solution | None]
 
 
 def _steadied(solution: Solution) -> Solution:
-    """The same, linearised about the steadiest drift.
+    """The solution linearised about the smoothest drift.
 
-    Strain multiplies a point's ideal position, from which frame 0's drift and distortion are taken off. Where a hidden effect makes the
-    drift rough, these are wrong by up to a pixel, and so is what strain does with them, by one field at all loads: a bending of 0.16 px was
-    told as 0.21 and 0.22 by the drifts that were right, which were less likely than wrong ones by logarithms of 95 to 490.
+    Strain multiplies the ideal position of a point, from which drift and distortion of frame 0 are subtracted. If a hidden
+    effect makes the drift
+    rough, the ideal position is wrong by up to a pixel, and its product with strain adds a common field at all loads. A bending
+    of 0.16 px was
+    estimated as 0.21 and 0.22 px with the correct drifts, which were less likely than wrong ones by log odds of 95 to 490.
     """
     still = tuple(0.0 for _ in solution.hyper.raster_px)
     steady = replace(solution.hyper, noise_scale=1.0, drift=(STEADIEST_DRIFT_PRIOR, STEADIEST_DRIFT_PRIOR), raster_px=still)
@@ -127,45 +129,47 @@ def _steadied(solution: Solution) -> Solution:
 
 
 def make_observation(solution: Solution, steps: Sequence[StepConditions], other: Solution | None = None) -> Observation:
-    """What an estimate was made from.
+    """Derive the observation from an estimate.
 
     Args:
-        solution: of the joint method.
-        steps: what was done before each pair, in the order of the pairs' times.
-        other: of the same maps with the other coupling, where that is in doubt.
+        solution: solution of the joint method.
+        steps: conditions before each pair, in order of time.
+        other: solution of the same maps with the other distortion advection, if the selection is in doubt; else None.
 
     Raises:
-        IllPosed: there are too few pairs or points to name anything.
+        IllPosed: there are too few pairs or points to identify an effect.
     """
     state = solution.state
-    frames = np.array([2 * one.pair + member for one in steps for member in (0, 1)])
-    found = {one.current: one for one in state.rows if one.reference == 0 and one.weight.any()}
+    frames = np.array([2 * step.pair + member for step in steps for member in (0, 1)])
+    found = {map_rows.current: map_rows for map_rows in state.rows if map_rows.reference == 0 and map_rows.weight.any()}
     missing = [int(frame) for frame in frames if frame and frame not in found]
     if missing:
         raise IllPosed(f"no map from frame 0 to frame {missing[0]}: diagnosis needs one to every frame of a run")
     rows = tuple(found[int(frame)] for frame in frames if frame)
-    used = np.flatnonzero(np.all([one.weight.all(axis=1) for one in rows], axis=0)) if rows else np.zeros(0, dtype=np.int64)
+    used = np.flatnonzero(np.all([map_rows.weight.all(axis=1) for map_rows in rows], axis=0)) if rows else np.zeros(0, dtype=np.int64)
     if len(steps) < MIN_PAIRS or len(used) < MIN_BLOCKS:
         raise IllPosed(
             f"{len(steps)} pairs with {len(used)} blocks of points that all of them show: nothing can be named with this data; "
             f"needs at least {MIN_PAIRS} pairs and {MIN_BLOCKS} blocks"
         )
-    disparity = np.concatenate((np.zeros((1, len(used), 2)), np.stack([one.disparity_px[used] for one in rows])))
+    disparity = np.concatenate((np.zeros((1, len(used), 2)), np.stack([map_rows.disparity_px[used] for map_rows in rows])))
     # Effects are predicted on what the estimate says of the maps: sin(2 pi U) of a measured U goes along with U's own noise.
-    told = np.concatenate((np.zeros((1, len(used), 2)), np.stack([predicted(state, one, solution.mean)[used] for one in rows])))
+    predicted_px = np.concatenate(
+        (np.zeros((1, len(used), 2)), np.stack([predicted(state, map_rows, solution.mean)[used] for map_rows in rows]))
+    )
     # A block lies where its points of that map lie on average. With those of the first map, points that others lack moved it by 6 px, and a
     # bending specimen was told 22 % too large.
-    position = np.stack([one.position_px[used] for one in (rows[0], *rows)])
-    return Observation(state, solution, rows, used, disparity, _scene(solution, steps, frames, position, told), tuple(steps), other)
+    position = np.stack([map_rows.position_px[used] for map_rows in (rows[0], *rows)])
+    return Observation(state, solution, rows, used, disparity, _scene(solution, steps, frames, position, predicted_px), tuple(steps), other)
 
 
 def step_conditions(decisions: Sequence[PairDecision], hold_s: float = HOLD_S) -> tuple[StepConditions, ...]:
-    """What a run's decisions say, its pairs having been taken so long after their steps."""
+    """Conditions from the decisions of a run, with the given hold time between step and pair."""
     found = []
-    for one in decisions:
-        load = (0.0, 0.0) if one.loads is None else (one.loads[0].mean_n, one.loads[1].mean_n)
-        gage = None if one.loads is None else mean_gage_strain(*one.loads)
-        found.append(StepConditions(one.pair, one.step.phase, load, one.step.shift_px, hold_s, gage))
+    for decision in decisions:
+        load = (0.0, 0.0) if decision.loads is None else (decision.loads[0].mean_n, decision.loads[1].mean_n)
+        gage = None if decision.loads is None else mean_gage_strain(*decision.loads)
+        found.append(StepConditions(decision.pair, decision.step.phase, load, decision.step.shift_px, hold_s, gage))
     return tuple(found)
 
 
@@ -181,8 +185,8 @@ def _scene(
     address = position + disparity
     time_s, in_frame, in_row = _visited(state, frames, address)
     start_s = np.array([state.frame_time(int(frame)).start_s for frame in frames])
-    between = np.array([0.5 * sum(one.load_n) for one in steps])
-    shift = np.array([one.shift_px for one in steps])
+    between = np.array([0.5 * sum(step.load_n) for step in steps])
+    shift = np.array([step.shift_px for step in steps])
     return RunGeometry(
         address_px=address,
         disparity_px=disparity,
@@ -194,13 +198,13 @@ def _scene(
         half_px=float(state.centre_px[0]),
         frame=frames,
         pair=frames // 2,
-        loaded=np.repeat([one.phase is Phase.TENSION for one in steps], 2),
-        gradient_free=np.repeat([one.phase is not Phase.CALIBRATION for one in steps], 2),
+        loaded=np.repeat([step.phase is Phase.TENSION for step in steps], 2),
+        gradient_free=np.repeat([step.phase is not Phase.CALIBRATION for step in steps], 2),
         start_s=start_s,
-        load_n=np.array([load for one in steps for load in one.load_n]),
+        load_n=np.array([load for step in steps for load in step.load_n]),
         load_change_n=np.repeat(np.diff(between, prepend=0.0), 2),
         move_px=np.repeat(np.diff(shift, axis=0, prepend=shift[:1]), 2, axis=0),
-        since_step_s=np.repeat([one.hold_s for one in steps], 2) + start_s - np.repeat(start_s[::2], 2),
+        since_step_s=np.repeat([step.hold_s for step in steps], 2) + start_s - np.repeat(start_s[::2], 2),
         drift_knot_s=state.drift.spline.spacing,
         distortion_knot_px=state.distortion.along_y.spacing,
     )
@@ -209,45 +213,47 @@ def _scene(
 def _visited(
     state: EstimatorState, frames: NDArray[np.int64], address_px: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """(f, b) when the beam was at addresses (f, b, 2): since the start of frame 0, of the frame and of the row."""
+    """(f, b) times of the beam at addresses (f, b, 2), s: since the start of frame 0, of the frame and of the row."""
     pixel, whens = address_px + state.centre_px, [state.frame_time(int(frame)) for frame in frames]
-    in_frame = np.stack([when.timing.time_in_frame_s(one[:, 0], one[:, 1]) for when, one in zip(whens, pixel, strict=True)])
-    in_row = np.stack([when.timing.dwell_time_s.value * one[:, 0] for when, one in zip(whens, pixel, strict=True)])
+    in_frame = np.stack([when.timing.time_in_frame_s(value[:, 0], value[:, 1]) for when, value in zip(whens, pixel, strict=True)])
+    in_row = np.stack([when.timing.dwell_time_s.value * value[:, 0] for when, value in zip(whens, pixel, strict=True)])
     return in_frame + np.array([when.start_s for when in whens])[:, None], in_frame, in_row
 
 
-def sample_within_blocks(seen: Observation) -> tuple[tuple[RunGeometry, RunGeometry], ...]:
-    """At four places of each block what every frame saw, and where frame 0 had seen the same: a law's mean is that over points and subsets.
+def sample_within_blocks(observation: Observation) -> tuple[tuple[RunGeometry, RunGeometry], ...]:
+    """Geometry at four positions of each block, in every frame and in frame 0, to average basis fields over points and subsets.
 
-    They lie a standard deviation of all those places to either side along each axis, so the mean is right to the third order. Where a
-    beam settles within 56 rows, blocks of three points and subsets of 43 px show 5 % more of it than there is in the middle of a block.
-    Points that a map lacks move a block's middle by up to 6 px in both frames: with frame 0's own middle for all maps, that alone told a
-    law from the distortion, and took a sixth off what had settled.
+    The positions lie one standard deviation from the block centre along each axis, so the average is correct to third order. For settling
+    within 56 rows, blocks of three points and subsets of 43 px show 5 % more displacement than the centre of the block. Missing
+    points move the
+    centre of a block by up to 6 px in both frames. With the centre of frame 0 for all maps, this shift alone distinguished a basis
+    field from distortion and reduced the estimated settling by a sixth.
     """
-    members = seen.state.blocks.members[seen.valid_blocks]
-    points = np.stack([np.where(members < 0, np.nan, one.ravel()[members]) for one in seen.grid.mesh()], axis=-1)
-    apart_px = np.sqrt(np.nanvar(points, axis=1) + seen.grid.subset_px**2 / 12.0)
-    scene = seen.geometry
-    first = np.zeros(seen.frames, dtype=np.int64)
+    members = observation.state.blocks.members[observation.valid_blocks]
+    points = np.stack([np.where(members < 0, np.nan, coordinates.ravel()[members]) for coordinates in observation.grid.mesh()], axis=-1)
+    apart_px = np.sqrt(np.nanvar(points, axis=1) + observation.grid.subset_px**2 / 12.0)
+    scene = observation.geometry
+    first = np.zeros(observation.frames, dtype=np.int64)
     before = replace(scene, drift_rate_px_s=scene.drift_rate_px_s[first], address_px=scene.address_px - scene.disparity_px)
     ways = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
     return tuple(
-        (_moved(seen, scene, scene.frame, apart_px * way), _moved(seen, before, scene.frame[first], apart_px * way)) for way in ways
+        (_moved(observation, scene, scene.frame, apart_px * way), _moved(observation, before, scene.frame[first], apart_px * way))
+        for way in ways
     )
 
 
-def _moved(seen: Observation, scene: RunGeometry, frames: NDArray[np.int64], by_px: NDArray[np.float64]) -> RunGeometry:
-    """Blocks at other places, (b, 2) from their own, as those frames saw them."""
+def _moved(observation: Observation, scene: RunGeometry, frames: NDArray[np.int64], by_px: NDArray[np.float64]) -> RunGeometry:
+    """Blocks displaced by (b, 2) px, as observed in the given frames."""
     address = scene.address_px + by_px
-    time_s, in_frame, in_row = _visited(seen.state, frames, address)
+    time_s, in_frame, in_row = _visited(observation.state, frames, address)
     return replace(scene, address_px=address, time_s=time_s, time_in_frame_s=in_frame, time_in_row_s=in_row)
 
 
 def _drift_rate(solution: Solution, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(f, b, 2) from one frame of a pair to the other, and in between as interpolated over time.
+    """(f, b, 2) mean drift rate between the two frames of a pair, px/s, interpolated in time between pairs.
 
-    Not the estimate's own course within frames, which is wrong where their row time is: with four scans integrated it is a quarter
-    of the true one, and an oscillation with the period of the frames was named.
+    The drift within frames of the estimate is not used: it is wrong if the row time is wrong. With four integrated scans it is a quarter of
+    the true drift, and an oscillation with the frame period was identified instead.
     """
     place_px = drift_px(solution, time_s)
     when_s = time_s.mean(axis=1)
@@ -256,7 +262,7 @@ def _drift_rate(solution: Solution, time_s: NDArray[np.float64]) -> NDArray[np.f
 
 
 def drift_px(solution: Solution, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(f, 2) how far frames had drifted, of which blocks were seen at times (f, b): a mean over the blocks."""
+    """(f, 2) drift of frames whose blocks were scanned at times (f, b), px, mean over the blocks."""
     drift = solution.state.drift
     assert drift is not None  # there are pairs
     index, value = drift.spline.local(time_s.ravel())

@@ -1,4 +1,4 @@
-"""How drift and distortion may go, before the data: the smoothness that questions are put to, and the precision that it gives."""
+"""Priors of drift and distortion for the diagnosis: candidate smoothness values and their precision matrices."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ WALK_LEVEL_PRECISION_RATIO = 1e-6  # what holds a walk as a whole, in what holds
 
 @dataclass(frozen=True, slots=True)
 class DriftPrior:
-    """How the drift may go.
+    """Candidate prior of the drift.
 
     Attributes:
-        bend_factor: its typical bend, in that of the first choice; 0 where it is as smooth as any.
-        random_walk_px: what a random walk beside that adds from knot to knot.
+        bend_factor: typical curvature relative to the first choice; 0 for the smoothest drift.
+        random_walk_px: standard deviation of the step of an additional random walk between knots, px.
     """
 
     bend_factor: float
@@ -45,12 +45,12 @@ DRIFTS = (*SMOOTH_DRIFT_PRIORS, *RANDOM_WALK_PRIORS)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BaselinePrior:
-    """Of the baseline's own parameters, before the data.
+    """Prior of the parameters of the baseline.
 
     Attributes:
         hyper: the smoothness.
-        precision: (p, p) of the parameters.
-        half_log_det: half the logarithm of its determinant.
+        precision: (p, p) prior precision.
+        half_log_det: half the log determinant of the precision.
     """
 
     hyper: Hyperparameters
@@ -60,14 +60,14 @@ class BaselinePrior:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PriorCache:
-    """All beliefs of one observation; they are asked for again whenever the noise is scaled or an effect comes in.
+    """Cached priors of one observation, reused when the noise is scaled or an effect is added.
 
     Attributes:
-        observation: its.
-        kept: (p,) joint parameters of the estimator that the baseline has.
-        sides: which of these act along x or along y alone.
-        gauge: (p, p) precision that no smoothness changes.
-        known: those with the first choice's distortion, which a verdict asks for again and again: a seventh of its time.
+        observation: the observation.
+        kept: (p,) joint parameters of the estimator contained in the baseline.
+        sides: component blocks of these parameters.
+        gauge: (p, p) precision independent of the smoothness.
+        known: cached priors with the distortion of the first choice; the cache saves a seventh of the time of a verdict.
     """
 
     observation: Observation
@@ -77,14 +77,14 @@ class PriorCache:
     known: dict[DriftPrior, BaselinePrior] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, observation: Observation, kept: NDArray[np.int64]) -> PriorCache:
-        """None known yet."""
-        whole = sides(observation.state)
-        own = ComponentBlocks(*(np.flatnonzero(np.isin(kept, one)) for one in (*whole.own, whole.shared)))
-        return cls(observation, kept, own, gauge_precision(observation.state)[np.ix_(kept, kept)])
+    def of(cls, observation: Observation, retained: NDArray[np.int64]) -> PriorCache:
+        """An empty cache."""
+        full = sides(observation.state)
+        own = ComponentBlocks(*(np.flatnonzero(np.isin(retained, value)) for value in (*full.own, full.shared)))
+        return cls(observation, retained, own, gauge_precision(observation.state)[np.ix_(retained, retained)])
 
     def belief(self, drift: DriftPrior, also: float) -> BaselinePrior:
-        """With a distortion so much rougher than in the first choice."""
+        """Prior with a distortion rougher by a factor than the first choice."""
         if also != 1.0:
             return self._made(drift, also)
         if drift not in self.known:
@@ -92,11 +92,11 @@ class PriorCache:
         return self.known[drift]
 
     def different(self) -> list[DriftPrior]:
-        """Beliefs that differ, the first choice's own smoothness before others: nothing can be smoother than the smoothest."""
+        """Distinct drift priors, that of the first choice first."""
         first = self.observation.solution.hyper.drift
         by_kind = {}
-        for one in sorted(DRIFTS, key=lambda one: abs(math.log(one.bend_factor or 1.0))):
-            by_kind.setdefault((_drift_of(first, one), one.random_walk_px), one)
+        for drift in sorted(DRIFTS, key=lambda candidate: abs(math.log(candidate.bend_factor or 1.0))):
+            by_kind.setdefault((_drift_of(first, drift), drift.random_walk_px), drift)
         return list(by_kind.values())
 
     def _made(self, drift: DriftPrior, also: float) -> BaselinePrior:
@@ -114,11 +114,11 @@ class PriorCache:
         if drift.random_walk_px:
             self._walk(precision, drift.random_walk_px)
         precision += self.gauge
-        told = hyper if drift.bend_factor else replace(hyper, drift=_scaled(first.drift, 1.0))
-        return BaselinePrior(told, precision, factorise(precision, self.sides, 0.0).half_log_det)
+        scaled = hyper if drift.bend_factor else replace(hyper, drift=_scaled(first.drift, 1.0))
+        return BaselinePrior(scaled, precision, factorise(precision, self.sides, 0.0).half_log_det)
 
     def _walk(self, precision: Array, wander_px: float) -> None:
-        """Let the drift walk at random, too: covariances add up."""
+        """Add the covariance of a random walk to the drift."""
         state = self.observation.state
         assert state.drift is not None  # there are pairs
         steps = state.drift.roughness(1)
@@ -133,11 +133,11 @@ class PriorCache:
 def _drift_of(first: Sequence[Smoothness], drift: DriftPrior) -> tuple[Smoothness, Smoothness]:
     if not drift.bend_factor:
         return Smoothness(3, SMOOTHEST_PX), Smoothness(3, SMOOTHEST_PX)
-    one, two = (replace(kind, size_px=min(kind.size_px, ROUGHEST_PX)) for kind in _scaled(first, drift.bend_factor))
-    return one, two
+    x, y = (replace(kind, size_px=min(kind.size_px, ROUGHEST_PX)) for kind in _scaled(first, drift.bend_factor))
+    return x, y
 
 
 def _scaled(kinds: Sequence[Smoothness], by: float) -> tuple[Smoothness, Smoothness]:
-    """Without a liking for any period: what swings is to be named."""
-    one, two = (replace(kind, size_px=max(kind.size_px * by, SMOOTHEST_PX), oscillation_period_knots=0.0) for kind in kinds)
-    return one, two
+    """Smoothness scaled by a factor, without a preferred oscillation, because oscillations are effects to be identified."""
+    x, y = (replace(kind, size_px=max(kind.size_px * by, SMOOTHEST_PX), oscillation_period_knots=0.0) for kind in kinds)
+    return x, y

@@ -1,6 +1,6 @@
-"""Laws made ready to be asked about: whitened, and multiplied with the baseline's columns once.
+"""Basis fields prepared for repeated scoring: whitened, and multiplied once with the columns of the baseline.
 
-A search asks all laws again after every effect that it adds; the baseline's own columns, which take most of the time, are the same then.
+A search scores all basis fields again after each added effect. The columns of the baseline, which take most of the time, do not change.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ COLUMNS_AT_ONCE = 256
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WhitenedColumns:
-    """Columns of one or several laws; most move things along one axis only, and are held for that axis alone.
+    """Whitened columns of one or several basis fields. Columns along one axis only are stored for that axis only.
 
     Attributes:
-        spans: which of the columns are each law's.
-        index: for x and for y, the columns that move things along it.
-        rows: for x and for y, (their number, f b), each column in one piece.
-        gram_matrices: of each law (q, q) products of its columns with each other.
-        residual_products: (q,) products with what the first solution leaves of the data.
-        baseline_products: for x and for y, (m, their number) products with the columns that the baseline had.
+        spans: range of the columns of each basis field.
+        index: for x and for y, the columns that are not zero along it.
+        rows: for x and for y, (their number, f b), each column contiguous.
+        gram_matrices: for each basis field, (q, q) products of its columns.
+        residual_products: (q,) products with the residual of the first solution.
+        baseline_products: for x and for y, (m, their number) products with the columns of the baseline.
     """
 
     spans: tuple[slice, ...]
@@ -41,27 +41,27 @@ class WhitenedColumns:
 
     @classmethod
     def of(cls, ladder: HyperparameterGrid, fields: Sequence[Array]) -> WhitenedColumns:
-        """Laws' columns (f, b, 2, q) in px."""
-        design, left = ladder.design, ladder.whitened_residual
-        ends = np.cumsum([0, *(one.shape[-1] for one in fields)]).tolist()
-        index, rows, shared, asked = [], [], [], np.zeros(ends[-1])
-        told, white = np.zeros(0), np.zeros(0)
+        """Whiten the columns (f, b, 2, q) of basis fields, px."""
+        design, residual = ladder.design, ladder.whitened_residual
+        ends = np.cumsum([0, *(field.shape[-1] for field in fields)]).tolist()
+        index, rows, shared, gradient = [], [], [], np.zeros(ends[-1])
+        eigenvalues, white = np.zeros(0), np.zeros(0)
         for axis, each in enumerate(_in_one_piece(fields)):
             there = np.flatnonzero(each.any(axis=(1, 2)))
-            before, told = told, each[there]
+            before, eigenvalues = eigenvalues, each[there]
             # Most laws of many columns have the same along x and along y.
-            white = white if np.array_equal(before, told) else design.whiten.rows(told)
-            flat = white.reshape(len(there), left[:, :, axis].size)
-            asked[there] += flat @ left[:, :, axis].ravel()
+            white = white if np.array_equal(before, eigenvalues) else design.whiten.rows(eigenvalues)
+            flat = white.reshape(len(there), residual[:, :, axis].size)
+            gradient[there] += flat @ residual[:, :, axis].ravel()
             index.append(there)
             rows.append(flat)
             shared.append(design.along(axis, white))
         spans = tuple(slice(first, last) for first, last in pairwise(ends))
         alone = tuple(_among(index, rows, own) for own in spans)
-        return cls(spans, (index[0], index[1]), (rows[0], rows[1]), alone, asked, (shared[0], shared[1]))
+        return cls(spans, (index[0], index[1]), (rows[0], rows[1]), alone, gradient, (shared[0], shared[1]))
 
     def products_with(self, design: DesignMatrix) -> Array:
-        """(p, q) products with all columns of a baseline: that which these were made for, and effects that it got since."""
+        """(p, q) products with all columns of a design matrix: the original baseline and effects added since."""
         total = np.zeros((design.size, len(self.residual_products)))
         for axis in (0, 1):
             had, there = len(self.baseline_products[axis]), self.index[axis]
@@ -73,18 +73,18 @@ class WhitenedColumns:
     def along(self, noise: tuple[Array, Array]) -> Array:
         """(q, draws) columns times whitened noise, (f b, draws) for x and for y."""
         total = np.zeros((len(self.residual_products), noise[0].shape[1]))
-        for there, rows, one in zip(self.index, self.rows, noise, strict=True):
-            total[there] += rows @ one
+        for there, rows, value in zip(self.index, self.rows, noise, strict=True):
+            total[there] += rows @ value
         return total
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CandidateProjection:
-    """A family's laws.
+    """Basis fields of one effect class.
 
     Attributes:
-        values: what is not linear, for each law.
-        batches: the laws in their order.
+        values: nonlinear parameters of each basis field.
+        batches: whitened basis fields in the same order.
     """
 
     values: tuple[dict[str, float], ...]
@@ -92,40 +92,42 @@ class CandidateProjection:
 
     @property
     def nbytes(self) -> int:
-        """Of the columns."""
+        """Memory of the columns, bytes."""
         return sum(rows.nbytes for batch in self.batches for rows in batch.rows)
 
 
 def project_candidate(ladder: HyperparameterGrid, family: EffectClass, scene: RunGeometry) -> CandidateProjection | None:
-    """A family's laws on a scene; None where none of them can be seen."""
-    told = [(dict(values), family.law(scene, values)) for values in family.grid(scene)]
-    seen = [(values, law.field_px) for values, law in told if law is not None]
-    if not seen:
+    """Basis fields of an effect class for a run geometry; None if none is observable."""
+    basis_fields = [(dict(values), family.law(scene, values)) for values in family.grid(scene)]
+    observed = [(values, basis_field.field_px) for values, basis_field in basis_fields if basis_field is not None]
+    if not observed:
         return None
-    each = max(1, COLUMNS_AT_ONCE // seen[0][1].shape[-1])
-    batches = [WhitenedColumns.of(ladder, [field for _, field in seen[first : first + each]]) for first in range(0, len(seen), each)]
-    return CandidateProjection(tuple(values for values, _ in seen), tuple(batches))
+    each = max(1, COLUMNS_AT_ONCE // observed[0][1].shape[-1])
+    batches = [
+        WhitenedColumns.of(ladder, [field for _, field in observed[first : first + each]]) for first in range(0, len(observed), each)
+    ]
+    return CandidateProjection(tuple(values for values, _ in observed), tuple(batches))
 
 
 def _in_one_piece(fields: Sequence[Array]) -> Array:
-    """(2, q, f, b) columns of fields (f, b, 2, q), each in one piece.
+    """(2, q, f, b) contiguous columns of fields (f, b, 2, q).
 
-    Laws have their columns side by side; 64 of 4 columns put beside each other like that took three times as long as whitening them.
+    Concatenating 64 fields of 4 interleaved columns directly took three times as long as whitening them.
     """
     if len(fields) == 1:
         return fields[0].transpose(2, 3, 0, 1)
-    told = np.empty((2, sum(one.shape[-1] for one in fields), *fields[0].shape[:2]))
+    stacked = np.empty((2, sum(field.shape[-1] for field in fields), *fields[0].shape[:2]))
     first = 0
-    for one in fields:
-        told[:, first : first + one.shape[-1]] = one.transpose(2, 3, 0, 1)
-        first += one.shape[-1]
-    return told
+    for field in fields:
+        stacked[:, first : first + field.shape[-1]] = field.transpose(2, 3, 0, 1)
+        first += field.shape[-1]
+    return stacked
 
 
 def _among(index: Sequence[NDArray[np.int64]], rows: Sequence[Array], own: slice) -> Array:
     total = np.zeros((own.stop - own.start,) * 2)
-    for there, one in zip(index, rows, strict=True):
+    for there, map_rows in zip(index, rows, strict=True):
         low, high = np.searchsorted(there, (own.start, own.stop))
         at = there[low:high] - own.start
-        total[np.ix_(at, at)] += one[low:high] @ one[low:high].T
+        total[np.ix_(at, at)] += map_rows[low:high] @ map_rows[low:high].T
     return total

@@ -1,4 +1,4 @@
-"""Whether an effect eats strain: strain is injected, and looked for again after the correction."""
+"""Attenuation of strain by the correction of an effect, measured with injected strain."""
 
 from __future__ import annotations
 
@@ -14,39 +14,38 @@ MAX_ATTENUATION = 0.02
 """Share of an injected strain that a correction may take away."""
 
 
-def strain_attenuation(having: HyperparameterGrid, fields: tuple[Array, ...], known: int) -> tuple[float, ...]:
-    """For each effect of a baseline the largest share of an injected strain that its correction takes away; 0 without a tension phase.
+def strain_attenuation(baseline_with_effects: HyperparameterGrid, fields: tuple[Array, ...], effect_count: int) -> tuple[float, ...]:
+    """Largest fraction of an injected strain removed by the correction of each effect; 0 without a tension phase.
 
-    Strain of each component by itself is added to all frames under load, which changes what is found of the effects linearly: no
-    noise takes part, as in the difference of two runs with the same noise.
+    Each strain component is added separately to all frames under load. The fitted amplitudes change linearly, so noise does not contribute.
 
     Args:
-        having: the baseline with the effects.
-        fields: of each effect, (f, b, 2, q) what unit amplitudes move, px.
-        known: how many of them were in the baseline before anything was found in it.
+        baseline_with_effects: the baseline with the effects.
+        fields: for each effect, (f, b, 2, q) displacement of unit amplitudes, px.
+        effect_count: number of effects given before the search.
     """
-    scene, columns = having.design.observation.geometry, having.design
+    scene, columns = baseline_with_effects.design.observation.geometry, baseline_with_effects.design
     if not scene.loaded.any():
         return tuple(0.0 for _ in fields)
-    told = np.concatenate(_injected(scene), axis=-1)
+    injected = np.concatenate(_injected(scene), axis=-1)
     first = len(columns.parameter_indices)
-    asked = having.best.solve(columns.transposed(columns.whiten(told)))[first:]
+    gradient = baseline_with_effects.best.solve(columns.transposed(columns.whiten(injected)))[first:]
     shares = []
-    for field, own in zip(fields, columns.effect_columns(fields, known), strict=True):
-        taken = np.einsum("fbcq,qk->fbck", field, asked[own])
-        shares.append(max(abs(_strain(scene, taken[..., k])[k]) for k in range(told.shape[-1])))
+    for field, own in zip(fields, columns.effect_columns(fields, effect_count), strict=True):
+        absorbed = np.einsum("fbcq,qk->fbck", field, gradient[own])
+        shares.append(max(abs(_strain(scene, absorbed[..., k])[k]) for k in range(injected.shape[-1])))
     return tuple(shares)
 
 
 def _injected(scene: RunGeometry) -> tuple[Array, ...]:
-    """(f, b, 2, 1) for exx, eyy and exy: what a strain of 1 / half width moves in frames under load, px."""
+    """(f, b, 2, 1) for exx, eyy and exy: displacement by a strain of 1 / half width in frames under load, px."""
     on = scene.loaded[:, None].astype(np.float64)
     nothing = np.zeros_like(scene.x)
     return field_column(scene.x * on, nothing), field_column(nothing, scene.y * on), field_column(scene.y * on, scene.x * on)
 
 
 def _strain(scene: RunGeometry, moved: Array) -> tuple[float, float, float]:
-    """Mean exx, eyy and exy of frames under load against the others, in units of what was injected."""
+    """Mean exx, eyy and exy of frames under load relative to the other frames, in units of the injected strain."""
     found = []
     for frame in range(len(scene.frame)):
         rows = np.stack((np.ones_like(scene.x[frame]), scene.x[frame], scene.y[frame]), axis=-1)

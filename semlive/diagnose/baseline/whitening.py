@@ -1,4 +1,4 @@
-"""Whitening: residuals as independent numbers of one size, with the noise of frame 0 and of overlapping subsets taken out."""
+"""Whitening of residuals: removal of the noise of frame 0 and of the correlation between overlapping subsets."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ LENGTHS = 9  # correlation lengths that are tried, from a point to a subset
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whitener:
-    """Makes fields over frames and blocks white.
+    """Whitens fields over frames and blocks.
 
     Attributes:
         factor: (b, b) lower Cholesky factor of the correlation of block means.
-        inverse: (b, b) its inverse: a product with it takes a third of the time of a solution with the factor.
-        sigma_px: standard deviation of one frame's block mean.
+        inverse: (b, b) inverse factor. Multiplying with it takes a third of the time of a triangular solution.
+        sigma_px: standard deviation of the block mean of one frame, px.
     """
 
     factor: NDArray[np.float64]
@@ -47,13 +47,13 @@ class Whitener:
 
 
 def make_whitener(grid: Grid, used: NDArray[np.int64], length_px: float, sigma_px: float) -> Whitener:
-    """For noise of points that falls linearly to nothing over a length along x and along y.
+    """Whitener for noise with a triangular autocorrelation of a given length along x and y.
 
     Args:
-        grid: of the points.
-        used: (b,) blocks that count.
-        length_px: the subset's edge where subsets overlap, or the step where points are independent.
-        sigma_px: standard deviation of one frame's block mean.
+        grid: grid of the points.
+        used: (b,) indices of the used blocks.
+        length_px: correlation length: the subset edge for overlapping subsets, or the step for independent points, px.
+        sigma_px: standard deviation of the block mean of one frame, px.
     """
     correlation = block_correlation(grid, length_px)[np.ix_(used, used)]
     root = np.sqrt(np.diag(correlation))
@@ -72,7 +72,7 @@ def block_correlation(grid: Grid, length_px: float) -> NDArray[np.float64]:
 
 
 def likeliest_length_px(grid: Grid, used: NDArray[np.int64], residual: NDArray[np.float64], rough: NDArray[np.float64]) -> float:
-    """The correlation length that makes the rough part of residuals (f, b, 2) most likely; (b, k) columns span what is rough."""
+    """Correlation length that maximises the likelihood of the rough part of residuals (f, b, 2); columns (b, k) span the rough part."""
     longest = float(max(grid.subset_px, grid.step_px))
     best, found = -np.inf, longest
     flat = np.moveaxis(residual, 1, 0).reshape(residual.shape[1], -1)

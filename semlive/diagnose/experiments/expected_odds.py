@@ -49,25 +49,25 @@ def predict_effect(run: HyperparameterGrid, before: HyperparameterGrid, found: R
     """What an effect that was found in one run says of another; nothing of a run that cannot show it."""
     scene, family = run.design.observation.geometry, found.family
     still = family.recurrence is Recurrence.ONE_TIME or (family.recurrence is Recurrence.FOLLOWS_MOVES and not scene.move_px.any())
-    law = None if still else family.law(scene, dict(found.values))
-    if law is None or not law.field_px.any():
+    basis_field = None if still else family.law(scene, dict(found.values))
+    if basis_field is None or not basis_field.field_px.any():
         return replace(NOTHING, name=family.name)
-    if family.recurrence is Recurrence.SAME_AMPLITUDE and law.random_amplitude is None:
+    if family.recurrence is Recurrence.SAME_AMPLITUDE and basis_field.random_amplitude is None:
         spread = np.asarray(np.linalg.cholesky(found.covariance), dtype=np.float64)
-        return Prediction(family.name, law.rescaled_to(found.field).field_px, found.amplitudes, spread, found.amplitudes, spread)
+        return Prediction(family.name, basis_field.rescaled_to(found.field).field_px, found.amplitudes, spread, found.amplitudes, spread)
     going_on = family.recurrence is Recurrence.CONTINUES
     longer = scene.end_s / before.design.observation.geometry.end_s if going_on else 1.0
-    sizes, none = np.diag(longer * _sizes(law, found)), np.zeros(law.field_px.shape[-1])
+    sizes, none = np.diag(longer * _sizes(basis_field, found)), np.zeros(basis_field.field_px.shape[-1])
     if going_on:
-        return Prediction(family.name, law.field_px, none, sizes, longer * found.amplitudes, 0.0 * sizes)
-    return Prediction(family.name, law.field_px, none, sizes, none, sizes)
+        return Prediction(family.name, basis_field.field_px, none, sizes, longer * found.amplitudes, 0.0 * sizes)
+    return Prediction(family.name, basis_field.field_px, none, sizes, none, sizes)
 
 
-def _sizes(law: BasisField, found: RefinedEffect) -> Array:
+def _sizes(basis_field: BasisField, found: RefinedEffect) -> Array:
     """(q,) root mean square of the amplitudes: each of its own where they are as many as were found, else of all of them."""
     square = found.amplitudes**2 + np.diag(found.covariance)
-    count = law.field_px.shape[-1]
-    return np.sqrt(square if law.random_amplitude is None and len(square) == count else np.full(count, square.mean()))
+    count = basis_field.field_px.shape[-1]
+    return np.sqrt(square if basis_field.random_amplitude is None and len(square) == count else np.full(count, square.mean()))
 
 
 def expected_odds(run: HyperparameterGrid, rivals: Sequence[Prediction]) -> Array:
@@ -79,13 +79,13 @@ def expected_odds(run: HyperparameterGrid, rivals: Sequence[Prediction]) -> Arra
     """
     common, at = residual_gram(run, _side_by_side(rivals)), _places(rivals)
     n = len(rivals)
-    said = np.zeros((n, n))
+    odds = np.zeros((n, n))
     for i, (true, here) in enumerate(zip(rivals, at, strict=True)):
-        for j, (other, there) in enumerate(zip(rivals, at, strict=True)):
+        for j, (rival, there) in enumerate(zip(rivals, at, strict=True)):
             own, shared = common[there, there], common[there, here]
             along = shared @ true.uncertainty_factor
-            said[i, j] = _log_p(own, shared @ true.typical_amplitudes, own + along @ along.T, other)
-    return np.diag(said)[:, None] - said
+            odds[i, j] = _log_p(own, shared @ true.typical_amplitudes, own + along @ along.T, rival)
+    return np.diag(odds)[:, None] - odds
 
 
 def log_odds(run: HyperparameterGrid, rivals: Sequence[Prediction]) -> Array:
@@ -93,23 +93,30 @@ def log_odds(run: HyperparameterGrid, rivals: Sequence[Prediction]) -> Array:
     best = HyperparameterGrid(run.design, run.whitened_residual, (run.best,))
     fields, at = _side_by_side(rivals), _places(rivals)
     common, pull = residual_gram(best, fields), gradient_of(best, fields)
-    said = np.array([_log_p(common[own, own], pull[own], 0.0 * common[own, own], one) for one, own in zip(rivals, at, strict=True)])
-    return np.asarray(said[:, None] - said)
+    log_p = np.array([_log_p(common[own, own], pull[own], 0.0 * common[own, own], rival) for rival, own in zip(rivals, at, strict=True)])
+    return np.asarray(log_p[:, None] - log_p)
 
 
 def _side_by_side(rivals: Sequence[Prediction]) -> Array:
-    return np.concatenate([one.field_px for one in rivals if len(one.mean)], axis=-1)
+    return np.concatenate([rival.field_px for rival in rivals if len(rival.mean)], axis=-1)
 
 
 def _places(rivals: Sequence[Prediction]) -> list[slice]:
-    ends = np.cumsum([len(one.mean) for one in rivals])
-    return [slice(int(end) - len(one.mean), int(end)) for end, one in zip(ends, rivals, strict=True)]
+    ends = np.cumsum([len(rival.mean) for rival in rivals])
+    return [slice(int(end) - len(rival.mean), int(end)) for end, rival in zip(ends, rivals, strict=True)]
 
 
-def _log_p(own: Array, pull: Array, scatter: Array, one: Prediction) -> float:
+def _log_p(own: Array, pull: Array, scatter: Array, prediction: Prediction) -> float:
     """Expected logarithm of the likelihood against nothing hidden, of data that ask for (q,) `pull` with a covariance (q, q)."""
-    off, inner = pull - own @ one.mean, np.eye(len(pull)) + one.covariance_factor.T @ own @ one.covariance_factor
-    asked = one.covariance_factor.T @ off
+    off, inner = pull - own @ prediction.mean, np.eye(len(pull)) + prediction.covariance_factor.T @ own @ prediction.covariance_factor
+    gradient = prediction.covariance_factor.T @ off
     inverse = np.linalg.inv(inner)
-    square = float(asked @ inverse @ asked + np.trace(inverse @ one.covariance_factor.T @ scatter @ one.covariance_factor))
-    return float(pull @ one.mean) - 0.5 * float(one.mean @ own @ one.mean) + 0.5 * square - 0.5 * float(np.linalg.slogdet(inner)[1])
+    square = float(
+        gradient @ inverse @ gradient + np.trace(inverse @ prediction.covariance_factor.T @ scatter @ prediction.covariance_factor)
+    )
+    return (
+        float(pull @ prediction.mean)
+        - 0.5 * float(prediction.mean @ own @ prediction.mean)
+        + 0.5 * square
+        - 0.5 * float(np.linalg.slogdet(inner)[1])
+    )

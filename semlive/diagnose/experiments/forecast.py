@@ -28,62 +28,74 @@ SCAN_TIME_RATIOS = (0.5, 2.0)
 LOADED = (ExperimentKind.LONGER_HOLD, ExperimentKind.ZERO_LOAD_STEPS, ExperimentKind.UNLOAD)
 
 
-def forecast_experiments(seen: Observation, found: Diagnosis, known: Sequence[ModelEffect] = ()) -> tuple[ExperimentForecast, ...]:
+def forecast_experiments(
+    observation: Observation, found: Diagnosis, model_effects: Sequence[ModelEffect] = ()
+) -> tuple[ExperimentForecast, ...]:
     """What each experiment would decide between the effects that are left open, or of one effect against nothing; the most a minute first.
 
     Experiments are those that need nothing the run did not have: loads, moves, another dwell. What turns with the scan is in no law, so
     a turned scan is not among them. None where the names that are left open are one effect to a map.
 
     Args:
-        seen: what the run shows.
+        observation: what the run shows.
         found: the verdict.
-        known: effects that the model had before.
+        model_effects: effects that the model had before.
     """
-    named = {one.name for one in EFFECT_CLASSES}
-    between = found.ambiguous or tuple(one.name for one in found.effects)
-    asked = dict.fromkeys(one.model_effect.name for one in found.effects if one.name in between and one.model_effect.name in named)
-    asked |= dict.fromkeys(name for name in between if name in named)
-    if not asked or (found.outcome is Outcome.AMBIGUOUS and len(asked) < 2):
+    effects = {family.name for family in EFFECT_CLASSES}
+    between = found.ambiguous or tuple(effect.name for effect in found.effects)
+    gradient = dict.fromkeys(
+        effect.model_effect.name for effect in found.effects if effect.name in between and effect.model_effect.name in effects
+    )
+    gradient |= dict.fromkeys(name for name in between if name in effects)
+    if not gradient or (found.outcome is Outcome.AMBIGUOUS and len(gradient) < 2):
         return ()
-    beside = [one for one in (*known, *(one.model_effect for one in found.effects)) if one.name in named and one.name not in asked]
-    beside = observable_effects(seen, beside)
-    before = add_model_effects(noise_scaled_baseline(seen), beside)[0]
-    rivals = [refined(before, one) for one in score_candidates(before, [effect_class(name) for name in asked])]
-    told = [_told(kind, run, before, rivals, beside) for kind, run in _menu(seen)]
-    return tuple(sorted((one for one in told if one is not None), key=lambda one: -one.log_odds_per_minute))
+    common_effects = [
+        model_effect
+        for model_effect in (*model_effects, *(effect.model_effect for effect in found.effects))
+        if model_effect.name in effects and model_effect.name not in gradient
+    ]
+    common_effects = observable_effects(observation, common_effects)
+    before = add_model_effects(noise_scaled_baseline(observation), common_effects)[0]
+    rivals = [refined(before, score_candidate) for score_candidate in score_candidates(before, [effect_class(name) for name in gradient])]
+    forecasts = [_told(kind, run, before, rivals, common_effects) for kind, run in _menu(observation)]
+    return tuple(sorted((value for value in forecasts if value is not None), key=lambda candidate: -candidate.log_odds_per_minute))
 
 
 def _told(
-    kind: ExperimentKind, run: PlannedRun, before: HyperparameterGrid, rivals: Sequence[RefinedEffect], beside: Sequence[ModelEffect]
+    kind: ExperimentKind,
+    run: PlannedRun,
+    before: HyperparameterGrid,
+    rivals: Sequence[RefinedEffect],
+    common_effects: Sequence[ModelEffect],
 ) -> ExperimentForecast | None:
     try:
-        ahead = simulate_baseline(before, run, beside)
+        ahead = simulate_baseline(before, run, common_effects)
     except IllPosed:
         return None  # it leaves too little to diagnose
-    said = [predict_effect(ahead, before, one) for one in rivals]
-    if not any(len(one.mean) for one in said):
+    predictions = [predict_effect(ahead, before, rival) for rival in rivals]
+    if not any(len(value.mean) for value in predictions):
         return None  # it shows none of them
-    said += [NOTHING] if len(said) == 1 else []
-    odds = expected_odds(ahead, said)
-    true, other = min(permutations(range(len(said)), 2), key=lambda pair: float(odds[pair]))
+    predictions += [NOTHING] if len(predictions) == 1 else []
+    odds = expected_odds(ahead, predictions)
+    true, other = min(permutations(range(len(predictions)), 2), key=lambda pair: float(odds[pair]))
     return ExperimentForecast(
-        kind.value, run.scan_time_ratio, run.duration_s / 60.0, float(odds[true, other]), said[true].name, said[other].name
+        kind.value, run.scan_time_ratio, run.duration_s / 60.0, float(odds[true, other]), predictions[true].name, predictions[other].name
     )
 
 
-def _menu(seen: Observation) -> Iterator[tuple[ExperimentKind, PlannedRun]]:
-    protocol = _protocol(seen)
-    moved, loaded = any(any(one) for one in protocol["calibration_shifts_px"]), any(protocol["loads_n"])
+def _menu(observation: Observation) -> Iterator[tuple[ExperimentKind, PlannedRun]]:
+    protocol = _protocol(observation)
+    moved, loaded = any(any(value) for value in protocol["calibration_shifts_px"]), any(protocol["loads_n"])
     for kind in (*(UNLOADED_KINDS if moved else (ExperimentKind.STATIONARY_SERIES,)), *(LOADED if loaded else ())):
         for dwell in SCAN_TIME_RATIOS if kind is ExperimentKind.CHANGED_SCAN_TIMES else (1.0,):
-            run = planned_run(seen, kind, dwell)
+            run = planned_run(observation, kind, dwell)
             if MIN_PAIRS <= len(run.steps) <= MOST_PAIRS:
                 yield kind, run
 
 
-def _protocol(seen: Observation) -> Protocol:
+def _protocol(observation: Observation) -> Protocol:
     """What the run did, as its configuration would say it."""
-    scene = seen.geometry
+    scene = observation.geometry
     place = np.cumsum(scene.move_px[::2], axis=0)
     loads = 0.5 * (scene.load_n[::2] + scene.load_n[1::2])
     return {
@@ -93,23 +105,23 @@ def _protocol(seen: Observation) -> Protocol:
     }
 
 
-def planned_run(seen: Observation, kind: ExperimentKind, dwell: float = 1.0) -> PlannedRun:
+def planned_run(observation: Observation, kind: ExperimentKind, dwell: float = 1.0) -> PlannedRun:
     """An experiment after a run: in time as the run was, longer by what is held or scanned longer.
 
     Args:
-        seen: what the run shows.
+        observation: what the run shows.
         kind: of the experiment.
         dwell: dwell, row and frame time, of those of the run.
     """
-    scene, protocol = seen.geometry, protocol_for(_protocol(seen), kind)
-    longer_s = (dwell - 1.0) * seen.state.frame_time(int(scene.frame[0])).timing.duration_s
+    scene, protocol = observation.geometry, protocol_for(_protocol(observation), kind)
+    longer_s = (dwell - 1.0) * observation.state.frame_time(int(scene.frame[0])).timing.duration_s
     held_s = protocol["hold_s"] - float(scene.since_step_s[0])
     apart_s = float(np.median(scene.start_s[1::2] - scene.start_s[::2])) + longer_s
     each_s = float(np.median(np.diff(scene.start_s[::2]))) + 2.0 * longer_s + held_s
-    steps = [(Phase.CALIBRATION, 0.0, tuple(one)) for one in protocol["calibration_shifts_px"]]
+    steps = [(Phase.CALIBRATION, 0.0, tuple(value)) for value in protocol["calibration_shifts_px"]]
     steps += [(Phase.TENSION, load, (0.0, 0.0)) for load in protocol["loads_n"]]
-    told = [
+    orders = [
         PlannedStep(phase, load, shift, protocol["hold_s"], (each_s * at, each_s * at + apart_s))
         for at, (phase, load, shift) in enumerate(steps)
     ]
-    return PlannedRun(tuple(told), dwell, each_s * len(told))
+    return PlannedRun(tuple(orders), dwell, each_s * len(orders))

@@ -114,7 +114,7 @@ def choose_proposal(found: Diagnosis, menu: Sequence[ExperimentForecast] = ()) -
         found: the verdict.
         menu: what experiments are expected to decide, the most for a minute first; none takes the verdict's own.
     """
-    between = found.ambiguous or tuple(one.name for one in found.effects)
+    between = found.ambiguous or tuple(effect.name for effect in found.effects)
     if found.outcome is Outcome.NONE:
         return None
     if not between:
@@ -126,9 +126,9 @@ def choose_proposal(found: Diagnosis, menu: Sequence[ExperimentForecast] = ()) -
     best = fastest_decisive(menu or (() if found.experiment is None else found.experiment.foretold))
     if best is not None:
         return Proposal(ExperimentKind(best.kind), between, _ABOUT[ExperimentKind(best.kind)], best)
-    beside = non_map_effect(found.effects[0].model_effect.name)
-    if beside is not None:
-        return Proposal(_DECIDES.get(beside.name, ExperimentKind.CHANGED_SCAN_TIMES), between, beside.discriminating_experiment)
+    non_map = non_map_effect(found.effects[0].model_effect.name)
+    if non_map is not None:
+        return Proposal(_DECIDES.get(non_map.name, ExperimentKind.CHANGED_SCAN_TIMES), between, non_map.discriminating_experiment)
     family = effect_class(found.effects[0].model_effect.name)
     kind = _DECIDES.get(family.name) or _BY_GROUP.get(family.group or "", ExperimentKind.STATIONARY_SERIES)
     return Proposal(kind, between, family.discriminating_experiment)
@@ -147,4 +147,4 @@ def ranked(found: ExperimentProposal, menu: Sequence[ExperimentForecast]) -> Exp
 
 def fastest_decisive(menu: Sequence[ExperimentForecast]) -> ExperimentForecast | None:
     """The experiment that decides and gives the most for a minute; None where none decides."""
-    return next((one for one in menu if one.log_odds > MIN_LOG_ODDS), None)
+    return next((proposal for proposal in menu if proposal.log_odds > MIN_LOG_ODDS), None)

@@ -24,9 +24,9 @@ def protocol_for(protocol: Protocol, kind: ExperimentKind) -> Protocol:
 def within_travel(protocol: Protocol, travel_px: float) -> Protocol:
     """A protocol whose shifts are made smaller, all by one factor, where a stage may not go so far."""
     shifts = protocol.get("calibration_shifts_px") or []
-    farthest = max((abs(float(one)) for shift in shifts for one in shift), default=0.0)
+    farthest = max((abs(float(value)) for shift in shifts for value in shift), default=0.0)
     by = travel_px / farthest if farthest > travel_px else 1.0
-    return {**protocol, "calibration_shifts_px": [[round(by * float(one), 1) for one in shift] for shift in shifts]}
+    return {**protocol, "calibration_shifts_px": [[round(by * float(value), 1) for value in shift] for shift in shifts]}
 
 
 def _unloaded(shifts: list[Any]) -> Protocol:
@@ -40,7 +40,7 @@ def square_px(reach_px: float) -> list[list[float]]:
 
 def _there_and_back(protocol: Protocol) -> Protocol:
     shifts = protocol.get("calibration_shifts_px") or []
-    return _unloaded([one for shift in shifts for one in (shift, [0.0, 0.0])])
+    return _unloaded([value for shift in shifts for value in (shift, [0.0, 0.0])])
 
 
 _CHANGES: dict[ExperimentKind, Callable[[Protocol], Protocol]] = {

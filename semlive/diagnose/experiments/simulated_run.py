@@ -61,7 +61,7 @@ class PlannedRun:
     duration_s: float
 
 
-def simulate_baseline(before: HyperparameterGrid, run: PlannedRun, known: Sequence[ModelEffect] = ()) -> HyperparameterGrid:
+def simulate_baseline(before: HyperparameterGrid, run: PlannedRun, model_effects: Sequence[ModelEffect] = ()) -> HyperparameterGrid:
     """The baseline of a run to come, of one rung: drift and distortion as smooth as in the run before it, and its noise.
 
     The distortion, the strain for a load and the drift are those that the run before it showed: where a picture stays in its place the
@@ -70,52 +70,58 @@ def simulate_baseline(before: HyperparameterGrid, run: PlannedRun, known: Sequen
     Args:
         before: baseline of a run on the same specimen and grid.
         run: what is planned.
-        known: effects that the baseline has; their amplitudes are free there too.
+        model_effects: effects that the baseline has; their amplitudes are free there too.
 
     Raises:
         IllPosed: too few pairs to name anything.
     """
-    seen, whiten = before.design.observation, before.design.whiten
-    state = _state(seen, run)
+    observed, whiten = before.design.observation, before.design.whiten
+    state = _state(observed, run)
     solution = _solution(state, before.best.hyper)
-    facts = [StepConditions(pair, one.phase, (one.load_n, one.load_n), one.shift_px, one.hold_s) for pair, one in enumerate(run.steps)]
+    facts = [
+        StepConditions(pair, step.phase, (step.load_n, step.load_n), step.shift_px, step.hold_s) for pair, step in enumerate(run.steps)
+    ]
     found = make_observation(solution, facts)
-    if not np.array_equal(found.valid_blocks, seen.valid_blocks):
+    if not np.array_equal(found.valid_blocks, observed.valid_blocks):
         raise IllPosed("the planned run moves blocks out of the field: nothing can be foretold of it")
-    at = np.arange(found.frames) % seen.frames
-    found = replace(found, geometry=replace(found.geometry, drift_rate_px_s=seen.geometry.drift_rate_px_s[at]))
+    at = np.arange(found.frames) % observed.frames
+    found = replace(found, geometry=replace(found.geometry, drift_rate_px_s=observed.geometry.drift_rate_px_s[at]))
     columns = design(found, replace(whiten, sigma_px=whiten.sigma_px / np.sqrt(run.scan_time_ratio)))
-    for one in known:
-        law = effect_class(one.name).law(found.geometry, dict(one.values))
-        if law is not None:
-            columns = columns.with_effects(BaselineEffect(columns.whiten(law.field_px), one.size_px))
+    for model_effect in model_effects:
+        basis_field = effect_class(model_effect.name).law(found.geometry, dict(model_effect.values))
+        if basis_field is not None:
+            columns = columns.with_effects(BaselineEffect(columns.whiten(basis_field.field_px), model_effect.size_px))
     return prior_point(columns)
 
 
-def _state(seen: Observation, run: PlannedRun) -> EstimatorState:
-    known, grid = seen.state, seen.grid
-    timing = _scaled(known.frame_time(int(seen.geometry.frame[0])).timing, run.scan_time_ratio)
-    per_n, when_s, drift = _gradient_per_n(seen), seen.geometry.start_s, drift_px(seen.solution, seen.geometry.time_s)
-    shown = np.isin(known.blocks.block, seen.valid_blocks).reshape(grid.shape)
+def _state(observation: Observation, run: PlannedRun) -> EstimatorState:
+    known, grid = observation.state, observation.grid
+    timing = _scaled(known.frame_time(int(observation.geometry.frame[0])).timing, run.scan_time_ratio)
+    per_n, when_s, drift = (
+        _gradient_per_n(observation),
+        observation.geometry.start_s,
+        drift_px(observation.solution, observation.geometry.time_s),
+    )
+    shown = np.isin(known.blocks.block, observation.valid_blocks).reshape(grid.shape)
     state, first_s = init(known.settings, grid, known.width_px, known.height_px), run.steps[0].start_s[0]
     for pair, step in enumerate(run.steps):
         frames = [2 * pair, 2 * pair + 1]
         times = [FrameTime(frame, start_s - first_s, timing) for frame, start_s in zip(frames, step.start_s, strict=True)]
-        carried = [[np.interp(one.start_s, when_s, drift[:, axis] - drift[0, axis]) for axis in (0, 1)] for one in times]
-        moved = [_moved(seen, step.shift_px + np.array(by), step.load_n * per_n) for by in carried]
-        maps = tuple(_map(seen, frame, shown, u, v) for frame, (u, v) in zip(frames, moved, strict=True) if frame)
+        carried = [[np.interp(time.start_s, when_s, drift[:, axis] - drift[0, axis]) for axis in (0, 1)] for time in times]
+        moved = [_moved(observation, step.shift_px + np.array(by), step.load_n * per_n) for by in carried]
+        maps = tuple(_map(observation, frame, shown, u, v) for frame, (u, v) in zip(frames, moved, strict=True) if frame)
         state = update(state, pair, step.phase, (times[0], times[1]), maps)
     return state
 
 
 def _scaled(timing: ScanTiming, by: float) -> ScanTiming:
     names = ("dwell_time_s", "row_time_s", "frame_time_s")
-    return replace(timing, **{name: replace(one := getattr(timing, name), value=one.value * by) for name in names})
+    return replace(timing, **{name: replace(quantity := getattr(timing, name), value=quantity.value * by) for name in names})
 
 
-def _gradient_per_n(seen: Observation) -> Array:
+def _gradient_per_n(observation: Observation) -> Array:
     """(2, 2) displacement gradient for a load of 1 N, by the frames under load."""
-    scene = seen.geometry
+    scene = observation.geometry
     square = float(np.sum(scene.load_n[scene.loaded] ** 2))
     if not square:
         return np.zeros((2, 2))
@@ -127,20 +133,20 @@ def _gradient_per_n(seen: Observation) -> Array:
     return total / square
 
 
-def _moved(seen: Observation, shift_px: Array, gradient: Array) -> tuple[Array, Array]:
+def _moved(observation: Observation, shift_px: Array, gradient: Array) -> tuple[Array, Array]:
     """(ny, nx) displacements of the points: the picture's, and what the distortion makes of it."""
-    state, part = seen.state, seen.solution.part("distortion")
-    x, y = (one.ravel() for one in seen.grid.mesh())
+    state, part = observation.state, observation.solution.part("distortion")
+    x, y = (coordinates.ravel() for coordinates in observation.grid.mesh())
     own = shift_px[:, None] + gradient @ (np.stack((x, y)) - state.centre_px[:, None])
     bent = [state.distortion.field(part, *place) for place in ((x + own[0], y + own[1]), (x, y))]
-    u, v = (own + (bent[0] - bent[1]).T).reshape(2, *seen.grid.shape)
+    u, v = (own + (bent[0] - bent[1]).T).reshape(2, *observation.grid.shape)
     return u, v
 
 
-def _map(seen: Observation, frame: int, shown: NDArray[np.bool_], u: Array, v: Array) -> DisparityMap:
+def _map(observation: Observation, frame: int, shown: NDArray[np.bool_], u: Array, v: Array) -> DisparityMap:
     status = np.where(shown, PoiStatus.CONVERGED, PoiStatus.LOW_ZNCC).astype(np.uint8)
-    u, v, sigma = (np.ascontiguousarray(np.where(shown, one, 0.0)) for one in (u, v, np.full(shown.shape, POI_SIGMA_PX)))
-    return DisparityMap(0, frame, seen.grid, u, v, sigma, sigma, np.ones(shown.shape), status)
+    u, v, sigma = (np.ascontiguousarray(np.where(shown, value, 0.0)) for value in (u, v, np.full(shown.shape, POI_SIGMA_PX)))
+    return DisparityMap(0, frame, observation.grid, u, v, sigma, sigma, np.ones(shown.shape), status)
 
 
 def _solution(state: EstimatorState, hyper: Hyperparameters) -> Solution:

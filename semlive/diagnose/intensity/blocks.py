@@ -40,7 +40,7 @@ class Blocks:
     def waves(self) -> tuple[Array, Array]:
         """Angular frequencies along y (edge,) and x (edge // 2 + 1,), radians per px."""
         n = self.edge_px
-        down, along = (np.asarray(2.0 * np.pi * one, dtype=np.float64) for one in (np.fft.fftfreq(n), np.fft.rfftfreq(n)))
+        down, along = (np.asarray(2.0 * np.pi * value, dtype=np.float64) for value in (np.fft.fftfreq(n), np.fft.rfftfreq(n)))
         return down, along
 
 
@@ -68,8 +68,8 @@ def blocks_of(grid: Grid) -> Blocks:
         begin, length = first - half, (count - 1) * grid.step_px + 2 * half + 1
         fit = length // edge
         starts.append(begin + (length - fit * edge) // 2 + edge * np.arange(fit))
-    y, x = (one.ravel() for one in np.meshgrid(starts[1], starts[0], indexing="ij"))
-    column, row = (one.ravel() for one in grid.mesh())
+    y, x = (coordinates.ravel() for coordinates in np.meshgrid(starts[1], starts[0], indexing="ij"))
+    column, row = (coordinates.ravel() for coordinates in grid.mesh())
     near = 0.5 * grid.step_px
     inside = (
         (column >= x[:, None] - near) & (column < x[:, None] + edge + near) & (row >= y[:, None] - near) & (row < y[:, None] + edge + near)
@@ -93,31 +93,31 @@ def block_positions(blocks: Blocks, disparity: DisparityMap, shape: tuple[int, i
     """
     middle = np.array([blocks.grid.x_px.mean(), blocks.grid.y_px.mean()])
     scale = float(blocks.edge_px)
-    column, row = (one.ravel() for one in blocks.grid.mesh())
-    told = disparity.valid.ravel().astype(np.float64)
+    column, row = (coordinates.ravel() for coordinates in blocks.grid.mesh())
+    valid = disparity.valid.ravel().astype(np.float64)
     basis = np.stack([np.ones_like(column), (column - middle[0]) / scale, (row - middle[1]) / scale], axis=-1)
-    products = (basis[:, :, None] * basis[:, None, :]).reshape(-1, 9) * told[:, None]
-    values = np.stack([disparity.u_px.ravel(), disparity.v_px.ravel()], axis=-1) * told[:, None]
+    products = (basis[:, :, None] * basis[:, None, :]).reshape(-1, 9) * valid[:, None]
+    values = np.stack([disparity.u_px.ravel(), disparity.v_px.ravel()], axis=-1) * valid[:, None]
     sides = (basis[:, :, None] * values[:, None, :]).reshape(-1, 6)
     sums = blocks.inside @ np.concatenate([products, sides], axis=-1)
     normal, side = sums[:, :9].reshape(-1, 3, 3), sums[:, 9:].reshape(-1, 3, 2)
     count = blocks.inside.sum(axis=-1)
-    known = (normal[:, 0, 0] >= LEAST_POINTS) & (normal[:, 0, 0] >= 0.6 * count)
-    plane = np.linalg.solve(np.where(known[:, None, None], normal, np.eye(3)) + 1e-9 * np.eye(3), side)
+    used = (normal[:, 0, 0] >= LEAST_POINTS) & (normal[:, 0, 0] >= 0.6 * count)
+    plane = np.linalg.solve(np.where(used[:, None, None], normal, np.eye(3)) + 1e-9 * np.eye(3), side)
     centre = (np.stack([blocks.x_px, blocks.y_px], axis=-1) + 0.5 * (blocks.edge_px - 1) - middle) / scale
     shift_px = plane[:, 0] + centre[:, :1] * plane[:, 1] + centre[:, 1:] * plane[:, 2]
     corner = np.stack([blocks.x_px, blocks.y_px], axis=-1) + np.round(shift_px)
     room = np.array([shape[1], shape[0]]) - blocks.edge_px
-    known &= np.all((corner >= 0) & (corner <= room), axis=-1)
-    return BlockPositions(shift_px, np.asarray(np.swapaxes(plane[:, 1:], 1, 2) / scale, dtype=np.float64), known)
+    used &= np.all((corner >= 0) & (corner <= room), axis=-1)
+    return BlockPositions(shift_px, np.asarray(np.swapaxes(plane[:, 1:], 1, 2) / scale, dtype=np.float64), used)
 
 
 def gather_blocks(image: Grey, blocks: Blocks, places: BlockPositions) -> Grey:
     """(b, edge, edge) the nearest whole pixels of each block; zeros where it is not known."""
-    whole = np.where(places.known[:, None], np.round(places.shift_px), 0.0).astype(np.int64)
+    full = np.where(places.known[:, None], np.round(places.shift_px), 0.0).astype(np.int64)
     along = np.arange(blocks.edge_px)
-    rows = np.clip((blocks.y_px + whole[:, 1])[:, None] + along, 0, image.shape[0] - 1)
-    columns = np.clip((blocks.x_px + whole[:, 0])[:, None] + along, 0, image.shape[1] - 1)
+    rows = np.clip((blocks.y_px + full[:, 1])[:, None] + along, 0, image.shape[0] - 1)
+    columns = np.clip((blocks.x_px + full[:, 0])[:, None] + along, 0, image.shape[1] - 1)
     return image[rows[:, :, None], columns[:, None, :]]
 
 
@@ -135,7 +135,7 @@ def aligned_spectra(values: Grey, blocks: Blocks, places: BlockPositions) -> Spe
     Displacements that differ within a block blur what it shows on average, as a Gaussian of their covariance would; that is taken back.
     """
     spectrum = np.fft.rfft2(values * window(blocks, places)).astype(np.complex64)
-    down, along = (one.astype(np.float32) for one in blocks.waves)
+    down, along = (wave.astype(np.float32) for wave in blocks.waves)
     over = (places.shift_px - np.round(places.shift_px)).astype(np.float32)
     turn_y, turn_x = np.exp(1j * over[:, 1, None] * down), np.exp(1j * over[:, 0, None] * along)
     spread = _SPREAD * blocks.edge_px**2 * np.einsum("bij,bkj->bik", places.gradient, places.gradient)

@@ -65,8 +65,8 @@ def _of_pair(first: IntensityFrame, second: IntensityFrame) -> list[Flash]:
     scale = np.sqrt(_spread(change) ** 2 + (0.3 * steep) ** 2)
     found = []
     for sign, frame in ((1.0, second), (-1.0, first)):
-        loud = sign * change > np.maximum(DETECTION_SIGMAS * scale, LEAST_LEVELS)
-        for begin, end in _runs(loud):
+        significant = sign * change > np.maximum(DETECTION_SIGMAS * scale, LEAST_LEVELS)
+        for begin, end in _runs(significant):
             near = sign * change[max(0, begin - NEIGHBOUR_ROWS) : end + NEIGHBOUR_ROWS]
             if end - begin > LONGEST_ROWS or -near.min() > MAX_ASYMMETRY * near.max():
                 continue
@@ -76,7 +76,7 @@ def _of_pair(first: IntensityFrame, second: IntensityFrame) -> list[Flash]:
             length_s = (end - begin) * frame.row_time_s
             at_s = frame.start_s + (place + 0.5) * frame.row_time_s
             found.append(Flash(frame.frame, at_s, length_s, float(np.max(sign * change[begin:end])), sigma))
-    return sorted(found, key=lambda one: one.at_s)
+    return sorted(found, key=lambda candidate: candidate.at_s)
 
 
 def _moved(first: IntensityFrame, second: IntensityFrame) -> tuple[Array, Array]:
@@ -84,17 +84,17 @@ def _moved(first: IntensityFrame, second: IntensityFrame) -> tuple[Array, Array]
     both = first.known & second.known
     starts = np.unique(first.block_row[both])
     rows = [both & (first.block_row == start) for start in starts]
-    at = np.array([first.row_px[one].mean() for one in rows])
-    return at, np.array([second.row_px[one].mean() for one in rows]) - at
+    at = np.array([first.row_px[map_rows].mean() for map_rows in rows])
+    return at, np.array([second.row_px[map_rows].mean() for map_rows in rows]) - at
 
 
 def _spread(values: Array) -> float:
     return 1.4826 * float(np.median(np.abs(values - np.median(values)))) + 1e-6
 
 
-def _runs(loud: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _runs(significant: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """First and next-to-last row of each run, runs that lie close together being one."""
-    at = np.flatnonzero(loud)
+    at = np.flatnonzero(significant)
     if not at.size:
         return []
     parts = np.split(at, np.flatnonzero(np.diff(at) > PAIR_MATCH_ROWS) + 1)

@@ -129,36 +129,36 @@ def intensity_reference(first: Grey, second: Grey, second_map: DisparityMap) -> 
     blocks = blocks_of(second_map.grid)
     if len(blocks.x_px) < LEAST_BLOCKS:
         return None
-    at, rest = block_positions(blocks, second_map, second.shape), reference_positions(blocks)
-    known = at.known.copy()
-    if known.sum() < LEAST_BLOCKS:
+    at, static = block_positions(blocks, second_map, second.shape), reference_positions(blocks)
+    used = at.known.copy()
+    if used.sum() < LEAST_BLOCKS:
         return None
-    smooth = gather_blocks(gaussian_filter(first, SMOOTH_PX), blocks, rest)
-    mean = float(smooth[known].mean())
-    contrast = max(float(smooth[known].std()), 1.0)
-    each = _fields(first, smooth, blocks, rest, mean, contrast)
+    smooth = gather_blocks(gaussian_filter(first, SMOOTH_PX), blocks, static)
+    mean = float(smooth[used].mean())
+    contrast = max(float(smooth[used].std()), 1.0)
+    each = _fields(first, smooth, blocks, static, mean, contrast)
     fields = _conjugate(each, blocks)
     one = aligned_spectra(np.ones_like(smooth), blocks, at)
-    seen = gather_blocks(second, blocks, at)
-    straight = aligned_spectra((seen - mean) / contrast, blocks, at)
+    observed = gather_blocks(second, blocks, at)
+    straight = aligned_spectra((observed - mean) / contrast, blocks, at)
     intercept, slope = pair_noise(blocks, first, second, second_map)
-    squares = ((seen - mean) ** 2 - np.maximum(intercept + slope * seen, 0.0)) / contrast**2 - 1.0
+    squares = ((observed - mean) ** 2 - np.maximum(intercept + slope * observed, 0.0)) / contrast**2 - 1.0
     wave2 = blocks.waves[0][:, None] ** 2 + blocks.waves[1] ** 2
     terms = [one, straight, aligned_spectra(squares, blocks, at), straight * np.expm1(-0.5 * BLUR_PX**2 * wave2)]
     basis = np.stack([products(fields, term) for term in terms], axis=-1)
     blurred = np.stack([products(fields, straight * np.exp(-0.5 * blur * wave2)) for blur in BLURS_PX2])
-    variance = np.maximum(intercept + slope * smooth, 0.1) * (window(blocks, rest) / contrast) ** 2
+    variance = np.maximum(intercept + slope * smooth, 0.1) * (window(blocks, static) / contrast) ** 2
     noise = np.einsum("bixy,bjxy->bij", each * variance[:, None], each).astype(np.float64)
-    darkest = float(np.quantile(smooth[known], 0.01))
-    return IntensityReference(blocks, mean, contrast, darkest, fields, basis, noise, blurred, smooth, known)
+    darkest = float(np.quantile(smooth[used], 0.01))
+    return IntensityReference(blocks, mean, contrast, darkest, fields, basis, noise, blurred, smooth, used)
 
 
-def _fields(first: Grey, smooth: Grey, blocks: Blocks, rest: BlockPositions, mean: float, contrast: float) -> Grey:
+def _fields(first: Grey, smooth: Grey, blocks: Blocks, static: BlockPositions, mean: float, contrast: float) -> Grey:
     """(b, TERMS, edge, edge) ones, grey, its square and its bend, all of frame 0 and zero where it is clipped."""
     bad = gaussian_filter(((first < CLIPPED_LEAST) | (first > CLIPPED_MOST)).astype(np.float32), 2.0 * SMOOTH_PX)
-    weight = (gather_blocks(bad, blocks, rest) < MAX_CLIPPED_FRACTION).astype(np.float32)
+    weight = (gather_blocks(bad, blocks, static) < MAX_CLIPPED_FRACTION).astype(np.float32)
     grey = (smooth - mean) / contrast
-    bend = (gather_blocks(gaussian_filter(first, 2.0 * SMOOTH_PX), blocks, rest) - smooth) / contrast
+    bend = (gather_blocks(gaussian_filter(first, 2.0 * SMOOTH_PX), blocks, static) - smooth) / contrast
     return np.stack([weight, weight * grey, weight * (grey**2 - 1.0), weight * bend], axis=1)
 
 
@@ -216,20 +216,20 @@ def pair_noise(blocks: Blocks, first: Grey, second: Grey, within: DisparityMap) 
         second: likewise.
         within: from the first to the second frame, on the same grid as all maps.
     """
-    at, rest = block_positions(blocks, within, second.shape), reference_positions(blocks)
-    known, edge = at.known, blocks.edge_px
-    both = [aligned_spectra(gather_blocks(image, blocks, place), blocks, place)[known] for image, place in ((first, rest), (second, at))]
-    own, other, seen = (np.fft.irfft2(one, s=(edge, edge)) for one in (*both, both[1] * _of_noise(blocks, at)[known]))
+    at, static = block_positions(blocks, within, second.shape), reference_positions(blocks)
+    used, edge = at.known, blocks.edge_px
+    both = [aligned_spectra(gather_blocks(image, blocks, place), blocks, place)[used] for image, place in ((first, static), (second, at))]
+    own, other, observed = (np.fft.irfft2(model_effect, s=(edge, edge)) for model_effect in (*both, both[1] * _of_noise(blocks, at)[used]))
     smooth = gaussian_filter(first, SMOOTH_PX)
     down, along = np.gradient(smooth)
-    grey, steep = (gather_blocks(one, blocks, rest)[known] for one in (smooth, np.hypot(down, along)))
+    grey, steep = (gather_blocks(value, blocks, static)[used] for value in (smooth, np.hypot(down, along)))
     # On edges a displacement that is off by a hundredth of a pixel is a difference too.
-    weight = window(blocks, rest)[known] * (steep <= np.quantile(steep, FLAT))
+    weight = window(blocks, static)[used] * (steep <= np.quantile(steep, FLAT))
     total = float(np.sum(weight**2))
-    square, seen = 0.5 * (other - own) ** 2 * (weight > 0.0), weight * seen
+    square, observed = 0.5 * (other - own) ** 2 * (weight > 0.0), weight * observed
     lever = grey - float(np.sum(weight**2 * grey)) / total
-    slope = float(np.sum(lever * square)) / max(float(np.sum(lever * seen)), 1e-9)
-    return float(np.sum(square)) / total - slope * float(np.sum(seen)) / total, slope
+    slope = float(np.sum(lever * square)) / max(float(np.sum(lever * observed)), 1e-9)
+    return float(np.sum(square)) / total - slope * float(np.sum(observed)) / total, slope
 
 
 def _of_noise(blocks: Blocks, at: BlockPositions) -> Grey:

@@ -69,7 +69,7 @@ class IntensityFit:
 def smooth_laws(courses: IntensityTimeSeries) -> tuple[IntensityModel, ...]:
     """Of what goes on all the time. Contamination may have a black level, or slow down; focus may have gone through its best before."""
     time_s = courses.time_s[..., None]
-    mean, gain, curve, blur = (time_s * one for one in np.eye(INTENSITY_TERMS))
+    mean, gain, curve, blur = (time_s * value for value in np.eye(INTENSITY_TERMS))
     scale = float(courses.time_s.max())
     loss = -(courses.mean * mean + gain)
     later = courses.time_s[..., None] / scale
@@ -91,17 +91,17 @@ def steps(courses: IntensityTimeSeries) -> tuple[IntensityModel, ...]:
         early, late = courses.span_s[frame - 1, -1, 1], courses.span_s[frame, 0, 0]
         found.append(step_at(courses, 0.5 * float(early + late), 0.5 * float(late - early)))
         found += [step_at(courses, float(span.mean()), 0.5 * float(np.ptp(span))) for span in courses.span_s[frame]]
-    return tuple(replace(one, trial_count=len(found)) for one in found)
+    return tuple(replace(effect, trial_count=len(found)) for effect in found)
 
 
 def step_at(courses: IntensityTimeSeries, at_s: float, sigma_s: float = 0.0) -> IntensityModel:
     """Another grey curve from an instant on; a band in which it lies has amplitudes of its own."""
     after = courses.span_s[..., 0] >= at_s
     within = ~after & (courses.span_s[..., 1] > at_s)
-    columns = [after[..., None] * one for one in np.eye(INTENSITY_TERMS)[:3]]
-    beside = [within[..., None] * one for one in np.eye(INTENSITY_TERMS)[:3]] if within.any() else []
+    columns = [after[..., None] * value for value in np.eye(INTENSITY_TERMS)[:3]]
+    within_columns = [within[..., None] * value for value in np.eye(INTENSITY_TERMS)[:3]] if within.any() else []
     return IntensityModel(
-        GAMMA_CHANGE, "step", np.stack([*columns, *beside]).astype(np.float64), at_s, sigma_s, nuisance_columns=len(beside)
+        GAMMA_CHANGE, "step", np.stack([*columns, *within_columns]).astype(np.float64), at_s, sigma_s, nuisance_columns=len(within_columns)
     )
 
 
@@ -111,9 +111,9 @@ def flash_at(courses: IntensityTimeSeries, at_s: float, length_s: float) -> Inte
     if not within.any():
         return None
     columns = [
-        (np.arange(within.size).reshape(within.shape) == band)[..., None] * one
+        (np.arange(within.size).reshape(within.shape) == band)[..., None] * value
         for band in np.flatnonzero(within)
-        for one in np.eye(INTENSITY_TERMS)
+        for value in np.eye(INTENSITY_TERMS)
     ]
     return IntensityModel(CHARGING_JUMP, "flash", np.array(columns, dtype=np.float64).reshape(-1, *courses.value.shape), at_s)
 
@@ -126,19 +126,19 @@ class IntensityRegression:
     def __init__(self, courses: IntensityTimeSeries, there: tuple[IntensityModel, ...] = ()) -> None:
         """Laws that are there are free, all together."""
         self.courses = courses
-        columns = [column.ravel() for law in there for column in courses.white(law.columns)]
+        columns = [column.ravel() for intensity_model in there for column in courses.white(intensity_model.columns)]
         self._base = _orthonormal(np.stack(columns, axis=-1)) if columns else np.zeros((courses.value.size, 0))
         self._data = self._apart(courses.white(courses.value).ravel())
         self._freedom = courses.freedom
 
-    def fit(self, law: IntensityModel) -> IntensityFit:
+    def fit(self, intensity_model: IntensityModel) -> IntensityFit:
         """A law beside the baseline."""
-        columns = np.stack([self._apart(one.ravel()) for one in self.courses.white(law.columns)], axis=-1)
-        own = len(law.columns) - law.nuisance_columns
+        columns = np.stack([self._apart(value.ravel()) for value in self.courses.white(intensity_model.columns)], axis=-1)
+        own = len(intensity_model.columns) - intensity_model.nuisance_columns
         data = self._data
-        if law.nuisance_columns:
-            others = _orthonormal(columns[:, own:])
-            columns, data = (one - others @ (others.T @ one) for one in (columns, data))
+        if intensity_model.nuisance_columns:
+            other_basis = _orthonormal(columns[:, own:])
+            columns, data = (value - other_basis @ (other_basis.T @ value) for value in (columns, data))
         columns = columns[:, :own]
         size = np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-12)
         normal = (columns / size).T @ (columns / size) + 1e-9 * np.eye(own)
@@ -147,15 +147,22 @@ class IntensityRegression:
         lost = max(float(amplitudes @ normal @ amplitudes), 0.0)
         square = float(data @ data)
         odds = self._log_likelihood(square - lost) - self._log_likelihood(square) - 0.5 * own * np.log(self.courses.frames)
-        p_value = min(1.0, law.trial_count * float(fisher.sf(lost / own, own, self._freedom)))
-        return IntensityFit(law, amplitudes / size, inverse / np.outer(size, size), lost, float(odds - np.log(law.trial_count)), p_value)
+        p_value = min(1.0, intensity_model.trial_count * float(fisher.sf(lost / own, own, self._freedom)))
+        return IntensityFit(
+            intensity_model,
+            amplitudes / size,
+            inverse / np.outer(size, size),
+            lost,
+            float(odds - np.log(intensity_model.trial_count)),
+            p_value,
+        )
 
     def add_model(self) -> IntensityFit:
         """The likeliest step, and the interval in which steps do as well within two standard deviations."""
-        tried = [self.fit(law) for law in steps(self.courses)]
-        best = max(tried, key=lambda one: one.odds)
-        like = [one.law for one in tried if one.odds > best.odds - 2.0]
-        first, last = min(one.at_s - one.sigma_s for one in like), max(one.at_s + one.sigma_s for one in like)
+        tried = [self.fit(intensity_model) for intensity_model in steps(self.courses)]
+        best = max(tried, key=lambda candidate: candidate.odds)
+        like = [fit.law for fit in tried if fit.odds > best.odds - 2.0]
+        first, last = min(model.at_s - model.sigma_s for model in like), max(model.at_s + model.sigma_s for model in like)
         return replace(best, law=replace(best.law, at_s=0.5 * (first + last), sigma_s=0.5 * (last - first)))
 
     def residual(self) -> Array:
@@ -164,13 +171,13 @@ class IntensityRegression:
 
     def all_fits(self) -> tuple[IntensityFit, ...]:
         """Every law, those that are not believable left out."""
-        fits = (*(self.fit(law) for law in smooth_laws(self.courses)), self.add_model())
-        return tuple(one for one in fits if is_physical(self.courses, one))
+        fits = (*(self.fit(intensity_model) for intensity_model in smooth_laws(self.courses)), self.add_model())
+        return tuple(fit for fit in fits if is_physical(self.courses, fit))
 
     def _log_likelihood(self, square: float) -> float:
         """Of so many squares of noise that are left, by Student's distribution, as the noise is known from pairs alone."""
-        known, count = self._freedom * self.courses.value.shape[1], self._data.size
-        return -0.5 * (known + count) * float(np.log(known + max(square, 0.0)))
+        degrees_of_freedom, count = self._freedom * self.courses.value.shape[1], self._data.size
+        return -0.5 * (degrees_of_freedom + count) * float(np.log(degrees_of_freedom + max(square, 0.0)))
 
     def _apart(self, values: Array) -> Array:
         return values - self._base @ (self._base.T @ values)

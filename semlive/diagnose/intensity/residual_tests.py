@@ -32,17 +32,17 @@ class ResidualTest:
     levels: float
 
 
-def residual_tests(courses: IntensityTimeSeries, laws: Sequence[IntensityModel] = ()) -> tuple[ResidualTest, ...]:
+def residual_tests(courses: IntensityTimeSeries, intensity_models: Sequence[IntensityModel] = ()) -> tuple[ResidualTest, ...]:
     """The three tests, beside laws that the baseline has."""
-    white = IntensityRegression(courses, tuple(laws)).residual()
-    freedom = sum(len(law.columns) for law in laws)
-    return (_tone(courses, white, slice(0, 1), freedom), _tone(courses, white, slice(1, None), freedom), _blocks(courses, laws))
+    white = IntensityRegression(courses, tuple(intensity_models)).residual()
+    freedom = sum(len(intensity_model.columns) for intensity_model in intensity_models)
+    return (_tone(courses, white, slice(0, 1), freedom), _tone(courses, white, slice(1, None), freedom), _blocks(courses, intensity_models))
 
 
 def _tone(courses: IntensityTimeSeries, white: Array, part: slice, freedom: int) -> ResidualTest:
     """Of frames' means or of how bands differ."""
     bands = courses.value.shape[1]
-    whole = part.start == 0
+    full = part.start == 0
     square, dof = 0.0, -freedom
     means = []
     for pair in np.unique(courses.pair):
@@ -52,25 +52,25 @@ def _tone(courses: IntensityTimeSeries, white: Array, part: slice, freedom: int)
         dof += means[-1].size
     dof -= means[0].size
     if dof < 1:
-        return ResidualTest("frames" if whole else "bands", 1.0, 0.0)
-    p_value = float(fisher.sf(square / dof, dof, courses.freedom * (1 if whole else 0.5 * bands)))
-    back = np.stack(means) * np.sqrt(courses.inflation if whole else np.ones(4))
-    told = back @ np.linalg.inv(courses.whitener).T / np.sqrt(bands)
+        return ResidualTest("frames" if full else "bands", 1.0, 0.0)
+    p_value = float(fisher.sf(square / dof, dof, courses.freedom * (1 if full else 0.5 * bands)))
+    back = np.stack(means) * np.sqrt(courses.inflation if full else np.ones(4))
+    averaged = back @ np.linalg.inv(courses.whitener).T / np.sqrt(bands)
     noise = np.diag(courses.covariance) / bands * 0.5
     weight = np.array([1.0, courses.contrast, 1.0, BLUR_WEIGHT * courses.contrast])
-    excess = (np.mean(np.sum(told**2, axis=1), axis=0) - noise * (1 if whole else bands - 1)) * weight**2
-    return ResidualTest("frames" if whole else "bands", p_value, float(np.sqrt(max(float(excess.sum()), 0.0))))
+    excess = (np.mean(np.sum(averaged**2, axis=1), axis=0) - noise * (1 if full else bands - 1)) * weight**2
+    return ResidualTest("frames" if full else "bands", p_value, float(np.sqrt(max(float(excess.sum()), 0.0))))
 
 
-def _blocks(courses: IntensityTimeSeries, laws: Sequence[IntensityModel]) -> ResidualTest:
+def _blocks(courses: IntensityTimeSeries, intensity_models: Sequence[IntensityModel]) -> ResidualTest:
     """Of blocks beyond their frame's tone; a frame in which the curve changed has two tones and is left out."""
-    steps = [law.at_s for law in laws if law.at_s]
-    whole = np.array([not any(span[0, 0] <= at <= span[-1, 1] for at in steps) for span in courses.span_s])
-    local, pair = courses.local[whole], courses.pair[whole]
-    both = [one for one in np.unique(pair) if np.sum(pair == one) == 2]
+    steps = [intensity_model.at_s for intensity_model in intensity_models if intensity_model.at_s]
+    full = np.array([not any(span[0, 0] <= at <= span[-1, 1] for at in steps) for span in courses.span_s])
+    local, pair = courses.local[full], courses.pair[full]
+    both = [value for value in np.unique(pair) if np.sum(pair == value) == 2]
     if len(both) < 3:
         return ResidualTest("blocks", 1.0, 0.0)
-    first = np.array([np.flatnonzero(pair == one)[0] for one in both])
+    first = np.array([np.flatnonzero(pair == value)[0] for value in both])
     change = local[first + 1] - local[first]
     energy = np.mean(change**2, axis=1)
     change = change[energy <= OUTLIER_FACTOR * np.median(energy)]

@@ -30,8 +30,8 @@ def curve_parameters(change: Array, covariance: Array, grey: Array) -> tuple[Par
 
     def changed(parameters: Array) -> Array:
         gain, gamma, offset = parameters
-        told = project @ (255.0 * gain * (grey / 255.0) ** gamma + offset - grey)
-        return np.array([told[0], told[1] / contrast, told[2]])
+        misfit = project @ (255.0 * gain * (grey / 255.0) ** gamma + offset - grey)
+        return np.array([misfit[0], misfit[1] / contrast, misfit[2]])
 
     weigh = np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.eye(3)))
 
@@ -40,5 +40,7 @@ def curve_parameters(change: Array, covariance: Array, grey: Array) -> tuple[Par
 
     found = least_squares(misfit, BEFORE, x_scale=np.array([0.1, 0.1, 10.0]))
     sigma = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
-    told = (("gain", "1"), ("gamma", "1"), ("offset_levels", "levels"))
-    return tuple(ParameterEstimate(name, float(one), float(s), unit) for (name, unit), one, s in zip(told, found.x, sigma, strict=True))
+    labels = (("gain", "1"), ("gamma", "1"), ("offset_levels", "levels"))
+    return tuple(
+        ParameterEstimate(name, float(value), float(s), unit) for (name, unit), value, s in zip(labels, found.x, sigma, strict=True)
+    )

@@ -77,52 +77,52 @@ def intensity_time_series(series: IntensityFrames) -> IntensityTimeSeries:
         IllPosed: too few pairs or blocks.
     """
     reference = series.reference
-    most = max((int(one.known.sum()) for one in series.frames), default=0)
-    frames = [one for one in series.frames if one.known.sum() >= 0.5 * most]
-    known = reference.known & np.all([one.known for one in frames], axis=0) if frames else reference.known
-    pair = np.array([one.frame // 2 for one in frames])
-    if known.sum() < LEAST_BLOCKS:
+    most = max((int(frame.known.sum()) for frame in series.frames), default=0)
+    frames = [frame for frame in series.frames if frame.known.sum() >= 0.5 * most]
+    used = reference.known & np.all([frame.known for frame in frames], axis=0) if frames else reference.known
+    pair = np.array([frame.frame // 2 for frame in frames])
+    if used.sum() < LEAST_BLOCKS:
         raise IllPosed(f"grey: fewer than {LEAST_BLOCKS} blocks are in all frames")
-    if sum(int(np.sum(pair == one) == 2) for one in set(pair.tolist())) < LEAST_PAIRS - 1:
+    if sum(int(np.sum(pair == value) == 2) for value in set(pair.tolist())) < LEAST_PAIRS - 1:
         raise IllPosed(f"grey: fewer than {LEAST_PAIRS} pairs have images and maps from frame 0")
-    bands = _bands(reference.blocks.y_px, known)
-    value = np.stack([[_terms(series, one, which) for which in bands] for one in frames])
-    middle = np.array([[one.row_px[which].mean() for which in bands] for one in frames])
+    bands = _bands(reference.blocks.y_px, used)
+    value = np.stack([[_terms(series, frame, which) for which in bands] for frame in frames])
+    middle = np.array([[frame.row_px[which].mean() for which in bands] for frame in frames])
     half = 0.5 * reference.blocks.edge_px
-    ends = np.array([[(one.row_px[which].min() - half, one.row_px[which].max() + half) for which in bands] for one in frames])
-    start_s, row_time_s = (np.array([getattr(one, name) for one in frames]) for name in ("start_s", "row_time_s"))
+    ends = np.array([[(frame.row_px[which].min() - half, frame.row_px[which].max() + half) for which in bands] for frame in frames])
+    start_s, row_time_s = (np.array([getattr(frame, name) for frame in frames]) for name in ("start_s", "row_time_s"))
     covariance, inflation, count = _noise(value, pair, _of_pixels(series, bands))
     return IntensityTimeSeries(
         value, start_s[:, None] + middle * row_time_s[:, None], start_s[:, None, None] + ends * row_time_s[:, None, None], pair,
-        covariance, inflation, INTENSITY_TERMS * count, _local(series, frames, known),
+        covariance, inflation, INTENSITY_TERMS * count, _local(series, frames, used),
         reference.mean, reference.contrast, reference.darkest,
     )  # fmt: skip
 
 
-def _bands(y_px: NDArray[np.int64], known: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+def _bands(y_px: NDArray[np.int64], used: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     """Rows of blocks, as many in each band, so that all are known as well; rows that are left over lie in the last one."""
-    rows = np.unique(y_px[known])
+    rows = np.unique(y_px[used])
     together = -(-len(rows) // BANDS)
     count = len(rows) // together
     band = np.minimum(np.searchsorted(rows, y_px) // together, count - 1)
-    return [np.flatnonzero(known & (band == at)) for at in range(count)]
+    return [np.flatnonzero(used & (band == at)) for at in range(count)]
 
 
 def _terms(series: IntensityFrames, frame: IntensityFrame, which: NDArray[np.int64]) -> Array:
     """(TERMS,) of a band, blur in squares of px and what it does to the other terms taken off."""
     reference = series.reference
     basis = reference.basis[which].sum(axis=0)
-    told = np.linalg.solve(basis, frame.products[which].sum(axis=0))
+    solved = np.linalg.solve(basis, frame.products[which].sum(axis=0))
     curve = np.linalg.solve(basis, reference.blurred[:, which].sum(axis=1).T).T
-    gain = max(told[1], 0.1)
+    gain = max(solved[1], 0.1)
     # Beyond what was blurred, and for what is sharper than frame 1, as the first or the last piece goes.
-    at = int(np.clip(np.searchsorted(curve[:, 3], told[3] / gain) - 1, 0, len(BLURS_PX2) - 2))
+    at = int(np.clip(np.searchsorted(curve[:, 3], solved[3] / gain) - 1, 0, len(BLURS_PX2) - 2))
     slope = max((curve[at + 1, 3] - curve[at, 3]) / (BLURS_PX2[at + 1] - BLURS_PX2[at]), 1e-3)
-    blur_px2 = BLURS_PX2[at] + (told[3] / gain - curve[at, 3]) / slope
+    blur_px2 = BLURS_PX2[at] + (solved[3] / gain - curve[at, 3]) / slope
     share = (blur_px2 - BLURS_PX2[at]) / (BLURS_PX2[at + 1] - BLURS_PX2[at])
     leak = gain * (curve[at] + share * (curve[at + 1] - curve[at]) - curve[0])
-    rest = told - leak
-    return np.array([reference.contrast * rest[0], rest[1] - 1.0, reference.contrast * rest[2], blur_px2])
+    change = solved - leak
+    return np.array([reference.contrast * change[0], change[1] - 1.0, reference.contrast * change[2], blur_px2])
 
 
 def _of_pixels(series: IntensityFrames, bands: list[NDArray[np.int64]]) -> Array:
@@ -151,15 +151,15 @@ def _noise(value: Array, pair: NDArray[np.int64], of_pixels: Array) -> tuple[Arr
     return covariance, inflation, len(change)
 
 
-def _local(series: IntensityFrames, frames: list[IntensityFrame], known: NDArray[np.bool_]) -> Array:
+def _local(series: IntensityFrames, frames: list[IntensityFrame], used: NDArray[np.bool_]) -> Array:
     """(f, b) change of each block's mean beyond what its frame's tone makes of its own grey, grey levels."""
     reference = series.reference
-    basis = reference.basis[known]
+    basis = reference.basis[used]
     size = np.maximum(basis[:, 0, 0], 1e-9)
     found = []
-    for one in frames:
-        told = np.linalg.solve(basis.sum(axis=0), one.products[known].sum(axis=0))
-        found.append(reference.contrast * (one.products[known] - basis @ told)[:, 0] / size)
+    for frame in frames:
+        solved = np.linalg.solve(basis.sum(axis=0), frame.products[used].sum(axis=0))
+        found.append(reference.contrast * (frame.products[used] - basis @ solved)[:, 0] / size)
     return np.stack(found)
 
 

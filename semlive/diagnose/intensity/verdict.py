@@ -43,74 +43,85 @@ class _Named:
     rivals: tuple[str, ...]
 
 
-def diagnose_intensity(series: IntensityFrames, known: Sequence[ModelEffect] = ()) -> IntensityDiagnosis:
+def diagnose_intensity(series: IntensityFrames, model_effects: Sequence[ModelEffect] = ()) -> IntensityDiagnosis:
     """What grey levels show.
 
     Args:
         series: of each frame.
-        known: effects of grey levels that the model has already.
+        model_effects: effects of grey levels that the model has already.
 
     Raises:
         IllPosed: there are too few pairs or blocks.
     """
     courses = intensity_time_series(series)
-    seen = flashes(series.frames)
-    there = (*_already(courses, known), *(law for one in seen if (law := flash_at(courses, one.at_s, one.length_s)) is not None))
+    observed = flashes(series.frames)
+    there = (
+        *_already(courses, model_effects),
+        *(intensity_model for entry in observed if (intensity_model := flash_at(courses, entry.at_s, entry.length_s)) is not None),
+    )
     before = residual_tests(courses, there)
-    laws, named = list(there), list[_Named]()
+    intensity_models, effects = list(there), list[_Named]()
     evidence: dict[str, float] = {}
     while True:
-        fits = IntensityRegression(courses, tuple(laws)).all_fits()
-        heard = _likeliest(fits)
-        evidence = evidence or {name: one.odds for name, one in heard.items()}
-        best = max(heard.values(), key=lambda one: one.odds)
-        nameable = [one for one in heard.values() if one.law.family is not None and one.law.name not in {law.name for law in laws}]
-        loudest = max(nameable, key=lambda one: one.odds, default=None)
+        fits = IntensityRegression(courses, tuple(intensity_models)).all_fits()
+        fits_by_name = _likeliest(fits)
+        evidence = evidence or {name: candidate.odds for name, candidate in fits_by_name.items()}
+        best = max(fits_by_name.values(), key=lambda candidate: candidate.odds)
+        nameable = [
+            candidate
+            for candidate in fits_by_name.values()
+            if candidate.law.family is not None and candidate.law.name not in {intensity_model.name for intensity_model in intensity_models}
+        ]
+        loudest = max(nameable, key=lambda candidate: candidate.odds, default=None)
         if (
             loudest is None
-            or len(named) == MOST
+            or len(effects) == MOST
             or loudest.odds < max(SIGNIFICANT_LOG_FACTOR, best.odds - MIN_LOG_ODDS)
             or TESTS * loudest.p_value > SIGNIFICANCE_LEVEL
         ):
             break
-        rivals = tuple(one.law.name for one in nameable if one is not loudest and one.odds > loudest.odds - MIN_LOG_ODDS)
-        named.append(_Named(loudest, rivals))
-        laws.append(loudest.law)
-    new = () if CHARGING_JUMP.name in {one.name for one in known} else seen
-    return _verdict(series, courses, laws, named, before, evidence, new)
+        rivals = tuple(fit.law.name for fit in nameable if fit is not loudest and fit.odds > loudest.odds - MIN_LOG_ODDS)
+        effects.append(_Named(loudest, rivals))
+        intensity_models.append(loudest.law)
+    new = () if CHARGING_JUMP.name in {model_effect.name for model_effect in model_effects} else observed
+    return _verdict(series, courses, intensity_models, effects, before, evidence, new)
 
 
-def _already(courses: IntensityTimeSeries, known: Sequence[ModelEffect]) -> tuple[IntensityModel, ...]:
+def _already(courses: IntensityTimeSeries, model_effects: Sequence[ModelEffect]) -> tuple[IntensityModel, ...]:
     """Laws of what the model has: amplitudes are fitted anew."""
     found: list[IntensityModel] = []
-    for one in known:
-        if one.name == GAMMA_CHANGE.name:
-            at_s = dict(one.values).get("at_s")
+    for model_effect in model_effects:
+        if model_effect.name == GAMMA_CHANGE.name:
+            at_s = dict(model_effect.values).get("at_s")
             found.append(IntensityRegression(courses).add_model().law if at_s is None else step_at(courses, at_s))
-        found += [law for law in smooth_laws(courses) if law.name == one.name]
+        found += [intensity_model for intensity_model in smooth_laws(courses) if intensity_model.name == model_effect.name]
     return tuple(found)
 
 
 def _likeliest(fits: Sequence[IntensityFit]) -> dict[str, IntensityFit]:
     """Of each name the simplest law that is not much less likely than its others, which come later."""
     found: dict[str, IntensityFit] = {}
-    for one in fits:
-        had = found.get(one.law.name)
-        if had is None or one.odds > had.odds + MIN_LOG_ODDS:
-            found[one.law.name] = one
+    for fit in fits:
+        had = found.get(fit.law.name)
+        if had is None or fit.odds > had.odds + MIN_LOG_ODDS:
+            found[fit.law.name] = fit
     return found
 
 
 def _verdict(
-    series: IntensityFrames, courses: IntensityTimeSeries, laws: Sequence[IntensityModel], named: Sequence[_Named],
+    series: IntensityFrames, courses: IntensityTimeSeries, intensity_models: Sequence[IntensityModel], selected: Sequence[_Named],
     before: Sequence[ResidualTest],
-    evidence: dict[str, float], seen: Sequence[Flash],
+    evidence: dict[str, float], observed: Sequence[Flash],
 ) -> IntensityDiagnosis:  # fmt: skip
-    effects = [_effect(courses, series, laws, one.fit) for one in named]
-    if seen:
-        effects.append(_flashing(seen, sum(len(one.row_levels) for one in series.frames)))
-    remains = [one for one in residual_tests(courses, laws) if 3.0 * one.p_value <= SIGNIFICANCE_LEVEL and one.levels >= LEAST_LEVELS]
-    unsure = next((one for one in named if one.rivals), None)
+    effects = [_effect(courses, series, intensity_models, effect.fit) for effect in selected]
+    if observed:
+        effects.append(_flashing(observed, sum(len(frame.row_levels) for frame in series.frames)))
+    remains = [
+        residual_test
+        for residual_test in residual_tests(courses, intensity_models)
+        if 3.0 * residual_test.p_value <= SIGNIFICANCE_LEVEL and residual_test.levels >= LEAST_LEVELS
+    ]
+    unsure = next((effect for effect in selected if effect.rivals), None)
     if remains:
         outcome = Outcome.UNKNOWN
     elif not effects:
@@ -118,20 +129,22 @@ def _verdict(
     else:
         outcome = Outcome.AMBIGUOUS if unsure else Outcome.IDENTIFIED
     among = (unsure.fit.law.name, *unsure.rivals) if unsure is not None and outcome is Outcome.AMBIGUOUS else ()
-    left = "; ".join(f"{one.what} differ by {one.levels:.2g} grey levels" for one in remains)
-    p_value = min(1.0, 3.0 * min(one.p_value for one in before))
+    residual = "; ".join(f"{remain.what} differ by {remain.levels:.2g} grey levels" for remain in remains)
+    p_value = min(1.0, 3.0 * min(test.p_value for test in before))
     reference = series.reference
     return IntensityDiagnosis(
         outcome, tuple(effects), among, (DomainTest("intensity", p_value, 0.0),), tuple(evidence.items()), courses.frames,
-        courses.local.shape[1], _noise(series.noise), reference.mean, reference.contrast, max(one.clipped for one in series.frames),
-        tuple(float(one) for one in courses.time_s.mean(axis=1)), _courses(courses, laws), left,
+        courses.local.shape[1], _noise(series.noise), reference.mean, reference.contrast, max(frame.clipped for frame in series.frames),
+        tuple(float(value) for value in courses.time_s.mean(axis=1)), _courses(courses, intensity_models), residual,
     )  # fmt: skip
 
 
-def _effect(courses: IntensityTimeSeries, series: IntensityFrames, laws: Sequence[IntensityModel], fit: IntensityFit) -> IdentifiedEffect:
+def _effect(
+    courses: IntensityTimeSeries, series: IntensityFrames, intensity_models: Sequence[IntensityModel], fit: IntensityFit
+) -> IdentifiedEffect:
     """Its parameters beside all other laws that were found."""
-    others = tuple(law for law in laws if law is not fit.law)
-    last = IntensityRegression(courses, others).fit(fit.law)
+    other_models = tuple(intensity_model for intensity_model in intensity_models if intensity_model is not fit.law)
+    last = IntensityRegression(courses, other_models).fit(fit.law)
     size, sigma = last.amplitudes, np.sqrt(np.diag(last.covariance))
     values: tuple[tuple[str, float], ...] = ()
     if fit.law.family is CONTAMINATION:
@@ -150,8 +163,8 @@ def _effect(courses: IntensityTimeSeries, series: IntensityFrames, laws: Sequenc
             ParameterEstimate("at_s", fit.law.at_s, fit.law.sigma_s, "s"),
         ]
         values = (("at_s", fit.law.at_s),)
-    law = ModelEffect(fit.law.name, values, 0.0)
-    return IdentifiedEffect(fit.law.name, tuple(parameters), 0.0, fit.odds, min(1.0, TESTS * fit.p_value), False, law)
+    model_effect = ModelEffect(fit.law.name, values, 0.0)
+    return IdentifiedEffect(fit.law.name, tuple(parameters), 0.0, fit.odds, min(1.0, TESTS * fit.p_value), False, model_effect)
 
 
 def _loss(courses: IntensityTimeSeries, fit: IntensityFit) -> list[ParameterEstimate]:
@@ -168,16 +181,16 @@ def _loss(courses: IntensityTimeSeries, fit: IntensityFit) -> list[ParameterEsti
     return [*found, ParameterEstimate("black_level", level, unsure, "levels")] if fit.law.kind == "black level" else found
 
 
-def _flashing(seen: Sequence[Flash], rows: int) -> IdentifiedEffect:
+def _flashing(observed: Sequence[Flash], rows: int) -> IdentifiedEffect:
     """Of so many rows that were looked at."""
-    levels = np.array([one.levels for one in seen])
-    weight = np.array([one.sigma_levels for one in seen]) ** -2.0
+    levels = np.array([entry.levels for entry in observed])
+    weight = np.array([entry.sigma_levels for entry in observed]) ** -2.0
     height = float(np.sum(weight * levels) / np.sum(weight))
     parameters = [ParameterEstimate("flash_levels", height, float(np.sum(weight) ** -0.5), "levels")]
-    for number, one in enumerate(seen, start=1):
+    for number, entry in enumerate(observed, start=1):
         more = "" if number == 1 else f"_{number}"
-        parameters.append(ParameterEstimate(f"flash{more}_at_s", one.at_s, 0.5 * one.length_s, "s"))
-    parameters.append(ParameterEstimate("flash_s", float(np.median([one.length_s for one in seen])), 0.0, "s"))
+        parameters.append(ParameterEstimate(f"flash{more}_at_s", entry.at_s, 0.5 * entry.length_s, "s"))
+    parameters.append(ParameterEstimate("flash_s", float(np.median([entry.length_s for entry in observed])), 0.0, "s"))
     squares = levels**2 * weight
     odds = float(np.sum(0.5 * squares - np.log(rows)))
     p_value = min(1.0, rows * float(norm.sf(np.sqrt(squares.max()))))
@@ -195,12 +208,12 @@ def _noise(pairs: Array) -> tuple[ParameterEstimate, ParameterEstimate]:
     )
 
 
-def _courses(courses: IntensityTimeSeries, laws: Sequence[IntensityModel]) -> tuple[IntensityHistory, ...]:
+def _courses(courses: IntensityTimeSeries, intensity_models: Sequence[IntensityModel]) -> tuple[IntensityHistory, ...]:
     """Of frames; the laws' part is that of the fit of all together, with frame 1 as far off as its noise made it."""
     value = courses.value.mean(axis=1)
     fitted = np.zeros_like(value)
-    if laws:
-        columns = np.concatenate([law.columns for law in laws])
+    if intensity_models:
+        columns = np.concatenate([intensity_model.columns for intensity_model in intensity_models])
         white = courses.white(columns).reshape(len(columns), -1)
         amplitudes = np.linalg.lstsq(white.T, courses.white(courses.value).ravel(), rcond=None)[0]
         fitted = np.einsum("k,kfrp->fp", amplitudes, columns) / columns.shape[2]

@@ -1,1 +1,1 @@
-"""Effects that disparity maps show: search, selection, tests, verdict."""
+"""Effects observable in disparity maps: search, selection, tests, verdict."""

@@ -1,4 +1,4 @@
-"""The gap: how much of the misfit effects explain on pairs that they were not fitted on."""
+"""Cross-validation: the part of the misfit explained by effects in pairs excluded from the fit."""
 
 from __future__ import annotations
 
@@ -23,149 +23,158 @@ FREE_PRIOR_PX, LEAST_PX = 1e3, 1e-6
 MIN_PREDICTED_CHI2 = 9.0  # of what effects predict in held-out frames, in squares of the noise
 
 
-def held_out_misfit(without: HyperparameterGrid, having: HyperparameterGrid, seed: int) -> HeldOutMisfit:
-    """The gap without and with the effects that the second ladder has.
+def held_out_misfit(without: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, seed: int) -> HeldOutMisfit:
+    """Misfit of held-out pairs without and with the additional effects of the second grid.
 
-    Amplitudes and baseline come from the other pairs; in held-out frames only the specimen's own motion and what drift does
-    within the frame are fitted, on half of the field, and the other half is scored, both ways. Amplitudes that held-out frames have to
-    themselves are fitted there too. Both baselines are as smooth as the second is: a rougher drift would follow a part of the effect. A gap
-    counts in smooth shapes and in those of the effects: all else is noise, which at four times the least effect that can be detected is a
-    hundred times larger than the gap. The floor is what draws of noise, drift and distortion leave, and scatters as they do.
+    Amplitudes and baseline are fitted to the other pairs. In held-out frames only the motion of the specimen and the drift
+    within the frame are
+    fitted, on half of the field; the other half is scored, and vice versa. Amplitudes that occur only in held-out frames are fitted
+    there too. Both baselines have the smoothness of the second, because a rougher drift would absorb a part of the effect. The misfit is
+    measured in smooth shapes and in the shapes of the effects. The remainder is noise, which at four times the smallest
+    detectable effect is
+    a hundred times larger than the misfit. The noise floor and its scatter follow from draws of noise, drift and distortion.
     """
-    without = point_like(without.design, having)
-    before, after = _elsewhere(without, having, seed)
+    without = point_like(without.design, baseline_with_effects)
+    before, after = _elsewhere(without, baseline_with_effects, seed)
     if _predicted(before, after) < MIN_PREDICTED_CHI2:
-        before, after = _in_the_fit(without, having, seed)
-    was, now = (np.array([float(np.mean(one[:, 0] ** 2)) for one in scored]) for scored in (before, after))
-    weight = np.array([float(len(one)) for one in before])
-    floors = np.average([np.mean(one[:, 1:] ** 2, axis=0) for one in after], axis=0, weights=weight)
-    noise, left = float(floors.mean()), float(np.average(was, weights=weight))
+        before, after = _in_the_fit(without, baseline_with_effects, seed)
+    was, now = (np.array([float(np.mean(value[:, 0] ** 2)) for value in scored]) for scored in (before, after))
+    weight = np.array([float(len(value)) for value in before])
+    floors = np.average([np.mean(value[:, 1:] ** 2, axis=0) for value in after], axis=0, weights=weight)
+    noise, residual = float(floors.mean()), float(np.average(was, weights=weight))
     rng = np.random.default_rng((seed, 43))
     closures = []
     for _ in range(RESAMPLED):
-        drawn = rng.integers(0, len(was), len(was))
-        gained = float(np.average(was[drawn] - now[drawn], weights=weight[drawn]))
-        closures.append(_closure(gained, left - float(rng.choice(floors)), noise))
-    low, high = (float(one) for one in np.quantile(closures, (0.025, 0.975)))
+        samples = rng.integers(0, len(was), len(was))
+        gained = float(np.average(was[samples] - now[samples], weights=weight[samples]))
+        closures.append(_closure(gained, residual - float(rng.choice(floors)), noise))
+    low, high = (float(value) for value in np.quantile(closures, (0.025, 0.975)))
     sigma_px = without.design.whiten.sigma_px
-    sizes = [sigma_px * float(np.sqrt(one)) for one in (left, np.average(now, weights=weight), noise)]
+    sizes = [sigma_px * float(np.sqrt(value)) for value in (residual, np.average(now, weights=weight), noise)]
     gain = float(np.sum(weight * (was - now)))
     # With a prediction g and noise n the gain is g^2 + 2 g n, so it scatters by 2 |g|; of g that is not in the data it is 2 g n - g^2.
     clear = gain / (2.0 * float(np.sqrt(max(_predicted(before, after), 1e-12))))
-    closure = _closure(gain / float(weight.sum()), left - noise, noise)
+    closure = _closure(gain / float(weight.sum()), residual - noise, noise)
     return HeldOutMisfit(sizes[0], sizes[1], sizes[2], closure, (low, high), clear, 0.5 * gain)
 
 
-def explained_fraction_known(without: HyperparameterGrid, having: HyperparameterGrid, unhidden_px: Array, seed: int) -> float:
-    """The closure for somebody who has the same data, noise and all, without what is hidden, (f, b, 2) px: for benchmarks.
+def explained_fraction_known(
+    without: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, unhidden_px: Array, seed: int
+) -> float:
+    """Explained fraction relative to the same data without the hidden displacement (f, b, 2) px; for benchmarks.
 
-    What those data leave without the effects is the gap's floor, so that noise has no part in it.
+    The noise floor is the misfit of the data without the effects, so noise does not contribute.
     """
-    alone = point_like(replace(without.design, observation=replace(without.design.observation, disparity_px=unhidden_px)), having)
-    without = point_like(without.design, having)
-    before, after = _elsewhere(without, having, seed)
-    floor = _elsewhere(alone, having, seed)[0]
+    alone = point_like(
+        replace(without.design, observation=replace(without.design.observation, disparity_px=unhidden_px)), baseline_with_effects
+    )
+    without = point_like(without.design, baseline_with_effects)
+    before, after = _elsewhere(without, baseline_with_effects, seed)
+    floor = _elsewhere(alone, baseline_with_effects, seed)[0]
     if _predicted(before, after) < MIN_PREDICTED_CHI2:
-        before, after = _in_the_fit(without, having, seed)
-        floor = _in_the_fit(alone, having, seed)[0]
-    was, now, least = (sum(float(np.sum(one[:, 0] ** 2)) for one in scored) for scored in (before, after, floor))
+        before, after = _in_the_fit(without, baseline_with_effects, seed)
+        floor = _in_the_fit(alone, baseline_with_effects, seed)[0]
+    was, now, least = (sum(float(np.sum(value[:, 0] ** 2)) for value in scored) for scored in (before, after, floor))
     return (was - now) / (was - least)
 
 
 def held_out_residual(ladder: HyperparameterGrid, held: NDArray[np.bool_]) -> Array:
-    """(h, b, 2) whitened, what is left of held-out frames, everything but how the specimen lay in them being that of the others."""
+    """(h, b, 2) whitened residual of held-out frames; all parameters except the specimen motion are those of the other frames."""
     columns, data = ladder.design, ladder.whitened_residual[..., None]
-    known = _fitted_elsewhere(ladder, data, ~held, _normal_of(columns, held))
-    left = data - columns.apply(known.step)
-    left = left - left[~held].mean(axis=0)
+    elsewhere = _fitted_elsewhere(ladder, data, ~held, _normal_of(columns, held))
+    residual = data - columns.apply(elsewhere.step)
+    residual = residual - residual[~held].mean(axis=0)
     found = []
-    for frame, rows, precision in _nuisance_rows(columns, known, held):
+    for frame, rows, precision in _nuisance_rows(columns, elsewhere, held):
         flat = rows.reshape(-1, rows.shape[-1])
-        step = np.linalg.solve(flat.T @ flat + precision, flat.T @ left[frame].reshape(len(flat), -1))
-        found.append((left[frame] - rows @ step)[..., 0])
+        step = np.linalg.solve(flat.T @ flat + precision, flat.T @ residual[frame].reshape(len(flat), -1))
+        found.append((residual[frame] - rows @ step)[..., 0])
     return np.stack(found)
 
 
 def _predicted(before: list[Array], after: list[Array]) -> float:
-    """Square of what the effects predict in the shapes that count, in units of the noise."""
-    return sum(float(np.sum((one[:, 0] - two[:, 0]) ** 2)) for one, two in zip(before, after, strict=True))
+    """Squared prediction of the effects in the scored shapes, in units of the noise."""
+    return sum(float(np.sum((value[:, 0] - two[:, 0]) ** 2)) for value, two in zip(before, after, strict=True))
 
 
-def _elsewhere(without: HyperparameterGrid, having: HyperparameterGrid, seed: int) -> tuple[list[Array], list[Array]]:
-    """What is left of each frame without and with the effects, their amplitudes being those of the other pairs."""
+def _elsewhere(without: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, seed: int) -> tuple[list[Array], list[Array]]:
+    """Residual of each frame without and with the effects, with amplitudes fitted to the other pairs."""
     pair = without.design.observation.geometry.pair
     order = np.searchsorted(np.unique(pair), pair)
     before, after = [], []
     for fold in range(FOLDS):
         held = np.asarray((order > 0) & (order % FOLDS == fold), dtype=np.bool_)
         if held.any():
-            normal = _normal_of(having.design, held)
-            before += _scored(without, having.design, held, normal, seed)
-            after += _scored(having, having.design, held, normal, seed)
+            normal = _normal_of(baseline_with_effects.design, held)
+            before += _scored(without, baseline_with_effects.design, held, normal, seed)
+            after += _scored(baseline_with_effects, baseline_with_effects.design, held, normal, seed)
     return before, after
 
 
-def _in_the_fit(without: HyperparameterGrid, having: HyperparameterGrid, seed: int) -> tuple[list[Array], list[Array]]:
-    """The same of the fit itself: a jump moves whole frames, whose own shifts are free where they are held out."""
-    columns = having.design
-    both = [without.residual(), having.residual()]
-    noise = _left_of_draws(having, seed)
+def _in_the_fit(without: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, seed: int) -> tuple[list[Array], list[Array]]:
+    """Residual of the fit itself, without held-out frames. A jump moves whole frames, whose shift would be free if they were held out."""
+    columns = baseline_with_effects.design
+    both = [without.residual(), baseline_with_effects.residual()]
+    noise = _left_of_draws(baseline_with_effects, seed)
     found: tuple[list[Array], list[Array]] = ([], [])
     f, b = columns.observation.frames, columns.observation.blocks
     r = len(columns.sizes_px)
-    own = np.stack([one[:, one.shape[1] - r :].reshape(f, b, r) for one in columns.columns], axis=2)
+    own = np.stack([column[:, column.shape[1] - r :].reshape(f, b, r) for column in columns.columns], axis=2)
     for frame in range(f):
         basis = _basis(np.concatenate((_smooth(columns, int(frame)), own[frame]), axis=-1))
-        for left, scored in zip(both, found, strict=True):
-            scored.append(basis.T @ np.concatenate((left[frame][..., None], noise[frame]), axis=-1).reshape(len(basis), -1))
+        for residual, scored in zip(both, found, strict=True):
+            scored.append(basis.T @ np.concatenate((residual[frame][..., None], noise[frame]), axis=-1).reshape(len(basis), -1))
     return found
 
 
-def _left_of_draws(having: HyperparameterGrid, seed: int) -> Array:
-    """(f, b, 2, draws) what the fit leaves of noise, drift and distortion as they are believed."""
-    columns, rng = having.design, np.random.default_rng((seed, 44))
+def _left_of_draws(baseline_with_effects: HyperparameterGrid, seed: int) -> Array:
+    """(f, b, 2, draws) residual of the fit for draws of noise, drift and distortion from their priors."""
+    columns, rng = baseline_with_effects.design, np.random.default_rng((seed, 44))
     noise = rng.normal(size=(columns.observation.frames, columns.observation.blocks, 2, DRAWS))
     noise -= noise.mean(axis=0)
     pull = columns.transposed(noise)
-    _believe(columns, having.best.prior, pull, seed)
-    return noise - columns.apply(having.best.solve(pull))
+    _believe(columns, baseline_with_effects.best.prior, pull, seed)
+    return noise - columns.apply(baseline_with_effects.best.solve(pull))
 
 
 def _believe(columns: DesignMatrix, prior: Array, pull: Array, seed: int) -> None:
-    """Let draws (p, k) ask for their own drift and distortion less: they were drawn with some, as these are believed."""
+    """Correct the gradient of draws (p, k) for the drift and distortion sampled from their priors."""
     for own in _unforeseen(columns):
-        drawn = np.random.default_rng((seed, 45, len(own))).normal(size=(len(own), pull.shape[1]))
-        pull[own] -= np.linalg.cholesky(prior[np.ix_(own, own)]) @ drawn
+        samples = np.random.default_rng((seed, 45, len(own))).normal(size=(len(own), pull.shape[1]))
+        pull[own] -= np.linalg.cholesky(prior[np.ix_(own, own)]) @ samples
 
 
 def _closure(gained: float, gap: float, noise: float) -> float:
-    """A gap is at least as large as what is gained on it: at twice the least effect that can be detected noise scatters by more than it."""
+    """Explained fraction.
+
+    The misfit is at least the gain: at twice the smallest detectable effect the noise scatters by more than the misfit.
+    """
     return gained / max(gap, gained, 1e-3 * noise)
 
 
 def _scored(ladder: HyperparameterGrid, shapes: DesignMatrix, held: NDArray[np.bool_], normal: Array, seed: int) -> list[Array]:
-    """Of each held-out frame (n, 1 + draws) what is left of the data, and of noise alone, in the shapes that count.
+    """Residual of the data and of noise draws, (n, 1 + draws), in the scored shapes, for each held-out frame.
 
-    `normal_matrix` is that of the told frames, of these columns and perhaps of further ones after them.
+    `normal` is the normal matrix of the training frames, of these columns and possibly of further columns after them.
     """
     columns = ladder.design
     f, b = columns.observation.frames, columns.observation.blocks
     noise = np.random.default_rng((seed, 42)).normal(size=(f, b, 2, DRAWS))
     data = np.concatenate((ladder.whitened_residual[..., None], noise - noise.mean(axis=0)), axis=-1)
-    known = _fitted_elsewhere(ladder, data, ~held, normal, seed)
-    left = data - columns.apply(known.step)
-    left = left - left[~held].mean(axis=0)
-    return _nuisances_taken(columns, shapes, left, known, held)
+    elsewhere = _fitted_elsewhere(ladder, data, ~held, normal, seed)
+    residual = data - columns.apply(elsewhere.step)
+    residual = residual - residual[~held].mean(axis=0)
+    return _nuisances_taken(columns, shapes, residual, elsewhere, held)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Known:
-    """What the other pairs say.
+    """Result of the fit to the other pairs.
 
     Attributes:
         step: (p, k) parameters.
-        spread: (r, r) covariance of the effects' amplitudes.
-        within_px: (f,) standard deviation of what drift does from the top of each frame to its bottom.
+        spread: (r, r) covariance of the amplitudes of the effects.
+        within_px: (f,) standard deviation of the drift change from the top to the bottom of each frame, px.
     """
 
     step: Array
@@ -174,7 +183,7 @@ class _Known:
 
 
 def _normal_of(columns: DesignMatrix, held: NDArray[np.bool_]) -> Array:
-    """(p, p) A^T A of the frames that are not held out: what those that are give is less to multiply."""
+    """(p, p) A^T A of the training frames, computed by subtracting the held-out frames."""
     f, b = columns.observation.frames, columns.observation.blocks
     normal = columns.normal_matrix.copy()
     for axis in (0, 1):
@@ -184,18 +193,18 @@ def _normal_of(columns: DesignMatrix, held: NDArray[np.bool_]) -> Array:
     return normal
 
 
-def _fitted_elsewhere(ladder: HyperparameterGrid, data: Array, told: NDArray[np.bool_], normal: Array, seed: int = 0) -> _Known:
-    """Baseline and effects fitted to the told frames alone, of data (f, b, 2, 1 + draws): the measured ones, then draws of noise.
+def _fitted_elsewhere(ladder: HyperparameterGrid, data: Array, training: NDArray[np.bool_], normal: Array, seed: int = 0) -> _Known:
+    """Fit baseline and effects to the training frames of data (f, b, 2, 1 + draws): the measured data, then draws of noise.
 
-    Of a draw the parameters are those that the fit has too much: what it was drawn with cancels in all that is left.
+    For a draw, the parameters are the errors of the fit, because the sampled values cancel in every residual.
     """
     columns, rung = ladder.design, ladder.best
     f, b = columns.observation.frames, columns.observation.blocks
     pull = np.zeros((columns.size, data.shape[-1]))
     for axis in (0, 1):
-        own = columns.columns[axis].reshape(f, b, -1)[told].reshape(-1, columns.columns[axis].shape[1])
-        seen = data[told, :, axis]
-        pull[columns.index[axis]] += own.T @ (seen - seen.mean(axis=0)).reshape(len(own), -1)
+        own = columns.columns[axis].reshape(f, b, -1)[training].reshape(-1, columns.columns[axis].shape[1])
+        observed = data[training, :, axis]
+        pull[columns.index[axis]] += own.T @ (observed - observed.mean(axis=0)).reshape(len(own), -1)
     near = np.concatenate(
         (columns.observation.solution.mean[columns.parameter_indices], np.zeros(columns.size - len(columns.parameter_indices)))
     )
@@ -212,14 +221,14 @@ def _fitted_elsewhere(ladder: HyperparameterGrid, data: Array, told: NDArray[np.
 
 
 def _unforeseen(columns: DesignMatrix) -> list[NDArray[np.int64]]:
-    """Parameters of the drift, and of the distortion."""
+    """Parameters of the drift and of the distortion."""
     layout = columns.observation.state.layout
     parts = [layout.part(name) for name in ("drift", "distortion")]
-    return [np.flatnonzero((columns.parameter_indices >= one.start) & (columns.parameter_indices < one.stop)) for one in parts]
+    return [np.flatnonzero((columns.parameter_indices >= part.start) & (columns.parameter_indices < part.stop)) for part in parts]
 
 
 def _drift_within(columns: DesignMatrix) -> Array:
-    """(f, p) rows that give what drift does along x from the first block of each frame to its last."""
+    """(f, p) rows that give the drift change along x from the first block of each frame to its last."""
     observation = columns.observation
     state, time_s = observation.state, observation.geometry.time_s
     assert state.drift is not None  # there are pairs
@@ -229,11 +238,11 @@ def _drift_within(columns: DesignMatrix) -> Array:
     return rows
 
 
-def _nuisance_rows(columns: DesignMatrix, known: _Known, held: NDArray[np.bool_]) -> Iterator[tuple[int, Array, Array]]:
-    """Each held-out frame, rows (b, 2, n) of nuisances and effects in it, and the precision (n, n) with which they are believed."""
-    belief = np.linalg.inv(known.spread) if len(known.spread) else known.spread
+def _nuisance_rows(columns: DesignMatrix, elsewhere: _Known, held: NDArray[np.bool_]) -> Iterator[tuple[int, Array, Array]]:
+    """For each held-out frame, rows (b, 2, n) of nuisance parameters and effects, and their prior precision (n, n)."""
+    belief = np.linalg.inv(elsewhere.spread) if len(elsewhere.spread) else elsewhere.spread
     for frame, effect in zip(np.flatnonzero(held).tolist(), _effects_in(columns, held), strict=True):
-        free, sizes_px = _nuisances(columns, frame, float(known.within_px[frame]))
+        free, sizes_px = _nuisances(columns, frame, float(elsewhere.within_px[frame]))
         rows = np.concatenate((free, effect), axis=-1)
         n = free.shape[-1]
         precision = np.zeros((rows.shape[-1],) * 2)
@@ -242,18 +251,20 @@ def _nuisance_rows(columns: DesignMatrix, known: _Known, held: NDArray[np.bool_]
         yield frame, rows, precision
 
 
-def _nuisances_taken(columns: DesignMatrix, shapes: DesignMatrix, left: Array, known: _Known, held: NDArray[np.bool_]) -> list[Array]:
-    """Of each held-out frame (n, k) what is left on each half of the field, nuisances fitted on the other."""
+def _nuisances_taken(
+    columns: DesignMatrix, shapes: DesignMatrix, residual: Array, elsewhere: _Known, held: NDArray[np.bool_]
+) -> list[Array]:
+    """For each held-out frame, (n, k) residual on each half of the field after fitting nuisance parameters on the other half."""
     board = _checkerboard(columns)
     scored = []
-    for (frame, rows, precision), counted in zip(_nuisance_rows(columns, known, held), _effects_in(shapes, held), strict=True):
+    for (frame, rows, precision), counted in zip(_nuisance_rows(columns, elsewhere, held), _effects_in(shapes, held), strict=True):
         fields = np.concatenate((_smooth(columns, frame), counted), axis=-1)
         for fitted in (board, ~board):
             on = rows[fitted].reshape(-1, rows.shape[-1])
-            found = np.linalg.solve(on.T @ on + precision, on.T @ left[frame][fitted].reshape(len(on), -1))
-            rest = (left[frame] - rows @ found)[~fitted]
+            found = np.linalg.solve(on.T @ on + precision, on.T @ residual[frame][fitted].reshape(len(on), -1))
+            misfit = (residual[frame] - rows @ found)[~fitted]
             basis = _basis(fields[~fitted])
-            scored.append(basis.T @ rest.reshape(len(basis), -1))
+            scored.append(basis.T @ misfit.reshape(len(basis), -1))
     return scored
 
 
@@ -274,7 +285,7 @@ def _effects_in(columns: DesignMatrix, held: NDArray[np.bool_]) -> Array:
     """(h, b, 2, r) whitened columns of the effects in held-out frames, against their mean over the others."""
     f, b = columns.observation.frames, columns.observation.blocks
     r = len(columns.sizes_px)
-    both = [one[:, one.shape[1] - r :].reshape(f, b, r) for one in columns.columns]
+    both = [column[:, column.shape[1] - r :].reshape(f, b, r) for column in columns.columns]
     field = np.stack(both, axis=2)
     return field[held] - field[~held].mean(axis=0)
 
@@ -293,13 +304,13 @@ def _nuisances(columns: DesignMatrix, frame: int, within_px: float) -> tuple[Arr
 def _whitened(columns: DesignMatrix, shapes: list[Array]) -> Array:
     """(b, 2, 2 q) whitened shapes (b,) of one frame, along x and along y."""
     nothing = np.zeros_like(shapes[0])
-    field = np.stack([np.stack(pair, axis=-1) for one in shapes for pair in ((one, nothing), (nothing, one))], axis=-1)
+    field = np.stack([np.stack(pair, axis=-1) for shape in shapes for pair in ((shape, nothing), (nothing, shape))], axis=-1)
     flat = solve_triangular(columns.whiten.factor, field.reshape(len(field), -1), lower=True) / columns.whiten.sigma_px
     return np.asarray(flat).reshape(field.shape)
 
 
 def _checkerboard(columns: DesignMatrix) -> NDArray[np.bool_]:
-    """(b,) the blocks that are fitted."""
+    """(b,) True for blocks used in the fit."""
     observation = columns.observation
     row, column = np.divmod(observation.valid_blocks, observation.state.blocks.layout[1])
     return np.asarray((row // CHECKERBOARD_BLOCKS + column // CHECKERBOARD_BLOCKS) % 2 == 0, dtype=np.bool_)

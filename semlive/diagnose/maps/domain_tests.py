@@ -1,4 +1,4 @@
-"""Where model and data disagree: one calibrated test for each domain."""
+"""Tests of model misfit: one calibrated test for each domain."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ MIN_RELATIVE_EIGENVALUE = 1e-3  # of the largest eigenvalue: what the baseline t
 
 
 def run_domain_tests(ladder: HyperparameterGrid, draws: NullDraws) -> tuple[DomainTest, ...]:
-    """A test for each domain, family-wise over all of them (Westfall and Young: the least p among the draws)."""
+    """Test each domain, with family-wise p-values over all domains (Westfall and Young: smallest p-value of each draw)."""
     scene = ladder.design.observation.geometry
-    told = []
+    tests = []
     for domain, field in domain_contrasts(scene):
-        values, pull, drawn = projected_with_draws(ladder, field, draws)
-        seen = values > MIN_RELATIVE_EIGENVALUE * values[-1]
-        statistic = float(np.sum(pull[seen] ** 2 / values[seen]))
-        null = np.sum(drawn[:, seen] ** 2 / values[seen], axis=1)
-        told.append((domain, statistic, null, int(seen.sum())))
-    ranks = np.stack([_upper(null, null) for _, _, null, _ in told])
+        values, pull, samples = projected_with_draws(ladder, field, draws)
+        observed = values > MIN_RELATIVE_EIGENVALUE * values[-1]
+        statistic = float(np.sum(pull[observed] ** 2 / values[observed]))
+        null = np.sum(samples[:, observed] ** 2 / values[observed], axis=1)
+        tests.append((domain, statistic, null, int(observed.sum())))
+    ranks = np.stack([_upper(null, null) for _, _, null, _ in tests])
     least = ranks.min(axis=0)
     f, b, _ = ladder.whitened_residual.shape
     found = []
-    for domain, statistic, null, count in told:
+    for domain, statistic, null, count in tests:
         own = float(_upper(null, np.array([statistic]))[0])
         p_value = (1.0 + float(np.sum(least <= own))) / (1.0 + len(least))
         rms_px = ladder.design.whiten.sigma_px * float(np.sqrt(max(statistic - count, 0.0) / (2 * f * b)))
@@ -40,13 +40,13 @@ def run_domain_tests(ladder: HyperparameterGrid, draws: NullDraws) -> tuple[Doma
 
 
 def _upper(null: Array, value: Array) -> Array:
-    """(n,) share of null draws that are at least as large as values (n,)."""
+    """(n,) fraction of null draws at least as large as the values (n,)."""
     below = np.searchsorted(np.sort(null), value, side="left")
     return np.asarray((1.0 + len(null) - below) / (1.0 + len(null)), dtype=np.float64)
 
 
 def domain_contrasts(scene: RunGeometry) -> list[tuple[str, Array]]:
-    """(domain, (f, b, 2, q) fields)."""
+    """Contrast fields as pairs of a domain and (f, b, 2, q) fields."""
     late = np.broadcast_to((scene.time_s / scene.end_s), scene.time_s.shape)
     frames = np.eye(len(scene.frame))[:, None, :] * np.ones((1, scene.time_s.shape[1], 1))
     row = np.polynomial.legendre.legvander(scene.time_in_frame_s / float(scene.time_in_frame_s.max()) * 2.0 - 1.0, ROWS)[..., 1:]
@@ -60,7 +60,7 @@ def domain_contrasts(scene: RunGeometry) -> list[tuple[str, Array]]:
         ("row_start", _all(np.stack((first[0] * late, first[1] * late), axis=-1))),
         ("scan_time", _all((frames[..., None] * row[:, :, None, :2]).reshape(*late.shape, -1))),
         ("frame", _all((frames[..., None] * coarse[:, :, None, 1:]).reshape(*late.shape, -1))),
-        ("fraction", np.concatenate([_apart(one) for one in (np.sin(fraction), np.cos(fraction))], axis=-1)),
+        ("fraction", np.concatenate([_apart(value) for value in (np.sin(fraction), np.cos(fraction))], axis=-1)),
     ]
     if scene.load.any():
         found.append(("load", _all(modes(scene) * np.broadcast_to(scene.load, late.shape)[..., None])))
@@ -69,11 +69,11 @@ def domain_contrasts(scene: RunGeometry) -> list[tuple[str, Array]]:
 
 def _all(shapes: Array) -> Array:
     """(f, b, 2, 2 q) shapes (f, b, q) along x and along y."""
-    return np.concatenate([xy_columns(one) for one in np.moveaxis(shapes, -1, 0)], axis=-1)
+    return np.concatenate([xy_columns(value) for value in np.moveaxis(shapes, -1, 0)], axis=-1)
 
 
 def _apart(field: Array) -> Array:
-    """(f, b, 2, 2) a field's components by themselves."""
+    """(f, b, 2, 2) the two components of a field as separate columns."""
     columns = np.zeros((*field.shape, 2))
     columns[..., 0, 0], columns[..., 1, 1] = field[..., 0], field[..., 1]
     return columns

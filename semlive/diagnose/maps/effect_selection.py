@@ -1,4 +1,4 @@
-"""Effects that were given a name, in the baseline beside each other; none stays that the others can do without."""
+"""Selection of identified effects, fitted jointly with the baseline; effects that become insignificant are removed."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ MIN_LOG_ODDS = math.log(20.0)  # rivals that are not so much less likely would d
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SelectedEffect:
-    """An effect that was added, and what was said of it when it was.
+    """A selected effect and its statistics at the time of selection.
 
     Attributes:
-        refined: the likeliest law.
-        log_bayes_factor: logarithm of the Bayes factor against the baseline that had the effects before it.
-        occam_factor: the part of it, negative, that comes from what other sizes and values there might have been.
-        p_value: share of nulls that ask for an effect as loudly.
-        rivals: that would do nearly as well.
-        unnamed_log_factor: logarithm of the Bayes factor of the loudest of what has no name.
+        refined: the most likely basis field with refined parameters.
+        log_bayes_factor: log Bayes factor against the baseline with the effects selected before.
+        occam_factor: the Occam factor, the negative part of it due to the range of possible sizes and parameters.
+        p_value: fraction of null draws with an effect at least as significant.
+        rivals: alternative effects that are nearly as likely.
+        unnamed_log_factor: log Bayes factor of the most likely unnamed field.
     """
 
     refined: RefinedEffect
@@ -46,117 +46,129 @@ class SelectedEffect:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """That the effect has by its parameters, the likeliest first."""
+        """Names of the effect by its parameters, the most likely first."""
         return self.refined.family.alias_rule(self.refined.parameters) or (self.refined.family.name,)
 
 
-def refine_parameters(having: HyperparameterGrid, heard: Sequence[CandidateEvidence]) -> tuple[CandidateEvidence, ...]:
-    """With families that are tried at one value alone, and have others, asked about those too, where there is anything to be heard.
+def refine_parameters(baseline_with_effects: HyperparameterGrid, candidates: Sequence[CandidateEvidence]) -> tuple[CandidateEvidence, ...]:
+    """Score candidates with a single grid value also at other parameter values, if they are significant.
 
-    The distortion's affine part is not known, and a drift of the distortion that had another was called a drift of the magnification first.
+    The affine part of the distortion is unknown. A distortion drift with another affine part was at first identified as a drift of the
+    magnification.
     """
-    return tuple(parallel_map(lambda one: replace(one, refinement_gain=_between(having, one)), heard))
+    return tuple(parallel_map(lambda candidate: replace(candidate, refinement_gain=_between(baseline_with_effects, candidate)), candidates))
 
 
-def _between(having: HyperparameterGrid, one: CandidateEvidence) -> float:
-    if not one.family.nonlinear_parameters or len(one.projected_fields) > 1 or one.log_factor <= CANDIDATE_LOG_FACTOR:
+def _between(baseline_with_effects: HyperparameterGrid, candidate: CandidateEvidence) -> float:
+    if not candidate.family.nonlinear_parameters or len(candidate.projected_fields) > 1 or candidate.log_factor <= CANDIDATE_LOG_FACTOR:
         return 0.0
-    return max(refined(having, one).log_factor - one.log_factor, 0.0)
+    return max(refined(baseline_with_effects, candidate).log_factor - candidate.log_factor, 0.0)
 
 
 def add_effect(
-    having: HyperparameterGrid,
-    named: Sequence[SelectedEffect],
+    baseline_with_effects: HyperparameterGrid,
+    effects: Sequence[SelectedEffect],
     best: CandidateEvidence,
     p_value: float,
     rivals: Sequence[CandidateEvidence],
     unnamed: float,
 ) -> tuple[HyperparameterGrid, tuple[SelectedEffect, ...]]:
-    """The baseline and its effects with another one.
+    """Add an effect to the baseline.
 
     Args:
-        having: the baseline with those before.
-        named: those.
-        best: what is added, not refined yet.
-        p_value: its.
-        rivals: its.
-        unnamed: see `SelectedEffect`.
+        baseline_with_effects: the baseline with the effects selected before.
+        effects: the effects selected before.
+        best: the candidate to add, not yet refined.
+        p_value: its p-value.
+        rivals: its rivals.
+        unnamed: log Bayes factor of the most likely unnamed field, see `SelectedEffect`.
     """
-    one = refined(having, best)
-    after = build_grid(having.design.with_effects(one.baseline_effect))
-    gain = max(best.log_factor, one.log_factor)
-    room = gain - (after.evidence - having.evidence)
-    return after, (*named, SelectedEffect(one, gain, room, p_value, tuple(rivals), unnamed))
+    effect = refined(baseline_with_effects, best)
+    after = build_grid(baseline_with_effects.design.with_effects(effect.baseline_effect))
+    gain = max(best.log_factor, effect.log_factor)
+    room = gain - (after.evidence - baseline_with_effects.evidence)
+    return after, (*effects, SelectedEffect(effect, gain, room, p_value, tuple(rivals), unnamed))
 
 
 def remove_unnecessary(
-    bare: HyperparameterGrid, having: HyperparameterGrid, named: tuple[SelectedEffect, ...]
+    baseline: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, effects: tuple[SelectedEffect, ...]
 ) -> tuple[HyperparameterGrid, tuple[SelectedEffect, ...]]:
-    """The baseline and its effects without those that are not loud beside all others, one at a time.
+    """Remove, one at a time, effects that are not significant when fitted jointly with all others (backward elimination).
 
-    What was added first had to do for all. A rotation that drifts and a bending were called a drift of the distortion, then bending and
-    rotation came in beside it, and nothing was left for it to explain.
+    The first selected effect absorbs the effects not yet selected. A raster rotation drift together with bending was identified
+    as a drift of
+    the distortion; after bending and rotation had been added, the distortion drift explained nothing.
     """
-    while len(named) > 1:
-        # The last was loud beside all before it.
+    while len(effects) > 1:
+        # The last effect was significant jointly with all before it.
         without = [
-            rebuild_baseline(bare, [other for other in named if other is not one], named[0].unnamed_log_factor) for one in named[:-1]
+            rebuild_baseline(baseline, [other for other in effects if other is not value], effects[0].unnamed_log_factor)
+            for value in effects[:-1]
         ]
-        total = having.evidence + sum(one.occam_factor for one in named)
-        left = [one.evidence + sum(other.occam_factor for other in rest) for one, rest in without]
-        place = int(np.argmax(left))
-        if total - left[place] >= SIGNIFICANT_LOG_FACTOR:
+        total = baseline_with_effects.evidence + sum(effect.occam_factor for effect in effects)
+        residual = [value.evidence + sum(other.occam_factor for other in remaining) for value, remaining in without]
+        place = int(np.argmax(residual))
+        if total - residual[place] >= SIGNIFICANT_LOG_FACTOR:
             break
-        having, named = without[place]
-    return having, named
+        baseline_with_effects, effects = without[place]
+    return baseline_with_effects, effects
 
 
 def reselect_effects(
-    bare: HyperparameterGrid,
-    having: HyperparameterGrid,
-    named: tuple[SelectedEffect, ...],
+    baseline: HyperparameterGrid,
+    baseline_with_effects: HyperparameterGrid,
+    effects: tuple[SelectedEffect, ...],
     families: Sequence[EffectClass],
-    kept: Mapping[str, CandidateProjection],
+    projections: Mapping[str, CandidateProjection],
 ) -> tuple[HyperparameterGrid, tuple[SelectedEffect, ...]]:
-    """The baseline and its effects, each heard once more beside the others: another name may do better there, or as well.
+    """Score each selected effect again jointly with the others; replace it if another effect is more likely.
 
-    What was named first was heard where the others were still hidden: a rotation that drifts was called a drift of the distortion, which
-    took a part of a hidden bending too, and beside the bending it explained all that the rotation would have. Where the name stays, what is
-    not linear in it is refined beside the others: a drift of the distortion had got its affine part where a jump was hidden, and what that
-    left wrong took a third name, with a logarithm of the Bayes factor of 38.
+    The first effect is selected while the others are still missing from the model. A raster rotation drift was identified as a
+    distortion drift,
+    which absorbed a part of the bending as well; jointly with bending it explained the rotation completely. If the effect is confirmed, its
+    nonlinear parameters are refined jointly with the others. A distortion drift whose affine part was fitted with a hidden jump
+    otherwise caused
+    a third effect with a log Bayes factor of 38.
 
     Args:
-        bare: the baseline without effects.
-        having: with them.
-        named: they; the last was heard beside all others.
-        families: that are asked, those without a name among them.
-        kept: their laws.
+        baseline: the baseline without effects.
+        baseline_with_effects: the baseline with the effects.
+        effects: the effects; the last one was already scored jointly with all others.
+        families: candidate effect classes, including unnamed ones.
+        projections: their projected basis fields.
     """
-    for family in [one.refined.family for one in named[:-1]]:
-        one = next(each for each in named if each.refined.family is family)
-        before, rest = rebuild_baseline(bare, [other for other in named if other is not one], named[0].unnamed_log_factor)
-        others = [each for each in families if each not in {other.refined.family for other in rest}]
-        heard = refine_parameters(before, score_candidates(before, others, kept))
-        candidates = [each for each in heard if each.family not in UNNAMED_CLASSES]
+    for family in [effect.refined.family for effect in effects[:-1]]:
+        effect = next(each for each in effects if each.refined.family is family)
+        before, remaining = rebuild_baseline(baseline, [other for other in effects if other is not effect], effects[0].unnamed_log_factor)
+        other_families = [each for each in families if each not in {other.refined.family for other in remaining}]
+        scored = refine_parameters(before, score_candidates(before, other_families, projections))
+        candidates = [each for each in scored if each.family not in UNNAMED_CLASSES]
         best = max(candidates, key=lambda each: each.log_factor)
         rivals = [each for each in candidates if each is not best and each.log_factor > best.log_factor - MIN_LOG_ODDS]
         if best.family is family and not family.nonlinear_parameters:
-            named = tuple(replace(each, rivals=tuple(rivals)) if each is one else each for each in named)
+            effects = tuple(replace(each, rivals=tuple(rivals)) if each is effect else each for each in effects)
             continue
-        unnamed = max(each.log_factor for each in heard if each.family in UNNAMED_CLASSES)
-        having, named = add_effect(before, rest, best, one.p_value, rivals, unnamed)
+        unnamed = max(each.log_factor for each in scored if each.family in UNNAMED_CLASSES)
+        baseline_with_effects, effects = add_effect(before, remaining, best, effect.p_value, rivals, unnamed)
         if best.family is not family:
             break
-    return having, named
+    return baseline_with_effects, effects
 
 
 def rebuild_baseline(
-    bare: HyperparameterGrid, named: Sequence[SelectedEffect], unnamed: float
+    baseline: HyperparameterGrid, effects: Sequence[SelectedEffect], unnamed: float
 ) -> tuple[HyperparameterGrid, tuple[SelectedEffect, ...]]:
-    """Effects added anew in their order; what has no name was heard at the beginning, and not beside just these."""
-    having, found = bare, list[SelectedEffect]()
-    for one in named:
-        before, having = having, build_grid(having.design.with_effects(one.refined.baseline_effect))
+    """Add effects to the baseline again in their order. The factor `unnamed` of unnamed fields is not computed again."""
+    baseline_with_effects, found = baseline, list[SelectedEffect]()
+    for effect in effects:
+        before, baseline_with_effects = (
+            baseline_with_effects,
+            build_grid(baseline_with_effects.design.with_effects(effect.refined.baseline_effect)),
+        )
         first = -math.inf if found else unnamed
-        found.append(replace(one, log_bayes_factor=having.evidence - before.evidence + one.occam_factor, unnamed_log_factor=first))
-    return having, tuple(found)
+        found.append(
+            replace(
+                effect, log_bayes_factor=baseline_with_effects.evidence - before.evidence + effect.occam_factor, unnamed_log_factor=first
+            )
+        )
+    return baseline_with_effects, tuple(found)

@@ -1,4 +1,4 @@
-"""What a verdict looks like: maps before and after, each effect's course, what it adds to strain, and what is left."""
+"""Data for the figures of a verdict: maps before and after correction, time course and strain bias of each effect, residual."""
 
 from __future__ import annotations
 
@@ -22,49 +22,49 @@ LEAST_STRAIN = 1e-7
 
 
 def figure_data(
-    without: HyperparameterGrid, having: HyperparameterGrid, names: Sequence[str], fields: Sequence[Array]
+    without: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, names: Sequence[str], fields: Sequence[Array]
 ) -> DiagnosisFigureData:
-    """Of a baseline without and with effects.
+    """Figure data from a baseline without and with effects.
 
     Args:
         without: the baseline.
-        having: with the effects, whose columns come last.
-        names: of the effects that were named.
-        fields: of each, (f, b, 2, q) what unit amplitudes move, px.
+        baseline_with_effects: the baseline with the effects, whose columns come last.
+        names: names of the identified effects.
+        fields: for each effect, (f, b, 2, q) displacement of unit amplitudes, px.
     """
-    columns = having.design
+    columns = baseline_with_effects.design
     scene = columns.observation.geometry
-    moved = _moved(having, fields)
+    moved = _moved(baseline_with_effects, fields)
     held = _shown(columns.whiten(np.sum(moved, axis=0)), scene)
     noise = columns.whiten.factor  # of unit variance
-    left = having.residual()
+    residual = baseline_with_effects.residual()
     place = scene.address_px[0] + columns.observation.state.centre_px
     return DiagnosisFigureData(
         x_px=place[:, 0],
         y_px=place[:, 1],
-        frame=tuple(int(one) for one in scene.frame[held]),
+        frame=tuple(int(value) for value in scene.frame[held]),
         before=noise @ held_out_residual(without, held),
-        after=noise @ held_out_residual(having, held),
-        profiles=tuple(_profile(having, left, name, one) for name, one in zip(names, moved, strict=True)),
-        on_strain=tuple(_on_strain(scene, name, one) for name, one in zip(names, moved, strict=True)),
-        quantiles=_quantiles(left),
-        frame_autocorrelation=_neighbours(left),
+        after=noise @ held_out_residual(baseline_with_effects, held),
+        profiles=tuple(_profile(baseline_with_effects, residual, name, value) for name, value in zip(names, moved, strict=True)),
+        on_strain=tuple(_on_strain(scene, name, value) for name, value in zip(names, moved, strict=True)),
+        quantiles=_quantiles(residual),
+        frame_autocorrelation=_neighbours(residual),
     )
 
 
-def _moved(having: HyperparameterGrid, fields: Sequence[Array]) -> list[Array]:
-    """(f, b, 2) what each effect moves since frame 0, px; other effects of the baseline come before them."""
-    amplitudes = having.best.solve(having.best.gradient[:, None])[:, 0]
-    first, found = len(amplitudes) - sum(one.shape[-1] for one in fields), []
-    for one in fields:
-        whole = one @ amplitudes[first : first + one.shape[-1]]
-        found.append(whole - whole[0])
-        first += one.shape[-1]
+def _moved(baseline_with_effects: HyperparameterGrid, fields: Sequence[Array]) -> list[Array]:
+    """(f, b, 2) displacement of each identified effect since frame 0, px; other effects of the baseline precede them."""
+    amplitudes = baseline_with_effects.best.solve(baseline_with_effects.best.gradient[:, None])[:, 0]
+    first, found = len(amplitudes) - sum(field.shape[-1] for field in fields), []
+    for field in fields:
+        full = field @ amplitudes[first : first + field.shape[-1]]
+        found.append(full - full[0])
+        first += field.shape[-1]
     return found
 
 
 def _shown(white: Array, scene: RunGeometry) -> NDArray[np.bool_]:
-    """One frame of each of the pairs in which the effects are largest; frame 0's pair is what others are seen against."""
+    """One frame of each pair with the largest displacement by effects; the pair of frame 0 is the reference."""
     size = np.sum(white**2, axis=(1, 2))
     best: dict[int, int] = {}
     for at in np.argsort(-size):
@@ -76,9 +76,9 @@ def _shown(white: Array, scene: RunGeometry) -> NDArray[np.bool_]:
     return held
 
 
-def _profile(having: HyperparameterGrid, left: Array, name: str, moved: Array) -> EffectProfile:
-    """How much of the shape that an effect has where it is largest."""
-    columns = having.design
+def _profile(baseline_with_effects: HyperparameterGrid, residual: Array, name: str, moved: Array) -> EffectProfile:
+    """Amplitude, in each frame, of the shape the effect has at its maximum."""
+    columns = baseline_with_effects.design
     scene, whiten = columns.observation.geometry, columns.whiten
     white = whiten(moved)
     largest = int(np.argmax(np.sum(white**2, axis=(1, 2))))
@@ -87,7 +87,7 @@ def _profile(having: HyperparameterGrid, left: Array, name: str, moved: Array) -
     model = np.einsum("fbc,bc->f", white, shape) / power
     if model[largest] < model[0]:  # what grows is shown growing
         shape, model = -shape, -model
-    data = model + np.einsum("fbc,bc->f", left, shape) / power
+    data = model + np.einsum("fbc,bc->f", residual, shape) / power
     load, on = scene.load_n, scene.loaded
     along = on.any() and np.ptp(load) > 0.0 and np.std(model) > 0.0 and abs(np.corrcoef(load, model)[0, 1]) > LOAD_CORRELATED
     sigma = np.full(len(model), power**-0.5)
@@ -96,17 +96,17 @@ def _profile(having: HyperparameterGrid, left: Array, name: str, moved: Array) -
 
 
 def _on_strain(scene: RunGeometry, name: str, moved: Array) -> StrainBias:
-    """Mean strain of frames under load, and slopes over the load against those of the maps."""
+    """Mean strain by an effect in frames under load, and its slope over load relative to that of the maps."""
     if not scene.loaded.any():
         return StrainBias(name, 0.0, 0.0, 0.0, None, None)
-    own, seen = _gradients(scene, moved), _gradients(scene, scene.disparity_px)
+    own, observed = _gradients(scene, moved), _gradients(scene, scene.disparity_px)
     load = scene.load_n
     top = int(np.argmax(np.abs(load)))
-    exx, eyy, exy = (float(one) for one in own[top] - own[0])
-    if np.ptp(load[scene.loaded]) == 0.0 or np.abs(seen[top, :2]).max() < LEAST_STRAIN:
+    exx, eyy, exy = (float(value) for value in own[top] - own[0])
+    if np.ptp(load[scene.loaded]) == 0.0 or np.abs(observed[top, :2]).max() < LEAST_STRAIN:
         return StrainBias(name, exx, eyy, exy, None, None)
     line = np.stack((np.ones_like(load), load), axis=-1)[scene.loaded]
-    slope, of_all = (np.linalg.lstsq(line, one[scene.loaded], rcond=None)[0][1] for one in (own, seen))
+    slope, of_all = (np.linalg.lstsq(line, value[scene.loaded], rcond=None)[0][1] for value in (own, observed))
     axial = int(np.argmax(np.abs(of_all[:2])))
     corrected = of_all - slope
     modulus = of_all[axial] / corrected[axial] - 1.0
@@ -124,13 +124,13 @@ def _gradients(scene: RunGeometry, moved: Array) -> Array:
     return np.array(found)
 
 
-def _quantiles(left: Array) -> Array:
+def _quantiles(residual: Array) -> Array:
     share = (np.arange(QUANTILES) + 0.5) / QUANTILES
-    return np.stack((ndtri(share), np.quantile(left, share)), axis=-1)
+    return np.stack((ndtri(share), np.quantile(residual, share)), axis=-1)
 
 
-def _neighbours(left: Array) -> tuple[float, float]:
-    """Frames share the noise of frame 0, whose part was taken out as their mean: that makes -1 / (f - 1)."""
-    f = len(left)
-    own = float(np.mean(left[1:] * left[:-1]) / np.mean(left**2)) + 1.0 / (f - 1.0)
-    return own, float((left[1:].size) ** -0.5)
+def _neighbours(residual: Array) -> tuple[float, float]:
+    """Autocorrelation between frames, corrected for the common mean of -1 / (f - 1) caused by removal of the noise of frame 0."""
+    f = len(residual)
+    own = float(np.mean(residual[1:] * residual[:-1]) / np.mean(residual**2)) + 1.0 / (f - 1.0)
+    return own, float((residual[1:].size) ** -0.5)

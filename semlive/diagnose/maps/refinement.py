@@ -1,4 +1,4 @@
-"""Refinement: what is not linear in an effect, between the values of the grid."""
+"""Refinement of the nonlinear parameters of an effect between the grid values."""
 
 from __future__ import annotations
 
@@ -27,19 +27,18 @@ REACH, POSTERIOR_LOG_DEPTH = 13, 4.5  # the posterior is followed for so many st
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RefinedEffect:
-    """The likeliest law of a family.
+    """The most likely basis field of an effect class.
 
     Attributes:
-        family: which.
-        field: its columns in px, and what people call its amplitudes.
-        baseline_effect: the same columns, ready to be added to the baseline.
-        values: of what is not linear.
-        sigmas: their standard uncertainties.
-        amplitudes: (q,) most likely.
-        covariance: (q, q) of them, `parameter_covariance` included.
-        parameter_covariance: (q, q) the part of it that comes from what the values leave open.
-        log_factor: logarithm of the Bayes factor at these values, every smoothness and size at its own likelihood, less what it costs that
-            the values had room.
+        family: the effect class.
+        field: its columns in px and its reported parameters.
+        baseline_effect: the whitened columns, ready to be added to the baseline.
+        values: nonlinear parameters.
+        sigmas: standard uncertainties of the nonlinear parameters.
+        amplitudes: (q,) most likely amplitudes.
+        covariance: (q, q) covariance of the amplitudes, including `parameter_covariance`.
+        parameter_covariance: (q, q) part of the covariance due to the uncertainty of the nonlinear parameters.
+        log_factor: log Bayes factor at these values, weighted over smoothness and size, minus the cost of the parameter range.
     """
 
     family: EffectClass
@@ -65,56 +64,64 @@ class RefinedEffect:
 
     @property
     def parameters(self) -> tuple[ParameterEstimate, ...]:
-        """What people call amplitudes and values."""
+        """Reported parameters: amplitudes and nonlinear parameters in physical units."""
         values = dict(self.values)
         own = [
-            ParameterEstimate(one.name, values[one.name], sigma, one.unit)
-            for one, sigma in zip(self.family.nonlinear_parameters, self.sigmas, strict=True)
+            ParameterEstimate(nonlinear_parameter.name, values[nonlinear_parameter.name], sigma, nonlinear_parameter.unit)
+            for nonlinear_parameter, sigma in zip(self.family.nonlinear_parameters, self.sigmas, strict=True)
         ]
         return (*reported_parameters(self.field, self.amplitudes, self.covariance), *own)
 
 
 def refined(ladder: HyperparameterGrid, weighed: CandidateEvidence) -> RefinedEffect:
-    """The likeliest law of a family, refined a parameter at a time; what the parameters leave open counts in the amplitudes' covariance."""
-    asked, values = _chosen(ladder, weighed)
-    family, law = weighed.family, asked.law(values)
-    mean, covariance = project(asked.ladder, law.field_px).amplitudes(0, asked.size_px)
-    sigmas, follows = parameter_uncertainty(asked, values, mean)
-    found = BaselineEffect(ladder.design.whiten(law.field_px), asked.size_px)
-    factor = _integrated(ladder, weighed, law, values, sigmas)
-    return RefinedEffect(family, law, found, tuple(values.items()), sigmas, mean, covariance + follows, follows, factor)
+    """Refine the most likely basis field of a class one parameter at a time; the parameter uncertainty adds to the amplitude covariance."""
+    gradient, values = _chosen(ladder, weighed)
+    family, basis_field = weighed.family, gradient.law(values)
+    mean, covariance = project(gradient.ladder, basis_field.field_px).amplitudes(0, gradient.size_px)
+    sigmas, follows = parameter_uncertainty(gradient, values, mean)
+    found = BaselineEffect(ladder.design.whiten(basis_field.field_px), gradient.size_px)
+    factor = _integrated(ladder, weighed, basis_field, values, sigmas)
+    return RefinedEffect(family, basis_field, found, tuple(values.items()), sigmas, mean, covariance + follows, follows, factor)
 
 
-def _integrated(ladder: HyperparameterGrid, weighed: CandidateEvidence, law: BasisField, values: Values, sigmas: Sequence[float]) -> float:
-    """Logarithm of the Bayes factor over the grid's room, by the peak between its values: that may be narrower than the grid is fine."""
+def _integrated(
+    ladder: HyperparameterGrid, weighed: CandidateEvidence, basis_field: BasisField, values: Values, sigmas: Sequence[float]
+) -> float:
+    """Log Bayes factor over the parameter range, integrated with the refined peak, which may be narrower than the grid spacing."""
     sizes = sizes_of(weighed.family)
-    each = project(ladder, law.field_px).log_factor(sizes) + np.array([[one.evidence] for one in ladder.points]) - ladder.evidence
+    each = (
+        project(ladder, basis_field.field_px).log_factor(sizes) + np.array([[point.evidence] for point in ladder.points]) - ladder.evidence
+    )
     factor = float(np.logaddexp.reduce(each, axis=None)) - math.log(len(sizes) * len(weighed.projected_fields))
-    for one, sigma in zip(weighed.family.nonlinear_parameters, sigmas, strict=True):
-        steps = sigma / abs(values[one.name] * math.log(one.step)) if one.ratio else sigma / one.step
+    for nonlinear_parameter, sigma in zip(weighed.family.nonlinear_parameters, sigmas, strict=True):
+        steps = (
+            sigma / abs(values[nonlinear_parameter.name] * math.log(nonlinear_parameter.step))
+            if nonlinear_parameter.ratio
+            else sigma / nonlinear_parameter.step
+        )
         factor += min(math.log(max(math.sqrt(2.0 * math.pi) * steps, CLOSE)), 0.0)
-        if one.name not in weighed.values[0]:  # no grid, so it is believed to lie within about a step of nothing
-            factor -= 0.5 * (values[one.name] / one.step) ** 2
+        if nonlinear_parameter.name not in weighed.values[0]:  # no grid, so it is believed to lie within about a step of nothing
+            factor -= 0.5 * (values[nonlinear_parameter.name] / nonlinear_parameter.step) ** 2
     return factor
 
 
-def refit_jointly(having: HyperparameterGrid, found: Sequence[RefinedEffect]) -> tuple[RefinedEffect, ...]:
-    """Effects with their amplitudes refitted beside each other; their columns are the last of the baseline that has them."""
-    best, count = having.best, sum(len(one.amplitudes) for one in found)
+def refit_jointly(baseline_with_effects: HyperparameterGrid, found: Sequence[RefinedEffect]) -> tuple[RefinedEffect, ...]:
+    """Effects with amplitudes fitted jointly; their columns are the last of the baseline."""
+    best, count = baseline_with_effects.best, sum(len(effect.amplitudes) for effect in found)
     if not count:
         return ()
-    own = slice(having.design.size - count, None)
-    mean, covariance = best.solve(best.gradient[:, None])[own, 0], best.solve(np.eye(having.design.size)[:, own])[own]
-    ends = np.cumsum([len(one.amplitudes) for one in found])
-    places = [slice(end - len(one.amplitudes), end) for one, end in zip(found, ends, strict=True)]
+    own = slice(baseline_with_effects.design.size - count, None)
+    mean, covariance = best.solve(best.gradient[:, None])[own, 0], best.solve(np.eye(baseline_with_effects.design.size)[:, own])[own]
+    ends = np.cumsum([len(effect.amplitudes) for effect in found])
+    places = [slice(end - len(effect.amplitudes), end) for effect, end in zip(found, ends, strict=True)]
     return tuple(
-        replace(one, amplitudes=mean[at], covariance=covariance[at, at] + one.parameter_covariance)
-        for one, at in zip(found, places, strict=True)
+        replace(effect, amplitudes=mean[at], covariance=covariance[at, at] + effect.parameter_covariance)
+        for effect, at in zip(found, places, strict=True)
     )
 
 
 class CandidateObjective(Protocol):
-    """A family's laws against data, with amplitudes of one size."""
+    """Objective of the basis fields of a class for a fixed prior amplitude size."""
 
     @property
     def family(self) -> EffectClass:
@@ -131,20 +138,20 @@ class CandidateObjective(Protocol):
         ...
 
     def evaluate(self, values: Values) -> ProjectedField | None:
-        """The law with such values against the data; None where it cannot be seen."""
+        """Basis field at parameter values, projected on the data; None if it is not observable."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearParameterSums:
-    """Laws that are linear in what is not an amplitude: each is a sum of the same columns, and nothing but sums is to be done for it.
+    """Precomputed sums for basis fields that are linear in their parameters.
 
-    A drift of the distortion has four such values, and took two thirds of all refinements' time.
+    A distortion drift has four such parameters and took two thirds of the time of all refinements.
 
     Attributes:
-        thetas: their names.
-        information: (rungs, (1 + t) q, (1 + t) q) what the baseline leaves of the columns: at no value, then what each value adds at 1.
-        pull: (rungs, (1 + t) q) what the data ask of them.
+        thetas: names of the parameters.
+        information: (rungs, (1 + t) q, (1 + t) q) information: at zero parameters, then the change per unit of each parameter.
+        pull: (rungs, (1 + t) q) gradient.
     """
 
     thetas: tuple[str, ...]
@@ -156,10 +163,13 @@ class LinearParameterSums:
         """Against all rungs; None for laws that are not linear."""
         if not family.linear_in_parameters:
             return None
-        scene, names = ladder.design.observation.geometry, tuple(one.name for one in family.nonlinear_parameters)
+        scene, names = (
+            ladder.design.observation.geometry,
+            tuple(nonlinear_parameter.name for nonlinear_parameter in family.nonlinear_parameters),
+        )
         nothing, *each = (family.law(scene, values) for values in ({}, *({name: 1.0} for name in names)))
         assert nothing is not None  # it was seen on the grid
-        more = [one.field_px - nothing.field_px for one in each if one is not None]
+        more = [displaced.field_px - nothing.field_px for displaced in each if displaced is not None]
         return cls(names, *information(ladder, np.concatenate((nothing.field_px, *more), axis=-1)))
 
     def rung(self, place: int) -> LinearParameterSums:
@@ -175,7 +185,7 @@ class LinearParameterSums:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Asked:
-    """Against one rung of a run's baseline."""
+    """Objective for one point of the baseline grid."""
 
     ladder: HyperparameterGrid
     family: EffectClass
@@ -185,42 +195,43 @@ class _Asked:
     @classmethod
     def of(cls, ladder: HyperparameterGrid, weighed: CandidateEvidence, sums: LinearParameterSums | None, at: tuple[int, int]) -> _Asked:
         """A rung, and one of the sizes."""
-        one = replace(ladder, points=(ladder.points[at[0]],))
-        return cls(one, weighed.family, float(sizes_of(weighed.family)[at[1]]), sums and sums.rung(at[0]))
+        point_grid = replace(ladder, points=(ladder.points[at[0]],))
+        return cls(point_grid, weighed.family, float(sizes_of(weighed.family)[at[1]]), sums and sums.rung(at[0]))
 
     def grid(self) -> Iterable[Values]:
         return self.family.grid(self.ladder.design.observation.geometry)
 
     def law(self, values: Values) -> BasisField:
-        law = self.family.law(self.ladder.design.observation.geometry, values)
-        assert law is not None  # it was seen on the grid
-        return law
+        basis_field = self.family.law(self.ladder.design.observation.geometry, values)
+        assert basis_field is not None  # it was seen on the grid
+        return basis_field
 
     def evaluate(self, values: Values) -> ProjectedField | None:
         if self.sums is not None:
             return self.sums.at(values)
-        law = self.family.law(self.ladder.design.observation.geometry, values)
-        return None if law is None else project(self.ladder, law.field_px)
+        basis_field = self.family.law(self.ladder.design.observation.geometry, values)
+        return None if basis_field is None else project(self.ladder, basis_field.field_px)
 
 
-def _score(asked: CandidateObjective, one: ProjectedField) -> float:
-    return float(one.log_factor(np.array([asked.size_px]))[0, 0])
+def _score(objective: CandidateObjective, projected_field: ProjectedField) -> float:
+    return float(projected_field.log_factor(np.array([objective.size_px]))[0, 0])
 
 
 def _chosen(ladder: HyperparameterGrid, weighed: CandidateEvidence) -> tuple[_Asked, dict[str, float]]:
-    """Values between those of the grid, and smoothness and size that are likeliest with them.
+    """Parameters between the grid values, and the most likely smoothness and size with them.
 
-    On the grid a large jump lies beside its instant, which only the roughest drift bears: with that one kept, a hidden jump of
-    (0.30, 0.40) px was told as (0.31, 0.26).
+    On the grid a large jump is displaced from its true time, which only the roughest drift permits. With that drift retained, a
+    hidden jump of
+    (0.30, 0.40) px was estimated as (0.31, 0.26) px.
     """
     (law_at, *at), sums = weighed.best, LinearParameterSums.of(ladder, weighed.family)
-    values = {one.name: 0.0 for one in weighed.family.nonlinear_parameters} | weighed.values[law_at]
+    values = {nonlinear_parameter.name: 0.0 for nonlinear_parameter in weighed.family.nonlinear_parameters} | weighed.values[law_at]
     for _ in range(CHOICES):
-        asked = _Asked.of(ladder, weighed, sums, (at[0], at[1]))
-        values, before = optimise_parameters(asked, values), at
-        each = project(ladder, asked.law(values).field_px).log_factor(sizes_of(weighed.family))
-        factors = each + np.array([[one.evidence] for one in ladder.points])
-        at = [int(one) for one in np.unravel_index(int(np.argmax(factors)), factors.shape)]
+        objective = _Asked.of(ladder, weighed, sums, (at[0], at[1]))
+        values, before = optimise_parameters(objective, values), at
+        each = project(ladder, objective.law(values).field_px).log_factor(sizes_of(weighed.family))
+        factors = each + np.array([[point.evidence] for point in ladder.points])
+        at = [int(value) for value in np.unravel_index(int(np.argmax(factors)), factors.shape)]
         if at == before:
             break
     return _Asked.of(ladder, weighed, sums, (at[0], at[1])), values
@@ -237,13 +248,15 @@ class _Line:
     high: float
 
     @classmethod
-    def of(cls, asked: CandidateObjective, values: dict[str, float], theta: NonlinearParameter) -> _Line:
-        on_grid = [one[theta.name] for one in asked.grid() if theta.name in one]
+    def of(cls, objective: CandidateObjective, values: dict[str, float], theta: NonlinearParameter) -> _Line:
+        on_grid = [value[theta.name] for value in objective.grid() if theta.name in value]
         if not on_grid:
-            return cls(asked, values, theta, -np.inf, np.inf)
+            return cls(objective, values, theta, -np.inf, np.inf)
         about = values[theta.name]
-        ways = [math.log(one / about, theta.step) if theta.ratio else (one - about) / theta.step for one in (min(on_grid), max(on_grid))]
-        return cls(asked, values, theta, min(ways[0] - 0.5, 0.0), max(ways[1] + 0.5, 0.0))
+        ways = [
+            math.log(value / about, theta.step) if theta.ratio else (value - about) / theta.step for value in (min(on_grid), max(on_grid))
+        ]
+        return cls(objective, values, theta, min(ways[0] - 0.5, 0.0), max(ways[1] + 0.5, 0.0))
 
     def at(self, way: float) -> float:
         start = self.values[self.theta.name]
@@ -253,16 +266,16 @@ class _Line:
         return self.asked.evaluate({**self.values, self.theta.name: self.at(way)})
 
     def score(self, way: float) -> float:
-        one = self.against(way)
-        return -UNOBSERVABLE_PENALTY if one is None else _score(self.asked, one)
+        projected_field = self.against(way)
+        return -UNOBSERVABLE_PENALTY if projected_field is None else _score(self.asked, projected_field)
 
 
-def optimise_parameters(asked: CandidateObjective, start: Values) -> dict[str, float]:
-    """The likeliest values between the neighbours on the grid."""
+def optimise_parameters(objective: CandidateObjective, start: Values) -> dict[str, float]:
+    """Most likely parameter values between the neighbouring grid values."""
     values = dict(start)
     for _ in range(PASSES):
-        for theta in asked.family.nonlinear_parameters:
-            line = _Line.of(asked, values, theta)
+        for theta in objective.family.nonlinear_parameters:
+            line = _Line.of(objective, values, theta)
             found: Any = minimize_scalar(
                 lambda way, line=line: -line.score(float(way)),
                 bounds=(max(line.low, -1.0), min(line.high, 1.0)),
@@ -273,45 +286,51 @@ def optimise_parameters(asked: CandidateObjective, start: Values) -> dict[str, f
     return values
 
 
-def parameter_uncertainty(asked: CandidateObjective, values: dict[str, float], mean: Array) -> tuple[tuple[float, ...], Array]:
-    """Standard uncertainties of what is not linear, and the (q, q) covariance that amplitudes get as they follow it."""
-    found = [_left_open(_Line.of(asked, values, theta), mean) for theta in asked.family.nonlinear_parameters]
+def parameter_uncertainty(objective: CandidateObjective, values: dict[str, float], mean: Array) -> tuple[tuple[float, ...], Array]:
+    """Standard uncertainties of the nonlinear parameters, and the resulting (q, q) covariance of the amplitudes."""
+    found = [_left_open(_Line.of(objective, values, theta), mean) for theta in objective.family.nonlinear_parameters]
     return tuple(sigma for sigma, _ in found), np.sum([also for _, also in found] or [np.zeros((len(mean),) * 2)], axis=0)
 
 
 def _left_open(line: _Line, mean: Array) -> tuple[float, Array]:
-    """Standard uncertainty of a parameter, and the (q, q) covariance that the amplitudes get as they follow it: over its posterior.
+    """Standard uncertainty of a parameter, and the resulting (q, q) covariance of the amplitudes, integrated over its posterior.
 
-    A tenth of an onset's logarithm is a tenth of creep: with the onset taken as known, hidden amplitudes of creep lay 2.2 to 5.5 standard
-    uncertainties off in 12 of 12 runs; and its posterior is wider than the curvature at its peak says.
+    A change of a tenth in the log onset time changes creep by a tenth. With the onset treated as known, amplitudes of creep
+    deviated by 2.2 to
+    5.5 standard uncertainties in 12 of 12 runs. The posterior is wider than the curvature at its peak indicates.
     """
     top = line.score(0.0)
     bend = 2.0 * top - line.score(-NEAR) - line.score(NEAR)
-    apart = min(0.5 * NEAR / math.sqrt(bend), WIDEST) if bend > 0.0 else WIDEST
+    distance = min(0.5 * NEAR / math.sqrt(bend), WIDEST) if bend > 0.0 else WIDEST
     total, square, outer = 1.0, 0.0, np.zeros((len(mean),) * 2)
-    for way in (apart, -apart):
+    for way in (distance, -distance):
         for place in range(1, REACH):
-            one = line.against(way * place) if line.low <= way * place <= line.high else None
-            if one is None or (score := _score(line.asked, one) - top) < -POSTERIOR_LOG_DEPTH:
+            projected_field = line.against(way * place) if line.low <= way * place <= line.high else None
+            if projected_field is None or (score := _score(line.asked, projected_field) - top) < -POSTERIOR_LOG_DEPTH:
                 break
-            weight, leaning = math.exp(score), one.amplitudes(0, line.asked.size_px)[0] - mean
+            weight, leaning = math.exp(score), projected_field.amplitudes(0, line.asked.size_px)[0] - mean
             total, square = total + weight, square + weight * (line.at(way * place) - line.at(0.0)) ** 2
             outer += weight * np.outer(leaning, leaning)
     return math.sqrt(square / total), outer / total
 
 
-def reported_parameters(law: BasisField, mean: Array, covariance: Array) -> tuple[ParameterEstimate, ...]:
-    """What people call a law's amplitudes (q,) with a covariance (q, q)."""
-    told = [
-        ParameterEstimate(one.name, float(one.row @ mean), float(np.sqrt(one.row @ covariance @ one.row)), one.unit)
-        for one in law.reported_parameters
+def reported_parameters(basis_field: BasisField, mean: Array, covariance: Array) -> tuple[ParameterEstimate, ...]:
+    """Reported parameters from the amplitudes (q,) of a basis field and their covariance (q, q)."""
+    parameters = [
+        ParameterEstimate(
+            reported_parameter.name,
+            float(reported_parameter.row @ mean),
+            float(np.sqrt(reported_parameter.row @ covariance @ reported_parameter.row)),
+            reported_parameter.unit,
+        )
+        for reported_parameter in basis_field.reported_parameters
     ]
-    if law.random_amplitude is not None:
-        name, unit, factor = law.random_amplitude
+    if basis_field.random_amplitude is not None:
+        name, unit, factor = basis_field.random_amplitude
         square = float(np.mean(mean**2 + np.diag(covariance)))
         slope = mean / (len(mean) * math.sqrt(square))
         sampling = square / (2.0 * len(mean))
-        told.append(
+        parameters.append(
             ParameterEstimate(name, factor * math.sqrt(square), factor * math.sqrt(float(slope @ covariance @ slope) + sampling), unit)
         )
-    return tuple(told)
+    return tuple(parameters)

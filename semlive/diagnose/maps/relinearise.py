@@ -1,8 +1,9 @@
-"""The point that a run is linearised about, chosen again beside what may be hidden in it.
+"""Selection of the linearisation point of a run jointly with possible hidden effects.
 
-The estimate chooses it before anything has a name: whether the drift carries the distortion, how rough drift and distortion are, and the
-distortion that a drift of it is made of. A tilt with load of 0.16 px made it 0.74 +- 0.02 of the distortion that was carried, where it was
-none; carried, the distortion left more of the maps than the tilt, and three other names were found for it.
+The estimate selects distortion advection, smoothness, and the distortion before any effect is identified. A tilt with load of
+0.16 px gave an advection coefficient of 0.74 +- 0.02 instead of 0. With advection the residual of the distortion exceeded the
+tilt, and three
+wrong effects were identified.
 """
 
 from __future__ import annotations
@@ -29,11 +30,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CouplingChoice:
-    """A run with the distortion carried by the drift, or not.
+    """A run with the selected distortion advection.
 
     Attributes:
-        observation: about that choice.
-        screening: all families beside it, where they decided; None where there was no doubt.
+        observation: observation with that choice.
+        screening: all effect classes scored with it if they decided; None if the choice was not in doubt.
     """
 
     observation: Observation
@@ -41,60 +42,62 @@ class CouplingChoice:
 
     @property
     def best_log_evidence(self) -> float:
-        """Logarithm of the likelihood of the data beside the family that does most for it, where that was asked."""
+        """Log likelihood of the data with the most likely effect class; requires the screening."""
         return -np.inf if self.screening is None else self.screening.best_log_evidence
 
 
-def choose_coupling(observation: Observation, families: Sequence[EffectClass], known: Sequence[ModelEffect] = ()) -> CouplingChoice:
-    """The same maps with the distortion carried by the drift, or not: as is likelier beside the loudest of all effects.
+def choose_coupling(observation: Observation, families: Sequence[EffectClass], model_effects: Sequence[ModelEffect] = ()) -> CouplingChoice:
+    """Select distortion advection on or off, whichever is more likely jointly with the most significant effect.
 
     Args:
-        observation: as the estimate chose.
-        families: that may be hidden, those without a name among them.
-        known: effects that are there.
+        observation: observation with the choice of the estimate.
+        families: candidate effect classes, including unnamed ones.
+        model_effects: effects given by the user.
     """
     other = _otherwise(observation)
     if other is None:
         return CouplingChoice(observation)
-    both = parallel_map(lambda one: CouplingChoice(one, Screening.run(one, families, known)), (observation, other))
-    return max(both, key=lambda one: one.best_log_evidence)
+    both = parallel_map(
+        lambda candidate: CouplingChoice(candidate, Screening.run(candidate, families, model_effects)), (observation, other)
+    )
+    return max(both, key=lambda candidate: candidate.best_log_evidence)
 
 
 def relinearise_with_effects(
-    baseline: HyperparameterGrid, fields: Sequence[Array], families: Sequence[EffectClass], known: Sequence[ModelEffect] = ()
+    baseline: HyperparameterGrid, fields: Sequence[Array], families: Sequence[EffectClass], model_effects: Sequence[ModelEffect] = ()
 ) -> CouplingChoice:
-    """The same maps about what is chosen where effects were taken out of them.
+    """Estimate again from maps corrected for the effects, and linearise the original maps there.
 
     Args:
-        baseline: with the effects.
-        fields: of each effect, (f, b, 2, q) what unit amplitudes move, px.
-        families: that may be hidden, those without a name among them.
-        known: effects that are there.
+        baseline: the baseline with the effects.
+        fields: for each effect, (f, b, 2, q) displacement of unit amplitudes, px.
+        families: candidate effect classes, including unnamed ones.
+        model_effects: effects given by the user.
 
     Raises:
-        IllPosed: without the effects there is too little left.
+        IllPosed: too few data remain without the effects.
     """
-    seen = baseline.design.observation
-    amplitudes, spans = fitted_amplitudes(baseline), baseline.design.effect_columns(fields, len(known))
+    observed = baseline.design.observation
+    amplitudes, spans = fitted_amplitudes(baseline), baseline.design.effect_columns(fields, len(model_effects))
     moved = np.sum([field @ amplitudes[own] for field, own in zip(fields, spans, strict=True)], axis=0)
-    taken = interpolate_to_grid(seen, moved - moved[0], seen.grid)
-    chosen, other = baseline_solution(reset_model_selection(seen.state, lambda one: subtract_effects(one, taken)))
-    again = make_observation(_about_the_whole(chosen, seen), seen.steps, other and _about_the_whole(other, seen))
-    return choose_coupling(again, families, known)
+    interpolated = interpolate_to_grid(observed, moved - moved[0], observed.grid)
+    chosen, rival = baseline_solution(reset_model_selection(observed.state, lambda candidate: subtract_effects(candidate, interpolated)))
+    repeated = make_observation(_about_the_whole(chosen, observed), observed.steps, rival and _about_the_whole(rival, observed))
+    return choose_coupling(repeated, families, model_effects)
 
 
-def _about_the_whole(solution: Solution, seen: Observation) -> Solution:
-    """With the maps as they were seen."""
-    whole = {(one.reference, one.current): one.dmap for one in seen.state.rows}
-    return replace(solution, state=with_maps(solution.state, lambda one: whole[one.reference, one.current]))
+def _about_the_whole(solution: Solution, observation: Observation) -> Solution:
+    """The solution with the original maps."""
+    full = {(map_rows.reference, map_rows.current): map_rows.dmap for map_rows in observation.state.rows}
+    return replace(solution, state=with_maps(solution.state, lambda candidate: full[candidate.reference, candidate.current]))
 
 
-def _otherwise(seen: Observation) -> Observation | None:
-    """The same maps with the other coupling; None where there is no doubt, or other blocks would be compared."""
-    if seen.alternative_solution is None:
+def _otherwise(observation: Observation) -> Observation | None:
+    """Observation with the other distortion advection; None if it is not in doubt or would compare different blocks."""
+    if observation.alternative_solution is None:
         return None
     try:
-        other = make_observation(seen.alternative_solution, seen.steps)
+        other = make_observation(observation.alternative_solution, observation.steps)
     except IllPosed:
         return None
-    return other if np.array_equal(other.valid_blocks, seen.valid_blocks) else None
+    return other if np.array_equal(other.valid_blocks, observation.valid_blocks) else None

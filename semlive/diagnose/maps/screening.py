@@ -1,4 +1,4 @@
-"""A run before anything in it is named: its baseline, and every family heard beside that."""
+"""Initial screening of a run: the baseline, and the evidence of every effect class added to it."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from semlive.model.effects import EffectClass
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Screening:
-    """Families beside a baseline that has nothing but what was known.
+    """Evidence of effect classes added to a baseline with only the given effects.
 
     Attributes:
-        baseline: that baseline.
-        model_fields: (f, b, 2, q) what unit amplitudes of each known effect move, px.
-        projected_candidates: the families' laws, ready to be asked again.
-        candidates: what each says; those that cannot be seen here are left out.
+        baseline: the baseline.
+        model_fields: (f, b, 2, q) displacement of unit amplitudes of each given effect, px.
+        projected_candidates: projected basis fields of the classes, for repeated scoring.
+        candidates: evidence of each class; classes not observable in this run are left out.
     """
 
     baseline: HyperparameterGrid
@@ -36,17 +36,17 @@ class Screening:
     candidates: tuple[CandidateEvidence, ...]
 
     @classmethod
-    def run(cls, observation: Observation, families: Sequence[EffectClass], known: Sequence[ModelEffect]) -> Screening:
-        """Hear them.
+    def run(cls, observation: Observation, families: Sequence[EffectClass], model_effects: Sequence[ModelEffect]) -> Screening:
+        """Score all effect classes.
 
         Raises:
-            BadInput: a known effect has no such name, or cannot be in these data.
+            BadInput: a given effect is unknown or not observable in these data.
         """
-        bare, already = add_model_effects(noise_scaled_baseline(observation), known)
-        kept = project_candidates(bare, families)
-        return cls(bare, already, kept, refine_parameters(bare, score_candidates(bare, families, kept)))
+        baseline, already = add_model_effects(noise_scaled_baseline(observation), model_effects)
+        projections = project_candidates(baseline, families)
+        return cls(baseline, already, projections, refine_parameters(baseline, score_candidates(baseline, families, projections)))
 
     @property
     def best_log_evidence(self) -> float:
-        """Logarithm of the likelihood of the data beside the family that does most for it."""
-        return self.baseline.log_evidence + max((one.log_factor for one in self.candidates), default=0.0)
+        """Log likelihood of the data with the most likely effect class."""
+        return self.baseline.log_evidence + max((candidate.log_factor for candidate in self.candidates), default=0.0)

@@ -1,4 +1,4 @@
-"""The search: effects are added one at a time, the loudest first, until what is left is quiet."""
+"""Stepwise search: effects are added one at a time, the most significant first, until the residual is consistent with noise."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ ALL_UNNAMED_CLASSES = (*UNNAMED_CLASSES, FINE_DISTORTION, FINE_DRIFT)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Search:
-    """How far it got.
+    """State of the search.
 
     Attributes:
         bare: the baseline without effects.
-        baseline_with_effects: with those that were named.
-        effects: they.
-        initial_screening: all that was heard before any was named.
-        excluded: families that are not asked again.
-        fine_scale_candidates: what of the baseline may still be finer than its splines.
-        underresolved_splines: names of those of its splines that are too coarse; what they left is in the baseline.
-        residual_significant: whether what is left is.
+        baseline_with_effects: the baseline with the selected effects.
+        effects: the selected effects.
+        initial_screening: evidence of all candidates before the first selection.
+        excluded: effect classes not to be tested again.
+        fine_scale_candidates: candidates for components of the baseline finer than its splines.
+        underresolved_splines: names of splines that are too coarse; their residual has been added to the baseline.
+        residual_significant: whether the remaining residual is significant.
     """
 
     bare: HyperparameterGrid
@@ -57,78 +57,88 @@ class Search:
     residual_significant: bool
 
 
-def search(begun: Screening, dictionary: Sequence[EffectClass], null: NullDraws, seed: int) -> Search:
-    """All that can be named.
+def search(screening: Screening, dictionary: Sequence[EffectClass], null: NullDraws, seed: int) -> Search:
+    """Identify effects until none is significant.
 
     Args:
-        begun: the dictionary, and what has no name, beside the baseline with effects that are known.
-        dictionary: the effects that have a name.
-        null: draws of the baseline.
-        seed: of further draws.
+        screening: evidence of the dictionary and of unnamed fields with the baseline and the given effects.
+        dictionary: the named effect classes.
+        null: null draws of the baseline.
+        seed: seed of further draws.
     """
-    bare, fine = begun.baseline, fine_scale_candidates(begun.baseline)
-    kept = project_candidates(bare, fine, begun.projected_candidates)
-    heard = with_draws(bare, (*begun.candidates, *refine_parameters(bare, score_candidates(bare, fine, kept))), null, kept)
-    now = Search(bare, bare, (), heard, (), fine, (), residual_significant=True)
+    baseline, fine = screening.baseline, fine_scale_candidates(screening.baseline)
+    projections = project_candidates(baseline, fine, screening.projected_candidates)
+    candidates = with_draws(
+        baseline, (*screening.candidates, *refine_parameters(baseline, score_candidates(baseline, fine, projections))), null, projections
+    )
+    now = Search(baseline, baseline, (), candidates, (), fine, (), residual_significant=True)
     while True:
-        loudest = max(heard, key=lambda one: one.log_factor)
-        p_value = _p_value(heard, loudest.log_factor) if loudest.log_factor >= SIGNIFICANT_LOG_FACTOR else 1.0
+        loudest = max(candidates, key=lambda candidate: candidate.log_factor)
+        p_value = _p_value(candidates, loudest.log_factor) if loudest.log_factor >= SIGNIFICANT_LOG_FACTOR else 1.0
         now = replace(now, residual_significant=p_value <= SIGNIFICANCE_LEVEL)
         if now.residual_significant and loudest.family in now.fine_scale_candidates:
             now = _without_coarse(now, loudest)
         else:
-            best = max((one for one in heard if one.family not in ALL_UNNAMED_CLASSES), key=lambda one: one.log_factor, default=None)
+            best = max(
+                (candidate for candidate in candidates if candidate.family not in ALL_UNNAMED_CLASSES),
+                key=lambda candidate: candidate.log_factor,
+                default=None,
+            )
             if not now.residual_significant or best is None or best.log_factor < SIGNIFICANT_LOG_FACTOR or len(now.effects) == MAX_EFFECTS:
                 return now
-            now = _with_effect(now, heard, best, p_value, dictionary, kept)
-        heard = _heard(now, dictionary, kept, (null.noise[0].shape[1], seed))
+            now = _with_effect(now, candidates, best, p_value, dictionary, projections)
+        candidates = _heard(now, dictionary, projections, (null.noise[0].shape[1], seed))
 
 
 def _heard(
-    now: Search, dictionary: Sequence[EffectClass], kept: Mapping[str, CandidateProjection], draws: tuple[int, int]
+    now: Search, dictionary: Sequence[EffectClass], projections: Mapping[str, CandidateProjection], draws: tuple[int, int]
 ) -> tuple[CandidateEvidence, ...]:
-    """What is left to be tried; against so many draws, with a seed, where anything is loud: what is left is quiet nearly always."""
-    families = (*(one for one in dictionary if one not in now.excluded), *UNNAMED_CLASSES, *now.fine_scale_candidates)
-    heard = refine_parameters(now.baseline_with_effects, score_candidates(now.baseline_with_effects, families, kept))
-    if max(one.log_factor for one in heard) < SIGNIFICANT_LOG_FACTOR:
-        return heard
+    """Score the remaining candidates; null draws are computed only if a candidate is significant."""
+    families = (*(value for value in dictionary if value not in now.excluded), *UNNAMED_CLASSES, *now.fine_scale_candidates)
+    candidates = refine_parameters(now.baseline_with_effects, score_candidates(now.baseline_with_effects, families, projections))
+    if max(candidate.log_factor for candidate in candidates) < SIGNIFICANT_LOG_FACTOR:
+        return candidates
     null = NullDraws.of(now.baseline_with_effects, draws[0], draws[1] + len(now.effects) + len(now.underresolved_splines))
-    return with_draws(now.baseline_with_effects, heard, null, kept)
+    return with_draws(now.baseline_with_effects, candidates, null, projections)
 
 
 def _without_coarse(now: Search, fine: CandidateEvidence) -> Search:
-    """The splines' own, before anything that has a name."""
-    bare = add_fine_scale_terms(now.bare, fine)
-    having, named = rebuild_baseline(bare, now.effects, now.effects[0].unnamed_log_factor if now.effects else -math.inf)
-    left = tuple(one for one in now.fine_scale_candidates if one is not fine.family)
+    """Add fine-scale terms of the splines before any named effect."""
+    baseline = add_fine_scale_terms(now.bare, fine)
+    baseline_with_effects, effects = rebuild_baseline(
+        baseline, now.effects, now.effects[0].unnamed_log_factor if now.effects else -math.inf
+    )
+    residual = tuple(fine_scale_candidate for fine_scale_candidate in now.fine_scale_candidates if fine_scale_candidate is not fine.family)
     return replace(
         now,
-        bare=bare,
-        baseline_with_effects=having,
-        effects=named,
-        fine_scale_candidates=left,
+        bare=baseline,
+        baseline_with_effects=baseline_with_effects,
+        effects=effects,
+        fine_scale_candidates=residual,
         underresolved_splines=(*now.underresolved_splines, fine.family.name),
     )
 
 
 def _with_effect(
     now: Search,
-    heard: Sequence[CandidateEvidence],
+    scored: Sequence[CandidateEvidence],
     best: CandidateEvidence,
     p_value: float,
     dictionary: Sequence[EffectClass],
-    kept: Mapping[str, CandidateProjection],
+    projections: Mapping[str, CandidateProjection],
 ) -> Search:
-    candidates = [one for one in heard if one.family not in ALL_UNNAMED_CLASSES]
-    rivals = tuple(one for one in candidates if one is not best and one.log_factor > best.log_factor - MIN_LOG_ODDS)
-    unnamed = max(one.log_factor for one in heard if one.family in UNNAMED_CLASSES)
-    having, named = add_effect(now.baseline_with_effects, now.effects, best, p_value, rivals, unnamed)
-    having, named = remove_unnecessary(now.bare, having, named)
-    having, named = reselect_effects(now.bare, having, named, (*dictionary, *UNNAMED_CLASSES), kept)
-    tried = (*now.excluded, best.family, *(one.refined.family for one in named))
-    return replace(now, baseline_with_effects=having, effects=named, excluded=tried)
+    candidates = [candidate for candidate in scored if candidate.family not in ALL_UNNAMED_CLASSES]
+    rivals = tuple(candidate for candidate in candidates if candidate is not best and candidate.log_factor > best.log_factor - MIN_LOG_ODDS)
+    unnamed = max(candidate.log_factor for candidate in scored if candidate.family in UNNAMED_CLASSES)
+    baseline_with_effects, effects = add_effect(now.baseline_with_effects, now.effects, best, p_value, rivals, unnamed)
+    baseline_with_effects, effects = remove_unnecessary(now.bare, baseline_with_effects, effects)
+    baseline_with_effects, effects = reselect_effects(
+        now.bare, baseline_with_effects, effects, (*dictionary, *UNNAMED_CLASSES), projections
+    )
+    tried = (*now.excluded, best.family, *(effect.refined.family for effect in effects))
+    return replace(now, baseline_with_effects=baseline_with_effects, effects=effects, excluded=tried)
 
 
-def _p_value(heard: Sequence[CandidateEvidence], loudest: float) -> float:
-    null = np.max([one.null for one in heard], axis=0)
+def _p_value(candidates: Sequence[CandidateEvidence], loudest: float) -> float:
+    null = np.max([candidate.null for candidate in candidates], axis=0)
     return (1.0 + float(np.sum(null >= loudest))) / (1.0 + len(null))

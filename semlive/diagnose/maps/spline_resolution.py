@@ -1,6 +1,6 @@
-"""The baseline's own splines: drift or distortion that is finer than their knots is theirs before it is anything's with a name.
+"""Test of spline resolution: drift or distortion finer than the knots is assigned to the baseline before any named effect.
 
-Sutton 2007 has no such test; where a spline is too coarse, what it leaves is shared out among whatever the dictionary holds.
+Sutton 2007 has no such test. If a spline is too coarse, its residual is distributed over effects of the dictionary.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ DISTORTION_KNOTS, SQUARES = 2.3, 2.0  # the longest waves that are finer, and th
 
 
 def _fine_drift(scene: RunGeometry, values: Values) -> BasisField:
-    """Waves of all periods between, amplitudes in proportion to the period: what a random walk has there."""
+    """Waves of all periods between the limits, with amplitudes proportional to the period as in a random walk."""
     del values
     fastest, slowest = (1.0 / (knots * scene.drift_knot_s) for knots in DRIFT_KNOTS)
     rates = np.arange(slowest, fastest, 1.0 / scene.end_s)
@@ -36,7 +36,7 @@ def _fine_drift(scene: RunGeometry, values: Values) -> BasisField:
 
 
 def _fine_distortion(scene: RunGeometry, values: Values) -> BasisField | None:
-    """Standing waves at the scan address; None where squares are too large to show any."""
+    """Standing waves at the scan address; None if the blocks are too large to resolve any."""
     del values
     low, high = scene.address_px.min(axis=(0, 1)), scene.address_px.max(axis=(0, 1))
     size_px, square_px = high - low, _square_px(scene)
@@ -56,9 +56,9 @@ def _fine_distortion(scene: RunGeometry, values: Values) -> BasisField | None:
 
 
 def _square_px(scene: RunGeometry) -> float:
-    """Distance of neighbouring squares of points."""
-    apart = np.diff(np.sort(scene.address_px[0, :, 0]))
-    return float(np.median(apart[apart > 0.1 * apart.max()]))
+    """Distance between neighbouring blocks, px."""
+    spacing_px = np.diff(np.sort(scene.address_px[0, :, 0]))
+    return float(np.median(spacing_px[spacing_px > 0.1 * spacing_px.max()]))
 
 
 FINE_DRIFT = EffectClass("baseline_drift_underresolved", "the drift is finer than the knots of its spline", _fine_drift, sizes_px=SIZES_PX)
@@ -67,12 +67,12 @@ FINE_DISTORTION = EffectClass(
 )
 
 
-def fine_scale_candidates(bare: HyperparameterGrid) -> tuple[EffectClass, ...]:
-    """What may be finer than its spline in a run: a drift only if it wanders, as a smooth one has nothing beyond its knots."""
-    belief = bare.best.prior_choice
+def fine_scale_candidates(baseline: HyperparameterGrid) -> tuple[EffectClass, ...]:
+    """Candidates for components finer than the splines. Drift is included only if it wanders; a smooth drift has no fine components."""
+    belief = baseline.best.prior_choice
     return (FINE_DISTORTION, FINE_DRIFT) if belief is not None and belief[0].random_walk_px else (FINE_DISTORTION,)
 
 
-def add_fine_scale_terms(bare: HyperparameterGrid, heard: CandidateEvidence) -> HyperparameterGrid:
-    """The baseline with what is no effect of its own."""
-    return build_grid(bare.design.with_effects(refined(bare, heard).baseline_effect))
+def add_fine_scale_terms(baseline: HyperparameterGrid, candidates: CandidateEvidence) -> HyperparameterGrid:
+    """Add fine-scale terms to the baseline; they are not reported as effects."""
+    return build_grid(baseline.design.with_effects(refined(baseline, candidates).baseline_effect))

@@ -1,7 +1,7 @@
-"""Does what was named go as its law says? The same shape may have another course over the frames.
+"""Test of the time course of identified effects: the same spatial shape with another course over the frames.
 
-A law with an amplitude for every pair bends to anything of its shape, and leaves nothing behind: with `magnification_drift` out of the
-dictionary, a slow drift was named `refocus_magnification_step`, a jump of the magnification at every step.
+An effect with an amplitude for every pair fits any field of its shape without residual. With `magnification_drift` removed from the
+dictionary, a slow drift was identified as `refocus_magnification_step`, a magnification jump at every step.
 """
 
 from __future__ import annotations
@@ -28,29 +28,37 @@ FORGIVEN_GAIN_FRACTION = (
 SHORT_CORRELATION_FRACTION = 0.15  # of the run, over which a faster wandering is alike
 
 
-def alternative_time_course_odds(having: HyperparameterGrid, bare: DesignMatrix, named: Sequence[RefinedEffect]) -> float:
+def alternative_time_course_odds(
+    baseline_with_effects: HyperparameterGrid, baseline: DesignMatrix, effects: Sequence[RefinedEffect]
+) -> float:
     """Logarithm of the odds for another course of an effect's shape, against nearly the course of its law; the largest of all effects.
 
     Args:
-        having: the baseline with the effects, as smooth as it is judged: one that is likeliest without them follows a part of them, and
-            what it leaves has another course. Of a wrong row time the odds were 17 so, and are -0.1.
-        bare: the same without them.
-        named: the effects; each is asked about with the others in the baseline.
+        baseline_with_effects: the baseline with the effects. Its smoothness must be selected with the effects in the model: a smoothness
+            selected without them absorbs a part of the effects and changes the residual time course. For a wrong row time this
+            gave a log odds of 17 instead of -0.1.
+        baseline: the same without them.
+        effects: the effects; each is asked about with the others in the baseline.
     """
-    return max((_of_one(having, bare, one, [other for other in named if other is not one]) for one in named), default=-np.inf)
+    return max(
+        (_of_one(baseline_with_effects, baseline, effect, [other for other in effects if other is not effect]) for effect in effects),
+        default=-np.inf,
+    )
 
 
-def _of_one(having: HyperparameterGrid, columns: DesignMatrix, one: RefinedEffect, others: Sequence[RefinedEffect]) -> float:
-    shape, share = _shape(one)
+def _of_one(
+    baseline_with_effects: HyperparameterGrid, columns: DesignMatrix, effect: RefinedEffect, other_effects: Sequence[RefinedEffect]
+) -> float:
+    shape, share = _shape(effect)
     if share < MIN_SHAPE_SHARE:
         return -np.inf
-    lawful = _own_course(one, shape)
-    for found in (*(other.baseline_effect for other in others), _rest(columns, one, shape, lawful)):
+    lawful = _own_course(effect, shape)
+    for found in (*(other.baseline_effect for other in other_effects), _rest(columns, effect, shape, lawful)):
         columns = columns.with_effects(found)
-    beside = point_like(columns, having)
-    normal, pull = _of_frames(beside, shape)
+    base = point_like(columns, baseline_with_effects)
+    normal, pull = _of_frames(base, shape)
     own = _heard(normal, pull, lawful)
-    return max(_gain(_heard(normal, pull, course), own) for course in _courses(beside.design.observation.geometry))
+    return max(_gain(_heard(normal, pull, course), own) for course in _courses(base.design.observation.geometry))
 
 
 def _gain(other: tuple[float, float], own: tuple[float, float]) -> float:
@@ -59,22 +67,22 @@ def _gain(other: tuple[float, float], own: tuple[float, float]) -> float:
     return float(other[0] - own[0] - forgiven)
 
 
-def _of_frames(beside: HyperparameterGrid, shape: Array) -> tuple[Array, Array]:
+def _of_frames(base: HyperparameterGrid, shape: Array) -> tuple[Array, Array]:
     """(f, f) information on a shape's size in each frame, and (f,) what the data ask for; frames may be moved besides."""
-    f = beside.design.observation.frames
+    f = base.design.observation.frames
     field = np.zeros((f, *shape.shape, 3, f))
-    for place, one in enumerate((shape, (1.0, 0.0), (0.0, 1.0))):
-        field[np.arange(f), :, :, place, np.arange(f)] = one
-    asked = project(beside, field.reshape(*field.shape[:3], 3 * f))
-    normal = (asked.vectors[0] * asked.values[0]) @ asked.vectors[0].T
-    pull = asked.vectors[0] @ asked.gradient[0]
-    taken = np.linalg.solve(normal[f:, f:] + np.eye(2 * f) / MOVED_PX**2, np.column_stack((normal[f:, :f], pull[f:])))
-    return normal[:f, :f] - normal[:f, f:] @ taken[:, :f], pull[:f] - normal[:f, f:] @ taken[:, f]
+    for place, value in enumerate((shape, (1.0, 0.0), (0.0, 1.0))):
+        field[np.arange(f), :, :, place, np.arange(f)] = value
+    gradient = project(base, field.reshape(*field.shape[:3], 3 * f))
+    normal = (gradient.vectors[0] * gradient.values[0]) @ gradient.vectors[0].T
+    pull = gradient.vectors[0] @ gradient.gradient[0]
+    projected = np.linalg.solve(normal[f:, f:] + np.eye(2 * f) / MOVED_PX**2, np.column_stack((normal[f:, :f], pull[f:])))
+    return normal[:f, :f] - normal[:f, f:] @ projected[:, :f], pull[:f] - normal[:f, f:] @ projected[:, f]
 
 
-def _shape(one: RefinedEffect) -> tuple[Array, float]:
+def _shape(effect: RefinedEffect) -> tuple[Array, float]:
     """(b, 2) the shape that explains most of what an effect moves but translations, which are drift's, and how much of it."""
-    moved = one.field_px @ one.amplitudes
+    moved = effect.field_px @ effect.amplitudes
     bent = moved - moved[0]
     bent = bent - bent.mean(axis=1, keepdims=True)
     _, size, shapes = np.linalg.svd(bent.reshape(len(bent), -1), full_matrices=False)
@@ -82,19 +90,21 @@ def _shape(one: RefinedEffect) -> tuple[Array, float]:
     return shape / np.sqrt(np.mean(np.sum(shape**2, axis=-1))), float(size[0] ** 2 / np.sum(size**2)) if size[0] > 0.0 else 0.0
 
 
-def _own_course(one: RefinedEffect, shape: Array) -> Array:
+def _own_course(effect: RefinedEffect, shape: Array) -> Array:
     """(f, q) how the law's columns have the shape in each frame."""
-    bent = one.field_px - one.field_px.mean(axis=1, keepdims=True)
+    bent = effect.field_px - effect.field_px.mean(axis=1, keepdims=True)
     return np.einsum("fbcq,bc->fq", bent, shape) / np.sum(shape**2)
 
 
-def _rest(columns: DesignMatrix, one: RefinedEffect, shape: Array, course: Array) -> BaselineEffect:
+def _rest(columns: DesignMatrix, effect: RefinedEffect, shape: Array, course: Array) -> BaselineEffect:
     """What a law moves besides: of any course.
 
     A swing that takes twice a frame's time has two shapes, of which one has 96 %. What the other leaves was found in its course, with odds
     of exp(72) at eight times the least; with the rest beside, exp(-13).
     """
-    return BaselineEffect(columns.whiten(one.field_px - shape[None, :, :, None] * course[:, None, None, :]), one.baseline_effect.size_px)
+    return BaselineEffect(
+        columns.whiten(effect.field_px - shape[None, :, :, None] * course[:, None, None, :]), effect.baseline_effect.size_px
+    )
 
 
 def _courses(scene: RunGeometry) -> tuple[Array, ...]:

@@ -1,7 +1,7 @@
-"""Effects without a name: smooth fields, and courses in time, that are nobody's. They explain much and name nothing.
+"""Unnamed fields: smooth fields and time courses without a physical cause, as alternatives to named effects.
 
-Each is as plain as it can be, for what is not in the dictionary must be likelier as one of these than as whatever name bends to it. Fields
-that grow with the load are no part of them: they are strain, and have a name.
+Each is as simple as possible. An effect missing from the dictionary must be more likely as an unnamed field than as a named effect that
+fits it. Fields that grow with the load are excluded, because they are strain and belong to named effects.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ LINEAR = (
 
 
 def _each_frame(scene: RunGeometry, values: Values) -> BasisField:
-    """A field of its own for every frame."""
+    """An independent field for every frame."""
     del values
     f, b = scene.time_s.shape
     shapes = modes(scene)
@@ -57,7 +57,7 @@ def _plain(scene: RunGeometry) -> Array:
 
 
 def _fine(scene: RunGeometry) -> Array:
-    """(f, b, k) cosines, finer ones smaller: a bump, the edge of a band."""
+    """(f, b, k) cosines with amplitudes decreasing with frequency, for example for a bump or the edge of a band."""
     low, high = scene.address_px.min(axis=(0, 1)), scene.address_px.max(axis=(0, 1))
     x, y = np.moveaxis((scene.address_px - low) / (high - low), -1, 0)
     waves = [(i, j) for i in range(WAVES) for j in range(WAVES - i) if i + j]
@@ -65,7 +65,7 @@ def _fine(scene: RunGeometry) -> Array:
 
 
 def _going(shapes: Array, course: Array) -> BasisField:
-    """Shapes (f, b, k) along x and along y, each with columns in time (f, b or 1, c)."""
+    """Shapes (f, b, k) along x and along y, each multiplied by time courses (f, b or 1, c)."""
     f, b, _ = shapes.shape
     along = (shapes[..., None] * course[:, :, None, :]).reshape(f, b, -1)
     nothing = np.zeros_like(along)
@@ -74,7 +74,7 @@ def _going(shapes: Array, course: Array) -> BasisField:
 
 
 def _growing(scene: RunGeometry, values: Values) -> BasisField:
-    """A field that grows with a power of time."""
+    """A field proportional to a power of time."""
     shapes = _fine(scene) if values["fine"] else _plain(scene)
     return _going(shapes, ((scene.time_s / scene.end_s) ** values["power"])[..., None])
 
@@ -85,19 +85,19 @@ def _powers(scene: RunGeometry) -> Iterable[Values]:
 
 
 def _wandering(scene: RunGeometry, values: Values) -> BasisField:
-    """A field that wanders slowly, each of its parts by itself."""
+    """A field whose components vary slowly and independently."""
     del values
     return _going(_plain(scene), slow_gaussian_process(scene.time_s))
 
 
 def _alternating(scene: RunGeometry, values: Values) -> BasisField:
-    """A field that comes and goes with every other frame."""
+    """A field that alternates between frames."""
     del values
     return _going(_fine(scene), np.where(scene.frame % 2 == 0, 1.0, -1.0)[:, None, None])
 
 
 def _linear(scene: RunGeometry, values: Values) -> BasisField:
-    """A linear map that wanders slowly."""
+    """A linear map that varies slowly."""
     course, columns = slow_gaussian_process(scene.time_s), []
     for (ux, uy), (vx, vy) in LINEAR[int(values["map"])]:
         columns.append(times_time_columns(field_column(ux * scene.x + uy * scene.y, vx * scene.x + vy * scene.y), course))
@@ -110,17 +110,17 @@ def _maps(scene: RunGeometry) -> Iterable[Values]:
 
 
 def _after_steps(scene: RunGeometry, values: Values) -> BasisField:
-    """The picture comes to rest after every step, from another side each time."""
+    """An exponential decay of the image position after every step, with an independent amplitude each."""
     each = (scene.pair[:, None] == np.unique(scene.pair)).astype(np.float64)
     fall = exponential_decay(scene, each, values["time_constant_s"])
     return BasisField(
-        np.concatenate([xy_columns(one) for one in np.moveaxis(fall, -1, 0)], axis=-1), random_amplitude=("rms_px", "px", 1.0)
+        np.concatenate([xy_columns(value) for value in np.moveaxis(fall, -1, 0)], axis=-1), random_amplitude=("rms_px", "px", 1.0)
     )
 
 
 def _constants(scene: RunGeometry) -> Iterable[Values]:
     del scene
-    return ({"time_constant_s": float(one)} for one in np.geomspace(8.0, 400.0, 6))
+    return ({"time_constant_s": float(value)} for value in np.geomspace(8.0, 400.0, 6))
 
 
 UNNAMED_CLASSES: tuple[EffectClass, ...] = (

@@ -1,4 +1,4 @@
-"""The verdict: detected, adequate, unique, useful; in this order."""
+"""Verdict on the maps. Criteria in this order: detected, adequate, unique, useful."""
 
 from __future__ import annotations
 
@@ -38,33 +38,35 @@ def diagnose(
     seed: int = 0,
     dictionary: Sequence[EffectClass] = EFFECT_CLASSES,
     draws: int = DRAWS,
-    known: Sequence[ModelEffect] = (),
+    model_effects: Sequence[ModelEffect] = (),
 ) -> Diagnosis:
-    """Find where model and data disagree, and what is missing.
+    """Test the model against the data and identify the missing effects.
 
     Args:
-        observation: of a run.
-        seed: of the draws of the null.
-        dictionary: the effects that have a name.
-        draws: of the null.
-        known: effects that the model has already; their amplitudes are refitted, and they are not looked for.
+        observation: observation of a run.
+        seed: seed of the null draws.
+        dictionary: the named effect classes.
+        draws: number of null draws.
+        model_effects: effects already in the model; their amplitudes are refitted and they are not candidates.
 
     Raises:
-        IllPosed: the data are too few to name anything.
-        BadInput: a known effect has no such name, or cannot be in these data.
+        IllPosed: the data are too few to identify an effect.
+        BadInput: a given effect is unknown or not observable in these data.
     """
-    families = [one for one in dictionary if one.name not in {item.name for item in known}]
-    look = SearchResult.run(choose_coupling(observation, (*families, *UNNAMED_CLASSES), known), families, known, (draws, seed))
+    families = [family for family in dictionary if family.name not in {item.name for item in model_effects}]
+    look = SearchResult.run(
+        choose_coupling(observation, (*families, *UNNAMED_CLASSES), model_effects), families, model_effects, (draws, seed)
+    )
     if look.needs_second_pass:
-        look = _looked_again(look, families, known, (draws, seed))
-    bare, having, named = look.search.bare, look.baseline_with_effects, look.effects
-    gap = held_out_misfit(bare, having, seed) if named else None
-    shares = strain_attenuation(having, look.fields, len(known))[len(known) :]
+        look = _looked_again(look, families, model_effects, (draws, seed))
+    baseline, baseline_with_effects, effects = look.search.bare, look.baseline_with_effects, look.effects
+    gap = held_out_misfit(baseline, baseline_with_effects, seed) if effects else None
+    shares = strain_attenuation(baseline_with_effects, look.fields, len(model_effects))[len(model_effects) :]
     width, height = (2.0 * observation.state.centre_px + 1.0).round().astype(int).tolist()
-    verdict = _verdict(named, look.residual_significant, gap, look.domain_tests, bare, shares)
-    names, fields = [one.names[0] for one in named], [one.refined.field_px for one in named]
-    pictures = figure_data(bare, having, names, fields) if named else None
-    shared = _overlaps(bare, named[0].refined, look.search.initial_screening) if named else ()
+    verdict = _verdict(effects, look.residual_significant, gap, look.domain_tests, baseline, shares)
+    names, fields = [effect.names[0] for effect in effects], [effect.refined.field_px for effect in effects]
+    pictures = figure_data(baseline, baseline_with_effects, names, fields) if effects else None
+    shared = _overlaps(baseline, effects[0].refined, look.search.initial_screening) if effects else ()
     verdict = replace(
         verdict,
         figure_data=pictures,
@@ -72,20 +74,20 @@ def diagnose(
         overlap=shared,
         coarse=look.search.underresolved_splines,
     )
-    return replace(verdict, model_effects=tuple(known), duration_s=observation.geometry.end_s, size_px=(width, height))
+    return replace(verdict, model_effects=tuple(model_effects), duration_s=observation.geometry.end_s, size_px=(width, height))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchResult:
-    """What a search about one point of linearisation found.
+    """Result of a search at one linearisation point.
 
     Attributes:
-        domain_tests: where model and data disagree, before anything was named.
-        search: the search.
+        domain_tests: tests of the model in each domain, before any effect was added.
+        search: the final state of the search.
         baseline_with_effects: the baseline with all effects.
-        effects: they, refitted beside each other.
-        fields: of each effect, those that were known first, (f, b, 2, q) what unit amplitudes move, px.
-        residual_significant: whether something is left, or what was named does not go as its laws say.
+        effects: the identified effects, fitted jointly.
+        fields: for each effect, given ones first, (f, b, 2, q) displacement of unit amplitudes, px.
+        residual_significant: whether a significant residual remains, or an effect has another time course than its basis field.
     """
 
     domain_tests: tuple[DomainTest, ...]
@@ -97,113 +99,132 @@ class SearchResult:
 
     @classmethod
     def run(
-        cls, run: CouplingChoice, families: Sequence[EffectClass], known: Sequence[ModelEffect], draws: tuple[int, int]
+        cls, run: CouplingChoice, families: Sequence[EffectClass], model_effects: Sequence[ModelEffect], draws: tuple[int, int]
     ) -> SearchResult:
-        """Search; so many draws of the null, and the seed of these."""
-        begun = run.screening or Screening.run(run.observation, (*families, *UNNAMED_CLASSES), known)
-        null = NullDraws.of(begun.baseline, *draws)
-        places, found = run_domain_tests(begun.baseline, null), search(begun, families, null, draws[1])
-        named = _beside(found.baseline_with_effects, found.effects)
-        loud = found.residual_significant or _unlike(found.bare, found.baseline_with_effects, named)
-        return cls(places, found, found.baseline_with_effects, named, (*begun.model_fields, *(one.refined.field_px for one in named)), loud)
+        """Search for effects with the given number and seed of null draws."""
+        screening = run.screening or Screening.run(run.observation, (*families, *UNNAMED_CLASSES), model_effects)
+        null = NullDraws.of(screening.baseline, *draws)
+        places, found = run_domain_tests(screening.baseline, null), search(screening, families, null, draws[1])
+        effects = _beside(found.baseline_with_effects, found.effects)
+        significant = found.residual_significant or _unlike(found.bare, found.baseline_with_effects, effects)
+        return cls(
+            places,
+            found,
+            found.baseline_with_effects,
+            effects,
+            (*screening.model_fields, *(effect.refined.field_px for effect in effects)),
+            significant,
+        )
 
     @property
     def needs_second_pass(self) -> bool:
-        """Whether the effects may have misled the choices that were made without them: one takes other names to mend what went wrong."""
+        """Whether the effects may have biased the earlier selections, so that further effects compensate the error."""
         return bool(self.effects) and (self.residual_significant or len(self.effects) == MAX_EFFECTS)
 
 
 def _looked_again(
-    look: SearchResult, families: Sequence[EffectClass], known: Sequence[ModelEffect], draws: tuple[int, int]
+    look: SearchResult, families: Sequence[EffectClass], model_effects: Sequence[ModelEffect], draws: tuple[int, int]
 ) -> SearchResult:
-    """About the point that is chosen without the effects, if that is another for what was named, and the data are likelier there."""
+    """Search at the linearisation point selected without the effects, if it differs and the data are more likely there."""
     try:
-        again = relinearise_with_effects(look.baseline_with_effects, look.fields, (*families, *UNNAMED_CLASSES), known)
+        repeated = relinearise_with_effects(look.baseline_with_effects, look.fields, (*families, *UNNAMED_CLASSES), model_effects)
     except IllPosed:
         return look
-    before, seen = look.baseline_with_effects.design.observation, again.observation
-    if not np.array_equal(seen.valid_blocks, before.valid_blocks):
+    before, observed = look.baseline_with_effects.design.observation, repeated.observation
+    if not np.array_equal(observed.valid_blocks, before.valid_blocks):
         return look
-    alike = seen.state.distortion.carried == before.state.distortion.carried
-    if alike and not any(_moves_otherwise(one.refined, seen, look.baseline_with_effects) for one in look.effects):
+    alike = observed.state.distortion.carried == before.state.distortion.carried
+    if alike and not any(_moves_otherwise(effect.refined, observed, look.baseline_with_effects) for effect in look.effects):
         return look
-    return max((look, SearchResult.run(again, families, known, draws)), key=lambda one: one.baseline_with_effects.log_evidence)
+    return max(
+        (look, SearchResult.run(repeated, families, model_effects, draws)),
+        key=lambda candidate: candidate.baseline_with_effects.log_evidence,
+    )
 
 
-def _moves_otherwise(one: RefinedEffect, seen: Observation, having: HyperparameterGrid) -> bool:
-    """Whether a law says something else of the maps about another point: by more than a part of their noise."""
-    law = one.family.law(seen.geometry, dict(one.values))
-    if law is None:
+def _moves_otherwise(effect: RefinedEffect, observation: Observation, baseline_with_effects: HyperparameterGrid) -> bool:
+    """Whether the prediction of an effect differs at another linearisation point by more than a fraction of the noise."""
+    basis_field = effect.family.law(observation.geometry, dict(effect.values))
+    if basis_field is None:
         return True
-    change = (law.field_px - one.field_px) @ one.amplitudes
-    return float(np.sqrt(np.mean((change - change[0]) ** 2))) > MIN_COURSE_CHANGE * having.design.whiten.sigma_px
+    change = (basis_field.field_px - effect.field_px) @ effect.amplitudes
+    return float(np.sqrt(np.mean((change - change[0]) ** 2))) > MIN_COURSE_CHANGE * baseline_with_effects.design.whiten.sigma_px
 
 
-def _beside(having: HyperparameterGrid, named: Sequence[SelectedEffect]) -> tuple[SelectedEffect, ...]:
-    """With amplitudes refitted beside each other; what was named itself is nobody's rival."""
-    taken = {one.refined.family for one in named}
-    both = zip(named, refit_jointly(having, [one.refined for one in named]), strict=True)
-    return tuple(replace(one, refined=refit, rivals=tuple(o for o in one.rivals if o.family not in taken)) for one, refit in both)
+def _beside(baseline_with_effects: HyperparameterGrid, effects: Sequence[SelectedEffect]) -> tuple[SelectedEffect, ...]:
+    """Effects with jointly refitted amplitudes; selected effects are removed from the lists of rivals."""
+    families = {effect.refined.family for effect in effects}
+    both = zip(effects, refit_jointly(baseline_with_effects, [effect.refined for effect in effects]), strict=True)
+    return tuple(replace(value, refined=refit, rivals=tuple(o for o in value.rivals if o.family not in families)) for value, refit in both)
 
 
-def _unlike(bare: HyperparameterGrid, having: HyperparameterGrid, named: Sequence[SelectedEffect]) -> bool:
-    """Whether something without a name is likelier than all names from some round on, or another course than that of their laws."""
-    gained = np.cumsum([one.log_bayes_factor for one in reversed(named)])[::-1]
-    if any(one.unnamed_log_factor > total + MIN_LOG_ODDS for one, total in zip(named, gained, strict=True)):
+def _unlike(baseline: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, effects: Sequence[SelectedEffect]) -> bool:
+    """Whether an unnamed field or another time course is more likely than the named effects in any round."""
+    gained = np.cumsum([effect.log_bayes_factor for effect in reversed(effects)])[::-1]
+    if any(effect.unnamed_log_factor > total + MIN_LOG_ODDS for effect, total in zip(effects, gained, strict=True)):
         return True
-    return alternative_time_course_odds(having, bare.design, [one.refined for one in named]) > SIGNIFICANT_LOG_FACTOR
+    return (
+        alternative_time_course_odds(baseline_with_effects, baseline.design, [effect.refined for effect in effects])
+        > SIGNIFICANT_LOG_FACTOR
+    )
 
 
-def _told(heard: Sequence[CandidateEvidence]) -> tuple[tuple[str, float], ...]:
-    return tuple((one.family.name, one.log_factor) for one in heard)
+def _told(candidates: Sequence[CandidateEvidence]) -> tuple[tuple[str, float], ...]:
+    return tuple((candidate.family.name, candidate.log_factor) for candidate in candidates)
 
 
-def _overlaps(bare: HyperparameterGrid, named: RefinedEffect, heard: Sequence[CandidateEvidence]) -> tuple[tuple[str, float], ...]:
-    """What other names, each as it is likeliest here, could take over of an effect; the most first."""
-    scene, field = bare.design.observation.geometry, named.field_px @ named.amplitudes
+def _overlaps(
+    baseline: HyperparameterGrid, effects: RefinedEffect, candidates: Sequence[CandidateEvidence]
+) -> tuple[tuple[str, float], ...]:
+    """Fraction of an effect that other effects, each at its most likely parameters, could explain; the largest first."""
+    scene, field = baseline.design.observation.geometry, effects.field_px @ effects.amplitudes
     found = []
-    for one in heard:
-        law = None if one.family is named.family or one.family in ALL_UNNAMED_CLASSES else one.family.law(scene, one.values[one.best[0]])
-        if law is not None:
-            found.append((one.family.name, overlap(bare, field, law.field_px)))
+    for candidate in candidates:
+        basis_field = (
+            None
+            if candidate.family is effects.family or candidate.family in ALL_UNNAMED_CLASSES
+            else candidate.family.law(scene, candidate.values[candidate.best[0]])
+        )
+        if basis_field is not None:
+            found.append((candidate.family.name, overlap(baseline, field, basis_field.field_px)))
     return tuple(sorted(found, key=lambda item: -item[1]))
 
 
 def _verdict(
-    named: Sequence[SelectedEffect],
-    loud: bool,
+    selected: Sequence[SelectedEffect],
+    significant: bool,
     gap: HeldOutMisfit | None,
     places: tuple[DomainTest, ...],
-    bare: HyperparameterGrid,
+    baseline: HyperparameterGrid,
     shares: Sequence[float],
 ) -> Diagnosis:
-    effects = tuple(_found(one, share) for one, share in zip(named, shares, strict=True))
-    noise_px = bare.design.whiten.sigma_px
-    unsure = next((one for one in named if one.rivals or len(one.names) > 1), None)
-    if not named:
-        outcome = Outcome.UNKNOWN if loud else Outcome.NONE
-    elif loud:  # what was named explains a part at best
+    effects = tuple(_found(effect, share) for effect, share in zip(selected, shares, strict=True))
+    noise_px = baseline.design.whiten.sigma_px
+    unsure = next((effect for effect in selected if effect.rivals or len(effect.names) > 1), None)
+    if not selected:
+        outcome = Outcome.UNKNOWN if significant else Outcome.NONE
+    elif significant:  # what was named explains a part at best
         outcome = Outcome.UNKNOWN
-    elif gap is not None and not _useful(gap, sum(one.log_bayes_factor for one in named)):
+    elif gap is not None and not _useful(gap, sum(effect.log_bayes_factor for effect in selected)):
         outcome = Outcome.REJECTED
     else:
         outcome = Outcome.AMBIGUOUS if unsure else Outcome.IDENTIFIED
     if outcome is Outcome.AMBIGUOUS and unsure is not None:
-        among = (unsure.refined.family, *(one.family for one in unsure.rivals))
-        decides = next((one.discriminating_experiment for one in among if one.discriminating_experiment), "more pairs")
-        names = (*unsure.names, *(one.family.name for one in unsure.rivals))
+        among = (unsure.refined.family, *(rival.family for rival in unsure.rivals))
+        decides = next((effect.discriminating_experiment for effect in among if effect.discriminating_experiment), "more pairs")
+        names = (*unsure.names, *(rival.family.name for rival in unsure.rivals))
         return Diagnosis(outcome, effects, names, _group(among), ExperimentProposal(names, decides), gap, places, noise_px)
-    return Diagnosis(outcome, effects, (), _group([one.refined.family for one in named]), None, gap, places, noise_px)
+    return Diagnosis(outcome, effects, (), _group([effect.refined.family for effect in selected]), None, gap, places, noise_px)
 
 
-def _found(one: SelectedEffect, share: float) -> IdentifiedEffect:
-    family, refined = one.refined.family, one.refined
+def _found(selected: SelectedEffect, share: float) -> IdentifiedEffect:
+    family, refined = selected.refined.family, selected.refined
     return IdentifiedEffect(
-        one.names[0],
+        selected.names[0],
         refined.parameters,
         refined.peak_px,
-        one.log_bayes_factor,
-        one.p_value,
+        selected.log_bayes_factor,
+        selected.p_value,
         family.strain_like or share > MAX_ATTENUATION,
         ModelEffect(family.name, refined.values, refined.baseline_effect.size_px),
         tuple(refined.amplitudes.tolist()),
@@ -213,13 +234,14 @@ def _found(one: SelectedEffect, share: float) -> IdentifiedEffect:
 
 
 def _group(families: Sequence[EffectClass]) -> str | None:
-    return next((one.group for one in families if one.group), None)
+    return next((family.group for family in families if family.group), None)
 
 
 def _useful(gap: HeldOutMisfit, log_factor: float) -> bool:
-    """With what held-out pairs say against them effects would still be loud, and nothing says that most of their gap stays open.
+    """Whether effects remain significant after held-out pairs, and the misfit reduction is not significantly below half.
 
-    At twice the least effect that can be detected a real one gains 1.5 +- 1 standard errors on held-out pairs or, where they leave little
-    of it to be seen, nothing: creep with a logarithm of the Bayes factor of 43 was rejected for a loss of 1.2.
+    At twice the smallest detectable effect, a true effect gains 1.5 +- 1 standard errors on held-out pairs, or nothing if they
+    contain little
+    of it: creep with a log Bayes factor of 43 was rejected for a loss of 1.2.
     """
     return log_factor + min(gap.log_odds, 0.0) > SIGNIFICANT_LOG_FACTOR and gap.closure_interval[1] > MIN_EXPLAINED_FRACTION

@@ -1,1 +1,1 @@
-"""Effects that shift rows against each other."""
+"""Effects that shift image rows relative to each other."""

@@ -1,4 +1,4 @@
-"""The gap in the rows: of waves on pieces that they were not fitted on, of jitter by the scatter that other pairs foretell."""
+"""Cross-validation in the rows: waves on segments excluded from the fit, jitter by the variance predicted by other pairs."""
 
 from __future__ import annotations
 
@@ -19,30 +19,31 @@ HALF = 0.5
 
 
 def held_out_row_misfit(series: Sequence[RowSeries], waves: Sequence[Wave], jitter: CommonRowVariance | None) -> HeldOutMisfit:
-    """What is left of each pair with nothing, and with effects of the other pairs and of the other pieces of its rows.
+    """Misfit of each pair without and with effects fitted to other pairs and other segments of its rows.
 
-    A wave's frequency is that of all pairs, its amplitude and phase those of every other piece; the pieces between are scored, and the
-    other way round. What is anew in every row cannot be foretold: of it counts the scatter that the other pairs foretell.
+    The frequency of a wave is that of all pairs. Its amplitude and phase are fitted to every second segment and scored on the
+    others, and vice
+    versa. Effects random in every row are not predictable; for them the predicted variance is scored.
 
     Args:
-        series: before any effect.
-        waves: that were found.
-        jitter: what rows have in common once waves are taken off, where they jitter.
+        series: row series before correction for any effect.
+        waves: the identified waves.
+        jitter: common row variance after removal of the waves; None without jitter.
     """
-    parts = [_of_wave(series, one) for one in waves] + ([] if jitter is None else [_of_jitter(jitter)])
-    was, now, noise = (np.sum([one[at] for one in parts], axis=0) for at in range(3))
+    parts = [_of_wave(series, wave) for wave in waves] + ([] if jitter is None else [_of_jitter(jitter)])
+    was, now, noise = (np.sum([part[at] for part in parts], axis=0) for at in range(3))
     rng = np.random.default_rng(43)
-    drawn = [rng.integers(0, len(was), len(was)) for _ in range(RESAMPLED)]
-    closures = [_closure(was[one], now[one], noise[one]) for one in drawn]
-    low, high = (float(one) for one in np.quantile(closures, (0.025, 0.975)))
+    samples = [rng.integers(0, len(was), len(was)) for _ in range(RESAMPLED)]
+    closures = [_closure(was[value], now[value], noise[value]) for value in samples]
+    low, high = (float(value) for value in np.quantile(closures, (0.025, 0.975)))
     gain = was - now
     spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain)) if len(gain) > 1 else float(noise.mean())
-    sizes = [float(np.sqrt(max(np.mean(one), 0.0))) for one in (was, now, noise)]
+    sizes = [float(np.sqrt(max(np.mean(value), 0.0))) for value in (was, now, noise)]
     return HeldOutMisfit(sizes[0], sizes[1], sizes[2], _closure(was, now, noise), (low, high), float(gain.mean()) / max(spread, 1e-12))
 
 
 def is_useful(gap: HeldOutMisfit) -> bool:
-    """What was not fitted gains, and nothing says that most of the gap stays open."""
+    """Whether the misfit reduction on held-out data is positive and not significantly below half."""
     return gap.gain_in_sigmas > 0.0 and gap.closure_interval[1] > HALF
 
 
@@ -51,8 +52,8 @@ def _closure(was: Array, now: Array, noise: Array) -> float:
 
 
 def _of_wave(series: Sequence[RowSeries], wave: Wave) -> tuple[Array, Array, Array]:
-    """(pairs,) mean squares in the wave's own shape, px^2: before, after and by noise alone."""
-    halves = [[one.pieces(range(first, len(one.middle_px), 2)) for one in series] for first in (0, 1)]
+    """(pairs,) mean squares in the shape of the wave, px^2: before, after, and by noise alone."""
+    halves = [[run_series.pieces(range(first, len(run_series.middle_px), 2)) for run_series in series] for first in (0, 1)]
     found = [fit_wave(half, wave.frequency_hz) for half in halves]
     was, now, noise = (np.zeros(len(series)) for _ in range(3))
     for fitted, scored in (found, found[::-1]):
@@ -66,12 +67,12 @@ def _of_wave(series: Sequence[RowSeries], wave: Wave) -> tuple[Array, Array, Arr
 
 
 def _of_jitter(found: CommonRowVariance) -> tuple[Array, Array, Array]:
-    """(pairs,) mean squares of the rows' means, px^2: before, less what the other pairs foretell right, and by noise alone."""
+    """(pairs,) mean squares of the row means, px^2: before, minus the predicted part, and by noise alone."""
     noise = np.sum(found.variance_px2, axis=1)
     was = np.sum(found.variance_px2 * found.ratio, axis=1)
     fold = np.arange(len(was)) % FOLDS
-    told = np.zeros(len(was))
-    for one in np.unique(fold):
-        others = fold != one if (fold != one).any() else fold == one
-        told[fold == one] = np.sum(found.square_px2(others)[0]) * found.frames[fold == one] / DETRENDED
-    return was, noise + abs(float(np.mean(was - noise - told))), noise  # over all pairs: what one has beyond another is noise
+    predicted = np.zeros(len(was))
+    for value in np.unique(fold):
+        training = fold != value if (fold != value).any() else fold == value
+        predicted[fold == value] = np.sum(found.square_px2(training)[0]) * found.frames[fold == value] / DETRENDED
+    return was, noise + abs(float(np.mean(was - noise - predicted))), noise  # over all pairs: what one has beyond another is noise

@@ -1,4 +1,4 @@
-"""Shifts that all pieces of a row share and no other row: pieces rolled against each other share nothing, and are the null."""
+"""Row jitter: shifts common to all segments of a row. Segments rolled against each other have no common shift and serve as the null."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ DETRENDED = DETREND_ROWS / (DETREND_ROWS - 1.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CommonRowVariance:
-    """How much rows scatter as wholes, against how much pieces of different rows do.
+    """Variance of the row means relative to that of segments of different rows.
 
     Attributes:
         ratio: (pairs, 2) mean square of the row means, in units of the null.
-        freedom: (pairs, 2) independent numbers that it is known from.
-        variance_px2: (pairs, 2) of a row's mean by noise alone.
-        white: (pairs, 2) the same ratio, of the median over the spectrum of the row means: a wave has no part in it.
-        frames: (pairs,) how many frames' jitter a pair shows: 1 and what interpolation passes.
+        freedom: (pairs, 2) degrees of freedom of the ratio.
+        variance_px2: (pairs, 2) variance of a row mean by noise alone, px^2.
+        white: (pairs, 2) the ratio from the median of the spectrum of the row means, which excludes waves.
+        frames: (pairs,) number of frames whose jitter a pair contains: 1 plus the fraction passed by interpolation.
     """
 
     ratio: Array
@@ -42,17 +42,17 @@ class CommonRowVariance:
 
     @property
     def excess_px2(self) -> Array:
-        """(pairs, 2) square of one frame's jitter."""
+        """(pairs, 2) jitter variance of one frame, px^2."""
         return DETRENDED * (self.ratio - 1.0) * self.variance_px2 / self.frames[:, None]
 
     @property
     def sigma_px2(self) -> Array:
-        """(pairs, 2) its standard uncertainty."""
+        """(pairs, 2) standard uncertainty of the jitter variance, px^2."""
         return np.sqrt(2.0 / self.freedom) * self.ratio * self.variance_px2 / self.frames[:, None]
 
-    def square_px2(self, told: NDArray[np.bool_] | None = None) -> tuple[Array, Array]:
+    def square_px2(self, selected: NDArray[np.bool_] | None = None) -> tuple[Array, Array]:
         """(2,) square of the jitter along x and y, which noise may make negative, and its uncertainty, from some of the pairs."""
-        which = np.ones(len(self.frames), dtype=np.bool_) if told is None else told
+        which = np.ones(len(self.frames), dtype=np.bool_) if selected is None else selected
         spread = np.sqrt(2.0 / self.freedom) * self.variance_px2 / self.frames[:, None]
         weight = spread[which] ** -2.0
         total = weight.sum(axis=0)
@@ -72,13 +72,13 @@ class CommonRowVariance:
         return 1.0 + np.clip(square, 0.0, None) * self.frames[:, None] / self.variance_px2
 
     def p_value(self) -> float:
-        """Share of data without jitter that show as much along x or along y."""
+        """Fraction of data without jitter with at least this variance along x or along y."""
         weight = self.freedom / self.variance_px2  # as jitter of one size shows in each
         z = np.sum(weight * (self.ratio - 1.0), axis=0) / np.sqrt(np.sum(weight**2 * 2.0 / self.freedom, axis=0))
         return float(min(1.0, 2.0 * norm.sf(np.max(z))))
 
     def log_factor(self, sizes_px: tuple[float, float]) -> float:
-        """Logarithm of the Bayes factor of jitter of one size in all frames."""
+        """Log Bayes factor of jitter of one size in all frames."""
         each = []
         for along in KINDS:
             for size_px in np.geomspace(*sizes_px, SIZES):
@@ -88,20 +88,20 @@ class CommonRowVariance:
 
 
 def common_row_variance(series: Sequence[RowSeries], seed: int) -> CommonRowVariance:
-    """Of all pairs.
+    """Common row variance of all pairs.
 
     Args:
-        series: of each pair, waves taken off.
-        seed: of the rolls.
+        series: row series of each pair, corrected for waves.
+        seed: seed of the random rolls.
     """
     rng = np.random.default_rng((seed, 51))
     ratio, freedom, variance, white = (np.ones((len(series), 2)) for _ in range(4))
-    for at, one in enumerate(series):
+    for at, run_series in enumerate(series):
         for axis in (0, 1):
-            shift, weight = one.shift_px[axis], one.weight[axis]
+            shift, weight = run_series.shift_px[axis], run_series.weight[axis]
             ratio[at, axis], freedom[at, axis], variance[at, axis] = _one(shift, weight, rng)
             white[at, axis] = _white(shift, weight) / variance[at, axis]
-    return CommonRowVariance(ratio, freedom, variance, white, np.array([1.0 + one.interpolation_gain for one in series]))
+    return CommonRowVariance(ratio, freedom, variance, white, np.array([1.0 + run_series.interpolation_gain for run_series in series]))
 
 
 def _one(shift: Array, weight: Array, rng: np.random.Generator) -> tuple[float, float, float]:
@@ -109,22 +109,22 @@ def _one(shift: Array, weight: Array, rng: np.random.Generator) -> tuple[float, 
     n, pieces = shift.shape
     own = _mean_square(shift, weight)
     total = weight.sum(axis=1)
-    known = total > 0.0
-    count = float(np.mean(total[known] ** 2 / np.sum(weight[known] ** 2, axis=1))) if known.any() else 1.0
+    used = total > 0.0
+    count = float(np.mean(total[used] ** 2 / np.sum(weight[used] ** 2, axis=1))) if used.any() else 1.0
     if count < 2.0:  # with fewer pieces nothing tells what they share
         return 1.0, 1.0, 1.0
     rows = np.arange(n)[:, None]
-    drawn = []
+    samples = []
     for _ in range(PERMUTATIONS):
         by = rng.integers(MIN_ROLL, n - MIN_ROLL, pieces)
         at = (rows + by) % n
-        drawn.append(_mean_square(np.take_along_axis(shift, at, axis=0), np.take_along_axis(weight, at, axis=0)))
-    rolled = float(np.mean(drawn))
+        samples.append(_mean_square(np.take_along_axis(shift, at, axis=0), np.take_along_axis(weight, at, axis=0)))
+    rolled = float(np.mean(samples))
     if not rolled > 0.0:
         return 1.0, 1.0, 1.0
     # Jitter is in the pieces too, so rolled ones still show its part of one piece in so many.
     noise = max((rolled - own / count) / (1.0 - 1.0 / count), 1e-3 * rolled)
-    return own / noise, 2.0 * (rolled / float(np.std(drawn, ddof=1))) ** 2, noise
+    return own / noise, 2.0 * (rolled / float(np.std(samples, ddof=1))) ** 2, noise
 
 
 def _white(shift: Array, weight: Array) -> float:
@@ -138,6 +138,6 @@ def _white(shift: Array, weight: Array) -> float:
 def _mean_square(shift: Array, weight: Array) -> float:
     """Of the rows' weighted means."""
     total = weight.sum(axis=1)
-    known = total > 0.0
-    mean = np.sum(shift * weight, axis=1)[known] / total[known]
-    return float(np.mean(mean**2)) if known.any() else 0.0
+    used = total > 0.0
+    mean = np.sum(shift * weight, axis=1)[used] / total[used]
+    return float(np.mean(mean**2)) if used.any() else 0.0

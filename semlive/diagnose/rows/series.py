@@ -1,4 +1,4 @@
-"""Row shifts made ready for tests: what is slower than a subset is taken off, and what is far from the rest is clipped."""
+"""Row series for tests: row shifts without components slower than a subset and with outliers clipped."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ CLIP = 4.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RowSeries:
-    """Rows of one pair in pieces, along x and along y.
+    """Row shifts of one pair in segments, along x and along y.
 
     Attributes:
-        shift_px: (2, n, s) of the second frame against the first, zero where nothing is known.
-        weight: (2, n, s) 1 / variance as registration states it, zero where nothing is known.
-        row_px: (n,) rows.
-        middle_px: (s,) columns in the middle of the pieces.
-        width_px: of a piece.
-        row_time_s: from row to row.
-        dwell_time_s: from column to column.
-        interpolation_gain: share of the second frame's white jitter that interpolation between rows leaves.
-        subrow_position: (n,) where between its rows the second frame was interpolated, 0 to 1; None: on them.
+        shift_px: (2, n, s) shift of the second frame relative to the first, px; zero without data.
+        weight: (2, n, s) 1 / variance from registration, px^-2; zero without data.
+        row_px: (n,) rows, px.
+        middle_px: (s,) centre columns of the segments, px.
+        width_px: width of a segment, px.
+        row_time_s: time from row to row, s.
+        dwell_time_s: time from column to column, s.
+        interpolation_gain: fraction of the white jitter of the second frame that remains after interpolation between rows.
+        subrow_position: (n,) interpolation position of the second frame between its rows, 0 to 1; None: on the rows.
     """
 
     shift_px: Array
@@ -73,21 +73,21 @@ class RowSeries:
 
 
 def row_series(shifts: RowShifts, row_time_s: float, dwell_time_s: float) -> RowSeries:
-    """From row registration.
+    """Row series from row registration.
 
     Args:
-        shifts: in pieces narrower than the waves that are looked for.
-        row_time_s: from row to row.
-        dwell_time_s: from column to column.
+        shifts: shifts of segments narrower than the waves of interest.
+        row_time_s: time from row to row, s.
+        dwell_time_s: time from column to column, s.
     """
     edges = shifts.edges_px.astype(np.float64)
-    known = shifts.segment_valid
+    valid = shifts.segment_valid
     both = []
     for value, sigma in ((shifts.segment_u_px, shifts.segment_sigma_u_px), (shifts.segment_v_px, shifts.segment_sigma_v_px)):
-        weight = np.where(known & (sigma > 0.0), 1.0 / np.where(sigma > 0.0, sigma, 1.0) ** 2, 0.0)
+        weight = np.where(valid & (sigma > 0.0), 1.0 / np.where(sigma > 0.0, sigma, 1.0) ** 2, 0.0)
         both.append((_fast(np.where(weight > 0.0, value, 0.0), weight), weight))
     return RowSeries(
-        np.stack([one for one, _ in both]),
+        np.stack([value for value, _ in both]),
         np.stack([weight for _, weight in both]),
         shifts.row_px.astype(np.float64),
         0.5 * (edges[:-1] + edges[1:] - 1.0),

@@ -1,4 +1,4 @@
-"""Waves in the rows: a spectrum over physical frequencies, because columns tell apart what rows alone would alias."""
+"""Spectrum of row shifts over physical frequency. Columns resolve frequencies that rows alone would alias."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ EXPONENTIAL_MEDIAN = float(np.log(2.0))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectrum:
-    """Power of waves in all pairs together, in units of the noise.
+    """Spectral power of all pairs, in units of the noise.
 
     Attributes:
-        frequency_hz: (m,) that were tried.
-        power: (k, m) of each pair along each axis; of noise alone exponential with mean 1.
-        information: (k, m) 1 / variance of a wave's sine and cosine, px^-2.
+        frequency_hz: (m,) frequencies, Hz.
+        power: (k, m) power of each pair along each axis; for noise alone exponentially distributed with mean 1.
+        information: (k, m) 1 / variance of the sine and cosine amplitudes, px^-2.
     """
 
     frequency_hz: Array
@@ -65,34 +65,34 @@ def spectrum(series: Sequence[RowSeries], ratio: Array) -> Spectrum:
         ratio: (pairs, 2) mean square of the rows' means, in units of what noise gives: jitter would be a wave of every frequency that is
             slow against a row, and is made as small as the noise.
     """
-    longest_s = max(one.duration_s for one in series)
+    longest_s = max(run_series.duration_s for run_series in series)
     tried = np.arange(1, int(HIGHEST_HZ * PER_LINE * longest_s)) / (PER_LINE * longest_s)
-    fit = np.all([_fits(one, tried) for one in series], axis=0)
+    fit = np.all([_fits(run_series, tried) for run_series in series], axis=0)
     frequency_hz = tried[fit]
     power, information = [], []
-    for pair, one in enumerate(series):
+    for pair, run_series in enumerate(series):
         for axis in (0, 1):
-            found, known = _powers(one, axis, frequency_hz, max(float(ratio[pair, axis]), 1.0))
+            found, weight = _powers(run_series, axis, frequency_hz, max(float(ratio[pair, axis]), 1.0))
             power.append(found)
-            information.append(known)
+            information.append(weight)
     return Spectrum(frequency_hz, np.stack(power), np.stack(information))
 
 
-def _fits(one: RowSeries, frequency_hz: Array) -> NDArray[np.bool_]:
-    per_row = frequency_hz * one.row_time_s
+def _fits(row_series: RowSeries, frequency_hz: Array) -> NDArray[np.bool_]:
+    per_row = frequency_hz * row_series.row_time_s
     from_whole = np.abs(per_row - np.round(per_row))
-    return np.asarray((one.observed_wave(frequency_hz) > LEAST_SEEN) & (from_whole > SLOW), dtype=np.bool_)
+    return np.asarray((row_series.observed_wave(frequency_hz) > LEAST_SEEN) & (from_whole > SLOW), dtype=np.bool_)
 
 
-def _powers(one: RowSeries, axis: int, frequency_hz: Array, ratio: float) -> tuple[Array, Array]:
-    weight = one.weight[axis]
-    size = 1 << int(np.ceil(np.log2(FINE * len(one.row_px))))
-    mean = np.sum(one.shift_px[axis] * weight, axis=1) / np.maximum(weight.sum(axis=1), 1e-30)
-    rows = np.fft.fft((one.shift_px[axis] - (1.0 - ratio**-0.5) * mean[:, None]) * weight, size, axis=0)
-    at = np.round(frequency_hz * one.row_time_s * size).astype(np.int64) % size
+def _powers(row_series: RowSeries, axis: int, frequency_hz: Array, ratio: float) -> tuple[Array, Array]:
+    weight = row_series.weight[axis]
+    size = 1 << int(np.ceil(np.log2(FINE * len(row_series.row_px))))
+    mean = np.sum(row_series.shift_px[axis] * weight, axis=1) / np.maximum(weight.sum(axis=1), 1e-30)
+    rows = np.fft.fft((row_series.shift_px[axis] - (1.0 - ratio**-0.5) * mean[:, None]) * weight, size, axis=0)
+    at = np.round(frequency_hz * row_series.row_time_s * size).astype(np.int64) % size
     total, of_mean = (np.zeros(len(frequency_hz), dtype=np.complex128) for _ in range(2))
-    turn, each = -2j * np.pi * one.dwell_time_s * frequency_hz, weight.sum(axis=0)
-    for piece, middle_px in enumerate(one.middle_px):
+    turn, each = -2j * np.pi * row_series.dwell_time_s * frequency_hz, weight.sum(axis=0)
+    for piece, middle_px in enumerate(row_series.middle_px):
         turned = np.exp(turn * middle_px)
         total += rows[at, piece] * turned
         of_mean += each[piece] * turned
@@ -100,15 +100,15 @@ def _powers(one: RowSeries, axis: int, frequency_hz: Array, ratio: float) -> tup
     power = np.abs(total) ** 2 / known
     level = np.maximum(_level(power, np.minimum(at, size - at).astype(np.float64)), 1e-12)
     damped = 1.0 - (1.0 - 1.0 / ratio) * np.abs(of_mean / known) ** 2
-    return power / level, 0.5 * known * damped * one.observed_wave(frequency_hz) ** 2 / level
+    return power / level, 0.5 * known * damped * row_series.observed_wave(frequency_hz) ** 2 / level
 
 
 def _level(power: Array, place: Array) -> Array:
     """Noise at each of the powers: that of all aliases nearby, as interpolation between rows colours noise along them alone."""
     order = np.argsort(place, kind="stable")
     lots = np.array_split(order, int(np.clip(len(power) // POWERS_PER_NOISE_LEVEL, 1, LOTS)))
-    median = np.array([np.median(power[one]) for one in lots])
-    middle = np.array([np.median(place[one]) for one in lots])
+    median = np.array([np.median(power[value]) for value in lots])
+    middle = np.array([np.median(place[value]) for value in lots])
     return np.interp(place, middle, median) / EXPONENTIAL_MEDIAN
 
 
@@ -130,16 +130,16 @@ class Wave:
     sigma_px: Array
     frames: Array
 
-    def moved(self, pair: int, one: RowSeries) -> Array:
+    def moved(self, pair: int, row_series: RowSeries) -> Array:
         """(2, n, s) what it shifts in a pair, as pieces show it."""
-        turning = np.exp(1j * one.phase(self.frequency_hz)) * one.observed_wave(self.frequency_hz)
+        turning = np.exp(1j * row_series.phase(self.frequency_hz)) * row_series.observed_wave(self.frequency_hz)
         return np.stack([(self.amplitude[pair, axis] * turning).real for axis in (0, 1)])
 
 
 def refined(series: Sequence[RowSeries], found: Spectrum, at: int) -> Wave:
     """The wave at one of a spectrum's frequencies, between those that were tried."""
     start = float(found.frequency_hz[at])
-    step = 1.0 / (PER_LINE * max(one.duration_s for one in series))
+    step = 1.0 / (PER_LINE * max(run_series.duration_s for run_series in series))
     levels = _noise_of(series, found, at)
 
     def loss(frequency_hz: float) -> float:
@@ -148,20 +148,20 @@ def refined(series: Sequence[RowSeries], found: Spectrum, at: int) -> Wave:
     best: Any = minimize_scalar(loss, bounds=(start - step, start + step), method="bounded", options={"xatol": 1e-3 * step})
     top, width = float(best.x), 0.2 * step
     bend = (loss(top - width) + loss(top + width) - 2.0 * loss(top)) / width**2
-    amplitude = np.stack([_amplitudes(one, top) for one in series])
+    amplitude = np.stack([_amplitudes(run_series, top) for run_series in series])
     return Wave(top, float(1.0 / np.sqrt(bend)) if bend > 0.0 else step, amplitude, levels, _frames(series, top))
 
 
 def fit_wave(series: Sequence[RowSeries], frequency_hz: float) -> Wave:
     """A wave whose frequency is known; its amplitudes by least squares, their noise as registration states it."""
-    amplitude = np.stack([_amplitudes(one, frequency_hz) for one in series])
-    seen = np.array([max(float(one.observed_wave(frequency_hz)), 1e-6) for one in series])
-    known = np.stack([np.maximum(one.weight.sum(axis=(1, 2)), 1e-30) for one in series])
-    return Wave(frequency_hz, 0.0, amplitude, np.sqrt(2.0 / known) / seen[:, None], _frames(series, frequency_hz))
+    amplitude = np.stack([_amplitudes(run_series, frequency_hz) for run_series in series])
+    observed = np.array([max(float(run_series.observed_wave(frequency_hz)), 1e-6) for run_series in series])
+    weight = np.stack([np.maximum(run_series.weight.sum(axis=(1, 2)), 1e-30) for run_series in series])
+    return Wave(frequency_hz, 0.0, amplitude, np.sqrt(2.0 / weight) / observed[:, None], _frames(series, frequency_hz))
 
 
 def _frames(series: Sequence[RowSeries], frequency_hz: float) -> Array:
-    return np.array([one.frames(frequency_hz) for one in series])
+    return np.array([run_series.frames(frequency_hz) for run_series in series])
 
 
 def _noise_of(series: Sequence[RowSeries], found: Spectrum, at: int) -> Array:
@@ -170,18 +170,18 @@ def _noise_of(series: Sequence[RowSeries], found: Spectrum, at: int) -> Array:
 
 def _gain(series: Sequence[RowSeries], frequency_hz: float, sigma_px: Array) -> float:
     """Logarithm of the likelihood that a wave of any amplitude gains."""
-    amplitude = np.stack([_amplitudes(one, frequency_hz) for one in series])
+    amplitude = np.stack([_amplitudes(run_series, frequency_hz) for run_series in series])
     return float(np.sum(np.abs(amplitude) ** 2 / (2.0 * sigma_px**2)))
 
 
-def _amplitudes(one: RowSeries, frequency_hz: float) -> NDArray[np.complex128]:
+def _amplitudes(row_series: RowSeries, frequency_hz: float) -> NDArray[np.complex128]:
     """(2,) complex, by least squares along x and y."""
-    turning = np.exp(-1j * one.phase(frequency_hz))
-    seen = max(float(one.observed_wave(frequency_hz)), 1e-6)
-    known = np.maximum(one.weight.sum(axis=(1, 2)), 1e-30)
-    return np.asarray(2.0 * np.einsum("ans,ns->a", one.shift_px * one.weight, turning) / (known * seen))
+    turning = np.exp(-1j * row_series.phase(frequency_hz))
+    observed = max(float(row_series.observed_wave(frequency_hz)), 1e-6)
+    weight = np.maximum(row_series.weight.sum(axis=(1, 2)), 1e-30)
+    return np.asarray(2.0 * np.einsum("ans,ns->a", row_series.shift_px * row_series.weight, turning) / (weight * observed))
 
 
 def matching_frequencies(found: Spectrum, owns: Callable[[float], bool]) -> NDArray[np.int64]:
     """Indices of the frequencies that a name owns."""
-    return np.flatnonzero([owns(float(one)) for one in found.frequency_hz])
+    return np.flatnonzero([owns(float(value)) for value in found.frequency_hz])

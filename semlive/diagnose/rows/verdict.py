@@ -50,46 +50,48 @@ class _Heard:
 
     def loudest(self) -> tuple[RowEffectClass, int, float]:
         """The likeliest wave: its name, its place in the spectrum and its p-value."""
-        family = max(PERIODIC_EFFECTS, key=lambda one: self.odds[one.name])
+        family = max(PERIODIC_EFFECTS, key=lambda candidate: self.odds[candidate.name])
         own = matching_frequencies(self.spectrum, family.matches_frequency) if family.matches_frequency else np.zeros(0, dtype=np.int64)
         at = int(own[np.argmax(self.spectrum.total[own])])
         return family, at, self.spectrum.p_value(at)
 
 
-def diagnose_rows(series: Sequence[RowSeries], seed: int = 0, known: Sequence[ModelEffect] = ()) -> RowDiagnosis:
+def diagnose_rows(series: Sequence[RowSeries], seed: int = 0, model_effects: Sequence[ModelEffect] = ()) -> RowDiagnosis:
     """What rows show beyond the disparity maps.
 
     Args:
         series: of each pair.
         seed: of the rolls that are the null.
-        known: effects of rows that the model has already.
+        model_effects: effects of rows that the model has already.
 
     Raises:
         IllPosed: there are too few rows.
     """
-    if not series or min(len(one.row_px) for one in series) < LEAST_ROWS:
+    if not series or min(len(run_series.row_px) for run_series in series) < LEAST_ROWS:
         raise IllPosed(f"rows: fewer than {LEAST_ROWS} in a frame, too few to name anything")
-    rest = tuple(series)
-    for one in known:
-        frequency_hz = dict(one.values).get("frequency_hz")
+    residual_series = tuple(series)
+    for model_effect in model_effects:
+        frequency_hz = dict(model_effect.values).get("frequency_hz")
         if frequency_hz is not None:
-            rest = _without(rest, fit_wave(rest, frequency_hz))
-    already = {one.name for one in known}
-    first = heard = _hear(rest, seed)
+            residual_series = _without(residual_series, fit_wave(residual_series, frequency_hz))
+    already = {model_effect.name for model_effect in model_effects}
+    first = screening = _hear(residual_series, seed)
     waves: list[IdentifiedWave] = []
     while True:
-        family, at, p_value = heard.loudest()
-        loud = heard.odds[family.name] >= SIGNIFICANT_LOG_FACTOR and 2.0 * p_value <= SIGNIFICANCE_LEVEL
-        if not loud or len(waves) == MOST:
+        family, at, p_value = screening.loudest()
+        significant = screening.odds[family.name] >= SIGNIFICANT_LOG_FACTOR and 2.0 * p_value <= SIGNIFICANCE_LEVEL
+        if not significant or len(waves) == MOST:
             break
         rivals = tuple(
-            one.name for one in PERIODIC_EFFECTS if one is not family and heard.odds[one.name] > heard.odds[family.name] - MIN_LOG_ODDS
+            effect_class.name
+            for effect_class in PERIODIC_EFFECTS
+            if effect_class is not family and screening.odds[effect_class.name] > screening.odds[family.name] - MIN_LOG_ODDS
         )
-        wave = refined(heard.series, heard.spectrum, at)
-        waves.append(IdentifiedWave(family, wave, heard.odds[family.name], min(1.0, 2.0 * p_value), rivals))
-        heard = _hear(_without(heard.series, wave), seed)
-    jitters = heard.jitters and ROW_JITTER.name not in already
-    return _verdict(first, heard, waves, jitters, loud)
+        wave = refined(screening.series, screening.spectrum, at)
+        waves.append(IdentifiedWave(family, wave, screening.odds[family.name], min(1.0, 2.0 * p_value), rivals))
+        screening = _hear(_without(screening.series, wave), seed)
+    jitters = screening.jitters and ROW_JITTER.name not in already
+    return _verdict(first, screening, waves, jitters, significant)
 
 
 def _hear(series: tuple[RowSeries, ...], seed: int) -> _Heard:
@@ -104,16 +106,16 @@ def _hear(series: tuple[RowSeries, ...], seed: int) -> _Heard:
 
 
 def _without(series: Sequence[RowSeries], wave: Wave) -> tuple[RowSeries, ...]:
-    return tuple(one.without(wave.moved(pair, one)) for pair, one in enumerate(series))
+    return tuple(run_series.without(wave.moved(pair, run_series)) for pair, run_series in enumerate(series))
 
 
-def _verdict(first: _Heard, last: _Heard, waves: Sequence[IdentifiedWave], jitters: bool, loud: bool) -> RowDiagnosis:
+def _verdict(first: _Heard, last: _Heard, waves: Sequence[IdentifiedWave], jitters: bool, significant: bool) -> RowDiagnosis:
     effects = list(_effects_of_waves(waves))
     if jitters:
         effects.append(_jitter(last))
-    gap = held_out_row_misfit(first.series, [one.wave for one in waves], last.common if jitters else None) if effects else None
-    unsure = next((one for one in waves if one.rivals), None)
-    if loud:  # as many waves as are looked for, and still one more
+    gap = held_out_row_misfit(first.series, [wave.wave for wave in waves], last.common if jitters else None) if effects else None
+    unsure = next((wave for wave in waves if wave.rivals), None)
+    if significant:  # as many waves as are looked for, and still one more
         outcome = Outcome.UNKNOWN
     elif not effects:
         outcome = Outcome.NONE
@@ -126,44 +128,46 @@ def _verdict(first: _Heard, last: _Heard, waves: Sequence[IdentifiedWave], jitte
     frequency_hz, power = _thinned(first.spectrum)
     return RowDiagnosis(
         outcome, tuple(effects), among_names, gap, _where(first), tuple(first.odds.items()), len(first.series),
-        max(len(one.row_px) for one in first.series), noise_px, frequency_hz, power, _loud_power(first.spectrum),
+        max(len(run_series.row_px) for run_series in first.series), noise_px, frequency_hz, power, _loud_power(first.spectrum),
     )  # fmt: skip
 
 
-def _where(heard: _Heard) -> tuple[DomainTest, ...]:
+def _where(screening: _Heard) -> tuple[DomainTest, ...]:
     """The two tests, family-wise over both."""
-    at = int(np.argmax(heard.spectrum.total))
-    excess = np.clip(heard.spectrum.power[:, at] - 1.0, 0.0, None) / heard.spectrum.information[:, at]
+    at = int(np.argmax(screening.spectrum.total))
+    excess = np.clip(screening.spectrum.power[:, at] - 1.0, 0.0, None) / screening.spectrum.information[:, at]
     waves_px = float(np.sqrt(np.mean(excess)))
-    common_px = float(np.sqrt(np.mean(heard.common.jitter_px()[0] ** 2)))
+    common_px = float(np.sqrt(np.mean(screening.common.jitter_px()[0] ** 2)))
     return (
-        DomainTest("row_waves", min(1.0, 2.0 * heard.spectrum.p_value(at)), waves_px),
-        DomainTest("row_common", min(1.0, 2.0 * heard.common.p_value()), common_px),
+        DomainTest("row_waves", min(1.0, 2.0 * screening.spectrum.p_value(at)), waves_px),
+        DomainTest("row_common", min(1.0, 2.0 * screening.common.p_value()), common_px),
     )
 
 
 def _effects_of_waves(waves: Sequence[IdentifiedWave]) -> tuple[IdentifiedEffect, ...]:
     """One effect for each name; further waves of the mains are its overtones, further vibrations effects of their own."""
     found: list[IdentifiedEffect] = []
-    for one in waves:
-        amplitudes = [_amplitude(one.wave, axis) for axis in (0, 1)]
+    for wave in waves:
+        amplitudes = [_amplitude(wave.wave, axis) for axis in (0, 1)]
         size_px = float(np.hypot(amplitudes[0][0], amplitudes[1][0]))
-        known = next((at for at, had in enumerate(found) if had.name == one.family.name), None)
-        overtones = () if known is None else found[known].parameters
+        index = next((at for at, had in enumerate(found) if had.name == wave.family.name), None)
+        overtones = () if index is None else found[index].parameters
         more = f"_{len(overtones) // 3 + 1}" if overtones else ""
         parameters = (
             *overtones,
-            ParameterEstimate(f"frequency{more}_hz", one.wave.frequency_hz, one.wave.sigma_hz, "Hz"),
+            ParameterEstimate(f"frequency{more}_hz", wave.wave.frequency_hz, wave.wave.sigma_hz, "Hz"),
             ParameterEstimate(f"amplitude{more}_x_px", *amplitudes[0], "px"),
             ParameterEstimate(f"amplitude{more}_y_px", *amplitudes[1], "px"),
         )
         values = tuple((item.name, item.value) for item in parameters if item.unit == "Hz")
-        law = ModelEffect(one.family.name, values, size_px)
-        if known is None:
-            found.append(IdentifiedEffect(one.family.name, parameters, size_px, one.log_factor, one.p_value, False, law))
+        model_effect = ModelEffect(wave.family.name, values, size_px)
+        if index is None:
+            found.append(IdentifiedEffect(wave.family.name, parameters, size_px, wave.log_factor, wave.p_value, False, model_effect))
         else:
-            had = found[known]
-            found[known] = IdentifiedEffect(had.name, parameters, had.peak_px + size_px, had.log_bayes_factor, had.p_value, False, law)
+            had = found[index]
+            found[index] = IdentifiedEffect(
+                had.name, parameters, had.peak_px + size_px, had.log_bayes_factor, had.p_value, False, model_effect
+            )
     return tuple(found)
 
 
@@ -187,18 +191,18 @@ def _amplitude(wave: Wave, axis: int) -> tuple[float, float]:
     return size, float(0.5 * sigma2 / (2.0 * size))
 
 
-def _jitter(heard: _Heard) -> IdentifiedEffect:
-    sd, sigma = heard.common.jitter_px()
+def _jitter(screening: _Heard) -> IdentifiedEffect:
+    sd, sigma = screening.common.jitter_px()
     parameters = tuple(
-        ParameterEstimate(f"sd_{axis}_px", float(one), float(unsure), "px") for axis, one, unsure in zip("xy", sd, sigma, strict=True)
+        ParameterEstimate(f"sd_{axis}_px", float(value), float(unsure), "px") for axis, value, unsure in zip("xy", sd, sigma, strict=True)
     )
     size_px = float(np.hypot(*sd))
-    p_value = min(1.0, 2.0 * heard.common.p_value())
+    p_value = min(1.0, 2.0 * screening.common.p_value())
     return IdentifiedEffect(
         ROW_JITTER.name,
         parameters,
         3.0 * size_px,
-        heard.odds[ROW_JITTER.name],
+        screening.odds[ROW_JITTER.name],
         p_value,
         False,
         ModelEffect(ROW_JITTER.name, (), max(size_px, 1e-6)),

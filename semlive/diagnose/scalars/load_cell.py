@@ -67,15 +67,15 @@ def load_readings(observation: Observation, steps: Sequence[StepConditions], loa
     """Of all pairs of a run whose image axis `loading_axis` is pulled."""
     solution = observation.solution
     state, part, axis = solution.state, solution.part("motion"), "xy".index(loading_axis)
-    time_s = np.array([0.5 * sum(state.frame_time(2 * one.pair + member).start_s for member in (0, 1)) for one in steps])
-    load_n = np.array([0.5 * sum(one.load_n) for one in steps])
-    loaded = np.array([one.phase is Phase.TENSION for one in steps])
+    time_s = np.array([0.5 * sum(state.frame_time(2 * step.pair + member).start_s for member in (0, 1)) for step in steps])
+    load_n = np.array([0.5 * sum(step.load_n) for step in steps])
+    loaded = np.array([step.phase is Phase.TENSION for step in steps])
     strain, rows = np.zeros(len(steps)), np.zeros((len(steps), len(solution.mean)))
     first = state.layout.part("motion").start
-    for at, one in enumerate(steps):
-        if one.phase is Phase.TENSION and one.pair in state.motions.pairs:
-            strain[at] = state.motions.shift_and_gradient(one.pair, part)[1][axis, axis]
-            rows[at, first + state.motions.part(one.pair)[0].start + (1, 5)[axis]] = 1.0
+    for at, step in enumerate(steps):
+        if step.phase is Phase.TENSION and step.pair in state.motions.pairs:
+            strain[at] = state.motions.shift_and_gradient(step.pair, part)[1][axis, axis]
+            rows[at, first + state.motions.part(step.pair)[0].start + (1, 5)[axis]] = 1.0
     half_px = float(state.centre_px[axis])
     return LoadReadings(time_s, load_n, strain, solution.covariance_of(rows), loaded, _ways(load_n, loaded), half_px)
 
@@ -97,46 +97,51 @@ def add_load_cell_evidence(found: Diagnosis, readings: LoadReadings) -> Diagnosi
     Unloaded, a cell reads its zero and how that wanders; loaded, what it reads follows strain in a line, or a parabola where there are
     enough loads, from the same zero. Drift, friction and zero are each asked beside the others.
     """
-    already = {one.name for one in (*found.model_effects, *found.effects)}
-    tests = {one.name: _test(readings, one) for one in LOADS}
-    heard = {name: one for name, one in tests.items() if one is not None}
-    if not heard:
+    already = {model_effect.name for model_effect in (*found.model_effects, *found.effects)}
+    tests = {family.name: _test(readings, family) for family in LOADS}
+    valid_tests = {name: test for name, test in tests.items() if test is not None}
+    if not valid_tests:
         return found
-    p_value = min(1.0, len(heard) * min(one.p_value for one in heard.values()))
-    loud = [
-        one for one in heard.values()
-        if one.family.name not in already
-        and one.log_factor >= SIGNIFICANT_LOG_FACTOR
-        and len(heard) * one.p_value <= SIGNIFICANCE_LEVEL
-        and one.matters
+    p_value = min(1.0, len(valid_tests) * min(test.p_value for test in valid_tests.values()))
+    significant = [
+        test for test in valid_tests.values()
+        if test.family.name not in already
+        and test.log_factor >= SIGNIFICANT_LOG_FACTOR
+        and len(valid_tests) * test.p_value <= SIGNIFICANCE_LEVEL
+        and test.matters
     ]  # fmt: skip
-    where = (*found.where, DomainTest("load_readings", p_value, max(one.size_px for one in heard.values())))
-    evidence = tuple((name, one.log_factor) for name, one in heard.items())
-    beside = replace(found, where=where, evidence=(*found.evidence, *evidence))
-    beside = replace(beside, gap=beside.gap or _gap(readings, [one.family.name for one in loud]))
-    return merge_effects(beside, [one.effect(len(heard)) for one in loud], [one.rivals for one in loud], [one.family for one in loud])
+    where = (*found.where, DomainTest("load_readings", p_value, max(test.size_px for test in valid_tests.values())))
+    evidence = tuple((name, test.log_factor) for name, test in valid_tests.items())
+    merged = replace(found, where=where, evidence=(*found.evidence, *evidence))
+    merged = replace(merged, gap=merged.gap or _gap(readings, [test.family.name for test in significant]))
+    return merge_effects(
+        merged,
+        [test.effect(len(valid_tests)) for test in significant],
+        [test.rivals for test in significant],
+        [test.family for test in significant],
+    )
 
 
 def load_offsets(readings: LoadReadings, names: Sequence[str]) -> dict[str, Array]:
     """By name (n,) N that effects of the load cell add to the readings, each fitted to them; those that they cannot show are left out."""
     own, _ = _columns(readings)
-    heard = {one.name: _test(readings, one) for one in LOADS if one.name in names}
-    return {name: one.term.value * own[name] for name, one in heard.items() if one is not None}
+    valid_tests = {family.name: _test(readings, family) for family in LOADS if family.name in names}
+    return {name: test.term.value * own[name] for name, test in valid_tests.items() if test is not None}
 
 
 def add_clock_evidence(found: Diagnosis, offset_s: float, sigma_s: float) -> Diagnosis:
     """The verdict with the microscope's clock beside it: what it is ahead of what was stated, s, and the standard uncertainty."""
-    if CLOCK.name in {one.name for one in found.model_effects}:
+    if CLOCK.name in {model_effect.name for model_effect in found.model_effects}:
         return found
     visible = (_CLOCK_SIZE_S / sigma_s) ** 2
     odds = 0.5 * (offset_s / sigma_s) ** 2 * visible / (1.0 + visible) - 0.5 * math.log1p(visible)
     p_value = math.erfc(abs(offset_s) / sigma_s / math.sqrt(2.0))
-    beside = replace(found, evidence=(*found.evidence, (CLOCK.name, odds)))
+    merged = replace(found, evidence=(*found.evidence, (CLOCK.name, odds)))
     if odds < SIGNIFICANT_LOG_FACTOR or p_value > SIGNIFICANCE_LEVEL:
-        return beside
+        return merged
     parameters = (ParameterEstimate("offset_s", offset_s, sigma_s, "s"),)
     effect = IdentifiedEffect(CLOCK.name, parameters, 0.0, odds, p_value, False, ModelEffect(CLOCK.name, (), abs(offset_s)))
-    return merge_effects(beside, [effect], [()], [CLOCK])
+    return merge_effects(merged, [effect], [()], [CLOCK])
 
 
 def merge_effects(
@@ -144,7 +149,7 @@ def merge_effects(
 ) -> Diagnosis:
     """With effects that other channels do not speak of: what they left open stays open."""
     found = replace(found, effects=(*found.effects, *effects))
-    unsure = next((at for at, one in enumerate(rivals) if one), None)
+    unsure = next((at for at, rival in enumerate(rivals) if rival), None)
     if not effects or found.outcome not in (Outcome.NONE, Outcome.IDENTIFIED):
         return found
     if unsure is None:
@@ -170,8 +175,8 @@ class _Test:
     def effect(self, tests: int) -> IdentifiedEffect:
         name, unit = _TELLS[self.family.name]
         parameters = (ParameterEstimate(name, self.term.value, self.term.sigma, unit),)
-        law = ModelEffect(self.family.name, (), self.size_n)
-        return IdentifiedEffect(self.family.name, parameters, 0.0, self.log_factor, min(1.0, tests * self.p_value), False, law)
+        model_effect = ModelEffect(self.family.name, (), self.size_n)
+        return IdentifiedEffect(self.family.name, parameters, 0.0, self.log_factor, min(1.0, tests * self.p_value), False, model_effect)
 
 
 def _test(readings: LoadReadings, family: LoadEffectClass) -> _Test | None:
@@ -181,17 +186,17 @@ def _test(readings: LoadReadings, family: LoadEffectClass) -> _Test | None:
         return None
     stiff_n, covariance = _scales(readings)
     factor = np.linalg.cholesky(covariance)
-    others = [column for name, column in own.items() if name != family.name]
-    columns = np.stack([*base, *others, np.zeros(len(factor)), own[family.name], readings.load_n], axis=-1)
+    other_columns = [column for name, column in own.items() if name != family.name]
+    columns = np.stack([*base, *other_columns, np.zeros(len(factor)), own[family.name], readings.load_n], axis=-1)
     white = solve_triangular(factor, columns, lower=True)
     found = limit_precision(term(white[:, -2], white[:, -1], orthonormal_basis(white[:, :-2], 1e-12)))
-    told = None if found is None else f_test([found])
-    if found is None or told is None:
+    result = None if found is None else f_test([found])
+    if found is None or result is None:
         return None
     size_n = abs(found.value) * float(np.ptp(own[family.name])) if family is DRIFT else abs(found.value)
     size_px = size_n / stiff_n * readings.half_px if stiff_n > 0.0 else 0.0
     matters = size_n > MIN_RELATIVE_LOAD * readings.largest_n
-    return _Test(family, found, *told, size_n, size_px, matters, _rivals(readings, family, found))
+    return _Test(family, found, *result, size_n, size_px, matters, _rivals(readings, family, found))
 
 
 def limit_precision(found: RegressionTerm | None) -> RegressionTerm | None:
@@ -222,12 +227,12 @@ def _scales(readings: LoadReadings) -> tuple[float, Array]:
     A reading scatters as unloaded ones do about their line; beside strain it scatters by the strain's own uncertainty too. That is partly
     shared: a run of images whose strains were all off alike was named friction.
     """
-    bare, loaded = ~readings.loaded, readings.loaded
+    baseline, loaded = ~readings.loaded, readings.loaded
     at_rest = 1e-3 * max(readings.largest_n, 1e-6)
-    if int(bare.sum()) > 3:
-        line = np.polynomial.Polynomial.fit(readings.time_s[bare], readings.load_n[bare], 1)
-        left = readings.load_n[bare] - line(readings.time_s[bare])
-        at_rest = max(float(np.sqrt(left @ left / (int(bare.sum()) - 2))), 1e-6 * max(readings.largest_n, 1e-6))
+    if int(baseline.sum()) > 3:
+        line = np.polynomial.Polynomial.fit(readings.time_s[baseline], readings.load_n[baseline], 1)
+        residual = readings.load_n[baseline] - line(readings.time_s[baseline])
+        at_rest = max(float(np.sqrt(residual @ residual / (int(baseline.sum()) - 2))), 1e-6 * max(readings.largest_n, 1e-6))
     stiff_n = 0.0
     if loaded.any() and np.ptp(readings.strain[loaded]) > 0.0:
         stiff_n = float(np.polyfit(readings.strain[loaded], readings.load_n[loaded], 1)[0]) if int(loaded.sum()) > 1 else 0.0
@@ -241,9 +246,10 @@ def _gap(readings: LoadReadings, names: list[str]) -> HeldOutMisfit | None:
     sigma_n = np.sqrt(np.diag(covariance))
     if not names or not base or stiff_n <= 0.0:
         return None
-    wanted = (base, [*base, *(own[name] for name in names)])
+    required = (base, [*base, *(own[name] for name in names)])
     (before, _), (after, wider) = (
-        leave_one_out(readings.load_n / sigma_n, orthonormal_basis(np.stack(one, axis=-1) / sigma_n[:, None], 1e-12)) for one in wanted
+        leave_one_out(readings.load_n / sigma_n, orthonormal_basis(np.stack(value, axis=-1) / sigma_n[:, None], 1e-12))
+        for value in required
     )
     return score_prediction(before, after, wider, sigma_n / stiff_n * readings.half_px)
 
@@ -259,13 +265,13 @@ def score_prediction(before: Array, after: Array, wider: Array, px: Array) -> He
     """
     squares = np.stack([(before * px) ** 2, (after * px) ** 2, wider * px**2])
     n = squares.shape[1]
-    drawn = squares[:, np.random.default_rng(0).integers(n, size=(_RESAMPLED, n))].mean(axis=2)
-    low, high = np.quantile((drawn[0] - drawn[1]) / np.maximum(drawn[0] - drawn[2], 1e-30), (0.025, 0.975)).tolist()
-    was, left, floor = squares.mean(axis=1).tolist()
+    samples = squares[:, np.random.default_rng(0).integers(n, size=(_RESAMPLED, n))].mean(axis=2)
+    low, high = np.quantile((samples[0] - samples[1]) / np.maximum(samples[0] - samples[2], 1e-30), (0.025, 0.975)).tolist()
+    was, residual, floor = squares.mean(axis=1).tolist()
     gained = squares[0] - squares[1]
     clear = float(gained.mean() / max(gained.std() / math.sqrt(n), 1e-30))
-    closure = (was - left) / max(was - floor, 1e-30)
-    return HeldOutMisfit(math.sqrt(was), math.sqrt(left), math.sqrt(floor), closure, (low, high), clear)
+    closure = (was - residual) / max(was - floor, 1e-30)
+    return HeldOutMisfit(math.sqrt(was), math.sqrt(residual), math.sqrt(floor), closure, (low, high), clear)
 
 
 def _rivals(readings: LoadReadings, family: LoadEffectClass, found: RegressionTerm) -> tuple[str, ...]:
@@ -273,8 +279,8 @@ def _rivals(readings: LoadReadings, family: LoadEffectClass, found: RegressionTe
     if family is FRICTION and {-1.0, 1.0} <= set(readings.loading_direction[readings.loaded].tolist()):
         return ()
     if family is DRIFT:
-        bare = ~readings.loaded
-        rest_n = float(np.mean(readings.load_n[bare])) if bare.any() else 0.0
+        baseline = ~readings.loaded
+        rest_n = float(np.mean(readings.load_n[baseline])) if baseline.any() else 0.0
         gone_n = -found.value * float(np.ptp(readings.time_s)) * math.copysign(1.0, rest_n)
         # A load that is there can relax, by a part of itself; one that is not cannot.
         return ("creep_in_hold",) if 0.0 < gone_n < 0.5 * abs(rest_n) else ()

@@ -35,8 +35,8 @@ class RegressionTerm:
 def orthonormal_basis(columns: Array, least: float) -> Array:
     """(n, k) orthonormal columns that span (n, q) ones, as far as these are longer than `least` and say something new."""
     size = np.sqrt(np.sum(columns**2, axis=0))
-    told = columns[:, size > least] / size[size > least]
-    vectors, values, _ = np.linalg.svd(told, full_matrices=False)
+    determined = columns[:, size > least] / size[size > least]
+    vectors, values, _ = np.linalg.svd(determined, full_matrices=False)
     return np.asarray(vectors[:, values > 1e-6 * values[0]]) if len(values) else np.zeros((len(columns), 0))
 
 
@@ -47,10 +47,10 @@ def term(own: Array, values: Array, base: Array) -> RegressionTerm | None:
         return None
     fitted = _apart(values, base)
     amount = float(column @ fitted) / float(column @ column)
-    rest = fitted - amount * column
+    residual = fitted - amount * column
     freedom = len(own) - base.shape[1] - 1
-    sigma = float(np.sqrt(rest @ rest / freedom / (column @ column)))
-    return RegressionTerm(amount, sigma, amount**2 * float(column @ column), float(rest @ rest), freedom)
+    sigma = float(np.sqrt(residual @ residual / freedom / (column @ column)))
+    return RegressionTerm(amount, sigma, amount**2 * float(column @ column), float(residual @ residual), freedom)
 
 
 def leave_one_out(values: Array, base: Array) -> tuple[Array, Array]:
@@ -68,10 +68,10 @@ def f_test(terms: list[RegressionTerm]) -> tuple[float, float] | None:
 
     The factor is Schwarz's approximation: so few values bear no finer one.
     """
-    explained, left = sum(one.explained for one in terms), sum(one.residual_ss for one in terms)
-    freedom, count = sum(one.degrees_of_freedom for one in terms), len(terms)
-    if not count or not left > 0.0:
+    explained, residual = sum(value.explained for value in terms), sum(value.residual_ss for value in terms)
+    freedom, count = sum(value.degrees_of_freedom for value in terms), len(terms)
+    if not count or not residual > 0.0:
         return None
-    p_value = float(fisher.sf(explained / count / (left / freedom), count, freedom))
-    odds = 0.5 * (freedom + count) * float(np.log1p(explained / left)) - 0.5 * count * float(np.log(freedom + count))
+    p_value = float(fisher.sf(explained / count / (residual / freedom), count, freedom))
+    odds = 0.5 * (freedom + count) * float(np.log1p(explained / residual)) - 0.5 * count * float(np.log(freedom + count))
     return p_value, odds

@@ -44,9 +44,9 @@ def stage_moves(observation: Observation, steps: Sequence[StepConditions]) -> St
     """Of pairs that were not loaded: a load carries the specimen along."""
     solution = observation.solution
     motions = solution.state.motions
-    unloaded = [one for one in steps if one.phase is not Phase.TENSION]
-    fitted = [motions.shift_and_gradient(one.pair, solution.part("motion"))[0] for one in unloaded]
-    return StageMoves(np.array([one.shift_px for one in unloaded]).reshape(-1, 2), np.array(fitted).reshape(-1, 2))
+    unloaded = [step for step in steps if step.phase is not Phase.TENSION]
+    fitted = [motions.shift_and_gradient(step.pair, solution.part("motion"))[0] for step in unloaded]
+    return StageMoves(np.array([step.shift_px for step in unloaded]).reshape(-1, 2), np.array(fitted).reshape(-1, 2))
 
 
 def add_stage_evidence(found: Diagnosis, moves: StageMoves) -> Diagnosis:
@@ -55,20 +55,21 @@ def add_stage_evidence(found: Diagnosis, moves: StageMoves) -> Diagnosis:
     Scale and angle of the stage are the estimate's own notes, as they cannot be told from the picture's. Drift between pairs counts as a
     parabola in time. Backlash and a scale that changes along the way are each asked beside the other.
     """
-    already = {one.name for one in (*found.model_effects, *found.effects)}
-    tests = {one.name: _test(moves, one) for one in MOVES}
-    heard = {name: one for name, one in tests.items() if one is not None}
-    if not heard:
+    already = {model_effect.name for model_effect in (*found.model_effects, *found.effects)}
+    tests = {family.name: _test(moves, family) for family in MOVES}
+    valid_tests = {name: test for name, test in tests.items() if test is not None}
+    if not valid_tests:
         return found
-    p_value = min(1.0, len(heard) * min(one.p_value for one in heard.values()))
-    rms_px = max(float(np.sqrt(np.mean(one.value_px**2))) for one in heard.values())
-    loud = [
-        one for one in heard.values()
-        if one.family.name not in already and one.log_factor >= SIGNIFICANT_LOG_FACTOR and len(heard) * one.p_value <= SIGNIFICANCE_LEVEL
+    p_value = min(1.0, len(valid_tests) * min(test.p_value for test in valid_tests.values()))
+    rms_px = max(float(np.sqrt(np.mean(test.value_px**2))) for test in valid_tests.values())
+    significant = [
+        test for test in valid_tests.values()
+        if test.family.name not in already and test.log_factor >= SIGNIFICANT_LOG_FACTOR
+        and len(valid_tests) * test.p_value <= SIGNIFICANCE_LEVEL
     ]  # fmt: skip
-    effects = tuple(one.effect(len(heard)) for one in loud)
+    effects = tuple(test.effect(len(valid_tests)) for test in significant)
     outcome = Outcome.IDENTIFIED if effects and found.outcome is Outcome.NONE else found.outcome
-    evidence = tuple((name, one.log_factor) for name, one in heard.items())
+    evidence = tuple((name, test.log_factor) for name, test in valid_tests.items())
     where = (*found.where, DomainTest("moves", p_value, rms_px))
     return replace(found, outcome=outcome, effects=(*found.effects, *effects), where=where, evidence=(*found.evidence, *evidence))
 
@@ -85,31 +86,31 @@ class _Test:
     log_factor: float
 
     def effect(self, tests: int) -> IdentifiedEffect:
-        what, unit = ("backlash", "px") if self.family is BACKLASH else ("quadratic", "1/px")
+        quantity, unit = ("backlash", "px") if self.family is BACKLASH else ("quadratic", "1/px")
         ending = "_px" if self.family is BACKLASH else "_per_px"
         parameters = tuple(
-            ParameterEstimate(f"{what}_{axis}{ending}", float(value), float(sigma), unit)
+            ParameterEstimate(f"{quantity}_{axis}{ending}", float(value), float(sigma), unit)
             for axis, value, sigma in zip("xy", self.value, self.sigma, strict=True)
         )
         size_px = float(np.abs(self.value_px).max())
-        law = ModelEffect(self.family.name, (), size_px)
-        return IdentifiedEffect(self.family.name, parameters, size_px, self.log_factor, min(1.0, tests * self.p_value), False, law)
+        model_effect = ModelEffect(self.family.name, (), size_px)
+        return IdentifiedEffect(self.family.name, parameters, size_px, self.log_factor, min(1.0, tests * self.p_value), False, model_effect)
 
 
 def _test(moves: StageMoves, family: StageEffectClass) -> _Test | None:
     """F-test of a term along each axis that it can be seen on, beside the other term; None where neither axis shows it."""
     terms = {BACKLASH.name: moves.direction, QUADRATIC.name: moves.commanded_px**2}
-    own, others = terms[family.name], [one for name, one in terms.items() if name != family.name]
+    own, other_terms = terms[family.name], [term for name, term in terms.items() if name != family.name]
     value, sigma, value_px = (np.zeros(2) for _ in range(3))
-    seen: list[RegressionTerm] = []
+    observed: list[RegressionTerm] = []
     for axis in (0, 1):
-        found = term(own[:, axis], moves.fitted_px[:, axis], _base(moves, [one[:, axis] for one in others]))
+        found = term(own[:, axis], moves.fitted_px[:, axis], _base(moves, [column[:, axis] for column in other_terms]))
         if found is not None:
             value[axis], sigma[axis] = found.value, found.sigma
             value_px[axis] = found.value * float(np.abs(own[:, axis]).max())
-            seen.append(found)
-    told = f_test(seen)
-    return None if told is None else _Test(family, value, sigma, value_px, *told)
+            observed.append(found)
+    result = f_test(observed)
+    return None if result is None else _Test(family, value, sigma, value_px, *result)
 
 
 def _base(moves: StageMoves, more: Sequence[Array]) -> Array:

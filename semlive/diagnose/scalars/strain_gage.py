@@ -51,10 +51,10 @@ class GageReadings:
 
 def gage_readings(readings: LoadReadings, steps: Sequence[StepConditions], factor_sigma: float) -> GageReadings | None:
     """Of the pairs of a run; None without a gage."""
-    if all(one.gage is None for one in steps):
+    if all(step.gage is None for step in steps):
         return None
-    gage = np.array([math.nan if one.gage is None else one.gage.value for one in steps])
-    sigma = np.array([0.0 if one.gage is None else one.gage.sigma for one in steps])
+    gage = np.array([math.nan if step.gage is None else step.gage.value for step in steps])
+    sigma = np.array([0.0 if step.gage is None else step.gage.sigma for step in steps])
     return GageReadings(readings, gage, sigma, factor_sigma)
 
 
@@ -69,12 +69,17 @@ def add_gage_evidence(found: Diagnosis, readings: GageReadings | None) -> Diagno
         return found
     p_value = min(1.0, 2.0 * min(test.p_value, test.scatter_p))
     where = (*found.where, DomainTest("gage_readings", p_value, test.rms_px))
-    beside = replace(found, where=where, evidence=(*found.evidence, (OUT_OF_PLANE.name, test.log_factor)))
-    others = {one.name for one in (*found.model_effects, *found.effects)}
-    if OUT_OF_PLANE.name in others or test.log_factor < SIGNIFICANT_LOG_FACTOR or test.p_value > SIGNIFICANCE_LEVEL or not test.matters:
-        return beside
-    beside = replace(beside, gap=beside.gap or test.gap)
-    return merge_effects(beside, [test.effect()], [tuple(name for name in STRAIN_LIKE_EFFECTS if name in others)], [OUT_OF_PLANE])
+    merged = replace(found, where=where, evidence=(*found.evidence, (OUT_OF_PLANE.name, test.log_factor)))
+    other_names = {model_effect.name for model_effect in (*found.model_effects, *found.effects)}
+    if (
+        OUT_OF_PLANE.name in other_names
+        or test.log_factor < SIGNIFICANT_LOG_FACTOR
+        or test.p_value > SIGNIFICANCE_LEVEL
+        or not test.matters
+    ):
+        return merged
+    merged = replace(merged, gap=merged.gap or test.gap)
+    return merge_effects(merged, [test.effect()], [tuple(name for name in STRAIN_LIKE_EFFECTS if name in other_names)], [OUT_OF_PLANE])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,47 +137,49 @@ class _Test:
         per_px = self.largest_n * self.half_px
         size = ParameterEstimate("size_px", abs(self.per_n) * per_px, self.sigma * per_px, "px")
         parameters = (ParameterEstimate("strain_per_n", self.per_n, self.sigma, "1/N"), size, *self._modulus())
-        law = ModelEffect(OUT_OF_PLANE.name, (), size.value)
-        return IdentifiedEffect(OUT_OF_PLANE.name, parameters, size.value, self.log_factor, self.p_value, True, law, strain_eaten=1.0)
+        model_effect = ModelEffect(OUT_OF_PLANE.name, (), size.value)
+        return IdentifiedEffect(
+            OUT_OF_PLANE.name, parameters, size.value, self.log_factor, self.p_value, True, model_effect, strain_eaten=1.0
+        )
 
     def _modulus(self) -> tuple[ParameterEstimate, ...]:
         """What a correction would change of Young's modulus, relative; nothing where no slope would be left."""
-        left = self.maps_per_n - self.per_n
-        if left * self.maps_per_n <= 0.0:
+        residual = self.maps_per_n - self.per_n
+        if residual * self.maps_per_n <= 0.0:
             return ()
-        return (ParameterEstimate("modulus_change", self.per_n / left, self.sigma * abs(self.maps_per_n) / left**2, "1"),)
+        return (ParameterEstimate("modulus_change", self.per_n / residual, self.sigma * abs(self.maps_per_n) / residual**2, "1"),)
 
 
 def _test(readings: GageReadings) -> _Test | None:
     """A slope over the load beside an offset; None where the loads are too few, or all alike."""
-    seen = _compared(readings)
-    if len(seen.load_n) < 2 + MIN_DEGREES_OF_FREEDOM:
+    observed = _compared(readings)
+    if len(observed.load_n) < 2 + MIN_DEGREES_OF_FREEDOM:
         return None
-    columns = np.stack([np.ones_like(seen.load_n), seen.load_n, seen.maps, seen.gage], axis=-1)
-    offset, load, maps, gage = solve_triangular(np.linalg.cholesky(seen.covariance), columns, lower=True).T
+    columns = np.stack([np.ones_like(observed.load_n), observed.load_n, observed.maps, observed.gage], axis=-1)
+    offset, load, maps, gage = solve_triangular(np.linalg.cholesky(observed.covariance), columns, lower=True).T
     base = orthonormal_basis(offset[:, None], 1e-12)
-    slope, of_maps, of_gage = (term(load, one, base) for one in (maps - gage, maps, gage))
+    slope, of_maps, of_gage = (term(load, value, base) for value in (maps - gage, maps, gage))
     surely = limit_precision(slope)
     if slope is None or surely is None or of_maps is None or of_gage is None or not slope.residual_ss > 0.0:
         return None
     sigma, p_value, log_factor = _weighed(surely, readings.factor_sigma * abs(of_gage.value))
     half_px = readings.load_readings.half_px
-    rms_px = half_px * float(np.std(seen.maps - seen.gage))
+    rms_px = half_px * float(np.std(observed.maps - observed.gage))
     scatter_p = float(chi2.sf(slope.residual_ss, slope.degrees_of_freedom))
-    largest_n = float(np.abs(seen.load_n).max())
-    gap = _gap(seen, half_px)
+    largest_n = float(np.abs(observed.load_n).max())
+    gap = _gap(observed, half_px)
     return _Test(slope.value, sigma, of_maps.value, largest_n, half_px, p_value, log_factor, scatter_p, rms_px, gap)
 
 
 def _compared(readings: GageReadings) -> _Compared:
     """The gage's drift is that of the unloaded pairs, on a line, and as uncertain as their scatter makes it."""
-    beside, spoke = readings.load_readings, np.isfinite(readings.gage)
-    rest, kept = spoke & ~beside.loaded, np.flatnonzero(spoke & beside.loaded)
-    rate, rate_sigma = _drift(beside.time_s[rest], readings.gage[rest])
-    late_s = beside.time_s[kept] - beside.time_s[kept].mean() if len(kept) else np.zeros(0)
-    covariance = beside.strain_covariance[np.ix_(kept, kept)] + np.diag(readings.gage_sigma[kept] ** 2 + _EXACT**2)
+    load_readings, spoke = readings.load_readings, np.isfinite(readings.gage)
+    unloaded, retained = spoke & ~load_readings.loaded, np.flatnonzero(spoke & load_readings.loaded)
+    rate, rate_sigma = _drift(load_readings.time_s[unloaded], readings.gage[unloaded])
+    late_s = load_readings.time_s[retained] - load_readings.time_s[retained].mean() if len(retained) else np.zeros(0)
+    covariance = load_readings.strain_covariance[np.ix_(retained, retained)] + np.diag(readings.gage_sigma[retained] ** 2 + _EXACT**2)
     covariance = covariance + rate_sigma**2 * np.outer(late_s, late_s)
-    return _Compared(beside.load_n[kept], beside.strain[kept], readings.gage[kept] - rate * late_s, covariance)
+    return _Compared(load_readings.load_n[retained], load_readings.strain[retained], readings.gage[retained] - rate * late_s, covariance)
 
 
 def _drift(time_s: Array, gage: Array) -> tuple[float, float]:
@@ -182,8 +189,8 @@ def _drift(time_s: Array, gage: Array) -> tuple[float, float]:
     late_s = time_s - time_s.mean()
     power = float(late_s @ late_s)
     rate = float(late_s @ gage) / power
-    left = gage - gage.mean() - rate * late_s
-    return rate, math.sqrt(float(left @ left) / (len(gage) - 2) / power)
+    residual = gage - gage.mean() - rate * late_s
+    return rate, math.sqrt(float(residual @ residual) / (len(gage) - 2) / power)
 
 
 def _weighed(slope: RegressionTerm, factor: float) -> tuple[float, float, float]:
@@ -203,12 +210,12 @@ def _weighed(slope: RegressionTerm, factor: float) -> tuple[float, float, float]
     return sigma, float(fisher.sf(ratio, 1, freedom)), odds
 
 
-def _gap(seen: _Compared, half_px: float) -> HeldOutMisfit:
+def _gap(observed: _Compared, half_px: float) -> HeldOutMisfit:
     """How well each pair's difference is foretold by all others, without and with the slope. What all loads share is in the offset."""
-    n = len(seen.load_n)
-    apart = np.eye(n) - 1.0 / n
-    sigma = np.sqrt(np.diag(apart @ seen.covariance @ apart) * n / (n - 1.0))
-    columns = np.stack([np.ones(n), seen.load_n], axis=-1) / sigma[:, None]
-    white = (seen.maps - seen.gage) / sigma
-    (before, _), (after, wider) = (leave_one_out(white, orthonormal_basis(one, 1e-12)) for one in (columns[:, :1], columns))
+    n = len(observed.load_n)
+    centring = np.eye(n) - 1.0 / n
+    sigma = np.sqrt(np.diag(centring @ observed.covariance @ centring) * n / (n - 1.0))
+    columns = np.stack([np.ones(n), observed.load_n], axis=-1) / sigma[:, None]
+    white = (observed.maps - observed.gage) / sigma
+    (before, _), (after, wider) = (leave_one_out(white, orthonormal_basis(value, 1e-12)) for value in (columns[:, :1], columns))
     return score_prediction(before, after, wider, half_px * sigma)

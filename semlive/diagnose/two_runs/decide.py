@@ -53,58 +53,58 @@ class JointBaseline:
     place: tuple[NDArray[np.int64], ...]
     rung: HyperparameterPoint
 
-    def projected(self, laws: Sequence[BasisField]) -> ProjectedField:
+    def projected(self, basis_fields: Sequence[BasisField]) -> ProjectedField:
         """A law, as it is in each run, against the data."""
-        q = laws[0].field_px.shape[-1]
-        alone, asked, shared = np.zeros((q, q)), np.zeros(q), np.zeros((len(self.rung.prior), q))
-        for run, left, place, law in zip(self.runs, self.left, self.place, laws, strict=True):
-            white = run.design.whiten(law.field_px)
+        q = basis_fields[0].field_px.shape[-1]
+        alone, gradient, shared = np.zeros((q, q)), np.zeros(q), np.zeros((len(self.rung.prior), q))
+        for run, residual, place, basis_field in zip(self.runs, self.left, self.place, basis_fields, strict=True):
+            white = run.design.whiten(basis_field.field_px)
             flat = white.reshape(-1, q)
-            alone, asked = alone + flat.T @ flat, asked + flat.T @ left.ravel()
+            alone, gradient = alone + flat.T @ flat, gradient + flat.T @ residual.ravel()
             shared[place] += run.design.transposed(white)
         half = self.rung.half(shared)
         values, vectors = np.linalg.eigh(alone - half.T @ half)
-        pull = vectors.T @ (asked - half.T @ self.rung.half_solved_gradient)
+        pull = vectors.T @ (gradient - half.T @ self.rung.half_solved_gradient)
         return ProjectedField(np.clip(values, 0.0, None)[None], vectors[None], pull[None])
 
 
 def join_runs(runs: Sequence[HyperparameterGrid]) -> JointBaseline:
     """Runs with one distortion, as smooth as that run has it which makes all data likeliest."""
-    alone = [HyperparameterGrid(one.design, one.whitened_residual, (one.best,)) for one in runs]
-    return max((_joined(alone, believed_by) for believed_by in range(len(alone))), key=lambda one: one.rung.evidence)
+    alone = [HyperparameterGrid(run.design, run.whitened_residual, (run.best,)) for run in runs]
+    return max((_joined(alone, believed_by) for believed_by in range(len(alone))), key=lambda candidate: candidate.rung.evidence)
 
 
 def _joined(runs: Sequence[HyperparameterGrid], believed_by: int) -> JointBaseline:
-    bent = [_distortion(one) for one in runs]
+    bent = [_distortion(run) for run in runs]
     place, size = [], len(bent[0])
-    for one, own in zip(runs, bent, strict=True):
-        at = np.full(one.design.size, -1)
+    for run, own in zip(runs, bent, strict=True):
+        at = np.full(run.design.size, -1)
         at[own] = np.arange(len(own))
-        others = np.flatnonzero(at < 0)
-        at[others] = size + np.arange(len(others))
+        separate = np.flatnonzero(at < 0)
+        at[separate] = size + np.arange(len(separate))
         place.append(at)
-        size += len(others)
-    normal, prior, near, pull, power, left = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size), np.zeros(size), 0.0, []
-    starts = [_first(one) for one in runs]
-    for number, (one, at, own, start) in enumerate(zip(runs, place, bent, starts, strict=True)):
-        step = np.zeros(one.design.size)
+        size += len(separate)
+    normal, prior, near, pull, power, residual = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size), np.zeros(size), 0.0, []
+    starts = [_first(run) for run in runs]
+    for number, (run, at, own, start) in enumerate(zip(runs, place, bent, starts, strict=True)):
+        step = np.zeros(run.design.size)
         step[own] = starts[0][bent[0]] - start[own]
-        left.append(one.whitened_residual - one.design.apply(step[:, None])[..., 0])
-        normal[np.ix_(at, at)] += one.design.normal_matrix
-        own_prior = one.best.prior.copy()
+        residual.append(run.whitened_residual - run.design.apply(step[:, None])[..., 0])
+        normal[np.ix_(at, at)] += run.design.normal_matrix
+        own_prior = run.best.prior.copy()
         if number != believed_by:
             own_prior[np.ix_(own, own)] = 0.0
         prior[np.ix_(at, at)] += own_prior
         near[at] = start + step
-        pull[at] += one.design.transposed(left[-1][..., None])[:, 0]
-        power += float(np.sum(left[-1] ** 2))
-    told = [(at, one.best.factor.sides) for one, at in zip(runs, place, strict=True)]
-    each = [[at[own] for own in (*where.own, where.shared)] for at, where in told]
-    where = ComponentBlocks(*(np.unique(np.concatenate(one)) for one in zip(*each, strict=True)))
+        pull[at] += run.design.transposed(residual[-1][..., None])[:, 0]
+        power += float(np.sum(residual[-1] ** 2))
+    sides = [(at, run.best.factor.sides) for run, at in zip(runs, place, strict=True)]
+    each = [[at[own] for own in (*where.own, where.shared)] for at, where in sides]
+    where = ComponentBlocks(*(np.unique(np.concatenate(value)) for value in zip(*each, strict=True)))
     believed = prior, factorise(prior, where, 0.0).half_log_det
     both = evaluate_point(normal, believed, pull, power, near, runs[believed_by].best.hyper, 0.0, where)
-    scenes = tuple(sample_within_blocks(one.design.observation) for one in runs)
-    return JointBaseline(tuple(runs), scenes, tuple(left), tuple(place), both)
+    scenes = tuple(sample_within_blocks(run.design.observation) for run in runs)
+    return JointBaseline(tuple(runs), scenes, tuple(residual), tuple(place), both)
 
 
 def _distortion(run: HyperparameterGrid) -> NDArray[np.int64]:
@@ -132,12 +132,12 @@ class _Shared:
         """Of each run what changes from frame 0 on, with amplitudes that mean the same in all; None where a run cannot show the effect."""
         like = self.family.law(self.joined.scenes[0][0][0], values)
         each = [] if like is None else [relative_to_reference(self.family, scenes, values, like) for scenes in self.joined.scenes]
-        seen = [one for one in each if one is not None]
-        return seen if like is not None and len(seen) == len(each) else None
+        observed = [value for value in each if value is not None]
+        return observed if like is not None and len(observed) == len(each) else None
 
     def evaluate(self, values: Values) -> ProjectedField | None:
-        laws = self.laws(values)
-        return None if laws is None else self.joined.projected(laws)
+        basis_fields = self.laws(values)
+        return None if basis_fields is None else self.joined.projected(basis_fields)
 
 
 def relative_to_reference(
@@ -151,11 +151,11 @@ def relative_to_reference(
         values: of what is not linear.
         like: a law whose amplitudes it gets.
     """
-    told = [[family.law(scene, values) for scene in both] for both in scenes]
-    seen = [(now.rescaled_to(like), then.rescaled_to(like)) for now, then in told if now is not None and then is not None]
-    if len(seen) < len(scenes):
+    basis_fields = [[family.law(scene, values) for scene in both] for both in scenes]
+    observed = [(now.rescaled_to(like), second.rescaled_to(like)) for now, second in basis_fields if now is not None and second is not None]
+    if len(observed) < len(scenes):
         return None
-    return replace(like, field_px=np.mean([now.field_px - then.field_px for now, then in seen], axis=0))
+    return replace(like, field_px=np.mean([now.field_px - second.field_px for now, second in observed], axis=0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,25 +183,29 @@ def compare_runs(runs: Sequence[HyperparameterGrid]) -> TwoRunVerdict:
         return by_turn
     _fit_each_other(runs)
     both = join_runs(runs)
-    apart = sum(join_runs([one]).rung.evidence for one in runs) - both.rung.evidence
-    heard = [_as_smooth_beside(one, runs) for family in TWO_RUN_EFFECT_CLASSES if (one := _heard(both, family)) is not None]
-    evidence = _run_by_run(runs) | {one.family.name: one.log_factor for one in heard}
-    told = tuple(sorted(evidence.items(), key=lambda item: -item[1]))
-    loudest = told[0][1]
+    separate_log_odds = sum(join_runs([run]).rung.evidence for run in runs) - both.rung.evidence
+    screening = [_as_smooth_beside(joint, runs) for family in TWO_RUN_EFFECT_CLASSES if (joint := _heard(both, family)) is not None]
+    evidence = _run_by_run(runs) | {candidate.family.name: candidate.log_factor for candidate in screening}
+    ranked = tuple(sorted(evidence.items(), key=lambda item: -item[1]))
+    loudest = ranked[0][1]
     if loudest < SIGNIFICANT_LOG_FACTOR:
-        return TwoRunVerdict(Outcome.UNKNOWN if apart > SIGNIFICANT_LOG_FACTOR else Outcome.NONE, None, (), told, apart)
-    effects = [_decided(one) for one in heard if one.family.name == told[0][0]] or [SharedEffect(told[0][0], (told[0][0],), 0.0, ())]
-    names = (*effects[0].aliases, *(name for name, factor in told[1:] if factor > loudest - MIN_LOG_ODDS))
-    if apart > loudest + SIGNIFICANT_LOG_FACTOR:
-        return TwoRunVerdict(Outcome.UNKNOWN, effects[0], (), told, apart)
+        return TwoRunVerdict(
+            Outcome.UNKNOWN if separate_log_odds > SIGNIFICANT_LOG_FACTOR else Outcome.NONE, None, (), ranked, separate_log_odds
+        )
+    effects = [_decided(candidate) for candidate in screening if candidate.family.name == ranked[0][0]] or [
+        SharedEffect(ranked[0][0], (ranked[0][0],), 0.0, ())
+    ]
+    names = (*effects[0].aliases, *(name for name, factor in ranked[1:] if factor > loudest - MIN_LOG_ODDS))
+    if separate_log_odds > loudest + SIGNIFICANT_LOG_FACTOR:
+        return TwoRunVerdict(Outcome.UNKNOWN, effects[0], (), ranked, separate_log_odds)
     if len(names) > 1:
-        return TwoRunVerdict(Outcome.AMBIGUOUS, effects[0], names, told, apart)
-    return TwoRunVerdict(Outcome.IDENTIFIED, effects[0], (), told, apart, (effects[0],))
+        return TwoRunVerdict(Outcome.AMBIGUOUS, effects[0], names, ranked, separate_log_odds)
+    return TwoRunVerdict(Outcome.IDENTIFIED, effects[0], (), ranked, separate_log_odds, (effects[0],))
 
 
 def _fit_each_other(runs: Sequence[HyperparameterGrid]) -> None:
-    states = [one.design.observation.state for one in runs]
-    if any(one.distortion != states[0].distortion or one.grid != states[0].grid for one in states[1:]):
+    states = [run.design.observation.state for run in runs]
+    if any(state.distortion != states[0].distortion or state.grid != states[0].grid for state in states[1:]):
         raise IllPosed(
             "the runs have points or frames of different sizes: their distortions cannot be compared; replay one with the other's grid"
         )
@@ -217,63 +221,69 @@ def _heard(both: JointBaseline, family: EffectClass) -> _Heard | None:
     """A family against all runs: the mean over its laws and sizes, and the likeliest of them."""
     sizes, tried = sizes_of(family), []
     for values in _Shared(both, family, 0.0).grid():
-        one = _Shared(both, family, 0.0).evaluate(values)
-        if one is not None:
-            tried.append((dict(values), one.log_factor(sizes)[0]))
+        evaluated = _Shared(both, family, 0.0).evaluate(values)
+        if evaluated is not None:
+            tried.append((dict(values), evaluated.log_factor(sizes)[0]))
     if not tried:
         return None
     each = np.stack([factors for _, factors in tried])
-    law, size = np.unravel_index(int(np.argmax(each)), each.shape)
+    basis_field, size = np.unravel_index(int(np.argmax(each)), each.shape)
     factor = float(np.logaddexp.reduce(each, axis=None)) - math.log(each.size)
-    return _Heard(both, family, factor, tried[int(law)][0], float(sizes[int(size)]))
+    return _Heard(both, family, factor, tried[int(basis_field)][0], float(sizes[int(size)]))
 
 
-def _as_smooth_beside(heard: _Heard, runs: Sequence[HyperparameterGrid]) -> _Heard:
+def _as_smooth_beside(screening: _Heard, runs: Sequence[HyperparameterGrid]) -> _Heard:
     """The same with drifts as smooth as each run has them beside the effect, where it is likelier so.
 
     The drift that is likeliest without the effect follows a part of it: of a row time that was wrong by 0.4 the logarithm of the Bayes
     factor was 29 so, and is 110; runs by themselves, which ask all smoothnesses, were told to have a swing or a ramp in 4 of 10.
     """
-    laws = _Shared(heard.joined, heard.family, heard.size_px).laws(heard.values)
-    assert laws is not None  # it was seen on the grid
-    beside = []
-    for run, law in zip(runs, laws, strict=True):
-        having = build_grid(run.design.with_effects(BaselineEffect(run.design.whiten(law.field_px), heard.size_px)))
-        beside.append(point_like(run.design, having))
-    other = join_runs(beside)
-    again = _heard(other, heard.family)
-    assert again is not None
-    lost = min(other.rung.evidence - heard.joined.rung.evidence, 0.0)
-    return max((heard, replace(again, log_factor=again.log_factor + lost)), key=lambda one: one.log_factor)
+    basis_fields = _Shared(screening.joined, screening.family, screening.size_px).laws(screening.values)
+    assert basis_fields is not None  # it was seen on the grid
+    grids = []
+    for run, basis_field in zip(runs, basis_fields, strict=True):
+        baseline_with_effects = build_grid(
+            run.design.with_effects(BaselineEffect(run.design.whiten(basis_field.field_px), screening.size_px))
+        )
+        grids.append(point_like(run.design, baseline_with_effects))
+    joined = join_runs(grids)
+    repeated = _heard(joined, screening.family)
+    assert repeated is not None
+    lost = min(joined.rung.evidence - screening.joined.rung.evidence, 0.0)
+    return max((screening, replace(repeated, log_factor=repeated.log_factor + lost)), key=lambda candidate: candidate.log_factor)
 
 
 def _run_by_run(runs: Sequence[HyperparameterGrid]) -> dict[str, float]:
     """All other names: what they gain in each run, where nothing is shared."""
-    shared = {one.name for one in TWO_RUN_EFFECT_CLASSES}
-    families, total = [one for one in EFFECT_CLASSES if one.name not in shared], dict[str, float]()
+    shared = {family.name for family in TWO_RUN_EFFECT_CLASSES}
+    families, total = [family for family in EFFECT_CLASSES if family.name not in shared], dict[str, float]()
     for run in runs:
-        for one in score_candidates(run, families):
-            total[one.family.name] = total.get(one.family.name, 0.0) + one.log_factor
+        for score_candidate in score_candidates(run, families):
+            total[score_candidate.family.name] = total.get(score_candidate.family.name, 0.0) + score_candidate.log_factor
     return total
 
 
-def _decided(heard: _Heard) -> SharedEffect:
-    asked = _Shared(heard.joined, heard.family, heard.size_px)
-    values = optimise_parameters(asked, {one.name: 0.0 for one in heard.family.nonlinear_parameters} | heard.values)
-    laws, against = asked.laws(values), asked.evaluate(values)
-    assert laws is not None  # it was seen on the grid
+def _decided(screening: _Heard) -> SharedEffect:
+    gradient = _Shared(screening.joined, screening.family, screening.size_px)
+    values = optimise_parameters(
+        gradient, {nonlinear_parameter.name: 0.0 for nonlinear_parameter in screening.family.nonlinear_parameters} | screening.values
+    )
+    basis_fields, against = gradient.laws(values), gradient.evaluate(values)
+    assert basis_fields is not None  # it was seen on the grid
     assert against is not None
-    mean, covariance = against.amplitudes(0, heard.size_px)
-    sigmas, follows = parameter_uncertainty(asked, values, mean)
+    mean, covariance = against.amplitudes(0, screening.size_px)
+    sigmas, follows = parameter_uncertainty(gradient, values, mean)
     own = [
-        ParameterEstimate(one.name, values[one.name], sigma, one.unit)
-        for one, sigma in zip(heard.family.nonlinear_parameters, sigmas, strict=True)
+        ParameterEstimate(nonlinear_parameter.name, values[nonlinear_parameter.name], sigma, nonlinear_parameter.unit)
+        for nonlinear_parameter, sigma in zip(screening.family.nonlinear_parameters, sigmas, strict=True)
     ]
-    parameters = (*reported_parameters(laws[0], mean, covariance + follows), *own)
-    peak_px = max(_largest_px(heard.family, one.design.observation.geometry, values, laws[0], mean) for one in heard.joined.runs)
-    return SharedEffect(heard.family.name, heard.family.alias_rule(parameters) or (heard.family.name,), peak_px, parameters)
+    parameters = (*reported_parameters(basis_fields[0], mean, covariance + follows), *own)
+    peak_px = max(
+        _largest_px(screening.family, run.design.observation.geometry, values, basis_fields[0], mean) for run in screening.joined.runs
+    )
+    return SharedEffect(screening.family.name, screening.family.alias_rule(parameters) or (screening.family.name,), peak_px, parameters)
 
 
 def _largest_px(family: EffectClass, scene: RunGeometry, values: Values, like: BasisField, amplitudes: Array) -> float:
-    law = family.law(scene, values)
-    return 0.0 if law is None else float(np.max(np.hypot(*np.moveaxis(law.rescaled_to(like).field_px @ amplitudes, -1, 0))))
+    basis_field = family.law(scene, values)
+    return 0.0 if basis_field is None else float(np.max(np.hypot(*np.moveaxis(basis_field.rescaled_to(like).field_px @ amplitudes, -1, 0))))

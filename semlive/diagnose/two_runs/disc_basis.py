@@ -100,24 +100,24 @@ def parameter_subset(run: HyperparameterGrid, name: str) -> NDArray[np.int64]:
 
 def distortion_on_disc(run: HyperparameterGrid, radius_px: float) -> DiscDistortion:
     """A run's distortion on a disc of a radius."""
-    known, state, own = modes(), run.design.observation.state, parameter_subset(run, "distortion")
-    pixel = known.at * radius_px + state.centre_px
+    basis, state, own = modes(), run.design.observation.state, parameter_subset(run, "distortion")
+    pixel = basis.at * radius_px + state.centre_px
     rows = np.zeros((len(pixel), state.distortion.along_y.size, state.distortion.along_x.size))
     index_x, value_x = state.distortion.along_x.local(pixel[:, 0])
     index_y, value_y = state.distortion.along_y.local(pixel[:, 1])
     at = np.arange(len(pixel))[:, None, None]
     rows[at, index_y[:, :, None], index_x[:, None, :]] = value_y[:, :, None] * value_x[:, None, :]
-    taken = known.taken(rows.reshape(len(pixel), -1))
-    mean = taken @ baseline_mean(run)[own].reshape(-1, 2)
-    asked = np.zeros((run.design.size, 2, len(taken) - AFFINE))
+    evaluated = basis.taken(rows.reshape(len(pixel), -1))
+    mean = evaluated @ baseline_mean(run)[own].reshape(-1, 2)
+    gradient = np.zeros((run.design.size, 2, len(evaluated) - AFFINE))
     for axis in (0, 1):
-        asked[own[axis::2], axis] = taken[AFFINE:].T
-    asked = asked.reshape(run.design.size, -1)
-    covariance = asked.T @ run.best.solve(asked)
-    return DiscDistortion(mean[AFFINE:].T, 0.5 * (covariance + covariance.T), _slope(known, mean) / radius_px)
+        gradient[own[axis::2], axis] = evaluated[AFFINE:].T
+    gradient = gradient.reshape(run.design.size, -1)
+    covariance = gradient.T @ run.best.solve(gradient)
+    return DiscDistortion(mean[AFFINE:].T, 0.5 * (covariance + covariance.T), _slope(basis, mean) / radius_px)
 
 
-def _slope(known: DiscBasis, taken: Array) -> Array:
+def _slope(basis: DiscBasis, evaluated: Array) -> Array:
     """(2, 2) gradient over the unit disc of fields whose parts (m, 2) are known."""
-    across = known.values(np.array([[0.5, 0.0], [0.0, 0.5]])) - known.values(-np.array([[0.5, 0.0], [0.0, 0.5]]))
-    return np.asarray((across[:, :AFFINE] @ taken[:AFFINE]).T)
+    across = basis.values(np.array([[0.5, 0.0], [0.0, 0.5]])) - basis.values(-np.array([[0.5, 0.0], [0.0, 0.5]]))
+    return np.asarray((across[:, :AFFINE] @ evaluated[:AFFINE]).T)

@@ -76,14 +76,14 @@ class ScanAxes:
 
     def log_bayes_factors(self) -> dict[str, tuple[ParameterEstimate, float, float]]:
         """By name: its parameter, the p-value of an F-test of it beside the other, and the logarithm of its Bayes factor."""
-        named = {"anisotropic_pixel": self.x_excess, "scan_nonorthogonality": self.skew}
-        return {name: (one, *_judged(one, self.freedom)) for name, one in named.items()}
+        effects = {"anisotropic_pixel": self.x_excess, "scan_nonorthogonality": self.skew}
+        return {name: (effect, *_judged(effect, self.freedom)) for name, effect in effects.items()}
 
 
-def _judged(one: ParameterEstimate, freedom: int) -> tuple[float, float]:
-    told = f_test([RegressionTerm(one.value, one.sigma, (one.value / one.sigma) ** 2, float(freedom), freedom)])
-    assert told is not None  # there is a scatter
-    return told
+def _judged(parameter: ParameterEstimate, freedom: int) -> tuple[float, float]:
+    result = f_test([RegressionTerm(parameter.value, parameter.sigma, (parameter.value / parameter.sigma) ** 2, float(freedom), freedom)])
+    assert result is not None  # there is a scatter
+    return result
 
 
 def scan_axes(runs: Sequence[HyperparameterGrid], slopes: Sequence[Array]) -> ScanAxes | None:
@@ -93,14 +93,14 @@ def scan_axes(runs: Sequence[HyperparameterGrid], slopes: Sequence[Array]) -> Sc
         runs: their baselines.
         slopes: (2, 2) of each, the affine part that its distortion has where both are compared: the gauge of its own points is another.
     """
-    first, second = (stage_response(one, slope) for one, slope in zip(runs, slopes, strict=True))
+    first, second = (stage_response(run, slope) for run, slope in zip(runs, slopes, strict=True))
     return None if first is None or second is None else axes_between(first, second)
 
 
 def axes_between(first: StageResponse, second: StageResponse) -> ScanAxes | None:
     """The scan's axes by how one stage carried the picture before and after the scan was turned; None where it was not."""
     between, covariance, freedom = stage_response_change(first, second)
-    turn, x_excess, skew = (_with_sigma(one, between, covariance) for one in (_turn, _x_excess, _skew))
+    turn, x_excess, skew = (_with_sigma(value, between, covariance) for value in (_turn, _x_excess, _skew))
     room = min(abs(turn[0]), math.pi - abs(turn[0]))
     if not room > LEAST_TURN_RAD + _SURE * turn[1]:
         return None
@@ -145,19 +145,19 @@ def stage_response(run: HyperparameterGrid, slope: Array) -> StageResponse | Non
     fitted = np.array([motions.shift_and_gradient(int(pair), own)[0] for pair in pairs]) @ (np.eye(2) + slope).T
     late = np.linspace(-1.0, 1.0, len(pairs))
     base = np.linalg.qr(np.stack([np.ones_like(late), late, late**2], axis=-1))[0]
-    moves, seen = (one - base @ (base.T @ one) for one in (commanded, fitted))
+    moves, observed = (value - base @ (base.T @ value) for value in (commanded, fitted))
     moments = moves.T @ moves
     if not np.linalg.eigvalsh(moments)[0] > LEAST_PX2:
         return None
-    by = np.asarray(np.linalg.solve(moments, moves.T @ seen).T, dtype=np.float64)
-    return StageResponse(by, moves, seen - moves @ by.T) if abs(np.linalg.det(by)) > LEAST_SCALE else None
+    by = np.asarray(np.linalg.solve(moments, moves.T @ observed).T, dtype=np.float64)
+    return StageResponse(by, moves, observed - moves @ by.T) if abs(np.linalg.det(by)) > LEAST_SCALE else None
 
 
-def _with_sigma(told: Callable[[Array], float], between: Array, covariance: Array) -> tuple[float, float]:
+def _with_sigma(function: Callable[[Array], float], between: Array, covariance: Array) -> tuple[float, float]:
     """A number that a matrix tells, and its standard uncertainty."""
     steps = _STEP * np.eye(4).reshape(4, 2, 2)
-    slope = np.array([told(between + one) - told(between - one) for one in steps]) / (2.0 * _STEP)
-    return told(between), float(np.sqrt(slope @ covariance @ slope))
+    slope = np.array([function(between + step) - function(between - step) for step in steps]) / (2.0 * _STEP)
+    return function(between), float(np.sqrt(slope @ covariance @ slope))
 
 
 def _twist(between: Array) -> float:

@@ -69,22 +69,22 @@ def analyse_scan_rotation(runs: Sequence[HyperparameterGrid]) -> TwoRunVerdict |
     """
     if len(runs) != 2:
         return None
-    radius_px = min(disc_radius_px(one) for one in runs)
+    radius_px = min(disc_radius_px(run) for run in runs)
     if radius_px < LEAST_DISC_PX:
         return None
-    seen = [distortion_on_disc(one, radius_px) for one in runs]
-    axes = scan_axes(runs, [one.slope for one in seen])
+    observed = [distortion_on_disc(run, radius_px) for run in runs]
+    axes = scan_axes(runs, [entry.slope for entry in observed])
     if axes is None:
         return None
     _fit_each_other(runs, axes)
     half_px = np.asarray(runs[0].design.observation.state.centre_px)
-    return verdict(axes, fields_of(seen, axes, radius_px, half_px), half_px)
+    return verdict(axes, fields_of(observed, axes, radius_px, half_px), half_px)
 
 
 def scan_times_s(runs: Sequence[HyperparameterGrid]) -> Array:
     """(n, 2) dwell and row time of each run."""
-    scans = [one.design.observation.state.frame_time(0).timing for one in runs]
-    return np.array([[one.dwell_time_s.value, one.row_time_s.value] for one in scans])
+    scans = [run.design.observation.state.frame_time(0).timing for run in runs]
+    return np.array([[scan.dwell_time_s.value, scan.row_time_s.value] for scan in scans])
 
 
 def same_scan_times(times_s: Array) -> bool:
@@ -99,23 +99,23 @@ def _fit_each_other(runs: Sequence[HyperparameterGrid], axes: ScanAxes) -> None:
             f"the scan was turned by {degrees:.0f} degrees and has another dwell or row time too: which of both did it cannot be told; "
             "change one of them at a time"
         )
-    centres = [one.design.observation.state.centre_px for one in runs]
+    centres = [run.design.observation.state.centre_px for run in runs]
     if not np.array_equal(centres[0], centres[1]):
         raise IllPosed(f"the scan was turned by {degrees:.0f} degrees and the frames have another size: take both runs with one size")
 
 
-def fields_of(seen: Sequence[DiscDistortion], axes: ScanAxes, radius_px: float, half_px: Array) -> DistortionPair:
+def fields_of(observed: Sequence[DiscDistortion], axes: ScanAxes, radius_px: float, half_px: Array) -> DistortionPair:
     """What is compared of two runs.
 
     Args:
-        seen: their distortions.
+        observed: their distortions.
         axes: how the second's scan lies to the first's.
         radius_px: of the disc.
         half_px: (2,) from the frame's centre to its edges.
     """
-    first, second = seen
-    told = first.value_px.ravel()
-    stays = _stays(axes.matrix, np.zeros(2))
+    first, second = observed
+    value_px = first.value_px.ravel()
+    fixed = _stays(axes.matrix, np.zeros(2))
     scale = np.concatenate((np.sqrt(np.linalg.eigvalsh(axes.covariance).clip(0.0)), np.full(2, CENTRE_PX / radius_px)))
     ways = np.linalg.eigh(axes.covariance)[1]
     slopes = []
@@ -124,23 +124,23 @@ def fields_of(seen: Sequence[DiscDistortion], axes: ScanAxes, radius_px: float, 
         turn = np.zeros((2, 2)) if way is None else way.reshape(2, 2)
         aside = np.eye(2)[at - 4] if way is None else np.zeros(2)
         ahead, behind = (_stays(axes.matrix + sign * _STEP * turn, sign * _STEP * aside) for sign in (1.0, -1.0))
-        slopes.append((ahead - behind) @ told * (size / (2.0 * _STEP)))
+        slopes.append((ahead - behind) @ value_px * (size / (2.0 * _STEP)))
     loose = np.stack(slopes, axis=1)
     covariance = np.asarray(block_diag(first.covariance_px2, second.covariance_px2))
-    value = np.concatenate((told, second.value_px.ravel()))
-    return DistortionPair(value, covariance, stays, loose @ loose.T, _ramps(radius_px, half_px))
+    value = np.concatenate((value_px, second.value_px.ravel()))
+    return DistortionPair(value, covariance, fixed, loose @ loose.T, _ramps(radius_px, half_px))
 
 
 def _stays(between: Array, aside: Array) -> Array:
     """E1 to T E1(T^-1 (R - a)), by polynomials on the disc; a in radii."""
-    known = modes()
-    return np.asarray(np.kron(between, known.moved((known.at - aside) @ np.linalg.inv(between).T)), dtype=np.float64)
+    basis = modes()
+    return np.asarray(np.kron(between, basis.moved((basis.at - aside) @ np.linalg.inv(between).T)), dtype=np.float64)
 
 
 def _ramps(radius_px: float, half_px: Array) -> Array:
-    known = modes()
-    from_centre = known.at * radius_px / half_px
-    parts = [known.taken(np.stack((one**2, one**3), axis=-1))[AFFINE:] for one in from_centre.T]
+    basis = modes()
+    from_centre = basis.at * radius_px / half_px
+    parts = [basis.taken(np.stack((value**2, value**3), axis=-1))[AFFINE:] for value in from_centre.T]
     return np.asarray(block_diag(*parts))
 
 
@@ -163,10 +163,10 @@ def _heard(fields: DistortionPair, field: Array, ramp_px: float, loose: bool) ->
         spread[len(fields.column_fixed_map) :, len(fields.column_fixed_map) :] += fields.nuisance_covariance_px2
     both = np.concatenate((fields.ramps, fields.ramps)) * ramp_px
     factor = cho_factor(spread + both @ both.T, lower=True)
-    asked = cho_solve(factor, fields.value_px)
-    log = -0.5 * float(fields.value_px @ asked) - float(np.sum(np.log(np.diag(factor[0]))))
+    gradient = cho_solve(factor, fields.value_px)
+    log = -0.5 * float(fields.value_px @ gradient) - float(np.sum(np.log(np.diag(factor[0]))))
     inner = both.T @ cho_solve(factor, both)
-    return _Heard(log, ramp_px * (both.T @ asked), ramp_px**2 * (np.eye(inner.shape[0]) - inner))
+    return _Heard(log, ramp_px * (both.T @ gradient), ramp_px**2 * (np.eye(inner.shape[0]) - inner))
 
 
 def rotation_hypotheses(fields: DistortionPair) -> dict[str, _Heard]:
@@ -179,12 +179,12 @@ def rotation_hypotheses(fields: DistortionPair) -> dict[str, _Heard]:
     column, _ = kinds["column"]
     ramped = [_likeliest([_heard(fields, size**2 * column, ramp, True) for size in SIZES_PX]) for ramp in RAMP_SIZES_PX]
     loudest = _likeliest(ramped)
-    mean = float(np.logaddexp.reduce([one.log for one in ramped])) - math.log(len(ramped))
+    mean = float(np.logaddexp.reduce([hypothesis.log for hypothesis in ramped])) - math.log(len(ramped))
     return found | {"both": _Heard(mean, loudest.part_px, loudest.covariance_px2)}
 
 
 def _likeliest(tried: Sequence[_Heard]) -> _Heard:
-    return max(tried, key=lambda one: one.log)
+    return max(tried, key=lambda candidate: candidate.log)
 
 
 def verdict(axes: ScanAxes, fields: DistortionPair, half_px: Array) -> TwoRunVerdict:
@@ -198,45 +198,45 @@ def verdict(axes: ScanAxes, fields: DistortionPair, half_px: Array) -> TwoRunVer
         fields: the distortions of both.
         half_px: (2,) from the frame's centre to its edges.
     """
-    heard, told = rotation_hypotheses(fields), axes.log_bayes_factors()
-    logs = {name: one.log for name, one in heard.items()}
+    hypotheses, axis_factors = rotation_hypotheses(fields), axes.log_bayes_factors()
+    logs = {name: candidate.log for name, candidate in hypotheses.items()}
     of_scan = max(logs["scan"], logs["both"]) - logs["column"]
-    apart = logs["neither"] - max(logs["column"], logs["scan"], logs["both"])
+    neither_log_odds = logs["neither"] - max(logs["column"], logs["scan"], logs["both"])
     follows = _follows(logs)
-    factors = {name: factor for name, (_, _, factor) in told.items()} | {RAMP_EFFECT_NAME: of_scan}
-    named = [
-        SharedEffect(name, (name,), abs(one.value) * float(half), (one,))
-        for half, (name, (one, p_value, factor)) in zip(half_px, told.items(), strict=True)
-        if follows != "neither" and factor >= SIGNIFICANT_LOG_FACTOR and len(told) * p_value <= SIGNIFICANCE_LEVEL
+    factors = {name: factor for name, (_, _, factor) in axis_factors.items()} | {RAMP_EFFECT_NAME: of_scan}
+    effects = [
+        SharedEffect(name, (name,), abs(value.value) * float(half), (value,))
+        for half, (name, (value, p_value, factor)) in zip(half_px, axis_factors.items(), strict=True)
+        if follows != "neither" and factor >= SIGNIFICANT_LOG_FACTOR and len(axis_factors) * p_value <= SIGNIFICANCE_LEVEL
     ]
     if follows in ("scan", "both"):
-        named.append(_ramped(fields, heard["both"], follows))
-    named.sort(key=lambda one: -factors[one.name])
-    outcome = Outcome.UNKNOWN if follows == "neither" else Outcome.IDENTIFIED if named else Outcome.NONE
+        effects.append(_ramped(fields, hypotheses["both"], follows))
+    effects.sort(key=lambda candidate: -factors[candidate.name])
+    outcome = Outcome.UNKNOWN if follows == "neither" else Outcome.IDENTIFIED if effects else Outcome.NONE
     evidence = tuple(sorted(factors.items(), key=lambda item: -item[1]))
     facts = ScanRotation(axes.turn, axes.x_excess, axes.skew, follows, of_scan)
-    return TwoRunVerdict(outcome, named[0] if named else None, (), evidence, apart, tuple(named), facts)
+    return TwoRunVerdict(outcome, effects[0] if effects else None, (), evidence, neither_log_odds, tuple(effects), facts)
 
 
 def _follows(logs: dict[str, float]) -> str:
     """What the distortion goes with: ``column``, ``scan``, ``both``, ``neither``, or nothing where that cannot be told."""
-    known = {name: logs[name] for name in ("column", "scan", "both")}
-    best = max(known, key=lambda name: known[name])
-    if logs["neither"] > known[best] + SIGNIFICANT_LOG_FACTOR:
+    candidates = {name: logs[name] for name in ("column", "scan", "both")}
+    best = max(candidates, key=lambda name: candidates[name])
+    if logs["neither"] > candidates[best] + SIGNIFICANT_LOG_FACTOR:
         return "neither"
-    rival = max(known["scan"], known["both"]) if best == "column" else known["column"]
+    rival = max(candidates["scan"], candidates["both"]) if best == "column" else candidates["column"]
     if best == "column":
-        return "column" if known["column"] > known["scan"] + SIGNIFICANT_LOG_FACTOR else ""
-    return best if known[best] > rival + SIGNIFICANT_LOG_FACTOR else ""
+        return "column" if candidates["column"] > candidates["scan"] + SIGNIFICANT_LOG_FACTOR else ""
+    return best if candidates[best] > rival + SIGNIFICANT_LOG_FACTOR else ""
 
 
-def _ramped(fields: DistortionPair, heard: _Heard, follows: str) -> SharedEffect:
+def _ramped(fields: DistortionPair, screening: _Heard, follows: str) -> SharedEffect:
     """What the scan's part is: all of the first run's where it goes with the scan, or the ramps beside what stays."""
     k = len(fields.ramps)
-    part = fields.value_px[:k] if follows == "scan" else fields.ramps @ heard.part_px
+    part = fields.value_px[:k] if follows == "scan" else fields.ramps @ screening.part_px
     moved = part.reshape(2, -1) @ modes().values(modes().at)[:, AFFINE:].T
-    sigma = np.sqrt(np.diag(heard.covariance_px2).clip(0.0))
-    parameters = [ParameterEstimate(*one, "px") for one in zip(_RAMPS, map(float, heard.part_px), map(float, sigma), strict=True)]
+    sigma = np.sqrt(np.diag(screening.covariance_px2).clip(0.0))
+    parameters = [ParameterEstimate(*value, "px") for value in zip(_RAMPS, map(float, screening.part_px), map(float, sigma), strict=True)]
     return SharedEffect(
         RAMP_EFFECT_NAME, (RAMP_EFFECT_NAME,), float(np.max(np.hypot(*moved))), tuple(parameters) if follows == "both" else ()
     )

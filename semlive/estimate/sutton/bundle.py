@@ -78,7 +78,9 @@ def adjust(images: Sequence[TranslatedImage], flat: Surface, grid_px: Array) -> 
     solution = cho_solve(factor, right)
     covariance = np.asarray(cho_solve(factor, np.eye(size + count)))
     surface = replace(flat, coefficients=np.ascontiguousarray(solution[:size]))
-    left = [one.moved_px - solution[at] - surface.at(one.after_px) + surface.at(one.before_px) for at, one in enumerate(images, size)]
-    shifts = {one.pair: solution[at] for at, one in enumerate(images, size)}
-    sigma = {one.pair: float(np.sqrt(covariance[at, at])) for at, one in enumerate(images, size)}
-    return BundleAdjustment(surface, shifts, 1.4826 * float(np.median(np.abs(np.concatenate(left)))), covariance[:size, :size], sigma)
+    residual = [
+        image.moved_px - solution[at] - surface.at(image.after_px) + surface.at(image.before_px) for at, image in enumerate(images, size)
+    ]
+    shifts = {image.pair: solution[at] for at, image in enumerate(images, size)}
+    sigma = {image.pair: float(np.sqrt(covariance[at, at])) for at, image in enumerate(images, size)}
+    return BundleAdjustment(surface, shifts, 1.4826 * float(np.median(np.abs(np.concatenate(residual)))), covariance[:size, :size], sigma)

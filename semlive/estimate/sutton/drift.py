@@ -50,10 +50,10 @@ class LocalDrift:
         """(n, 2) drift at scan addresses (n, 2) of a frame."""
         begun_s = self.first.start_s + self.first.timing.time_in_frame_s(address_px[:, 0], address_px[:, 1])
         now_s = when.start_s + when.timing.time_in_frame_s(address_px[:, 0], address_px[:, 1])
-        begun = np.stack([np.interp(begun_s, self.row_time_s, one) for one in self.path_px.T], axis=1)
+        start_px = np.stack([np.interp(begun_s, self.row_time_s, value) for value in self.path_px.T], axis=1)
         if when.frame == self.first.frame:
-            return begun
-        return begun + self._integrated(address_px, now_s) - self._integrated(address_px, begun_s)
+            return start_px
+        return start_px + self._integrated(address_px, now_s) - self._integrated(address_px, begun_s)
 
     def rate_at(self, address_px: Array, when: FrameTime) -> Array:
         """(n, 2) drift velocity at scan addresses (n, 2) of a frame, px/s."""
@@ -74,7 +74,9 @@ class LocalDrift:
         """(n, K, 2) coefficients at addresses; beyond the grid those of its edge."""
         grid = self.grid
         where = np.stack(((address_px[:, 1] - grid.y0_px) / grid.step_px, (address_px[:, 0] - grid.x0_px) / grid.step_px))
-        local = [[map_coordinates(one[..., axis], where, order=1, mode="nearest") for axis in (0, 1)] for one in coefficients]
+        local = [
+            [map_coordinates(coefficient[..., axis], where, order=1, mode="nearest") for axis in (0, 1)] for coefficient in coefficients
+        ]
         return np.ascontiguousarray(np.transpose(np.array(local), (2, 0, 1)))
 
 
@@ -94,34 +96,34 @@ def estimated(
     Raises:
         IllPosed: no pair has a map within itself.
     """
-    first, known = pairs[0].times[0], [one for one in pairs if one.within is not None]
-    if not known:
+    first, measured = pairs[0].times[0], [pair for pair in pairs if pair.within is not None]
+    if not measured:
         raise IllPosed(
             f"no pair from pair {pairs[0].pair} on has a map within itself, so drift is unknown: correlate the pairs' own frames"
         )
-    count = min(coefficients, (len(known) + 1) // 2)
+    count = min(coefficients, (len(measured) + 1) // 2)
     end_s = max(pairs[-1].times[1].start_s + pairs[-1].times[1].timing.duration_s, first.start_s + 1.0)
     knots, degree = _knots(first.start_s, end_s, count)
     basis = BSpline(knots, np.eye(count), degree)
-    time_s, velocity, seen = _velocities(known, grid, removal)
-    raw, enough = _fitted(basis(time_s), velocity, seen)
-    residual = (velocity - np.einsum("pnk,nkc->pnc", basis(time_s), raw))[seen & enough]
-    freedom = max(1.0 - count / len(known), 0.25)
+    time_s, velocity, observed = _velocities(measured, grid, removal)
+    raw, enough = _fitted(basis(time_s), velocity, observed)
+    residual = (velocity - np.einsum("pnk,nkc->pnc", basis(time_s), raw))[observed & enough]
+    freedom = max(1.0 - count / len(measured), 0.25)
     sd = 1.4826 * float(np.median(np.abs(residual))) / np.sqrt(freedom) if residual.size else 0.0
     shaped = np.transpose(raw, (1, 0, 2)).reshape(count, *grid.shape, 2)
-    smooth = np.stack([_smoothed(one, enough.reshape(grid.shape), smoothing_px / grid.step_px, grid.step_px) for one in shaped])
+    smooth = np.stack([_smoothed(value, enough.reshape(grid.shape), smoothing_px / grid.step_px, grid.step_px) for value in shaped])
     spline = BSpline(knots, smooth, degree)
     row_time_s, path_px = _path(first, spline, grid, height_px)
-    kept = grid.subset_px**2 / (grid.subset_px**2 + 4.0 * np.pi * smoothing_px**2)
-    return LocalDrift(first, grid, spline, spline.antiderivative(), row_time_s, path_px, sd, float(kept))
+    transfer = grid.subset_px**2 / (grid.subset_px**2 + 4.0 * np.pi * smoothing_px**2)
+    return LocalDrift(first, grid, spline, spline.antiderivative(), row_time_s, path_px, sd, float(transfer))
 
 
 def _velocities(pairs: Sequence[PairMaps], grid: Grid, removal: Removal | None) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Middle times (pairs, n), central differences (pairs, n, 2) in px/s, and where they were seen (pairs, n)."""
     here = np.stack(grid.mesh(), axis=-1).reshape(-1, 2)
-    times, velocities, seen = [], [], []
-    for one in pairs:
-        dmap, (first, second) = one.within, one.times
+    times, velocities, observed = [], [], []
+    for pair in pairs:
+        dmap, (first, second) = pair.within, pair.times
         assert dmap is not None  # only pairs with a map come here
         disparity = np.stack((dmap.u_px.ravel(), dmap.v_px.ravel()), axis=1)
         there = here + disparity
@@ -131,15 +133,15 @@ def _velocities(pairs: Sequence[PairMaps], grid: Grid, removal: Removal | None) 
             disparity = disparity - removal(here, there, first, second)
         times.append(0.5 * (before_s + after_s))
         velocities.append(disparity / (after_s - before_s)[:, None])
-        seen.append(dmap.valid.ravel())
-    return np.array(times), np.array(velocities), np.array(seen)
+        observed.append(dmap.valid.ravel())
+    return np.array(times), np.array(velocities), np.array(observed)
 
 
-def _fitted(design: Array, velocity: Array, seen: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+def _fitted(design: Array, velocity: Array, observed: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
     """(n, K, 2) coefficients of every position by least squares, and (n,) where enough pairs were seen."""
     count = design.shape[2]
-    enough = seen.sum(axis=0) >= count  # pairs differ in time, so as many as coefficients determine them
-    weighted = design * seen[..., None]
+    enough = observed.sum(axis=0) >= count  # pairs differ in time, so as many as coefficients determine them
+    weighted = design * observed[..., None]
     normal = np.einsum("pnk,pnl->nkl", weighted, design, optimize=True)
     right = np.einsum("pnk,pnc->nkc", weighted, velocity, optimize=True)
     normal[~enough] = np.eye(count)
@@ -149,15 +151,15 @@ def _fitted(design: Array, velocity: Array, seen: NDArray[np.bool_]) -> tuple[Ar
     return np.linalg.solve(normal, right), enough
 
 
-def _smoothed(coefficient: Array, known: NDArray[np.bool_], sd_points: float, step_px: int) -> Array:
+def _smoothed(coefficient: Array, valid: NDArray[np.bool_], sd_points: float, step_px: int) -> Array:
     """(ny, nx, 2) smoothed; positions without a value are filled from their neighbours even where nothing is smoothed."""
-    if sd_points <= 0 and known.all():
+    if sd_points <= 0 and valid.all():
         return coefficient
     reach = sd_points if sd_points > 0 else FILL_PX / step_px
-    weight = gaussian_filter(known.astype(np.float64), reach, mode="constant")
-    mean = [gaussian_filter(coefficient[..., axis] * known, reach, mode="constant") / np.maximum(weight, 1e-12) for axis in (0, 1)]
+    weight = gaussian_filter(valid.astype(np.float64), reach, mode="constant")
+    mean = [gaussian_filter(coefficient[..., axis] * valid, reach, mode="constant") / np.maximum(weight, 1e-12) for axis in (0, 1)]
     smooth = np.stack(mean, axis=-1)
-    return smooth if sd_points > 0 else np.where(known[..., None], coefficient, smooth)
+    return smooth if sd_points > 0 else np.where(valid[..., None], coefficient, smooth)
 
 
 def _path(first: FrameTime, spline: BSpline, grid: Grid, height_px: int) -> tuple[Array, Array]:
@@ -167,7 +169,7 @@ def _path(first: FrameTime, spline: BSpline, grid: Grid, height_px: int) -> tupl
     mean = np.asarray(spline.c).mean(axis=2)  # (K, ny, 2) over each row of positions
     basis = _basis(spline)(time_s)
     velocity = np.stack(
-        [sum(basis[:, k] * np.interp(rows, grid.y_px, one[:, axis]) for k, one in enumerate(mean)) for axis in (0, 1)], axis=1
+        [sum(basis[:, k] * np.interp(rows, grid.y_px, value[:, axis]) for k, value in enumerate(mean)) for axis in (0, 1)], axis=1
     )
     step = 0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time_s)[:, None]
     path = np.concatenate((np.zeros((1, 2)), np.cumsum(step, axis=0)))

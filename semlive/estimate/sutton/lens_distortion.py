@@ -57,7 +57,7 @@ def fit_lens_distortion(solution: SuttonSolution) -> LensDistortion:
     corner = float(np.hypot(*centre))
     size, count = 8, len(images)
     normal, right = np.zeros((size + 2 * count,) * 2), np.zeros(size + 2 * count)
-    differences = [_rows((one.after_px - centre) / corner) - _rows((one.before_px - centre) / corner) for one in images]
+    differences = [_rows((image.after_px - centre) / corner) - _rows((image.before_px - centre) / corner) for image in images]
     for at, (image, rows) in enumerate(zip(images, differences, strict=True)):
         own = slice(size + 2 * at, size + 2 * at + 2)
         normal[:size, :size] += np.einsum("nci,ncj->ij", rows, rows)
@@ -68,8 +68,8 @@ def fit_lens_distortion(solution: SuttonSolution) -> LensDistortion:
         right[own] = image.moved_px.sum(axis=0)
     found = np.asarray(np.linalg.lstsq(normal, right, rcond=1e-12)[0], dtype=np.float64)
     shifts = found[size:].reshape(-1, 2)
-    left = [image.moved_px - shift - rows @ found[:size] for image, shift, rows in zip(images, shifts, differences, strict=True)]
-    residual = 1.4826 * float(np.median(np.abs(np.concatenate(left))))
+    residuals = [image.moved_px - shift - rows @ found[:size] for image, shift, rows in zip(images, shifts, differences, strict=True)]
+    residual = 1.4826 * float(np.median(np.abs(np.concatenate(residuals))))
     return LensDistortion(centre, corner, found[0:2], found[2:4], found[4:6], found[6:8], residual)
 
 

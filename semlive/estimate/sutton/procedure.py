@@ -1,4 +1,4 @@
-"""Relaxation: drift, then distortion and motions, then drift again without distortion, until it settles (Sutton 2007, Fig. 3)."""
+"""Published procedure: drift, then distortion and motions, then drift again without distortion, until convergence (Sutton 2007, Fig. 3)."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class SuttonOptions:
-    """What the paper leaves open.
+    """Parameters that the paper does not specify.
 
     Attributes:
-        drift_coefficients: of the spline in time at each position ("reduced order"), at most.
-        carried: fraction of the drift that carries the distortion along: 1 as in equations 6, 9 and 10.
-        relaxation: fraction of each new distortion that is taken over.
-        settled_px: the distortion has settled when no point of the grid moves by more.
-        passes: at most.
-        remove_drift: False leaves drift in, to see what it does.
+        drift_coefficients: maximum number of coefficients of the spline in time at each position ("reduced order").
+        carried: fraction of the drift that advects the distortion: 1 as in equations 6, 9 and 10.
+        relaxation: fraction of each new distortion that is applied.
+        settled_px: convergence limit: largest change of the distortion at any point of the grid, px.
+        passes: maximum number of passes.
+        remove_drift: False omits the drift correction, to evaluate its influence.
     """
 
     drift_coefficients: int = 4
@@ -47,10 +47,10 @@ class SuttonSolution:
 
     Attributes:
         state: the maps.
-        options: what the paper leaves open.
-        drifts: one for each phase whose drift is estimated apart.
+        options: parameters that the paper does not specify.
+        drifts: one drift for each phase estimated separately.
         bundle: distortion and motions; None before the first translation.
-        changes_px: largest change of the distortion in each pass.
+        changes_px: largest change of the distortion in each pass, px.
     """
 
     state: SuttonState
@@ -61,16 +61,16 @@ class SuttonSolution:
 
     @property
     def noise_floor_px(self) -> float:
-        """Robust standard deviation of what is left unexplained, per component and POI of a map."""
+        """Robust standard deviation of the residual, per component and POI of a map, px."""
         if self.bundle is not None:
             return self.bundle.residual_px
         first = self.state.pairs[0].times
         return self.drifts[0].velocity_sd_px_s * (first[1].start_s - first[0].start_s)
 
     def drift_of(self, frame: int) -> LocalDrift:
-        """The drift of the phase that a frame belongs to."""
+        """Drift of the phase that contains a frame."""
         begun_s = self.state.frame_time(frame).start_s
-        return [one for one in self.drifts if one.first.start_s <= begun_s][-1]
+        return [drift for drift in self.drifts if drift.first.start_s <= begun_s][-1]
 
     def drift_px(self, address_px: Array, when: FrameTime) -> Array:
         """(n, 2) drift at scan addresses of a frame."""
@@ -82,13 +82,13 @@ class SuttonSolution:
         return drift if self.bundle is None else drift + self.bundle.surface.at(address_px - self.options.carried * drift)
 
 
-def solve_incremental(state: SuttonState, known: SuttonSolution | None) -> SuttonSolution:
-    """The solution after a further pair: a batch, so the same as `solve`, with the options of the earlier solution."""
-    return solve(state, known.options if known is not None else PUBLISHED_OPTIONS)
+def solve_incremental(state: SuttonState, previous: SuttonSolution | None) -> SuttonSolution:
+    """Solution after a further pair with the options of the earlier solution. The procedure is a batch, so the result equals `solve`."""
+    return solve(state, previous.options if previous is not None else PUBLISHED_OPTIONS)
 
 
 def solve(state: SuttonState, options: SuttonOptions = PUBLISHED_OPTIONS) -> SuttonSolution:
-    """The whole procedure on everything given so far.
+    """Complete procedure on all data.
 
     Raises:
         IllPosed: there are no data, or none within a pair.
@@ -100,7 +100,7 @@ def solve(state: SuttonState, options: SuttonOptions = PUBLISHED_OPTIONS) -> Sut
     if not images:
         return solution
     here = _grid_points(state)
-    flat = _flat(state, [here, *(one.after_px for one in images), *(one.before_px for one in images)])
+    flat = _flat(state, [here, *(image.after_px for image in images), *(image.before_px for image in images)])
     for _ in range(options.passes):
         bundle = adjust(translated(solution), flat, here)
         solution = _relaxed(solution, bundle, here)
@@ -111,7 +111,7 @@ def solve(state: SuttonState, options: SuttonOptions = PUBLISHED_OPTIONS) -> Sut
 
 
 def _relaxed(solution: SuttonSolution, new: BundleAdjustment, here: Array) -> SuttonSolution:
-    """The new motions, and the distortion between old and new; the first is taken as it is."""
+    """The new motions, with a distortion between the old and the new one; the first distortion is applied completely."""
     old = solution.bundle
     if old is None:
         return replace(solution, bundle=new, changes_px=(float("inf"),))
@@ -129,12 +129,12 @@ def _drifts(state: SuttonState, options: SuttonOptions, removal: Removal | None)
 
 
 def _phases(state: SuttonState) -> list[list[PairMaps]]:
-    """Calibration and measurement apart (footnote 5), or everything as one record; a phase of one pair joins the one before."""
-    whole = list(state.pairs)
-    cut = next((at for at, one in enumerate(whole) if not one.calibrates), len(whole))
-    if not state.settings.sutton_phases_apart or cut == 0 or len(whole) - cut < 2:
-        return [whole]
-    return [whole[:cut], whole[cut:]]
+    """Calibration and measurement separately (footnote 5), or all pairs together; a phase of one pair is merged with the previous one."""
+    pairs = list(state.pairs)
+    cut = next((at for at, pair_maps in enumerate(pairs) if not pair_maps.calibrates), len(pairs))
+    if not state.settings.sutton_phases_apart or cut == 0 or len(pairs) - cut < 2:
+        return [pairs]
+    return [pairs[:cut], pairs[cut:]]
 
 
 def _removal(solution: SuttonSolution) -> Removal | None:
@@ -151,24 +151,24 @@ def _removal(solution: SuttonSolution) -> Removal | None:
 
 
 def translated(solution: SuttonSolution) -> list[TranslatedImage]:
-    """The translated images of the calibration with drift removed."""
+    """Translated images of the calibration, corrected for drift."""
     state, carried, found = solution.state, solution.options.carried, []
     reference = state.pairs[0].times[0]
-    for one in state.pairs:
-        dmap = one.from_reference
-        if dmap is None or not one.calibrates or not dmap.valid.any():
+    for pair in state.pairs:
+        dmap = pair.from_reference
+        if dmap is None or not pair.calibrates or not dmap.valid.any():
             continue
         before = _grid_points(state)[dmap.valid.ravel()]
         after = before + np.stack((dmap.u_px[dmap.valid], dmap.v_px[dmap.valid]), axis=1)
-        drift_before, drift_after = solution.drift_px(before, reference), solution.drift_px(after, one.times[0])
+        drift_before, drift_after = solution.drift_px(before, reference), solution.drift_px(after, pair.times[0])
         moved = after - drift_after - before + drift_before
-        found.append(TranslatedImage(one.pair, before - carried * drift_before, after - carried * drift_after, moved))
+        found.append(TranslatedImage(pair.pair, before - carried * drift_before, after - carried * drift_after, moved))
     return found
 
 
 def _flat(state: SuttonState, addresses: list[Array]) -> Surface:
-    low = np.min([one.min(axis=0) for one in addresses], axis=0)
-    high = np.max([one.max(axis=0) for one in addresses], axis=0)
+    low = np.min([address.min(axis=0) for address in addresses], axis=0)
+    high = np.max([address.max(axis=0) for address in addresses], axis=0)
     return Surface.flat(low - 1.0, high + 1.0, state.settings.distortion_knot_px)
 
 

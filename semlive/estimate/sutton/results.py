@@ -40,7 +40,7 @@ def to_estimate(solution: SuttonSolution, revision: int, newest_only: bool = Fal
     """Everything known, as one revision; a batch leaves nothing out."""
     del newest_only
     distortion = _distortion(solution)
-    motions = tuple(_motion(solution, one) for one in solution.state.pairs)
+    motions = tuple(_motion(solution, pair) for pair in solution.state.pairs)
     quality, notes = _quality(solution, distortion), _notes(solution, distortion)
     return EstimateRevision(_drift(solution, revision), distortion, motions, solution.noise_floor_px, notes, calibration=quality)
 
@@ -64,7 +64,7 @@ def correction(solution: SuttonSolution, dmap: DisparityMap) -> Correction:
     state = solution.state
     both = solution.correction_px(there, state.frame_time(dmap.current)) - solution.correction_px(here, state.frame_time(0))
     both[~dmap.valid.ravel()] = 0.0
-    u, v = (np.ascontiguousarray(one.reshape(dmap.grid.shape)) for one in both.T)
+    u, v = (np.ascontiguousarray(value.reshape(dmap.grid.shape)) for value in both.T)
     u.setflags(write=False)
     v.setflags(write=False)
     return Correction(dmap.current, u, v)
@@ -81,9 +81,9 @@ def correction_strain_sigma(solution: SuttonSolution, dmap: DisparityMap) -> Ten
         return Tensor2(np.inf, np.inf, np.inf)
     patch_px = max(np.sqrt(4.0 * np.pi) * solution.state.settings.sutton_smoothing_px, float(grid.subset_px))
     shared = max(patch_px / grid.step_px, 1.0)
-    x, y = (one[valid] for one in grid.mesh())
+    x, y = (coordinates[valid] for coordinates in grid.mesh())
     sigma = _drift_sigma_px(solution, solution.state.frame_time(dmap.current)) * shared
-    along_x, along_y = (sigma / (np.std(one) * np.sqrt(one.size) + 1e-12) for one in (x, y))
+    along_x, along_y = (sigma / (np.std(value) * np.sqrt(value.size) + 1e-12) for value in (x, y))
     late = _by_start_times(solution, dmap.current // 2)
     return Tensor2(
         float(np.hypot(along_x, late.exx)), float(np.hypot(along_y, late.eyy)), float(np.hypot(0.5 * np.hypot(along_x, along_y), late.exy))
@@ -92,14 +92,14 @@ def correction_strain_sigma(solution: SuttonSolution, dmap: DisparityMap) -> Ten
 
 def _by_start_times(solution: SuttonSolution, pair: int) -> Tensor2:
     """What the uncertain starts of a pair's scans do to the strain of its frames."""
-    own = next(one for one in solution.state.pairs if one.pair == pair)
+    own = next(pair_maps for pair_maps in solution.state.pairs if pair_maps.pair == pair)
     if own.within is None or not own.within.valid.any():
         return Tensor2(0.0, 0.0, 0.0)
-    return start_time_strain(own.times, [float(one[own.within.valid].mean()) for one in (own.within.u_px, own.within.v_px)])
+    return start_time_strain(own.times, [float(component[own.within.valid].mean()) for component in (own.within.u_px, own.within.v_px)])
 
 
 def correction_sigmas(solution: SuttonSolution, maps: Iterable[DisparityMap]) -> tuple[None, ...]:
-    """Nothing: the procedure says of its correction how uncertain mean strain is, not points."""
+    """None for each map: the procedure gives the uncertainty of the mean strain only, not of points."""
     del solution
     return tuple(None for _ in maps)
 
@@ -109,17 +109,17 @@ def correction_strains(solution: SuttonSolution, maps: Iterable[DisparityMap]) -
     return tuple(CorrectionStrain(dmap, _strain_of(solution, dmap), correction_strain_sigma(solution, dmap)) for dmap in maps)
 
 
-def strain_change(solution: SuttonSolution, told: CorrectionStrain) -> Tensor2:
+def strain_change(solution: SuttonSolution, previous: CorrectionStrain) -> Tensor2:
     """How far the mean strain of a corrected map would move if it were corrected with another solution."""
-    now = _strain_of(solution, told.dmap)
-    return Tensor2(told.value.exx - now.exx, told.value.eyy - now.eyy, told.value.exy - now.exy)
+    now = _strain_of(solution, previous.dmap)
+    return Tensor2(previous.value.exx - now.exx, previous.value.eyy - now.eyy, previous.value.exy - now.exy)
 
 
 def _strain_of(solution: SuttonSolution, dmap: DisparityMap) -> Tensor2:
     found, valid = correction(solution, dmap), dmap.valid
     if valid.sum() < 3:
         return Tensor2(0.0, 0.0, 0.0)
-    position = np.column_stack((np.ones(int(valid.sum())), *(one[valid] for one in dmap.grid.mesh())))
+    position = np.column_stack((np.ones(int(valid.sum())), *(coordinates[valid] for coordinates in dmap.grid.mesh())))
     moved = np.stack((found.u_px[valid], found.v_px[valid]), axis=1)
     slope = np.asarray(np.linalg.lstsq(position, moved, rcond=None)[0], dtype=np.float64)[1:]
     return Tensor2(float(slope[0, 0]), float(slope[1, 1]), 0.5 * float(slope[0, 1] + slope[1, 0]))
@@ -132,8 +132,8 @@ def mean_strain_covariance(solution: SuttonSolution, frames: Sequence[int], of: 
     """
     sigma = [correction_strain_sigma(solution, dmap) for frame in frames for dmap in [_from_reference(solution, frame)]]
     noise = [_mean_noise(solution, frame) for frame in frames]
-    along_x = [np.hypot(one.exx, two[0]) for one, two in zip(sigma, noise, strict=True)]
-    along_y = [np.hypot(one.eyy, two[1]) for one, two in zip(sigma, noise, strict=True)]
+    along_x = [np.hypot(value.exx, two[0]) for value, two in zip(sigma, noise, strict=True)]
+    along_y = [np.hypot(value.eyy, two[1]) for value, two in zip(sigma, noise, strict=True)]
     variance = np.array([*along_x, *along_y], dtype=np.float64) ** 2
     return np.diag(variance) if of is None else (of * variance) @ of.T
 
@@ -147,7 +147,7 @@ def current_drift_rate(solution: SuttonSolution) -> Array:
 
 
 def _from_reference(solution: SuttonSolution, frame: int) -> DisparityMap:
-    maps = (dmap for one in solution.state.pairs for dmap in one.maps)
+    maps = (dmap for pair in solution.state.pairs for dmap in pair.maps)
     return next(dmap for dmap in maps if dmap.reference == 0 and dmap.current == frame)
 
 
@@ -155,18 +155,18 @@ def _mean_noise(solution: SuttonSolution, frame: int) -> tuple[float, float]:
     """Standard uncertainty along x and y that the DIC noise of a map gives to its mean strain."""
     dmap = _from_reference(solution, frame)
     grid = dmap.grid
-    x, y = (one[dmap.valid] for one in grid.mesh())
+    x, y = (coordinates[dmap.valid] for coordinates in grid.mesh())
     each = solution.noise_floor_px * max(grid.subset_px, grid.step_px) / grid.step_px
-    along_x, along_y = (float(each / (np.std(one) * np.sqrt(one.size) + 1e-12)) for one in (x, y))
+    along_x, along_y = (float(each / (np.std(value) * np.sqrt(value.size) + 1e-12)) for value in (x, y))
     return along_x, along_y
 
 
 def _drift_sigma_px(solution: SuttonSolution, when: FrameTime) -> float:
     drift = solution.drift_of(when.frame)
     middles = [
-        0.5 * (one.times[0].start_s + one.times[1].start_s)
-        for one in solution.state.pairs
-        if one.within is not None and solution.drift_of(one.times[0].frame) is drift
+        0.5 * (pair.times[0].start_s + pair.times[1].start_s)
+        for pair in solution.state.pairs
+        if pair.within is not None and solution.drift_of(pair.times[0].frame) is drift
     ]
     return drift.sigma_px(when, np.array(middles))
 
@@ -199,11 +199,11 @@ def _distortion(solution: SuttonSolution) -> DistortionField:
     if bundle is None:
         nothing = np.zeros(grid.shape)
         return DistortionField(grid, nothing, nothing, np.full(grid.shape, UNKNOWN_PX), np.zeros(grid.shape, dtype=np.bool_))
-    ex, ey = (np.ascontiguousarray(one.reshape(grid.shape)) for one in bundle.surface.at(here).T)
+    ex, ey = (np.ascontiguousarray(value.reshape(grid.shape)) for value in bundle.surface.at(here).T)
     rows = bundle.surface.rows(here)
     variance = np.asarray((rows @ bundle.covariance * rows.toarray()).sum(axis=1)).reshape(grid.shape)
     shared = _shared_points(solution)
-    drift = np.mean([_drift_sigma_px(solution, one.times[0]) for one in solution.state.pairs if one.calibrates])
+    drift = np.mean([_drift_sigma_px(solution, pair.times[0]) for pair in solution.state.pairs if pair.calibrates])
     each = np.hypot(bundle.residual_px * shared, drift * shared)
     sigma = np.sqrt(np.clip(variance, 0.0, None)) * each
     shifts = np.array(list(bundle.shifts_px.values()))
@@ -217,7 +217,7 @@ def _quality(solution: SuttonSolution, distortion: DistortionField) -> Calibrati
     shifts = (
         np.zeros((1, 2)) if bundle is None else np.concatenate((np.array(list(bundle.shifts_px.values())).reshape(-1, 2), np.zeros((1, 2))))
     )
-    x_px, y_px = (float(one) for one in np.ptp(shifts, axis=0))
+    x_px, y_px = (float(value) for value in np.ptp(shifts, axis=0))
     refused = (
         f"distortion not determined yet: needs translations in both directions; the pairs so far moved {x_px:.3g} px along x and "
         f"{y_px:.3g} px along y, and at least {MIN_SPAN_PX:g} px along both are needed"
@@ -233,30 +233,30 @@ def _shared_points(solution: SuttonSolution) -> float:
     return float(patch_px / grid.step_px)
 
 
-def _motion(solution: SuttonSolution, one: PairMaps) -> PairMotion:
-    """The bundle's motion in calibration; elsewhere the best affine map of what is left after correction."""
-    if one.pair == 0:
+def _motion(solution: SuttonSolution, pair_maps: PairMaps) -> PairMotion:
+    """Motion from the bundle in calibration; otherwise the best affine map of the residual after correction."""
+    if pair_maps.pair == 0:
         return PairMotion(0, np.zeros(2), np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2)))
     bundle = solution.bundle
-    if one.calibrates and bundle is not None and one.pair in bundle.shifts_px:
-        sigma = bundle.shift_sigma[one.pair] * bundle.residual_px * _shared_points(solution)
-        sigma = np.hypot(sigma, _drift_sigma_px(solution, one.times[0]))
-        return PairMotion(one.pair, bundle.shifts_px[one.pair].copy(), np.full(2, sigma), np.zeros((2, 2)), np.zeros((2, 2)))
-    found = [_affine(solution, dmap) for dmap in one.maps if dmap.reference == 0 and dmap.valid.sum() >= 3]
+    if pair_maps.calibrates and bundle is not None and pair_maps.pair in bundle.shifts_px:
+        sigma = bundle.shift_sigma[pair_maps.pair] * bundle.residual_px * _shared_points(solution)
+        sigma = np.hypot(sigma, _drift_sigma_px(solution, pair_maps.times[0]))
+        return PairMotion(pair_maps.pair, bundle.shifts_px[pair_maps.pair].copy(), np.full(2, sigma), np.zeros((2, 2)), np.zeros((2, 2)))
+    found = [_affine(solution, dmap) for dmap in pair_maps.maps if dmap.reference == 0 and dmap.valid.sum() >= 3]
     if not found:
-        return PairMotion(one.pair, np.zeros(2), np.full(2, UNKNOWN_PX), np.zeros((2, 2)), np.full((2, 2), 1.0))
+        return PairMotion(pair_maps.pair, np.zeros(2), np.full(2, UNKNOWN_PX), np.zeros((2, 2)), np.full((2, 2), 1.0))
     shift, gradient = np.mean([a for a, _ in found], axis=0), np.mean([b for _, b in found], axis=0)
-    frame = next(dmap.current for dmap in one.maps if dmap.reference == 0)
+    frame = next(dmap.current for dmap in pair_maps.maps if dmap.reference == 0)
     systematic, noise = correction_strain_sigma(solution, _from_reference(solution, frame)), _mean_noise(solution, frame)
     along = np.hypot([systematic.exx, systematic.eyy], noise)
-    sigma = np.hypot(solution.noise_floor_px, _drift_sigma_px(solution, one.times[0]))
-    return PairMotion(one.pair, shift, np.full(2, sigma), gradient, np.stack((along, along)))
+    sigma = np.hypot(solution.noise_floor_px, _drift_sigma_px(solution, pair_maps.times[0]))
+    return PairMotion(pair_maps.pair, shift, np.full(2, sigma), gradient, np.stack((along, along)))
 
 
 def _affine(solution: SuttonSolution, dmap: DisparityMap) -> tuple[Array, Array]:
     """(2,) shift of the image's centre and (2, 2) gradient that fit a corrected map best."""
     found, state = correction(solution, dmap), solution.state
-    x, y = (one[dmap.valid] for one in dmap.grid.mesh())
+    x, y = (coordinates[dmap.valid] for coordinates in dmap.grid.mesh())
     centred = np.column_stack((np.ones(x.size), x - 0.5 * (state.width_px - 1), y - 0.5 * (state.height_px - 1)))
     moved = np.stack(((dmap.u_px - found.u_px)[dmap.valid], (dmap.v_px - found.v_px)[dmap.valid]), axis=1)
     fit = np.asarray(np.linalg.lstsq(centred, moved, rcond=None)[0], dtype=np.float64)

@@ -1,4 +1,4 @@
-"""What the published procedure works on: the disparity maps of every pair, as they came."""
+"""Data of the published procedure: the disparity maps of every pair in order of arrival."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from semlive.errors import IllPosed
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairMaps:
-    """One pair.
+    """Maps of one pair.
 
     Attributes:
-        pair: its number.
-        phase: what it is for.
-        times: when its frames were scanned.
-        maps: within the pair, and from frame 0 to its frames; any of them may be missing.
+        pair: number of the pair.
+        phase: phase of the pair.
+        times: scan times of its frames.
+        maps: maps within the pair and from frame 0 to its frames; any of them may be missing.
     """
 
     pair: int
@@ -42,11 +42,11 @@ class PairMaps:
 
     @property
     def calibrates(self) -> bool:
-        """Whether the specimen moved rigidly, so that the pair tells of distortion."""
+        """Whether the specimen moved rigidly, so that the pair determines distortion."""
         return self.phase is Phase.CALIBRATION
 
     def _find(self, reference: int, current: int) -> DisparityMap | None:
-        return next((one for one in self.maps if (one.reference, one.current) == (reference, current)), None)
+        return next((dmap for dmap in self.maps if (dmap.reference, dmap.current) == (reference, current)), None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +68,7 @@ class SuttonState:
     pairs: tuple[PairMaps, ...]
 
     def frame_time(self, frame: int) -> FrameTime:
-        """When a frame was scanned; IllPosed if it never came."""
+        """Scan time of a frame. Raises IllPosed for a frame that was not added."""
         for when in self.frames:
             if when.frame == frame:
                 return when
@@ -77,14 +77,14 @@ class SuttonState:
     @property
     def frames(self) -> Iterator[FrameTime]:
         """Times of all frames in order of arrival."""
-        return (when for one in self.pairs for when in one.times)
+        return (when for pair in self.pairs for when in pair.times)
 
 
 def init(settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) -> SuttonState:
-    """An estimator that has seen nothing.
+    """Return the state of an estimator without data.
 
     Raises:
-        IllPosed: the grid is too small for a gradient.
+        IllPosed: the grid is too small for a displacement gradient.
     """
     if grid.nx < 3 or grid.ny < 3:
         raise IllPosed(f"a grid of {grid.nx} x {grid.ny} points cannot carry a strain: give at least 3 x 3 points")
@@ -94,7 +94,7 @@ def init(settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) 
 def update(
     state: SuttonState, pair: int, phase: Phase, times: tuple[FrameTime, FrameTime], maps: tuple[DisparityMap, ...]
 ) -> SuttonState:  # fmt: skip
-    """Add one pair; nothing is computed before `solve`, because the procedure is a batch.
+    """Add one pair. The procedure is a batch, so all computation is in `solve`.
 
     Raises:
         IllPosed: pair 0 is missing, pairs come out of order, or no point was correlated.
@@ -111,7 +111,7 @@ def update(
     return replace(state, pairs=(*state.pairs, PairMaps(pair, phase, times, maps)))
 
 
-def offload(state: SuttonState, pair: int, keep: Storage) -> SuttonState:
-    """The state itself: it holds the maps, which whoever gave them keeps."""
-    del pair, keep
+def offload(state: SuttonState, pair: int, storage: Storage) -> SuttonState:
+    """Return the state unchanged; it holds only the maps, which the caller stores."""
+    del pair, storage
     return state

@@ -52,11 +52,11 @@ _FILES = (
     charging_local_lens,
     dic_subpixel_bias,
 )
-EFFECT_CLASSES: tuple[EffectClass, ...] = tuple(one.FAMILY for one in _FILES)
+EFFECT_CLASSES: tuple[EffectClass, ...] = tuple(effect.FAMILY for effect in _FILES)
 """Every effect that is looked for, in the order of the groups: scan, field, specimen, drift, charge and correlation."""
 
 TWO_RUN_EFFECT_CLASSES: tuple[EffectClass, ...] = tuple(
-    one.FAMILY for one in (flyback_settling, frame_start_settling, line_sync_hum, wrong_row_time)
+    value.FAMILY for value in (flyback_settling, frame_start_settling, line_sync_hum, wrong_row_time)
 )
 """What two runs with different scans tell from the distortion; one run shows none of them but the last, and that hardly."""
 

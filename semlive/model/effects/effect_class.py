@@ -47,10 +47,12 @@ class BasisField:
         An error of a row time is told by what it moves at most, which is twice as much where rows take twice as long. As it is where what
         is reported does not tell all amplitudes.
         """
-        own, wanted = (np.array([one.row for one in law.reported_parameters]) for law in (self, other))
-        if own.shape != wanted.shape or own.shape != (self.field_px.shape[-1],) * 2:
+        own, target = (
+            np.array([reported_parameter.row for reported_parameter in basis_field.reported_parameters]) for basis_field in (self, other)
+        )
+        if own.shape != target.shape or own.shape != (self.field_px.shape[-1],) * 2:
             return self
-        return replace(self, field_px=self.field_px @ np.linalg.solve(own, wanted), reported_parameters=other.reported_parameters)
+        return replace(self, field_px=self.field_px @ np.linalg.solve(own, target), reported_parameters=other.reported_parameters)
 
 
 Values = Mapping[str, float]

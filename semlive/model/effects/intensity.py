@@ -41,4 +41,4 @@ INTENSITY_EFFECTS = (CONTAMINATION, DEFOCUS, GAMMA_CHANGE, CHARGING_JUMP)
 
 def intensity_effect(name: str) -> IntensityEffectClass | None:
     """The effect of grey levels of a name; None if it is none."""
-    return next((one for one in INTENSITY_EFFECTS if one.name == name), None)
+    return next((effect for effect in INTENSITY_EFFECTS if effect.name == name), None)

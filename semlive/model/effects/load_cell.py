@@ -47,9 +47,9 @@ OUT_OF_PLANE = LoadEffectClass(
     ("bending_misalignment",),
 )
 LOADS = (ZERO, DRIFT, FRICTION)
-LOAD_CELL_EFFECTS = frozenset(one.name for one in LOADS)
+LOAD_CELL_EFFECTS = frozenset(effect.name for effect in LOADS)
 
 
 def load_effect(name: str) -> LoadEffectClass | None:
     """The effect of readings or clocks of a name; None if it is none."""
-    return next((one for one in (*LOADS, CLOCK, OUT_OF_PLANE) if one.name == name), None)
+    return next((family for family in (*LOADS, CLOCK, OUT_OF_PLANE) if family.name == name), None)

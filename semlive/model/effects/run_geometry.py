@@ -113,8 +113,8 @@ def exponential_decay(scene: RunGeometry, steps: Array, time_constant_s: float) 
     """(f, b, c) what is left of the steps (f, c) before all pairs so far, exp(-(T - T_k) / tau) of each."""
     first = np.flatnonzero(np.diff(scene.pair, prepend=scene.pair[0] - 1))
     since_s = scene.time_s - (scene.start_s - scene.since_step_s)[first, None, None]
-    left = np.where(since_s >= 0.0, np.exp(-np.maximum(since_s, 0.0) / time_constant_s), 0.0)
-    return np.einsum("kfb,kc->fbc", left, steps[first])
+    decay = np.where(since_s >= 0.0, np.exp(-np.maximum(since_s, 0.0) / time_constant_s), 0.0)
+    return np.einsum("kfb,kc->fbc", decay, steps[first])
 
 
 def slow_gaussian_process(time_s: Array, share: float = 0.5) -> Array:
@@ -130,9 +130,9 @@ def slow_gaussian_process(time_s: Array, share: float = 0.5) -> Array:
     from_start[:, 0] -= 1.0
     covariance = from_start @ np.exp(-0.5 * (np.subtract.outer(knots, knots) / (share * end_s)) ** 2) @ from_start.T
     value, vector = np.linalg.eigh(covariance)
-    kept = value > _LEAST * value[-1]
-    columns = (vector * np.sqrt(np.clip(value, 0.0, None)))[:, kept][:, ::-1]
-    return np.stack([np.interp(time_s, knots, one) for one in columns.T], axis=-1)
+    distinct = value > _LEAST * value[-1]
+    columns = (vector * np.sqrt(np.clip(value, 0.0, None)))[:, distinct][:, ::-1]
+    return np.stack([np.interp(time_s, knots, value) for value in columns.T], axis=-1)
 
 
 _KNOTS = 60

@@ -26,4 +26,6 @@ MOVES = (BACKLASH, QUADRATIC)
 
 def non_map_effect(name: str) -> RowEffectClass | StageEffectClass | LoadEffectClass | IntensityEffectClass | None:
     """An effect that another channel than the disparity maps shows; None if it is none."""
-    return row_effect(name) or load_effect(name) or intensity_effect(name) or next((one for one in MOVES if one.name == name), None)
+    return (
+        row_effect(name) or load_effect(name) or intensity_effect(name) or next((effect for effect in MOVES if effect.name == name), None)
+    )

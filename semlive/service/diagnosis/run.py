@@ -55,7 +55,7 @@ def diagnose_log(
     """
     words = LogNotes()
     seen, steps = _observed(log, words, watch)
-    found = diagnose(seen, seed, known=observable_effects(seen, [one for one in known if non_map_effect(one.name) is None]))
+    found = diagnose(seen, seed, model_effects=observable_effects(seen, [one for one in known if non_map_effect(one.name) is None]))
     found = add_stage_evidence(replace(found, model_effects=tuple(known)), stage_moves(seen, steps))
     if found.experiment is not None:
         found = replace(found, experiment=ranked(found.experiment, forecast_experiments(seen, found, known)))

@@ -205,7 +205,7 @@ def test_the_contract(rig: SomeRig, check: Check) -> None:
     check(rig)
 
 
-@pytest.mark.parametrize("name", ["is_a_load_frame", "readings_are_fresh", "opening_moves_nothing", "a_stop_stops"])
+@pytest.mark.parametrize("name", ["check_port", "check_fresh_readings", "check_open_is_passive", "check_stop"])
 def test_no_load_frame_keeps_the_contract_as_far_as_it_has_one(name: str) -> None:
     CHECKS[name](SomeRig(lambda: null.open_load_frame({}, CLOCK)))
 
@@ -223,6 +223,6 @@ class Runaway:
 
 def test_a_driver_that_does_not_stop_breaks_the_contract() -> None:
     with pytest.raises(AssertionError, match="the machine moves after a stop"):
-        CHECKS["a_stop_stops"](SomeRig(Runaway, lambda: True, reachable_n=10.0))
+        CHECKS["check_stop"](SomeRig(Runaway, lambda: True, reachable_n=10.0))
     with pytest.raises(AssertionError, match="a ramp under way must say moving"):
-        CHECKS["a_load_is_reached_and_held"](SomeRig(Runaway, lambda: True, reachable_n=10.0))
+        CHECKS["check_ramp"](SomeRig(Runaway, lambda: True, reachable_n=10.0))

@@ -177,8 +177,8 @@ def test_another_curve_has_its_instant_between_frames_or_in_one(at_s: float) -> 
 def test_what_the_model_has_is_not_found_again() -> None:
     rows = series(3, lambda grey, time_s: grey * (1.0 - 5e-5 * time_s))
     (effect,) = diagnose_intensity(rows).effects
-    assert names(diagnose_intensity(rows, known=[effect.model_effect])) == []
-    assert diagnose_intensity(rows, known=[effect.model_effect]).outcome is Outcome.NONE
+    assert names(diagnose_intensity(rows, model_effects=[effect.model_effect])) == []
+    assert diagnose_intensity(rows, model_effects=[effect.model_effect]).outcome is Outcome.NONE
 
 
 def test_a_flash_is_told_with_its_time_and_height() -> None:

@@ -74,8 +74,8 @@ def test_a_slow_wave_is_not_called_jitter() -> None:
 def test_what_the_model_has_is_not_found_again() -> None:
     rows = series(5, hz=50.0, size_px=0.04)
     (effect,) = diagnose_rows(rows).effects
-    assert diagnose_rows(rows, known=[effect.model_effect]).outcome is Outcome.NONE
-    assert diagnose_rows(series(6, jitter_px=0.1), known=[ModelEffect("row_jitter", (), 0.1)]).outcome is Outcome.NONE
+    assert diagnose_rows(rows, model_effects=[effect.model_effect]).outcome is Outcome.NONE
+    assert diagnose_rows(series(6, jitter_px=0.1), model_effects=[ModelEffect("row_jitter", (), 0.1)]).outcome is Outcome.NONE
 
 
 def test_between_rows_a_fast_wave_is_averaged_away() -> None:

@@ -1,7 +1,7 @@
-"""Linear algebra of the information matrix: what acts along x and along y alone meets only in a few shared parameters.
+"""Linear algebra of the information matrix: parameters acting along x and along y are coupled only by a few shared parameters.
 
-Distortion, drift and shifts have parameters of their own for each component; rotations, the raster and the axes of the scan are
-shared. Ordered so, the matrix is an arrow of two large blocks and a narrow border, and factors in a quarter of the time of a full one.
+Distortion, drift and shifts have separate parameters for each component; rotations, raster terms and scan axes are shared. In this
+order the matrix is an arrowhead of two large blocks and a narrow border. Its factorisation takes a quarter of the time of a full matrix.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ComponentBlocks:
-    """Which joint parameters act on one component alone.
+    """Joint parameter indices by the component they act on.
 
     Attributes:
-        x: on x.
-        y: on y.
-        shared: on both.
+        x: indices acting on x only.
+        y: indices acting on y only.
+        shared: indices acting on both.
     """
 
     x: Indices
@@ -39,31 +39,31 @@ class ComponentBlocks:
 
     @property
     def own(self) -> tuple[Indices, Indices]:
-        """Those of x and those of y."""
+        """Indices acting on x only, and on y only."""
         return self.x, self.y
 
 
 def sides(state: EstimatorState) -> ComponentBlocks:
-    """Of all parameters of a state."""
+    """Component blocks of all parameters of a state."""
     kind = np.full(state.layout.size, 2, dtype=np.int8)
     for name in ("distortion", "drift") if state.drift is not None else ("distortion",):
         part = state.layout.part(name)
         kind[part.start : part.stop : 2], kind[part.start + 1 : part.stop : 2] = 0, 1
     kind[state.layout.part("line_shift")] = 0
-    motion = [value for one in state.motions.kinds for value in ((0, 1, 2) if one is MotionKind.RIGID else (0, 0, 0, 1, 1, 1))]
+    motion = [value for kind in state.motions.kinds for value in ((0, 1, 2) if kind is MotionKind.RIGID else (0, 0, 0, 1, 1, 1))]
     kind[state.layout.part("motion")] = motion
     return ComponentBlocks(*(np.flatnonzero(kind == value) for value in (0, 1, 2)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArrowheadFactor:
-    """Cholesky factor of an arrow: of each block, of the border with the blocks eliminated, and what joins them.
+    """Cholesky factor of an arrowhead matrix.
 
     Attributes:
-        sides: where the blocks lie.
+        sides: indices of the blocks.
         block: lower factors of the blocks of x and y.
-        coupling: factor of each block, inverted, times its border.
-        border: lower factor of what is left of the border.
+        coupling: inverse factor of each block times its coupling to the border.
+        border: lower factor of the Schur complement of the border.
     """
 
     sides: ComponentBlocks
@@ -73,28 +73,28 @@ class ArrowheadFactor:
 
     @property
     def half_log_det(self) -> float:
-        """Half the logarithm of the matrix' determinant."""
-        return sum(float(np.sum(np.log(np.diag(one)))) for one in (*self.block, self.border))
+        """Half the log determinant of the matrix."""
+        return sum(float(np.sum(np.log(np.diag(value)))) for value in (*self.block, self.border))
 
     def half(self, right: Matrix) -> Matrix:
-        """(n,) or (n, k) half of a solution, in the order x, y, shared: products of two such are those of a solution with a right side."""
-        ahead, rest = self._ahead(right)
-        return np.concatenate((*ahead, solve_triangular(self.border, rest, lower=True, check_finite=False)))
+        """(n,) or (n, k) forward substitution in the order x, y, shared. The product of two results is a quadratic form of the inverse."""
+        ahead, remainder = self._ahead(right)
+        return np.concatenate((*ahead, solve_triangular(self.border, remainder, lower=True, check_finite=False)))
 
     def solve(self, right: Matrix) -> Matrix:
         """(n,) or (n, k) solution."""
-        ahead, rest = self._ahead(right)
-        shared = cho_solve((self.border, True), rest, check_finite=False)
+        ahead, remainder = self._ahead(right)
+        shared = cho_solve((self.border, True), remainder, check_finite=False)
         total = np.empty_like(right)
         total[self.sides.shared] = shared
-        for low, join, one, at in zip(self.block, self.coupling, ahead, self.sides.own, strict=True):
-            total[at] = solve_triangular(low, one - join @ shared, lower=True, trans=1, check_finite=False)
+        for low, join, value, at in zip(self.block, self.coupling, ahead, self.sides.own, strict=True):
+            total[at] = solve_triangular(low, value - join @ shared, lower=True, trans=1, check_finite=False)
         return total
 
     def _ahead(self, right: Matrix) -> tuple[list[Matrix], Matrix]:
-        """Both blocks half solved, and what is left of the border's right side."""
+        """Forward substitution of both blocks, and the remaining right side of the border."""
         ahead = [_half(low, right[at]) for low, at in zip(self.block, self.sides.own, strict=True)]
-        return ahead, right[self.sides.shared] - sum(join.T @ one for join, one in zip(self.coupling, ahead, strict=True))
+        return ahead, right[self.sides.shared] - sum(join.T @ value for join, value in zip(self.coupling, ahead, strict=True))
 
     def inverse(self) -> Matrix:
         """(n, n) inverse, symmetric."""
@@ -104,7 +104,7 @@ class ArrowheadFactor:
             for low, join in zip(self.block, self.coupling, strict=True)
         ]
         (x, y), shared = self.sides.own, self.sides.shared
-        through = [one @ border for one in reach]
+        through = [value @ border for value in reach]
         ordered = np.block(
             [
                 [inverse(self.block[0]) + through[0] @ reach[0].T, through[0] @ reach[1].T, -through[0]],
@@ -117,24 +117,24 @@ class ArrowheadFactor:
 
 
 def _half(low: Matrix, right: Matrix) -> Matrix:
-    """A triangular solution; right sides that ask nothing of a block, as those of the other component do, cost nothing."""
+    """Triangular solution that skips right sides equal to zero, such as those of the other component."""
     if right.ndim == 1 or not right.size:
         return np.asarray(solve_triangular(low, right, lower=True, check_finite=False))
-    found, told = np.zeros_like(right), right.any(axis=0)
-    found[:, told] = solve_triangular(low, right[:, told], lower=True, check_finite=False)
+    found, nonzero = np.zeros_like(right), right.any(axis=0)
+    found[:, nonzero] = solve_triangular(low, right[:, nonzero], lower=True, check_finite=False)
     return found
 
 
 def factorise(precision: Matrix, where: ComponentBlocks, rounding: float = ROUNDING) -> ArrowheadFactor:
-    """The factor of a precision matrix.
+    """Factorise a precision matrix.
 
     Args:
-        precision: (n, n), none of whose rows joins x with y.
-        where: what acts on which.
-        rounding: share of the diagonal that is added to it.
+        precision: (n, n) matrix without coupling between x and y.
+        where: indices of the blocks.
+        rounding: fraction of the diagonal added to it.
 
     Raises:
-        IllPosed: the matrix is not finite or not positive.
+        IllPosed: the matrix is not finite or not positive definite.
     """
     block, joined = [], []
     border = regularise(precision[np.ix_(where.shared, where.shared)], rounding)
@@ -148,38 +148,40 @@ def factorise(precision: Matrix, where: ComponentBlocks, rounding: float = ROUND
 
 
 def marginalise(
-    precision: Matrix, pull: NDArray[np.float64], where: ComponentBlocks, gone: NDArray[np.bool_]
+    precision: Matrix, pull: NDArray[np.float64], where: ComponentBlocks, eliminated: NDArray[np.bool_]
 ) -> tuple[Matrix, NDArray[np.float64]]:
-    """Precision and pull of the parameters that stay, with those that are `gone` (n,) integrated out; first x and y, then the border."""
-    stay = ~gone
-    shared_gone = where.shared[gone[where.shared]]
-    kept = np.concatenate((np.flatnonzero(stay), shared_gone))
+    """Precision and gradient of the remaining parameters (x, y, then shared) after marginalising those marked in `eliminated` (n,)."""
+    stay = ~eliminated
+    shared_gone = where.shared[eliminated[where.shared]]
+    retained = np.concatenate((np.flatnonzero(stay), shared_gone))
     place = np.full(len(pull), -1)
-    place[kept] = np.arange(len(kept))
-    left, asked = precision[np.ix_(kept, kept)], pull[kept]
+    place[retained] = np.arange(len(retained))
+    reduced, gradient = precision[np.ix_(retained, retained)], pull[retained]
     for at in where.own:
-        out, touched = at[gone[at]], np.concatenate((at[stay[at]], where.shared))
+        out, touched = at[eliminated[at]], np.concatenate((at[stay[at]], where.shared))
         if not out.size:
             continue
         low = cholesky(regularise(precision[np.ix_(out, out)]))
         right = np.column_stack((precision[np.ix_(out, touched)], pull[out]))
         join = solve_triangular(low, right, lower=True, check_finite=False)
         inside = place[touched]
-        left[np.ix_(inside, inside)] -= join[:, :-1].T @ join[:, :-1]
-        asked[inside] -= join[:, :-1].T @ join[:, -1]
+        reduced[np.ix_(inside, inside)] -= join[:, :-1].T @ join[:, :-1]
+        gradient[inside] -= join[:, :-1].T @ join[:, -1]
     count = int(stay.sum())
     if shared_gone.size:
-        rest = left[count:, count:] + np.diag(ROUNDING * np.diag(precision)[shared_gone])
-        join = solve_triangular(cholesky(rest), np.column_stack((left[count:, :count], asked[count:])), lower=True, check_finite=False)
-        return left[:count, :count] - join[:, :-1].T @ join[:, :-1], asked[:count] - join[:, :-1].T @ join[:, -1]
-    return left[:count, :count], asked[:count]
+        shared = reduced[count:, count:] + np.diag(ROUNDING * np.diag(precision)[shared_gone])
+        join = solve_triangular(
+            cholesky(shared), np.column_stack((reduced[count:, :count], gradient[count:])), lower=True, check_finite=False
+        )
+        return reduced[:count, :count] - join[:, :-1].T @ join[:, :-1], gradient[:count] - join[:, :-1].T @ join[:, -1]
+    return reduced[:count, :count], gradient[:count]
 
 
 def cholesky(precision: Matrix) -> Matrix:
-    """Lower factor.
+    """Lower Cholesky factor.
 
     Raises:
-        IllPosed: the matrix is not finite or not positive.
+        IllPosed: the matrix is not finite or not positive definite.
     """
     try:
         if np.isfinite(precision).all():
@@ -204,7 +206,7 @@ def inverse(factor: Matrix) -> Matrix:
 
 
 def regularise(precision: Matrix, rounding: float = ROUNDING) -> Matrix:
-    """The matrix with as much added to its diagonal as rounding may have taken: what no datum says must not turn negative."""
+    """The matrix plus the possible rounding error on its diagonal, so that directions without data do not become negative."""
     total = precision.copy()
     np.einsum("ii->i", total)[...] *= 1.0 + rounding
     return total

@@ -1,8 +1,8 @@
-"""Elimination pair by pair in the order of time: what is past is integrated out, so a further pair costs what the first did.
+"""Elimination of pairs in order of time. Past parameters are marginalised, so each further pair has the same cost.
 
-Frame 0 is in every map, so its noise would join all pairs with each other; kept as unknowns, with the distortion and the first knots of
-drift and raster, in a border that all pairs share, it leaves pairs that meet only their neighbours in time. Each step eliminates what no
-later pair can touch. Carried on are a front of a few knots, and the border.
+Frame 0 is part of every map, so marginalising its noise would couple all pairs. The noise of frame 0, the distortion and the first knots of
+drift and raster therefore stay in the parameter vector as a border shared by all pairs. Pairs are then coupled only to the border and to
+their neighbours in time. Each step eliminates the parameters that no later pair touches. A front of a few knots and the border remain.
 """
 
 from __future__ import annotations
@@ -42,16 +42,16 @@ ROWS_PER_BATCH = 256  # rows by which the border is brought up to date at once, 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EliminationStep:
-    """What was eliminated at once.
+    """Parameters eliminated in one step.
 
     Attributes:
-        pair: whose parameters; None for knots between pairs.
-        eliminated: (g,) codes of what is eliminated.
-        kept: (k,) codes of the front that stays.
+        pair: number of the pair; None for knots between pairs.
+        eliminated: (g,) codes of the eliminated parameters.
+        kept: (k,) codes of the remaining front.
         factor: (g, g) lower Cholesky factor.
-        front_coupling: (g, k) inverted factor times what joins them to the front.
-        to_border: (g, b) and to the border.
-        pull: (g,) and times what is asked of them.
+        front_coupling: (g, k) inverse factor times the coupling to the front.
+        to_border: (g, b) inverse factor times the coupling to the border.
+        pull: (g,) inverse factor times the gradient.
     """
 
     pair: int | None
@@ -65,15 +65,15 @@ class EliminationStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Front:
-    """What earlier steps say of the parameters that later pairs may touch.
+    """Information of earlier steps on parameters that later pairs may touch.
 
     Attributes:
-        codes: (k,) sorted.
+        codes: (k,) sorted codes.
         precision: (k, k) precision.
-        shared_coupling: (k, b) shared with the border.
-        gradient: (k,) asked of them.
-        sizes: number of knots of each strand that have come in.
-        first_active_knot: first knot of each strand that is not yet eliminated.
+        shared_coupling: (k, b) coupling to the border.
+        gradient: (k,) gradient.
+        sizes: number of knots of each temporal spline added so far.
+        first_active_knot: first knot of each temporal spline not yet eliminated.
     """
 
     codes: Codes
@@ -86,18 +86,18 @@ class Front:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EliminationChain:
-    """All pairs so far, eliminated.
+    """Elimination of all pairs so far.
 
     Attributes:
         state: the data, linearised about its `linearisation_point`.
-        linearisation_point: (n,) parameters from which solutions are steps: the closer, the less rounding.
-        hyper: noise scale and beliefs.
-        border: what all pairs share.
-        pairs: in order of time.
-        steps: in order of time.
-        front: what is left besides the border.
-        precision: (b, b) of the border with all steps eliminated, without beliefs about the border alone; the lower triangle counts.
-        gradient: (b,) what is asked of the border.
+        linearisation_point: (n,) parameters about which steps are computed; a close point reduces rounding errors.
+        hyper: noise scale and prior sizes.
+        border: parameters shared by all pairs.
+        pairs: numbers of the pairs, in order of time.
+        steps: elimination steps, in order of time.
+        front: remaining parameters besides the border.
+        precision: (b, b) precision of the border after all steps, without priors of the border alone; only the lower triangle is valid.
+        gradient: (b,) gradient of the border.
     """
 
     state: EstimatorState
@@ -112,11 +112,11 @@ class EliminationChain:
 
 
 def eliminate_all(state: EstimatorState, hyper: Hyperparameters, near: Vector) -> EliminationChain:
-    """All pairs of a state, linearised at its `linearisation_point`, eliminated from the start; solutions are steps from `near` (n,)."""
+    """Eliminate all pairs of a state, linearised at its `linearisation_point`. Solutions are steps from `near` (n,)."""
     border = SharedParameters.of(state)
-    known = temporal_splines(state, hyper, border)
+    splines = temporal_splines(state, hyper, border)
     nothing = np.zeros(0)
-    first = tuple(one.first for one in known)
+    first = tuple(spline.first for spline in splines)
     front = Front(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, border.size)), nothing, first, first)
     total = shared_information(state, border, hyper.noise_scale**-2.0) if state.summed else np.zeros((border.size,) * 2)
     empty = EliminationChain(state, near, hyper, border, (), (), front, total, np.zeros(border.size))
@@ -124,47 +124,48 @@ def eliminate_all(state: EstimatorState, hyper: Hyperparameters, near: Vector) -
 
 
 def eliminate_further(chain: EliminationChain, state: EstimatorState, near: Vector, summed: bool = False) -> EliminationChain:
-    """The chain with the pairs of a state that it has not seen, linearised about the chain's point.
+    """Add to a chain the pairs of a state that it does not contain, linearised about the point of the chain.
 
-    A pair that comes after all others costs the same whatever their number; one that belongs before another costs a new elimination.
+    A pair after all others has constant cost. A pair that belongs before another requires a new elimination.
 
     Args:
-        chain: what was eliminated before, of the same run.
-        state: the data; its `linearisation_point` holds the chain's point and, for new parameters, where to linearise.
-        near: (n,) the chain's, with the new parameters.
-        summed: whether the border has got already what the new pairs say of it.
+        chain: earlier elimination of the same run.
+        state: the data; its `linearisation_point` holds the point of the chain and, for new parameters, their linearisation point.
+        near: (n,) the point of the chain, extended by the new parameters.
+        summed: whether the border already contains the information of the new pairs.
     """
     times = _times(state)
     order = sorted(times, key=lambda pair: times[pair][0].start_s)
-    known = temporal_splines(state, chain.hyper, chain.border)
-    seen = set(chain.pairs)
-    new = [pair for pair in order if pair not in seen]
+    splines = temporal_splines(state, chain.hyper, chain.border)
+    present = set(chain.pairs)
+    new = [pair for pair in order if pair not in present]
     if order[: len(chain.pairs)] != list(chain.pairs) or any(
-        _begin(one, times[pair]) < past
+        _begin(value, times[pair]) < past
         for pair in new
-        for one, past in zip(known, chain.front.first_active_knot, strict=True)
+        for value, past in zip(splines, chain.front.first_active_knot, strict=True)
         if chain.pairs
     ):
         return eliminate_all(state, chain.hyper, near)
     maps = _maps_of(state, new)
     weight, total, pull = chain.hyper.noise_scale**-2.0, chain.precision.copy(), chain.gradient.copy()
     front, steps, nothing = chain.front, [], _nothing(chain.border)
-    later = _begun_later(known, [times[pair] for pair in new])
-    for pair, begun in zip(new, later, strict=True):
-        for gap in _gap(known, front, times[pair]):
-            front, step = _eliminated(front, nothing, known, gap, (chain, state, near), total, pull, None)
+    later = _begun_later(splines, [times[pair] for pair in new])
+    for pair, limits in zip(new, later, strict=True):
+        for gap in _gap(splines, front, times[pair]):
+            front, step = _eliminated(front, nothing, splines, gap, (chain, state, near), total, pull, None)
             steps.append(step)
-        said = pair_information(state, maps[pair], chain.border, near, None if summed else weight)
-        said = replace(
-            said, **{name: weight * getattr(said, name) for name in ("precision", "shared_coupling", "gradient", "shared_gradient")}
+        information = pair_information(state, maps[pair], chain.border, near, None if summed else weight)
+        information = replace(
+            information,
+            **{name: weight * getattr(information, name) for name in ("precision", "shared_coupling", "gradient", "shared_gradient")},
         )
-        for one in said.shared:
-            one.add_to(total, chain.border.counts[DISTORTION])
-        pull += said.shared_gradient
-        sizes = tuple(max(one.size_at(_end_s(times[pair])), size) for one, size in zip(known, front.sizes, strict=True))
-        over = (one.interval(_over_s(times[pair])) for one in known)
-        past = tuple(max(min(one, then), before) for one, then, before in zip(over, begun, front.first_active_knot, strict=True))
-        front, step = _eliminated(front, said, known, (sizes, past), (chain, state, near), total, pull, pair)
+        for shared_rows in information.shared:
+            shared_rows.add_to(total, chain.border.counts[DISTORTION])
+        pull += information.shared_gradient
+        sizes = tuple(max(spline.size_at(_end_s(times[pair])), size) for spline, size in zip(splines, front.sizes, strict=True))
+        over = (spline.interval(_over_s(times[pair])) for spline in splines)
+        past = tuple(max(min(value, limit), before) for value, limit, before in zip(over, limits, front.first_active_knot, strict=True))
+        front, step = _eliminated(front, information, splines, (sizes, past), (chain, state, near), total, pull, pair)
         steps.append(step)
     _bring_up(total, steps)
     return EliminationChain(
@@ -175,7 +176,7 @@ def eliminate_further(chain: EliminationChain, state: EstimatorState, near: Vect
 def with_initial_motion(
     state: EstimatorState, near: Vector, pairs: Iterable[int], border: SharedParameters
 ) -> tuple[EstimatorState, Vector]:
-    """The state with a first look at the motions of pairs in its `linearisation_point`, and parameters near them with the same."""
+    """Return the state with initial motions of the pairs in its `linearisation_point`, and parameters `near` with the same motions."""
     about, near = state.linearisation_point.copy(), near.copy()
     for maps in _maps_of(state, pairs).values():
         index, motion = initial_motion(state, maps, border, near)
@@ -184,12 +185,12 @@ def with_initial_motion(
 
 
 def eliminate_last(chain: EliminationChain) -> tuple[EliminationStep, Matrix, Vector]:
-    """The last step, in which nothing of the front is kept, and the border's precision and pull after it."""
+    """The last step, which leaves no front, and the precision and gradient of the border after it."""
     total, pull, front = chain.precision.copy(), chain.gradient.copy(), chain.front
-    all_past = tuple(one + 1 for one in front.sizes)
-    known = temporal_splines(chain.state, chain.hyper, chain.border)
+    all_past = tuple(size + 1 for size in front.sizes)
+    splines = temporal_splines(chain.state, chain.hyper, chain.border)
     _, step = _eliminated(
-        front, _nothing(chain.border), known, (front.sizes, all_past), (chain, chain.state, chain.linearisation_point), total, pull, None
+        front, _nothing(chain.border), splines, (front.sizes, all_past), (chain, chain.state, chain.linearisation_point), total, pull, None
     )
     _bring_up(total, (step,))
     return step, total, pull
@@ -197,57 +198,57 @@ def eliminate_last(chain: EliminationChain) -> tuple[EliminationStep, Matrix, Ve
 
 def _eliminated(
     front: Front,
-    said: PairInformation,
-    known: Sequence[TemporalSpline],
+    information: PairInformation,
+    splines: Sequence[TemporalSpline],
     until: tuple[tuple[int, ...], tuple[int, ...]],
     of: tuple[EliminationChain, EstimatorState, Vector],
     total: Matrix,
     border_pull: Vector,
     pair: int | None,
 ) -> tuple[Front, EliminationStep]:
-    """One step: new knots come in with what is believed of them, a pair with what it says, and all before `until` goes out.
+    """One step: add new knots with their prior and a pair with its information, then eliminate everything before `until`.
 
-    What is believed of the border, and what the step asks of it, is added to `total` and `shared_gradient` in place; `_bring_up` takes off
-    what the step took with it.
+    The prior terms and the gradient of the border are added to `total` and `border_pull` in place. `_bring_up` subtracts the Schur
+    complement of the step.
     """
     (sizes, past), (chain, state, near) = until, of
-    fresh = [one.codes(before, size) for one, before, size in zip(known, front.sizes, sizes, strict=True)]
-    motion, steadiness, drawn = pair_prior(state, near, pair, chain.hyper)
-    codes = np.unique(np.concatenate((front.codes, said.codes, motion, *fresh)))
+    fresh = [spline.codes(before, size) for spline, before, size in zip(splines, front.sizes, sizes, strict=True)]
+    motion, steadiness, prior_gradient = pair_prior(state, near, pair, chain.hyper)
+    codes = np.unique(np.concatenate((front.codes, information.codes, motion, *fresh)))
     own, to_border, pull = np.zeros((len(codes),) * 2), np.zeros((len(codes), chain.border.size)), np.zeros(len(codes))
-    for one in (front, said):
-        at = np.searchsorted(codes, one.codes)
-        own[np.ix_(at, at)] += one.precision
-        to_border[at] += one.shared_coupling
-        pull[at] += one.gradient
-    for strand, before, size in zip(known, front.sizes, sizes, strict=True):
+    for source in (front, information):
+        at = np.searchsorted(codes, source.codes)
+        own[np.ix_(at, at)] += source.precision
+        to_border[at] += source.shared_coupling
+        pull[at] += source.gradient
+    for strand, before, size in zip(splines, front.sizes, sizes, strict=True):
         if size > before:
             about, believed = strand.belief(before, size)
-            asked = strand.asked(before, size, near[parameter_indices(state.layout, about)])
-            _believe((about, believed, asked), codes, chain.border, (own, to_border, pull), (total, border_pull))
+            gradient = strand.asked(before, size, near[parameter_indices(state.layout, about)])
+            _believe((about, believed, gradient), codes, chain.border, (own, to_border, pull), (total, border_pull))
     at = np.searchsorted(codes, motion)
     own[at, at] += steadiness
-    pull[at] -= drawn
+    pull[at] -= prior_gradient
     out = np.isin(codes >> SHIFT, (MOTION, LINES, STARTS))
-    for strand, stop in zip(known, past, strict=True):
+    for strand, stop in zip(splines, past, strict=True):
         out |= np.isin(codes, strand.codes(0, stop))
     factor = cholesky(regularise(own[np.ix_(out, out)]))
     solved = solve_triangular(
         factor, np.concatenate((own[np.ix_(out, ~out)], to_border[out], pull[out, None]), axis=1), lower=True, check_finite=False
     )
-    kept = int((~out).sum())
-    step = EliminationStep(pair, codes[out], codes[~out], factor, solved[:, :kept], solved[:, kept:-1], solved[:, -1])
+    remaining = int((~out).sum())
+    step = EliminationStep(pair, codes[out], codes[~out], factor, solved[:, :remaining], solved[:, remaining:-1], solved[:, -1])
     border_pull -= step.to_border.T @ step.pull
-    left = own[np.ix_(~out, ~out)] - step.front_coupling.T @ step.front_coupling
+    reduced = own[np.ix_(~out, ~out)] - step.front_coupling.T @ step.front_coupling
     joined = to_border[~out] - step.front_coupling.T @ step.to_border
-    front = Front(codes[~out], left, joined, pull[~out] - step.front_coupling.T @ step.pull, sizes, past)
+    front = Front(codes[~out], reduced, joined, pull[~out] - step.front_coupling.T @ step.pull, sizes, past)
     return front, step if state.storage is IN_MEMORY else _kept(step, state.storage)
 
 
-def _kept(step: EliminationStep, keep: Storage) -> EliminationStep:
-    """The step with what it holds kept elsewhere: most of what a pair leaves behind."""
-    own, kept, border = (keep.store_array(one) for one in (step.factor, step.front_coupling, step.to_border))
-    return replace(step, factor=own, front_coupling=kept, to_border=border, pull=step.pull.copy())
+def _kept(step: EliminationStep, storage: Storage) -> EliminationStep:
+    """The step with its arrays moved to a storage; they are most of the memory of a pair."""
+    own, front_coupling, border = (storage.store_array(value) for value in (step.factor, step.front_coupling, step.to_border))
+    return replace(step, factor=own, front_coupling=front_coupling, to_border=border, pull=step.pull.copy())
 
 
 def _believe(
@@ -257,18 +258,18 @@ def _believe(
     inside: tuple[Matrix, Matrix, Vector],
     outside: tuple[Matrix, Vector],
 ) -> None:
-    """Add a belief about zero, in place, to a step's own parameters and to the border."""
-    about, believed, asked = belief
+    """Add, in place, a zero-mean prior to the parameters of a step and to the border."""
+    about, believed, gradient = belief
     own, to_border, pull = inside
     place = border.place(about)
     here = place < 0
     at, there = np.searchsorted(codes, about[here]), place[~here]
     own[np.ix_(at, at)] += believed[np.ix_(here, here)]
-    pull[at] -= asked[here]
+    pull[at] -= gradient[here]
     if there.size:
         to_border[np.ix_(at, there)] += believed[np.ix_(here, ~here)]
         outside[0][np.ix_(there, there)] += believed[np.ix_(~here, ~here)]
-        outside[1][there] -= asked[~here]
+        outside[1][there] -= gradient[~here]
 
 
 def pair_prior(state: EstimatorState, near: Vector, pair: int | None, hyper: Hyperparameters) -> tuple[Codes, Vector, Vector]:
@@ -293,7 +294,7 @@ def pair_prior(state: EstimatorState, near: Vector, pair: int | None, hyper: Hyp
 
 
 def _bring_up(total: Matrix, steps: Sequence[EliminationStep]) -> None:
-    """Take off the lower triangle of the border's precision what steps took with them, in place."""
+    """Subtract, in place, the Schur complements of steps from the lower triangle of the border precision."""
     (syrk,) = get_blas_funcs(("syrk",), (total,))
     pending: list[Matrix] = []
     for number, step in enumerate(steps):
@@ -305,10 +306,10 @@ def _bring_up(total: Matrix, steps: Sequence[EliminationStep]) -> None:
 
 
 def _gap(
-    known: Sequence[TemporalSpline], front: Front, times: tuple[FrameTime, FrameTime]
+    splines: Sequence[TemporalSpline], front: Front, times: tuple[FrameTime, FrameTime]
 ) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
-    """Where to pause before a pair so that a long time without pairs is not eliminated at once."""
-    sizes = tuple(max(_begin(one, times), size) for one, size in zip(known, front.sizes, strict=True))
+    """First knots to stop at before a pair, so that a long time without pairs is not eliminated in one step."""
+    sizes = tuple(max(_begin(value, times), size) for value, size in zip(splines, front.sizes, strict=True))
     most = max(after - before for before, after in zip(front.sizes, sizes, strict=True))
     pauses = []
     for count in range(1, most // GAP_KNOTS + 1):
@@ -340,12 +341,12 @@ def _begin(strand: TemporalSpline, times: tuple[FrameTime, FrameTime]) -> int:
     return max(strand.interval(min(when.start_s - KNOT_MARGIN * when.timing.duration_s for when in times)), strand.first)
 
 
-def _begun_later(known: Sequence[TemporalSpline], times: Sequence[tuple[FrameTime, FrameTime]]) -> list[tuple[int, ...]]:
-    """For each of several pairs, in order of time, the first knot of each strand that any later one may touch."""
-    found, least = [], tuple(one.spline.size for one in known)
-    for one in reversed(times):
+def _begun_later(splines: Sequence[TemporalSpline], times: Sequence[tuple[FrameTime, FrameTime]]) -> list[tuple[int, ...]]:
+    """For each of several pairs in order of time, the first knot of each temporal spline that a later pair may touch."""
+    found, least = [], tuple(spline.spline.size for spline in splines)
+    for time in reversed(times):
         found.append(least)
-        least = tuple(min(_begin(strand, one), before) for strand, before in zip(known, least, strict=True))
+        least = tuple(min(_begin(strand, time), before) for strand, before in zip(splines, least, strict=True))
     return found[::-1]
 
 

@@ -1,4 +1,4 @@
-"""What one pair says, apart from what all others say: information on its own parameters, on the border, and on both together."""
+"""Information of one pair on its own parameters, on the shared parameters, and their coupling."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from semlive.estimate.joint.observations.state import EstimatorState, MapObserva
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairInformation:
-    """Information of one pair's maps about a point `near`, at unit noise scale.
+    """Information of the maps of one pair about a point `near`, at unit noise scale.
 
     Attributes:
-        codes: (m,) its own parameters, sorted.
-        precision: (m, m) precision of these.
-        shared_coupling: (m, b) precision that they share with the border.
-        gradient: (m,) what the residuals ask of them.
-        shared_gradient: (b,) and of the border.
-        shared: what the border gets, weighted; empty where that was not asked for.
+        codes: (m,) sorted codes of its own parameters.
+        precision: (m, m) precision of its own parameters.
+        shared_coupling: (m, b) coupling to the border.
+        gradient: (m,) gradient of its own parameters.
+        shared_gradient: (b,) gradient of the border.
+        shared: weighted contribution to the border; empty if not requested.
     """
 
     codes: Codes
@@ -47,12 +47,12 @@ class PairInformation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharedContribution:
-    """What one component of a pair's maps gives the border.
+    """Contribution of one component of the maps of a pair to the border.
 
     Attributes:
-        place: (k,) sorted places.
+        place: (k,) positions in the border.
         value: (k, k) information on them.
-        noise: for each map from frame 0 where the noise of its blocks lies, information on it, and what it shares with the places.
+        noise: for each map from frame 0, positions of the noise of its blocks, information on it, and its coupling to `place`.
     """
 
     place: NDArray[np.int64]
@@ -71,7 +71,7 @@ class SharedContribution:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rows:
-    """One component of one map: its columns on the pair's own parameters and on the border without noise, with their places."""
+    """One component of one map: its columns on the parameters of the pair and on the border without noise, with their positions."""
 
     axis: int
     border: tuple[NDArray[np.int64], Matrix]
@@ -84,21 +84,24 @@ class _Rows:
 def pair_information(
     state: EstimatorState, maps: Sequence[MapObservations], border: SharedParameters, near: Vector, weight: float | None = None
 ) -> PairInformation:
-    """The information of one pair's maps, and what the border gets of it times `weight`, if given."""
-    rows = [one for dmap in maps if dmap.weight.any() for one in _components(state, dmap, border, near)]
-    codes = np.unique(np.concatenate([one.own[0] for one in rows])) if rows else np.zeros(0, dtype=np.int64)
+    """Information of the maps of one pair, and its contribution to the border times `weight`, if given."""
+    rows = [component for dmap in maps if dmap.weight.any() for component in _components(state, dmap, border, near)]
+    codes = np.unique(np.concatenate([map_rows.own[0] for map_rows in rows])) if rows else np.zeros(0, dtype=np.int64)
     own, pull = np.zeros((len(codes),) * 2), np.zeros(len(codes))
     to_border, border_pull = np.zeros((len(codes), border.size)), np.zeros(border.size)
     shared: list[SharedContribution] = []
     for axis in (0, 1):
-        of_axis = [one for one in rows if one.axis == axis]
+        of_axis = [map_rows for map_rows in rows if map_rows.axis == axis]
         if not of_axis:
             continue
-        place = np.unique(np.concatenate([one.border[0] for one in of_axis]))
-        held, mine = _together([one.border for one in of_axis], place), _together([one.own for one in of_axis], codes)
+        place = np.unique(np.concatenate([shared_rows.border[0] for shared_rows in of_axis]))
+        held, mine = (
+            _together([shared_rows.border for shared_rows in of_axis], place),
+            _together([shared_rows.own for shared_rows in of_axis], codes),
+        )
         # By the weights' roots: of a matrix and its own transpose half the products are made.
-        root = np.sqrt(np.concatenate([one.weight for one in of_axis]))
-        misfit = root * np.concatenate([one.misfit for one in of_axis])
+        root = np.sqrt(np.concatenate([shared_rows.weight for shared_rows in of_axis]))
+        misfit = root * np.concatenate([shared_rows.misfit for shared_rows in of_axis])
         mine *= root[:, None]
         held *= root[:, None]
         own += mine.T @ mine
@@ -106,14 +109,14 @@ def pair_information(
         to_border[:, place] += mine.T @ held
         border_pull[place] += held.T @ misfit
         noise: list[tuple[slice, Vector, Matrix]] = []
-        for number, one in enumerate(of_axis):
-            if one.noise_at is None:
+        for number, shared_rows in enumerate(of_axis):
+            if shared_rows.noise_at is None:
                 continue
             here = slice(number * state.blocks.size, (number + 1) * state.blocks.size)
-            to_border[:, one.noise_at] -= (mine[here] * root[here, None]).T
-            border_pull[one.noise_at] -= one.weight * one.misfit
+            to_border[:, shared_rows.noise_at] -= (mine[here] * root[here, None]).T
+            border_pull[shared_rows.noise_at] -= shared_rows.weight * shared_rows.misfit
             if weight is not None:
-                noise.append((one.noise_at, weight * one.weight, weight * held[here] * root[here, None]))
+                noise.append((shared_rows.noise_at, weight * shared_rows.weight, weight * held[here] * root[here, None]))
         if weight is not None:
             shared.append(SharedContribution(place, weight * (held.T @ held), tuple(noise)))
     return PairInformation(codes, own, to_border, pull, border_pull, tuple(shared))
@@ -131,26 +134,29 @@ def shared_information(state: EstimatorState, border: SharedParameters, weight: 
     return total * weight
 
 
-def _together(parts: Sequence[tuple[NDArray[np.int64], Matrix]], whole: NDArray[np.int64]) -> Matrix:
-    """Columns of several maps, each with the places of its own, below each other over the places `whole`."""
-    total = np.zeros((sum(len(value) for _, value in parts), len(whole)))
+def _together(parts: Sequence[tuple[NDArray[np.int64], Matrix]], place: NDArray[np.int64]) -> Matrix:
+    """Columns of several maps, each with its own positions, stacked over the positions `place`."""
+    total = np.zeros((sum(len(value) for _, value in parts), len(place)))
     row = 0
     for at, value in parts:
-        total[row : row + len(value), contiguous_slice(np.searchsorted(whole, at))] = value
+        total[row : row + len(value), contiguous_slice(np.searchsorted(place, at))] = value
         row += len(value)
     return total
 
 
 def _scattered(total: Matrix, place: NDArray[np.int64], distortion: int, value: Matrix) -> None:
-    """Add `value` at `place` (sorted), in place; the distortion's every second parameter in one go, which is most of it."""
+    """Add `value` at sorted positions `place`, in place.
+
+    Distortion parameters of one component (every second) are added in one operation.
+    """
     count = int(np.searchsorted(place, distortion))
     if 2 * count == distortion:
         every = slice(int(place[0]), distortion, 2)
         total[every, every] += value[:count, :count]
-        rest = place[count:]
-        total[every, rest] += value[:count, count:]
-        total[rest, every] += value[count:, :count]
-        total[np.ix_(rest, rest)] += value[count:, count:]
+        others = place[count:]
+        total[every, others] += value[:count, count:]
+        total[others, every] += value[count:, :count]
+        total[np.ix_(others, others)] += value[count:, count:]
     else:
         total[np.ix_(place, place)] += value
 
@@ -158,19 +164,21 @@ def _scattered(total: Matrix, place: NDArray[np.int64], distortion: int, value: 
 def initial_motion(
     state: EstimatorState, maps: Sequence[MapObservations], border: SharedParameters, near: Vector
 ) -> tuple[NDArray[np.int64], Vector]:
-    """Joint indices of a pair's motion, and what it seems to be if all else is as `near` has it: enough to linearise about."""
-    rows = [one for dmap in maps if dmap.weight.any() and not dmap.within_pair for one in _components(state, dmap, border, near)]
-    codes = np.unique(np.concatenate([one.own[0] for one in rows])) if rows else np.zeros(0, dtype=np.int64)
+    """Joint indices and initial estimate of the motion of a pair, all other parameters fixed at `near`, for linearisation."""
+    rows = [
+        component for dmap in maps if dmap.weight.any() and not dmap.within_pair for component in _components(state, dmap, border, near)
+    ]
+    codes = np.unique(np.concatenate([map_rows.own[0] for map_rows in rows])) if rows else np.zeros(0, dtype=np.int64)
     codes = codes[codes >> SHIFT == MOTION]
-    precision, asked = np.eye(len(codes)) * 1e-6, np.zeros(len(codes))
-    for one in rows:
-        mine, value = one.own
-        moving = mine >> SHIFT == MOTION
-        at, design = np.searchsorted(codes, mine[moving]), value[:, moving]
-        precision[np.ix_(at, at)] += design.T @ (design * one.weight[:, None])
-        asked[at] += design.T @ (one.weight * one.misfit)
+    precision, gradient = np.eye(len(codes)) * 1e-6, np.zeros(len(codes))
+    for shared_rows in rows:
+        own_codes, value = shared_rows.own
+        moving = own_codes >> SHIFT == MOTION
+        at, design = np.searchsorted(codes, own_codes[moving]), value[:, moving]
+        precision[np.ix_(at, at)] += design.T @ (design * shared_rows.weight[:, None])
+        gradient[at] += design.T @ (shared_rows.weight * shared_rows.misfit)
     index = state.layout.part("motion").start + (codes & ((1 << SHIFT) - 1))
-    return index, near[index] + np.linalg.solve(precision, asked)
+    return index, near[index] + np.linalg.solve(precision, gradient)
 
 
 def _components(state: EstimatorState, rows: MapObservations, border: SharedParameters, near: Vector) -> list[_Rows]:

@@ -1,6 +1,6 @@
-"""Names of parameters that stay as the run grows, and which of them every pair may touch: the border of the chain of pairs.
+"""Parameter codes that stay constant while the run grows, and the border: parameters that any pair may touch.
 
-Drift, raster and motions grow at their ends, so a parameter's place in the joint vector moves when the run grows; its code does not.
+Drift, raster and motions grow at their ends, so the index of a parameter in the joint vector changes when the run grows. Its code does not.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ def parameter_indices(layout: Layout, codes: Codes) -> NDArray[np.int64]:
 
 
 def codes_in_layout(layout: Layout, codes: Codes) -> NDArray[np.bool_]:
-    """Which codes a layout has: those of shifts of rows are gone when the data no longer ask for any."""
+    """Which codes exist in a layout. Codes of row shifts disappear if the term is no longer selected."""
     return np.asarray((codes & INDEX) < np.array(layout.sizes)[codes >> SHIFT])
 
 
 @dataclass(frozen=True, slots=True)
 class SharedParameters:
-    """How many parameters of each kind, counted from the first, any pair may touch.
+    """Number of parameters of each kind, counted from the first, that any pair may touch.
 
-    All of the distortion and of the scan's axes, the first knots of drift and raster and the rows of frame 0 (every map from frame 0
-    touches them), and the noise of frame 0, block by block for x and then for y. All others belong to the time of one pair.
+    The border contains the distortion, the scan axes, the first knots of drift and raster, the rows of frame 0 (touched by every map from
+    frame 0), and the noise of frame 0, block by block for x and then for y. All other parameters belong to the time of one pair.
 
     Attributes:
-        counts: by kind, in the order of `KINDS`.
+        counts: number by kind, in the order of `KINDS`.
     """
 
     counts: tuple[int, ...]
@@ -61,9 +61,9 @@ class SharedParameters:
     def of(cls, state: EstimatorState) -> SharedParameters:
         """Of a state that has a pair."""
         assert state.drift is not None  # it has a pair
-        x, y = (one[[0, 0, -1, -1], [0, -1, 0, -1]] for one in state.grid.mesh())
+        x, y = (coordinates[[0, 0, -1, -1], [0, -1, 0, -1]] for coordinates in state.grid.mesh())
         last_s = float(sighting(state.frame_time(0), x, y).visit_time_s.max())
-        knots = [_touched(one, last_s) for one in (state.drift.spline, *(change.spline for change in state.raster))]
+        knots = [_touched(value, last_s) for value in (state.drift.spline, *(change.spline for change in state.raster))]
         of_time = 2 * knots[0], knots[1], knots[2], state.row_shifts.each, 0
         return cls((state.distortion.size, *of_time, state.axes.size, 0, 2 * state.blocks.size))
 
@@ -74,7 +74,7 @@ class SharedParameters:
 
     @property
     def known(self) -> int:
-        """How many of them are in the joint vector: all but the noise."""
+        """Number of them in the joint vector: all but the noise."""
         return self.size - self.counts[NOISE]
 
     def part(self, kind: int) -> slice:
@@ -83,7 +83,7 @@ class SharedParameters:
         return slice(start, start + self.counts[kind])
 
     def place(self, codes: Codes) -> NDArray[np.int64]:
-        """Place of each code in the border, -1 for those outside."""
+        """Position of each code in the border; -1 outside."""
         starts, counts = np.cumsum([0, *self.counts[:-1]]), np.array(self.counts)
         kind, index = codes >> SHIFT, codes & INDEX
         return np.where(index < counts[kind], starts[kind] + index, -1)
@@ -120,48 +120,48 @@ class TemporalSpline:
         return (self.kind << SHIFT) | (self.offset + self.stride * np.arange(first, stop, dtype=np.int64))
 
     def belief(self, first: int, stop: int) -> tuple[Codes, Matrix]:
-        """What is believed of knots first ... stop - 1 and those before them that was not said of those before: codes, precision."""
+        """Prior of knots first ... stop - 1 given the earlier ones: codes and precision."""
         begin, total = self.since(first), np.zeros((stop - self.since(first),) * 2)
-        for one in self.filters:
-            own = slice(max(first - one.reach, 0) - begin, None)
-            rows = one.rows(len(total[own]))
-            total[own, own] += one.precision * (rows.T @ rows)
+        for penalty in self.filters:
+            own = slice(max(first - penalty.reach, 0) - begin, None)
+            rows = penalty.rows(len(total[own]))
+            total[own, own] += penalty.precision * (rows.T @ rows)
         fresh = np.arange(first - begin, stop - begin)
         total[fresh, fresh] += self.knot_precision
         return self.codes(begin, stop), total
 
     def asked(self, first: int, stop: int, value: Vector) -> Vector:
-        """That precision times the knots' values, by their differences: products with the matrix would lose what is left of large ones."""
+        """Prior precision times knot values, computed from differences to avoid cancellation of large values."""
         begin, total = self.since(first), np.zeros(len(value))
-        for one in self.filters:
-            own = slice(max(first - one.reach, 0) - begin, None)
-            bent = one.of(value[own])
+        for penalty in self.filters:
+            own = slice(max(first - penalty.reach, 0) - begin, None)
+            bent = penalty.of(value[own])
             if bent.size:
-                total[own] += one.precision * one.reversed(bent)
+                total[own] += penalty.precision * penalty.reversed(bent)
         total[first - begin :] += self.knot_precision * value[first - begin :]
         return total
 
     def since(self, first: int) -> int:
-        """First knot that a belief about knot `first` joins with it."""
-        return max(first - max((one.reach for one in self.filters), default=0), 0)
+        """First knot coupled by the prior to knot `first`."""
+        return max(first - max((penalty.reach for penalty in self.filters), default=0), 0)
 
     def size_at(self, end_s: float) -> int:
-        """Number of knots that a run until then has."""
+        """Number of knots of a run that ends at `end_s`."""
         return min(max(_intervals(self.spline, end_s), 1) + self.spline.degree, self.spline.size)
 
     def interval(self, time_s: float) -> int:
-        """First knot that is felt at a time or later."""
+        """First knot with influence at a time or later."""
         return max(int(np.floor((time_s - self.spline.origin) / self.spline.spacing)), 0)
 
 
 def temporal_splines(state: EstimatorState, hyper: Hyperparameters, border: SharedParameters) -> tuple[TemporalSpline, ...]:
-    """The splines in time and what is believed of each."""
+    """Temporal splines with their priors."""
     assert state.drift is not None  # there are pairs
     found = [
         TemporalSpline(
-            DRIFT, 2, axis, state.drift.spline, border.counts[DRIFT] // 2, (DifferencePenalty(2, BASE_PX**-2.0), one.filter), 0.0
+            DRIFT, 2, axis, state.drift.spline, border.counts[DRIFT] // 2, (DifferencePenalty(2, BASE_PX**-2.0), smoothness.filter), 0.0
         )
-        for axis, one in enumerate(hyper.drift)
+        for axis, smoothness in enumerate(hyper.drift)
     ]
     for change, size_px in zip(state.raster, hyper.raster_px, strict=True):
         kind = KINDS.index(change.name)
@@ -171,13 +171,13 @@ def temporal_splines(state: EstimatorState, hyper: Hyperparameters, border: Shar
 
 
 def shared_prior(state: EstimatorState, hyper: Hyperparameters, border: SharedParameters) -> Matrix:
-    """(size, size) gauges and beliefs about the border alone; the noise of frame 0 counts in units of the data's noise scale."""
+    """(size, size) gauges and priors of the border alone. The noise of frame 0 is in units of the noise scale of the data."""
     total = np.zeros((border.size,) * 2)
     affine = state.distortion.affine_rows(state.grid) / GAUGE_PX
     bending = state.distortion.roughness() * BASE_PX**-2.0 + affine.T @ affine
     for axis, kind in enumerate(hyper.distortion):
-        one = slice(axis, border.counts[DISTORTION], 2)
-        total[one, one] += bending + kind.roughness(state.distortion)
+        component = slice(axis, border.counts[DISTORTION], 2)
+        total[component, component] += bending + kind.roughness(state.distortion)
     for strand in temporal_splines(state, hyper, border):
         codes, believed = strand.belief(0, strand.first)
         at = border.place(codes)

@@ -1,4 +1,7 @@
-"""Back along the chain: the border's posterior, then every pair's given it, with uncertainty; linear in pairs."""
+"""Backward pass: posterior of the border, then of each pair given the border, with uncertainty.
+
+The cost is linear in the number of pairs.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +24,13 @@ TOGETHER = 64  # steps whose responses are multiplied at once: 1.9 ms per pair i
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharedPosterior:
-    """The border's posterior, given all pairs of a chain.
+    """Posterior of the border given all pairs of a chain.
 
     Attributes:
-        chain: what was eliminated.
-        last: the step that eliminates what the chain had left.
-        factor: (b, b) lower Cholesky factor of the border's posterior precision.
-        step: (b,) the border's posterior mean, from the chain's `linearisation_point`.
+        chain: the elimination.
+        last: the step that eliminates the remaining front.
+        factor: (b, b) lower Cholesky factor of the posterior precision of the border.
+        step: (b,) posterior mean of the border relative to the `linearisation_point` of the chain.
     """
 
     chain: EliminationChain
@@ -43,15 +46,15 @@ class SharedPosterior:
     def covariance_of(self, rows: Matrix) -> Matrix:
         """(k, k) covariance of k linear functions (k, n) of the joint parameters; steps before the first that they touch are left out."""
         layout, border = self.chain.state.layout, self.chain.border
-        left, total = rows.copy(), np.zeros((len(rows),) * 2)
+        residual, total = rows.copy(), np.zeros((len(rows),) * 2)
         held = np.zeros((len(rows), border.size))
         held[:, : border.known] = rows[:, parameter_indices(layout, border.codes()[: border.known])]
         for step in self._since(rows):
-            here = left[:, parameter_indices(layout, step.eliminated)]
+            here = residual[:, parameter_indices(layout, step.eliminated)]
             if here.any():
                 ahead = solve_triangular(step.factor, here.T, lower=True, check_finite=False)
                 total += ahead.T @ ahead
-                left[:, parameter_indices(layout, step.kept)] -= ahead.T @ step.front_coupling
+                residual[:, parameter_indices(layout, step.kept)] -= ahead.T @ step.front_coupling
                 held -= ahead.T @ step.to_border
         ahead = solve_triangular(self.factor, held.T, lower=True, check_finite=False)
         return total + ahead.T @ ahead
@@ -61,27 +64,27 @@ class SharedPosterior:
         layout, border, found = self.chain.state.layout, self.chain.border, list[EliminationStep]()
         touched = np.asarray(np.any(rows, axis=0), dtype=np.bool_)
         touched[parameter_indices(layout, border.codes()[: border.known])] = False
-        left = int(touched.sum())
-        for step in self.backward_pass() if left else ():
+        count = int(touched.sum())
+        for step in self.backward_pass() if count else ():
             found.append(step)
-            left -= int(touched[parameter_indices(layout, step.eliminated)].sum())
-            if not left:
+            count -= int(touched[parameter_indices(layout, step.eliminated)].sum())
+            if not count:
                 break
         return reversed(found)
 
 
 def solve_shared(chain: EliminationChain, belief: Hyperparameters | None = None) -> SharedPosterior:
-    """The border's posterior.
+    """Compute the posterior of the border.
 
     Args:
-        chain: all pairs.
-        belief: what is believed of the border instead of what the chain's hyper-parameters say.
+        chain: the elimination of all pairs.
+        belief: prior of the border; None uses the prior given by the hyperparameters of the chain.
     """
     last, precision, pull = eliminate_last(chain)
     believed = shared_prior(chain.state, belief or chain.hyper, chain.border)
-    known = chain.border.codes()[: chain.border.known]
-    about = chain.linearisation_point[parameter_indices(chain.state.layout, known)]
-    pull[: len(known)] -= believed[: len(known), : len(known)] @ about
+    border_codes = chain.border.codes()[: chain.border.known]
+    about = chain.linearisation_point[parameter_indices(chain.state.layout, border_codes)]
+    pull[: len(border_codes)] -= believed[: len(border_codes), : len(border_codes)] @ about
     precision += believed
     factor = cholesky(regularise(precision))
     return SharedPosterior(chain, last, factor, cho_solve((factor, True), pull, check_finite=False))
@@ -91,32 +94,32 @@ def mean_of(ending: SharedPosterior, newest: int | None = None) -> Vector:
     """(n,) posterior mean of the joint parameters.
 
     Args:
-        ending: of the chain.
-        newest: of so many newest pairs alone. Older parameters stay at the chain's `linearisation_point`; the cost does not grow with the
-            run.
+        ending: posterior of the border.
+        newest: number of newest pairs to update; None updates all. Older parameters stay at the `linearisation_point` of the chain, so the
+            cost does not grow with the run.
     """
     layout, border = ending.chain.state.layout, ending.chain.border
     move = np.zeros(layout.size)
-    known = border.codes()[: border.known]
-    move[parameter_indices(layout, known)] = ending.step[: border.known]
-    left = newest or 0
+    border_codes = border.codes()[: border.known]
+    move[parameter_indices(layout, border_codes)] = ending.step[: border.known]
+    remaining = newest or 0
     for step in ending.backward_pass():
-        asked = step.pull - step.front_coupling @ move[parameter_indices(layout, step.kept)] - step.to_border @ ending.step
-        move[parameter_indices(layout, step.eliminated)] = solve_triangular(step.factor, asked, lower=True, trans=1, check_finite=False)
-        left -= step.pair is not None
-        if newest and not left:
+        gradient = step.pull - step.front_coupling @ move[parameter_indices(layout, step.kept)] - step.to_border @ ending.step
+        move[parameter_indices(layout, step.eliminated)] = solve_triangular(step.factor, gradient, lower=True, trans=1, check_finite=False)
+        remaining -= step.pair is not None
+        if newest and not remaining:
             break
     return ending.chain.linearisation_point + move
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairCovariance:
-    """Posterior covariance of what concerns one pair: its own parameters, its neighbours' knots, and the knots of frame 0.
+    """Posterior covariance of the parameters of one pair, of the knots of its neighbours, and of the knots of frame 0.
 
     Attributes:
-        pair: its number.
-        index: (m,) joint indices, sorted.
-        covariance: (m, m) of them.
+        pair: number of the pair.
+        index: (m,) sorted joint indices.
+        covariance: (m, m) covariance.
     """
 
     pair: int
@@ -130,7 +133,7 @@ class PairCovariance:
 
 
 def distortion_covariance(ending: SharedPosterior) -> Matrix:
-    """(d, d) covariance of the distortion's parameters."""
+    """(d, d) covariance of the distortion parameters."""
     own = np.zeros((len(ending.factor), ending.chain.border.counts[DISTORTION]))
     np.fill_diagonal(own, 1.0)
     half = solve_triangular(ending.factor, own, lower=True, check_finite=False)
@@ -139,16 +142,16 @@ def distortion_covariance(ending: SharedPosterior) -> Matrix:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Back:
-    """What one step gives on the way back, given the border.
+    """Result of one step of the backward pass, conditional on the border.
 
     Attributes:
-        step: the step.
-        codes: of its front, sorted.
-        order: that sorts what is gone and kept.
-        kept_at: where the kept are in the front of the step before on the way.
-        given: (front, m) factor of the front's covariance, given the border: its product with its transpose.
-        response: (front, b) of the front to the border.
-        answer: (gone, b) the part of it that is of what is gone.
+        step: the elimination step.
+        codes: sorted codes of its front.
+        order: permutation that sorts the eliminated and remaining codes.
+        kept_at: positions of the remaining codes in the front of the previous step of the pass.
+        given: (front, m) factor of the covariance of the front given the border: product with its transpose.
+        response: (front, b) response of the front to the border.
+        answer: (gone, b) the rows of the response of the eliminated parameters.
     """
 
     step: EliminationStep
@@ -161,70 +164,70 @@ class _Back:
 
 
 def covariances(ending: SharedPosterior, rows: Mapping[int, tuple[Codes, Matrix]]) -> dict[int, Matrix]:
-    """(k, k) covariance of k linear functions of what each pair touches, by pair: one way back for all of them.
+    """(k, k) covariance, for each pair, of k linear functions of its parameters, in one backward pass.
 
     Args:
-        ending: of the chain.
-        rows: by pair, codes (m,) of parameters of the pair or of the border and the functions (k, m) of them.
+        ending: posterior of the border.
+        rows: for each pair, codes (m,) of parameters of the pair or of the border, and functions (k, m) of them.
 
     Raises:
-        KeyError: the chain does not have a pair.
+        KeyError: the chain does not contain a pair.
     """
     border, found = ending.chain.border, {}
-    for one in _way_back(ending):
-        if one.step.pair is None or one.step.pair not in rows:
+    for step in _way_back(ending):
+        if step.step.pair is None or step.step.pair not in rows:
             continue
-        codes, own = rows[one.step.pair]
+        codes, own = rows[step.step.pair]
         place = border.place(codes)
         inside = place < 0
-        of_front, of_border = np.zeros((len(own), len(one.codes))), np.zeros((len(own), border.size))
-        of_front[:, np.searchsorted(one.codes, codes[inside])] = own[:, inside]
+        of_front, of_border = np.zeros((len(own), len(step.codes))), np.zeros((len(own), border.size))
+        of_front[:, np.searchsorted(step.codes, codes[inside])] = own[:, inside]
         of_border[:, place[~inside]] = own[:, ~inside]
-        alone = of_front @ one.given
-        shared = solve_triangular(ending.factor, (of_border + of_front @ one.response).T, lower=True, check_finite=False)
-        found[one.step.pair] = alone @ alone.T + shared.T @ shared
+        alone = of_front @ step.given
+        shared = solve_triangular(ending.factor, (of_border + of_front @ step.response).T, lower=True, check_finite=False)
+        found[step.step.pair] = alone @ alone.T + shared.T @ shared
         if len(found) == len(rows):
             break
     return {pair: found[pair] for pair in rows}
 
 
 def pair_covariances(ending: SharedPosterior, newest: int | None = None) -> Iterator[PairCovariance]:
-    """Of every pair, or of so many newest ones; the newest first.
+    """Covariances of every pair, or of the `newest` pairs; the newest first.
 
-    Given the border, the covariance goes back from step to step as in a Rauch-Tung-Striebel smoother. What the border's uncertainty adds
-    is its posterior seen through each parameter's response to it.
+    Given the border, covariances propagate from step to step as in a Rauch-Tung-Striebel smoother. The uncertainty of the border adds its
+    posterior covariance multiplied by the response of each parameter.
     """
     layout, border = ending.chain.state.layout, ending.chain.border
     knots = np.concatenate([np.arange(border.size)[border.part(kind)] for kind in range(DISTORTION + 1, KINDS.index("axes"))])
     (trsm,), factor = get_blas_funcs(("trsm",), (ending.factor,)), np.asfortranarray(ending.factor)
     knot_codes, through_knots = border.codes()[knots], trsm(1.0, factor, np.eye(border.size)[:, knots], lower=1).T
     through = np.zeros((0, border.size))
-    way, left = _way_back(ending), newest or 0
+    way, remaining = _way_back(ending), newest or 0
     while together := list(islice(way, min(TOGETHER, newest + 1) if newest else TOGETHER)):
-        seen = trsm(1.0, factor, np.concatenate([one.answer for one in together]).T, lower=1, overwrite_b=1).T
+        solved = trsm(1.0, factor, np.concatenate([group.answer for group in together]).T, lower=1, overwrite_b=1).T
         row = 0
-        for one in together:
-            stop = row + len(one.step.eliminated)
-            through = np.concatenate((seen[row:stop], through[one.kept_at]))[one.order]
+        for group in together:
+            stop = row + len(group.step.eliminated)
+            through = np.concatenate((solved[row:stop], through[group.kept_at]))[group.order]
             row = stop
-            if one.step.pair is None:
+            if group.step.pair is None:
                 continue
             all_through = np.concatenate((through, through_knots))
             total = all_through @ all_through.T
-            total[: len(one.codes), : len(one.codes)] += one.given @ one.given.T
-            index = parameter_indices(layout, np.concatenate((one.codes, knot_codes)))
+            total[: len(group.codes), : len(group.codes)] += group.given @ group.given.T
+            index = parameter_indices(layout, np.concatenate((group.codes, knot_codes)))
             sort = np.argsort(index)
-            yield PairCovariance(one.step.pair, index[sort], total[np.ix_(sort, sort)])
-            left -= 1
-            if newest and not left:
+            yield PairCovariance(group.step.pair, index[sort], total[np.ix_(sort, sort)])
+            remaining -= 1
+            if newest and not remaining:
                 return
 
 
 def _way_back(ending: SharedPosterior) -> Iterator[_Back]:
-    """From the last step to the first, covariances as factors.
+    """Iterate from the last step to the first with covariances as factors.
 
-    Where the drift is stiff, gains enlarge what rounding leaves by up to 1e10 on the way: variances of 2e-5 px^2 came out as -5e-5 and
-    as -59. Of factors it is the square of what rounding leaves that is enlarged.
+    With a stiff drift, the gains amplify rounding errors by up to 1e10: variances of 2e-5 px^2 were computed as -5e-5 and -59. With
+    factors, the square of the rounding error is amplified.
     """
     codes, given = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
     response = np.zeros((0, ending.chain.border.size))
@@ -246,5 +249,5 @@ def _way_back(ending: SharedPosterior) -> Iterator[_Back]:
 
 
 def _narrowed(factor: Matrix) -> Matrix:
-    """A factor (n, m) of the same covariance with at most n columns."""
+    """A factor with at most n columns of the same covariance, from a factor (n, m)."""
     return factor if factor.shape[1] <= len(factor) else np.asarray(np.linalg.qr(factor.T, mode="r"), dtype=np.float64).T

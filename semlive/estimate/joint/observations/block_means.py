@@ -23,7 +23,7 @@ SMALL_BLOCK_POINTS = (
     4  # points of a block, of which a gradient alone puts half far off the other half: with points 25 px apart 0.3 % of strain did
 )
 ENOUGH_BLOCKS = 272
-_ALIGNED = 8  # numbers
+_ALIGNED = 8  # array elements of 8 bytes (64 bytes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,9 +51,10 @@ class Blocks:
 
     @classmethod
     def of(cls, grid: Grid) -> Blocks:
-        """The partition of a grid; blocks have the edge of a subset, or of one POI where subsets do not overlap and their edge is known."""
+        """Partition a grid into blocks with the edge of a subset, or of one POI where subsets do not overlap."""
         points = max(1, math.ceil(grid.subset_px / grid.step_px))
-        if grid.subset_px == 0:  # of another engine, which tells no subset: as many blocks as subsets of 43 px make of 18,000 points
+        # results of another DIC engine without a subset size: as many blocks as with subsets of 43 px and 18,000 points
+        if grid.subset_px == 0:
             points = max(1, round(math.sqrt(grid.nx * grid.ny / ENOUGH_BLOCKS)))
         along_x, along_y = _split(grid.nx, points), _split(grid.ny, points)
         block = along_y[:, None] * (along_x[-1] + 1) + along_x[None, :]
@@ -90,7 +91,10 @@ class Blocks:
         return np.minimum(1.0, self.effective_points / np.maximum(count, 1))
 
     def inliers(self, value: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(points,) valid POI that lie near the median of their block, for one component (points,); of blocks of one, near a neighbour."""
+        """(points,) valid POI close to the median of their block, for one component (points,).
+
+        Blocks of one POI are compared with a neighbour.
+        """
         if self.members.shape[1] == 1:
             return valid & ~isolated_outliers(value.reshape(self.shape), valid.reshape(self.shape)).ravel()
         if self.members.shape[1] <= SMALL_BLOCK_POINTS:
@@ -116,49 +120,57 @@ class Blocks:
 
 
 def _level(value: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(ny, nx) a component without its slopes from point to point, the median of each."""
-    told = np.where(valid, value, np.nan)
-    across, down = (np.diff(told, axis=axis) for axis in (1, 0))
-    slopes = [float(np.median(one[np.isfinite(one)])) if np.isfinite(one).any() else 0.0 for one in (across, down)]
+    """(ny, nx) a component minus its median slopes along x and y."""
+    finite = np.where(valid, value, np.nan)
+    across, down = (np.diff(finite, axis=axis) for axis in (1, 0))
+    slopes = [float(np.median(value[np.isfinite(value)])) if np.isfinite(value).any() else 0.0 for value in (across, down)]
     height, width = value.shape
     return value - slopes[0] * np.arange(width) - slopes[1] * np.arange(height)[:, None]
 
 
 def isolated_outliers(value: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(ny, nx) valid POI that lie far off each of their eight neighbours, by what is left of a component (ny, nx) without smooth bending.
+    """Find valid POI that differ strongly from each of their eight neighbours.
 
-    Whatever moves a picture, a jump between two rows or a slip line, moves some neighbour alike. One that has no neighbour is not alone.
+    The comparison uses the residual of a component after removal of a smooth polynomial. A real displacement step, such as a jump between
+    two rows or a slip line, moves at least one neighbour as well and is therefore not marked.
+
+    Args:
+        value: (ny, nx) one displacement component, px.
+        valid: (ny, nx) True where the component is valid.
+
+    Returns:
+        (ny, nx) True for isolated outliers.
     """
     height, width = value.shape
-    left = np.full((height + 2, width + 2), np.nan)
+    padded = np.full((height + 2, width + 2), np.nan)
     inside = np.full(value.shape, np.nan)
     inside[valid] = _unbent(value, valid)
-    left[1:-1, 1:-1] = inside
+    padded[1:-1, 1:-1] = inside
     ways = [(dy, dx) for dy in (0, 1, 2) for dx in (0, 1, 2) if (dy, dx) != (1, 1)]
-    apart = np.stack([np.abs(inside - left[dy : dy + height, dx : dx + width]) for dy, dx in ways])
-    told = np.isfinite(apart)
-    if not told.any():
+    distance = np.stack([np.abs(inside - padded[dy : dy + height, dx : dx + width]) for dy, dx in ways])
+    defined = np.isfinite(distance)
+    if not defined.any():
         return np.zeros_like(valid)
-    nearest = np.where(told, apart, np.inf).min(axis=0)
-    return np.isfinite(nearest) & (nearest > ISOLATION_FACTOR * np.median(apart[told]) + OUTLIER_FLOOR_PX)
+    nearest = np.where(defined, distance, np.inf).min(axis=0)
+    return np.isfinite(nearest) & (nearest > ISOLATION_FACTOR * np.median(distance[defined]) + OUTLIER_FLOOR_PX)
 
 
 def _unbent(value: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(n,) what polynomials leave of the valid POI, the sum of the absolute values being least: a single one does not bend them."""
+    """(n,) residual of the valid POI after a robust polynomial fit (least absolute deviations), which a single outlier does not bend."""
     x, y = (np.linspace(-1.0, 1.0, count) for count in (value.shape[1], value.shape[0]))
     order = np.arange(BEND + 1)
     shapes = np.polynomial.legendre.legvander2d(*np.meshgrid(x, y), (BEND, BEND))[valid][:, np.add.outer(order, order).ravel() <= BEND]
-    told, weight = value[valid], np.ones(int(valid.sum()))
-    left = told
+    samples, weight = value[valid], np.ones(int(valid.sum()))
+    residual = samples
     for _ in range(BEND_PASSES):
-        left = told - shapes @ np.linalg.lstsq(shapes * weight[:, None], told * weight, rcond=None)[0]
-        weight = 1.0 / np.sqrt(np.maximum(np.abs(left), OUTLIER_FLOOR_PX))
-    return left
+        residual = samples - shapes @ np.linalg.lstsq(shapes * weight[:, None], samples * weight, rcond=None)[0]
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(residual), OUTLIER_FLOOR_PX))
+    return residual
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockColumns:
-    """Block means of an effect's columns, dense over the parameters they touch.
+    """Block means of the columns of an effect, dense over the parameters they touch.
 
     Attributes:
         effect: name of the effect.
@@ -175,7 +187,7 @@ class BlockColumns:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PackedColumns:
-    """Block means of a surface's columns, only where each block touches them: a quarter of the memory.
+    """Block means of the columns of a surface, stored only where each block touches them. Needs a quarter of the memory.
 
     Attributes:
         effect: name of the effect.
@@ -191,7 +203,7 @@ class PackedColumns:
 
     @classmethod
     def of(cls, columns: BlockColumns, shape: tuple[int, int]) -> PackedColumns:
-        """Of all columns of a surface with so many coefficients."""
+        """Pack the columns of all coefficients of a surface of the given shape."""
         full = columns.value.reshape(-1, *shape)
         touched = full != 0.0
         lows, widths = [], []
@@ -205,7 +217,7 @@ class PackedColumns:
         return cls(columns.effect, shape, np.stack(lows, axis=1), window)
 
     def unpacked(self) -> BlockColumns:
-        """Dense over all coefficients."""
+        """Columns dense over all coefficients."""
         blocks, height, width = self.window.shape
         total = np.zeros((blocks, *self.shape))
         rows, columns_at = self.low[:, :1] + np.arange(height), self.low[:, 1:] + np.arange(width)
@@ -215,12 +227,12 @@ class PackedColumns:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredColumns:
-    """A map's columns in two arrays that somebody else keeps: some ten objects of 0.4 kB each less for every map of a run.
+    """Columns of one map in two arrays owned by a `Storage`. Saves about ten objects of 0.4 kB for every map of a run.
 
     Attributes:
-        labels: effect, and component or shape of the coefficients, one by one.
-        offsets: (p,) of each: sizes, then where its columns act.
-        value: (v,) of each: block means, each on a boundary of 64 bytes, because sums may follow alignment.
+        labels: for each column block, the effect and the component or the shape of its coefficients.
+        offsets: (p,) for each column block, its sizes followed by the indices of the coefficients.
+        value: (v,) block means, each array aligned to 64 bytes, because the result of a sum may depend on alignment.
     """
 
     labels: tuple[tuple[str, Axis | tuple[int, int]], ...]
@@ -228,25 +240,25 @@ class StoredColumns:
     value: NDArray[np.float64]
 
     @classmethod
-    def of(cls, columns: Sequence[BlockColumns | PackedColumns], keep: Storage) -> StoredColumns:
-        """Of columns as they were made."""
+    def of(cls, columns: Sequence[BlockColumns | PackedColumns], storage: Storage) -> StoredColumns:
+        """Store columns in `storage`."""
         kinds, places, values = [], list[NDArray[np.int64]](), list[NDArray[np.float64]]()
-        for one in columns:
-            if isinstance(one, PackedColumns):
-                kinds.append((one.effect, one.shape))
-                sizes, at, value = one.window.shape, one.low.ravel(), one.window
+        for column in columns:
+            if isinstance(column, PackedColumns):
+                kinds.append((column.effect, column.shape))
+                sizes, at, value = column.window.shape, column.low.ravel(), column.window
             else:
-                kinds.append((one.effect, one.axis))
-                sizes, at, value = (*one.value.shape, 0), one.index, one.value
+                kinds.append((column.effect, column.axis))
+                sizes, at, value = (*column.value.shape, 0), column.index, column.value
             places += [np.array(sizes, dtype=np.int64), at]
             values += [value.ravel(), np.zeros(-value.size % _ALIGNED)]
-        return cls(_shared(tuple(kinds)), keep.store_array(np.concatenate(places)), keep.store_array(np.concatenate(values)))
+        return cls(_shared(tuple(kinds)), storage.store_array(np.concatenate(places)), storage.store_array(np.concatenate(values)))
 
     def columns(self) -> Iterator[BlockColumns | PackedColumns]:
-        """The same numbers as they were made."""
+        """Yield the stored columns in their original form."""
         at = begin = 0
         for effect, how in self.labels:
-            blocks, first, second = (int(one) for one in self.offsets[at : at + 3])
+            blocks, first, second = (int(offset) for offset in self.offsets[at : at + 3])
             shape = (blocks, first) if isinstance(how, Axis) else (blocks, first, second)
             count, size = first if isinstance(how, Axis) else 2 * blocks, math.prod(shape)
             where = self.offsets[at + 3 : at + 3 + count]
@@ -272,7 +284,7 @@ def block_columns(effect: str, columns: Columns | TensorColumns, block: NDArray[
         return BlockColumns(effect, columns.axis, np.arange(total.shape[1]), _mean(total, count, sign))
     low = int(columns.index.min())
     span = int(columns.index.max()) - low + 1
-    index, value = np.ascontiguousarray(columns.index), np.ascontiguousarray(columns.value)  # some are one row, broadcast
+    index, value = np.ascontiguousarray(columns.index), np.ascontiguousarray(columns.value)  # some arrays are one broadcast row
     total = local_sums(block, blocks, index, value, low, span)
     return BlockColumns(effect, columns.axis, np.arange(low, low + span), _mean(total, count, sign))
 
@@ -283,7 +295,7 @@ def _mean(total: NDArray[np.float64], count: NDArray[np.int64], sign: float) -> 
 
 
 def contiguous_slice(places: NDArray[np.int64]) -> slice | NDArray[np.int64]:
-    """Distinct places as a slice, if they are neighbours in ascending order: taken together four times as fast."""
+    """Convert distinct indices to a slice if they are consecutive and ascending. Indexing with a slice is four times as fast."""
     ahead = len(places) - 1
     if ahead >= 0 and places[-1] - places[0] == ahead and bool((np.diff(places) == 1).all()):
         return slice(int(places[0]), int(places[-1]) + 1)

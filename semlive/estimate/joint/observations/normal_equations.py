@@ -1,4 +1,4 @@
-"""Accumulation: maps to rows, rows to information. Works pair by pair and is exactly the batch least squares."""
+"""Accumulation of disparity maps into normal equations, pair by pair. The result equals batch least squares exactly."""
 
 from __future__ import annotations
 
@@ -45,19 +45,19 @@ DENSE_PAIRS = 32  # what the data choose is chosen from sums over all pairs in o
 # Knots of the drift go on through pauses: with holds of 20 minutes 24 pairs have 1,200, and a choice from one matrix took 17 s.
 DENSE_KNOTS = 640
 TREND_KNOTS = 6
-RASTER_KNOT_FRAMES = 8.0  # lens and high voltage wander in hours; faster changes are no drift of the magnification
+RASTER_KNOT_FRAMES = 8.0  # lens current and high voltage drift over hours; faster changes are not drift of the magnification
 
 _KIND = {Phase.CALIBRATION: MotionKind.RIGID, Phase.TRANSLATION: MotionKind.GRADIENT, Phase.TENSION: MotionKind.GRADIENT}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NormalMatrix:
-    """Arrays that information is added to.
+    """Arrays to which the information of maps is added.
 
     Attributes:
-        precision: (n, n) A^T W A.
-        information: (n,) A^T W y.
-        reference: the same for the noise of frame 0.
+        precision: (n, n) information matrix A^T W A.
+        information: (n,) information vector A^T W y.
+        reference: the same quantities for the noise of frame 0.
     """
 
     precision: NDArray[np.float64]
@@ -68,29 +68,30 @@ class NormalMatrix:
 def update(
     state: EstimatorState, pair: int, phase: Phase, times: tuple[FrameTime, FrameTime], maps: tuple[DisparityMap, ...]
 ) -> EstimatorState:
-    """Add one pair.
+    """Add one pair to the state.
+
+    The maps of a run share the noise of their frames. All maps from frame 0 share the noise of frame 0. With drift of one sign this noise
+    resembles distortion; treating it as independent doubled the error of the distortion. The maps of one pair share the noise of the frames
+    of the pair. Each frame is given independent noise with half the variance of a map. The noise of frame 0 is estimated block
+    by block. Given
+    it, the two maps from frame 0 are independent and the map within the pair is their difference. The map within the pair therefore counts
+    only in blocks where one of the two maps is missing.
 
     Args:
-        state: what was known before.
-        pair: number of the pair; pair 0 comes first, the others in any order: the times of their frames say where they belong.
-        phase: what the pair is for: in calibration the specimen moves rigidly, else its gradient is free.
-        times: when the two frames were scanned.
-        maps: 2k -> 2k+1, and for k > 0 also 0 -> 2k and 0 -> 2k+1; any of them may be missing.
+        state: the state before the pair.
+        pair: number of the pair. Pair 0 comes first; the others may come in any order, because frame times define their position.
+        phase: purpose of the pair. In calibration the specimen moves rigidly; otherwise its displacement gradient is free.
+        times: scan times of the two frames.
+        maps: maps 2k -> 2k+1 and, for k > 0, also 0 -> 2k and 0 -> 2k+1. Any of them may be missing.
 
     Returns:
-        The new state; the old one stays as it was.
+        The new state. The given state is not changed.
 
     Raises:
-        IllPosed: pair 0 is missing, a pair comes twice or from before it, or the run is longer than the drift spline can be.
-
-    The maps of a run compare frames, so their noise is shared: that of frame 0 by every map from frame 0 (with drift of
-    one sign it passes for distortion, and taking it as independent made the distortion's error twice as large), that of
-    a pair's frames by the pair's maps. Each frame is given independent noise, half a map's variance. Frame 0's is
-    estimated block by block; given it, the two maps from frame 0 are independent and the map within the pair is their
-    difference, so it counts only in blocks where one of them is missing.
+        IllPosed: pair 0 is missing, a pair occurs twice or precedes pair 0, or the run exceeds the largest drift spline.
     """
     _check_pair(state, pair, times, maps)
-    if state.frames:  # held once for all frames that were scanned alike
+    if state.frames:  # stored once for all frames with the same scan
         shared = state.frames[-1].timing
         first, second = (replace(when, timing=shared) if when.timing == shared else when for when in times)
         times = first, second
@@ -98,7 +99,7 @@ def update(
     drift = state.drift or DriftSpline(UniformSpline(0.0, duration_s / state.settings.drift_knots_per_frame, 1))
     raster = state.raster or _raster(state, duration_s)
     end_s = _end_s(times[1])
-    drift, raster = drift.until(end_s), tuple(one.until(end_s) for one in raster)
+    drift, raster = drift.until(end_s), tuple(raster_effect.until(end_s) for raster_effect in raster)
     if drift.spline.size > MAX_DRIFT_KNOTS:
         raise IllPosed(f"the run is {times[1].start_s:.0f} s long at pair {pair}, more than {MAX_DRIFT_KNOTS} drift knots: start a new run")
     motions = state.motions if pair == 0 else state.motions.with_pair(pair, _KIND[phase])
@@ -109,16 +110,16 @@ def update(
         state, drift=drift, raster=raster, motions=motions, frames=frames, phases=phases, row_shifts=lines, start_time_errors=starts
     )
     grown = with_rates(_grown(larger, state.layout), state.start_time_errors)
-    # Kept as soon as they are made: a solution holds them too, and would hold what they were before.
-    rows = [offload_rows(one, state.storage) for one in observation_rows(grown, maps)]
+    # Stored at once: a solution refers to them as well and must not refer to the version before storage.
+    rows = [offload_rows(observation_row, state.storage) for observation_row in observation_rows(grown, maps)]
     sums = NormalMatrix(grown.precision, grown.information, grown.reference.copy())  # made by `_grown` for this state alone
-    for one in rows:
+    for map_rows in rows:
         if grown.summed:
-            add_rows(grown, one, grown.linearisation_point, sums)
-        add_prior(one, sums.reference)
+            add_rows(grown, map_rows, grown.linearisation_point, sums)
+        add_prior(map_rows, sums.reference)
     calibrated = state.calibrated if phase is Phase.TENSION else _widened(state, state.calibrated, rows)
-    taken = replace(grown, rows=state.storage.append(grown.rows, rows), calibrated=calibrated)
-    return replace(taken, precision=sums.precision, information=sums.information, reference=sums.reference)
+    extended = replace(grown, rows=state.storage.append(grown.rows, rows), calibrated=calibrated)
+    return replace(extended, precision=sums.precision, information=sums.information, reference=sums.reference)
 
 
 def _check_pair(state: EstimatorState, pair: int, times: tuple[FrameTime, FrameTime], maps: tuple[DisparityMap, ...]) -> None:
@@ -133,30 +134,30 @@ def _check_pair(state: EstimatorState, pair: int, times: tuple[FrameTime, FrameT
 
 
 def with_normal_matrix(state: EstimatorState) -> EstimatorState:
-    """The state with its sums, made anew where it does not hold them."""
+    """Return the state with its normal matrix, computed again if the state does not hold it."""
     if state.summed:
         return state
     n = state.layout.size
     sums = NormalMatrix(np.zeros((n, n)), np.zeros(n), ReferenceNoise.empty(state.blocks.size, n))
-    for one in state.rows:
-        add_rows(state, one, state.linearisation_point, sums)
-        add_prior(one, sums.reference)
+    for map_rows in state.rows:
+        add_rows(state, map_rows, state.linearisation_point, sums)
+        add_prior(map_rows, sums.reference)
     return replace(state, precision=sums.precision, information=sums.information, reference=sums.reference)
 
 
 def without_normal_matrix(state: EstimatorState) -> EstimatorState:
-    """The state without its sums, which do not grow beyond `DENSE_PAIRS` pairs or were made about another point."""
+    """Return the state without its normal matrix. The matrix covers at most `DENSE_PAIRS` pairs and one linearisation point."""
     nothing = np.zeros((2, state.blocks.size, 0))
     return replace(state, precision=np.zeros((0, 0)), information=np.zeros(0), reference=replace(state.reference, coupling=nothing))
 
 
 def reweight(state: EstimatorState, rows: Sequence[MapObservations]) -> EstimatorState:
-    """The same data with other weights: all sums anew, about the same point."""
+    """Return the state with other weights. All sums are computed again at the same linearisation point."""
     return with_normal_matrix(without_normal_matrix(replace(state, rows=rows)))
 
 
 def relinearise(state: EstimatorState, about: NDArray[np.float64]) -> EstimatorState:
-    """The same data about other parameters: only what touches effects that need the ideal position is summed anew."""
+    """Return the state linearised about other parameters. Only effects that need the ideal position are summed again."""
     state = with_rates(replace(state, linearisation_point=about))
     if not state.summed:
         return state
@@ -195,7 +196,7 @@ def map_columns(
 
 
 def predicted(state: EstimatorState, rows: MapObservations, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(blocks, 2) what the model says of a map, linearised as the state is."""
+    """(blocks, 2) disparity of a map predicted by the model, px, with the linearisation of the state."""
     return evaluated(state.layout, _parts(state, rows, state.linearisation_point), parameters, len(rows.position_px))
 
 
@@ -214,7 +215,7 @@ def add_rows(state: EstimatorState, rows: MapObservations, about: NDArray[np.flo
 
 
 def add_prior(rows: MapObservations, noise: ReferenceNoise) -> None:
-    """Frame 0 is as noisy as the earliest frame seen against it, whatever the order in which the pairs come; in place."""
+    """Set, in place, the prior noise of frame 0 to that of the earliest frame measured against it, independent of the arrival order."""
     if not rows.from_reference:
         return
     earlier = (rows.weight > 0) & (rows.current < noise.first_seen_frame)
@@ -224,7 +225,7 @@ def add_prior(rows: MapObservations, noise: ReferenceNoise) -> None:
 
 
 def dense_limit(state: EstimatorState) -> int:
-    """How many of the first pairs that came are few enough, and close enough in time, for choices from one matrix; at least one."""
+    """Number of first pairs for which hyperparameters are selected from one dense matrix; at least 1."""
     if state.drift is None:
         return len(state.phases)
     first = replace(state.drift, spline=replace(state.drift.spline, intervals=1))
@@ -234,10 +235,10 @@ def dense_limit(state: EstimatorState) -> int:
 
 
 def first_pairs(state: EstimatorState, pairs: int) -> EstimatorState:
-    """The state as if the first so many pairs that came were all."""
-    kept = {0, *state.motions.pairs[: pairs - 1]}
+    """Return the state restricted to the first `pairs` pairs in order of arrival."""
+    retained = {0, *state.motions.pairs[: pairs - 1]}
     loaded = {pair for pair, phase in zip((0, *state.motions.pairs), state.phases, strict=True) if phase is Phase.TENSION}
-    frames = tuple(when for when in state.frames if when.frame // 2 in kept)
+    frames = tuple(when for when in state.frames if when.frame // 2 in retained)
     end_s = max(_end_s(when) for when in frames)
     assert state.drift is not None  # there are pairs
     shorter = without_normal_matrix(state)
@@ -245,48 +246,50 @@ def first_pairs(state: EstimatorState, pairs: int) -> EstimatorState:
         replace(
             shorter,
             drift=replace(state.drift, spline=replace(state.drift.spline, intervals=1)).until(end_s),
-            raster=tuple(replace(one, spline=replace(one.spline, intervals=1)).until(end_s) for one in state.raster),
+            raster=tuple(
+                replace(raster_effect, spline=replace(raster_effect.spline, intervals=1)).until(end_s) for raster_effect in state.raster
+            ),
             motions=PairMotions(state.motions.pairs[: pairs - 1], state.motions.kinds[: pairs - 1]),
-            start_time_errors=state.start_time_errors.only(kept),
+            start_time_errors=state.start_time_errors.only(retained),
             frames=frames,
             phases=state.phases[:pairs],
-            rows=tuple(rows_of(state, kept)),
+            rows=tuple(rows_of(state, retained)),
             linearisation_point=np.zeros(0),
-            calibrated=_widened(state, None, rows_of(state, kept - loaded)),
+            calibrated=_widened(state, None, rows_of(state, retained - loaded)),
         )
     )
 
 
-def _widened(state: EstimatorState, known: Extent | None, maps: Sequence[MapObservations]) -> Extent | None:
+def _widened(state: EstimatorState, extent: Extent | None, maps: Sequence[MapObservations]) -> Extent | None:
     for rows in maps:
-        seen = rows.weight.any(axis=1)
-        if rows.from_reference and not rows.within_pair and seen.any():
-            there = (rows.position_px + rows.disparity_px)[seen] + state.centre_px
+        used = rows.weight.any(axis=1)
+        if rows.from_reference and not rows.within_pair and used.any():
+            there = (rows.position_px + rows.disparity_px)[used] + state.centre_px
             here = Extent(there.min(axis=0), there.max(axis=0))
-            known = known.union(here) if known else here
-    return known
+            extent = extent.union(here) if extent else here
+    return extent
 
 
 def marginal(state: EstimatorState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(n, n) and (n,) information on the parameters with the noise of frame 0 integrated out."""
+    """(n, n) and (n,) information on the parameters after marginalising the noise of frame 0."""
     state = with_normal_matrix(state)
     precision, information = state.precision.copy(), state.information.copy()
     noise = state.reference
     for axis in (0, 1):
-        seen = noise.weight[:, axis] > 0
+        used = noise.weight[:, axis] > 0
         touched = np.flatnonzero(noise.coupling[axis].any(axis=0))
-        root = 1.0 / np.sqrt(noise.weight[seen, axis])
-        half = noise.coupling[axis][np.ix_(seen, touched)] * root[:, None]
+        root = 1.0 / np.sqrt(noise.weight[used, axis])
+        half = noise.coupling[axis][np.ix_(used, touched)] * root[:, None]
         precision[np.ix_(touched, touched)] -= half.T @ half
-        information[touched] -= half.T @ (noise.information[seen, axis] * root)
+        information[touched] -= half.T @ (noise.information[used, axis] * root)
     return precision, information
 
 
 def gradient(state: EstimatorState, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) what the residuals at `parameters` ask for, ``A^T W (y - A parameters)`` with the noise of frame 0 integrated out.
+    """(n,) gradient of the log-likelihood at `parameters`, ``A^T W (y - A parameters)``, after marginalising the noise of frame 0.
 
-    The same as ``marginal(state)[1] - marginal(state)[0] @ parameters``, without its rounding: displacements of 30 px that agree
-    to 1e-7 px leave nothing of the difference of two sums.
+    It equals ``marginal(state)[1] - marginal(state)[0] @ parameters`` without the rounding error of that difference. For displacements of
+    30 px that agree to 1e-7 px, the difference of the two sums has no significant digits.
     """
     state = with_normal_matrix(state)
     total, noise = np.zeros(len(parameters)), np.zeros((state.blocks.size, 2))
@@ -305,7 +308,7 @@ def gradient(state: EstimatorState, parameters: NDArray[np.float64]) -> NDArray[
 
 
 def evaluated(layout: Layout, columns: Sequence[BlockColumns], parameters: NDArray[np.float64], blocks: int) -> NDArray[np.float64]:
-    """(blocks, 2) what columns give with parameters."""
+    """(blocks, 2) product of columns and parameters, px."""
     total = np.zeros((blocks, 2))
     for part in columns:
         own = parameters[layout.part(part.effect)]
@@ -332,7 +335,7 @@ def add_projected(layout: Layout, columns: Sequence[BlockColumns], field: NDArra
 
 
 def _parts(state: EstimatorState, rows: MapObservations, about: NDArray[np.float64]) -> list[BlockColumns]:
-    """All columns of a map; those that need the ideal position, or the drift's rate, are made from them here."""
+    """All columns of a map. Columns that need the ideal position or the drift rate are computed here."""
     late, blocks = _late(state, rows), len(rows.position_px)
     if rows.within_pair:
         return [*_unpacked(rows.difference_columns), *late]
@@ -341,22 +344,26 @@ def _parts(state: EstimatorState, rows: MapObservations, about: NDArray[np.float
     nowhere, every = np.zeros(0), np.arange(blocks)
     pair = rows.current // 2
     turn_rad = state.motions.turn_rad(pair, about[layout.part("motion")]) if about.size else 0.0
-    seen = FrameObservation(rows.current, pair, nowhere, nowhere, nowhere, ideal, turn_rad)
-    moving = [block_columns(one.name, part, every, blocks) for one in (state.axes, state.motions) for part in one.columns(seen)]
+    observation = FrameObservation(rows.current, pair, nowhere, nowhere, nowhere, ideal, turn_rad)
+    moving = [
+        block_columns(effect.name, part, every, blocks) for effect in (state.axes, state.motions) for part in effect.columns(observation)
+    ]
     return [*_unpacked(rows.difference_columns), *late, *moving]
 
 
 def _late(state: EstimatorState, rows: MapObservations) -> list[BlockColumns]:
-    """Columns of the error of a second frame's start."""
+    """Columns of the start-time error of the second frame of a pair."""
     if not state.start_time_errors.size or not rows.weight.any():
         return []
     every, nowhere = np.arange(len(rows.position_px)), np.zeros(len(rows.position_px))
-    seen = FrameObservation(rows.current, rows.current // 2, nowhere, nowhere, nowhere)
-    return [block_columns(state.start_time_errors.name, one, every, len(every)) for one in state.start_time_errors.columns(seen)]
+    observation = FrameObservation(rows.current, rows.current // 2, nowhere, nowhere, nowhere)
+    return [
+        block_columns(state.start_time_errors.name, column, every, len(every)) for column in state.start_time_errors.columns(observation)
+    ]
 
 
-def with_rates(state: EstimatorState, known: StartTimeErrors = NO_START_TIME_ERRORS) -> EstimatorState:
-    """The state with errors of starts linearised about the drift that it is linearised about itself; those `known` stay as they are."""
+def with_rates(state: EstimatorState, given: StartTimeErrors = NO_START_TIME_ERRORS) -> EstimatorState:
+    """Return the state with start-time errors linearised about its drift. The entries of `given` keep their values."""
     if not state.start_time_errors.size or not state.linearisation_point.size or state.drift is None:
         return state
     drift = state.linearisation_point[state.layout.part("drift")].reshape(-1, 2)
@@ -364,16 +371,16 @@ def with_rates(state: EstimatorState, known: StartTimeErrors = NO_START_TIME_ERR
     index, value = state.drift.spline.local_rate([when.start_s + 0.5 * when.timing.duration_s for when in second])
     rate = np.einsum("nk,nkc->nc", value, drift[index])
     rates = {pair: (float(x), float(y)) for pair, (x, y) in zip(state.start_time_errors.pairs, rate, strict=True)}
-    return replace(state, start_time_errors=state.start_time_errors.about(rates | dict(zip(known.pairs, known.rate_px_s, strict=True))))
+    return replace(state, start_time_errors=state.start_time_errors.about(rates | dict(zip(given.pairs, given.rate_px_s, strict=True))))
 
 
 def _unpacked(columns: ManyColumns) -> list[BlockColumns]:
     every = columns.columns() if isinstance(columns, StoredColumns) else columns
-    return [one.unpacked() if isinstance(one, PackedColumns) else one for one in every]
+    return [columns.unpacked() if isinstance(columns, PackedColumns) else columns for columns in every]
 
 
 def _component(layout: Layout, columns: list[BlockColumns], axis: Axis) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Joint indices and design matrix of one component; parameters that several columns touch are summed."""
+    """Joint indices and design matrix of one component. Columns that share a parameter are summed."""
     indices, values = [], []
     for part in columns:
         at = _joint_index(layout, part, axis)
@@ -398,17 +405,20 @@ def _joint_index(layout: Layout, part: BlockColumns, axis: Axis) -> NDArray[np.i
 
 
 def with_advected_distortion(state: EstimatorState) -> EstimatorState:
-    """The same data with the distortion carried along by the drift that the state is linearised about: all columns made anew."""
+    """Return the state with the distortion advected by the drift at the linearisation point. All columns are computed again."""
     return _remade(replace(state, distortion=replace(state.distortion, carried=True)))
 
 
 def with_static_distortion(state: EstimatorState) -> EstimatorState:
-    """The same data with a distortion that stays where the beam is: all columns made anew."""
+    """Return the state with a distortion fixed to the scan address. All columns are computed again."""
     return _remade(replace(state, distortion=replace(state.distortion, carried=False)))
 
 
 def with_row_shifts(state: EstimatorState, over_y: UniformSpline, about: NDArray[np.float64]) -> EstimatorState:
-    """The same data, about other parameters (n,) of the old layout, with shifts of rows in every frame: all columns made anew."""
+    """Return the state with row shifts in every frame, linearised about parameters (n,) of the old layout.
+
+    All columns are computed again.
+    """
     every = (0, *state.motions.pairs)
     larger = replace(
         without_normal_matrix(state), row_shifts=RowShiftEffect(over_y, tuple(2 * pair + member for pair in every for member in (0, 1)))
@@ -419,34 +429,39 @@ def with_row_shifts(state: EstimatorState, over_y: UniformSpline, about: NDArray
 
 
 def with_maps(state: EstimatorState, changed: Callable[[DisparityMap], DisparityMap]) -> EstimatorState:
-    """The same pairs with other maps, no block being doubted yet: all columns made anew."""
-    made = (map_observations(state, changed(one.dmap)) if one.weight.any() else one for one in state.rows)
+    """Return the state with other maps of the same pairs and without rejected blocks. All columns are computed again."""
+    rebuilt = (map_observations(state, changed(map_rows.dmap)) if map_rows.weight.any() else map_rows for map_rows in state.rows)
     return _having(
-        state, (replace(new, weight=np.where(one.weight > 0.0, new.weight, 0.0)) for new, one in zip(made, state.rows, strict=True))
+        state,
+        (replace(new, weight=np.where(map_rows.weight > 0.0, new.weight, 0.0)) for new, map_rows in zip(rebuilt, state.rows, strict=True)),
     )
 
 
 def reset_model_selection(state: EstimatorState, changed: Callable[[DisparityMap], DisparityMap]) -> EstimatorState:
-    """The same pairs with other maps, as before any choice: the distortion at rest, no rows shifted."""
+    """Return the state with other maps of the same pairs and without selected terms: static distortion, no row shifts."""
     smaller = replace(without_normal_matrix(state), distortion=replace(state.distortion, carried=False), row_shifts=NO_ROW_SHIFTS)
     about = state.linearisation_point[smaller.layout.within(state.layout)] if state.linearisation_point.size else state.linearisation_point
-    begun = with_maps(replace(smaller, linearisation_point=about), changed)
-    return with_normal_matrix(begun) if state.summed else begun
+    restarted = with_maps(replace(smaller, linearisation_point=about), changed)
+    return with_normal_matrix(restarted) if state.summed else restarted
 
 
 def _remade(state: EstimatorState) -> EstimatorState:
     return _having(
-        state, (replace(map_observations(state, one.dmap), weight=one.weight) if one.weight.any() else one for one in state.rows)
+        state,
+        (
+            replace(map_observations(state, map_rows.dmap), weight=map_rows.weight) if map_rows.weight.any() else map_rows
+            for map_rows in state.rows
+        ),
     )
 
 
-def _having(state: EstimatorState, made: Iterable[MapObservations]) -> EstimatorState:
-    again = replace(state, rows=state.storage.append((), (offload_rows(one, state.storage) for one in made)))
-    return with_normal_matrix(without_normal_matrix(again)) if state.summed else again
+def _having(state: EstimatorState, rebuilt: Iterable[MapObservations]) -> EstimatorState:
+    rebuilt_state = replace(state, rows=state.storage.append((), (offload_rows(value, state.storage) for value in rebuilt)))
+    return with_normal_matrix(without_normal_matrix(rebuilt_state)) if state.summed else rebuilt_state
 
 
 def _end_s(when: FrameTime) -> float:
-    """A point may lie a little below the last row; an eighth of a frame covers any subset that was still inside the image."""
+    """Scan end of a frame, s, plus an eighth of a frame: a subset inside the image may have points below the last row."""
     return when.start_s + 1.125 * when.timing.duration_s
 
 
@@ -455,7 +470,7 @@ def _start(when: FrameTime) -> float:
 
 
 def _raster(state: EstimatorState, duration_s: float) -> tuple[RasterChange, ...]:
-    x, y = (float(one) for one in state.centre_px)
+    x, y = (float(value) for value in state.centre_px)
     spline = UniformSpline(0.0, RASTER_KNOT_FRAMES * duration_s, 1)
     return tuple(RasterChange(term, spline, (x, y), x) for term in RasterTerm)
 
@@ -480,19 +495,22 @@ def _grown(state: EstimatorState, before: Layout) -> EstimatorState:
     )
 
 
-def extended_parameters(layout: Layout, before: Layout, known: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) parameters of a shorter run in a longer one's layout: drift goes on at its last rate, motions are zero."""
-    if not known.size:
-        return known
+def extended_parameters(layout: Layout, before: Layout, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) parameters of a shorter run in the layout of a longer one. The drift continues at its last rate; motions are zero."""
+    if not parameters.size:
+        return parameters
     about = np.zeros(layout.size)
-    about[before.within(layout)] = known
+    about[before.within(layout)] = parameters
     _go_on(about[layout.part("drift")].reshape(-1, 2), before.part("drift"))
     return about
 
 
-def _go_on(drift: NDArray[np.float64], known: slice) -> None:
-    """Coefficients that no pair has touched yet go on at the rate of the last ones, in place: columns may need the drift there."""
-    count = (known.stop - known.start) // 2
+def _go_on(drift: NDArray[np.float64], estimated: slice) -> None:
+    """Extrapolate, in place, drift coefficients that no pair has touched at the rate of the last ones.
+
+    Some columns need the drift there.
+    """
+    count = (estimated.stop - estimated.start) // 2
     last = min(TREND_KNOTS, count - 1)
     rate = (drift[count - 1] - drift[count - 1 - last]) / last
     drift[count:] = drift[count - 1] + rate * np.arange(1, len(drift) - count + 1)[:, None]

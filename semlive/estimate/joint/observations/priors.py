@@ -1,4 +1,4 @@
-"""What is believed before any data: smoothness, and the gauges that no data can fix."""
+"""Priors of the joint estimate: smoothness, and gauge conditions that fix directions the data do not determine."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from semlive.model import DistortionSpline, DriftSpline, MotionKind, RasterChang
 Kind = tuple[int, float]
 """Order and swing of a `Smoothness`."""
 
-GAUGE_PX = 1e-4  # pins directions that data cannot see, so its size changes no answer
+GAUGE_PX = 1e-4  # fixes directions that the data do not determine, so its size does not change the result
 SHIFT_PX = 1e3
 GRADIENT = 0.1
 AXES = 0.02
@@ -34,11 +34,11 @@ MAX_COUPLED_KNOTS = 4  # knots, that any belief joins a knot with
 
 @dataclass(frozen=True, slots=True)
 class DifferencePenalty:
-    """Differences of a series of coefficients, filtered, that are believed to be small.
+    """Gaussian prior with zero mean on the filtered differences of a series of coefficients.
 
     Attributes:
-        order: of the differences.
-        precision: of each, 1/px^2.
+        order: order of the differences.
+        precision: precision of each filtered difference, 1/px^2.
         taps: filter over neighbouring differences, newest first.
     """
 
@@ -48,17 +48,17 @@ class DifferencePenalty:
 
     @property
     def reach(self) -> int:
-        """How many earlier coefficients it joins one with."""
+        """Number of earlier coefficients coupled to each coefficient."""
         return self.order + len(self.taps) - 1
 
     @property
     def weights(self) -> NDArray[np.float64]:
-        """(reach + 1,) of the coefficients that it joins, oldest first."""
+        """(reach + 1,) weights of the coupled coefficients, oldest first."""
         signs = [(-1.0) ** (self.order - k) * math.comb(self.order, k) for k in range(self.order + 1)]
         return np.convolve(signs, self.taps[::-1])
 
     def of(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n - reach,) filtered differences of a series (n,); by their differences, or large values would lose what is left of them."""
+        """(n - reach,) filtered differences of a series (n,), computed from plain differences to avoid cancellation of large values."""
         return np.convolve(np.diff(value, n=self.order), self.taps, mode="valid") if len(value) > self.reach else np.zeros(0)
 
     def reversed(self, bent: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -69,7 +69,7 @@ class DifferencePenalty:
         return (-1.0) ** self.order * total
 
     def rows(self, count: int) -> NDArray[np.float64]:
-        """(count - reach, count) as a matrix."""
+        """(count - reach, count) matrix of the filtered differences."""
         weights, rows = self.weights, np.zeros((max(count - self.reach, 0), count))
         for row in range(len(rows)):
             rows[row, row : row + len(weights)] = weights
@@ -78,12 +78,12 @@ class DifferencePenalty:
 
 @dataclass(frozen=True, slots=True)
 class Smoothness:
-    """How one component of a spline is expected to vary: ``size`` is the typical difference of an order from knot to knot.
+    """Prior smoothness of one component of a spline: ``size_px`` is the typical difference of the given order between knots.
 
     Attributes:
-        order: 2 where it may bend anywhere; higher orders leave long waves free and hold short ones more tightly.
-        size_px: typical difference of that order, for what is slow.
-        oscillation_period_knots: period with which it likes to swing, as in a room whose cooling goes on and off; 0 where there is none.
+        order: order of the difference. 2 permits curvature anywhere; higher orders leave long waves free and restrict short ones more.
+        size_px: typical difference of that order for slow changes, px.
+        oscillation_period_knots: period of a preferred oscillation, as caused by cycling of the room cooling, in knots; 0 for none.
     """
 
     order: int
@@ -92,40 +92,40 @@ class Smoothness:
 
     @property
     def kind(self) -> Kind:
-        """All but the size."""
+        """Order and oscillation period, without the size."""
         return self.order, self.oscillation_period_knots
 
     @property
     def filter(self) -> DifferencePenalty:
-        """What is believed to be small."""
+        """The penalty on filtered differences."""
         tight = self.size_px**-2.0
         if not self.oscillation_period_knots:
             return DifferencePenalty(self.order, tight)
-        kept = math.exp(-OSCILLATION_DAMPING / self.oscillation_period_knots)
-        taps = np.array([1.0, -2.0 * kept * math.cos(2.0 * math.pi / self.oscillation_period_knots), kept**2])
-        return DifferencePenalty(self.order, tight, tuple(float(one) for one in taps / taps.sum()))
+        damping = math.exp(-OSCILLATION_DAMPING / self.oscillation_period_knots)
+        taps = np.array([1.0, -2.0 * damping * math.cos(2.0 * math.pi / self.oscillation_period_knots), damping**2])
+        return DifferencePenalty(self.order, tight, tuple(float(value) for value in taps / taps.sum()))
 
     def roughness(self, effect: DriftSpline | DistortionSpline) -> NDArray[np.float64]:
         """(m, m) precision of one component of an effect."""
-        one = self.filter
-        if len(one.taps) == 1:
-            return effect.roughness(one.order) * one.precision
-        rows = one.rows(effect.size // 2)
-        return one.precision * (rows.T @ rows)
+        penalty = self.filter
+        if len(penalty.taps) == 1:
+            return effect.roughness(penalty.order) * penalty.precision
+        rows = penalty.rows(effect.size // 2)
+        return penalty.precision * (rows.T @ rows)
 
 
 @dataclass(frozen=True, slots=True)
 class Hyperparameters:
-    """The numbers that the data themselves choose.
+    """Noise scale and prior sizes, selected from the data by marginal likelihood.
 
     Attributes:
-        noise_scale: what the DIC's own sigmas must be multiplied with to explain the residuals.
+        noise_scale: factor on the standard deviations of the DIC that explains the residuals.
         drift: smoothness of the drift along x and y.
         distortion: smoothness of the distortion along x and y.
-        rotation_rad: typical rotation of the specimen by a translation.
-        raster_px: typical second difference, from knot to knot, of magnification and rotation of the raster, at half the
-            image's width; 0 where the raster keeps still.
-        row_shift_px: typical shift of a group of rows; 0 where rows keep still.
+        rotation_rad: typical rotation of the specimen caused by a translation, rad.
+        raster_px: typical second difference between knots of magnification and rotation of the raster, at half the image width, px; 0
+            for a constant raster.
+        row_shift_px: typical shift of a group of rows, px; 0 for no row shifts.
     """
 
     noise_scale: float = 1.0
@@ -137,12 +137,12 @@ class Hyperparameters:
 
 
 def gauge_precision(state: EstimatorState) -> NDArray[np.float64]:
-    """(n, n) gauges F1 to F3, what is told of start times, and the wide priors of shifts and gradients.
+    """(n, n) precision of gauge conditions F1 to F3, of start times, and of the wide priors of shifts and gradients.
 
-    F1, F2: mean and best affine map of the distortion over the grid are zero (unknown translations determine neither;
-    they cannot make strain out of none). F3: drift, magnification and rotation are zero at the start of frame 0. F4, a step
-    of the drift between pairs against the shift of the specimen, is left to the smoothness of the drift: interpolated, and
-    sigma says so.
+    F1 and F2: mean and best affine map of the distortion over the grid are zero. Unknown translations determine neither, and neither can
+    create apparent strain. F3: drift, magnification and rotation are zero at the start of frame 0. F4, a drift step between
+    pairs against the
+    shift of the specimen, is fixed by the smoothness of the drift. The drift is interpolated there and sigma includes the uncertainty.
     """
     layout = state.layout
     total = np.zeros((layout.size, layout.size))
@@ -166,20 +166,20 @@ def gauge_precision(state: EstimatorState) -> NDArray[np.float64]:
 
 
 def motion_prior(state: EstimatorState, rotation_rad: float | None) -> NDArray[np.float64]:
-    """(k,) precision of the wide priors of shifts and gradients, and of rotations where their size is given."""
+    """(k,) precision of the wide priors of shifts and gradients, and of rotations unless `rotation_rad` is None."""
     turn, shift, gradient = 0.0 if rotation_rad is None else rotation_rad**-2.0, SHIFT_PX**-2, GRADIENT**-2
     rigid, free = (shift, shift, turn), (shift, gradient, gradient) * 2
     return np.array([value for kind in state.motions.kinds for value in (rigid if kind is MotionKind.RIGID else free)])
 
 
 def raster_prior(change: RasterChange, size_px: float) -> NDArray[np.float64]:
-    """(size, size) precision of what the raster does: smooth in time, or nothing where `size_px` is 0."""
-    one = np.eye(change.size)
-    return one * STILL_PX**-2.0 if size_px == 0.0 else one * RASTER_PX**-2.0 + change.roughness() * size_px**-2.0
+    """(size, size) precision of a raster effect: smooth in time, or fixed at zero if `size_px` is 0."""
+    identity = np.eye(change.size)
+    return identity * STILL_PX**-2.0 if size_px == 0.0 else identity * RASTER_PX**-2.0 + change.roughness() * size_px**-2.0
 
 
 def rotation_indices(state: EstimatorState) -> NDArray[np.int64]:
-    """(k,) joint indices of the rotation angles of the pairs that move rigidly."""
+    """(k,) joint indices of the rotation angles of pairs with rigid motion."""
     start = state.layout.part("motion").start
     found = [
         state.motions.part(pair)[0].start + 2
@@ -190,7 +190,7 @@ def rotation_indices(state: EstimatorState) -> NDArray[np.int64]:
 
 
 def prior_precision(state: EstimatorState, hyper: Hyperparameters) -> NDArray[np.float64]:
-    """(n, n) smoothness of drift (its second derivative is white noise) and of distortion (bending energy), size of rotations."""
+    """(n, n) prior precision of drift (second derivative is white noise), distortion (bending energy), raster, rotations and row shifts."""
     layout = state.layout
     total = np.zeros((layout.size, layout.size))
     for effect, kinds in ((state.distortion, hyper.distortion), (state.drift, hyper.drift)):
@@ -199,8 +199,8 @@ def prior_precision(state: EstimatorState, hyper: Hyperparameters) -> NDArray[np
         part = layout.part(effect.name)
         base = effect.roughness() * BASE_PX**-2.0
         for axis, kind in enumerate(kinds):
-            one = slice(part.start + axis, part.stop, 2)
-            total[one, one] += base + kind.roughness(effect)
+            component = slice(part.start + axis, part.stop, 2)
+            total[component, component] += base + kind.roughness(effect)
     for change, size_px in zip(state.raster, hyper.raster_px, strict=False):
         part = layout.part(change.name)
         total[part, part] += raster_prior(change, size_px)
@@ -211,7 +211,7 @@ def prior_precision(state: EstimatorState, hyper: Hyperparameters) -> NDArray[np
     return total
 
 
-def _add(total: NDArray[np.float64], part: slice, one: NDArray[np.float64]) -> None:
+def _add(total: NDArray[np.float64], part: slice, addend: NDArray[np.float64]) -> None:
     for axis in (0, 1):
         at = slice(part.start + axis, part.stop, 2)
-        total[at, at] += one
+        total[at, at] += addend

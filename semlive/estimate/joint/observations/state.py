@@ -1,4 +1,4 @@
-"""What the estimator has accumulated: block means of every map, and the information that they give."""
+"""State of the estimator: block means of every map and the normal equations accumulated from them."""
 
 from __future__ import annotations
 
@@ -71,12 +71,12 @@ class MapObservations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReferenceNoise:
-    """Noise of frame 0 in every block, which all maps from frame 0 share: unknowns of their own, integrated out in `solve`.
+    """Noise of frame 0 in every block, shared by all maps from frame 0. The noise values are parameters and are marginalised in `solve`.
 
     Attributes:
-        weight: (blocks, 2) information on each, its prior included.
-        prior: (blocks, 2) the prior's part.
-        first_seen_frame: (blocks, 2) the frame that the prior was taken from.
+        weight: (blocks, 2) information on each value, including its prior, 1/px^2.
+        prior: (blocks, 2) part of the prior, 1/px^2.
+        first_seen_frame: (blocks, 2) number of the frame from which the prior was derived.
         coupling: (2, blocks, n) information shared with the parameters, for x and y.
         information: (blocks, 2) information vector.
     """
@@ -89,36 +89,36 @@ class ReferenceNoise:
 
     @classmethod
     def empty(cls, blocks: int, size: int) -> ReferenceNoise:
-        """Before the first map."""
+        """The state before the first map."""
         unseen = np.full((blocks, 2), np.iinfo(np.int64).max)
         return cls(np.zeros((blocks, 2)), np.zeros((blocks, 2)), unseen, np.zeros((2, blocks, size)), np.zeros((blocks, 2)))
 
     def copy(self) -> ReferenceNoise:
-        """With arrays of its own."""
+        """A copy with its own arrays."""
         return ReferenceNoise(
             self.weight.copy(), self.prior.copy(), self.first_seen_frame.copy(), self.coupling.copy(), self.information.copy()
         )
 
     def mean_px(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(blocks, 2) its posterior mean, given the parameters."""
-        explained = np.stack([one @ parameters for one in self.coupling], axis=1)
+        """(blocks, 2) posterior mean of the noise given the parameters, px."""
+        explained = np.stack([value @ parameters for value in self.coupling], axis=1)
         return (self.information - explained) / np.where(self.weight > 0, self.weight, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Extent:
-    """How far points lay.
+    """Range of the scan addresses of all points.
 
     Attributes:
-        lowest_px: (2,) least scan address along x and y.
-        highest_px: (2,) largest.
+        lowest_px: (2,) smallest scan address along x and y, px.
+        highest_px: (2,) largest scan address along x and y, px.
     """
 
     lowest_px: NDArray[np.float64]
     highest_px: NDArray[np.float64]
 
     def union(self, other: Extent) -> Extent:
-        """As far as either."""
+        """Smallest extent that contains both."""
         return Extent(np.minimum(self.lowest_px, other.lowest_px), np.maximum(self.highest_px, other.highest_px))
 
 
@@ -174,27 +174,27 @@ class EstimatorState:
 
     @property
     def model(self) -> tuple[Effect, ...]:
-        """The named effects."""
+        """The effects of the model."""
         drift = () if self.drift is None else (self.drift,)
         return (self.distortion, *drift, *self.raster, self.row_shifts, self.start_time_errors, self.axes, self.motions)
 
     @property
     def layout(self) -> Layout:
-        """Where each effect's parameters lie."""
+        """Index range of the parameters of each effect."""
         return Layout.of(self.model)
 
     @property
     def summed(self) -> bool:
-        """Whether the state holds its sums, `precision`, `information` and the noise's coupling."""
+        """Whether the state holds its sums: `precision`, `information` and the coupling to the noise of frame 0."""
         return len(self.information) > 0
 
     @property
     def centre_px(self) -> NDArray[np.float64]:
-        """(2,) the image centre, about which gradients act."""
+        """(2,) the image centre, px, the origin of the displacement gradients."""
         return 0.5 * np.array([self.width_px - 1.0, self.height_px - 1.0])
 
     def frame_time(self, frame: int) -> FrameTime:
-        """When a frame was scanned; IllPosed if it never came."""
+        """Scan time of a frame. Raises IllPosed for a frame that was not added."""
         usual = self.frames[frame : frame + 1]  # where every pair came in its turn
         for when in (*usual, *(() if usual and usual[0].frame == frame else self.frames)):
             if when.frame == frame:
@@ -203,28 +203,28 @@ class EstimatorState:
 
 
 def rows_of(state: EstimatorState, pairs: Collection[int]) -> list[MapObservations]:
-    """Rows of some pairs' maps in order of arrival; where every pair came with all its maps no others are looked at."""
+    """Rows of the maps of some pairs in order of arrival. If every pair has all its maps, only the rows of these pairs are read."""
     found = []
     for place, pair in enumerate((0, *state.motions.pairs)):
         if pair in pairs:
             usual = state.rows[max(3 * place - 2, 0) : 3 * place + 1]
-            if len(usual) != (3 if place else 1) or any(one.current // 2 != pair for one in usual):
-                return [one for one in state.rows if one.current // 2 in pairs]
+            if len(usual) != (3 if place else 1) or any(map_rows.current // 2 != pair for map_rows in usual):
+                return [map_rows for map_rows in state.rows if map_rows.current // 2 in pairs]
             found += usual
     return found
 
 
 def init(settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) -> EstimatorState:
-    """An estimator that has seen nothing.
+    """Return the state of an estimator without data.
 
     Args:
-        settings: knots of drift and distortion.
-        grid: POI of every map to come.
-        width_px: image width without databar.
-        height_px: image height without databar.
+        settings: knot spacing of drift and distortion.
+        grid: POI of all maps.
+        width_px: image width without databar, px.
+        height_px: image height without databar, px.
 
     Raises:
-        IllPosed: the grid is too small for a gradient.
+        IllPosed: the grid is too small for a displacement gradient.
     """
     if grid.nx < 3 or grid.ny < 3:
         raise IllPosed(f"a grid of {grid.nx} x {grid.ny} points cannot carry a strain: give at least 3 x 3 points")
@@ -252,36 +252,42 @@ def init(settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) 
     )
 
 
-def offload(state: EstimatorState, pair: int, keep: Storage) -> EstimatorState:
-    """The state with the rows of a pair's maps, nearly all that it holds of a pair, kept by somebody else, and what is made of them later.
+def offload(state: EstimatorState, pair: int, storage: Storage) -> EstimatorState:
+    """Return the state with the rows of the maps of a pair moved to a storage. The rows are nearly all that the state holds of a pair.
 
     Args:
-        state: that has the pair, which came last.
-        pair: its number.
-        keep: where.
+        state: the state; `pair` is its latest pair.
+        pair: number of the pair.
+        storage: storage for the rows and for data derived from them later.
     """
-    if state.storage is keep:
-        return state  # kept since they were made
-    count = next((at for at, one in enumerate(reversed(state.rows)) if one.current // 2 != pair), len(state.rows))
+    if state.storage is storage:
+        return state  # already stored
+    count = next((at for at, map_rows in enumerate(reversed(state.rows)) if map_rows.current // 2 != pair), len(state.rows))
     first = len(state.rows) - count
-    return replace(state, rows=keep.append(state.rows[:first], (offload_rows(one, keep) for one in state.rows[first:])), storage=keep)
-
-
-def offload_rows(rows: MapObservations, keep: Storage) -> MapObservations:
-    """The same with its large arrays kept by somebody else."""
-    if keep is IN_MEMORY:
-        return rows
-    # Columns at a frame 0 that has all its points are one for all maps; others are packed.
-    own = not isinstance(rows.reference_columns, StoredColumns) and any(isinstance(one, PackedColumns) for one in rows.reference_columns)
     return replace(
-        rows,
-        disparity_px=keep.store_array(rows.disparity_px),
-        weight=keep.store_array(rows.weight),
-        position_px=keep.store_array(rows.position_px),
-        difference_columns=_stored(rows.difference_columns, keep),
-        reference_columns=_stored(rows.reference_columns, keep) if own else rows.reference_columns,
+        state,
+        rows=storage.append(state.rows[:first], (offload_rows(map_rows, storage) for map_rows in state.rows[first:])),
+        storage=storage,
     )
 
 
-def _stored(columns: ManyColumns, keep: Storage) -> StoredColumns:
-    return columns if isinstance(columns, StoredColumns) else StoredColumns.of(columns, keep)
+def offload_rows(rows: MapObservations, storage: Storage) -> MapObservations:
+    """Return the rows with their large arrays moved to `storage`."""
+    if storage is IN_MEMORY:
+        return rows
+    # If frame 0 has all its points, its columns are shared by all maps; otherwise they are packed.
+    own = not isinstance(rows.reference_columns, StoredColumns) and any(
+        isinstance(reference_column, PackedColumns) for reference_column in rows.reference_columns
+    )
+    return replace(
+        rows,
+        disparity_px=storage.store_array(rows.disparity_px),
+        weight=storage.store_array(rows.weight),
+        position_px=storage.store_array(rows.position_px),
+        difference_columns=_stored(rows.difference_columns, storage),
+        reference_columns=_stored(rows.reference_columns, storage) if own else rows.reference_columns,
+    )
+
+
+def _stored(columns: ManyColumns, storage: Storage) -> StoredColumns:
+    return columns if isinstance(columns, StoredColumns) else StoredColumns.of(columns, storage)

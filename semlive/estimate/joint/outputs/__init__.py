@@ -1,1 +1,1 @@
-"""What is derived from the posterior: corrections, uncertainties, forecasts, checks."""
+"""Quantities derived from the posterior: corrections, uncertainties, forecasts, checks."""

@@ -1,4 +1,4 @@
-"""What the calibration covered: how far it moved, how well that fixes the distortion, and which scan addresses it visited."""
+"""Quality of the calibration: extent of its translations, uncertainty of the distortion, and visited scan addresses."""
 
 from __future__ import annotations
 
@@ -32,33 +32,33 @@ POOR_PX = 0.02
 
 @dataclass(frozen=True, slots=True)
 class CalibratedRegion:
-    """The rectangle of scan addresses that the calibration's frames showed points at.
+    """Rectangle of scan addresses at which calibration frames observed points.
 
     Attributes:
-        x_px: first and last address along x.
-        y_px: along y.
+        x_px: first and last address along x, px.
+        y_px: first and last address along y, px.
     """
 
     x_px: tuple[float, float]
     y_px: tuple[float, float]
 
     def holds(self, x_px: Field, y_px: Field) -> NDArray[np.bool_]:
-        """Where addresses lie inside."""
+        """Whether addresses lie inside the rectangle, elementwise."""
         inside_x = (x_px >= self.x_px[0]) & (x_px <= self.x_px[1])
         return inside_x & (y_px >= self.y_px[0]) & (y_px <= self.y_px[1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationAssessment:
-    """How well the pairs so far fix the distortion, judged under a fixed, loose belief about its smoothness.
+    """Uncertainty of the distortion after the pairs so far, evaluated with a fixed, weak smoothness prior.
 
-    The likeliest belief is tight when what was seen is smooth, and would vouch for what was never seen (rows, after translations
-    along x only).
+    The most likely prior is tight if the observed distortion is smooth. It would then give a small uncertainty in places without data (for
+    example along y, after translations along x only).
 
     Attributes:
-        covered: (ny, nx) True where the data, not the belief, determine the distortion.
-        lever_px: (2,) extent of the translations along x and y.
-        wave_sigma_px: (2,) uncertainty of a wave of one period over the grid, running along x and along y.
+        covered: (ny, nx) True where the data, not the prior, determine the distortion.
+        lever_px: (2,) extent of the translations along x and y, px.
+        wave_sigma_px: (2,) standard uncertainty of a wave of one period over the grid, along x and along y, px.
     """
 
     covered: NDArray[np.bool_]
@@ -72,15 +72,15 @@ class CalibrationAssessment:
 
     @property
     def poor(self) -> bool:
-        """Whether nothing under load is to be corrected with it."""
+        """Whether the calibration is too weak to correct frames under load."""
         return not self.sufficient and max(self.wave_sigma_px) > POOR_PX
 
     def quality(self) -> CalibrationQuality:
-        """The judgement in figures."""
+        """The assessment in figures."""
         return CalibrationQuality(float(self.covered.mean()), self.lever_px, self.wave_sigma_px, self.message() if self.poor else "")
 
     def message(self) -> str:
-        """What is missing, with the figures that show why."""
+        """Message that names the missing translations, with the figures."""
         weak, short = int(np.argmax(self.wave_sigma_px)), int(np.argmin(self.lever_px))
         both = max(self.lever_px) < 2 * min(self.lever_px) or weak != short
         advice = "in both directions" if both else f"along {'xy'[weak]}"
@@ -92,23 +92,23 @@ class CalibrationAssessment:
 
 
 def calibration(solution: Solution) -> CalibrationAssessment:
-    """Judge the pairs so far."""
+    """Assess the calibration from the pairs so far."""
     state, part = solution.state, solution.state.layout.part("distortion")
     loose = replace(solution.hyper, distortion=Hyperparameters().distortion)
     prior = shared_prior(state, loose, solution.shared_posterior.chain.border)
     before = np.asarray(np.linalg.inv(prior[part, part]), dtype=np.float64)
     # The belief about the distortion is about the border alone, so the elimination of the pairs serves both.
     after = distortion_covariance(solve_shared(solution.shared_posterior.chain, loose))
-    one, two = slice(0, None, 2), slice(1, None, 2)
-    ratio = [pointwise(state, after[at, at]) / pointwise(state, before[at, at]) for at in (one, two)]
+    along_x, along_y = slice(0, None, 2), slice(1, None, 2)
+    ratio = [pointwise(state, after[at, at]) / pointwise(state, before[at, at]) for at in (along_x, along_y)]
     covered = np.sqrt(0.5 * (ratio[0] + ratio[1])) < COVERED
     waves = _waves(state)
-    sigma = np.sqrt(np.maximum(*(np.einsum("ki,ij,kj->k", waves, after[at, at], waves) for at in (one, two))))
+    sigma = np.sqrt(np.maximum(*(np.einsum("ki,ij,kj->k", waves, after[at, at], waves) for at in (along_x, along_y))))
     return CalibrationAssessment(covered, translation_extent_px(solution), (float(sigma[0]), float(sigma[1])))
 
 
 def translation_extent_px(solution: Solution) -> tuple[float, float]:
-    """Extent along x and y of how the picture lay in calibration and translation pairs: specimen's motion and drift together."""
+    """Extent along x and y of the image position in calibration and translation pairs (specimen motion plus drift), px."""
     state = solution.state
     drift = state.drift
     assert drift is not None  # a solution has data
@@ -118,15 +118,15 @@ def translation_extent_px(solution: Solution) -> tuple[float, float]:
     along_y = np.array([1 if kind is MotionKind.RIGID else 3 for kind in kinds], dtype=np.int64)
     shifts = np.stack((motion[np.append(starts, len(motion) - 2)], motion[np.append(starts + along_y, len(motion) - 1)]), axis=1)
     row = {pair: number for number, pair in enumerate((*state.motions.pairs, 0))}
-    frames = [one for one in state.frames if one.frame < 2 or every[one.frame // 2] is not Phase.TENSION]
-    index, value = drift.spline.local(np.array([one.start_s for one in frames]))
+    frames = [frame for frame in state.frames if frame.frame < 2 or every[frame.frame // 2] is not Phase.TENSION]
+    index, value = drift.spline.local(np.array([frame.start_s for frame in frames]))
     drifted = np.einsum("nk,nkc->nc", value, solution.part("drift").reshape(-1, 2)[index])
-    extent = np.ptp(shifts[[row[one.frame // 2] for one in frames]] + drifted, axis=0)
+    extent = np.ptp(shifts[[row[frame.frame // 2] for frame in frames]] + drifted, axis=0)
     return float(extent[0]), float(extent[1])
 
 
 def support(state: EstimatorState) -> CalibratedRegion | None:
-    """Where the frames of calibration and translation pairs showed points; None before load steps, and without calibration."""
+    """Region observed by the frames of calibration and translation pairs; None before load steps or without calibration."""
     if Phase.TENSION not in state.phases:
         return None
     extent, margin = state.calibrated, MARGIN_SUBSETS * state.grid.subset_px
@@ -138,7 +138,7 @@ def support(state: EstimatorState) -> CalibratedRegion | None:
 
 
 def outside_region_messages(state: EstimatorState, pairs: Collection[int]) -> list[str]:
-    """A sentence about frames of some pairs with points beyond the calibrated addresses."""
+    """Message about frames of some pairs with points outside the calibrated addresses; empty without such frames."""
     area = support(state)
     if area is None:
         return []
@@ -147,8 +147,8 @@ def outside_region_messages(state: EstimatorState, pairs: Collection[int]) -> li
         if not rows.from_reference or not rows.dmap.valid.any():
             continue
         there = rows.position_px + state.centre_px + rows.disparity_px
-        seen = rows.weight.any(axis=1)
-        fraction = 1.0 - float(area.holds(there[seen, 0], there[seen, 1]).mean()) if seen.any() else 0.0
+        used = rows.weight.any(axis=1)
+        fraction = 1.0 - float(area.holds(there[used, 0], there[used, 1]).mean()) if used.any() else 0.0
         frames += fraction > REPORT_FRACTION
         if fraction > worst:
             worst, worst_frame = fraction, rows.current
@@ -186,7 +186,7 @@ def _splines_on_grid(state: EstimatorState) -> tuple[Field, Field]:
 
 
 def _waves(state: EstimatorState) -> Field:
-    """(2, m) the amplitude of a cosine of one period over the grid, along x and along y, as a function of one component's coefficients."""
+    """(2, m) amplitude of a cosine of one period over the grid, along x and y, as a function of the coefficients of one component."""
     rows_y, rows_x = _splines_on_grid(state)
     flat_x, flat_y = rows_x.mean(axis=0), rows_y.mean(axis=0)
     wave_x, wave_y = (

@@ -1,8 +1,9 @@
-"""Does the estimate agree with itself? Halves of the data, each solved alone, beside what their noise lets them differ.
+"""Consistency checks: halves of the data are solved separately and their difference is compared with its covariance.
 
-Both halves keep the smoothness, the weights and the linearisation of the whole. With ``S = (P + L)^-1`` the covariance of a half
-(P its information, L the belief both share) their difference has the covariance ``S_a + S_b - S_a (L + X) S_b - transposed``: what both
-believe cannot make them differ, and X is what their noise has in common, that of frame 0 where both halves hold the same points.
+Both halves use the smoothness, weights and linearisation of the full data. ``S = (P + L)^-1`` is the covariance of a half (P its
+information, L the common prior). The difference has the covariance ``S_a + S_b - S_a (L + X) S_b - transposed``: the common
+prior cannot cause a
+difference, and X is the common noise, that of frame 0 where both halves contain the same points.
 """
 
 from __future__ import annotations
@@ -39,14 +40,13 @@ LATTICE = 9  # points along x and y where distortions are compared
 
 @dataclass(frozen=True, slots=True)
 class HalfSplitCheck:
-    """How far two halves of the data differ.
+    """Difference between two halves of the data.
 
     Attributes:
         name: ``split field`` (left and right half of the points: drift within frames) or ``odd and even pairs`` (distortion).
-        difference_px: root mean square of the difference.
-        expected_px: what noise alone gives on average.
-        sigmas: how unlikely the difference is by chance, as standard deviations of a normal distribution; negative where it is
-            smaller than expected.
+        difference_px: root mean square of the difference, px.
+        expected_px: expected root mean square from noise alone, px.
+        sigmas: improbability of the difference as standard deviations of a normal distribution; negative if smaller than expected.
     """
 
     name: str
@@ -56,10 +56,10 @@ class HalfSplitCheck:
 
     def message(self) -> str:
         """One sentence for the operator."""
-        said = f"{self.name} differ by {self.difference_px:.2g} px rms where noise gives {self.expected_px:.2g} px"
+        text = f"{self.name} differ by {self.difference_px:.2g} px rms where noise gives {self.expected_px:.2g} px"
         if self.sigmas <= WARN_SIGMAS:
-            return f"consistency: {said}"
-        return f"WARNING: {said} ({self.sigmas:.0f} sigma): {_REASON[self.name]}"
+            return f"consistency: {text}"
+        return f"WARNING: {text} ({self.sigmas:.0f} sigma): {_REASON[self.name]}"
 
 
 FIELD, PAIRS = "drifts from the left and right half of the field", "distortions from odd and even pairs"
@@ -70,11 +70,11 @@ _REASON = {
 
 
 def consistency(solution: Solution) -> tuple[HalfSplitCheck, ...]:
-    """Split field for the drift, odd and even pairs for the distortion; empty where a half says too little.
+    """Check the drift by a split field and the distortion by odd and even pairs; empty if a half has too little data.
 
-    Costs two half passes over the block means and four factorisations. The map within a pair counts where the others do not, so each half
-    is made from the weights that the whole has. Of more than `dense_limit` some of those are taken that came since choices were last
-    due, so that each stretch of a long run is looked at, and at the same cost.
+    The cost is two passes over half of the block means and four factorisations. The weights of each half are derived from those of the full
+    data. With more than `dense_limit` pairs, the checks use a sample of the pairs since the last selection, so the cost is bounded and
+    each part of a long run is checked.
     """
     count = len(solution.state.phases)
     if count < MIN_PAIRS:
@@ -84,50 +84,51 @@ def consistency(solution: Solution) -> tuple[HalfSplitCheck, ...]:
         return _told(FIELD, *field_half_difference(solution, pairs)), _told(PAIRS, *odd_even_difference(solution, pairs, shape))
     solution = replace(solution, state=with_normal_matrix(solution.state))
     state = solution.state
-    left = (np.arange(state.blocks.size) % state.blocks.layout[1]) < state.blocks.layout[1] // 2
+    left_half = (np.arange(state.blocks.size) % state.blocks.layout[1]) < state.blocks.layout[1] // 2
     every = np.ones(state.blocks.size, dtype=np.bool_)
     return (
-        _agreement(solution, FIELD, lambda rows: left, _within_frames(state)),
+        _agreement(solution, FIELD, lambda rows: left_half, _within_frames(state)),
         _agreement(solution, PAIRS, lambda rows: every & (rows.current // 2 % 2 == 1), _of_all(state, _shape_of_distortion(state))),
     )
 
 
 def warnings_of(agreements: tuple[HalfSplitCheck, ...]) -> tuple[HalfSplitCheck, ...]:
-    """Those that disagree by more than chance allows."""
-    return tuple(one for one in agreements if one.sigmas > WARN_SIGMAS)
+    """Checks whose difference exceeds the limit."""
+    return tuple(agreement for agreement in agreements if agreement.sigmas > WARN_SIGMAS)
 
 
 BlockSelector = Callable[[MapObservations], NDArray[np.bool_]]
 
 
 def _agreement(solution: Solution, name: str, choose: BlockSelector, rows: Field) -> HalfSplitCheck:
-    """How linear functions (k, n) of the parameters differ between the chosen blocks and the others."""
+    """Compare linear functions (k, n) of the parameters between the chosen blocks and the other blocks."""
     state, weight = solution.state, solution.hyper.noise_scale**-2.0
     belief = prior_precision(state, solution.hyper) + gauge_precision(state)
-    one = _half(state, choose)
+    half_fit = _half(state, choose)
     values, spreads = [], []
-    for half in (one, _rest(state, one)):
+    for half in (half_fit, _rest(state, half_fit)):
         precision, information = marginal(half)
         factor = cho_factor(regularise(precision * weight + belief), lower=True, check_finite=False)
         spread = cho_solve(factor, rows.T, check_finite=False)
         values.append(spread.T @ ((information - precision @ solution.mean) * weight - belief @ solution.mean))
         spreads.append((half.reference, spread))
     difference = values[0] - values[1]
-    (noise, spread), (other_noise, other) = spreads
-    cross = spread.T @ belief @ other + _shared(noise, spread, other_noise, other) * weight
-    return _told(name, difference, rows @ (spread + other) - cross - cross.T)
+    (noise, spread), (other_noise, second_spread) = spreads
+    cross = spread.T @ belief @ second_spread + _shared(noise, spread, other_noise, second_spread) * weight
+    return _told(name, difference, rows @ (spread + second_spread) - cross - cross.T)
 
 
 def _told(name: str, difference: Field, covariance: Field) -> HalfSplitCheck:
-    expected_px, found_px = (float(np.sqrt(max(one, 0.0) / len(difference))) for one in (np.trace(covariance), difference @ difference))
+    expected_px, found_px = (float(np.sqrt(max(value, 0.0) / len(difference))) for value in (np.trace(covariance), difference @ difference))
     return HalfSplitCheck(name, found_px, expected_px, _sigmas(difference, covariance))
 
 
 def _sigmas(difference: Field, covariance: Field) -> float:
-    """How unlikely a difference is by chance, as standard deviations.
+    """Improbability of a difference as standard deviations.
 
-    Directions count by their noise, so that one that the data hardly know does not drown the others; from the median on towards the
-    best known they count less and less, for there a few per cent of sigma would raise an alarm.
+    Directions are weighted by their noise, so that a poorly determined direction does not hide the others. Beyond the median,
+    better determined
+    directions get less weight, because there an error of a few per cent in sigma would cause a false alarm.
     """
     values, vectors = np.linalg.eigh(covariance)
     values = np.clip(values, 0.0, None)
@@ -140,11 +141,11 @@ def _sigmas(difference: Field, covariance: Field) -> float:
 
 
 def _half(state: EstimatorState, choose: BlockSelector) -> EstimatorState:
-    """The state as if it had seen the chosen blocks alone."""
+    """State with the information of the chosen blocks only."""
     n = len(state.information)
     sums = NormalMatrix(np.zeros((n, n)), np.zeros(n), ReferenceNoise.empty(state.blocks.size, n))
-    for one in state.rows:
-        masked = replace(one, weight=np.where(choose(one)[:, None], one.weight, 0.0))
+    for map_rows in state.rows:
+        masked = replace(map_rows, weight=np.where(choose(map_rows)[:, None], map_rows.weight, 0.0))
         if masked.weight.any():
             add_rows(state, masked, state.linearisation_point, sums)
             add_prior(masked, sums.reference)
@@ -152,32 +153,32 @@ def _half(state: EstimatorState, choose: BlockSelector) -> EstimatorState:
 
 
 def _rest(state: EstimatorState, half: EstimatorState) -> EstimatorState:
-    """What the whole saw and a half did not: information adds up."""
-    whole, part = state.reference, half.reference
-    seen = (whole.weight - whole.prior) - (part.weight - part.prior)
-    known = seen > 1e-9 * whole.weight
+    """Information of the full data minus that of a half."""
+    full, part = state.reference, half.reference
+    weight = (full.weight - full.prior) - (part.weight - part.prior)
+    common = weight > 1e-9 * full.weight
     reference = replace(
-        whole,
-        weight=np.where(known, seen + whole.prior, 0.0),
-        prior=np.where(known, whole.prior, 0.0),
-        coupling=whole.coupling - part.coupling,
-        information=np.where(known, whole.information - part.information, 0.0),
+        full,
+        weight=np.where(common, weight + full.prior, 0.0),
+        prior=np.where(common, full.prior, 0.0),
+        coupling=full.coupling - part.coupling,
+        information=np.where(common, full.information - part.information, 0.0),
     )
     return replace(state, precision=state.precision - half.precision, information=state.information - half.information, reference=reference)
 
 
-def _shared(one: ReferenceNoise, spread: Field, two: ReferenceNoise, other: Field) -> Field:
-    """(k, k) what frame 0's noise, in the blocks that both halves hold, gives to the covariance of their functions."""
+def _shared(first: ReferenceNoise, spread: Field, second: ReferenceNoise, second_spread: Field) -> Field:
+    """(k, k) contribution of the noise of frame 0, in blocks of both halves, to the covariance of their functions."""
     total = np.zeros((spread.shape[1],) * 2)
     for axis in (0, 1):
-        weight = [np.where(half.weight[:, axis] > 0, half.weight[:, axis], np.inf) for half in (one, two)]
-        common = np.sqrt(one.prior[:, axis] * two.prior[:, axis]) / weight[0] / weight[1]
-        total += (one.coupling[axis] @ spread).T @ (common[:, None] * (two.coupling[axis] @ other))
+        weight = [np.where(half.weight[:, axis] > 0, half.weight[:, axis], np.inf) for half in (first, second)]
+        common = np.sqrt(first.prior[:, axis] * second.prior[:, axis]) / weight[0] / weight[1]
+        total += (first.coupling[axis] @ spread).T @ (common[:, None] * (second.coupling[axis] @ second_spread))
     return total
 
 
 def _within_frames(state: EstimatorState) -> Field:
-    """(4 frames, n) change of the drift, along x and y, from the middle of every frame to its ends: no shift is in it."""
+    """(4 frames, n) change of the drift along x and y from the middle of each frame to its ends. It contains no shift."""
     drift, part = state.drift, state.layout.part("drift")
     assert drift is not None  # a solution has data
     begin, middle, end = (
@@ -193,7 +194,9 @@ def _within_frames(state: EstimatorState) -> Field:
 def _shape_of_distortion(state: EstimatorState) -> Field:
     """(2 m, d) distortion on a coarse lattice over the grid, less its best affine map, as functions of its own parameters."""
     grid, spline = state.grid, state.distortion
-    x, y = (one.ravel() for one in np.meshgrid(*(np.linspace(axis[0], axis[-1], LATTICE) for axis in (grid.x_px, grid.y_px))))
+    x, y = (
+        coordinates.ravel() for coordinates in np.meshgrid(*(np.linspace(axis[0], axis[-1], LATTICE) for axis in (grid.x_px, grid.y_px)))
+    )
     # The field is linear in its parameters: one column for each of one component's.
     (index_x, value_x), (index_y, value_y) = spline.along_x.local(x), spline.along_y.local(y)
     own = np.zeros((len(x), spline.along_y.size, spline.along_x.size))

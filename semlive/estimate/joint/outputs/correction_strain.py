@@ -1,4 +1,4 @@
-"""Mean strain of a correction: how uncertain it is, and how far it moved since it was applied."""
+"""Mean strain of a correction: its uncertainty, and its change since the correction was applied."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ ENOUGH = 40
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrectionStrain:
-    """The mean strain that a correction took off a map, as it was at one time.
+    """Mean strain removed from a map by a correction, with the estimate of that time.
 
     Attributes:
-        parameters: (m,) parameters that it hangs on.
-        jacobian: (3, m) exx, eyy, exy as linear functions of them.
-        value: (3,) at the estimate of that time.
-        sigma: standard uncertainty then.
+        parameters: (m,) codes of the parameters it depends on.
+        jacobian: (3, m) exx, eyy, exy as linear functions of the parameters.
+        value: (3,) exx, eyy, exy at the estimate of that time.
+        sigma: standard uncertainty at that time.
     """
 
     parameters: Codes
@@ -43,17 +43,17 @@ NO_PARAMETERS = CorrectionStrain(np.zeros(0, dtype=np.int64), np.zeros((3, 0)), 
 
 
 def correction_strain(solution: Solution, dmap: DisparityMap) -> CorrectionStrain:
-    """What the correction of a map from frame 0 gives to the mean strain over its valid points, and how uncertain that is.
+    """Contribution of the correction of a map from frame 0 to the mean strain over its valid points, with its uncertainty.
 
-    This is the systematic part: the same for every point of the frame, whatever its own DIC noise. Corrections are smooth, so
-    some ENOUGH points each way stand for all: within 1 % of what 18,000 points give (6 % in frame 1), at a ninth of their time.
+    This systematic part is common to all points of the frame and independent of DIC noise. Corrections are smooth, so `ENOUGH` points
+    along the shorter side suffice: within 1 % of the result of 18,000 points (6 % in frame 1), in a ninth of the time.
     """
     return correction_strains(solution, (dmap,))[0]
 
 
 def correction_strains(solution: Solution, maps: Iterable[DisparityMap]) -> tuple[CorrectionStrain, ...]:
-    """The same of many maps, in one way back along the chain for all of them."""
-    found, keep = list[CorrectionStrain](), solution.state.storage
+    """Contributions of the corrections of many maps, in one backward pass of the smoother."""
+    found, storage = list[CorrectionStrain](), solution.state.storage
     of_pair: dict[int, list[int]] = {}
     for dmap in maps:
         rows = _strain_rows(solution, _thinned(dmap))
@@ -67,17 +67,17 @@ def correction_strains(solution: Solution, maps: Iterable[DisparityMap]) -> tupl
         value = own @ solution.mean[touched]
         found.append(
             CorrectionStrain(
-                keep.store_array(parameter_codes(solution.state.layout, touched)), keep.store_array(own), value, NO_PARAMETERS.sigma
+                storage.store_array(parameter_codes(solution.state.layout, touched)), storage.store_array(own), value, NO_PARAMETERS.sigma
             )
         )
     for pair, covariance in covariances(solution.shared_posterior, _Together(found, of_pair)).items():
         for number, sigma in zip(of_pair[pair], np.sqrt(np.diag(covariance)).reshape(-1, 3), strict=True):
-            found[number] = replace(found[number], sigma=Tensor2(*(float(one) for one in sigma)))
+            found[number] = replace(found[number], sigma=Tensor2(*(float(value) for value in sigma)))
     return tuple(found)
 
 
 class _Together(Mapping[int, tuple[Codes, NDArray[np.float64]]]):
-    """Functions of each pair's frames, put together when they are asked for: for all pairs at once they are as much again."""
+    """Functions of the frames of each pair, stacked on access to save memory."""
 
     def __init__(self, found: Sequence[CorrectionStrain], of_pair: Mapping[int, Sequence[int]]) -> None:
         self._found, self._of_pair = found, of_pair
@@ -97,15 +97,15 @@ class _Together(Mapping[int, tuple[Codes, NDArray[np.float64]]]):
 
 def _together(parts: Sequence[CorrectionStrain]) -> tuple[Codes, NDArray[np.float64]]:
     """Functions of several frames below each other, over the parameters of all of them."""
-    codes = np.unique(np.concatenate([one.parameters for one in parts]))
+    codes = np.unique(np.concatenate([part.parameters for part in parts]))
     rows = np.zeros((3 * len(parts), len(codes)))
-    for number, one in enumerate(parts):
-        rows[3 * number : 3 * number + 3, np.searchsorted(codes, one.parameters)] = one.jacobian
+    for number, part in enumerate(parts):
+        rows[3 * number : 3 * number + 3, np.searchsorted(codes, part.parameters)] = part.jacobian
     return codes, rows
 
 
 def _strain_rows(solution: Solution, dmap: DisparityMap) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
-    """(m,) joint parameters and (3, m) exx, eyy, exy of a map's correction as linear functions of them; None with too few valid points."""
+    """(m,) joint parameters and (3, m) strain components of the correction of a map as linear functions; None with too few valid points."""
     valid = dmap.valid.ravel()
     if valid.sum() < 3:
         return None
@@ -113,9 +113,9 @@ def _strain_rows(solution: Solution, dmap: DisparityMap) -> tuple[NDArray[np.int
     position = np.column_stack((np.ones(int(valid.sum())), reference.x_px[valid], reference.y_px[valid]))
     slopes = np.zeros((2, len(valid)))
     slopes[:, valid] = np.linalg.pinv(position)[1:]
-    moved, rest = _columns_at(solution, current), _columns_at_rest(solution, dmap.grid)
-    index = np.unique(np.concatenate([_joint_index(part, columns) for part, columns in (*moved, *rest)]))
-    along = _along(index, moved, slopes) - _along(index, rest, slopes)
+    moved, static = _columns_at(solution, current), _columns_at_rest(solution, dmap.grid)
+    index = np.unique(np.concatenate([_joint_index(part, columns) for part, columns in (*moved, *static)]))
+    along = _along(index, moved, slopes) - _along(index, static, slopes)
     return index, np.stack((along[0, 0], along[1, 1], 0.5 * (along[1, 0] + along[0, 1])))
 
 
@@ -123,10 +123,10 @@ ActiveColumns = tuple[tuple[slice, Columns | TensorColumns], ...]
 """Columns of what acts at points, each with the place of its effect's parameters."""
 
 
-def _columns_at(solution: Solution, seen: FrameObservation) -> ActiveColumns:
+def _columns_at(solution: Solution, observation: FrameObservation) -> ActiveColumns:
     layout = solution.state.layout
-    effects = (one for one in solution.state.model if not one.needs_ideal)
-    return tuple((layout.part(effect.name), columns) for effect in effects for columns in effect.columns(seen))
+    effects = (effect for effect in solution.state.model if not effect.needs_ideal)
+    return tuple((layout.part(effect.name), columns) for effect in effects for columns in effect.columns(observation))
 
 
 def _span(columns: Columns | TensorColumns) -> tuple[int, int]:
@@ -162,36 +162,36 @@ def _summed(columns: Columns | TensorColumns, weights: NDArray[np.float64]) -> N
     together = np.zeros(weights.shape[1], dtype=np.int64)
     if isinstance(columns, TensorColumns):
         along_x = columns.index_x, columns.value_x
-        weighed = [(columns.index_y, one[:, None] * columns.value_y) for one in weights]
+        weighed = [(columns.index_y, weight[:, None] * columns.value_y) for weight in weights]
         return np.stack([tensor_sums(together, 1, *along_y, *along_x, columns.shape).ravel() for along_y in weighed])
     low, high = _span(columns)
-    return np.concatenate([local_sums(together, 1, columns.index, one[:, None] * columns.value, low, high - low) for one in weights])
+    return np.concatenate([local_sums(together, 1, columns.index, weight[:, None] * columns.value, low, high - low) for weight in weights])
 
 
 @lru_cache(maxsize=1)
 def _columns_at_rest(solution: Solution, grid: Grid) -> ActiveColumns:
-    """The same at frame 0, where the points are those of the grid for every map."""
+    """Columns at frame 0, where the points of every map are those of the grid."""
     return _columns_at(solution, evaluate_drift(solution.state.model, solution.mean, sighting(solution.state.frame_time(0), *grid.mesh())))
 
 
 def correction_strain_sigma(solution: Solution, dmap: DisparityMap) -> Tensor2:
-    """Standard uncertainty that the correction of a map from frame 0 gives to the mean strain over its valid points."""
+    """Standard uncertainty added by the correction of a map from frame 0 to the mean strain over its valid points."""
     return correction_strain(solution, dmap).sigma
 
 
-def strain_change(solution: Solution, told: CorrectionStrain) -> Tensor2:
-    """How far the mean strain of a corrected map would move if it were corrected with another solution, exx, eyy and exy.
+def strain_change(solution: Solution, previous: CorrectionStrain) -> Tensor2:
+    """Change of the mean strain (exx, eyy, exy) of a corrected map if it were corrected with another solution.
 
     Parameters that the other solution does not have are zero there.
     """
     layout = solution.state.layout
-    kept = codes_in_layout(layout, told.parameters)
-    moved = told.value - told.jacobian[:, kept] @ solution.mean[parameter_indices(layout, told.parameters[kept])]
-    return Tensor2(*(float(one) for one in moved))
+    codes = codes_in_layout(layout, previous.parameters)
+    moved = previous.value - previous.jacobian[:, codes] @ solution.mean[parameter_indices(layout, previous.parameters[codes])]
+    return Tensor2(*(float(value) for value in moved))
 
 
 def frame_observations(solution: Solution, dmap: DisparityMap) -> tuple[FrameObservation, FrameObservation]:
-    """Where and when frame 0 and the map's frame saw its points."""
+    """Observations (address and time of the points) of frame 0 and of the frame of the map."""
     state = solution.state
     if dmap.reference != 0:
         raise ValueError(f"corrections are for maps from frame 0, not from frame {dmap.reference}")

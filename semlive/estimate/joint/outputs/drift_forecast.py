@@ -1,4 +1,4 @@
-"""How fast the beam will drift: the last knots of the drift, continued as they are believed to go on."""
+"""Forecast of the drift rate by continuation of the drift spline with its prior."""
 
 from __future__ import annotations
 
@@ -15,34 +15,34 @@ FORECAST_SCANS = (0.0, 1.0, 2.0, 4.0, 8.0)
 
 
 def forecast(solution: Solution, ahead_scans: tuple[float, ...] = FORECAST_SCANS) -> DriftForecast:
-    """Mean drift rate over scans to come, as long as the newest, with its uncertainty.
+    """Forecast the mean drift rate over future scans of the duration of the newest one, with its uncertainty.
 
-    The spline is continued by knots of which only the smoothness is known that the data chose: random differences of second or third
-    order. So the forecast goes on straight or bent as the drift last did, and its uncertainty grows from there, by what is not known of the
-    last knots and by what may happen. It is as true as that belief: a drift that changes its ways is not foreseen.
+    New knots continue the spline with the selected smoothness prior (random differences of second or third order). The forecast therefore
+    continues the last rate or curvature, and its uncertainty grows with the uncertainty of the last knots and of the prior. A change of
+    the drift statistics is not forecast.
 
     Args:
-        solution: of pairs so far.
-        ahead_scans: when the scans begin, see `FORECAST_SCANS`; none before 0.
+        solution: posterior of the pairs so far.
+        ahead_scans: start of the scans, in scan durations after the newest frame, see `FORECAST_SCANS`; not negative.
     """
     state = solution.state
     drift, newest = state.drift, max(state.frames, key=lambda when: when.start_s)
     assert drift is not None  # a solution has data
     duration_s = newest.timing.duration_s
     begin_s = newest.start_s + duration_s * (1.0 + np.asarray(ahead_scans, dtype=np.float64))
-    known, longer = drift.spline.size, drift.until(float(begin_s.max()) + duration_s).spline
+    count, longer = drift.spline.size, drift.until(float(begin_s.max()) + duration_s).spline
     first, rows = _mean_rate(longer.local(begin_s), longer.local(begin_s + duration_s), duration_s, longer.size)
     part = state.layout.part("drift")
     rates, variances = [], []
     for strand in temporal_splines(state, solution.hyper, SharedParameters.of(state))[:2]:
-        since = min(strand.since(known), first)
-        of_known, added = _continued(strand.belief(known, longer.size)[1], known - strand.since(known), rows[:, known:])
-        whole = rows[:, since:known].copy()
-        whole[:, strand.since(known) - since :] += of_known
-        at = part.start + strand.offset + strand.stride * np.arange(since, known)
+        since = min(strand.since(count), first)
+        of_known, added = _continued(strand.belief(count, longer.size)[1], count - strand.since(count), rows[:, count:])
+        recent_rows = rows[:, since:count].copy()
+        recent_rows[:, strand.since(count) - since :] += of_known
+        at = part.start + strand.offset + strand.stride * np.arange(since, count)
         joint = np.zeros((len(rows), state.layout.size))
-        joint[:, at] = whole
-        rates.append(whole @ solution.mean[at])
+        joint[:, at] = recent_rows
+        rates.append(recent_rows @ solution.mean[at])
         variances.append(np.diag(solution.covariance_of(joint)) + added)
     return DriftForecast(begin_s, duration_s, np.stack(rates, axis=1), np.sqrt(np.clip(np.stack(variances, axis=1), 0.0, None)))
 
@@ -51,7 +51,7 @@ Local = tuple[NDArray[np.int64], NDArray[np.float64]]
 
 
 def _mean_rate(begin: Local, end: Local, duration_s: float, size: int) -> tuple[int, NDArray[np.float64]]:
-    """First knot that counts, and (k, size) mean rates between two times as functions of the knots."""
+    """First knot involved, and (k, size) mean rates between two times as linear functions of the knots."""
     rows = np.zeros((len(begin[0]), size))
     line = np.arange(len(rows))[:, None]
     for sign, (index, value) in ((-1.0, begin), (1.0, end)):
@@ -60,7 +60,7 @@ def _mean_rate(begin: Local, end: Local, duration_s: float, size: int) -> tuple[
 
 
 def _continued(belief: NDArray[np.float64], old: int, rows: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Functions of new knots as functions (k, old) of the old ones that the belief joins them with, and what variance (k,) comes on top."""
+    """Functions of new knots expressed by the old knots (k, old) coupled to them by the prior, and the added variance (k,)."""
     if not rows.shape[1]:
         return np.zeros((len(rows), old)), np.zeros(len(rows))
     spread = cho_solve(cho_factor(belief[old:, old:], lower=True), rows.T)

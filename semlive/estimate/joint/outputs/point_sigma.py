@@ -1,4 +1,4 @@
-"""How uncertain a correction is at every point: the systematic part of a displacement, beside the correlation's own noise."""
+"""Standard uncertainty of a correction at every point: the systematic part of a displacement, without DIC noise."""
 
 from __future__ import annotations
 
@@ -23,32 +23,33 @@ TOGETHER = 32  # maps for one way back along the chain: 60 MB of their functions
 
 
 def correction_sigma(solution: Solution, dmap: DisparityMap) -> tuple[Field, Field]:
-    """Standard uncertainty (ny, nx) along x and y of a map's correction, px; its mean over the field left out.
+    """Standard uncertainty (ny, nx) along x and y of the correction of a map, px, without its mean over the field.
 
-    It is the same however good the correlation of the frame is, and hangs together over the field and from frame to frame. The mean is one
-    number with the motion of the specimen (F4) and stated there, with `Motion.shift_sigma_px`. Worked out at some places and interpolated.
+    The error is independent of the DIC noise of the frame and correlated over the field and from frame to frame. Its mean is not
+    distinguishable from the motion of the specimen (F4) and is reported there as `shift_sigma_px`. It is computed at some positions and
+    interpolated.
 
     Raises:
-        IllPosed: the map's frame is not part of the estimate.
+        IllPosed: the frame of the map is not part of the estimate.
         ValueError: the map does not start from frame 0.
     """
     return next(correction_sigmas(solution, (dmap,)))
 
 
 def correction_sigmas(solution: Solution, maps: Iterable[DisparityMap]) -> Iterator[tuple[Field, Field]]:
-    """The same of many maps in their order, some together: each way back along the chain serves all of them."""
-    left = iter(maps)
-    while together := tuple(islice(left, TOGETHER)):
+    """Uncertainties of many maps in their order; several maps share one backward pass of the smoother."""
+    queue = iter(maps)
+    while together := tuple(islice(queue, TOGETHER)):
         of_pair: dict[int, list[int]] = {}
         for number, dmap in enumerate(together):
             of_pair.setdefault(dmap.current // 2, []).append(number)
-        wanted = {}
+        remaining = {}
         for pair, numbers in of_pair.items():
             terms = [_change(solution, together[number]) for number in numbers]
-            touched = np.unique(np.concatenate([index.ravel() for one in terms for _, index, _ in one]))
-            wanted[pair] = parameter_codes(solution.state.layout, touched), np.concatenate([_rows(one, touched) for one in terms])
+            touched = np.unique(np.concatenate([index.ravel() for term in terms for _, index, _ in term]))
+            remaining[pair] = parameter_codes(solution.state.layout, touched), np.concatenate([_rows(term, touched) for term in terms])
         found: dict[int, tuple[Field, Field]] = {}
-        for pair, covariance in covariances(solution.shared_posterior, wanted).items():
+        for pair, covariance in covariances(solution.shared_posterior, remaining).items():
             for number, variance in zip(of_pair[pair], np.split(np.diag(covariance), len(of_pair[pair])), strict=True):
                 found[number] = _everywhere(together[number], variance)
         yield from (found[number] for number in range(len(together)))
@@ -61,21 +62,21 @@ def _places(dmap: DisparityMap) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def _everywhere(dmap: DisparityMap, variance: Field) -> tuple[Field, Field]:
-    """From the places to all points."""
+    """Interpolate from the sampled positions to all points."""
     grid, (rows, columns) = dmap.grid, _places(dmap)
     every = np.stack(np.meshgrid(np.arange(grid.ny), np.arange(grid.nx), indexing="ij"), axis=-1)
     some = np.sqrt(np.clip(variance, 0.0, None)).reshape(2, len(rows), len(columns))
-    u, v = (np.asarray(RegularGridInterpolator((rows, columns), one)(every)) for one in some)
+    u, v = (np.asarray(RegularGridInterpolator((rows, columns), value)(every)) for value in some)
     return u, v
 
 
 def _change(solution: Solution, dmap: DisparityMap) -> Terms:
-    """What acts where the map's frame shows some places, less what acts there in frame 0."""
+    """Terms acting at the sampled positions in the frame of the map, minus those in frame 0."""
     if dmap.reference != 0:
         raise ValueError(f"corrections are for maps from frame 0, not from frame {dmap.reference}")
     state, at = solution.state, np.ix_(*_places(dmap))
-    x, y = (one[at] for one in dmap.grid.mesh())
-    moved = [_filled(one, dmap.valid)[at] for one in (dmap.u_px, dmap.v_px)]
+    x, y = (coordinates[at] for coordinates in dmap.grid.mesh())
+    moved = [_filled(component, dmap.valid)[at] for component in (dmap.u_px, dmap.v_px)]
     here = sighting(state.frame_time(0), x, y)
     there = sighting(state.frame_time(dmap.current), x + moved[0], y + moved[1])
     return [*_acting(solution, there, 1.0), *_acting(solution, here, -1.0)]
@@ -85,12 +86,12 @@ def _filled(moved_px: Field, valid: NDArray[np.bool_]) -> Field:
     return np.where(valid, moved_px, moved_px[valid].mean() if valid.any() else 0.0)
 
 
-def _acting(solution: Solution, seen: FrameObservation, sign: float) -> Terms:
+def _acting(solution: Solution, observation: FrameObservation, sign: float) -> Terms:
     state, found = solution.state, Terms()
-    seen = evaluate_drift(state.model, solution.mean, seen)
-    for effect in (one for one in state.model if not one.needs_ideal):
+    observation = evaluate_drift(state.model, solution.mean, observation)
+    for effect in (effect for effect in state.model if not effect.needs_ideal):
         start = state.layout.part(effect.name).start
-        for columns in effect.columns(seen):
+        for columns in effect.columns(observation):
             index, value = columns.index, sign * columns.value
             for axis in (0, 1) if columns.axis is Axis.EACH else (int(columns.axis is Axis.Y),):
                 found.append((axis, start + (2 * index + axis if columns.axis is Axis.EACH else index), value))

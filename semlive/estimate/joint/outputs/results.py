@@ -1,4 +1,4 @@
-"""The posterior in the words of `semlive.data`: drift samples, distortion field, motions, corrections."""
+"""Conversion of the posterior to the types of `semlive.data`: drift samples, distortion field, motions, corrections."""
 
 from __future__ import annotations
 
@@ -33,30 +33,41 @@ MODEL_MISFIT_FACTOR = 2.0  # times the stated noise; rendered frames and the num
 
 
 def to_estimate(solution: Solution, revision: int, newest_only: bool = False) -> EstimateRevision:
-    """Everything known, as one revision; `newest_only` leaves out what belongs to pairs older than the `LIVE_WINDOW_PAIRS` newest."""
+    """Convert the solution to one revision; with `newest_only`, only pairs among the newest `LIVE_WINDOW_PAIRS` are included."""
     state = solution.state
-    known = calibration(solution)
-    distortion = _distortion(solution, known)
-    said = {
-        one.pair: _of_pair(solution, one) for one in pair_covariances(solution.shared_posterior, LIVE_WINDOW_PAIRS if newest_only else None)
+    assessment = calibration(solution)
+    distortion = _distortion(solution, assessment)
+    by_pair = {
+        pair_covariance.pair: _of_pair(solution, pair_covariance)
+        for pair_covariance in pair_covariances(solution.shared_posterior, LIVE_WINDOW_PAIRS if newest_only else None)
     }
-    motions = tuple(said[pair].motion for pair in (0, *state.motions.pairs) if pair in said)
-    frames = sorted((frame for one in said.values() for frame in one.frames), key=lambda one: _start(one.when))
+    motions = tuple(by_pair[pair].motion for pair in (0, *state.motions.pairs) if pair in by_pair)
+    frames = sorted(
+        (frame for pair_correction in by_pair.values() for frame in pair_correction.frames),
+        key=lambda pair_correction: _start(pair_correction.when),
+    )
     drift, wander = _drift(solution, revision, frames), _wander(solution, frames)
     return EstimateRevision(
-        drift, distortion, motions, solution.noise_floor_px, _notes(solution, known, said), solution.terms, wander, known.quality()
+        drift,
+        distortion,
+        motions,
+        solution.noise_floor_px,
+        _notes(solution, assessment, by_pair),
+        solution.terms,
+        wander,
+        assessment.quality(),
     )
 
 
 def consistency_messages(solution: Solution) -> tuple[str, ...]:
-    """Whether halves of the data agree, one sentence each; a warning where they do not."""
-    said = [one.message() for one in consistency(solution)]
+    """Results of the consistency checks, one sentence each; a warning where a check fails."""
+    messages = [check.message() for check in consistency(solution)]
     if solution.hyper.noise_scale > MODEL_MISFIT_FACTOR:
-        said.append(
+        messages.append(
             f"WARNING: the model leaves {solution.noise_floor_px:.2g} px unexplained, {solution.hyper.noise_scale:.1f} times what the "
             "correlation says of its noise: something moved or changed that the model does not have"
         )
-    return tuple(said)
+    return tuple(messages)
 
 
 def current_drift_rate(solution: Solution) -> NDArray[np.float64]:
@@ -69,19 +80,19 @@ def current_drift_rate(solution: Solution) -> NDArray[np.float64]:
 
 
 def correction(solution: Solution, dmap: DisparityMap) -> Correction:
-    """Drift and distortion in a map from frame 0, to be subtracted to get displacement.
+    """Drift and distortion in a map from frame 0, to be subtracted to obtain displacement.
+
+    Points outside the scan addresses observed in calibration are marked, because the distortion there would be extrapolated.
 
     Raises:
-        IllPosed: the map's frame is not part of the estimate.
-
-    Points that a frame shows beyond the addresses seen in calibration are marked: the distortion there would be extrapolated.
+        IllPosed: the frame of the map is not part of the estimate.
     """
     model, parameters = _acting(solution)
     _, current = frame_observations(solution, dmap)
     both = predicted_offsets(model, parameters, current) - _at_reference(solution, dmap.grid)
     both += solution.state.start_time_errors.late_px(dmap.current, solution.part("start_time"))
     both[~dmap.valid.ravel()] = 0.0
-    u, v = (np.ascontiguousarray(one.reshape(dmap.grid.shape)) for one in both.T)
+    u, v = (np.ascontiguousarray(value.reshape(dmap.grid.shape)) for value in both.T)
     u.setflags(write=False)
     v.setflags(write=False)
     area, valid = support(solution.state), None
@@ -92,28 +103,32 @@ def correction(solution: Solution, dmap: DisparityMap) -> Correction:
 
 
 def _acting(solution: Solution) -> tuple[tuple[Effect, ...], NDArray[np.float64]]:
-    """Effects at the scan address with their parameters; what is held at zero (to 1e-9 px) adds nothing and is left out."""
-    held = {one.name for one, size_px in zip(solution.state.raster, solution.hyper.raster_px, strict=True) if not size_px}
-    model = tuple(one for one in solution.state.model if not one.needs_ideal and one.name not in held and one.size)
-    return model, np.concatenate([solution.part(one.name) for one in model])
+    """Effects at the scan address with their parameters, without effects held at zero (to 1e-9 px)."""
+    held = {
+        raster_effect.name for raster_effect, size_px in zip(solution.state.raster, solution.hyper.raster_px, strict=True) if not size_px
+    }
+    model = tuple(effect for effect in solution.state.model if not effect.needs_ideal and effect.name not in held and effect.size)
+    return model, np.concatenate([solution.part(effect.name) for effect in model])
 
 
 @lru_cache(maxsize=1)
 def _at_reference(solution: Solution, grid: Grid) -> NDArray[np.float64]:
-    """(n, 2) what acts at the points of frame 0, the same for every map from there: half of a correction's time."""
-    seen = sighting(solution.state.frame_time(0), *grid.mesh())
+    """(n, 2) displacement by the effects at the points of frame 0, px, common to all maps: half of the time of a correction."""
+    observation = sighting(solution.state.frame_time(0), *grid.mesh())
     model, parameters = _acting(solution)
-    found = predicted_offsets(model, parameters, evaluate_drift(model, parameters, seen))
+    found = predicted_offsets(model, parameters, evaluate_drift(model, parameters, observation))
     found.setflags(write=False)
     return found
 
 
 def mean_strain_covariance(solution: Solution, frames: Sequence[int], of: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-    """(2 n, 2 n) joint covariance of the mean strains of n frames, first all exx, then all eyy; or (k, k) of functions (k, 2 n) `of` them.
+    """(2 n, 2 n) joint covariance of the mean strains of n frames, first all exx, then all eyy.
 
-    Errors of distortion and drift are common to the frames and may grow with load, because the specimen travels under
-    load: taken as independent they make Young's modulus look better known than it is. The gradients of the pairs hold
-    them together with the DIC's noise. Frames of one pair share theirs; frames without a free gradient have zeros.
+    If `of` is given: (k, k) covariance of the functions `of` (k, 2 n).
+
+    Errors of distortion and drift are common to the frames and may grow with load, because the specimen travels under load. Treating
+    them as independent underestimates the uncertainty of Young's modulus. The displacement gradients of the pairs contain them and the DIC
+    noise. Frames of one pair share a gradient; frames without a free gradient have zeros.
     """
     motions, start, count = solution.state.motions, solution.state.layout.part("motion").start, len(frames)
     of = np.eye(2 * count) if of is None else of
@@ -129,15 +144,15 @@ def mean_strain_covariance(solution: Solution, frames: Sequence[int], of: NDArra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _OfFrame:
-    """What is known of one frame.
+    """Results for one frame.
 
     Attributes:
-        when: its times.
-        time_s: (t,) samples of the drift.
-        drift_px: (t, 2) there.
-        variance_px2: (t, 2) of its change from the middle of the frame.
-        rate_px_s: (t, 2) there.
-        wander: value and variance of each term of the raster, at the middle of the frame.
+        when: scan times of the frame.
+        time_s: (t,) sample times of the drift, s.
+        drift_px: (t, 2) drift at these times, px.
+        variance_px2: (t, 2) variance of the drift change from the middle of the frame, px^2.
+        rate_px_s: (t, 2) drift rate, px/s.
+        wander: value and variance of each raster term at the middle of the frame.
     """
 
     when: FrameTime
@@ -150,7 +165,7 @@ class _OfFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _OfPair:
-    """What is known of one pair, without the covariances that it was made of: those are a hundred times as much."""
+    """Results for one pair, without the covariances, which need a hundred times the memory."""
 
     motion: PairMotion
     frames: tuple[_OfFrame, _OfFrame]
@@ -191,31 +206,31 @@ def _wandered(solution: Solution, change: RasterChange, when: FrameTime, spread:
 def _wander(solution: Solution, frames: Sequence[_OfFrame]) -> RasterDrift:
     values = []
     for number, _ in enumerate(solution.state.raster):
-        found, variance = np.array([one.wander[number] for one in frames]).T
+        found, variance = np.array([frame.wander[number] for frame in frames]).T
         values += [np.ascontiguousarray(found), np.sqrt(np.clip(variance, 0.0, None))]
-    return RasterDrift(np.array([one.when.frame for one in frames], dtype=np.int64), *values)
+    return RasterDrift(np.array([frame.when.frame for frame in frames], dtype=np.int64), *values)
 
 
 def _drift(solution: Solution, revision: int, frames: Sequence[_OfFrame]) -> DriftEstimate:
     return DriftEstimate(
-        np.concatenate([one.time_s for one in frames]),
-        np.repeat([one.when.frame for one in frames], SAMPLES_PER_FRAME).astype(np.int64),
-        np.concatenate([one.drift_px for one in frames]),
-        np.sqrt(np.clip(np.concatenate([one.variance_px2 for one in frames]), 0.0, None)),
-        np.concatenate([one.rate_px_s for one in frames]),
+        np.concatenate([frame.time_s for frame in frames]),
+        np.repeat([frame.when.frame for frame in frames], SAMPLES_PER_FRAME).astype(np.int64),
+        np.concatenate([frame.drift_px for frame in frames]),
+        np.sqrt(np.clip(np.concatenate([frame.variance_px2 for frame in frames]), 0.0, None)),
+        np.concatenate([frame.rate_px_s for frame in frames]),
         revision,
         forecast(solution),
     )
 
 
-def _distortion(solution: Solution, known: CalibrationAssessment) -> DistortionField:
+def _distortion(solution: Solution, assessment: CalibrationAssessment) -> DistortionField:
     state, grid = solution.state, solution.state.grid
     part = state.layout.part("distortion")
     x, y = grid.mesh()
-    ex, ey = (one.reshape(grid.shape) for one in state.distortion.field(solution.mean[part], x, y).T)
+    ex, ey = (value.reshape(grid.shape) for value in state.distortion.field(solution.mean[part], x, y).T)
     covariance = distortion_covariance(solution.shared_posterior)
     variance = 0.5 * (pointwise(state, covariance[0::2, 0::2]) + pointwise(state, covariance[1::2, 1::2]))
-    return DistortionField(grid, ex, ey, np.sqrt(variance), known.covered)
+    return DistortionField(grid, ex, ey, np.sqrt(variance), assessment.covered)
 
 
 def _motion(solution: Solution, spread: PairCovariance) -> PairMotion:
@@ -233,11 +248,11 @@ def _motion(solution: Solution, spread: PairCovariance) -> PairMotion:
     return PairMotion(pair, shift, shift_sigma, gradient, gradient_sigma)
 
 
-def _notes(solution: Solution, known: CalibrationAssessment, pairs: Collection[int]) -> tuple[str, ...]:
+def _notes(solution: Solution, assessment: CalibrationAssessment, pairs: Collection[int]) -> tuple[str, ...]:
     notes = []
-    if not known.sufficient:
+    if not assessment.sufficient:
         warned = "WARNING, the load steps are corrected with it all the same: " if Phase.TENSION in solution.state.phases else ""
-        notes.append(warned + known.message())
+        notes.append(warned + assessment.message())
     else:
         notes.append(
             "the affine part of the distortion is not determined by unknown translations and set to zero: it scales strain, it makes none"
@@ -252,7 +267,7 @@ def _notes(solution: Solution, known: CalibrationAssessment, pairs: Collection[i
 
 
 def _term_notes(solution: Solution) -> list[str]:
-    tests, notes = {one.name: one for one in solution.terms}, []
+    tests, notes = {term.name: term for term in solution.terms}, []
     gamma = tests.get("coupling")
     if gamma is not None and gamma.included:
         notes.append(
@@ -263,11 +278,11 @@ def _term_notes(solution: Solution) -> list[str]:
         size_px = solution.hyper.row_shift_px
         notes.append(f"rows are shifted along x by {size_px:.2g} px, otherwise in every frame (evidence {lines.evidence:.0f}): corrected")
     strained = Phase.TENSION in solution.state.phases
-    for name, what in (("magnification", "strain"), ("raster_rotation", "rotation of the specimen")):
+    for name, strain in (("magnification", "strain"), ("raster_rotation", "rotation of the specimen")):
         if name in tests and tests[name].included:
-            said = f"the {name.replace('_', ' ')} drifts (evidence {tests[name].evidence:.0f}) and is corrected"
-            end = f", under load only as it goes on smoothly: a step of it cannot be told from {what}" if strained else ""
-            notes.append(said + end)
+            text = f"the {name.replace('_', ' ')} drifts (evidence {tests[name].evidence:.0f}) and is corrected"
+            end = f", under load only as it goes on smoothly: a step of it cannot be told from {strain}" if strained else ""
+            notes.append(text + end)
     return notes
 
 

@@ -1,7 +1,7 @@
-"""Halves of a long run's data, each solved alone: at bounded cost, from a few dozen pairs.
+"""Consistency checks of a long run at bounded cost, from a few dozen pairs.
 
-All parameters in one matrix would be too many. What the halves of the field say of the drift is compared given the border, which all pairs
-have made known; what odd and even pairs say of the distortion, with everything else of each half integrated out along a chain.
+One matrix of all parameters would be too large. The drift from the halves of the field is compared conditional on the shared parameters,
+which all pairs determine. The distortion from odd and even pairs is compared after eliminating all other parameters pair by pair.
 """
 
 from __future__ import annotations
@@ -25,13 +25,14 @@ BEYOND = 4  # pairs on either side that are solved for with some that are compar
 
 
 def field_half_difference(solution: Solution, pairs: tuple[int, ...]) -> tuple[Field, Field]:
-    """Difference (k,) of what the left and the right half of the field say of the drift within frames, and its covariance (k, k).
+    """Difference (k,) of the drift within frames from the left and the right half of the field, and its covariance (k, k).
 
-    Both take the border as known, and both believe the same of the drift: that cannot make them differ. Pairs that are so far apart that
-    the drift forgets between them are looked at apart: the cost is that of the pairs, however long the run.
+    Both halves use the same shared parameters and the same drift prior, which cannot cause a difference. Pairs too far apart for
+    their drift to
+    be correlated are solved separately, so the cost depends on the number of pairs and not on the length of the run.
     """
     found = [_drift_of_halves(solution, some, around) for some, around in _neighbours(solution.state, pairs)]
-    return np.concatenate([one for one, _ in found]), np.asarray(block_diag(*(one for _, one in found)), dtype=np.float64)
+    return np.concatenate([value for value, _ in found]), np.asarray(block_diag(*(value for _, value in found)), dtype=np.float64)
 
 
 def _neighbours(state: EstimatorState, pairs: tuple[int, ...]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
@@ -44,46 +45,48 @@ def _neighbours(state: EstimatorState, pairs: tuple[int, ...]) -> list[tuple[tup
         at = [place for place, pair in enumerate(every) if pair in pairs and pair]
         cuts = [number for number in range(1, len(at)) if at[number] - at[number - 1] > 2 * BEYOND]
         lots = [at[begin:end] for begin, end in zip((0, *cuts), (*cuts, len(at)), strict=True) if begin < end]
-        found += [(tuple(every[one] for one in lot), every[max(lot[0] - BEYOND, 0) : lot[-1] + BEYOND + 1]) for lot in lots]
+        found += [(tuple(every[value] for value in group), every[max(group[0] - BEYOND, 0) : group[-1] + BEYOND + 1]) for group in lots]
     return found
 
 
 def _drift_of_halves(solution: Solution, pairs: tuple[int, ...], around: tuple[int, ...]) -> tuple[Field, Field]:
     state, columns = solution.state, solution.state.blocks.layout[1]
-    left = ((np.arange(state.blocks.size) % columns) < columns // 2)[:, None]
+    left_half = ((np.arange(state.blocks.size) % columns) < columns // 2)[:, None]
     rows = rows_of(state, pairs)
-    halves = [tuple(replace(one, weight=np.where(side, one.weight, 0.0)) for one in rows) for side in (left, ~left)]
+    halves = [
+        tuple(replace(map_rows, weight=np.where(side, map_rows.weight, 0.0)) for map_rows in rows) for side in (left_half, ~left_half)
+    ]
     noise_px = solution.shared_posterior.step[solution.shared_posterior.chain.border.part(NOISE)]
     bands = [banded_system(replace(state, rows=half), solution.hyper, solution.mean, noise_px, around) for half in (*halves, ())]
-    asked = _within_frames(bands[0], pairs)
+    gradient = _within_frames(bands[0], pairs)
     steps, spreads = [], []
     for band in bands[:2]:
         precision, pull, _ = with_prior(band, solution.hyper)
         factor = (cholesky_banded(precision, lower=True, check_finite=False), True)
-        spreads.append(cho_solve_banded(factor, asked.T, check_finite=False))
+        spreads.append(cho_solve_banded(factor, gradient.T, check_finite=False))
         steps.append(cho_solve_banded(factor, pull, check_finite=False))
     cross = spreads[0].T @ _times(with_prior(bands[2], solution.hyper)[0], spreads[1])
-    return asked @ (steps[0] - steps[1]), asked @ (spreads[0] + spreads[1]) - cross - cross.T
+    return gradient @ (steps[0] - steps[1]), gradient @ (spreads[0] + spreads[1]) - cross - cross.T
 
 
 def odd_even_difference(solution: Solution, pairs: tuple[int, ...], rows: Field) -> tuple[Field, Field]:
     """Difference (k,) of linear functions (k, d) of the distortion from odd and from even pairs, and its covariance (k, k).
 
-    What both halves believe of the border they have in common. What they believe of the drift is taken as independent, for each knows the
-    drift of its own pairs: that makes the covariance a little too large.
+    The halves share the prior of the border. Their drift priors are treated as independent, because each half determines the drift of its
+    own pairs. This makes the covariance slightly too large.
     """
 
     def of(parity: int) -> tuple[Field, Field, Field]:
-        half, near = subset_state(solution, tuple(one for one in pairs if one and one % 2 == parity))
+        half, near = subset_state(solution, tuple(pair for pair in pairs if pair and pair % 2 == parity))
         ending = solve_shared(eliminate_all(half, solution.hyper, near))
-        asked = np.zeros((len(rows), len(ending.step)))
-        asked[:, ending.chain.border.part(DISTORTION)] = rows
-        return asked, asked @ ending.step, np.asarray(cho_solve((ending.factor, True), asked.T, check_finite=False))
+        gradient = np.zeros((len(rows), len(ending.step)))
+        gradient[:, ending.chain.border.part(DISTORTION)] = rows
+        return gradient, gradient @ ending.step, np.asarray(cho_solve((ending.factor, True), gradient.T, check_finite=False))
 
-    (asked, odd, one), (_, even, two) = of(1), of(0)
+    (gradient, odd, first_spread), (_, even, second_spread) = of(1), of(0)
     border = solution.shared_posterior.chain.border
-    cross = one.T @ shared_prior(solution.state, solution.hyper, border) @ two
-    return odd - even, asked @ (one + two) - cross - cross.T
+    cross = first_spread.T @ shared_prior(solution.state, solution.hyper, border) @ second_spread
+    return odd - even, gradient @ (first_spread + second_spread) - cross - cross.T
 
 
 def _within_frames(band: BandedSystem, pairs: tuple[int, ...]) -> Field:
@@ -108,7 +111,7 @@ def _within_frames(band: BandedSystem, pairs: tuple[int, ...]) -> Field:
 
 
 def _times(band: Field, columns: Field) -> Field:
-    """A symmetric matrix, given as its lower band, times columns."""
+    """Product of a symmetric matrix, given by its lower band, and columns."""
     total, size = band[0][:, None] * columns, len(columns)
     for lag in range(1, len(band)):
         own = band[lag, : size - lag][:, None]

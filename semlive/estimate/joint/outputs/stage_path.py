@@ -1,4 +1,4 @@
-"""Where the stage was sent against where the picture went: scale, angle between the axes, what is left (Sutton 2007, Fig. 15)."""
+"""Comparison of commanded stage positions with image shifts: scale, angle between the axes, residual (Sutton 2007, Fig. 15)."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ MIN_ACROSS = 0.05  # of the larger extent: below, the commands lie on a line
 
 @dataclass(frozen=True, slots=True)
 class StagePath:
-    """``shift = S command + offset``, from the columns of S.
+    """Fit of ``shift = S command + offset``, derived from the columns of S.
 
     Attributes:
-        scale_x: pixels per unit of command along the stage's x.
-        scale_y: likewise y.
-        scale_sigma: standard uncertainty of both, relative.
-        angle_deg: between the stage's axes as imaged, 90 where the stage is square and the picture undistorted.
-        angle_sigma_deg: of it.
-        rotation_deg: of the stage's x axis in the picture, positive from x towards y.
-        residual_px: root mean square of what is left, per axis.
+        scale_x: pixels per unit of command along the x axis of the stage.
+        scale_y: pixels per unit of command along the y axis of the stage.
+        scale_sigma: relative standard uncertainty of both scales.
+        angle_deg: imaged angle between the stage axes, deg; 90 for a square stage and an undistorted image.
+        angle_sigma_deg: standard uncertainty of the angle, deg.
+        rotation_deg: rotation of the x axis of the stage in the image, deg, positive from x towards y.
+        residual_px: root mean square residual per axis, px.
     """
 
     scale_x: float
@@ -51,8 +51,8 @@ def stage_path(commands_um: Field, shifts_px: Field) -> StagePath:
     """Fit measured shifts to commanded positions.
 
     Args:
-        commands_um: (n, 2).
-        shifts_px: (n, 2) measured, drift across motions included.
+        commands_um: (n, 2) commanded positions, um.
+        shifts_px: (n, 2) measured shifts, px, including drift between motions.
 
     Raises:
         IllPosed: fewer than four positions, or all on a line.
@@ -62,27 +62,27 @@ def stage_path(commands_um: Field, shifts_px: Field) -> StagePath:
     extent = np.linalg.svd(spread, compute_uv=False) if count else np.zeros(2)
     if count < 4 or extent[-1] <= MIN_ACROSS * extent[0]:
         raise IllPosed(f"{count} commanded positions do not span an area: the stage's scale and angle need four in two directions")
-    seen = shifts_px - shifts_px.mean(axis=0)
-    solved = np.linalg.lstsq(spread, seen, rcond=None)[0]
-    left = seen - spread @ solved
+    measured_px = shifts_px - shifts_px.mean(axis=0)
+    solved = np.linalg.lstsq(spread, measured_px, rcond=None)[0]
+    residual = measured_px - spread @ solved
     along_x, along_y = solved  # where the picture goes for one unit along the stage's x, y
     size = np.linalg.norm(solved, axis=1)
-    variance = float(np.sum(left**2)) / max(2 * count - 6, 1) * np.diag(np.linalg.inv(spread.T @ spread))
+    variance = float(np.sum(residual**2)) / max(2 * count - 6, 1) * np.diag(np.linalg.inv(spread.T @ spread))
     relative = np.sqrt(variance) / size
     cosine = float(np.clip(along_x @ along_y / (size[0] * size[1]), -1.0, 1.0))
     return StagePath(
         float(size[0]), float(size[1]), float(relative.max()), float(np.degrees(np.arccos(cosine))), float(np.degrees(np.hypot(*relative))),
-        float(np.degrees(np.arctan2(along_x[1], along_x[0]))), float(np.sqrt(np.mean(left**2))),
+        float(np.degrees(np.arctan2(along_x[1], along_x[0]))), float(np.sqrt(np.mean(residual**2))),
     )  # fmt: skip
 
 
 def stage_path_messages(commands: Iterable[tuple[int, tuple[float, float]]], motions: Sequence[PairMotion]) -> tuple[str, ...]:
-    """The sentence, where the pairs' commanded positions (pair, um) allow a fit; nothing otherwise."""
-    measured = {one.pair: one.shift_px for one in motions}
-    known = [(command, measured[pair]) for pair, command in commands if pair in measured]
-    if len(known) < 5:
+    """Message on the stage path if the commanded positions of the pairs (pair, um) allow a fit; empty otherwise."""
+    measured = {motion.pair: motion.shift_px for motion in motions}
+    matched = [(command, measured[pair]) for pair, command in commands if pair in measured]
+    if len(matched) < 5:
         return ()
     try:
-        return (stage_path(np.array([one for one, _ in known]), np.array([one for _, one in known])).message(),)
+        return (stage_path(np.array([value for value, _ in matched]), np.array([value for _, value in matched])).message(),)
     except IllPosed:
         return ()

@@ -1,7 +1,8 @@
-"""Choices of a long run: smoothness of what lives in time, from all pairs, given what they share.
+"""Selection of the smoothness of temporal parameters in a long run, from all pairs, conditional on the shared parameters.
 
-The marginal likelihood over all parameters needs all pairs in one matrix. After dozens of pairs distortion, scan axes and noise of frame 0
-are known better than any pair knows its own drift. Taken as known, they leave a band: drift, raster and motions by their time.
+The full marginal likelihood needs all pairs in one dense matrix. After dozens of pairs, distortion, scan axes and noise of frame 0 are
+known more precisely than the drift of any single pair. If they are treated as known, the remaining matrix of drift, raster and motions
+is banded in time.
 """
 
 from __future__ import annotations
@@ -41,16 +42,16 @@ PAUSE_KNOTS = 64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BandedSystem:
-    """What the data say of everything that lives in time, given the border.
+    """Normal equations of all temporal parameters, conditional on the shared parameters.
 
     Attributes:
         state: the data.
-        pairs: that it holds, in order of time.
-        border: what is taken as known.
-        near: (n,) joint parameters from which solutions are steps, the border's at their estimate.
-        codes: (m,) latest first: the start of the run is pinned by frame 0 and the end is free, so pivots stay large.
-        precision: (w + 1, m) lower band of the data's precision and of the beliefs about motions.
-        pull: (m,) what both ask for.
+        pairs: numbers of the pairs, in order of time.
+        border: the shared parameters, treated as known.
+        near: (n,) joint parameters about which steps are computed; the shared ones hold their estimate.
+        codes: (m,) parameter codes, latest first. Frame 0 fixes the start of the run and the end is free, so pivots stay large.
+        precision: (w + 1, m) lower band of the precision of the data and of the priors of motions.
+        pull: (m,) gradient of the log-likelihood and of the priors of motions.
     """
 
     state: EstimatorState
@@ -62,11 +63,11 @@ class BandedSystem:
     pull: Vector
 
     def strands(self, hyper: Hyperparameters) -> tuple[TemporalSpline, ...]:
-        """What lives in time, of the drift only the knots that the band's pairs touch: those before are as `near` has them."""
+        """Temporal splines of the band; those of the drift start at the first knot touched, earlier knots keep their values from `near`."""
         return _strands(self.state, self.pairs, hyper, self.border)
 
     def place(self, codes: Codes) -> NDArray[np.int64]:
-        """Where codes lie; -1 for those of the border."""
+        """Positions of codes; -1 for shared parameters."""
         order = np.argsort(self.codes)
         return np.where(self.border.place(codes) < 0, order[np.minimum(np.searchsorted(self.codes[order], codes), len(order) - 1)], -1)
 
@@ -74,26 +75,27 @@ class BandedSystem:
 def reselect_temporal_terms(
     state: EstimatorState, hyper: Hyperparameters, terms: tuple[TermTest, ...], near: Vector, noise_px: Vector
 ) -> tuple[Hyperparameters, tuple[TermTest, ...]]:
-    """Smoothness of the drift and terms of the raster, chosen anew; all else as it was.
+    """Select the smoothness of the drift and the raster terms again; all other hyperparameters keep their values.
 
-    From all pairs, or of a long run from some stretches evenly over it, so that the choice costs as much after a thousand pairs as after a
-    hundred.
+    A long run uses segments distributed evenly over it, so the cost does not grow with the run.
 
     Args:
         state: the data, linearised about `near`.
-        hyper: chosen before.
-        terms: tested before.
+        hyper: the hyperparameters selected before.
+        terms: the terms tested before.
         near: (n,) estimate of the joint parameters.
-        noise_px: (2 blocks,) estimate of the noise of frame 0, first x, then y.
+        noise_px: (2 blocks,) estimate of the noise of frame 0, px, first x, then y.
     """
     bands = [banded_system(state, hyper, near, noise_px, stretch) for stretch in sampled_pairs(state)]
     for axis in (0, 1):
         hyper = _climbed(bands, hyper, axis)
-    tests = {one.name: one for one in terms}
+    tests = {term.name: term for term in terms}
     for number, change in enumerate(state.raster):
-        sizes = [0.0, *(float(one) for one in RASTER_CANDIDATES)]
-        options = [replace(hyper, raster_px=tuple(size if i == number else one for i, one in enumerate(hyper.raster_px))) for size in sizes]
-        scores = np.array([sum(log_evidence(band, one) for band in bands) for one in options])
+        sizes = [0.0, *(float(value) for value in RASTER_CANDIDATES)]
+        options = [
+            replace(hyper, raster_px=tuple(size if i == number else value for i, value in enumerate(hyper.raster_px))) for size in sizes
+        ]
+        scores = np.array([sum(log_evidence(band, option) for band in bands) for option in options])
         best = int(np.argmax(scores[1:])) + 1
         gain = float(scores[best] - scores[0])
         hyper = options[best if gain > MIN_BAYES_FACTOR else 0]
@@ -103,7 +105,7 @@ def reselect_temporal_terms(
 
 
 def sampled_pairs(state: EstimatorState) -> list[tuple[int, ...]]:
-    """Numbers of all pairs in order of time, or of `SAMPLE_SEGMENTS` times `PAIRS_PER_SEGMENT` neighbours evenly over them."""
+    """Numbers of all pairs in order of time, or of `SAMPLE_SEGMENTS` evenly distributed segments of `PAIRS_PER_SEGMENT` pairs."""
     every = tuple(dict.fromkeys(when.frame // 2 for when in state.frames))
     if len(every) <= SAMPLE_SEGMENTS * PAIRS_PER_SEGMENT:
         return split_at_pauses(state, every)
@@ -112,7 +114,7 @@ def sampled_pairs(state: EstimatorState) -> list[tuple[int, ...]]:
 
 
 def split_at_pauses(state: EstimatorState, pairs: tuple[int, ...]) -> list[tuple[int, ...]]:
-    """Pairs in order of time, apart where more than `PAUSE_KNOTS` of the drift lie between two of them."""
+    """Split pairs in order of time where more than `PAUSE_KNOTS` drift knots lie between two of them."""
     assert state.drift is not None  # there are pairs
     begin_s, end_s = {}, {}
     for when in state.frames:
@@ -126,7 +128,7 @@ def split_at_pauses(state: EstimatorState, pairs: tuple[int, ...]) -> list[tuple
 def banded_system(
     state: EstimatorState, hyper: Hyperparameters, near: Vector, noise_px: Vector, pairs: tuple[int, ...] | None = None
 ) -> BandedSystem:
-    """Neighbouring pairs of a state, by default all, at the noise scale and with the beliefs about motions of `hyper`."""
+    """Banded system of neighbouring pairs (default: all), with the noise scale and the motion priors of `hyper`."""
     border, weight = SharedParameters.of(state), hyper.noise_scale**-2.0
     pairs = tuple(dict.fromkeys(when.frame // 2 for when in state.frames)) if pairs is None else pairs
     codes = _in_order(state, pairs, hyper, border)
@@ -134,140 +136,145 @@ def banded_system(
     maps: dict[int, list[MapObservations]] = {}
     for rows in rows_of(state, pairs):
         maps.setdefault(rows.current // 2, []).append(rows)
-    said = []
-    for _, one in sorted(maps.items()):
-        told = pair_information(state, one, border, near)
-        pull = told.gradient - told.shared_coupling[:, border.part(NOISE)] @ noise_px
-        said.append((empty.place(told.codes), weight * told.precision, weight * pull))
-    width = max((int(np.ptp(at)) for at, _, _ in said if at.size), default=0)
+    terms = []
+    for _, pair_maps in sorted(maps.items()):
+        information = pair_information(state, pair_maps, border, near)
+        pull = information.gradient - information.shared_coupling[:, border.part(NOISE)] @ noise_px
+        terms.append((empty.place(information.codes), weight * information.precision, weight * pull))
+    width = max((int(np.ptp(at)) for at, _, _ in terms if at.size), default=0)
     for strand in empty.strands(hyper):
         at = empty.place(strand.codes(strand.first, strand.spline.size))
         width = max(width, int((at[:-MAX_COUPLED_KNOTS] - at[MAX_COUPLED_KNOTS:]).max(initial=0)))
     precision, pull = np.zeros((width + 1, len(codes))), np.zeros(len(codes))
-    for at, own, asked in said:
+    for at, own, gradient in terms:
         lower = at[:, None] >= at[None, :]
         precision[(at[:, None] - at[None, :])[lower], np.broadcast_to(at, own.shape)[lower]] += own[lower]
-        pull[at] += asked
+        pull[at] += gradient
     for pair in pairs:
-        own, believed, asked = pair_prior(state, near, pair, hyper)
+        own, believed, gradient = pair_prior(state, near, pair, hyper)
         at = empty.place(own)
         precision[0, at] += believed
-        pull[at] -= asked
+        pull[at] -= gradient
     return replace(empty, precision=precision, pull=pull)
 
 
 def with_prior(band: BandedSystem, hyper: Hyperparameters) -> tuple[Matrix, Vector, float]:
-    """A band's precision and pull with what is believed of drift and raster, and the logarithm of how likely `near` is by that."""
+    """Precision and gradient of a band including the priors of drift and raster, and the log prior density at `near`."""
     precision, pull, total = band.precision.copy(), band.pull.copy(), 0.0
     for strand in band.strands(hyper):
         codes = strand.codes(0, strand.spline.size)
         value = band.near[parameter_indices(band.state.layout, codes)]
         own, cost = _belief(strand, value)
-        begin, asked = strand.first, strand.asked(strand.first, strand.spline.size, value[strand.since(strand.first) :])
+        begin, gradient = strand.first, strand.asked(strand.first, strand.spline.size, value[strand.since(strand.first) :])
         at = band.place(codes[begin:][::-1])
         for lag in range(len(own)):
             count = own.shape[1] - lag
             precision[at[lag:] - at[:count], at[:count]] += own[lag, :count]
-        pull[at] -= asked[begin - strand.since(begin) :][::-1]
+        pull[at] -= gradient[begin - strand.since(begin) :][::-1]
         total += _log_determinant(strand) - cost
     return precision, pull, total
 
 
 def log_evidence(band: BandedSystem, hyper: Hyperparameters) -> float:
-    """Logarithm of the marginal likelihood, up to what all candidates have in common."""
+    """Log marginal likelihood, up to a constant common to all candidates."""
     precision, pull, total = with_prior(band, hyper)
     try:
         factor = cholesky_banded(precision, lower=True, check_finite=False)
-    except LinAlgError:  # stiffer than a double can tell beside what is free
+    except LinAlgError:  # the stiffness exceeds the precision of a double relative to the free directions
         return -np.inf
     fit = float(pull @ cho_solve_banded((factor, True), pull, check_finite=False))
     return 0.5 * (total + fit - 2.0 * float(np.log(factor[0]).sum()))
 
 
 def _belief(strand: TemporalSpline, value: Vector) -> tuple[Matrix, float]:
-    """Lower band of a strand's belief about its knots outside the border, latest first, and its cost at values of all knots."""
+    """Lower band of the prior precision of a temporal spline outside the border, latest first, and the prior cost of all knots."""
     first = strand.first
     own = _band(strand.filters, strand.knot_precision, strand.spline.size, first)
     for lag in range(len(own)):
         own[lag, : own.shape[1] - lag] = own[lag, : own.shape[1] - lag][::-1].copy()
     cost = strand.knot_precision * float(value[first:] @ value[first:])
-    for one in strand.filters:
-        cost += one.precision * float(np.sum(one.of(value[max(first - one.reach, 0) :]) ** 2))
+    for penalty in strand.filters:
+        cost += penalty.precision * float(np.sum(penalty.of(value[max(first - penalty.reach, 0) :]) ** 2))
     return own, cost
 
 
 def _log_determinant(strand: TemporalSpline) -> float:
-    """Of the precision of a strand's belief about its knots outside the border.
+    """Log determinant of the prior precision of a temporal spline outside the border.
 
-    Differences of the lowest order are as good unknowns as the knots themselves (each knot brings one, with coefficient 1), and far better
-    to factor: thousands of knots free at one end span more than the decades of a double.
+    The computation uses differences of the lowest order as parameters. They are equivalent to the knots (unit Jacobian) and much better
+    conditioned: thousands of knots free at one end span more decades than a double represents.
     """
-    least = 0 if strand.knot_precision else min(one.order for one in strand.filters)
+    least = 0 if strand.knot_precision else min(penalty.order for penalty in strand.filters)
     own = _band(
-        tuple(replace(one, order=one.order - least) for one in strand.filters), strand.knot_precision, strand.spline.size, strand.first
+        tuple(replace(penalty, order=penalty.order - least) for penalty in strand.filters),
+        strand.knot_precision,
+        strand.spline.size,
+        strand.first,
     )
     return 2.0 * float(np.log(cholesky_banded(own, lower=True, check_finite=False)[0]).sum())
 
 
 def _band(filters: tuple[DifferencePenalty, ...], each: float, size: int, first: int) -> Matrix:
     """(reach + 1, size - first) lower band of what filtered differences of a series, and its values, cost, those before `first` given."""
-    own = np.zeros((max((one.reach for one in filters), default=0) + 1, size))
+    own = np.zeros((max((penalty.reach for penalty in filters), default=0) + 1, size))
     own[0] += each
-    for one in filters:
-        weights, begin = one.weights, max(first - one.reach, 0)
-        for later in range(one.reach + 1):
+    for penalty in filters:
+        weights, begin = penalty.weights, max(first - penalty.reach, 0)
+        for later in range(penalty.reach + 1):
             for earlier in range(later + 1):
-                own[later - earlier, begin + earlier : size - one.reach + earlier] += one.precision * weights[later] * weights[earlier]
+                own[later - earlier, begin + earlier : size - penalty.reach + earlier] += (
+                    penalty.precision * weights[later] * weights[earlier]
+                )
     return own[:, first:]
 
 
 def _climbed(bands: list[BandedSystem], hyper: Hyperparameters, axis: int) -> Hyperparameters:
-    """The likeliest smoothness of one component of the drift.
+    """Most likely smoothness of one component of the drift.
 
-    From size to size as long as it becomes likelier, for the kind that it has and those beside the best, until none of these is better.
+    The search moves from size to size while the likelihood increases, for the current kind and for the neighbours of the best kind.
     """
-    known: dict[tuple[Kind, int], tuple[float, Hyperparameters]] = {}
+    scores: dict[tuple[Kind, int], tuple[float, Hyperparameters]] = {}
 
     def at(kind: Kind, number: int) -> float:
-        if (kind, number) not in known:
-            one = smoothness_of_kind(kind, float(CANDIDATES[number]))
-            option = replace(hyper, drift=(one, hyper.drift[1]) if axis == 0 else (hyper.drift[0], one))
+        if (kind, number) not in scores:
+            smoothness = smoothness_of_kind(kind, float(CANDIDATES[number]))
+            option = replace(hyper, drift=(smoothness, hyper.drift[1]) if axis == 0 else (hyper.drift[0], smoothness))
             believed = float(log_prior(CANDIDATES[number : number + 1], DRIFT_ORDERS[kind])[0])
-            known[kind, number] = sum(log_evidence(band, option) for band in bands) + believed, option
-        return known[kind, number][0]
+            scores[kind, number] = sum(log_evidence(band, option) for band in bands) + believed, option
+        return scores[kind, number][0]
 
     now, kinds = hyper.drift[axis], list(DRIFT_ORDERS)
     best = now.kind, int(np.argmin(np.abs(np.log(CANDIDATES / max(now.size_px, CANDIDATES[0])))))
     climbed: set[Kind] = set()
     while True:
         here = kinds.index(best[0])
-        left = [kinds[one] for one in (here, here - 1, here + 1) if 0 <= one < len(kinds) and kinds[one] not in climbed]
-        if not left:
-            return known[best][1]
-        climbed.add(left[0])
+        pending = [kinds[value] for value in (here, here - 1, here + 1) if 0 <= value < len(kinds) and kinds[value] not in climbed]
+        if not pending:
+            return scores[best][1]
+        climbed.add(pending[0])
         number = best[1]
         while True:
-            near = [one for one in (number - 1, number, number + 1) if 0 <= one < len(CANDIDATES)]
-            likeliest = max(near, key=lambda one: at(left[0], one))
+            near = [value for value in (number - 1, number, number + 1) if 0 <= value < len(CANDIDATES)]
+            likeliest = max(near, key=lambda one: at(pending[0], one))
             if likeliest == number:
                 break
             number = likeliest
-        best = max(known, key=lambda one: known[one][0])
+        best = max(scores, key=lambda one: scores[one][0])
 
 
 def _strands(state: EstimatorState, pairs: tuple[int, ...], hyper: Hyperparameters, border: SharedParameters) -> tuple[TemporalSpline, ...]:
-    whole = temporal_splines(state, hyper, border)
+    splines = temporal_splines(state, hyper, border)
     if len(pairs) == len(state.phases):
-        return whole
+        return splines
     frames = [when for when in state.frames if when.frame // 2 in pairs]
     begin_s = min(when.start_s - KNOT_MARGIN * when.timing.duration_s for when in frames)
     end_s = max(when.start_s + (1.0 + KNOT_MARGIN) * when.timing.duration_s for when in frames)
     some = []
-    for one in whole:
-        if one.kind == DRIFT:  # knots of the raster are few, and what it did before says where it is
-            shorter = replace(one.spline, intervals=one.size_at(end_s) - one.spline.degree)
-            one = replace(one, first=max(one.interval(begin_s), one.first), spline=shorter)
-        some.append(one)
+    for strand in splines:
+        if strand.kind == DRIFT:  # knots of the raster are few, and what it did before says where it is
+            shorter = replace(strand.spline, intervals=strand.size_at(end_s) - strand.spline.degree)
+            strand = replace(strand, first=max(strand.interval(begin_s), strand.first), spline=shorter)
+        some.append(strand)
     return tuple(some)
 
 

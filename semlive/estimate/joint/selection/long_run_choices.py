@@ -1,4 +1,4 @@
-"""Choices of a long run that concern what all pairs share: the noise, and the smoothness of the distortion."""
+"""Selection of shared hyperparameters in a long run: noise scale and smoothness of the distortion."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ CLIP = 4.0
 
 
 def residual_noise_ratio(state: EstimatorState, mean: Vector, noise_px: Vector, since: int) -> float:
-    """How much larger the residuals of all pairs are than those of the first `since`, which the noise scale is known from.
+    """Ratio of the residuals of all pairs to those of the first `since` pairs, from which the noise scale was estimated.
 
-    Each is judged from some pairs evenly over them. What the estimate takes out of the residuals, some 2 %, it takes out of both.
+    Both are computed from pairs distributed evenly. The fit reduces both by the same fraction of about 2 %.
 
     Args:
         state: the data, linearised about `mean`.
-        mean: (n,) estimate.
-        noise_px: (2 blocks,) estimate of the noise of frame 0, first x, then y.
-        since: number of pairs.
+        mean: (n,) estimate of the joint parameters.
+        noise_px: (2 blocks,) estimate of the noise of frame 0, px, first x, then y.
+        since: number of first pairs.
     """
     every = (0, *state.motions.pairs)
     return _spread(state, mean, noise_px, every) / _spread(state, mean, noise_px, every[:since])
 
 
 def reselect_distortion_smoothness(chain: EliminationChain) -> Hyperparameters:
-    """The likeliest smoothness of the distortion, all pairs' drift and motions and the noise of frame 0 integrated out."""
+    """Most likely smoothness of the distortion after marginalising drift and motions of all pairs and the noise of frame 0."""
     state, hyper, border, spline = chain.state, chain.hyper, chain.border, chain.state.distortion
     _, lower, pull = eliminate_last(chain)
     precision = np.tril(lower) + np.tril(lower, -1).T
@@ -50,28 +50,30 @@ def reselect_distortion_smoothness(chain: EliminationChain) -> Hyperparameters:
     pinned = affine.T @ affine
     belief[part, part] = 0.0
     for axis in (0, 1):
-        one = slice(axis, part.stop, 2)
-        belief[one, one] = pinned
+        component = slice(axis, part.stop, 2)
+        belief[component, component] = pinned
     precision += belief
     pull = pull.copy()
     pull[: border.known] -= belief[: border.known, : border.known] @ about
-    rest = slice(part.stop, border.size)
-    gone = np.linalg.solve(regularise(precision[rest, rest]), np.column_stack((precision[rest, part], pull[rest])))
-    own = precision[part, part] - precision[part, rest] @ gone[:, :-1]
-    asked = pull[part] - precision[part, rest] @ gone[:, -1]
-    known = SmoothnessPrior(spline, pinned)
+    remainder = slice(part.stop, border.size)
+    eliminated = np.linalg.solve(
+        regularise(precision[remainder, remainder]), np.column_stack((precision[remainder, part], pull[remainder]))
+    )
+    own = precision[part, part] - precision[part, remainder] @ eliminated[:, :-1]
+    gradient = pull[part] - precision[part, remainder] @ eliminated[:, -1]
+    prior = SmoothnessPrior(spline, pinned)
     parts = (slice(axis, None, 2) for axis in (0, 1))
-    data = (LocalLikelihood(own[one, one], asked[one], about[part][one]) for one in parts)
-    x, y = (select_smoothness(one, known, DISTORTION_ORDERS, DISTORTION_CANDIDATES) for one in data)
+    data = (LocalLikelihood(own[value, value], gradient[value], about[part][value]) for value in parts)
+    x, y = (select_smoothness(value, prior, DISTORTION_ORDERS, DISTORTION_CANDIDATES) for value in data)
     return replace(hyper, distortion=(x, y))
 
 
 def _spread(state: EstimatorState, mean: Vector, noise_px: Vector, pairs: tuple[int, ...]) -> float:
-    """Root mean square of normalised residuals, outliers clipped."""
+    """Root mean square of the normalised residuals, outliers clipped."""
     at = np.unique(np.linspace(0, len(pairs) - 1, ENOUGH_PAIRS).astype(int))
-    taken, noise = {pairs[one] for one in at}, noise_px.reshape(2, -1).T
+    sampled, noise = {pairs[index] for index in at}, noise_px.reshape(2, -1).T
     found = []
-    for rows in rows_of(state, taken):
+    for rows in rows_of(state, sampled):
         if rows.weight.any():
             residual = rows.disparity_px - predicted(state, rows, mean) + (noise if rows.from_reference else 0.0)
             found.append((residual * np.sqrt(rows.weight))[rows.weight > 0])

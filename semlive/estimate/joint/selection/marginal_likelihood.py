@@ -1,4 +1,4 @@
-"""What the data say of smoothness: the marginal likelihood of each candidate (empirical Bayes)."""
+"""Selection of smoothness by the marginal likelihood of each candidate (empirical Bayes)."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ LINE_CANDIDATES = 10.0 ** np.arange(-3.5, 0.6, 0.125)  # px
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalLikelihood:
-    """The data about a point: for parameters ``about + step`` their log-likelihood is ``pull @ step - step @ precision @ step / 2``.
+    """Quadratic log-likelihood about a point: for parameters ``point + step`` it is ``gradient @ step - step @ precision @ step / 2``.
 
-    About a first solution the pull is small and exact; the information vector itself, about zero, carries rounding errors that pass
-    for structure where data are free of noise.
+    About a first solution the gradient is small and exact. The information vector about zero contains rounding errors that resemble
+    structure if the data are free of noise.
 
     Attributes:
         precision: (n, n) information matrix, without priors.
-        gradient: (n,) what the residuals ask for.
+        gradient: (n,) gradient of the log-likelihood at the point.
         linearisation_point: (n,) the point.
     """
 
@@ -64,25 +64,26 @@ class LocalLikelihood:
     linearisation_point: NDArray[np.float64]
 
     def scaled(self, weight: float) -> LocalLikelihood:
-        """With every weight multiplied."""
+        """The likelihood with every weight multiplied by `weight`."""
         return LocalLikelihood(self.precision * weight, self.gradient * weight, self.linearisation_point)
 
     def with_prior(self, prior: NDArray[np.float64]) -> LocalLikelihood:
-        """Together with a prior about zero."""
+        """The likelihood times a Gaussian prior with zero mean."""
         return LocalLikelihood(self.precision + prior, self.gradient - prior @ self.linearisation_point, self.linearisation_point)
 
 
 def maximise_evidence(state: EstimatorState, data: LocalLikelihood, hyper: Hyperparameters, gauge: NDArray[np.float64]) -> Hyperparameters:
-    """The size of rotations and the smoothness of distortion and drift that make the data most likely, one after the other.
+    """Select, one after the other, the size of rotations and the smoothness of distortion and drift that maximise the marginal likelihood.
 
-    Distortion comes before drift. A drift that repeats in every frame is a distortion along y: judged while the distortion was still
-    held as smooth as is believed without data, the drift of a small frame that bends by 2 px had to be rough along y in its place (by 60
-    in the logarithm of the likelihood), and the modulus was known to 11 % where it is to 3 %.
+    Distortion comes before drift. A drift that repeats in every frame is equivalent to a distortion along y. With the prior
+    smoothness of the
+    distortion, the drift of a small frame with a distortion of 2 px had to be rough along y instead (by 60 in log likelihood), and
+    the uncertainty of the modulus was 11 % instead of 3 %.
     """
     at, where = rotation_indices(state), sides(state)
-    bare = data.scaled(hyper.noise_scale**-2.0).with_prior(gauge)
+    baseline = data.scaled(hyper.noise_scale**-2.0).with_prior(gauge)
     if at.size:
-        turning = marginal_of(bare, prior_precision(state, hyper), where, at)
+        turning = marginal_of(baseline, prior_precision(state, hyper), where, at)
         hyper = replace(hyper, rotation_rad=_likeliest_size(turning, ROTATION_CANDIDATES, ROTATION_PRIOR))
     for effect, orders, sizes in (
         (state.distortion, DISTORTION_ORDERS, DISTORTION_CANDIDATES),
@@ -90,13 +91,13 @@ def maximise_evidence(state: EstimatorState, data: LocalLikelihood, hyper: Hyper
     ):
         assert effect is not None  # solve() refuses an empty state
         part = state.layout.part(effect.name)
-        both = marginal_of(bare, prior_precision(state, hyper), where, np.arange(part.start, part.stop))
+        both = marginal_of(baseline, prior_precision(state, hyper), where, np.arange(part.start, part.stop))
         pinned = gauge[part, part][0::2, 0::2]  # the same for x and y
-        best, known = [], SmoothnessPrior(effect, pinned)
+        best, prior = [], SmoothnessPrior(effect, pinned)
         for axis in (0, 1):
-            one = slice(axis, None, 2)
-            own = LocalLikelihood(both.precision[one, one], both.gradient[one], both.linearisation_point[one])
-            best.append(select_smoothness(own, known, orders, sizes))
+            component = slice(axis, None, 2)
+            own = LocalLikelihood(both.precision[component, component], both.gradient[component], both.linearisation_point[component])
+            best.append(select_smoothness(own, prior, orders, sizes))
         hyper = replace(hyper, **{effect.name: (best[0], best[1])})
     return hyper
 
@@ -104,30 +105,30 @@ def maximise_evidence(state: EstimatorState, data: LocalLikelihood, hyper: Hyper
 def select_row_shift_size(
     state: EstimatorState, data: LocalLikelihood, hyper: Hyperparameters, gauge: NDArray[np.float64]
 ) -> Hyperparameters:
-    """With the likeliest size of shifts of rows, at the smoothness that is believed of the drift without data.
+    """Select the most likely size of row shifts, with the prior smoothness of the drift.
 
-    Chosen in turn with the drift's the two chase each other: a drift a little too stiff leaves its change from frame to frame to the rows,
-    whose shifts, grown from 0.06 px to 0.6 px, then leave nothing for the drift to bend for.
+    If both sizes are selected in turn, they do not converge: a slightly too stiff drift leaves its change between frames to the row shifts,
+    which grow from 0.06 px to 0.6 px and then leave no curvature for the drift.
     """
-    lines, bare = (
+    lines, baseline = (
         np.arange(*state.layout.part("line_shift").indices(state.layout.size)),
         data.scaled(hyper.noise_scale**-2.0).with_prior(gauge),
     )
-    shifted = marginal_of(bare, prior_precision(state, replace(hyper, drift=Hyperparameters().drift)), sides(state), lines)
+    shifted = marginal_of(baseline, prior_precision(state, replace(hyper, drift=Hyperparameters().drift)), sides(state), lines)
     return replace(hyper, row_shift_px=_likeliest_size(shifted, LINE_CANDIDATES, ROW_SHIFT_PRIOR))
 
 
-def marginal_of(bare: LocalLikelihood, belief: NDArray[np.float64], where: ComponentBlocks, at: NDArray[np.int64]) -> LocalLikelihood:
-    """What is known of some parameters, with all others integrated out and what `belief` says of these left out."""
-    gone = np.ones(len(bare.gradient), dtype=bool)
-    gone[at] = False
-    belief = np.where(gone[:, None], belief, 0.0)  # no belief joins parameters of two effects
-    precision, pull = marginalise(bare.precision + belief, bare.gradient - belief @ bare.linearisation_point, where, gone)
-    return LocalLikelihood(precision, pull, bare.linearisation_point[~gone])
+def marginal_of(baseline: LocalLikelihood, belief: NDArray[np.float64], where: ComponentBlocks, at: NDArray[np.int64]) -> LocalLikelihood:
+    """Information on some parameters after marginalising all others, without their own prior `belief`."""
+    eliminated = np.ones(len(baseline.gradient), dtype=bool)
+    eliminated[at] = False
+    belief = np.where(eliminated[:, None], belief, 0.0)  # no belief joins parameters of two effects
+    precision, pull = marginalise(baseline.precision + belief, baseline.gradient - belief @ baseline.linearisation_point, where, eliminated)
+    return LocalLikelihood(precision, pull, baseline.linearisation_point[~eliminated])
 
 
 def _likeliest_size(data: LocalLikelihood, candidates: NDArray[np.float64], believed: tuple[float, float]) -> float:
-    """The likeliest standard deviation of parameters that are independent of each other."""
+    """Most likely standard deviation of independent parameters."""
     values, vectors = np.linalg.eigh(data.precision)
     belief = candidates[:, None] ** -2.0
     pull, about = data.gradient @ vectors, data.linearisation_point @ vectors
@@ -138,11 +139,11 @@ def _likeliest_size(data: LocalLikelihood, candidates: NDArray[np.float64], beli
 
 
 class SmoothnessPrior:
-    """What is believed of one component of an effect whatever its smoothness, and what each kind adds to that, worked out once.
+    """Prior of one component of an effect common to all smoothness candidates, with cached spectra of each kind.
 
     Attributes:
         effect: the effect.
-        base: (m, m) precision of one component that every candidate has.
+        base: (m, m) precision common to all candidates.
     """
 
     def __init__(self, effect: DriftSpline | DistortionSpline, gauge: NDArray[np.float64]) -> None:
@@ -153,47 +154,49 @@ class SmoothnessPrior:
         self._spread: dict[Kind, NDArray[np.float64]] = {}
 
     def spread(self, kind: Kind) -> NDArray[np.float64]:
-        """(m,) eigenvalues of a kind's roughness against what is believed anyway."""
+        """(m,) eigenvalues of the roughness of a kind relative to the base prior."""
         if kind not in self._spread:
             self._spread[kind] = _spectrum(self.effect, kind, self._gauged)[0]
         return self._spread[kind]
 
 
-def select_smoothness(data: LocalLikelihood, known: SmoothnessPrior, orders: Orders, sizes: NDArray[np.float64]) -> Smoothness:
-    """The kind and size of smoothness with the largest marginal likelihood, for one component of one effect.
+def select_smoothness(data: LocalLikelihood, prior: SmoothnessPrior, orders: Orders, sizes: NDArray[np.float64]) -> Smoothness:
+    """Select kind and size of smoothness with the largest marginal likelihood for one component of one effect.
 
-    The marginal likelihood is a likelihood of held-out data: that of the first block mean, times that of the second as the first foretells
-    it, and so on to the last, in any order. A drift is asked whether it swings only where it bends enough for that to matter.
+    The marginal likelihood equals a product of predictive likelihoods: of the first block mean, of the second given the first,
+    and so on, in
+    any order. Oscillating kinds are tested only for a drift with enough curvature.
     """
-    data = data.with_prior(known.base)
+    data = data.with_prior(prior.base)
     best, highest = Smoothness(2, 0.0), -np.inf
-    for group in (orders, OSCILLATING_PRIORS) if isinstance(known.effect, DriftSpline) else (orders,):
+    for group in (orders, OSCILLATING_PRIORS) if isinstance(prior.effect, DriftSpline) else (orders,):
         for kind, belief in group.items() if group is orders or best.size_px > STILL_PX else ():
-            score = _scores(data, known, kind, sizes) + log_prior(sizes, belief)
+            score = _scores(data, prior, kind, sizes) + log_prior(sizes, belief)
             at = int(np.argmax(score))
             if score[at] > highest:
                 best, highest = smoothness_of_kind(kind, float(sizes[at])), float(score[at])
     return best
 
 
-def _scores(data: LocalLikelihood, known: SmoothnessPrior, kind: Kind, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Logarithm of the marginal likelihood of each size, up to what all kinds and sizes have in common.
+def _scores(data: LocalLikelihood, smoothness_prior: SmoothnessPrior, kind: Kind, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Log marginal likelihood of each size, up to a constant common to all kinds and sizes.
 
-    One generalised eigendecomposition serves all sizes s of a kind: with the precision ``P`` of data and base belief,
-    ``V^T (P + R / s0^2) V = 1`` and ``V^T R V = L``, every posterior precision ``P + R / s^2`` is diagonal, as is the prior in its own.
+    One generalised eigendecomposition serves all sizes s of a kind: with the precision ``P`` of data and base prior,
+    ``V^T (P + R / s0^2) V = 1`` and ``V^T R V = L``, every posterior precision ``P + R / s^2`` is diagonal, as is the prior in
+    its own basis.
     """
-    roughness, tight = smoothness_of_kind(kind, 1.0).roughness(known.effect), sizes**-2.0
+    roughness, tight = smoothness_of_kind(kind, 1.0).roughness(smoothness_prior.effect), sizes**-2.0
     data, held = _about_tightest(data, roughness * tight.max())
-    values, vectors = _spectrum(known.effect, kind, regularise(data.precision + roughness * tight[-1]))
+    values, vectors = _spectrum(smoothness_prior.effect, kind, regularise(data.precision + roughness * tight[-1]))
     held_back = smoothness_of_kind(kind, 1.0).filter
-    drifts = isinstance(known.effect, DriftSpline)
-    # By differences, or what is left of large values would be lost.
+    drifts = isinstance(smoothness_prior.effect, DriftSpline)
+    # Computed from differences to avoid cancellation of large values.
     bent = held_back.reversed(held_back.of(data.linearisation_point)) if drifts else roughness @ data.linearisation_point
     pull = data.gradient @ vectors - np.outer(tight, bent @ vectors)
     more = 1.0 + np.outer(tight - tight[-1], values)
     fit = (pull**2 / more).sum(axis=1) - tight * float(data.linearisation_point @ bent)
     after = np.log(more).sum(axis=1) - 2.0 * float(np.linalg.slogdet(vectors)[1])
-    prior = np.log1p(np.outer(tight, known.spread(kind))).sum(axis=1)
+    prior = np.log1p(np.outer(tight, smoothness_prior.spread(kind))).sum(axis=1)
     return np.asarray(held + 0.5 * (fit + prior - after), dtype=np.float64)
 
 
@@ -216,14 +219,14 @@ def _spectrum(effect: DriftSpline | DistortionSpline, kind: Kind, against: NDArr
 
 
 def _about_tightest(data: LocalLikelihood, belief: NDArray[np.float64]) -> tuple[LocalLikelihood, float]:
-    """The same data about where the tightest belief leads, and how much likelier they are there than about their own point.
+    """The data linearised about the mean under the tightest prior, and the gain in log-likelihood relative to their own point.
 
-    About a point that bends a tight belief is the small difference of large numbers.
+    About a point with curvature, the cost of a tight prior is the small difference of large numbers.
     """
     step = np.linalg.solve(regularise(data.precision + belief), data.gradient - belief @ data.linearisation_point)
-    asked = data.precision @ step
-    return LocalLikelihood(data.precision, data.gradient - asked, data.linearisation_point + step), float(
-        data.gradient @ step - 0.5 * step @ asked
+    gradient = data.precision @ step
+    return LocalLikelihood(data.precision, data.gradient - gradient, data.linearisation_point + step), float(
+        data.gradient @ step - 0.5 * step @ gradient
     )
 
 
@@ -233,5 +236,5 @@ def smoothness_of_kind(kind: Kind, size_px: float) -> Smoothness:
 
 
 def log_prior(candidates: NDArray[np.float64], belief: tuple[float, float]) -> NDArray[np.float64]:
-    """Logarithm of a log-normal belief (median, standard deviation of the logarithm) at candidates."""
+    """Log density of a log-normal prior (median, standard deviation of the logarithm) at candidates."""
     return -0.5 * (np.log(candidates / belief[0]) / belief[1]) ** 2 - np.log(belief[1])

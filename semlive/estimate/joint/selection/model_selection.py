@@ -1,4 +1,4 @@
-"""Optional terms, each decided by the data: magnification and rotation of the raster, and whether drift carries the distortion."""
+"""Selection of optional terms from the data: magnification and rotation of the raster, and advection of the distortion by the drift."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ COUPLING_SIGMAS = 4.0
 def raster_terms(
     state: EstimatorState, data: LocalLikelihood, hyper: Hyperparameters, gauge: NDArray[np.float64]
 ) -> tuple[Hyperparameters, tuple[TermTest, ...]]:
-    """Which terms of the raster the data ask for, and how large they may be.
+    """Test the raster terms and select their sizes.
 
-    Each is tested with all other parameters integrated out and the noise as it is in blocks of a subset's size, so that overlapping
-    subsets do not count more than once.
+    Each term is tested after marginalising all other parameters. The noise is that of blocks of subset size, so that overlapping subsets
+    count once.
     """
     where = sides(state)
-    bare, tests = data.scaled(hyper.noise_scale**-2.0).with_prior(gauge), []
+    baseline, tests = data.scaled(hyper.noise_scale**-2.0).with_prior(gauge), []
     for number, change in enumerate(state.raster):
         part = state.layout.part(change.name)
         off = _sized(hyper, number, 0.0)
-        own = marginal_of(bare, prior_precision(state, off), where, np.arange(part.start, part.stop))
+        own = marginal_of(baseline, prior_precision(state, off), where, np.arange(part.start, part.stop))
         still = _from_zero(own, part.stop - part.start)
         if change.term is RasterTerm.ROTATION:
-            gains, turns = _gains_of_rotation(state, bare, off, change, gauge[part, part])
+            gains, turns = _gains_of_rotation(state, baseline, off, change, gauge[part, part])
         else:
             gains = np.array([_gain(still, raster_prior(change, size), gauge[part, part]) for size in RASTER_CANDIDATES])
             turns = np.full(len(gains), hyper.rotation_rad)
@@ -56,21 +56,21 @@ def raster_terms(
 
 
 def _sized(hyper: Hyperparameters, number: int, size_px: float) -> Hyperparameters:
-    sizes = [size_px if at == number else one for at, one in enumerate(hyper.raster_px)]
+    sizes = [size_px if at == number else value for at, value in enumerate(hyper.raster_px)]
     return replace(hyper, raster_px=(sizes[0], sizes[1]))
 
 
 def _gains_of_rotation(
-    state: EstimatorState, bare: LocalLikelihood, off: Hyperparameters, change: RasterChange, gauge: NDArray[np.float64]
+    state: EstimatorState, baseline: LocalLikelihood, off: Hyperparameters, change: RasterChange, gauge: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """How much likelier the data become for each size of the raster's rotation, and the size of the specimen's that goes with it.
+    """Log likelihood gain for each size of the raster rotation, and the corresponding size of the specimen rotation.
 
-    From pair to pair the specimen may turn instead, so a size of one is judged with the likeliest of the other: judged with rotations of
-    the specimen as large as the data asked for without the raster's, 5e-4 rad of it were not seen in twelve out of twelve runs.
+    From pair to pair the specimen may rotate instead, so each size is evaluated with the most likely size of the other rotation. With the
+    specimen rotation selected without the raster rotation, a raster rotation of 5e-4 rad was missed in twelve of twelve runs.
     """
     part, turning = state.layout.part(change.name), rotation_indices(state)
     at = np.concatenate((np.arange(part.start, part.stop), turning))
-    own, count = marginal_of(bare, prior_precision(state, off), sides(state), at), part.stop - part.start
+    own, count = marginal_of(baseline, prior_precision(state, off), sides(state), at), part.stop - part.start
     order = np.argsort(np.argsort(at))  # what is kept comes sorted
     own = _from_zero(LocalLikelihood(own.precision[np.ix_(order, order)], own.gradient[order], own.linearisation_point[order]), count)
     sizes = np.concatenate(([0.0], RASTER_CANDIDATES))
@@ -91,10 +91,10 @@ def _gains_of_rotation(
 def distortion_advection(
     state: EstimatorState, data: LocalLikelihood, mean: NDArray[np.float64], prior: NDArray[np.float64], noise_scale: float
 ) -> TermTest:
-    """How far the drift carries the distortion: gamma of E(R - gamma d), by one column beside all others.
+    """Estimate the advection coefficient gamma of E(R - gamma d) from one column fitted jointly with all other parameters.
 
-    The column is what the maps would show more if the estimated distortion were carried by the estimated drift; its coefficient is
-    found with everything else free, so the rest of the model has had its chance to explain the same.
+    The column is the change of the maps if the drift advected the estimated distortion. All other parameters are free, so they can explain
+    the same change.
     """
     own, pulled, across = 0.0, 0.0, np.zeros(len(mean))
     noise, noise_pull = np.zeros((state.blocks.size, 2)), np.zeros((state.blocks.size, 2))
@@ -109,8 +109,8 @@ def distortion_advection(
         if rows.from_reference:
             noise -= rows.weight * column
             noise_pull -= rows.weight * misfit
-    seen = state.reference.weight > 0
-    per = np.where(seen, 1.0 / np.where(seen, state.reference.weight, 1.0), 0.0)
+    used = state.reference.weight > 0
+    per = np.where(used, 1.0 / np.where(used, state.reference.weight, 1.0), 0.0)
     own -= float(np.sum(noise**2 * per))
     pulled -= float(np.sum(noise * noise_pull * per))
     for axis in (0, 1):
@@ -120,16 +120,16 @@ def distortion_advection(
     solved = factorise(full.precision, sides(state)).solve(np.column_stack((across * weight, full.gradient)))
     # `mean` is the best fit of all others, but for rounding, so what they would take over is the step that is left.
     step = full.linearisation_point + solved[:, 1] - mean
-    known = own * weight - float(across @ solved[:, 0]) * weight
-    gamma = (pulled * weight - float(across @ step) * weight) / known if known > 0 else 0.0
-    sigma = known**-0.5 if known > 0 else np.inf
-    # Far from both 0 and 1 it is neither: something else is wrong, and carrying would only hide it.
+    information = own * weight - float(across @ solved[:, 0]) * weight
+    gamma = (pulled * weight - float(across @ step) * weight) / information if information > 0 else 0.0
+    sigma = information**-0.5 if information > 0 else np.inf
+    # A value far from both 0 and 1 indicates another model error, which advection would hide.
     carried = bool(abs(gamma - 1.0) < 0.4 and gamma > COUPLING_SIGMAS * sigma)
     return TermTest("coupling", carried, (gamma / sigma) ** 2, 0.5 * (gamma**2 - (1.0 - gamma) ** 2) / sigma**2, float(gamma), float(sigma))
 
 
 def advection_column(state: EstimatorState, rows: MapObservations, mean: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(blocks, 2) what carrying adds to a map, taken at the middle of each block."""
+    """(blocks, 2) change of a map by advection of the distortion, px, at the centre of each block."""
     here = rows.position_px + state.centre_px
     there = here + rows.disparity_px
     return _carried_at(state, state.frame_time(rows.current), there, mean) - _carried_at(
@@ -139,29 +139,29 @@ def advection_column(state: EstimatorState, rows: MapObservations, mean: NDArray
 
 def _carried_at(state: EstimatorState, when: FrameTime, at: NDArray[np.float64], mean: NDArray[np.float64]) -> NDArray[np.float64]:
     assert state.drift is not None  # there are rows
-    seen = sighting(when, at[:, 0], at[:, 1])
-    drift = state.drift.rows(seen.visit_time_s.mean(axis=0)) @ mean[state.layout.part("drift")].reshape(-1, 2)
+    observation = sighting(when, at[:, 0], at[:, 1])
+    drift = state.drift.rows(observation.visit_time_s.mean(axis=0)) @ mean[state.layout.part("drift")].reshape(-1, 2)
     bend = mean[state.layout.part("distortion")]
     before = at - drift
     return state.distortion.field(bend, before[:, 0], before[:, 1]) - state.distortion.field(bend, at[:, 0], at[:, 1])
 
 
 def _from_zero(own: LocalLikelihood, count: int) -> LocalLikelihood:
-    """The same data about a point where the first parameters, those of the term that is judged, are zero."""
+    """The data linearised about a point where the first `count` parameters, those of the tested term, are zero."""
     about = own.linearisation_point.copy()
     about[:count] = 0.0
     return LocalLikelihood(own.precision, own.gradient - own.precision @ (about - own.linearisation_point), about)
 
 
 def _gain(own: LocalLikelihood, prior: NDArray[np.float64], gauge: NDArray[np.float64]) -> float:
-    """How likely the data are with a belief about zero, natural logarithm; the gauge is in what is known already."""
+    """Log likelihood gain of a prior about zero relative to the term being absent; the gauge is part of the data."""
     after, pull = own.precision + prior, own.gradient - prior @ own.linearisation_point
     fit = float(pull @ np.linalg.solve(after, pull)) - float(own.linearisation_point @ prior @ own.linearisation_point)
     return 0.5 * (fit + float(np.linalg.slogdet(prior + gauge)[1]) - float(np.linalg.slogdet(after)[1]))
 
 
 def _f_ratio(own: LocalLikelihood) -> float:
-    """Mean square per degree of freedom that the term would explain; 1 where there is nothing, whatever its number of knots."""
+    """Mean square per degree of freedom explained by the term; 1 on average without an effect, for any number of knots."""
     values, vectors = np.linalg.eigh(own.precision)
-    told = values > 1e-3  # a tenth of a pixel and better is told by the data at all
-    return float(np.mean((own.gradient @ vectors[:, told]) ** 2 / values[told])) if told.any() else 0.0
+    determined = values > 1e-3  # a tenth of a pixel and better is told by the data at all
+    return float(np.mean((own.gradient @ vectors[:, determined]) ** 2 / values[determined])) if determined.any() else 0.0

@@ -1,4 +1,4 @@
-"""Choices of a long run that the first pairs made: whether the drift carries the distortion, and how far the specimen turns."""
+"""Selections of a long run that the first pairs determined: distortion advection and typical specimen rotation."""
 
 from __future__ import annotations
 
@@ -21,25 +21,32 @@ LEAST_RAD = 1e-7
 
 
 def reestimate_advection(solution: Solution, since: int) -> TermTest:
-    """Gamma as the pairs since the first `since` have it: one column beside all others, as in `terms.coupling`, along a chain of 32 pairs.
+    """Estimate the advection coefficient gamma again from the pairs after the first `since`.
 
-    The column is fitted by everything else as if it were the data; what is left of it is what gamma alone can explain. Where gamma is not
-    what was chosen, these pairs are fitted both ways, and the smaller misfit decides.
+    The estimate uses one extra column, as in `distortion_advection`, and a chain of 32 pairs. All other parameters are fitted to
+    the column;
+    only the residual of that fit determines gamma. If gamma differs from the selected value, the pairs are fitted with and
+    without advection
+    and the fit with the smaller residual is selected.
     """
     state, near = subset_state(solution, sampled_pair_numbers(solution.state, since))
     noise_px, carried = (
         solution.shared_posterior.step[solution.shared_posterior.chain.border.part(NOISE)],
         solution.state.distortion.carried,
     )
-    told = [rows for rows in state.rows if rows.weight.any() and rows.disparity_px.any()]
-    columns = [advection_column(solution.state, rows, solution.mean) for rows in told]
-    as_data = tuple(replace(rows, disparity_px=column) for rows, column in zip(told, columns, strict=True))
+    used_rows = [rows for rows in state.rows if rows.weight.any() and rows.disparity_px.any()]
+    columns = [advection_column(solution.state, rows, solution.mean) for rows in used_rows]
+    as_data = tuple(replace(rows, disparity_px=column) for rows, column in zip(used_rows, columns, strict=True))
     fit = solve_shared(eliminate_all(replace(state, rows=as_data), solution.hyper, np.zeros(len(near))))
     unexplained = _left(replace(state, rows=as_data), mean_of(fit), fit.step[fit.chain.border.part(NOISE)])
-    misfit = _left(replace(state, rows=tuple(told)), near, noise_px)
-    own = sum(float(np.sum(rows.weight * one * column)) for rows, one, column in zip(told, unexplained, columns, strict=True))
-    pulled = sum(float(np.sum(rows.weight * one * left)) for rows, one, left in zip(told, unexplained, misfit, strict=True))
-    gamma = float(carried) + (pulled / own if own > 0 else 0.0)  # where it is carried already, the misfit asks for less or more of it
+    misfit = _left(replace(state, rows=tuple(used_rows)), near, noise_px)
+    own = sum(
+        float(np.sum(rows.weight * residual * column)) for rows, residual, column in zip(used_rows, unexplained, columns, strict=True)
+    )
+    pulled = sum(
+        float(np.sum(rows.weight * residual * change)) for rows, residual, change in zip(used_rows, unexplained, misfit, strict=True)
+    )
+    gamma = float(carried) + (pulled / own if own > 0 else 0.0)  # with advection in the model, the residual determines a change of gamma
     sigma = float(solution.hyper.noise_scale / np.sqrt(own)) if own > 0 else np.inf
     doubtful = abs(gamma - float(carried)) > COUPLING_SIGMAS * sigma
     used = carried != _better_otherwise(state, solution.hyper, near) if doubtful else carried
@@ -48,24 +55,24 @@ def reestimate_advection(solution: Solution, since: int) -> TermTest:
 
 
 def _better_otherwise(state: EstimatorState, hyper: Hyperparameters, near: Vector) -> bool:
-    """Whether the pairs of a state leave less with the distortion carried if it is not, or not carried if it is."""
+    """Whether the residual of the pairs of a state is smaller with the other choice of distortion advection."""
     about = replace(state, linearisation_point=near)
     spreads = []
-    for one in (state, with_static_distortion(about) if state.distortion.carried else with_advected_distortion(about)):
-        fit = solve_shared(eliminate_all(one, hyper, near))
-        left = _left(one, mean_of(fit), fit.step[fit.chain.border.part(NOISE)])
-        z = np.concatenate([(residual * np.sqrt(rows.weight)).ravel() for rows, residual in zip(one.rows, left, strict=True)])
+    for candidate in (state, with_static_distortion(about) if state.distortion.carried else with_advected_distortion(about)):
+        fit = solve_shared(eliminate_all(candidate, hyper, near))
+        left = _left(candidate, mean_of(fit), fit.step[fit.chain.border.part(NOISE)])
+        z = np.concatenate([(residual * np.sqrt(rows.weight)).ravel() for rows, residual in zip(candidate.rows, left, strict=True)])
         spreads.append(float(np.mean(z**2)))
     return spreads[1] < spreads[0]
 
 
 def _left(state: EstimatorState, mean: Vector, noise_px: Vector) -> list[Matrix]:
-    """(blocks, 2) of each map, what parameters and the noise of frame 0 leave."""
+    """(blocks, 2) residual of each map for given parameters and given noise of frame 0, px."""
     noise = noise_px.reshape(2, -1).T
     return [rows.disparity_px - predicted(state, rows, mean) + (noise if rows.from_reference else 0.0) for rows in state.rows]
 
 
 def rms_rotation(state: EstimatorState, mean: Vector, before_rad: float) -> float:
-    """Root mean square of the rotations of pairs that moved rigidly; as before where there are none."""
+    """Root mean square rotation of the pairs with rigid motion, rad; `before_rad` if there are none."""
     at = rotation_indices(state)
     return max(float(np.sqrt(np.mean(mean[at] ** 2))), LEAST_RAD) if at.size else before_rad

@@ -1,4 +1,4 @@
-"""The posterior: Cholesky of the information matrix, with noise scale and smoothness chosen by the data."""
+"""Posterior of the joint estimate: Cholesky factor of the information matrix, with hyperparameters selected from the data."""
 
 from __future__ import annotations
 
@@ -51,15 +51,15 @@ Information = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """Posterior of all parameters given everything accumulated.
+    """Posterior of all parameters given the accumulated data.
 
     Attributes:
-        state: the data, linearised about the posterior mean that the choices were made about.
-        hyper: noise scale and smoothness used.
+        state: the data, linearised about the posterior mean at which the hyperparameters were selected.
+        hyper: noise scale and prior sizes.
         mean: (n,) posterior mean.
-        shared_posterior: the elimination that gave it, which further pairs go on from.
-        noise_floor_px: robust standard deviation of one POI that the model leaves unexplained, per component, when last chosen.
-        terms: optional terms, and whether the data asked for them.
+        shared_posterior: the elimination that gave the posterior and to which further pairs are added.
+        noise_floor_px: robust standard deviation of the residual of one POI, per component, at the last selection, px.
+        terms: optional terms and the results of their tests.
     """
 
     state: EstimatorState
@@ -70,7 +70,7 @@ class Solution:
     terms: tuple[TermTest, ...] = ()
 
     def part(self, name: str) -> NDArray[np.float64]:
-        """Posterior mean of one effect's parameters."""
+        """Posterior mean of the parameters of one effect."""
         return self.mean[self.state.layout.part(name)]
 
     def covariance_of(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -79,10 +79,11 @@ class Solution:
 
 
 def select_and_solve(state: EstimatorState) -> Solution:
-    """Posterior mean and covariance of drift, distortion and motion, with all that the data choose.
+    """Compute the posterior mean and covariance of drift, distortion and motion, and select all hyperparameters.
 
-    The noise scale follows from the residuals, the smoothness of drift and distortion from the marginal likelihood
-    (empirical Bayes), and the gradients' columns are re-linearised once about a first solution.
+    The noise scale follows from the residuals. The smoothness of drift and distortion follows from the marginal likelihood
+    (empirical Bayes).
+    The columns of the gradients are linearised a second time about a first solution.
 
     Raises:
         IllPosed: there are no data, or they are not finite.
@@ -91,25 +92,25 @@ def select_and_solve(state: EstimatorState) -> Solution:
 
 
 def solve_both_couplings(state: EstimatorState) -> tuple[Solution, Solution | None]:
-    """The same, and beside it what would have been chosen with the other coupling, where the data leave the coupling in doubt.
+    """Solve with the selected distortion advection and, if the data leave the selection in doubt, also with the other one.
 
-    They do where they ask for another share of the distortion to be carried by the drift than all of it, or nothing, as was chosen.
+    The selection is in doubt if the estimated advection coefficient differs from the selected 0 or 1.
 
     Raises:
         IllPosed: there are no data, or they are not finite.
     """
-    chosen, other = _couplings(state)
+    chosen, alternative = _couplings(state)
     found = _finished(chosen, state.storage)
     try:
-        return found, other and _finished(other, state.storage)
-    except IllPosed:  # what was not chosen may be so wrong that nothing comes of it
+        return found, alternative and _finished(alternative, state.storage)
+    except IllPosed:  # the fit with the rejected advection may fail
         return found, None
 
 
 def posterior_from_elimination(
     chain: EliminationChain, terms: tuple[TermTest, ...], noise_floor_px: float, newest: int | None = None
 ) -> Solution:
-    """The posterior that an elimination gives; of so many `newest` pairs and of what all pairs share alone if so asked."""
+    """Posterior from an elimination; with `newest`, only of that number of newest pairs and of the shared parameters."""
     ending = solve_shared(chain)
     mean = chain.state.storage.store_transient(mean_of(ending, newest))
     return Solution(chain.state, chain.hyper, mean, ending, noise_floor_px, terms)
@@ -123,12 +124,12 @@ def _concluded(
         scale, floor_px = _noise(state, data.precision, hyper, mean, factor.inverse(), LAST_BLOCK_NOISE_PX)
         if scale > 0.5 * hyper.noise_scale:
             return posterior_from_elimination(eliminate_all(state, hyper, mean), terms, floor_px)
-        hyper = replace(hyper, noise_scale=scale)  # there is less than choices may take it for
+        hyper = replace(hyper, noise_scale=scale)  # the noise may be below the floor used for selection
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fitted:
-    """A fit on the way: the state's data about a mean, and the hyper-parameters chosen there."""
+    """An intermediate fit: the data linearised about a mean, and the hyperparameters selected there."""
 
     state: EstimatorState
     data: LocalLikelihood
@@ -138,17 +139,17 @@ class _Fitted:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Coupled:
-    """A fit with the distortion carried by the drift or not, and the terms that were asked for."""
+    """A fit with or without distortion advection, and the optional terms that were tested."""
 
     fitted: _Fitted
     terms: tuple[TermTest, ...]
 
 
 def _couplings(state: EstimatorState) -> tuple[_Coupled, _Coupled | None]:
-    """As chosen, and otherwise if that stays in doubt."""
+    """The selected fit, and the fit with the other advection if the selection is in doubt."""
     if state.drift is None:
         raise IllPosed("no pair has been accumulated yet, so there is nothing to estimate: add pair 0 first")
-    state = replace(state, rows=tuple(state.rows), storage=IN_MEMORY)  # they are looked at dozens of times
+    state = replace(state, rows=tuple(state.rows), storage=IN_MEMORY)  # the rows are read dozens of times
     gauge = gauge_precision(state)
     mean = _first_mean(state, Hyperparameters(), gauge)
     fitted, tests = _with_raster_terms(_fitted(relinearise(state, mean), Hyperparameters(), gauge, mean), gauge)
@@ -156,7 +157,7 @@ def _couplings(state: EstimatorState) -> tuple[_Coupled, _Coupled | None]:
     # and magnification once more after the coupling.
     test = _coupling(fitted, gauge)
     still = _Coupled(fitted, (*tests, replace(test, included=False)))
-    if abs(test.value) <= COUPLING_SIGMAS * test.sigma:  # one column cannot tell where the misfit is all there is
+    if abs(test.value) <= COUPLING_SIGMAS * test.sigma:  # one column does not determine gamma if the misfit dominates
         return still, None
     fitted, tests = _with_raster_terms(_carried(state, mean, gauge), gauge)
     along = _Coupled(fitted, (*tests, replace(test, included=True)))
@@ -165,18 +166,18 @@ def _couplings(state: EstimatorState) -> tuple[_Coupled, _Coupled | None]:
     return still, along
 
 
-def _finished(one: _Coupled, keep: Storage) -> Solution:
-    fitted, lines = _with_line_shifts(one.fitted)
+def _finished(coupled: _Coupled, storage: Storage) -> Solution:
+    fitted, lines = _with_line_shifts(coupled.fitted)
     gauge = gauge_precision(fitted.state)
     fitted = _robust(fitted, gauge)
-    kept = replace(fitted.state, rows=keep.append((), (offload_rows(each, keep) for each in fitted.state.rows)), storage=keep)
-    return _concluded(kept, fitted.data, fitted.hyper, gauge, (*one.terms, lines))
+    stored = replace(fitted.state, rows=storage.append((), (offload_rows(each, storage) for each in fitted.state.rows)), storage=storage)
+    return _concluded(stored, fitted.data, fitted.hyper, gauge, (*coupled.terms, lines))
 
 
 def _fitted(state: EstimatorState, hyper: Hyperparameters, gauge: NDArray[np.float64], near: NDArray[np.float64]) -> _Fitted:
-    """Noise scale, then smoothness, then noise scale once more, of a state, and the mean with these.
+    """Select noise scale, smoothness and noise scale again, and compute the mean with these.
 
-    With the smoothness that is believed without data, a distortion that bends by 2 px in 276 px made the noise scale 1.5 for 1.0.
+    With the prior smoothness, a distortion that bends by 2 px in 276 px gave a noise scale of 1.5 instead of 1.0.
     """
     data = LocalLikelihood(marginal(state)[0], gradient(state, near), near)
     for choose in (None, maximise_evidence, None):
@@ -189,7 +190,7 @@ def _fitted(state: EstimatorState, hyper: Hyperparameters, gauge: NDArray[np.flo
 
 
 def _carried(state: EstimatorState, mean: NDArray[np.float64], gauge: NDArray[np.float64]) -> _Fitted:
-    """Fits with the distortion carried by the drift of the fit before, until the misfit stays the same."""
+    """Repeat fits with the distortion advected by the drift of the previous fit until the misfit is constant."""
     fitted = _fitted(with_advected_distortion(relinearise(state, mean)), Hyperparameters(), gauge, mean)
     for number in range(1, PASSES[1]):
         before = fitted.hyper
@@ -204,7 +205,7 @@ def _with_raster_terms(fitted: _Fitted, gauge: NDArray[np.float64]) -> tuple[_Fi
     hyper, tests = raster_terms(fitted.state, fitted.data, fitted.hyper, gauge)
     if hyper.raster_px == fitted.hyper.raster_px:
         return fitted, tests
-    # Noise, smoothness and the point of linearisation were judged without what has now come in: begin again with it.
+    # Noise, smoothness and linearisation point were selected without the new term: select them again.
     start = replace(Hyperparameters(), raster_px=tuple(RASTER_START_PX if size else 0.0 for size in hyper.raster_px))
     remade = with_advected_distortion if fitted.state.distortion.carried else _as_it_is
     mean = _first_mean(fitted.state, start, gauge)
@@ -222,7 +223,7 @@ def _with_line_shifts(fitted: _Fitted) -> tuple[_Fitted, TermTest]:
     test, size_px = row_shift_term_test(fitted.state, residuals(fitted.state, fitted.mean), fitted.hyper.noise_scale)
     if not test.included:
         return fitted, test
-    # Noise and drift were made to take up what the shifts did: begin again with them.
+    # Noise and drift had absorbed the row shifts: select them again with the shifts in the model.
     state = with_row_shifts(fitted.state, row_groups(fitted.state), fitted.mean)
     start = replace(Hyperparameters(), raster_px=fitted.hyper.raster_px, rotation_rad=fitted.hyper.rotation_rad, row_shift_px=size_px)
     gauge, mean = gauge_precision(state), _first_mean(state, start, gauge_precision(state))
@@ -231,8 +232,8 @@ def _with_line_shifts(fitted: _Fitted) -> tuple[_Fitted, TermTest]:
     return _fitted(state, select_row_shift_size(state, data, start, gauge), gauge, mean), test
 
 
-def _same(one: Hyperparameters, two: Hyperparameters) -> bool:
-    return abs(np.log(one.noise_scale / two.noise_scale)) < CONVERGENCE_TOLERANCE
+def _same(first: Hyperparameters, second: Hyperparameters) -> bool:
+    return abs(np.log(first.noise_scale / second.noise_scale)) < CONVERGENCE_TOLERANCE
 
 
 def _as_it_is(state: EstimatorState) -> EstimatorState:
@@ -240,19 +241,19 @@ def _as_it_is(state: EstimatorState) -> EstimatorState:
 
 
 def _robust(fitted: _Fitted, gauge: NDArray[np.float64]) -> _Fitted:
-    """Refitted with Huber's weights of block means, where any lies far off; points far off their own block never get into its mean."""
-    whole = fitted.state
+    """Fit again with Huber weights of the block means if any is an outlier. Outliers within a block are excluded from its mean before."""
+    state = fitted.state
     for _ in range(HUBER_PASSES):
         limit = HUBER * fitted.hyper.noise_scale
-        left = iter(residuals(fitted.state, fitted.mean))
-        kept, any_far = list[MapObservations](), False
-        for rows in whole.rows:
-            far = np.abs(next(left)) * np.sqrt(rows.weight) if rows.weight.any() else np.zeros_like(rows.weight)
-            kept.append(replace(rows, weight=rows.weight * (limit / np.maximum(far, limit))) if (far > limit).any() else rows)
+        misfit = iter(residuals(fitted.state, fitted.mean))
+        retained, any_far = list[MapObservations](), False
+        for rows in state.rows:
+            far = np.abs(next(misfit)) * np.sqrt(rows.weight) if rows.weight.any() else np.zeros_like(rows.weight)
+            retained.append(replace(rows, weight=rows.weight * (limit / np.maximum(far, limit))) if (far > limit).any() else rows)
             any_far = any_far or bool((far > limit).any())
         if not any_far:
             return fitted
-        fitted = _fitted(reweight(fitted.state, tuple(kept)), fitted.hyper, gauge, fitted.mean)
+        fitted = _fitted(reweight(fitted.state, tuple(retained)), fitted.hyper, gauge, fitted.mean)
     return fitted
 
 
@@ -268,15 +269,14 @@ def posterior(data: Information, prior: NDArray[np.float64], noise_scale: float)
 
 
 def mean_with(state: EstimatorState, hyper: Hyperparameters) -> NDArray[np.float64]:
-    """(n,) posterior mean with a smoothness that is given, and the noise as it then seems."""
+    """(n,) posterior mean with given smoothness and the noise scale estimated with it."""
     return _first_mean(state, hyper, gauge_precision(state))
 
 
 def _first_mean(state: EstimatorState, start: Hyperparameters, gauge: NDArray[np.float64]) -> NDArray[np.float64]:
-    """With smoothness as believed without data, and the noise as it then seems.
+    """Mean with the prior smoothness and the noise scale estimated with it.
 
-    Taken for what the DIC says of it, a misfit a hundred times larger (no noise at all, and the wrong coupling) made the drift wrong by
-    170 px.
+    With the noise reported by the DIC instead, a misfit a hundred times larger (no noise, wrong advection) caused a drift error of 170 px.
     """
     prior, (precision, information), scale = prior_precision(state, start) + gauge, marginal(state), 1.0
     mean = factorise(precision + prior, sides(state)).solve(information)
@@ -293,17 +293,17 @@ def _first_mean(state: EstimatorState, start: Hyperparameters, gauge: NDArray[np
 def _posterior_about(
     state: EstimatorState, data: LocalLikelihood, prior: NDArray[np.float64], noise_scale: float
 ) -> tuple[NDArray[np.float64], ArrowheadFactor]:
-    """Mean and factor from the data about a point: the step is small, so it is exact."""
+    """Mean and factor from data linearised about a point. The result is exact because the step is small."""
     believed = data.scaled(noise_scale**-2.0).with_prior(prior)
     factor = factorise(believed.precision, sides(state))
     return data.linearisation_point + factor.solve(believed.gradient), factor
 
 
 def residuals(state: EstimatorState, mean: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """(blocks, 2) residual of the block means of each map with any weight, px, without the noise of frame 0 in maps from it."""
+    """(blocks, 2) residual of the block means of each map with weight, px. Maps from frame 0 are corrected for the noise of frame 0."""
     noise_px = state.reference.mean_px(mean)
-    told = [rows for rows in state.rows if rows.weight.any()]
-    return [rows.disparity_px - predicted(state, rows, mean) + (noise_px if rows.from_reference else 0.0) for rows in told]
+    used_rows = [rows for rows in state.rows if rows.weight.any()]
+    return [rows.disparity_px - predicted(state, rows, mean) + (noise_px if rows.from_reference else 0.0) for rows in used_rows]
 
 
 def _noise(
@@ -314,15 +314,15 @@ def _noise(
     covariance: NDArray[np.float64],
     least_px: float = MIN_BLOCK_NOISE_PX,
 ) -> tuple[float, float]:
-    """Noise scale from normalised residuals (clipped, for outliers), and the noise of one POI in px.
+    """Noise scale from clipped normalised residuals, and the noise of one POI, px.
 
-    Block means scatter by a part of their assigned variance (see `_scatter`), and each parameter that the data determine takes one
-    whole assigned variance away. The noise of frame 0 counts as residual against its prior.
+    Block means scatter by a part of their assigned variance (see `_scatter`). Each determined parameter reduces the sum by one assigned
+    variance. The noise of frame 0 counts as a residual against its prior.
     """
     blocks, noise = state.blocks, state.reference
     z, variance, fields = [(noise.mean_px(mean) * np.sqrt(noise.prior))[noise.prior > 0]], [], []
-    told = [rows for rows in state.rows if rows.weight.any()]
-    for rows, residual in zip(told, residuals(state, mean), strict=True):
+    used_rows = [rows for rows in state.rows if rows.weight.any()]
+    for rows, residual in zip(used_rows, residuals(state, mean), strict=True):
         used = rows.weight > 0
         fields.append(residual * np.sqrt(rows.weight))
         z.append(fields[-1][used])
@@ -340,18 +340,22 @@ def _noise(
 
 
 def _scatter(blocks: Blocks, fields: list[NDArray[np.float64]], limit: float) -> float:
-    """Variance of block means relative to what they are worth for anything slower than a subset, from their residuals.
+    """Variance of block means relative to their assigned variance, estimated from residuals.
 
-    Between 1, where blocks have nothing in common (white noise of single POI), and what overlapping subsets share: with
-    neighbours correlated by r along x and y, what is slow has ``(1 + 2 r_x) (1 + 2 r_y)`` times the variance of white blocks.
-    Taking overlap for granted made sigmas of white noise too large by 1.46.
+    The result lies between 1 for independent blocks (white noise of single POI) and the value for overlapping subsets. If neighbours are
+    correlated by r along x and y, slow fields have ``(1 + 2 r_x) (1 + 2 r_y)`` times the variance of independent blocks.
+    Assuming full overlap
+    made the standard deviations of white noise too large by a factor of 1.46.
     """
     if not fields:
         return 1.0
-    seen = np.clip(np.stack(fields), -limit, limit).reshape(len(fields), *blocks.layout, 2)
-    along_x, along_y = seen[:, :, 1:] * seen[:, :, :-1], seen[:, 1:] * seen[:, :-1]
+    clipped = np.clip(np.stack(fields), -limit, limit).reshape(len(fields), *blocks.layout, 2)
+    along_x, along_y = clipped[:, :, 1:] * clipped[:, :, :-1], clipped[:, 1:] * clipped[:, :-1]
     inflation = 1.0
-    for product, pair in ((along_x, (seen[:, :, 1:] != 0) & (seen[:, :, :-1] != 0)), (along_y, (seen[:, 1:] != 0) & (seen[:, :-1] != 0))):
-        power = float(np.mean(seen[seen != 0] ** 2)) if seen.any() else 1.0
+    for product, pair in (
+        (along_x, (clipped[:, :, 1:] != 0) & (clipped[:, :, :-1] != 0)),
+        (along_y, (clipped[:, 1:] != 0) & (clipped[:, :-1] != 0)),
+    ):
+        power = float(np.mean(clipped[clipped != 0] ** 2)) if clipped.any() else 1.0
         inflation *= 1.0 + 2.0 * max(float(product.sum()) / max(int(pair.sum()), 1) / power, 0.0)
     return float(np.clip(1.0 / inflation, blocks.block_variance_ratio, 1.0))

@@ -1,4 +1,4 @@
-"""The solution from pair to pair: what the data choose is chosen anew on a geometric schedule, kept in between."""
+"""Solution after each pair. Hyperparameters are selected on a geometric schedule and keep their values between selections."""
 
 from __future__ import annotations
 
@@ -26,58 +26,59 @@ from semlive.estimate.joint.solution.advection import reestimate_advection, rms_
 from semlive.estimate.joint.solution.posterior import Solution, posterior_from_elimination, select_and_solve
 
 
-def solve_incremental(state: EstimatorState, known: Solution | None) -> Solution:
-    """The solution after a further pair, given that of an earlier one.
+def solve_incremental(state: EstimatorState, previous: Solution | None) -> Solution:
+    """Compute the solution after a further pair from an earlier solution.
 
-    Noise scale, smoothness, optional terms and coupling are chosen anew after 1, 2, 3, 4, 6, 8, 12, 16, 24, ... pairs and kept in
-    between: what half as many pairs more can tell of them is little, and choosing takes four times as long as all the rest. It is the
-    number of pairs that decides, so a log replayed gives what was said live. Between two choices the result is the exact least
-    squares over all maps with these choices, linearised about its own first solution.
+    Noise scale, smoothness, optional terms and distortion advection are selected after 1, 2, 3, 4, 6, 8, 12, 16, 24, ... pairs. Between
+    selections they keep their values, because a selection takes four times as long as the remaining computation. The schedule depends only
+    on the number of pairs, so replaying a log reproduces the live results. Between two selections the result is the exact least-squares
+    solution over all maps, linearised about its own first solution.
 
     Args:
-        state: everything accumulated.
-        known: the solution after an earlier pair; None chooses anew.
+        state: the accumulated data.
+        previous: the solution after an earlier pair; None selects all hyperparameters.
 
     Raises:
-        IllPosed: there are no data, or they are not finite; or `known` is of pairs that the state does not have.
+        IllPosed: there are no data, they are not finite, or `previous` contains pairs that the state does not have.
     """
-    if known is None or (selection_due(len(state.phases)) and dense_limit(state) == len(state.phases)):
+    if previous is None or (selection_due(len(state.phases)) and dense_limit(state) == len(state.phases)):
         return solve(state)
-    followed = posterior_from_elimination(_gone_on(state, known), known.terms, known.noise_floor_px)
+    followed = posterior_from_elimination(_gone_on(state, previous), previous.terms, previous.noise_floor_px)
     return _anew(followed, previous_selection(len(state.phases))) if selection_due(len(state.phases)) else followed
 
 
-def solve_newest(state: EstimatorState, known: Solution, pairs: int = 1) -> Solution:
-    """The same for so many newest pairs alone, and for what all pairs share: costs as much after a thousand pairs as after ten.
+def solve_newest(state: EstimatorState, previous: Solution, pairs: int = 1) -> Solution:
+    """Update only the newest `pairs` pairs and the shared parameters. The cost does not depend on the length of the run.
 
-    The mean of what belongs to earlier pairs stays where the last choice left it.
+    The mean of the parameters of earlier pairs keeps its value from the last selection.
     """
-    return posterior_from_elimination(_gone_on(state, known), known.terms, known.noise_floor_px, newest=pairs)
+    return posterior_from_elimination(_gone_on(state, previous), previous.terms, previous.noise_floor_px, newest=pairs)
 
 
-def solve_live(state: EstimatorState, known: Solution | None) -> Solution:
-    """What is wanted at once after a further pair: the `LIVE_WINDOW_PAIRS` newest pairs, with the choices that were made before.
+def solve_live(state: EstimatorState, previous: Solution | None) -> Solution:
+    """Compute the solution needed immediately after a pair: the newest `LIVE_WINDOW_PAIRS` pairs with the previous hyperparameters.
 
-    So the first 32 pairs are smoothed whole every time, and of a longer run what is older than that moves when `solve_incremental` chooses.
+    The first 32 pairs are therefore all smoothed after each pair. In a longer run, older pairs change when `solve_incremental`
+    makes a selection.
     """
-    return solve(state) if known is None else solve_newest(state, known, LIVE_WINDOW_PAIRS)
+    return solve(state) if previous is None else solve_newest(state, previous, LIVE_WINDOW_PAIRS)
 
 
-def _gone_on(state: EstimatorState, known: Solution) -> EliminationChain:
-    """The known elimination, with the pairs that it has not seen."""
-    chain, before = known.shared_posterior.chain, known.state
+def _gone_on(state: EstimatorState, previous: Solution) -> EliminationChain:
+    """The previous elimination, extended by the pairs it does not contain."""
+    chain, before = previous.shared_posterior.chain, previous.state
     if state.motions.pairs[: len(before.motions.pairs)] != before.motions.pairs:
         raise IllPosed("the earlier solution is of another run: begin without one")
-    # Drift goes on from where it was found to be; what belongs to the past is in no column that is still to be made.
+    # The drift continues from its estimate; columns not yet computed do not depend on the past.
     local = slice(before.layout.part("drift").start + chain.border.counts[DRIFT], before.layout.part("drift").stop)
     before = replace(before, linearisation_point=before.linearisation_point.copy())
-    before.linearisation_point[local] = known.mean[local]
+    before.linearisation_point[local] = previous.mean[local]
     if (
         before.distortion.carried or before.row_shifts.size
     ):  # columns that a fresh state does not have, so the earlier pairs' are taken over
         state = without_normal_matrix(_caught_up(before, state))
     else:
-        rows = state.storage.append(before.rows, state.rows[len(before.rows) :])  # those seen before with the weights that were chosen
+        rows = state.storage.append(before.rows, state.rows[len(before.rows) :])  # pairs of the earlier state keep their robust weights
         state = replace(state, rows=rows, linearisation_point=extended_parameters(state.layout, before.layout, before.linearisation_point))
         state = with_rates(without_normal_matrix(state), before.start_time_errors)
     near = extended_parameters(state.layout, before.layout, chain.linearisation_point)
@@ -88,7 +89,9 @@ def _gone_on(state: EstimatorState, known: Solution) -> EliminationChain:
 
 
 def solve(state: EstimatorState) -> Solution:
-    """Everything from all pairs; of a run longer than its `dense_limit`, whether rows are shifted as the first so many that came have it.
+    """Compute the full solution from all pairs.
+
+    In a run longer than its `dense_limit`, the test for row shifts uses only the first pairs in order of arrival.
 
     Raises:
         IllPosed: there are no data, or they are not finite.
@@ -96,14 +99,14 @@ def solve(state: EstimatorState) -> Solution:
     first = dense_limit(state)
     if first == len(state.phases):
         return select_and_solve(state)
-    known = select_and_solve(first_pairs(state, first))
-    return _anew(posterior_from_elimination(_gone_on(state, known), known.terms, known.noise_floor_px), first)
+    previous = select_and_solve(first_pairs(state, first))
+    return _anew(posterior_from_elimination(_gone_on(state, previous), previous.terms, previous.noise_floor_px), first)
 
 
 def _anew(solution: Solution, since: int) -> Solution:
-    """Linearised about the solution itself, with noise, smoothness, coupling, rotations and terms of the raster chosen anew.
+    """Linearise about the solution and select noise, smoothness, advection, rotation size and raster terms again.
 
-    Whether rows are shifted stays as it was. The noise scale is known from the first `since` pairs.
+    The test for row shifts is not repeated. The noise scale is that of the first `since` pairs times the ratio of the residuals.
     """
     state, test = (
         with_rates(without_normal_matrix(replace(solution.state, linearisation_point=solution.mean))),
@@ -117,7 +120,7 @@ def _anew(solution: Solution, since: int) -> Solution:
     larger = residual_noise_ratio(state, solution.mean, noise_px, since)
     turned = rms_rotation(state, solution.mean, solution.hyper.rotation_rad)
     hyper = replace(solution.hyper, noise_scale=larger * solution.hyper.noise_scale, rotation_rad=turned)
-    before = tuple(test if one.name == test.name else one for one in solution.terms)
+    before = tuple(test if term.name == test.name else term for term in solution.terms)
     hyper, terms = reselect_temporal_terms(state, hyper, before, solution.mean, noise_px)
     chain = eliminate_all(state, hyper, solution.mean)  # eliminates the pairs; the belief about the distortion comes after
     return posterior_from_elimination(replace(chain, hyper=reselect_distortion_smoothness(chain)), terms, larger * solution.noise_floor_px)
@@ -130,15 +133,15 @@ def selection_due(pairs: int) -> bool:
 
 
 def previous_selection(pairs: int) -> int:
-    """The largest number of pairs below this one after which choices were due; 1 for the first."""
-    return next((one for one in range(pairs - 1, 0, -1) if selection_due(one)), 1)
+    """Largest number of pairs below `pairs` at which a selection was due; 1 for the first."""
+    return next((count for count in range(pairs - 1, 0, -1) if selection_due(count)), 1)
 
 
-def _caught_up(known: EstimatorState, state: EstimatorState) -> EstimatorState:
-    """The earlier state with the pairs that it has not seen."""
-    seen = set(known.motions.pairs)
+def _caught_up(previous: EstimatorState, state: EstimatorState) -> EstimatorState:
+    """The earlier state with the pairs it does not contain."""
+    present = set(previous.motions.pairs)
     for pair, phase in itertools.islice(zip((0, *state.motions.pairs), state.phases, strict=True), 1, None):
-        if pair not in seen:
+        if pair not in present:
             maps = tuple(rows.dmap for rows in rows_of(state, (pair,)))
-            known = update(known, pair, phase, (state.frame_time(2 * pair), state.frame_time(2 * pair + 1)), maps)
-    return known
+            previous = update(previous, pair, phase, (state.frame_time(2 * pair), state.frame_time(2 * pair + 1)), maps)
+    return previous

@@ -19,7 +19,7 @@ def law(scene: RunGeometry, values: Values) -> BasisField:
 def grid(scene: RunGeometry) -> Iterable[Values]:
     """Time constants within a frame and over the run."""
     del scene
-    return ({"charging_s": one, "dose_s": other} for one in CHARGING_S for other in DOSE_S)
+    return ({"charging_s": charging_s, "dose_s": dose_s} for charging_s in CHARGING_S for dose_s in DOSE_S)
 
 
 FAMILY = EffectClass(

@@ -23,7 +23,7 @@ def law(scene: RunGeometry, values: Values) -> BasisField | None:
 def grid(scene: RunGeometry) -> Iterable[Values]:
     """Onsets."""
     del scene
-    return ({"onset_s": one} for one in ONSETS_S)
+    return ({"onset_s": value} for value in ONSETS_S)
 
 
 FAMILY = EffectClass(

@@ -21,8 +21,8 @@ def law(scene: RunGeometry, values: Values) -> BasisField:
 
 def _block_s(scene: RunGeometry) -> float:
     """How long the beam is in the rows of one block."""
-    apart = np.asarray(np.diff(np.sort(scene.time_in_frame_s[0])), dtype=np.float64)
-    return float(np.quantile(apart[apart > 0.1 * apart.max()], 0.5)) or 1.0
+    spacing_s = np.asarray(np.diff(np.sort(scene.time_in_frame_s[0])), dtype=np.float64)
+    return float(np.quantile(spacing_s[spacing_s > 0.1 * spacing_s.max()], 0.5)) or 1.0
 
 
 def grid(scene: RunGeometry) -> Iterable[Values]:

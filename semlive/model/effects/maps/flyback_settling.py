@@ -19,7 +19,7 @@ def law(scene: RunGeometry, values: Values) -> BasisField:
 def grid(scene: RunGeometry) -> Iterable[Values]:
     """Time constants."""
     del scene
-    return ({"settling_s": float(one)} for one in np.geomspace(*BETWEEN_S, COUNT))
+    return ({"settling_s": float(value)} for value in np.geomspace(*BETWEEN_S, COUNT))
 
 
 FAMILY = EffectClass(

@@ -23,7 +23,7 @@ def law(scene: RunGeometry, values: Values) -> BasisField:
 def grid(scene: RunGeometry) -> Iterable[Values]:
     """The mains and their first overtone."""
     del scene
-    return ({"frequency_hz": one} for one in MAINS_HZ)
+    return ({"frequency_hz": value} for value in MAINS_HZ)
 
 
 FAMILY = EffectClass(

@@ -22,7 +22,7 @@ def law(scene: RunGeometry, values: Values) -> BasisField | None:
 def grid(scene: RunGeometry) -> Iterable[Values]:
     """Time constants."""
     del scene
-    return ({"time_constant_s": float(one)} for one in np.geomspace(*BETWEEN_S, COUNT))
+    return ({"time_constant_s": float(value)} for value in np.geomspace(*BETWEEN_S, COUNT))
 
 
 FAMILY = EffectClass(

@@ -20,7 +20,7 @@ def law(scene: RunGeometry, values: Values) -> BasisField:
 def grid(scene: RunGeometry) -> Iterable[Values]:
     """Frequencies half a period in the run apart; lines between wider ones are lost."""
     frequencies = np.arange(1.0 / LONGEST_S, 1.0 / SHORTEST_S, 0.5 / scene.end_s)
-    return ({"period_s": float(1.0 / one)} for one in frequencies)
+    return ({"period_s": float(1.0 / frequency)} for frequency in frequencies)
 
 
 FAMILY = EffectClass(

@@ -30,18 +30,18 @@ def alias_names(parameters: Sequence[ParameterEstimate]) -> tuple[str, ...]:
 
     A row time that is stated wrongly by just that factor is less likely by the room that it had for other values.
     """
-    found = next(one for one in parameters if one.name == "row_time_error")
+    found = next(parameter for parameter in parameters if parameter.name == "row_time_error")
     if not found.sigma > 0.0:
         return ()
     away = {scans: abs(found.value - (1.0 / scans - 1.0)) / found.sigma for scans in SCANS}
-    scans = min(away, key=lambda one: away[one])
+    scans = min(away, key=lambda count: away[count])
     odds = math.log(ROW_TIME_ERROR_RANGE / (found.sigma * math.sqrt(2.0 * math.pi) * len(SCANS))) - 0.5 * away[scans] ** 2
-    whole = ("frame_integration", "interlaced_scan") if scans == 2 else ("frame_integration",)
+    options = ("frame_integration", "interlaced_scan") if scans == 2 else ("frame_integration",)
     if odds < -MIN_LOG_ODDS:
         return ()
     if odds > MIN_LOG_ODDS:
-        return whole
-    return (*whole, FAMILY.name) if odds > 0.0 else (FAMILY.name, *whole)
+        return options
+    return (*options, FAMILY.name) if odds > 0.0 else (FAMILY.name, *options)
 
 
 FAMILY = EffectClass(

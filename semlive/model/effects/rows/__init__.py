@@ -12,7 +12,7 @@ ROW_DICTIONARY: tuple[RowEffectClass, ...] = (*PERIODIC_EFFECTS, ROW_JITTER)
 
 def row_effect(name: str) -> RowEffectClass | None:
     """The effect of rows of a name; None if it is none."""
-    return next((one for one in ROW_DICTIONARY if one.name == name), None)
+    return next((effect for effect in ROW_DICTIONARY if effect.name == name), None)
 
 
 __all__ = ["PERIODIC_EFFECTS", "ROW_DICTIONARY", "ROW_JITTER", "RowEffectClass", "row_effect"]
