@@ -141,7 +141,7 @@ class Control:
         """
         self._clock, self._journal, self._observe = clock, journal, observe
         self._loop = asyncio.get_running_loop()
-        self._state: EngineState = start(plan, clock.now_ns(), before=None if earlier is None else earlier.interrupted_run)
+        self._state: EngineState = start(plan, clock.now_ns(), interrupted_run=None if earlier is None else earlier.interrupted_run)
         self._go_on = go_on
         self._links: Mapping[Device, DeviceLink] = {}
         self._trigger: TriggerLink | None = None

@@ -141,7 +141,7 @@ class _Daemon:
             earlier = self._earlier(stack) if self._faces.resume else None
             clock = self._open_clock(earlier)
             # A plan that breaks its limits is refused before anything is written.
-            start(self._config.plan(), clock.now_ns(), before=None if earlier is None else earlier.interrupted_run)
+            start(self._config.plan(), clock.now_ns(), interrupted_run=None if earlier is None else earlier.interrupted_run)
             watch = replace(watch, first_export=0 if earlier is None else earlier.exports)
             journal, recorder = self._open_log(stack, clock, earlier)
             self._control = control = Control(self._config.plan(), clock, journal, self._faces.observe, earlier, self._faces.auto_resume)
