@@ -64,8 +64,8 @@ def travel_without_load(readings: Readings, ramp: OrderedRamp, sample: LoadSampl
 def _standstill_s(readings: Readings, ramp: OrderedRamp, min_mm: float) -> float:
     """How long neither load nor extension may show the ordered motion.
 
-    `MAX_UNVERIFIED_S` while the extension has not followed the ordered travel in this ramp, or where its resolution or noise hides the travel
-    that is due; `STANDSTILL_S` where it has followed and stands still now.
+    `MAX_UNVERIFIED_S` while the extension has not followed the ordered travel in this ramp, or where its resolution or noise hides the
+    expected travel; `STANDSTILL_S` where it has followed and stands still now.
     """
     noticeable_mm = readings.extension_noise.noticeable()
     followed_mm = abs(ramp.anchor.extension_mm - ramp.start.extension_mm)
