@@ -1,4 +1,4 @@
-"""Disparity maps and what is made of them beside memory: in temporary files without a name, mapped while they are read."""
+"""Storage of disparity maps and derived arrays in unnamed temporary files, which are memory-mapped while they are read."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class MapStore(InMemoryStorage):
         self._lock = threading.Lock()  # pairs are read and kept while others are worked on
 
     def store_map(self, disparity: DisparityMap) -> DisparityMap:
-        """The same map, kept here."""
+        """Return an equal map in this store."""
         arrays = {one.name: array for one in fields(disparity) if isinstance(array := getattr(disparity, one.name), np.ndarray)}
         if self._has_room(sum(array.nbytes for array in arrays.values())):
             return disparity
@@ -71,7 +71,7 @@ class MapStore(InMemoryStorage):
         return None
 
     def flush(self) -> None:
-        """Give pages back; what they hold stays in the files."""
+        """Return pages to the system; their content stays in the files."""
         for slab in (one() for one in list(self._slabs.values())):
             if slab is not None and hasattr(mmap, "MADV_DONTNEED"):
                 file: Any = slab.base  # a memoryview of the mapped file
@@ -96,7 +96,7 @@ class MapStore(InMemoryStorage):
             self.flush()
 
     def _has_room(self, size: int) -> bool:
-        """Whether so much may still stay in memory, where it then does."""
+        """Reserve memory for a number of bytes; return whether the limit allows it."""
         with self._lock:
             room = size <= self._left
             self._left -= size if room else 0
