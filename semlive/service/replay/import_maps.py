@@ -1,4 +1,4 @@
-"""A folder of another engine's disparity maps becomes a log (format 1, see docs/how-to/import.md)."""
+"""Import of disparity maps of another DIC program as a log (format 1, see docs/how-to/import.md)."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def import_folder(asked: ImportRequest, progress: Callable[[int, int], None] | N
 
     Args:
         asked: what is asked for.
-        progress: told pairs done and pairs in all.
+        progress: callback with the number of completed pairs and the total.
 
     Raises:
         BadInput: something in the folder is wrong: file, line, column and what to do. No log is left behind.
@@ -181,7 +181,7 @@ def _read(path: Path) -> bytes:
 
 
 def _check_overwriting(log: Path) -> None:
-    """Only what an import wrote may be written anew."""
+    """Check that an existing log is an import; only such a log may be overwritten."""
     if not log.exists():
         return
     try:

@@ -1,4 +1,4 @@
-"""The same analysis again, from a log: from its images, or from the disparity maps that it holds."""
+"""Replay: the analysis of a log, from its images or from its disparity maps."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ __all__ = [
 
 
 class Source(StrEnum):
-    """What a replay starts from."""
+    """Source of a replay."""
 
     IMAGES = "images"
     DISPARITY = "disparity"
@@ -85,7 +85,7 @@ class ReplayCallbacks:
     point_sigma: bool = False
 
     def report_progress(self, what: str, done: int, count: int) -> None:
-        """Tell progress, if anybody listens."""
+        """Call the progress callback if there is one."""
         if self.progress is not None:
             self.progress(what, done, max(done, count))
 
@@ -243,7 +243,7 @@ def _from_maps(
 
 
 def _kept_pairs(asked: ReplayRequest, pairs: Iterable[tuple[PairDecision, Maps]], store: MapStore) -> Iterator[tuple[PairDecision, Maps]]:
-    """Pairs up to the last that is asked for, their maps in the store."""
+    """Yield the pairs up to the last requested one, with their maps in the store."""
     for decision, maps in pairs:
         if asked.until is not None and decision.pair > asked.until:
             return
@@ -251,7 +251,7 @@ def _kept_pairs(asked: ReplayRequest, pairs: Iterable[tuple[PairDecision, Maps]]
 
 
 def _count(asked: ReplayRequest) -> int:
-    """How many pairs are to be expected, 0 if the log does not tell quickly."""
+    """Return the expected number of pairs; 0 if the log has no summary."""
     count = (topic_counts(asked.log) or {}).get("/pair", 0)
     return count if asked.until is None else min(count, asked.until + 1)
 
@@ -277,7 +277,7 @@ def _absorbed(
 
 
 def _followed(begun: pipeline.AnalysisState, decision: PairDecision, maps: Maps) -> pipeline.AnalysisState:
-    """As a live run goes on."""
+    """Add a pair and review the hyperparameters, as in a live run."""
     return pipeline.review_hyperparameters(pipeline.add_pair(begun, decision, maps)[0])[0]
 
 
@@ -326,7 +326,7 @@ def _concluded(begun: pipeline.AnalysisState, solution: Any, watch: ReplayCallba
 
 
 class _Pace:
-    """Waits until it is time, at so many times the speed of life."""
+    """Waits until the time of an event, at a multiple of real time."""
 
     def __init__(self, speed: float | None) -> None:
         self._speed = speed
