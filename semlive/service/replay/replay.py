@@ -70,7 +70,7 @@ class ReplayRequest:
 
 @dataclass(frozen=True, slots=True)
 class ReplayCallbacks:
-    """Who is told on the way.
+    """Callbacks of a replay.
 
     Attributes:
         progress: what is done, how much of it, of how much in all.
@@ -92,14 +92,14 @@ class ReplayCallbacks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayResult:
-    """A run analysed again.
+    """Result of a replay.
 
     Attributes:
-        result: of the replay.
-        settings: that it was made with.
-        recorded: the result that the live run recorded, or None if it did not get there.
-        analysis: the run's pairs and maps.
-        solution: what was solved for, as `pipeline.corrected` takes it.
+        result: result of the replay.
+        settings: analysis settings of the replay.
+        recorded: the result that the live run recorded; None if the run did not finish.
+        analysis: pairs and maps of the run.
+        solution: solution of the estimate, as an argument of `pipeline.corrected`.
         unchanged: whether all settings are the log's own and all pairs were taken, so that both results should be the same.
     """
 

@@ -44,7 +44,7 @@ class PairArchive:
         return self._store.store_array(array)
 
     def store_transient(self, array: NDArray[Any]) -> NDArray[Any]:
-        """The same array, in a file that is gone when nothing in it is used any more."""
+        """Return an equal array in a file that is removed when none of its arrays is in use."""
         return self._passing.store_array(array)
 
     def flush(self) -> None:
@@ -180,7 +180,7 @@ class StoredSequence(Sequence[V]):
         return StoredSequence(self._archive, np.concatenate((self._places, np.array(places, dtype=np.int64))), files)
 
     def with_cache(self, at: NDArray[np.int64]) -> StoredSequence[V]:
-        """Some of them in another order."""
+        """Return a selection in another order."""
         return StoredSequence(self._archive, self._places[at], self._files)
 
     def __len__(self) -> int:
