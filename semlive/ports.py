@@ -139,7 +139,7 @@ class Stage(Protocol):
 class Trigger(Protocol):
     """Something that makes the SEM scan one frame."""
 
-    def trigger_scan(self) -> None:
+    def scan_once(self) -> None:
         """Ask for one frame; returns when the request was taken."""
         ...
 

@@ -1,4 +1,4 @@
-"""The protocol: what to do next, as a pure function of what has happened."""
+"""The protocol of a run: a pure function from state and event to the next state and the commands."""
 
 from semlive.engine.commands import (
     AcceptPair,

@@ -1,6 +1,7 @@
-"""The calibration's gate: nothing is loaded before the translations are known to determine the distortion.
+"""Calibration gate: the load is applied only after the translations have been shown to determine the distortion.
 
-What is imaged under load cannot be imaged unloaded again, so the newest pair's judgement is waited for: some seconds, once in a run.
+Unloaded images cannot be repeated after loading. The engine therefore waits for the assessment of the newest pair: some seconds, once per
+run.
 """
 
 from __future__ import annotations
@@ -15,44 +16,44 @@ from semlive.engine.states import Cause
 
 
 def is_closed(state: EngineState) -> bool:
-    """Whether the gate is before the step that comes now, and has not been passed."""
+    """Whether the gate is before the present step and has not been passed."""
     if not state.plan.calibration_gate or state.calibration_gate_passed or state.step_index == 0:
         return False
     return state.step.load_n is not None
 
 
-def passed(done: Sequence[Step]) -> bool:
-    """Whether an interrupted run with these steps done had passed the gate."""
-    return any(one.load_n is not None for one in done)
+def passed(completed_steps: Sequence[Step]) -> bool:
+    """Whether an interrupted run with these completed steps had passed the gate."""
+    return any(step.load_n is not None for step in completed_steps)
 
 
-def evaluate(turn: StepContext) -> None:
-    """In JUDGING: go on when the newest pair says that the calibration is good enough; ask when it is not, or nothing is said."""
-    state = turn.state
-    seen = state.calibration_assessment
-    if (seen is None or seen.pair < state.step_index - 1) and state.seconds_since(state.since_ns) < _JUDGED_S:
+def evaluate(context: StepContext) -> None:
+    """In CALIBRATION_GATE: continue when the calibration is accepted; pause for the operator if it is rejected or not assessed in time."""
+    state = context.state
+    assessment = state.calibration_assessment
+    if (assessment is None or assessment.pair < state.step_index - 1) and state.seconds_since(state.since_ns) < _ASSESSMENT_TIMEOUT_S:
         return
-    if seen is None or seen.rejection_reason:
-        told = (
-            f"nothing was said of the calibration for {_JUDGED_S:g} s"
-            if seen is None
-            else f"the calibration is refused: {seen.rejection_reason}"
+    if assessment is None or assessment.rejection_reason:
+        problem = (
+            f"nothing was said of the calibration for {_ASSESSMENT_TIMEOUT_S:g} s"
+            if assessment is None
+            else f"the calibration is refused: {assessment.rejection_reason}"
         )
-        turn.stop_and_go(Cause.POOR_CALIBRATION, f"{told}; resume loads the specimen all the same, or stop")
-        turn.update(calibration_asked=True)
+        context.stop_and_transition(Cause.POOR_CALIBRATION, f"{problem}; resume loads the specimen all the same, or stop")
+        context.update(calibration_asked=True)
         return
-    turn.update(calibration_gate_passed=True)
-    proceed(turn)
+    context.update(calibration_gate_passed=True)
+    proceed(context)
 
 
-def proceed(turn: StepContext) -> None:
-    """To the load, by way of the warm-up gate where there is one."""
-    if warm_up_gate.is_closed(turn.state):
-        warm_up_gate.enter(turn, Cause.WARM_UP)
+def proceed(context: StepContext) -> None:
+    """Begin the first load step, or enter the warm-up gate if it is closed."""
+    if warm_up_gate.is_closed(context.state):
+        warm_up_gate.enter(context, Cause.WARM_UP)
     else:
-        turn.transition(Cause.CALIBRATION_ACCEPTED)
-        start_step(turn)
+        context.transition(Cause.CALIBRATION_ACCEPTED)
+        start_step(context)
 
 
-_JUDGED_S = 300.0
-"""The newest pair's judgement takes a second or two; where that pair could not be analysed, the one before it holds after this."""
+_ASSESSMENT_TIMEOUT_S = 300.0
+"""Longest wait for the assessment of the newest pair, which takes 1-2 s; after this time the assessment of the previous pair is used."""

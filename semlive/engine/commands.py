@@ -1,4 +1,4 @@
-"""What the engine wants done, in order, by the shell."""
+"""Commands of the engine, which the shell executes in order."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ class Transition:
 
     Attributes:
         time_ns: experiment time.
-        before: the state that was left.
-        cause: why.
-        after: the state that was entered; may be the same.
+        before: state before the transition.
+        cause: cause of the transition.
+        after: state after the transition; may be the same.
         step: index of the step.
-        details: the values that decided, by name.
-        code: the kind of fault, where the state that was entered is one.
+        details: the values that caused the transition, by name.
+        code: kind of the fault if `after` is a fault state, else None.
     """
 
     time_ns: int
@@ -36,12 +36,12 @@ class Transition:
 
 @dataclass(frozen=True, slots=True)
 class RampTo:
-    """Go to a load at a rate.
+    """Ramp the load to a target at a rate.
 
     Attributes:
         force_n: target, tension positive.
         rate_n_s: change of load, > 0.
-        tolerance_n: allowed distance of the load from its target; the link thread stops a ramp that goes further beyond.
+        tolerance_n: allowed distance of the load from its target, N; the link thread stops a ramp that overshoots by more.
     """
 
     force_n: float
@@ -51,7 +51,7 @@ class RampTo:
 
 @dataclass(frozen=True, slots=True)
 class MoveStage:
-    """Go to a position in the stage's own coordinates."""
+    """Move the stage to a position in its own coordinates, um."""
 
     x_um: float
     y_um: float
@@ -66,7 +66,7 @@ class StopMotion:
 
 @dataclass(frozen=True, slots=True)
 class TriggerFrame:
-    """Ask the SEM for one frame."""
+    """Trigger one frame at the SEM."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ class AcceptPair:
 
 @dataclass(frozen=True, slots=True)
 class RejectFrame:
-    """An exported file is not part of a pair, and why (one sentence)."""
+    """Reject an exported file; `reason` is one sentence."""
 
     export: int
     reason: str
@@ -86,7 +86,7 @@ class RejectFrame:
 
 @dataclass(frozen=True, slots=True)
 class Notify:
-    """Tell the operator one sentence."""
+    """Show one sentence to the operator."""
 
     text: str
 

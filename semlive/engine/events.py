@@ -1,4 +1,4 @@
-"""What happens to a run. Every event carries experiment time, the only time that the engine knows."""
+"""Events of a run. Each event carries experiment time, which is the only time that the engine uses."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from semlive.data.loading import DeviceIdentity, LoadSample, StageSample
 
 
 class Device(StrEnum):
-    """Who an event is about."""
+    """Device that an event refers to."""
 
     LOAD_FRAME = "load_frame"
     STAGE = "stage"
@@ -19,12 +19,12 @@ class Device(StrEnum):
 
     @property
     def words(self) -> str:
-        """The device in a sentence."""
+        """Name of the device in messages."""
         return {"load_frame": "load frame", "stage": "stage", "sem": "SEM"}[self.value]
 
 
 class OperatorCommand(StrEnum):
-    """What the operator can say."""
+    """Commands of the operator."""
 
     START = "start"
     PAUSE = "pause"
@@ -46,8 +46,8 @@ class LinksReady:
 
     Attributes:
         time_ns: experiment time.
-        load_frame: who answers, or None if the run has no load frame.
-        stage: likewise.
+        load_frame: identity of the load frame; None if the run has none.
+        stage: identity of the stage; None if the run has none.
     """
 
     time_ns: int
@@ -57,7 +57,7 @@ class LinksReady:
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """Time passes."""
+    """Periodic event without content, which advances the time."""
 
     time_ns: int
 
@@ -80,7 +80,7 @@ class StageReading:
 
 @dataclass(frozen=True, slots=True)
 class CommandAcknowledged:
-    """A device took the last motion command: written and read back."""
+    """A device has acknowledged the last motion command: it was written and read back."""
 
     time_ns: int
     device: Device
@@ -88,7 +88,7 @@ class CommandAcknowledged:
 
 @dataclass(frozen=True, slots=True)
 class DeviceStopped:
-    """The link thread stopped a device on its own account."""
+    """The link thread stopped a device without a command of the engine."""
 
     time_ns: int
     device: Device
@@ -98,7 +98,7 @@ class DeviceStopped:
 
 @dataclass(frozen=True, slots=True)
 class LinkStale:
-    """The last sample is too old to decide on."""
+    """The last sample of a device is too old for decisions."""
 
     time_ns: int
     device: Device
@@ -123,14 +123,14 @@ class LinkRestored:
 
 @dataclass(frozen=True, slots=True)
 class DeviceFault:
-    """A device refused a command or is in trouble.
+    """A device rejected a command or reports a fault.
 
     Attributes:
         time_ns: experiment time.
-        device: which.
+        device: the device with the fault.
         reason: one sentence.
         emergency: the emergency stop was pressed.
-        code: what kind of fault it is.
+        code: kind of the fault.
     """
 
     time_ns: int
@@ -142,7 +142,7 @@ class DeviceFault:
 
 @dataclass(frozen=True, slots=True)
 class FrameScanned:
-    """A frame was exported completely and its header read; `time_ns` is when it was known."""
+    """A frame was exported completely and its header read; `time_ns` is the time of arrival."""
 
     time_ns: int
     info: FrameInfo
@@ -165,13 +165,13 @@ class FieldOfViewMeasured:
 
 @dataclass(frozen=True, slots=True)
 class DriftForecastUpdated:
-    """How fast the drift is expected to be, from the pairs so far.
+    """Forecast of the drift rate from the pairs so far.
 
     Attributes:
         time_ns: experiment time.
-        pair: number of the newest pair that it is known from.
-        scans: begin (experiment time, ns, ascending), mean rate (px/s) and its standard uncertainty of scans to come; empty if the
-            estimate does not say.
+        pair: number of the newest pair in the estimate.
+        scans: begin (experiment time, ns, ascending), mean rate (px/s) and its standard uncertainty of future scans; empty without a
+            forecast.
     """
 
     time_ns: int
@@ -181,12 +181,12 @@ class DriftForecastUpdated:
 
 @dataclass(frozen=True, slots=True)
 class HoldDriftMeasured:
-    """How fast the drift was between two frames of one rest.
+    """Drift rate between two frames of one hold.
 
     Attributes:
         time_ns: experiment time.
-        begin_ns: when the first of them began.
-        rate_px_s: its size.
+        begin_ns: begin of the first frame, experiment time.
+        rate_px_s: magnitude of the drift rate.
     """
 
     time_ns: int
@@ -196,12 +196,12 @@ class HoldDriftMeasured:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationAssessed:
-    """What the calibration is worth, from the pairs so far.
+    """Assessment of the calibration from the pairs so far.
 
     Attributes:
         time_ns: experiment time.
-        pair: number of the newest pair that it is known from.
-        rejection_reason: why nothing is to be loaded with it, one sentence with the figures; empty where it is good enough.
+        pair: number of the newest pair in the estimate.
+        rejection_reason: why the calibration is rejected, one sentence with the figures; empty if it is accepted.
     """
 
     time_ns: int
@@ -220,12 +220,12 @@ class FrameUnreadable:
 
 @dataclass(frozen=True, slots=True)
 class OperatorAction:
-    """The operator said something, or semlive did in the operator's place.
+    """A command of the operator, or of semlive in place of the operator.
 
     Attributes:
         time_ns: experiment time.
-        verb: what.
-        reason: why semlive said it; empty if the operator did.
+        verb: the command.
+        reason: why semlive issued it; empty for a command of the operator.
     """
 
     time_ns: int

@@ -1,4 +1,4 @@
-"""Which exported frames are the pair of a step, and why the others are not."""
+"""Selection of the two exported frames that form the pair of a step, with a reason for each rejected frame."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from semlive.engine.motion import on_disturbance, rest_fault
 from semlive.engine.state import EngineState, PendingFrame, StepContext
 from semlive.engine.states import Cause, State
 
-_SAME_WITHIN = 1e-3
-"""Relative difference of dwell, row time or pixel size that is rounding in a header, not another setting."""
+_RELATIVE_TOLERANCE = 1e-3
+"""Relative difference of dwell time, row time or pixel size that is attributed to rounding in the header."""
 
-_OUTSIDE = {
+_REJECTION_REASONS = {
     State.RAMPING: "load or stage were being set",
     State.SETTLING: "load and stage were settling",
     State.PAUSED: "the run was paused",
@@ -24,7 +24,7 @@ _OUTSIDE = {
 
 
 def _sigma_ns(info: FrameInfo) -> int:
-    """Three standard uncertainties of the start time: what a frame has to prove it proves beyond that."""
+    """Return three standard uncertainties of the start time, ns: the safety margin in all comparisons of scan times."""
     return round(3e9 * info.start_sigma_s)
 
 
@@ -36,68 +36,68 @@ def _latest_end_ns(info: FrameInfo) -> int:
     return info.end_time_ns + _sigma_ns(info)
 
 
-def frame_scanned(turn: StepContext, info: FrameInfo) -> None:
-    """A frame was exported: let it wait for its verdict, or refuse it at once where no step is imaged."""
-    turn.update(start_sigma_s=info.start_sigma_s)
-    state = turn.state
-    in_time = state.state is State.HOLDING and _earliest_ns(info) >= state.hold_end_ns
-    if state.state is State.IMAGING or in_time:
-        turn.update(pending_frames=(*state.pending_frames, PendingFrame(info, state.time_ns)))
+def frame_scanned(context: StepContext, info: FrameInfo) -> None:
+    """Queue an exported frame for selection, or reject it at once if no step is being imaged."""
+    context.update(start_sigma_s=info.start_sigma_s)
+    state = context.state
+    after_hold = state.state is State.HOLDING and _earliest_ns(info) >= state.hold_end_ns
+    if state.state is State.IMAGING or after_hold:
+        context.update(pending_frames=(*state.pending_frames, PendingFrame(info, state.time_ns)))
     elif state.state is State.HOLDING:
-        turn.commands.append(RejectFrame(info.export, _too_early(state, info)))
+        context.commands.append(RejectFrame(info.export, _early_reason(state, info)))
     else:
-        why = _OUTSIDE.get(state.state, f"no step was being imaged (the run is {state.state})")
-        turn.commands.append(RejectFrame(info.export, f"{info.name} is not used: {why} when it arrived"))
+        reason = _REJECTION_REASONS.get(state.state, f"no step was being imaged (the run is {state.state})")
+        context.commands.append(RejectFrame(info.export, f"{info.name} is not used: {reason} when it arrived"))
 
 
-def frame_unreadable(turn: StepContext, export: int, reason: str) -> None:
-    """A file cannot be used; in triggered mode another frame is asked for."""
-    turn.commands.append(RejectFrame(export, reason))
-    _ask_again(turn)
+def frame_unreadable(context: StepContext, export: int, reason: str) -> None:
+    """Reject an unreadable file; in triggered mode, request another frame."""
+    context.commands.append(RejectFrame(export, reason))
+    _request_next(context)
 
 
-def select_pair(turn: StepContext) -> None:
-    """In IMAGING: judge the waiting frames in order, as far as the load is known up to the end of their scans."""
-    if turn.state.stale or rest_fault(turn) or on_disturbance(turn):
+def select_pair(context: StepContext) -> None:
+    """In IMAGING: evaluate the pending frames in order, as far as load samples reach the end of their scans."""
+    if context.state.stale or rest_fault(context) or on_disturbance(context):
         return
-    _ask_first(turn)
-    while turn.state.state is State.IMAGING and turn.state.pending_frames:
-        scanned = turn.state.pending_frames[0]
-        if not _load_known(turn.state, scanned):
+    _request_first(context)
+    while context.state.state is State.IMAGING and context.state.pending_frames:
+        scanned = context.state.pending_frames[0]
+        if not _load_available(context.state, scanned):
             return
-        turn.update(pending_frames=turn.state.pending_frames[1:])
-        reason = _problem(turn.state, scanned)
+        context.update(pending_frames=context.state.pending_frames[1:])
+        reason = _rejection_reason(context.state, scanned)
         if reason is not None:
-            turn.commands.append(RejectFrame(scanned.info.export, reason))
-            _ask_again(turn)
-        elif turn.state.first is None:
-            _take_first(turn, scanned.info)
+            context.commands.append(RejectFrame(scanned.info.export, reason))
+            _request_next(context)
+        elif context.state.first is None:
+            _set_first(context, scanned.info)
         else:
-            _take_second(turn, turn.state.first, scanned.info)
+            _complete_pair(context, context.state.first, scanned.info)
 
 
-def _ask_first(turn: StepContext) -> None:
-    """In triggered mode, ask for the first frame only when its start can be told from the end of the hold."""
-    state = turn.state
+def _request_first(context: StepContext) -> None:
+    """In triggered mode, request the first frame once its start is distinguishable from the end of the hold."""
+    state = context.state
     if state.plan.triggered and not state.frame_requested and state.time_ns >= state.hold_end_ns + round(3e9 * state.start_sigma_s):
-        turn.update(frame_requested=True)
-        turn.commands.append(TriggerFrame())
+        context.update(frame_requested=True)
+        context.commands.append(TriggerFrame())
 
 
-def _ask_again(turn: StepContext) -> None:
-    if turn.state.frame_requested and turn.state.state is State.IMAGING:
-        turn.commands.append(TriggerFrame())
+def _request_next(context: StepContext) -> None:
+    if context.state.frame_requested and context.state.state is State.IMAGING:
+        context.commands.append(TriggerFrame())
 
 
-def _load_known(state: EngineState, scanned: PendingFrame) -> bool:
-    """Whether samples reach beyond the end of the scan (at the latest, it ended when it arrived)."""
+def _load_available(state: EngineState, scanned: PendingFrame) -> bool:
+    """Whether load samples reach the end of the scan; the arrival time of the frame is the latest possible end."""
     if state.load_frame is None:
         return True
     end_ns = min(_latest_end_ns(scanned.info), scanned.arrival_time_ns)
     return state.load is not None and state.load.time_ns >= end_ns
 
 
-def _too_early(state: EngineState, info: FrameInfo) -> str:
+def _early_reason(state: EngineState, info: FrameInfo) -> str:
     early_s = (state.hold_end_ns - _earliest_ns(info)) / 1e9
     return (
         f"{info.name} is not used: its scan may have begun {early_s:.1f} s before the hold of step {state.step.number} ended "
@@ -106,48 +106,51 @@ def _too_early(state: EngineState, info: FrameInfo) -> str:
 
 
 def difference(a: FrameInfo, b: FrameInfo) -> str | None:
-    """What distinguishes two frames that should be of one kind, as words, or None."""
+    """Return the first difference in size, timing or column settings of two frames, as a clause; None if there is none."""
     if (a.width_px, a.height_px) != (b.width_px, b.height_px):
         return f"{b.width_px} x {b.height_px} px instead of {a.width_px} x {a.height_px}"
     if a.timing.integrations.value != b.timing.integrations.value:
         return f"{b.timing.integrations.value} integrated scans instead of {a.timing.integrations.value}"
     if a.timing.line_integrations.value != b.timing.line_integrations.value:
         return f"{b.timing.line_integrations.value} passes over each line instead of {a.timing.line_integrations.value}"
-    for what, unit, one, other in (
+    for quantity, unit, value_a, value_b in (
         ("dwell time", "s", a.timing.dwell_time_s.value, b.timing.dwell_time_s.value),
         ("row time", "s", a.timing.row_time_s.value, b.timing.row_time_s.value),
         ("frame time", "s", a.timing.frame_time_s.value, b.timing.frame_time_s.value),
         ("pixel size", "m", a.pixel_size_m.value, b.pixel_size_m.value),
     ):
-        if not abs(other - one) <= _SAME_WITHIN * abs(one):
-            return f"{what} {other:g} {unit} instead of {one:g} {unit}"
+        if not abs(value_b - value_a) <= _RELATIVE_TOLERANCE * abs(value_a):
+            return f"{quantity} {value_b:g} {unit} instead of {value_a:g} {unit}"
     return _column_difference(a.column, b.column)
 
 
 def _column_difference(a: ColumnSettings, b: ColumnSettings) -> str | None:
-    """The same of how the microscope was set; what only one of the files tells is passed over."""
+    """Return the first difference in column settings, as a clause, or None; settings that only one file states are ignored."""
     if a.detector and b.detector and a.detector.value != b.detector.value:
         return f"detector {b.detector.value} instead of {a.detector.value}"
-    for what, unit, one, other in (
+    for quantity, unit, value_a, value_b in (
         ("voltage", "V", a.voltage_v, b.voltage_v),
         ("magnification", "x", a.magnification, b.magnification),
         ("scan rotation", "degrees", a.scan_rotation_deg, b.scan_rotation_deg),
     ):
-        if one and other and not abs(other.value - one.value) <= _SAME_WITHIN * max(abs(one.value), 1.0):
-            return f"{what} {other.value:g} {unit} instead of {one.value:g} {unit}"
+        if value_a and value_b and not abs(value_b.value - value_a.value) <= _RELATIVE_TOLERANCE * max(abs(value_a.value), 1.0):
+            return f"{quantity} {value_b.value:g} {unit} instead of {value_a.value:g} {unit}"
     return None
 
 
 def _pair_difference(a: FrameInfo, b: FrameInfo) -> str | None:
-    """What distinguishes the two frames of a pair; from step to step the focus may follow the specimen, within a pair it may not."""
-    one, other = a.column.working_distance_m, b.column.working_distance_m
-    if one and other and not abs(other.value - one.value) <= _SAME_WITHIN * one.value:
-        return f"working distance {other.value:g} m instead of {one.value:g} m"
+    """Return the first difference of the two frames of a pair, as a clause, or None.
+
+    The working distance must be equal within a pair; it may change between steps.
+    """
+    distance_a, distance_b = a.column.working_distance_m, b.column.working_distance_m
+    if distance_a and distance_b and not abs(distance_b.value - distance_a.value) <= _RELATIVE_TOLERANCE * distance_a.value:
+        return f"working distance {distance_b.value:g} m instead of {distance_a.value:g} m"
     return difference(a, b)
 
 
-def _problem(state: EngineState, scanned: PendingFrame) -> str | None:
-    """Why a frame is no part of the pair, as a sentence, or None."""
+def _rejection_reason(state: EngineState, scanned: PendingFrame) -> str | None:
+    """Return why a frame is not part of the pair, as a sentence; None if it is."""
     info = scanned.info
     ahead_s = (info.end_time_ns - _sigma_ns(info) - scanned.arrival_time_ns) / 1e9
     if ahead_s > 0:
@@ -156,9 +159,9 @@ def _problem(state: EngineState, scanned: PendingFrame) -> str | None:
             "set the SEM's clock, or start_anchor in the scan profile"
         )
     if _earliest_ns(info) < state.hold_end_ns:
-        return _too_early(state, info)
-    if state.reference is not None and (other := difference(state.reference, info)):
-        return f"{info.name} is not used: it has {other} as in the first pair"
+        return _early_reason(state, info)
+    if state.reference is not None and (mismatch := difference(state.reference, info)):
+        return f"{info.name} is not used: it has {mismatch} as in the first pair"
     if state.first is not None:
         overlap_s = (state.first.end_time_ns - _sigma_ns(state.first) - info.start_time_ns.value - _sigma_ns(info)) / 1e9
         if overlap_s > 0:
@@ -166,28 +169,28 @@ def _problem(state: EngineState, scanned: PendingFrame) -> str | None:
     return None
 
 
-def _take_first(turn: StepContext, info: FrameInfo) -> None:
-    turn.update(first=info, since_ns=turn.state.time_ns)
-    _ask_again(turn)
+def _set_first(context: StepContext, info: FrameInfo) -> None:
+    context.update(first=info, since_ns=context.state.time_ns)
+    _request_next(context)
 
 
-def _take_second(turn: StepContext, first: FrameInfo, second: FrameInfo) -> None:
-    """Complete the pair, unless the settings of the SEM changed in between: then the second becomes the first."""
-    if other := _pair_difference(first, second):
-        turn.commands.append(RejectFrame(first.export, f"{first.name} is not used: the frame after it has {other}"))
-        _take_first(turn, second)
+def _complete_pair(context: StepContext, first: FrameInfo, second: FrameInfo) -> None:
+    """Complete the pair; if the settings of the SEM changed between the frames, the second frame becomes the first."""
+    if mismatch := _pair_difference(first, second):
+        context.commands.append(RejectFrame(first.export, f"{first.name} is not used: the frame after it has {mismatch}"))
+        _set_first(context, second)
         return
-    state = turn.state
+    state = context.state
     loads = None
     if state.load_frame is not None:
-        one, two = (frame_load(state.history, i.start_time_ns.value, i.end_time_ns) for i in (first, second))
-        if one is None or two is None:
-            turn.commands.append(RejectFrame(first.export, f"{first.name} is not used: the load during its scan is not known any more"))
-            _take_first(turn, second)
+        first_load, second_load = (frame_load(state.history, i.start_time_ns.value, i.end_time_ns) for i in (first, second))
+        if first_load is None or second_load is None:
+            context.commands.append(RejectFrame(first.export, f"{first.name} is not used: the load during its scan is not known any more"))
+            _set_first(context, second)
             return
-        loads = (one, two)
-    turn.commands.append(AcceptPair(PairDecision(state.step.step, state.step, first, second, loads)))
-    rested_s = (first.start_time_ns.value - state.hold_end_ns) / 1e9 + state.plan.hold.hold_s
-    turn.update(first=None, reference=state.reference or first)
-    turn.transition(Cause.PAIR_COMPLETE, ("first", first.export), ("second", second.export), ("rested_s", rested_s))
-    turn.discard_frames("the pair of its step was complete")
+        loads = (first_load, second_load)
+    context.commands.append(AcceptPair(PairDecision(state.step.step, state.step, first, second, loads)))
+    stationary_s = (first.start_time_ns.value - state.hold_end_ns) / 1e9 + state.plan.hold.hold_s
+    context.update(first=None, reference=state.reference or first)
+    context.transition(Cause.PAIR_COMPLETE, ("first", first.export), ("second", second.export), ("rested_s", stationary_s))
+    context.discard_frames("the pair of its step was complete")

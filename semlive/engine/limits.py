@@ -1,4 +1,4 @@
-"""Soft limits, asked before every command and on every sample; the tighter of configuration and device wins."""
+"""Soft limits, checked before each command and for each sample; the tighter of configuration and device applies."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from semlive.data.loading import DeviceIdentity, LoadSample
 
 
 def with_device_limits(limits: Limits, load_frame: DeviceIdentity | None) -> Limits:
-    """`limits` with the device's own force limit, where that is tighter."""
+    """Return `limits` with the force limit of the device where that is tighter."""
     if load_frame is None or load_frame.force_max_n is None:
         return limits
     device_n = abs(load_frame.force_max_n)
@@ -17,7 +17,7 @@ def with_device_limits(limits: Limits, load_frame: DeviceIdentity | None) -> Lim
 
 
 def sample_problem(limits: Limits, sample: LoadSample) -> str | None:
-    """Which limit a reading violates, as a sentence, or None. A NaN violates every limit."""
+    """Return which limit a reading violates, as a sentence, or None. A NaN violates every limit."""
     if not limits.force_min_n <= sample.force_n <= limits.force_max_n:
         return f"the load is {sample.force_n:.1f} N, outside the limits {limits.force_min_n:g} to {limits.force_max_n:g} N"
     if not limits.extension_min_mm <= sample.extension_mm <= limits.extension_max_mm:
@@ -29,14 +29,14 @@ def sample_problem(limits: Limits, sample: LoadSample) -> str | None:
 
 
 def ramp_problem(limits: Limits, target_n: float, rate_n_s: float, from_n: float, slack_n: float = 0.0) -> str | None:
-    """Why a ramp must not be commanded, as a sentence, or None.
+    """Return why a ramp must not be commanded, as a sentence, or None.
 
     Args:
         limits: soft limits.
-        target_n: where to.
-        rate_n_s: how fast, > 0.
-        from_n: from where.
-        slack_n: how far `from_n` may be from its own target, because it was measured.
+        target_n: target load, N.
+        rate_n_s: rate of the load, N/s, > 0.
+        from_n: load before the ramp, N.
+        slack_n: allowance for the error of a measured `from_n`, N.
     """
     if not limits.force_min_n <= target_n <= limits.force_max_n:
         return f"a load of {target_n:g} N is outside the limits {limits.force_min_n:g} to {limits.force_max_n:g} N"
@@ -48,16 +48,16 @@ def ramp_problem(limits: Limits, target_n: float, rate_n_s: float, from_n: float
 
 
 def move_problem(limits: Limits, shift_um: tuple[float, float]) -> str | None:
-    """Why a stage motion must not be commanded, as a sentence, or None."""
+    """Return why a stage motion must not be commanded, as a sentence, or None."""
     if not max(abs(shift_um[0]), abs(shift_um[1])) <= limits.stage_travel_um:
         return f"a shift of ({shift_um[0]:g}, {shift_um[1]:g}) um is beyond the limit of {limits.stage_travel_um:g} um"
     return None
 
 
 def plan_problem(plan: Plan, limits: Limits, first_step: int = 0) -> str | None:
-    """The first step of a plan that breaks its limits, as a sentence, or None.
+    """Return the first limit violation in the steps of a plan, as a sentence, or None.
 
-    The change of load of the first loaded step is left out: where it starts from is known only when the device answers.
+    The change of load of the first loaded step is not checked: its initial load is unknown until the device answers.
     """
     load_n: float | None = None
     for index, step in enumerate(plan.steps[first_step:], start=first_step):

@@ -1,4 +1,4 @@
-"""The load over the last minutes: what it was while a frame was scanned."""
+"""Load samples of the last minutes, and the load during the scan of a frame."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Point = tuple[int, float, float | None]
 
 @dataclass(frozen=True, slots=True)
 class LoadHistory:
-    """Samples (time_ns, force_n, gage_strain) in order, the oldest dropped.
+    """Samples (time_ns, force_n, gage_strain) in order of time; the oldest are discarded.
 
-    Kept in chunks, so that adding one copies at most 256 of them: a run that polls at 50 Hz keeps 90,000.
+    Stored in chunks, so that adding a sample copies at most 256 samples: a run that polls at 50 Hz stores 90,000.
 
     Attributes:
-        keep_ns: samples older than this may be dropped.
+        keep_ns: samples older than this may be discarded, ns.
         chunks: full chunks, oldest first.
-        tail: the chunk being filled.
+        tail: the chunk that is being filled.
     """
 
     keep_ns: int
@@ -31,7 +31,7 @@ class LoadHistory:
     tail: tuple[Point, ...] = ()
 
     def with_sample(self, time_ns: int, force_n: float, gage_strain: float | None = None) -> LoadHistory:
-        """With one sample more; one that is not later than the last is left out."""
+        """Return the history with one more sample; a sample that is not later than the last is ignored."""
         if self.tail and time_ns <= self.tail[-1][0]:
             return self
         tail = (*self.tail, (time_ns, force_n, gage_strain))
@@ -43,9 +43,9 @@ class LoadHistory:
         return replace(self, chunks=chunks[first:], tail=tail[-1:])
 
     def between(self, start_time_ns: int, end_time_ns: int) -> tuple[Point, ...]:
-        """Samples from the last one not after the start to the first one not before the end, as far as there are any."""
+        """Return the available samples from the last one not after the start to the first one not before the end."""
         points = tuple(p for chunk in (*self.chunks, self.tail) if chunk and chunk[-1][0] >= start_time_ns for p in chunk)
-        # One chunk more to the left may hold the last sample before the start.
+        # The previous chunk may hold the last sample before the start.
         earlier = [chunk for chunk in self.chunks if chunk[-1][0] < start_time_ns]
         if earlier:
             points = (*earlier[-1], *points)
@@ -55,7 +55,7 @@ class LoadHistory:
 
 
 def frame_load(history: LoadHistory, start_time_ns: int, end_time_ns: int) -> FrameLoad | None:
-    """The load while a frame was scanned, and the strain gage's mean; None if the samples do not reach back to its start."""
+    """Return load and mean strain-gage reading during a scan; None if the samples do not reach back to its start."""
     points = history.between(start_time_ns, end_time_ns)
     if not points or points[0][0] > start_time_ns:
         return None
@@ -64,10 +64,10 @@ def frame_load(history: LoadHistory, start_time_ns: int, end_time_ns: int) -> Fr
     gage = [strain for _, _, strain in points if strain is not None]
     if not gage:
         return FrameLoad(before_n=forces[0], after_n=forces[-1], mean_n=mean, sd_n=sd)
-    strain, scatter = _mean_sd(gage)
-    return FrameLoad(forces[0], forces[-1], mean, sd, gage_strain=strain, gage_strain_sigma=scatter / math.sqrt(len(gage)))
+    strain, strain_sd = _mean_sd(gage)
+    return FrameLoad(forces[0], forces[-1], mean, sd, gage_strain=strain, gage_strain_sigma=strain_sd / math.sqrt(len(gage)))
 
 
 def _mean_sd(values: list[float]) -> tuple[float, float]:
     mean = math.fsum(values) / len(values)
-    return mean, math.sqrt(math.fsum((one - mean) ** 2 for one in values) / len(values))
+    return mean, math.sqrt(math.fsum((value - mean) ** 2 for value in values) / len(values))

@@ -1,8 +1,8 @@
-"""The field of view kept where the plan wants it: what drift and the specimen's own motion carried away is taken back.
+"""Recentring: correction of the stage position for drift and specimen motion, so that the field of view stays at its planned place.
 
-At x10,000 the beam drifts by a tenth of the field in an hour. A field that is brought back shows later frames at nearly the scan
-addresses of frame 0, where most of the distortion falls out of their difference: on the simulated experiment the correction's share
-of strain under load fell from 5.7e-5 to 2e-5.
+At x10,000 the beam drifts by a tenth of the field in an hour. With recentring, material points stay at nearly the scan addresses of
+frame 0, where most of the distortion cancels in the difference. On the simulated experiment the contribution of the correction to the
+strain under load decreased from 5.7e-5 to 2e-5.
 """
 
 from __future__ import annotations
@@ -12,34 +12,37 @@ from dataclasses import replace
 from semlive.data.experiment import Limits, Plan
 from semlive.engine.events import FieldOfViewMeasured
 
-_DIGITS = 4  # of a correction in um, so that one of nothing moves nothing
+_DIGITS = 4  # decimal digits of a correction in um, so that a correction of zero causes no motion
 
 
-def recentre(plan: Plan, limits: Limits, index: int, seen: FieldOfViewMeasured | None) -> Plan:
-    """The plan with the stage position of one step corrected for where the field of an earlier pair was.
+def recentre(plan: Plan, limits: Limits, index: int, measured: FieldOfViewMeasured | None) -> Plan:
+    """Return the plan with the stage position of one step corrected for the measured field of view of an earlier pair.
 
-    The correction is counted from that pair's own, so it does not matter how many steps ago that was. It never leads beyond the
-    limit of the stage; what the plan itself asks beyond it stays, and is refused where motion is ordered.
+    The correction is added to that of the measured pair, whose age is therefore irrelevant. It never exceeds the travel limit of the
+    stage. A planned position beyond the limit is not changed here; it is rejected when the motion is ordered.
 
     Args:
         plan: the experiment.
         limits: soft limits.
-        index: of the step that begins.
-        seen: the newest pair whose field is known; None leaves the plan as it is, as does a plan without `recentring`.
+        index: index of the step that begins.
+        measured: field of view of the newest correlated pair; with None, or without `recentring`, the plan is returned unchanged.
     """
     rule, step = plan.recentring, plan.steps[index]
-    if rule is None or seen is None or not 0 <= seen.pair < index:
+    if rule is None or measured is None or not 0 <= measured.pair < index:
         return plan
-    then, first = plan.steps[seen.pair], plan.steps[0]
-    astray_px = [moved - (at - began) for moved, at, began in zip(seen.shift_px, then.shift_px, first.shift_px, strict=True)]
-    if max(map(abs, astray_px)) <= rule.threshold_px:
-        astray_px = [0.0, 0.0]
+    pair_step, first_step = plan.steps[measured.pair], plan.steps[0]
+    offset_px = [
+        shift_px - (planned_px - first_px)
+        for shift_px, planned_px, first_px in zip(measured.shift_px, pair_step.shift_px, first_step.shift_px, strict=True)
+    ]
+    if max(map(abs, offset_px)) <= rule.threshold_px:
+        offset_px = [0.0, 0.0]
     x_um, y_um = (
-        _within(planned_um + round(then_um - (then_px + off_px) * rule.um_per_px, _DIGITS), max(limits.stage_travel_um, abs(planned_um)))
-        for planned_um, then_um, then_px, off_px in zip(step.shift_um, then.shift_um, then.shift_px, astray_px, strict=True)
+        _clip(planned_um + round(pair_um - (pair_px + error_px) * rule.um_per_px, _DIGITS), max(limits.stage_travel_um, abs(planned_um)))
+        for planned_um, pair_um, pair_px, error_px in zip(step.shift_um, pair_step.shift_um, pair_step.shift_px, offset_px, strict=True)
     )
     return replace(plan, steps=(*plan.steps[:index], replace(step, shift_um=(x_um, y_um)), *plan.steps[index + 1 :]))
 
 
-def _within(to_um: float, limit_um: float) -> float:
-    return min(max(to_um, -limit_um), limit_um)
+def _clip(value_um: float, limit_um: float) -> float:
+    return min(max(value_um, -limit_um), limit_um)

@@ -1,4 +1,4 @@
-"""How long an experiment is going to take, before it is run."""
+"""Expected duration of an experiment, computed before the run."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from semlive.data.experiment import Phase, Plan
 
 @dataclass(frozen=True, slots=True)
 class TimingAssumptions:
-    """What takes time besides the plan itself.
+    """Assumed durations that the plan does not state, s.
 
     Attributes:
         scan_s: one frame, from its first pixel to its last.
@@ -28,9 +28,9 @@ class StepTime:
     """Expected times of one step, all in s.
 
     Attributes:
-        step: its number.
-        phase: what its pair is for.
-        begins_s: after the begin of the run.
+        step: number of the step.
+        phase: purpose of its pair.
+        begins_s: begin of the step after the begin of the run.
         motion_s: until load and stage have arrived and settled.
         hold_s: rest before the pair.
         imaging_s: until both frames are complete; a scan under way when the hold ends does not count.
@@ -45,7 +45,7 @@ class StepTime:
 
     @property
     def ends_s(self) -> float:
-        """After the begin of the run."""
+        """End of the step after the begin of the run, s."""
         return self.begins_s + self.motion_s + self.hold_s + self.imaging_s
 
 
@@ -65,7 +65,7 @@ class Schedule:
 
     @property
     def duration_s(self) -> float:
-        """From the begin to the end of the last pair, nothing being waited for."""
+        """Time from the begin to the end of the last pair, s, without waiting for drift or relaxation."""
         return self.steps[-1].ends_s if self.steps else 0.0
 
     @property
@@ -79,12 +79,12 @@ def schedule(plan: Plan, pace: TimingAssumptions) -> Schedule:
 
     Args:
         plan: the experiment.
-        pace: what takes time besides.
+        pace: assumed durations that the plan does not state.
     """
-    # A triggered frame is asked for when the one before is complete; without a trigger the next scan follows at once.
+    # A triggered frame is requested when the previous one is complete; without a trigger the next scan follows at once.
     pair_s = 2.0 * pace.scan_s + pace.export_s + (pace.export_s if plan.triggered else 0.0)
     steps: list[StepTime] = []
-    load_n, shift_um, now_s, most_s = 0.0, (0.0, 0.0), 0.0, 0.0
+    load_n, shift_um, now_s, max_waiting_s = 0.0, (0.0, 0.0), 0.0, 0.0
     for step in plan.steps:
         ramp_s = 0.0 if step.load_n is None else abs(step.load_n - load_n) / plan.ramp_rate_n_s
         move_s = pace.move_s if step.shift_um != shift_um else 0.0
@@ -94,17 +94,17 @@ def schedule(plan: Plan, pace: TimingAssumptions) -> Schedule:
         waited_s = 0.0 if plan.triggered else _until_next_scan(motion_s + plan.hold.hold_s, pace, first=not steps)
         steps.append(StepTime(step.step, step.phase, now_s, motion_s, plan.hold.hold_s, waited_s + pair_s))
         now_s = steps[-1].ends_s
-        most_s += 0.0 if plan.adaptive_hold is None else plan.adaptive_hold.max_hold_s - plan.hold.hold_s
-    most_s += 0.0 if plan.warm_up is None else plan.warm_up.max_wait_s
+        max_waiting_s += 0.0 if plan.adaptive_hold is None else plan.adaptive_hold.max_hold_s - plan.hold.hold_s
+    max_waiting_s += 0.0 if plan.warm_up is None else plan.warm_up.max_wait_s
     scans = 2 * len(steps) if plan.triggered else round(now_s / pace.scan_s)
-    return Schedule(tuple(steps), most_s, scans)
+    return Schedule(tuple(steps), max_waiting_s, scans)
 
 
 def _until_next_scan(rest_s: float, pace: TimingAssumptions, *, first: bool) -> float:
-    """From the end of a hold to the begin of the first scan that counts, which must begin after it.
+    """Return the time from the end of a hold to the begin of the first valid scan, s.
 
-    A microscope that scans all the time began one when the last pair's second scan ended, `export_s` before the step did. In the
-    simulated experiment of 22 steps a pair followed the other after 285.2 s; this says 284.0.
+    A microscope that scans continuously began a scan when the second scan of the last pair ended, `export_s` before the end of the step.
+    In the simulated experiment of 22 steps the time between pairs was 285.2 s; this function returns 284.0 s.
     """
     if first:
         return 0.5 * pace.scan_s
@@ -113,12 +113,12 @@ def _until_next_scan(rest_s: float, pace: TimingAssumptions, *, first: bool) -> 
 
 
 def dose_c_m2(scans: int, dwell_s: float, current_a: float, pixel_size_m: float) -> float:
-    """Charge that every place of the field gets, in C/m^2.
+    """Return the charge per area in the field of view, C/m^2.
 
     Args:
-        scans: of the field.
-        dwell_s: on each pixel in one scan, all integrations and passes included.
-        current_a: of the beam.
-        pixel_size_m: edge of a pixel on the specimen.
+        scans: number of scans of the field.
+        dwell_s: dwell time per pixel in one scan, including all integrations and passes, s.
+        current_a: beam current, A.
+        pixel_size_m: edge of a pixel on the specimen, m.
     """
     return scans * dwell_s * current_a / pixel_size_m**2

@@ -1,4 +1,4 @@
-"""The state of a run, and one turn of it: the only way in which a state changes or a command is given."""
+"""State of a run, and the context of one engine step, which makes all state changes and collects all commands."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ FAULT_OF_CAUSE: Mapping[str, FaultCode] = MappingProxyType(
         Cause.EMERGENCY: FaultCode.EMERGENCY_STOP,
     }
 )
-"""The kind of fault that a cause means where nothing more special is known."""
+"""Default fault code of each cause."""
 
 
 @dataclass(frozen=True, slots=True)
 class PendingFrame:
-    """A frame that waits to be judged, and when it was known."""
+    """A frame to be selected or rejected, and its arrival time (experiment time, ns)."""
 
     info: FrameInfo
     arrival_time_ns: int
@@ -44,14 +44,14 @@ class PendingFrame:
 
 @dataclass(frozen=True, slots=True)
 class MotionProgress:
-    """How far a step's motion is.
+    """Progress of the motion of a step.
 
     Attributes:
-        began_ns: when the step's motion (or settling, after a disturbance) began; timeouts count from here.
-        pending_devices: devices that are still to move, the first is under way. The stage comes first, never both at once.
-        acknowledged_ns: when the device took the command; a sample that is not later counts as old.
-        out_of_tolerance_since_ns: since when everything rests out of tolerance, or None.
-        approaches: how often the target was approached again.
+        began_ns: begin of the motion of the step, or of settling after a disturbance; start of the motion timeout.
+        pending_devices: devices that have not arrived; the first is moving. The stage moves before the load frame, never both at once.
+        acknowledged_ns: time at which the device acknowledged the command; None before. Samples up to this time are not used.
+        out_of_tolerance_since_ns: begin of rest out of tolerance; None otherwise.
+        approaches: number of repeated approaches to the target.
         from_n: the load when the load frame was last ordered to move, or None.
     """
 
@@ -65,47 +65,47 @@ class MotionProgress:
 
 @dataclass(frozen=True, slots=True)
 class EngineState:
-    """Everything that the protocol knows.
+    """Complete state of the protocol.
 
     Attributes:
-        plan: what is to be done.
-        limits: soft limits, tightened by the device's own.
+        plan: the plan of the run, with recentring and additional pairs.
+        limits: soft limits, tightened by those of the device.
         state: state of the run.
         step_index: index of the step in `plan.steps`.
-        time_ns: latest experiment time seen.
-        since_ns: when `state` was entered, or in IMAGING when the last frame was taken up.
-        load_frame: who answers, or None without a load frame.
-        stage: likewise.
+        time_ns: latest experiment time of an event.
+        since_ns: time at which `state` was entered, or in IMAGING at which the last frame was accepted.
+        load_frame: identity of the load frame; None without one.
+        stage: identity of the stage; None without one.
         linked: all links are open and analysis is ready, so `load_frame` and `stage` are known.
-        load: last sample.
+        load: last sample of the load frame.
         position: last sample of the stage.
         stale: devices whose last sample is too old.
-        origin_um: the stage's reading when the run began.
-        reached_load_n: the load that the load frame was told to hold and reached, None if unknown.
-        reached_shift_um: the same of the stage, relative to `origin_um`.
-        motion: how far the step's motion is.
-        hold_load_n: the load that must be kept in a step that commands none.
-        in_tolerance_since_ns: since when everything is within tolerance while settling.
-        hold_end_ns: when the hold is over or was over; frames count from here.
+        origin_um: reading of the stage when the run began.
+        reached_load_n: the commanded load that was reached; None if unknown.
+        reached_shift_um: the commanded stage shift that was reached, relative to `origin_um`; None if unknown.
+        motion: progress of the motion of the step.
+        hold_load_n: the load to hold in a step that commands none.
+        in_tolerance_since_ns: while settling, begin of the time within tolerance; None while out of tolerance.
+        hold_end_ns: end of the hold; valid frames begin later.
         history: load samples.
-        watch: what the next load sample is compared with.
-        rest: how the load frame rests while no motion is ordered.
-        pending_frames: frames to be judged.
+        watch: earlier readings with which the next load sample is compared.
+        rest: supervision of the load frame while no motion is ordered.
+        pending_frames: frames to be selected or rejected.
         first: the first frame of the pair.
-        reference: the first frame accepted in the run; later ones must be of its kind.
-        start_sigma_s: how well the start of the last frame was known; before the first, what scan profiles assume.
-        field_of_view: where the field of the newest correlated pair was; None before.
-        drift_forecast: how fast the newest estimate expects the drift to be; None before.
-        hold_drift: how fast the drift was between the newest two frames of a rest; None before.
-        calibration_assessment: what the newest estimate says of the calibration; None before.
-        calibration_gate_passed: the calibration's gate was passed.
-        calibration_asked: the operator was told that it is refused.
+        reference: the first frame accepted in the run; later ones must have the same settings.
+        start_sigma_s: standard uncertainty of the start time of the last frame, s; before the first, the default of scan profiles.
+        field_of_view: field of view of the newest correlated pair; None before the first.
+        drift_forecast: drift forecast of the newest estimate; None before the first.
+        hold_drift: drift rate between the newest two frames of a hold; None before the first.
+        calibration_assessment: assessment of the calibration by the newest estimate; None before the first.
+        calibration_gate_passed: the calibration gate was passed.
+        calibration_asked: the run was paused because the calibration is rejected.
         warm_up_gate_passed: the warm-up gate was passed.
-        warming_since_ns: when the run first came to it.
-        frame_requested: in triggered mode, a frame has been asked for in this IMAGING.
-        interrupted_run: what the log told of a run that is taken up again, until the operator let it go on; else None.
-        stopped_on_resume: devices of a run that is taken up again which the first reading told to be in motion, or in doubt.
-        message: the last sentence for the operator.
+        warming_since_ns: time at which the warm-up gate was first reached; None before.
+        frame_requested: in triggered mode, a frame has been requested in this IMAGING state.
+        interrupted_run: in a resumed run, the state at its interruption until the operator confirms; else None.
+        stopped_on_resume: devices of a resumed run that the link thread stopped because their first reading showed motion or was invalid.
+        message: the last message for the operator.
     """
 
     plan: Plan
@@ -149,18 +149,18 @@ class EngineState:
 
     @property
     def step(self) -> Step:
-        """The step that is under way."""
+        """The present step."""
         return self.plan.steps[self.step_index]
 
     @property
     def calibration_question_open(self) -> bool:
-        """Whether it waits for the operator's word because the calibration is refused."""
+        """Whether the run is paused for a decision of the operator because the calibration is rejected."""
         return self.state is State.PAUSED and self.calibration_asked and not self.calibration_gate_passed
 
     @property
     def devices(self) -> tuple[Device, ...]:
         """The devices of this run."""
-        return tuple(d for d, who in ((Device.LOAD_FRAME, self.load_frame), (Device.STAGE, self.stage)) if who is not None)
+        return tuple(d for d, identity in ((Device.LOAD_FRAME, self.load_frame), (Device.STAGE, self.stage)) if identity is not None)
 
     def sample(self, device: Device) -> LoadSample | StageSample | None:
         """The last sample of a device."""
@@ -173,7 +173,7 @@ class EngineState:
 
 @dataclass(slots=True)
 class StepContext:
-    """One call of `step` at work: collects commands beside the changing state, and never outlives the call."""
+    """Context of one call of `step`: the changing state and the commands so far."""
 
     state: EngineState
     commands: list[Command] = field(default_factory=list)
@@ -192,42 +192,42 @@ class StepContext:
         """Change state by the table; `code` names the fault, if it is one.
 
         Raises:
-            ImpossibleTransition: if the table does not list it.
+            InvalidTransition: if the table does not list it.
         """
-        now = self.state
-        after = next_state(now.state, cause)
-        self.commands.append(Transition(now.time_ns, now.state, cause, after, now.step_index, guards, code))
-        self.state = replace(now, state=after, since_ns=now.time_ns)
+        before = self.state
+        after = next_state(before.state, cause)
+        self.commands.append(Transition(before.time_ns, before.state, cause, after, before.step_index, guards, code))
+        self.state = replace(before, state=after, since_ns=before.time_ns)
 
     def announce(self, text: str) -> None:
-        """Tell the operator."""
+        """Show a message to the operator."""
         self.commands.append(Notify(text))
         self.update(message=text)
 
-    def discard_frames(self, why: str) -> None:
-        """Refuse the frames at hand: the pair that they would have made is off."""
-        held = (() if self.state.first is None else (self.state.first,)) + tuple(s.info for s in self.state.pending_frames)
-        self.commands.extend(RejectFrame(info.export, f"{info.name} is not used: {why}") for info in held)
+    def discard_frames(self, reason: str) -> None:
+        """Reject the first frame of the pair and all pending frames."""
+        discarded = (() if self.state.first is None else (self.state.first,)) + tuple(s.info for s in self.state.pending_frames)
+        self.commands.extend(RejectFrame(info.export, f"{info.name} is not used: {reason}") for info in discarded)
         self.update(first=None, pending_frames=())
 
-    def stop_and_go(self, cause: Cause, reason: str, *guards: Guard, code: FaultCode | None = None) -> None:
-        """Stop everything first, then change state; where a device is then is no longer known."""
+    def stop_and_transition(self, cause: Cause, reason: str, *guards: Guard, code: FaultCode | None = None) -> None:
+        """Order all devices to stop, then change state; the reached load, and the reached shift of a moving stage, become unknown."""
         self.commands.append(StopMotion(reason))
         self.discard_frames(reason)
-        under_way = Device.STAGE in self.state.motion.pending_devices[:1]
+        stage_moving = Device.STAGE in self.state.motion.pending_devices[:1]
         self.update(
             motion=MotionProgress(),
             reached_load_n=None,
             in_tolerance_since_ns=None,
-            reached_shift_um=None if under_way else self.state.reached_shift_um,
+            reached_shift_um=None if stage_moving else self.state.reached_shift_um,
         )
         self.transition(cause, *guards, code=code)
         self.announce(reason)
 
     def fault(self, cause: Cause, reason: str, *guards: Guard, code: FaultCode | None = None) -> None:
-        """Stop and go to FAULT, if the table says so here; else only tell. Without a `code` the cause names the fault."""
+        """Stop and go to FAULT if the table lists `cause` here; else only announce the reason. Without `code` the cause determines it."""
         if self.is_allowed(cause):
-            self.stop_and_go(cause, reason, *guards, code=code or FAULT_OF_CAUSE[cause])
+            self.stop_and_transition(cause, reason, *guards, code=code or FAULT_OF_CAUSE[cause])
         elif self.state.state not in FINAL_STATES and reason != self.state.message:
             self.announce(reason)
 

@@ -2,28 +2,28 @@
 
 Theory of operation
 -------------------
-A run goes once through CONNECTING and READY, then for every step of the plan round this loop::
+A run passes once through CONNECTING and READY, and then through this loop for every step of the plan::
 
     RAMPING ---> SETTLING ---> HOLDING ---> IMAGING ---> STEP_DONE ---> RAMPING of the next step, or COMPLETE
        ^            |  ^          |            |
        +------------+  +----------+------------+
      approach again      disturbed: load or stage left tolerance, or moved
 
-RAMPING is the only state in which motion is ordered: the stage first, then the load, never both at once. SETTLING waits
-until everything stays within tolerance for the settle time. HOLDING is the rest before imaging. IMAGING waits for two frames.
+Motion is ordered only in RAMPING: first the stage, then the load, never both at once. SETTLING ends when load and stage have been within
+tolerance for the settle time. HOLDING is the wait before imaging. IMAGING ends with two accepted frames.
 
-Where the plan has a warm-up gate, STEP_DONE leads to WARMING before the first load: from there to RAMPING of that step when the forecast
-drift is slow enough, to RAMPING of a further pair until then, or to PAUSED when that takes too long. After translations STEP_DONE leads
-to JUDGING before the first load: from there on, or to PAUSED when they do not determine the distortion.
+If the plan has a warm-up gate, STEP_DONE leads to WARM_UP before the first load. WARM_UP leads to RAMPING of the load step when the
+forecast drift rate is small enough, to RAMPING of an additional pair until then, or to PAUSED after the maximum time. After translations,
+STEP_DONE leads to CALIBRATION_GATE before the first load, and from there to the load or, if the translations do not determine the
+distortion, to PAUSED.
 
-Any doubt leads to FAULT with motion stopped. Nothing leaves FAULT by itself: the operator resumes to RECOVER, which asks, and
-resumes again to re-enter the step from RAMPING with its full hold. PAUSED re-enters the step in the same way. Loading is path
-dependent, so no state rewinds or unloads.
+Every fault stops the motion and leads to FAULT. Only the operator can leave FAULT: RESUME leads to RESUMING, which shows the motion that
+will follow; a second RESUME repeats the step from RAMPING with its full hold. RESUME in PAUSED repeats the step in the same way. Loading is
+path dependent, so no state undoes a step or unloads.
 
-A run that was interrupted after its last pair is COMPLETE from IDLE: no device is asked for anything.
+A run that was interrupted after its last pair goes from IDLE to COMPLETE without any command to a device.
 
-Rule 1: everything that changes state is in TRANSITIONS, and a pair that is not in it raises. The engine has no other way to
-another state.
+All state changes are listed in TRANSITIONS; a pair of state and cause that is not listed raises `InvalidTransition`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from types import MappingProxyType
 
 
 class State(StrEnum):
-    """Where a run is."""
+    """State of a run."""
 
     IDLE = "idle"
     CONNECTING = "connecting"
@@ -55,7 +55,7 @@ class State(StrEnum):
 
 
 class Cause(StrEnum):
-    """Why a run changes state."""
+    """Cause of a transition."""
 
     OPENING = "opening"
     LINKED = "linked"
@@ -153,14 +153,14 @@ TRANSITIONS = MappingProxyType(
 
 
 class InvalidTransition(RuntimeError):
-    """A state and a cause that are not in the table: a mistake in the engine, never the operator's."""
+    """A pair of state and cause that the table does not list: a programming error in the engine, never an error of the operator."""
 
 
 def next_state(state: State, cause: Cause) -> State:
-    """The state that `cause` leads to.
+    """Return the state after a transition.
 
     Raises:
-        ImpossibleTransition: if the table has no such pair.
+        InvalidTransition: if the table has no such pair.
     """
     try:
         return TRANSITIONS[state, cause]

@@ -1,4 +1,4 @@
-"""A snapshot of a run for those who only look."""
+"""Snapshot of a run for display."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from semlive.engine.states import State
 
 @dataclass(frozen=True, slots=True)
 class RunStatus:
-    """Where a run is.
+    """Status of a run.
 
     Attributes:
-        state: of the protocol.
+        state: state of the protocol.
         step: index of the step.
         steps: number of steps.
-        phase: what the step's pair is for.
+        phase: purpose of the pair of the step.
         hold_left_s: experiment seconds until the hold is over; None unless holding.
         load_n: last reading, None before the first.
         target_n: the step's load, or None.
         shift_um: the step's shift.
-        pair_frames_accepted: frames of the step's pair that are there, 0 or 1.
+        pair_frames_accepted: number of accepted frames of the pair of the step, 0 or 1.
         message: the last sentence for the operator.
     """
 
@@ -39,7 +39,7 @@ class RunStatus:
 
 
 def progress(state: EngineState) -> RunStatus:
-    """What to show of a state."""
+    """Return the status that is displayed for a state."""
     holding = state.state is State.HOLDING
     return RunStatus(
         state=state.state,

@@ -1,7 +1,7 @@
-"""The warm-up gate: nothing is loaded before the drift is expected to be slow enough.
+"""Warm-up gate: the load is applied only after the forecast drift rate is below its maximum.
 
-While it waits the run takes further pairs at the place of the step to come: each tells the drift anew, so that the forecast that opens
-the gate is never an old one. They are pairs like others, in the log and in the estimate, which they only make better.
+While the gate is closed, the run images further pairs at the stage position of the next step. Each pair updates the forecast, so the gate
+opens on a recent forecast. These pairs are logged and used in the estimate like all others.
 """
 
 from __future__ import annotations
@@ -18,69 +18,73 @@ from semlive.engine.states import Cause
 
 
 def is_closed(state: EngineState) -> bool:
-    """Whether the gate is before the step that comes now, and has not been passed."""
+    """Whether the gate is before the present step and has not been passed."""
     rule, step = state.plan.warm_up, state.step
     if rule is None or state.warm_up_gate_passed or step.warm_up:
         return False
     return step.load_n is not None or (rule.gate_phases is not Phase.TENSION and state.step_index > 0)
 
 
-def passed(plan: Plan, done: Sequence[Step]) -> bool:
-    """Whether an interrupted run with these steps done had passed the gate."""
+def passed(plan: Plan, completed_steps: Sequence[Step]) -> bool:
+    """Whether an interrupted run with these completed steps had passed the gate."""
     rule = plan.warm_up
-    beyond = [one for one in done if not one.warm_up]
-    return any(one.load_n is not None for one in beyond) or (rule is not None and rule.gate_phases is not Phase.TENSION and len(beyond) > 1)
+    planned = [step for step in completed_steps if not step.warm_up]
+    return any(step.load_n is not None for step in planned) or (
+        rule is not None and rule.gate_phases is not Phase.TENSION and len(planned) > 1
+    )
 
 
 def with_measurement(plan: Plan, index: int) -> Plan:
-    """The plan with one pair more before a step, at that step's place and with the load left alone."""
-    later = plan.steps[index]
-    more = Step(index, Phase.CALIBRATION, later.shift_um, later.shift_px, None, warm_up=True)
-    rest = (replace(step, step=step.step + 1) for step in plan.steps[index:])
-    return replace(plan, steps=(*plan.steps[:index], more, *rest))
+    """Return the plan with one additional pair before the step of an index, at its stage position and without a load command."""
+    next_step = plan.steps[index]
+    extra_step = Step(index, Phase.CALIBRATION, next_step.shift_um, next_step.shift_px, None, warm_up=True)
+    remaining = (replace(step, step=step.step + 1) for step in plan.steps[index:])
+    return replace(plan, steps=(*plan.steps[:index], extra_step, *remaining))
 
 
-def enter(turn: StepContext, cause: Cause) -> None:
-    """Come to the gate."""
-    turn.transition(cause)
-    if turn.state.warming_since_ns is None:
-        turn.update(warming_since_ns=turn.state.time_ns)
+def enter(context: StepContext, cause: Cause) -> None:
+    """Enter WARM_UP and store the time of the first entry."""
+    context.transition(cause)
+    if context.state.warming_since_ns is None:
+        context.update(warming_since_ns=context.state.time_ns)
 
 
-def start_extra_pair(turn: StepContext) -> None:
-    """Begin one pair more before the step that comes now."""
-    turn.update(plan=with_measurement(turn.state.plan, turn.state.step_index))
-    start_step(turn)
+def start_extra_pair(context: StepContext) -> None:
+    """Begin an additional pair before the present step."""
+    context.update(plan=with_measurement(context.state.plan, context.state.step_index))
+    start_step(context)
 
 
-def evaluate(turn: StepContext) -> None:
-    """In WARMING: go on when the newest pair's forecast says so; ask when that takes too long; else measure again."""
-    state = turn.state
+def evaluate(context: StepContext) -> None:
+    """In WARM_UP: continue if the forecast of the newest pair allows it; pause after the maximum time; else measure again."""
+    state = context.state
     rule, since_ns = state.plan.warm_up, state.warming_since_ns
     assert rule is not None
     assert since_ns is not None
-    known = state.drift_forecast is not None and state.drift_forecast.pair >= state.step_index - 1
+    forecast_available = state.drift_forecast is not None and state.drift_forecast.pair >= state.step_index - 1
     waited_s = state.seconds_since(since_ns)
     rate, sigma = drift_rate(state.drift_forecast, state.time_ns + round(state.plan.hold.hold_s * 1e9))
     guards = (("rate_px_s", rate), ("sigma_px_s", sigma), ("waited_s", waited_s)) if math.isfinite(rate) else ()
-    if known and rate + sigma <= rule.max_rate_px_s:
-        turn.transition(Cause.WARMED_UP, *guards)
-        turn.update(warm_up_gate_passed=True)
-        turn.announce(f"warm: the drift is expected to be {_per_min(rate, sigma)}")
-        start_step(turn)
-    elif waited_s >= rule.max_wait_s and (known or state.seconds_since(state.since_ns) >= _FORECAST_S):
-        told = f"is expected to be {_per_min(rate, sigma)}" if guards else "is not known"
-        reason = f"after {rule.max_wait_s / 60:.0f} min of warming up the drift {told}; resume goes on all the same, or stop"
-        turn.stop_and_go(Cause.WARM_UP_TIMEOUT, reason, *guards)
-    elif known or state.step_index == 0:
-        turn.transition(Cause.MEASURE_AGAIN, *guards)
-        turn.announce(f"warming up: the drift is expected to be {_per_min(rate, sigma)}, and {60 * rule.max_rate_px_s:.2g} is wanted")
-        start_extra_pair(turn)
+    if forecast_available and rate + sigma <= rule.max_rate_px_s:
+        context.transition(Cause.WARMED_UP, *guards)
+        context.update(warm_up_gate_passed=True)
+        context.announce(f"warm: the drift is expected to be {_format_rate(rate, sigma)}")
+        start_step(context)
+    elif waited_s >= rule.max_wait_s and (forecast_available or state.seconds_since(state.since_ns) >= _FORECAST_TIMEOUT_S):
+        drift_text = f"is expected to be {_format_rate(rate, sigma)}" if guards else "is not known"
+        reason = f"after {rule.max_wait_s / 60:.0f} min of warming up the drift {drift_text}; resume goes on all the same, or stop"
+        context.stop_and_transition(Cause.WARM_UP_TIMEOUT, reason, *guards)
+    elif forecast_available or state.step_index == 0:
+        context.transition(Cause.MEASURE_AGAIN, *guards)
+        context.announce(
+            f"warming up: the drift is expected to be {_format_rate(rate, sigma)}, and {60 * rule.max_rate_px_s:.2g} is wanted"
+        )
+        start_extra_pair(context)
 
 
-_FORECAST_S = 60.0
-"""The newest pair's forecast takes a second or two; one that is not there after this will not come."""
+_FORECAST_TIMEOUT_S = 60.0
+"""Longest wait for the forecast of the newest pair, which takes 1-2 s."""
 
 
-def _per_min(rate_px_s: float, sigma_px_s: float) -> str:
+def _format_rate(rate_px_s: float, sigma_px_s: float) -> str:
     return f"{60 * rate_px_s:.2g} +- {60 * sigma_px_s:.2g} px/min"

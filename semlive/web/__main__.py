@@ -1,4 +1,4 @@
-"""The page's process: ``python -m semlive.web LOG``; its first line on standard output is its port."""
+"""Process of the page: ``python -m semlive.web LOG``; the first line on standard output is the port."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from semlive.web.connection import bounded
 
 _ENDING_S = 1
 _BACKLOG = 16
-# More may wait in the system; so few that whoever opens connections without pause delays others by tenths of a second.
+# Connections that wait in the system; so few that a flood of connections delays other requests by tenths of a second only.
 _WAITING = 256
 _KEEP_ALIVE_S = 15
 _LAST_WORDS_S = 2.0
@@ -30,7 +30,7 @@ _LONGEST_S = 10.0
 
 
 def main() -> None:
-    """Serve until told to end, or with `--exit-with-stdin` until whoever started it is gone."""
+    """Serve until a signal, or with `--exit-with-stdin` until the parent process has ended."""
     parser = argparse.ArgumentParser()
     parser.add_argument("log", type=Path)
     parser.add_argument("--host", required=True)
@@ -44,7 +44,7 @@ def main() -> None:
     if (arguments.control is None) != (arguments.token_sha256 is None):
         parser.error("give --control and --token-sha256 together")
     if hasattr(os, "nice"):
-        # Whoever looks on comes after control and its links, and before correlation.
+        # The page has a lower priority than control and its links, and a higher one than correlation.
         os.nice(5)
     control = None if arguments.control is None else ControlAddress("127.0.0.1", arguments.control, arguments.token_sha256)
     hub = LogBroadcaster(arguments.log)
@@ -57,7 +57,7 @@ def main() -> None:
         access_log=False,
         ws="none",
         server_header=False,
-        # So many connections are accepted before any is read: far less than are kept, so that none is closed before its request was seen.
+        # Connections that are accepted before any is read: far fewer than the limit, so that none is closed before its request was read.
         backlog=_BACKLOG,
         timeout_keep_alive=_KEEP_ALIVE_S,
         timeout_graceful_shutdown=_ENDING_S,
@@ -74,7 +74,7 @@ class _Server(uvicorn.Server):
     """uvicorn's server; more connections may wait in the system than are accepted at once."""
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Begin to listen."""
+        """Start listening."""
         await super().startup(sockets)
         for one in sockets or ():
             one.listen(_WAITING)
@@ -96,7 +96,7 @@ def _listen(host: str, port: int, or_any: bool) -> socket.socket:
 
 
 def _end_with_stdin(hub: LogBroadcaster, server: uvicorn.Server) -> None:
-    """The last results are still shown: whoever started us ends us when the log is finished, or is dead.
+    """Serve the last results until the parent process ends this process, or has ended itself.
 
     Who looks fetches maps and frames when told that they are there, on a busy computer not at once: they are waited for until nobody
     has asked for anything for a while.

@@ -1,4 +1,4 @@
-"""Who is let in: known names of this computer, small requests, and for whatever changes something only pages of our own."""
+"""Access control: valid host names, limited request size, and same-origin requests for all changes."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ _HEADERS = {
 
 
 class AccessControl:
-    """Stands before the application.
+    """Middleware in front of the application.
 
     A name that is not this computer's may be somebody's who lets it point here, to speak to us from his page (DNS rebinding): addresses
     are let through, names only if they are known.
 
     Args:
-        app: what is guarded.
-        names: names by which this computer may be called, besides localhost and its own.
+        app: the protected application.
+        names: additional valid host names, besides localhost and the name of this computer.
     """
 
     def __init__(self, app: ASGIApp, names: Iterable[str] = ()) -> None:
@@ -38,7 +38,7 @@ class AccessControl:
         self._names = {"localhost", socket.gethostname().lower(), *(name.lower() for name in names)}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
+        """Process one request."""
         if scope["type"] != "http":
             if scope["type"] == "lifespan":
                 await self._app(scope, receive, send)

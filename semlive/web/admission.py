@@ -1,4 +1,4 @@
-"""Which connections the page's server keeps: counted when they are accepted, before anything is read from them.
+"""Limits on the connections of the page server, which are counted when they are accepted, before anything is read.
 
 The number of connections is bounded, and a new connection always gets a place: at the bound the one that has done nothing for the longest
 time is closed in its favour. So connections of others, however many, cannot keep a request of the operator away; and a connection whose
@@ -14,25 +14,25 @@ from enum import IntEnum
 
 MOST = 300
 MOST_FROM_THIS_COMPUTER = 200
-"""A tunnel or a proxy shows all its users as this computer."""
+"""Limit for loopback addresses: all users of a tunnel or a proxy appear as this computer."""
 MOST_FROM_AN_ADDRESS = 48
 
 Client = tuple[str, int]
 
 
 class Stage(IntEnum):
-    """What a connection is doing, the first to be closed first."""
+    """Stage of a connection, in the order in which connections are closed."""
 
     ORDINARY = 0
-    """Nothing that has to be kept: silent, between two requests, or with a request that has not shown the token."""
+    """Silent, between two requests, or with an unauthenticated request."""
     VIEWING = 1
-    """A stream of changes; their number is bounded elsewhere."""
+    """A stream of changes; the number of streams has a separate limit."""
     AUTHENTICATED = 2
     """A request with the run's token is being answered."""
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address is one of this computer's loopback interface."""
+    """Whether an address belongs to the loopback interface."""
     try:
         address = ipaddress.ip_address(host)
     except ValueError:
@@ -45,9 +45,9 @@ class Admission:
     """The open connections, by client address and port; for one thread.
 
     Args:
-        most: how many there may be.
-        most_from_this_computer: how many of a loopback address.
-        most_from_an_address: how many of any other address.
+        most: largest number of connections.
+        most_from_this_computer: largest number from a loopback address.
+        most_from_an_address: largest number from any other address.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class Admission:
         return len(self._close)
 
     def admit(self, client: Client, close: Callable[[], object]) -> None:
-        """Take a new connection, and close others if there are too many.
+        """Register a new connection, and close others if there are too many.
 
         Args:
             client: address and port.
@@ -83,7 +83,7 @@ class Admission:
             self._evict(None)
 
     def enter(self, client: Client, stage: Stage) -> None:
-        """A connection enters a stage, or enters its present stage again; one that was closed meanwhile is ignored."""
+        """Set the stage of a connection, or renew it; a closed connection is ignored."""
         if client not in self._close:
             return
         for clients in self._stages.values():
@@ -91,17 +91,17 @@ class Admission:
         self._stages[stage][client] = None
 
     def release(self, client: Client) -> None:
-        """A request was answered: its connection is ordinary again, and closed before one that began a request later."""
+        """Reset the stage after a request was answered; the connection is closed before those with a later request."""
         if client in self._close and client not in self._stages[Stage.ORDINARY]:
             self.enter(client, Stage.ORDINARY)
 
     def leave(self, client: Client, close: Callable[[], object]) -> None:
-        """A connection was lost; `close` tells it from a later one of the same address and port."""
+        """Unregister a lost connection; `close` distinguishes it from a later one with the same address and port."""
         if self._close.get(client) == close:
             self._forget(client)
 
     def _evict(self, host: str | None) -> None:
-        """Close one connection, of one address if `host` is given: of the lowest stage that has any, the one that did nothing longest."""
+        """Close the connection with the longest inactivity in the lowest stage, among those of `host` if it is given."""
         for stage in (Stage.ORDINARY, Stage.VIEWING):
             found = next((client for client in self._stages[stage] if host is None or client[0] == host), None)
             if found is not None:

@@ -1,4 +1,4 @@
-"""The page's addresses. All but one only show; `/say` passes on what the operator says, with the operator's token, which is not kept."""
+"""HTTP routes of the page. Only `/say` is not read-only: it forwards a command of the operator with its token, which is not stored."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ from semlive.web.newest_image import newest_image_png
 STATIC = Path(__file__).with_name("static")
 MAX_VIEWERS = 100
 MAX_VIEWERS_OF_AN_ADDRESS = 24
-"""Of another computer; those of this one may come through a tunnel or a proxy."""
+"""Limit for an address of another computer; local addresses may belong to a tunnel or a proxy."""
 _BEAT_S = 2.0
 _BODY_S = 5.0
-# A token has 128 bits, so this keeps nobody from guessing it; it slows down those who try.
+# Delay after a wrong token. A token of 128 bits cannot be guessed; the delay limits the load by attempts.
 _WRONG_TOKEN_S = 0.25
 _STATUS = {RequestStatus.ACCEPTED: 200, RequestStatus.UNAUTHORISED: 403, RequestStatus.NO_REQUEST: 400, RequestStatus.QUESTION_CLOSED: 409}
 
 
 @dataclass(frozen=True, slots=True)
 class ControlAddress:
-    """Where the run listens, and what its token is checked by.
+    """Address of the control socket, and the digest that verifies its token.
 
     Attributes:
-        host: of this computer.
+        host: address of this computer.
         port: TCP.
         token_sha256: of the run's token, in hexadecimal: enough to check a token, not to know it.
     """
@@ -57,14 +57,14 @@ class ControlAddress:
 
 
 class Viewing(StreamingResponse):
-    """A stream that is counted from the moment its request is accepted until it ends, however it ends."""
+    """Stream that is counted from the acceptance of its request until its end."""
 
     def __init__(self, content: AsyncIterator[str], ended: Callable[[], object], headers: dict[str, str]) -> None:
         super().__init__(content, media_type="text/event-stream", headers=headers)
         self._ended = ended
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send it."""
+        """Send the stream."""
         try:
             await super().__call__(scope, receive, send)
         finally:
@@ -72,12 +72,12 @@ class Viewing(StreamingResponse):
 
 
 class PageHandlers:
-    """The handlers, and what they share.
+    """Request handlers and their common state.
 
     Args:
         hub: reader of the log.
-        control: where the run listens; None for a page that only shows.
-        admission: the connections of the server, of which this tells what they are doing.
+        control: address of the control socket; None for a read-only page.
+        admission: connections of the server, whose stage is updated here.
     """
 
     def __init__(self, hub: LogBroadcaster, control: ControlAddress | None, admission: Admission) -> None:
@@ -85,33 +85,33 @@ class PageHandlers:
         self._viewers: Counter[str] = Counter()
 
     async def index(self, _: Asked) -> Response:
-        """The page itself."""
+        """Return the HTML page."""
         return FileResponse(STATIC / "index.html", headers={"cache-control": "no-cache"})
 
     async def about(self, _: Asked) -> Response:
-        """Whether anything can be said here."""
+        """Return whether the page can send commands."""
         return JSONResponse({"controls": self._control is not None}, headers={"cache-control": "no-store"})
 
     async def events(self, asked: Asked) -> Response:
-        """What changes, for as long as somebody looks."""
+        """Stream the changes until the viewer disconnects."""
         host = "" if asked.client is None else asked.client.host
         of_address = MAX_VIEWERS if is_loopback(host) else MAX_VIEWERS_OF_AN_ADDRESS
         if self._viewers.total() >= MAX_VIEWERS or self._viewers[host] >= of_address:
             return Response("too many look on already", 503, headers={"retry-after": "30"})
-        # Counted here, before anything is awaited: of many requests at once none passes uncounted.
+        # Counted before the first await, so that simultaneous requests are all counted.
         self._viewers[host] += 1
         self._enter(asked, Stage.VIEWING)
         return Viewing(self._events(), lambda: self._leave(host), {"cache-control": "no-store", "x-accel-buffering": "no"})
 
     async def field(self, asked: Asked) -> Response:
-        """A map as float32."""
+        """Return a map as float32."""
         data = await run_in_threadpool(self._hub.fields.read, asked.path_params["frame"], asked.path_params["name"])
         if data is None:
             raise HTTPException(404, "there is no such map")
         return Response(data, media_type="application/octet-stream", headers={"cache-control": "private, max-age=3600"})
 
     async def frame(self, asked: Asked) -> Response:
-        """The newest exported file as PNG."""
+        """Return the newest exported file as PNG."""
         try:
             picture = await run_in_threadpool(newest_image_png, self._hub, asked.path_params["export"])
         except SemliveError as error:
@@ -123,7 +123,7 @@ class PageHandlers:
         return Response(png, media_type="image/png", headers=headers)
 
     async def command(self, asked: Asked) -> Response:
-        """A verb, an answer or an acknowledgement of the operator's, passed on to the run."""
+        """Forward a command, an answer or an acknowledgement of the operator to the run."""
         if self._control is None:
             return _told("this page only shows; steer from the page that semlive run opens", 405)
         kind, _, token = asked.headers.get("authorization", "").partition(" ")
@@ -175,20 +175,20 @@ def _told(text: str, status: int) -> JSONResponse:
 def make_app(
     hub: LogBroadcaster, control: ControlAddress | None, names: Iterable[str] = (), admission: Admission | None = None
 ) -> Starlette:
-    """The application over a hub.
+    """Return the web application for a hub.
 
     Args:
-        hub: reader of the log; begun and closed with the application.
-        control: where the run listens; None for a page that only shows.
+        hub: reader of the log; started and closed with the application.
+        control: address of the control socket; None for a read-only page.
         names: further names of this computer.
-        admission: the connections of the server; None where nothing bounds them.
+        admission: connections of the server; None if they are not limited.
     """
     page = PageHandlers(hub, control, admission or Admission())
 
     @contextlib.asynccontextmanager
     async def life(_: Starlette) -> AsyncIterator[None]:
         loop = asyncio.get_running_loop()
-        # What goes wrong with one connection is not for the terminal of the run.
+        # Errors of a single connection are not printed on the terminal of the run.
         loop.set_exception_handler(lambda _loop, _context: None)
         hub.start(loop)
         try:

@@ -1,4 +1,4 @@
-"""One reader of the log for all viewers: it follows the log in a thread and tells what changed, put into words once."""
+"""One log reader for all viewers: it follows the log in a thread and serialises each change once."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from semlive.web.reducer import reduce, seconds, with_maps
 from semlive.web.serialise import full_state, state_diff, to_json_line
 
 POLL_S = 0.04
-# A finished log may still get another segment, when the run is taken up again.
+# A finished log gets another segment if the run is resumed.
 _POLL_FINISHED_S = 0.5
 _TOLD_EVERY_S = 0.25
 _LOOK_EVERY_S = 2.0
@@ -32,7 +32,7 @@ _KEPT_CHANGES = 64
 
 @dataclass(frozen=True, slots=True)
 class NewestFile:
-    """The newest exported file, as it came."""
+    """Bytes of the newest exported file."""
 
     export: int
     data: bytes
@@ -40,7 +40,7 @@ class NewestFile:
 
 
 class LogBroadcaster:
-    """Follows a log; `start` starts the thread, `changes` gives viewers what they have not seen.
+    """Follows a log; `start` starts the thread, `changes` returns the changes that a viewer lacks.
 
     Args:
         log: one file or a run folder, which need not exist yet.
@@ -67,24 +67,24 @@ class LogBroadcaster:
 
     @property
     def view(self) -> PageState:
-        """What is shown now."""
+        """Present state of the page."""
         return self._told
 
     @property
     def finished(self) -> bool:
-        """The log is finished and all of it was told."""
+        """Whether the log is finished and was sent completely."""
         return self._tail.finished and not state_diff(self._told, self._view)
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Follow the log from now on."""
+        """Start to follow the log."""
         threading.Thread(target=self._follow, args=(loop,), name="log reader", daemon=True).start()
 
     def close(self) -> None:
-        """Follow no more."""
+        """Stop following the log."""
         self._over.set()
 
     async def changes(self, version: int, timeout_s: float) -> tuple[int, list[str]]:
-        """What came after a version, as lines of JSON, oldest first; empty if nothing did within the time.
+        """Return the changes after a version as lines of JSON, oldest first; empty if there were none within the timeout.
 
         Whoever is too far behind gets everything: version -1 always does.
         """
@@ -101,7 +101,7 @@ class LogBroadcaster:
         return self._version, missed
 
     def heartbeat(self) -> str:
-        """The time, as a line of JSON."""
+        """Return the time as a line of JSON."""
         return to_json_line({"now": self._now()})
 
     def _everything(self) -> str:
@@ -110,7 +110,7 @@ class LogBroadcaster:
         return f'{{"whole":true,"now":{to_json_line(self._now())},{self._whole[1][1:]}'
 
     def _now(self) -> dict[str, Any]:
-        """Experiment time, how fast it goes, and whether the log can still grow."""
+        """Return experiment time, its rate, and whether the log can still grow."""
         view, live = self._told, not self._tail.finished and not self._reading
         same_boot = view.clock is not None and view.boot_id == self._boot_id != ""
         running = live and view.clock is not None and same_boot
@@ -146,7 +146,7 @@ class LogBroadcaster:
             self._over.wait(_POLL_FINISHED_S if self._tail.finished else POLL_S)
 
     def _look_for_writer(self) -> None:
-        """Whether the newest segment is unfinished and nobody writes it: a run without devices may be silent for long."""
+        """Whether the newest segment is unfinished and has no writer; silence is no criterion for a run without devices."""
         if time.monotonic() < self._look_again_s:
             return
         self._look_again_s = time.monotonic() + _LOOK_EVERY_S
@@ -174,7 +174,7 @@ class LogBroadcaster:
         self._view = reduce(self._view, message)
 
     def _tell(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Put what changed into words, once for everybody."""
+        """Serialise the changes once for all viewers."""
         parts = state_diff(self._told, self._view)
         if parts:
             self._version_up(loop, parts)

@@ -1,4 +1,4 @@
-"""A connection of the page's server: uvicorn's own, with a place among a bounded number and a time limit for each request's head."""
+"""Connection of the page server: that of uvicorn with a limited number of connections and a time limit for request headers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ HEAD_S = 5.0
 
 
 class BoundedProtocol(H11Protocol):
-    """uvicorn calls it; `bounded` makes the class for one server.
+    """HTTP protocol for uvicorn; `bounded` creates the class for one server.
 
     Attributes:
         admission: the open connections of the server.
@@ -23,7 +23,7 @@ class BoundedProtocol(H11Protocol):
     _head_timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Take a place before anything is read."""
+        """Register the connection before anything is read."""
         super().connection_made(transport)
         self._place = self.client
         if self._place is None:
@@ -33,7 +33,7 @@ class BoundedProtocol(H11Protocol):
         self.admission.admit(self._place, self._drop)
 
     def data_received(self, data: bytes) -> None:
-        """Some bytes: a whole request, or a part of one that has to become whole in time."""
+        """Process received bytes; an incomplete request must be completed within the time limit."""
         before = self.cycle
         super().data_received(data)
         if self._place is None or self.transport.is_closing():
@@ -58,7 +58,7 @@ class BoundedProtocol(H11Protocol):
             self._await_head()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Give the place back."""
+        """Unregister the connection."""
         self._head_came()
         if self._place is not None:
             self.admission.leave(self._place, self._drop)
@@ -78,5 +78,5 @@ class BoundedProtocol(H11Protocol):
 
 
 def bounded(admission: Admission) -> type[BoundedProtocol]:
-    """The class of the connections of one server."""
+    """Return the connection class for one server."""
     return type("Bounded", (BoundedProtocol,), {"admission": admission})

@@ -1,4 +1,4 @@
-"""A curve over time that never grows beyond what a page can draw."""
+"""Time series of limited length for display."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _FIRST_WIDTH_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class LoadRow:
-    """Readings of the load frame within a short time.
+    """Readings of the load frame within a short interval.
 
     Attributes:
         time_s: of the last one, seconds after the start of the run.
@@ -29,7 +29,7 @@ class LoadRow:
 
 @dataclass(frozen=True, slots=True)
 class DownsampledSeries:
-    """Rows of equal width in time; where there would be too many, neighbours are joined and the width doubles.
+    """Rows of equal duration; if there are too many, neighbours are merged and the duration doubles.
 
     Attributes:
         width_s: of a row.
@@ -43,7 +43,7 @@ class DownsampledSeries:
 
 
 def append(trace: DownsampledSeries, row: LoadRow) -> DownsampledSeries:
-    """With one reading more."""
+    """Return the series with one more reading."""
     if trace.current_bin is None:
         return replace(trace, current_bin=row)
     if int(row.time_s / trace.width_s) == int(trace.current_bin.time_s / trace.width_s):

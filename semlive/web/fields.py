@@ -1,4 +1,4 @@
-"""Maps as a browser draws them: float32, row by row, NaN where a point does not count; kept beside memory."""
+"""Maps for the browser: float32, row-major, NaN at invalid points; stored in temporary files."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class Fields:
     """Maps of one frame.
 
     Attributes:
-        frame: its number.
-        grid: where they lie.
+        frame: number of the frame.
+        grid: grid of the map points.
         values: (ny, nx) float32 each, by name: disparity_u, disparity_v, zncc (of a disparity from frame 0), displacement_u,
             displacement_v (px), exx, eyy, exy.
-        quality: how well it was correlated, for a disparity map.
+        quality: correlation quality, for a disparity map.
     """
 
     frame: int
@@ -39,7 +39,7 @@ class Fields:
 
 
 def fields_of(message: LogMessage) -> Fields | None:
-    """The maps in a message; None if it holds none.
+    """Return the maps in a message; None if there are none.
 
     Raises:
         BadLog: the bytes are no map.
@@ -70,7 +70,7 @@ def _counted(fields: Mapping[str, NDArray[np.float64]], valid: NDArray[np.bool_]
 
 
 class FieldStore:
-    """Maps in a temporary file that goes with the process: a tenth of what they take in the log."""
+    """Maps in a temporary file that is removed with the process: a tenth of their size in the log."""
 
     def __init__(self) -> None:
         self._file: IO[bytes] = tempfile.TemporaryFile(prefix="semlive-page-")  # noqa: SIM115 - as long as the store
@@ -79,7 +79,7 @@ class FieldStore:
         self._lock = threading.Lock()
 
     def keep(self, fields: Fields) -> None:
-        """Keep maps; one of the same frame and name takes the earlier one's place."""
+        """Store maps; a map replaces an earlier one of the same frame and name."""
         with self._lock:
             for name, field in fields.values.items():
                 data, known = field.tobytes(), self._places.get((fields.frame, name))
@@ -89,7 +89,7 @@ class FieldStore:
                 self._places[(fields.frame, name)] = (begin, len(data))
 
     def read(self, frame: int, name: str) -> bytes | None:
-        """A map's bytes, or None if there is none."""
+        """Return the bytes of a map, or None if there is none."""
         with self._lock:
             place = self._places.get((frame, name))
             if place is None:

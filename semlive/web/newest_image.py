@@ -1,4 +1,4 @@
-"""The newest exported file as a picture for browsers."""
+"""The newest exported file as an image for browsers."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def newest_image_png(hub: LogBroadcaster, export: int) -> tuple[bytes, tuple[int
 
 
 def _profile(hub: LogBroadcaster) -> ScanProfile:
-    """What the run's configuration says of its files."""
+    """Return the file settings of the configuration of the run."""
     if hub.run_message is None:
         return ScanProfile()
     told = from_json(hub.run_message.topic, hub.run_message.payload)

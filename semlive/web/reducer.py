@@ -1,4 +1,4 @@
-"""From the messages of a log to what the page shows: one pure function, one step a message."""
+"""Reducer from the messages of a log to the state of the page: a pure function, one step per message."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _KEPT_QUALITY = 4000
 
 
 def reduce(view: PageState, message: LogMessage) -> PageState:
-    """What the page shows after one message more; a topic that it does not show changes only the time of the last message.
+    """Return the state of the page after one more message; topics that are not shown change only the time of the last message.
 
     Raises:
         BadLog: the message is not what its topic promises.
@@ -57,7 +57,7 @@ def reduce(view: PageState, message: LogMessage) -> PageState:
 
 
 def with_maps(view: PageState, fields: Fields) -> PageState:
-    """With maps of one frame more: which there are, and how well they were correlated."""
+    """Add the names and the correlation quality of the maps of a frame."""
     if fields.quality is not None:
         view = replace(view, quality=(*view.quality, fields.quality)[-_KEPT_QUALITY:])
     if not fields.values:
@@ -80,7 +80,7 @@ def with_maps(view: PageState, fields: Fields) -> PageState:
 
 
 def seconds(view: PageState, time_ns: int) -> float:
-    """Seconds after the start of the run."""
+    """Return seconds after the start of the run."""
     return 0.0 if view.run is None else round((time_ns - view.run.start_ns) / 1e9, 4)
 
 
@@ -89,7 +89,7 @@ def _run(view: PageState, told: RunMessage) -> PageState:
         config = parse_config(told.config, "the run's configuration")
         plan = config.plan()
     except BadInput:
-        # A log of another version, or one that was imported: there is still something to see.
+        # A log of another version, or an imported one, still has content to show.
         return replace(view, run=_bare(told), boot_id=told.boot_id)
     gate, hold = plan.warm_up, plan.hold
     run = Run(
@@ -138,7 +138,7 @@ def _state(view: PageState, told: StateMessage) -> PageState:
 
 
 def _gate(view: PageState, told: StateMessage) -> Any:
-    """The verdict of the warm-up gate, in the drift's part."""
+    """Add the verdict of the warm-up gate to the drift panel."""
     rate, sigma, waited_s = (told.guards.get(name) for name in ("rate_px_s", "sigma_px_s", "waited_s"))
     drift = view.drift
     if view.run is None or view.run.warm_up_rate_px_s is None or not isinstance(rate, float | int) or not isinstance(sigma, float | int):
@@ -173,7 +173,7 @@ def _line(view: PageState, told: LogLineMessage) -> PageState:
     if told.level == "info":
         return replace(view, protocol=replace(view.protocol, message=printable(told.text)))
     lines = told.text.strip().splitlines()
-    # An error's text can be a trace, of which the last line says what it is about.
+    # The text of an error can be a stack trace, whose last line is the message.
     return _warned(view, told.time_ns, told.level, lines[-1] if lines and told.level == "error" else told.text.strip(), "")
 
 
@@ -187,7 +187,7 @@ def _warned(view: PageState, time_ns: int, level: str, text: str, what_to_do: st
 
 
 def _with_notices(view: PageState) -> PageState:
-    """Alarms and warnings as one list; an open alarm that the machine does not obey is shown however many came later."""
+    """Merge alarms and warnings; an open alarm about a disobeyed stop is shown regardless of later entries."""
     known = view.raised.known
     shown = (*(one for one in known[:-_SHOWN_ALARMS] if one.disobeyed and not one.acknowledged), *known[-_SHOWN_ALARMS:])
     notices = sorted((*view.warnings, *(_notice(view, alarm) for alarm in shown)), key=lambda one: one.time_s)

@@ -1,4 +1,4 @@
-"""The estimate's messages, as the page shows them: drift, strain, elastic constants."""
+"""Reducers of the messages of the estimate for the page: drift, strain, elastic constants."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from semlive.formats.log.messages import DriftForecastMessage, DriftMessage, ElasticMessage, StrainMessage
 from semlive.web.page_state import Drift, DriftFrame, ElasticRow, PageState, StrainPoint
 
-# Beyond so many frames the older ones are drawn by their middle alone.
+# Largest number of frames that are drawn in full; older ones are drawn by their middle only.
 _WHOLE_FRAMES = 200
 _KEPT_FRAMES = 5000
 
@@ -31,7 +31,7 @@ def _drift(view: PageState, told: DriftMessage) -> PageState:
 
 
 def _foreseen(drift: Drift, told: DriftForecastMessage, last: tuple[float, ...]) -> Drift:
-    """The forecast rates summed up from the newest row; its uncertainty grows as if the rate were wrong by one sigma all along."""
+    """Integrate the forecast rates from the newest row; the uncertainty assumes a constant rate error of one sigma."""
     rows, time_s, place, spread = [last], last[0], [last[1], last[2]], [last[3], last[4]]
     for begin_s, rate, sigma in zip(told.time_s, told.rate_px_s, told.sigma_px_s, strict=True):
         lasts_s = begin_s + told.duration_s - time_s
@@ -45,7 +45,7 @@ def _foreseen(drift: Drift, told: DriftForecastMessage, last: tuple[float, ...])
 
 
 def _judged(drift: Drift, view: PageState) -> Drift:
-    """The verdict where no gate speaks; a gate's own stands."""
+    """Return the verdict without a gate; the verdict of a gate is not changed."""
     gate = None if view.run is None else view.run.warm_up_rate_px_s
     if drift.rate_px_s is None:
         return replace(drift, verdict="no forecast yet")

@@ -1,4 +1,4 @@
-"""The view as JSON for browsers: all of it, or what changed."""
+"""Serialisation of the page state as JSON: completely, or its changes."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ PARTS = ("run", "schedule", "protocol", "reading", "drift", "quality", "strength
 
 
 def full_state(view: PageState) -> dict[str, Any]:
-    """Every part."""
+    """Return all parts."""
     return {**{name: _part(view, name) for name in PARTS}, "load": {"from": 0, **_load(view.load, 0)}}
 
 
 def state_diff(before: PageState, now: PageState) -> dict[str, Any]:
-    """Parts that are not the same; of the load's curve, its new rows."""
+    """Return the parts that differ; of the load series, the new rows."""
     parts = {name: _part(now, name) for name in PARTS if getattr(before, name) is not getattr(now, name)}
     if before.load is not now.load:
         known = len(before.load.rows) if before.load.width_s == now.load.width_s else 0
@@ -27,7 +27,7 @@ def state_diff(before: PageState, now: PageState) -> dict[str, Any]:
 
 
 def to_json_line(told: dict[str, Any]) -> str:
-    """As one line of JSON.
+    """Return one line of JSON.
 
     Raises:
         ValueError: a number is NaN or infinite.

@@ -10,7 +10,7 @@ import pytest
 from semlive.data.faults import FaultCode
 from semlive.engine.supervision.load_change import RATE_FACTOR
 from semlive.engine.supervision.load_response import ARRIVED_AND_MOVING_S
-from semlive.engine.supervision.ramp_readings import MOST_UNSEEN_S, STARTING_S
+from semlive.engine.supervision.ramp_readings import MAX_UNVERIFIED_S, STARTING_S
 from semlive.engine.supervision.standstill import UNORDERED_MOTION_S
 from semlive.engine.supervision.stop_distance import FASTEST_FACTOR
 from semlive.engine.supervision.travel_response import STANDSTILL_S
@@ -45,7 +45,7 @@ def test_a_section_explains_what_is_no_rule_of_a_ramp(code: str) -> None:
 def test_figures_are_those_of_the_code() -> None:
     text = " ".join(PAGE.read_text(encoding="utf-8").split())
     for words in (
-        f"at most {MOST_UNSEEN_S:g} s of the ramp",
+        f"at most {MAX_UNVERIFIED_S:g} s of the ramp",
         f"of {STARTING_S:g} s of the ramp",
         f"for {STANDSTILL_S:g} s after the extension followed it",
         f"more than {RATE_FACTOR:g} times what was ordered",

@@ -11,7 +11,7 @@ from semlive.service.control.handoff import BoundedHandoff
 
 def test_no_more_than_a_few_wait_and_all_come_in_order() -> None:
     waiting, taken, most = queue.SimpleQueue[Callable[[], None]](), list[int](), 0
-    say = BoundedHandoff(waiting.put, taken.append, at_a_time=8, patience_s=60.0)
+    say = BoundedHandoff(waiting.put, taken.append, max_pending=8, timeout_s=60.0)
     speaker = threading.Thread(target=lambda: [say(number) for number in range(500)])
     speaker.start()
     for _ in range(500):
@@ -25,7 +25,7 @@ def test_no_more_than_a_few_wait_and_all_come_in_order() -> None:
 
 def test_a_loop_that_takes_nothing_is_not_waited_for() -> None:
     waiting, taken = queue.SimpleQueue[Callable[[], None]](), list[int]()
-    say = BoundedHandoff(waiting.put, taken.append, at_a_time=2, patience_s=0.01)
+    say = BoundedHandoff(waiting.put, taken.append, max_pending=2, timeout_s=0.01)
     for number in range(5):
         say(number)
     assert waiting.qsize() == 5

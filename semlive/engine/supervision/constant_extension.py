@@ -1,4 +1,4 @@
-"""How long an extension reading has stood exactly still while the device reports motion, and how long it does when all is well."""
+"""Duration of a constant extension reading during reported motion, now and in normal operation."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ class StandingExtension:
     """The extension reading since it last changed.
 
     Attributes:
-        since: the sample at which it last changed, or the latest one at which no motion was ordered or reported; None before the first.
-        since_n: mean of the latest force readings then, N.
-        readings: so many readings since then show the same extension.
-        changes: how often the reading has changed during ordered motion, in this run.
+        since: the sample of the last change, or the latest sample without ordered or reported motion; None before the first.
+        since_n: mean of the latest force readings at `since`, N.
+        readings: number of readings since then with the same extension.
+        changes: number of changes of the reading during ordered motion in this run.
         longest_s: longest time between two such changes within one motion, s.
-        from_change: `since` is a change during ordered motion.
+        from_change: `since` is the sample of a change during ordered motion.
     """
 
     since: LoadSample | None = None
@@ -28,7 +28,7 @@ class StandingExtension:
     from_change: bool = False
 
     def with_sample(self, sample: LoadSample, mean_n: float, ordered: bool) -> StandingExtension:
-        """One reading more.
+        """Return the state after one more reading.
 
         Args:
             sample: the reading.
@@ -39,8 +39,8 @@ class StandingExtension:
             return replace(self, since=sample, since_n=mean_n, readings=0, from_change=False)
         if sample.extension_mm == self.since.extension_mm:
             return replace(self, readings=self.readings + 1)
-        stood_s = (sample.time_ns - self.since.time_ns) / 1e9 if self.from_change else 0.0
-        longest_s = max(self.longest_s, stood_s)
+        constant_s = (sample.time_ns - self.since.time_ns) / 1e9 if self.from_change else 0.0
+        longest_s = max(self.longest_s, constant_s)
         return StandingExtension(sample, mean_n, 0, self.changes + 1, longest_s, from_change=True)
 
 

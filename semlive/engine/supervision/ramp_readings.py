@@ -1,4 +1,4 @@
-"""An ordered ramp and the readings of it: the values that the rules of the supervision judge, and what counts as noise.
+"""An ordered ramp and its readings: the input of the supervision rules, and the noise thresholds.
 
 `ramp_supervision` holds the theory of operation; `load_change`, `load_response`, `travel_response` and `extension_response` hold the rules.
 """
@@ -15,17 +15,17 @@ from semlive.engine.supervision.constant_extension import NEVER_CHANGED, Standin
 from semlive.engine.supervision.reading_noise import ReadingNoise
 
 START_S = 1.0
-"""A device may take this long to begin a motion and to report it."""
+"""Longest time in which a device begins a motion and reports it, s."""
 STARTING_S = 1.25
-"""What a ramp orders in this time may stay unseen: the device starts, and some readings show it."""
-MOST_UNSEEN_S = 10.0
-"""No ramp may run for longer than this without a noticeable change of load, unless the cell's noise or resolution hides it for longer."""
-AVERAGED = 5
-"""Progress is that of the mean of so many readings."""
-FEWEST_READINGS = 5
-"""Missing progress is not judged on fewer readings."""
-LEAST_OF_ORDERED = 0.25
-"""A load that shows less than this part of what was ordered makes no progress; an extension that does shows no motion."""
+"""Time whose ordered load change may stay unverified, s: the device starts, and some readings are needed to show it."""
+MAX_UNVERIFIED_S = 10.0
+"""Longest ramp without a noticeable load change, s, unless noise or resolution of the cell hides the change for longer."""
+MEAN_READINGS = 5
+"""Number of readings whose mean determines the progress."""
+MIN_READINGS = 5
+"""Smallest number of readings for the rules of missing progress."""
+MIN_ORDERED_FRACTION = 0.25
+"""Smallest fraction of the ordered change that counts as progress of the load, or as motion of the extension."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,17 +46,17 @@ class OrderedRamp:
     """A ramp that was ordered.
 
     Attributes:
-        target_n: where to.
-        rate_n_s: how fast, > 0.
-        tolerance_n: allowed distance of the load from its target.
+        target_n: target load, N.
+        rate_n_s: rate of the load, N/s, > 0.
+        tolerance_n: allowed deviation of the load from its target, N.
         start: the last sample before the order.
         anchor: the sample at which the load last moved noticeably towards the target.
-        anchor_n: mean of the latest readings then: a single high one would hide the progress that follows.
-        noise_n: largest change of the reading in this ramp that was taken for noise: the estimate scatters.
-        since_anchor: readings since.
+        anchor_n: mean of the latest readings at `anchor`, N; a single high reading would hide later progress.
+        noise_n: largest value of `Readings.noticeable_n` in this ramp, N, because the estimate of the noise scatters.
+        since_anchor: number of readings since `anchor`.
         response: the first sample at which the load had moved noticeably towards the target; None before.
         window: samples of the last half second, oldest first.
-        marks: samples of some seconds, oldest first, between which a load-controlled ramp must come forward; none while it does not move.
+        marks: samples over some seconds, oldest first, between which a load-controlled ramp must progress; empty without motion.
     """
 
     target_n: float
@@ -79,16 +79,16 @@ class OrderedRamp:
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """What is known of device and readings.
+    """State of a device and of its readings.
 
     Attributes:
-        limits: of the run.
-        identity: of the device.
-        force_noise: of the load cell.
-        extension_noise: of the crosshead.
-        stiffness_n_mm: load change per travel as learned from ramps; None before the first.
-        standing: since when the extension reading has not changed.
-        last: the sample before.
+        limits: soft limits of the run.
+        identity: identity of the device.
+        force_noise: noise of the load cell.
+        extension_noise: noise of the extension reading.
+        stiffness_n_mm: load change per travel, learned from ramps; None before the first.
+        standing: duration of the constant extension reading.
+        last: the previous sample; None before the first.
     """
 
     limits: Limits
@@ -100,34 +100,34 @@ class Readings:
     last: LoadSample | None = None
 
     def noticeable_n(self, ramp: OrderedRamp) -> float:
-        """A change of load that is no noise; a cell coarser than the tolerance could not be used."""
+        """Return the smallest load change that exceeds the noise, N; quantisation counts up to the tolerance."""
         return self.force_noise.noticeable(ramp.tolerance_n)
 
     def near_n(self, ramp: OrderedRamp) -> float:
-        """Distance from the target within which a device may creep instead of keeping its rate."""
+        """Return the distance from the target, N, within which a device may creep below its rate."""
         return max(ramp.tolerance_n, verified_within(ramp.rate_n_s, ramp.tolerance_n, self.noticeable_n(ramp)))
 
     def force_limit_n(self, ramp: OrderedRamp) -> float:
-        """The force limit in the direction of the ramp, N, counted along the ramp."""
+        """Return the force limit in the direction of the ramp, N, positive along the ramp."""
         return self.limits.force_max_n if ramp.sign > 0 else -self.limits.force_min_n
 
 
 def verified_within(rate_n_s: float, tolerance_n: float, noticeable_n: float) -> float:
-    """Largest ordered change of load, N, that may stay unseen in the readings of a load-controlled ramp.
+    """Return the largest ordered load change, N, that may stay unverified by the readings of a load-controlled ramp.
 
     Args:
-        rate_n_s: of the ramp.
-        tolerance_n: allowed distance of the load from its target.
-        noticeable_n: change of the reading that is no noise.
+        rate_n_s: rate of the ramp, N/s.
+        tolerance_n: allowed deviation of the load from its target, N.
+        noticeable_n: smallest change of the reading that exceeds the noise, N.
 
-    Four noticeable changes, so that a device at a quarter of the ordered rate is still seen to move; the tolerance, but not for longer
-    than `MOST_UNSEEN_S`; and what is ordered while the device starts.
+    The maximum of three values: four noticeable changes, so that motion at a quarter of the ordered rate is detected; the tolerance, for at
+    most `MAX_UNVERIFIED_S`; and the change that is ordered while the device starts.
     """
-    return max(4.0 * noticeable_n, min(tolerance_n, rate_n_s * MOST_UNSEEN_S), rate_n_s * STARTING_S)
+    return max(4.0 * noticeable_n, min(tolerance_n, rate_n_s * MAX_UNVERIFIED_S), rate_n_s * STARTING_S)
 
 
 def jitter_s(first: LoadSample, second: LoadSample) -> float:
-    """How much further apart than their times say two readings may have been taken: answers take a while, simulators lag."""
+    """Return the uncertainty of the interval between two readings, s, from response times and simulator lag."""
     wall_ns = second.mono_ns - first.mono_ns
     clock_rate = (second.time_ns - first.time_ns) / wall_ns if wall_ns > 0 else 1.0
     answers_s = ((first.rtt_s or 0.0) + (second.rtt_s or 0.0)) * max(clock_rate, 1.0)
@@ -135,5 +135,5 @@ def jitter_s(first: LoadSample, second: LoadSample) -> float:
 
 
 def seconds_between(first: LoadSample, second: LoadSample) -> float:
-    """Experiment seconds from one sample to another."""
+    """Return the experiment seconds between two samples."""
     return (second.time_ns - first.time_ns) / 1e9

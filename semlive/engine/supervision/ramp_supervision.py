@@ -45,7 +45,15 @@ from semlive.data.loading import ControlMode, DeviceIdentity, LoadSample, Motion
 from semlive.engine.supervision.extension_response import extension_frozen, learned_stiffness, too_compliant
 from semlive.engine.supervision.load_change import MARKS, RATE_WINDOW_S, jump, overshoot, slow_window_s, too_fast, too_slow, wrong_direction
 from semlive.engine.supervision.load_response import no_response, overdue
-from semlive.engine.supervision.ramp_readings import AVERAGED, LEAST_OF_ORDERED, START_S, Finding, OrderedRamp, Readings, seconds_between
+from semlive.engine.supervision.ramp_readings import (
+    MEAN_READINGS,
+    MIN_ORDERED_FRACTION,
+    START_S,
+    Finding,
+    OrderedRamp,
+    Readings,
+    seconds_between,
+)
 from semlive.engine.supervision.reading_noise import ReadingNoise
 from semlive.engine.supervision.travel_response import travel_without_load
 
@@ -78,7 +86,7 @@ class Supervision(Readings):
         if self.last is None:
             return self
         rate = max(rate_n_s, self.identity.rate_min_n_s)
-        before_n = self.force_noise.mean(AVERAGED)
+        before_n = self.force_noise.mean(MEAN_READINGS)
         return replace(self, ramp=OrderedRamp(target_n, rate, tolerance_n, self.last, self.last, before_n, window=(self.last,)))
 
     def stopped(self) -> Supervision:
@@ -100,14 +108,14 @@ class Supervision(Readings):
             last=sample,
             force_noise=force_noise,
             extension_noise=self.extension_noise.with_reading(sample.extension_mm),
-            standing=self.standing.with_sample(sample, force_noise.mean(AVERAGED), ordered=self.ramp is not None),
+            standing=self.standing.with_sample(sample, force_noise.mean(MEAN_READINGS), ordered=self.ramp is not None),
         )
         if after.ramp is None:
             return after, finding
-        ramp = _followed(after, after.ramp, sample)
+        ramp = _updated_ramp(after, after.ramp, sample)
         after = replace(after, ramp=ramp, stiffness_n_mm=learned_stiffness(after, ramp, sample))
-        found = (rule(after, ramp, sample) for rule in _RULES)
-        return after, finding or next((one for one in found if one is not None), None)
+        findings = (rule(after, ramp, sample) for rule in _RULES)
+        return after, finding or next((candidate for candidate in findings if candidate is not None), None)
 
 
 def supervise(limits: Limits, identity: DeviceIdentity) -> Supervision:
@@ -115,25 +123,25 @@ def supervise(limits: Limits, identity: DeviceIdentity) -> Supervision:
     return Supervision(limits, identity, ReadingNoise(identity.force_resolution_n), ReadingNoise(identity.extension_resolution_mm))
 
 
-def _followed(readings: Readings, ramp: OrderedRamp, sample: LoadSample) -> OrderedRamp:
+def _updated_ramp(readings: Readings, ramp: OrderedRamp, sample: LoadSample) -> OrderedRamp:
     """The ramp one reading later."""
-    recent = tuple(one for one in ramp.window if one.time_ns > sample.time_ns - round(RATE_WINDOW_S * 1e9))
+    recent = tuple(reading for reading in ramp.window if reading.time_ns > sample.time_ns - round(RATE_WINDOW_S * 1e9))
     window = (*(recent or ramp.window[-1:]), sample)
-    mean_n = readings.force_noise.mean(AVERAGED)
+    mean_n = readings.force_noise.mean(MEAN_READINGS)
     progress_n = ramp.sign * (mean_n - ramp.anchor_n)
     ramp = replace(ramp, noise_n=max(ramp.noise_n, readings.noticeable_n(ramp)))
     anchored = progress_n > 0.0 and progress_n >= _progress_n(readings, ramp, sample)
-    waiting = sample.motion is not MotionState.MOVING  # a device at rest owes no progress; it owes it from where it starts
-    ramp = replace(ramp, marks=() if waiting else _marked(ramp, sample))
-    if anchored or waiting:
+    stationary = sample.motion is not MotionState.MOVING  # a device at rest owes no progress; it owes it from where it starts
+    ramp = replace(ramp, marks=() if stationary else _updated_marks(ramp, sample))
+    if anchored or stationary:
         response = ramp.response or (sample if anchored else None)
         return replace(ramp, window=window, anchor=sample, anchor_n=mean_n, since_anchor=0, response=response)
     return replace(ramp, window=window, since_anchor=ramp.since_anchor + 1)
 
 
-def _marked(ramp: OrderedRamp, sample: LoadSample) -> tuple[LoadSample, ...]:
-    apart_ns = round(slow_window_s(ramp) / MARKS * 1e9)
-    if ramp.marks and sample.time_ns - ramp.marks[-1].time_ns < apart_ns:
+def _updated_marks(ramp: OrderedRamp, sample: LoadSample) -> tuple[LoadSample, ...]:
+    interval_ns = round(slow_window_s(ramp) / MARKS * 1e9)
+    if ramp.marks and sample.time_ns - ramp.marks[-1].time_ns < interval_ns:
         return ramp.marks
     return (*ramp.marks, sample)[-MARKS - 1 :]
 
@@ -146,5 +154,5 @@ def _progress_n(readings: Readings, ramp: OrderedRamp, sample: LoadSample) -> fl
     """
     if readings.identity.control is ControlMode.DISPLACEMENT:
         return ramp.noise_n
-    least_n = LEAST_OF_ORDERED * ramp.rate_n_s * (seconds_between(ramp.anchor, sample) - START_S)
-    return max(readings.noticeable_n(ramp), least_n)
+    min_n = MIN_ORDERED_FRACTION * ramp.rate_n_s * (seconds_between(ramp.anchor, sample) - START_S)
+    return max(readings.noticeable_n(ramp), min_n)

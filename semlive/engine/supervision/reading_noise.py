@@ -7,8 +7,8 @@ import math
 from dataclasses import dataclass, replace
 from statistics import median
 
-_KEPT = 33
-_FEWEST = 8
+_MAX_READINGS = 33
+_MIN_READINGS = 8
 # Second differences of white noise have 6 times its variance; the median of absolute values is 0.6745 standard deviations.
 _SIGMA_PER_MEDIAN = 1.0 / (0.6745 * math.sqrt(6.0))
 
@@ -35,7 +35,7 @@ class ReadingNoise:
             return self
         step = abs(value - self.recent[-1]) if self.recent else 0.0
         smallest = min(self.smallest_step, step) if step > 0.0 else self.smallest_step
-        return replace(self, recent=(*self.recent, value)[-_KEPT:], smallest_step=smallest)
+        return replace(self, recent=(*self.recent, value)[-_MAX_READINGS:], smallest_step=smallest)
 
     def mean(self, count: int) -> float:
         """Mean of the latest readings, at most `count`; NaN before the first."""
@@ -45,7 +45,7 @@ class ReadingNoise:
     @property
     def known(self) -> bool:
         """Whether there are enough readings for `sigma`."""
-        return len(self.recent) >= _FEWEST
+        return len(self.recent) >= _MIN_READINGS
 
     def constant(self, count: int) -> bool:
         """Whether the latest `count` readings, at most 33, are exactly the same."""
@@ -55,7 +55,7 @@ class ReadingNoise:
     def sigma(self) -> float:
         """Standard deviation of one reading; 0 while fewer than 8 readings are known."""
         values = self.recent
-        if len(values) < _FEWEST:
+        if len(values) < _MIN_READINGS:
             return 0.0
         return _SIGMA_PER_MEDIAN * median(abs(a - 2.0 * b + c) for a, b, c in zip(values, values[1:], values[2:], strict=False))
 

@@ -90,9 +90,11 @@ class Rest:
         if moving_s > UNORDERED_MOTION_S:
             what = f"the load frame has reported motion for {moving_s:.1f} s, which semlive did not order"
             return FaultCode.UNORDERED_MOTION, f"{what}: check who moves it"
-        return self._left(sample, target_n, tolerance_n, last_ramp_sign) or self._frozen(sample, tolerance_n)
+        return self._load_moved(sample, target_n, tolerance_n, last_ramp_sign) or self._frozen(sample, tolerance_n)
 
-    def _left(self, sample: LoadSample, target_n: float | None, tolerance_n: float, last_ramp_sign: float) -> tuple[FaultCode, str] | None:
+    def _load_moved(
+        self, sample: LoadSample, target_n: float | None, tolerance_n: float, last_ramp_sign: float
+    ) -> tuple[FaultCode, str] | None:
         if target_n is None or self.since is None:
             return None
         error_n = sample.force_n - target_n

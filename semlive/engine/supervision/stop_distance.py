@@ -31,7 +31,7 @@ from semlive.engine.motion import MAX_APPROACHES
 from semlive.engine.supervision.extension_response import owed_allowed_n
 from semlive.engine.supervision.load_change import RATE_FACTOR, RATE_WINDOW_S, jump_allowed_n
 from semlive.engine.supervision.load_response import ARRIVED_AND_MOVING_S, HEADROOM
-from semlive.engine.supervision.ramp_readings import AVERAGED, FEWEST_READINGS, MOST_UNSEEN_S, START_S, verified_within
+from semlive.engine.supervision.ramp_readings import MAX_UNVERIFIED_S, MEAN_READINGS, MIN_READINGS, START_S, verified_within
 from semlive.engine.supervision.travel_response import STANDSTILL_S
 
 FASTEST_FACTOR = 20.0
@@ -44,9 +44,9 @@ CONNECT_S = 0.3
 """Longest wait for a fresh connection on which a stop is written."""
 DEAD_MAN_S = 2.0
 """After so long without a sign of life from control the link thread stops the device."""
-TOLD_S = 1.0
+STOP_REPORT_S = 1.0
 """A device that still moves so long after its first stop order is reported."""
-LEAST_SHOWN = 4.0
+MIN_SHOWN_FACTOR = 4.0
 """A crosshead that shows less than a quarter of the ordered travel is taken to stand still."""
 _STATE_STIFFNESS = (
     "limits.extension_max_mm alone bounds it, where the extension is measured; check the scale of the cell with a known load, and set "
@@ -167,12 +167,12 @@ class _Rows:
         # A ramp without noise looks like a channel with steps of one reading's change; that counts up to the tolerance.
         step = min(2.0 * self.rate * case.poll_s, case.tolerance_n)
         case = self.case = replace(case, noticeable_n=max(case.noticeable_n, step))
-        self.start, self.target, self.limit = (case.sign * one for one in (case.start_n, case.target_n, case.limit_n))
+        self.start, self.target, self.limit = (case.sign * load_n for load_n in (case.start_n, case.target_n, case.limit_n))
         self.late_s = 2.0 * case.poll_s
         self.late = self.rate * self.late_s
-        self.averaged = self.rate * AVERAGED * case.poll_s
+        self.averaged = self.rate * MEAN_READINGS * case.poll_s
         # No rule about progress applies sooner.
-        self.soonest = self.rate * max(START_S, FEWEST_READINGS * case.poll_s)
+        self.soonest = self.rate * max(START_S, MIN_READINGS * case.poll_s)
         self.verified = verified_within(self.rate, case.tolerance_n, case.noticeable_n)
         self.near = max(case.tolerance_n, self.verified)
 
@@ -222,8 +222,8 @@ class _Rows:
         """Everything, the report of motion too, stands still from before the ramp: the engine finds that nothing arrived."""
         case = self.case
         small = abs(case.target_n - case.start_n) <= _EARLY_TOLERANCES * case.tolerance_n
-        turns = 1 + (MAX_APPROACHES if small else 0)
-        seconds = turns * (case.settle_s + 2.0 * case.poll_s) + self.late_s
+        approaches = 1 + (MAX_APPROACHES if small else 0)
+        seconds = approaches * (case.settle_s + 2.0 * case.poll_s) + self.late_s
         return self.row(
             FaultCode.NOT_REACHED if small else FaultCode.STOPPED_EARLY,
             "everything that the device reports, motion included, stands still from before the ramp",
@@ -264,15 +264,15 @@ class _Rows:
         if case.limits.stiffness_min_n_mm is None:
             return self.unbounded(FaultCode.TRAVEL_WITHOUT_LOAD, fault, _STATE_STIFFNESS)
         allowed = owed_allowed_n(case.limits, case.tolerance_n, case.noticeable_n)
-        part = 1.0 / FASTEST_FACTOR
-        hidden = allowed / (1.0 - part) + (case.noticeable_n + self.averaged + self.late) / part
+        fraction = 1.0 / FASTEST_FACTOR
+        hidden = allowed / (1.0 - fraction) + (case.noticeable_n + self.averaged + self.late) / fraction
         past = max(case.tolerance_n, case.noticeable_n)
-        nearly = self.target + past + allowed + self.late * (1.0 + allowed / max(self.target - self.start, allowed))
+        near_target_n = self.target + past + allowed + self.late * (1.0 + allowed / max(self.target - self.start, allowed))
         return self.row(
             FaultCode.TRAVEL_WITHOUT_LOAD,
             fault,
-            beyond=max(self.start + hidden, nearly) - self.target,
-            worst=max(self.start + hidden, nearly),
+            beyond=max(self.start + hidden, near_target_n) - self.target,
+            worst=max(self.start + hidden, near_target_n),
             remark="at limits.stiffness_min_n_mm; n times that stiffness makes the true load up to n times as large",
         )
 
@@ -280,26 +280,26 @@ class _Rows:
         case, fault = self.case, "neither force nor extension shows the motion"
         slack_mm = case.limits.slack_max_mm
         if slack_mm is None or case.stiffness_n_mm is None:
-            most = max(self.rate * MOST_UNSEEN_S, LEAST_SHOWN * case.noticeable_n)
-            row = self._to_the_limit(FaultCode.NO_RESPONSE, fault, most)
+            max_change = max(self.rate * MAX_UNVERIFIED_S, MIN_SHOWN_FACTOR * case.noticeable_n)
+            row = self._to_the_limit(FaultCode.NO_RESPONSE, fault, max_change)
             return replace(row, remark=f"{STANDSTILL_S:g} s of the ramp where the extension followed it before")
-        allowed = max(case.stiffness_n_mm * slack_mm, LEAST_SHOWN * case.noticeable_n, self.soonest)
+        allowed = max(case.stiffness_n_mm * slack_mm, MIN_SHOWN_FACTOR * case.noticeable_n, self.soonest)
         beyond = allowed + self.averaged + self.late
         worst = self.target + case.tolerance_n + beyond
         return self.row(FaultCode.NO_RESPONSE, fault, reference="the load at which they stand still", beyond=beyond, worst=worst)
 
-    def _to_the_limit(self, code: FaultCode, fault: str, most: float) -> StopDistance:
+    def _to_the_limit(self, code: FaultCode, fault: str, max_change: float) -> StopDistance:
         """A rule that lets the hidden load come up to the force limit, or change by `most`, whichever is less."""
         case = self.case
         latest = self.target + case.tolerance_n
-        least = max(self.soonest, LEAST_SHOWN * case.noticeable_n)
+        min_change = max(self.soonest, MIN_SHOWN_FACTOR * case.noticeable_n)
         extra = case.noticeable_n + self.averaged + self.late
         return self.row(
             code,
             fault,
             reference="the load at which it stands still",
-            beyond=max(min(self.limit - self.start, most), least) + extra,
-            worst=max(min(self.limit, latest + most), latest + least) + extra,
+            beyond=max(min(self.limit - self.start, max_change), min_change) + extra,
+            worst=max(min(self.limit, latest + max_change), latest + min_change) + extra,
         )
 
     def readings_right(self) -> Iterator[StopDistance]:
@@ -363,18 +363,18 @@ class _Rows:
         """Link and control: a ramp that nobody looks at ends at its target, or with the travel that was ordered last."""
         case = self.case
         silent_s = case.poll_s + case.answer_s + CONNECT_S
-        way = self.target - self.start
-        reference, itself = "the last reading", "the device ends the ramp at its target by itself"
+        remaining_n = self.target - self.start
+        reference, device_end = "the last reading", "the device ends the ramp at its target by itself"
         if case.control is ControlMode.DISPLACEMENT:
-            way, itself = (
-                min(way, self.rate * case.ahead_s),
+            remaining_n, device_end = (
+                min(remaining_n, self.rate * case.ahead_s),
                 "the device ends the travel that was ordered last by itself, which semlive cannot verify",
             )
         yield self.row(
             FaultCode.LINK_LOST,
             "the device does not answer any more, but takes orders",
             reference=reference,
-            beyond=min(self.rate * silent_s, way),
+            beyond=min(self.rate * silent_s, remaining_n),
             worst=self.target,
             seconds=silent_s,
         )
@@ -383,10 +383,10 @@ class _Rows:
             FaultCode.LINK_LOST,
             "the link is cut and no stop order arrives, or the computer fails",
             reference=reference,
-            beyond=way if own_s is None else min(self.rate * own_s, way),
+            beyond=remaining_n if own_s is None else min(self.rate * own_s, remaining_n),
             worst=self.target,
-            seconds=way / self.rate if own_s is None else min(own_s, way / self.rate),
-            remark=itself if own_s is None else f"the device's own watchdog stops it after {case.watchdog_s:g} s; {itself}",
+            seconds=remaining_n / self.rate if own_s is None else min(own_s, remaining_n / self.rate),
+            remark=device_end if own_s is None else f"the device's own watchdog stops it after {case.watchdog_s:g} s; {device_end}",
         )
         dead_s = DEAD_MAN_S + case.poll_s
         yield self.row(
@@ -401,10 +401,10 @@ class _Rows:
 
     def disobeyed(self) -> StopDistance:
         """Nothing that semlive orders bounds this one."""
-        told_s = TOLD_S + self.case.poll_s
-        what = f"the stop order is repeated and reported after {told_s:.2g} s: press the emergency stop of the machine at once"
+        report_s = STOP_REPORT_S + self.case.poll_s
+        what = f"the stop order is repeated and reported after {report_s:.2g} s: press the emergency stop of the machine at once"
         return StopDistance(
-            FaultCode.STOP_NOT_OBEYED, "the device does not obey its stop orders", "the first stop order", None, None, told_s, None, what
+            FaultCode.STOP_NOT_OBEYED, "the device does not obey its stop orders", "the first stop order", None, None, report_s, None, what
         )
 
     def unbounded(self, code: FaultCode, fault: str, remark: str) -> StopDistance:

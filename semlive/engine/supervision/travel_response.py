@@ -5,9 +5,9 @@ from __future__ import annotations
 from semlive.data.faults import FaultCode
 from semlive.data.loading import ControlMode, LoadSample
 from semlive.engine.supervision.ramp_readings import (
-    FEWEST_READINGS,
-    LEAST_OF_ORDERED,
-    MOST_UNSEEN_S,
+    MAX_UNVERIFIED_S,
+    MIN_ORDERED_FRACTION,
+    MIN_READINGS,
     START_S,
     Finding,
     OrderedRamp,
@@ -28,27 +28,27 @@ _AHEAD_S = 0.5
 
 def travel_without_load(readings: Readings, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
     """TRAVEL_WITHOUT_LOAD, NO_RESPONSE: the load that the travel since the anchor would make must stay below the force limit."""
-    unseen_s = seconds_between(ramp.anchor, sample)
-    if readings.identity.control is not ControlMode.DISPLACEMENT or ramp.since_anchor < FEWEST_READINGS or unseen_s <= START_S:
+    unverified_s = seconds_between(ramp.anchor, sample)
+    if readings.identity.control is not ControlMode.DISPLACEMENT or ramp.since_anchor < MIN_READINGS or unverified_s <= START_S:
         return None
     travel_mm = abs(sample.extension_mm - ramp.anchor.extension_mm)
     limits, stiffness = readings.limits, readings.identity.stiffness_n_mm
     noticeable_n = readings.noticeable_n(ramp)
     due_n = verified_within(ramp.rate_n_s, ramp.tolerance_n, noticeable_n)
-    if readings.force_noise.constant(CONSTANT_READINGS) and ramp.response is not None and ramp.rate_n_s * unseen_s > due_n:
-        what = f"the load reading is exactly {sample.force_n:.2f} N for {unseen_s:.1f} s although the crosshead moves"
+    if readings.force_noise.constant(CONSTANT_READINGS) and ramp.response is not None and ramp.rate_n_s * unverified_s > due_n:
+        what = f"the load reading is exactly {sample.force_n:.2f} N for {unverified_s:.1f} s although the crosshead moves"
         return Finding(FaultCode.NO_RESPONSE, f"{what}: check the load cell and its amplifier")
     limit_n = readings.force_limit_n(ramp)
     headroom_n = limit_n - ramp.sign * ramp.anchor.force_n
     # Near its target a drive is ordered shorter travel: what is missing, in the time that is ordered ahead.
     near_n = max(ramp.tolerance_n, noticeable_n)
-    arriving = abs(ramp.target_n - sample.force_n) <= near_n
-    ordered_n = (min(ramp.rate_n_s, near_n / _AHEAD_S) if arriving else ramp.rate_n_s) * unseen_s
-    least_mm = 0.0 if stiffness is None else LEAST_OF_ORDERED * ordered_n / stiffness
-    if not readings.identity.measures_extension or travel_mm <= max(readings.extension_noise.noticeable(), least_mm):
+    near_target = abs(ramp.target_n - sample.force_n) <= near_n
+    ordered_n = (min(ramp.rate_n_s, near_n / _AHEAD_S) if near_target else ramp.rate_n_s) * unverified_s
+    min_mm = 0.0 if stiffness is None else MIN_ORDERED_FRACTION * ordered_n / stiffness
+    if not readings.identity.measures_extension or travel_mm <= max(readings.extension_noise.noticeable(), min_mm):
         # An extension that stands still as well, or is not measured, does not hide the motion: what was ordered counts.
-        longest_s = max(_standstill_s(readings, ramp, least_mm), 4.0 * ramp.noise_n / ramp.rate_n_s)
-        return _ordered_without_answer(readings, sample, unseen_s, ordered_n, headroom_n if unseen_s <= longest_s else 0.0)
+        max_s = max(_standstill_s(readings, ramp, min_mm), 4.0 * ramp.noise_n / ramp.rate_n_s)
+        return _ordered_without_answer(readings, sample, unverified_s, ordered_n, headroom_n if unverified_s <= max_s else 0.0)
     if limits.slack_max_mm is not None or stiffness is None:
         return None  # `LoadWatch` looks at the travel
     hidden_n = stiffness * travel_mm
@@ -61,27 +61,28 @@ def travel_without_load(readings: Readings, ramp: OrderedRamp, sample: LoadSampl
     )
 
 
-def _standstill_s(readings: Readings, ramp: OrderedRamp, least_mm: float) -> float:
+def _standstill_s(readings: Readings, ramp: OrderedRamp, min_mm: float) -> float:
     """How long neither load nor extension may show the ordered motion.
 
-    `MOST_UNSEEN_S` while the extension has not followed the ordered travel in this ramp, or where its resolution or noise hides the travel
-    that is due; `STANDSTILL_S` where it has followed and stands still now.
+    `MAX_UNVERIFIED_S` while the extension has not followed the ordered travel in this ramp, or where its resolution or noise hides the
+    expected travel; `STANDSTILL_S` where it has followed and stands still now.
     """
     noticeable_mm = readings.extension_noise.noticeable()
     followed_mm = abs(ramp.anchor.extension_mm - ramp.start.extension_mm)
-    follows = readings.identity.measures_extension and followed_mm > max(_FOLLOWED_STEPS * noticeable_mm, least_mm)
-    return STANDSTILL_S if follows and least_mm > noticeable_mm else MOST_UNSEEN_S
+    follows = readings.identity.measures_extension and followed_mm > max(_FOLLOWED_STEPS * noticeable_mm, min_mm)
+    return STANDSTILL_S if follows and min_mm > noticeable_mm else MAX_UNVERIFIED_S
 
 
 def _ordered_without_answer(
-    readings: Readings, sample: LoadSample, unseen_s: float, ordered_n: float, unseen_max_n: float
+    readings: Readings, sample: LoadSample, unverified_s: float, ordered_n: float, unverified_max_n: float
 ) -> Finding | None:
     """A displacement drive of which neither load nor extension shows the ordered motion."""
     slack_mm, stiffness = readings.limits.slack_max_mm, readings.identity.stiffness_n_mm
-    allowed_n = unseen_max_n if slack_mm is None or stiffness is None else stiffness * slack_mm
+    allowed_n = unverified_max_n if slack_mm is None or stiffness is None else stiffness * slack_mm
     if ordered_n <= allowed_n:
         return None
     what = (
-        f"load and extension do not show the {ordered_n:.0f} N that were ordered in {unseen_s:.1f} s, at a load of {sample.force_n:.1f} N"
+        f"load and extension do not show the {ordered_n:.0f} N that were ordered "
+        f"in {unverified_s:.1f} s, at a load of {sample.force_n:.1f} N"
     )
     return Finding(FaultCode.NO_RESPONSE, f"{what}: check drive, load cell, extension sensor, amplifier and grips")

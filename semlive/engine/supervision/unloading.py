@@ -57,10 +57,10 @@ def loaded_problem(state: EngineState) -> str | None:
         return None
     if any(step.load_n is not None for step in state.plan.steps[: state.step_index]):
         return None
-    now_n, most_n = state.load.force_n, max(unloaded_max_n(state.limits), state.plan.hold.load_tolerance_n)
-    if abs(now_n) <= most_n:
+    now_n, max_n = state.load.force_n, max(unloaded_max_n(state.limits), state.plan.hold.load_tolerance_n)
+    if abs(now_n) <= max_n:
         return None
     return (
-        f"the load is {now_n:.1f} N, but step {state.step.number} is to be imaged without load (at most {most_n:g} N): "
+        f"the load is {now_n:.1f} N, but step {state.step.number} is to be imaged without load (at most {max_n:g} N): "
         "unload the specimen or zero the load cell, or raise limits.unloaded_max_n for an intended preload"
     )

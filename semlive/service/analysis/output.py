@@ -1,4 +1,4 @@
-"""How the analysis process behaves towards the others: it comes last, it is the first to go, and it says that it lives."""
+"""Output and priority of the analysis process: lowest priority, first to be killed, with periodic signs of life."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _FIRST_TO_GO = "500"
 
 
 class OutputStream:
-    """Says outputs and, if so asked, every second that the process lives; not when it has been at one message for ten minutes."""
+    """Writes outputs and, if requested, a sign of life every second, except after ten minutes in one message."""
 
     def __init__(self, stream: IO[bytes], beats: bool) -> None:
         self._stream = stream
@@ -42,13 +42,13 @@ class OutputStream:
             self._thread.join()
 
     def write(self, message: LogMessage) -> None:
-        """One output."""
+        """Write one output."""
         with self._lock:
             write_message(self._stream, message)
 
     @contextlib.contextmanager
     def busy(self) -> Iterator[None]:
-        """While one message is worked on."""
+        """Mark the processing of one message."""
         self._busy_since_s = time.monotonic()
         yield
         self._busy_since_s = None
@@ -67,7 +67,7 @@ class OutputStream:
 
 
 def lower_priority() -> None:
-    """Let everything that watches the machine come first, for processors and for memory, and leave it to control when to end."""
+    """Lower the priority for processors and memory below all processes that supervise the machine; control ends this process."""
     if hasattr(os, "nice"):
         # Links, watcher and recorder come first: they are late by milliseconds if correlation takes both cores.
         os.nice(10)

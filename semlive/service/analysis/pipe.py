@@ -1,4 +1,4 @@
-"""What control and analysis say to each other over pipes: counts one way, messages as they stand in the log and beats the other."""
+"""Pipe protocol of control and analysis: counts to the analysis; log messages and signs of life to control."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def read_message(stream: IO[bytes]) -> LogMessage | None:
 
 
 def write_count(stream: IO[bytes], count: int) -> None:
-    """Say how many messages there are by now.
+    """Write the present number of messages.
 
     Raises:
         OSError: the other end is gone.
@@ -58,6 +58,6 @@ def write_count(stream: IO[bytes], count: int) -> None:
 
 
 def read_counts(stream: IO[bytes]) -> Iterator[int]:
-    """Every count that is said, until the other end closes the pipe or dies."""
+    """Yield every received count until the other end closes the pipe or ends."""
     while len(told := stream.read(_COUNT.size)) == _COUNT.size:
         yield _COUNT.unpack(told)[0]

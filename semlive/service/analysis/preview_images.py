@@ -1,4 +1,4 @@
-"""Pictures for whoever opens the log: made of what analysis says, after it was said."""
+"""Preview images in the log, made from the outputs of the analysis after they were written."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from semlive.formats.log.writer import LogMessage
 
 
 def preview_images(pair: Pair, outputs: Iterable[LogMessage]) -> Iterator[LogMessage]:
-    """Pictures of a pair and of what was made of it, one by one: none is worked out before it is asked for.
+    """Yield the preview images of a pair and of its results, each computed on demand.
 
     Args:
-        pair: with its frames.
-        outputs: what analysis said of it. Frames of earlier pairs that were corrected anew are not shown again.
+        pair: the pair with its frames.
+        outputs: outputs of the analysis for the pair. Frames of earlier pairs that were corrected again are not shown again.
 
     Raises:
-        BadLog: an output is not what its topic promises.
+        BadLog: an output does not agree with its topic.
     """
     numbers = (2 * pair.decision.pair, 2 * pair.decision.pair + 1)
     for output in outputs:
@@ -46,11 +46,11 @@ def _of_output(output: LogMessage, numbers: tuple[int, ...]) -> Iterator[LogMess
         strain = decode_strain(output.payload)
         of, name, fields, valid, number = "/strain/image", "", (strain.exx, strain.eyy, strain.exy), strain.valid, strain.frame
     elif output.topic == "/distortion/estimate":
-        told = from_json(output.topic, output.payload)
-        if not isinstance(told, DistortionMessage):
+        message = from_json(output.topic, output.payload)
+        if not isinstance(message, DistortionMessage):
             return
-        distortion = values.distortion_field(told)
-        of, name, fields, valid, number = "/distortion/image", "", (distortion.ex_px, distortion.ey_px), distortion.valid, told.revision
+        distortion = values.distortion_field(message)
+        of, name, fields, valid, number = "/distortion/image", "", (distortion.ex_px, distortion.ey_px), distortion.valid, message.revision
     else:
         return
     for component, field in zip(FIELD_IMAGE_TOPICS[of], fields, strict=True):

@@ -1,4 +1,4 @@
-"""Control's end of the analysis process: say what there is to read, take results back, start it again when it dies or hangs."""
+"""Parent side of the analysis process: reports new input, receives results, restarts the process after a crash or hang."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ _SILENT_STOPPED_AT_FIRST_S = 12.0
 
 
 class AnalysisProcess:
-    """Owns the child process and the threads beside it.
+    """Owner of the child process and its threads.
 
-    The child reads its input from the log, as the page does, so control keeps none of it: it only says how much there is. The child is a
-    function of that input, so the numbers of inputs given and outputs taken say exactly where a new child has to go on.
+    The child reads its input from the log, as the page does, so control only sends the number of inputs. The outputs of the child are a
+    function of that input, so the numbers of inputs and received outputs determine where a new child continues.
     """
 
     def __init__(
@@ -47,15 +47,15 @@ class AnalysisProcess:
 
         Args:
             log: the growing log.
-            log_refused: whether what is recorded does not get to where it can be read from.
-            on_output: gets every output, in a thread of ours.
-            on_trouble: gets a sentence, and whether the child is lost for good.
+            log_refused: whether recorded messages do not reach the readable log.
+            on_output: callback with every output, in a separate thread.
+            on_trouble: callback with a sentence, and whether the child is lost permanently.
             before: inputs and outputs that stand in the log already, of a run that is taken up again; the child catches up from there.
         """
         self._log, self._log_refused, self._on_output, self._on_trouble = log, log_refused, on_output, on_trouble
         self._given, self._taken = before
         # A child that is started again must find the log that the first one read.
-        self._began_ns = next((one.log_time_ns for one in messages(log)), None) if self._given else None
+        self._began_ns = next((message.log_time_ns for message in messages(log)), None) if self._given else None
         self._restarts = 0
         self._closing = self._killed = self._finished = False
         self._heard_s = time.monotonic()
@@ -66,7 +66,7 @@ class AnalysisProcess:
         threading.Thread(target=self._watch, name="analysis-watch", daemon=True).start()
 
     def notify_input(self, message: LogMessage) -> None:
-        """A message was recorded; those that analysis does not read are passed over. Never blocks."""
+        """Count a recorded message if it is an input of the analysis. Never blocks."""
         if self._began_ns is None:
             self._began_ns = message.log_time_ns
         if message.topic in INPUT_TOPICS and not self._over.is_set():
@@ -75,15 +75,15 @@ class AnalysisProcess:
                 self._changed.notify_all()
 
     def kill(self) -> None:
-        """Do not wait for it any more."""
+        """End the child without waiting for its results."""
         self._killed = True
         self._end()
         self._process.kill()
 
     def drain(self, quiet_s: float, stopped: bool = False) -> bool:
-        """Let the child finish what it has, however long that takes while it keeps saying something, then end it; never raises.
+        """Wait for the remaining results while the child keeps writing outputs, then end it; never raises.
 
-        A disk that refuses is not waited for: what the child misses is not in the log then.
+        There is no wait for a disk that rejects writes: the missing input is then not in the log.
 
         Args:
             quiet_s: wall seconds without a new output after which it is ended.
@@ -91,7 +91,7 @@ class AnalysisProcess:
                 none is started in its place.
 
         Returns:
-            True if everything that it was given is analysed.
+            True if all its input is analysed.
         """
         now_s = self._heard_s = taken_s = time.monotonic()
         self._let_end()
@@ -103,10 +103,10 @@ class AnalysisProcess:
         return self.close(0.0)
 
     def close(self, timeout_s: float) -> bool:
-        """Let the child finish what it has, then end it; never raises, any number of times.
+        """Wait for the remaining results, then end the child; never raises, may be called repeatedly.
 
         Returns:
-            True if everything that it was given is analysed.
+            True if all its input is analysed.
         """
         self._let_end()
         if not self._over.wait(timeout_s):
@@ -140,20 +140,20 @@ class AnalysisProcess:
         self._reader.start()
 
     def _tell(self, process: subprocess.Popen[bytes]) -> None:
-        stream, told = process.stdin, 0
+        stream, reported = process.stdin, 0
         if stream is None:
             return
         # A broken pipe here means that the child died; the reader notices and starts another.
         with contextlib.suppress(OSError), stream:
-            while (count := self._next_count(process, told)) is not None:
+            while (count := self._next_count(process, reported)) is not None:
                 write_count(stream, count)
-                told = count
+                reported = count
 
-    def _next_count(self, process: subprocess.Popen[bytes], told: int) -> int | None:
+    def _next_count(self, process: subprocess.Popen[bytes], reported: int) -> int | None:
         """How much there is to read once that is more, however often it grew meanwhile; None if there will be no more for this child."""
         with self._changed:
-            self._changed.wait_for(lambda: self._given > told or self._closing or self._over.is_set() or process is not self._process)
-            is_more = self._given > told and not self._over.is_set() and process is self._process
+            self._changed.wait_for(lambda: self._given > reported or self._closing or self._over.is_set() or process is not self._process)
+            is_more = self._given > reported and not self._over.is_set() and process is self._process
             return self._given if is_more else None
 
     def _read(self, process: subprocess.Popen[bytes]) -> None:
@@ -180,7 +180,7 @@ class AnalysisProcess:
             self._again(code)
 
     def _watch(self) -> None:
-        """A child that hangs is ended; the reader then starts another. Time counts in which this process runs itself."""
+        """End a child that hangs; the reader then starts a new one. Only time in which this process runs counts."""
         while not self._over.wait(_LOOK_S):
             self._silent_s += _LOOK_S
             if self._is_hung():

@@ -1,4 +1,4 @@
-"""A run's result as other programs read it (`semlive replay LOG --json`); only ever extended."""
+"""JSON result of a run for other programs (`semlive replay LOG --json`); the format is only extended."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _frame(summary: StrainSummary, decision: PairDecision, motion: PairMotion, d
 
 
 def _gage(gage: StrainGageComparison | None) -> dict[str, Any] | None:
-    """DIC beside the strain gage, null without one."""
+    """Return DIC strain with strain-gage readings; None without a gage."""
     return gage and {
         "youngs_modulus_gpa": _measured(gage.youngs_modulus_gpa),
         "poissons_ratio": _measured(gage.poissons_ratio),

@@ -1,4 +1,4 @@
-"""What the estimate warns of while a run goes on: each thing once, when it first stops being noise."""
+"""Warnings of the estimate during a run: each warning once, when it first becomes significant."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ _NUMBER = re.compile(r"\d")
 
 
 def new_warnings(notes: Sequence[str], before: frozenset[str]) -> tuple[tuple[str, ...], frozenset[str]]:
-    """Sentences that warn of something for the first time, and everything that was warned of so far.
+    """Return the new warnings, and all warnings so far.
 
     Args:
-        notes: of the newest estimate; those between two looks at the whole have no warnings.
-        before: what was warned of, without its figures.
+        notes: notes of the newest estimate; estimates between two reviews have no warnings.
+        before: earlier warnings, without their figures.
     """
-    said = {_NUMBER.split(one)[0]: one.removeprefix(_SIGN) for one in notes if one.startswith(_SIGN)}
-    return tuple(text for kind, text in said.items() if kind not in before), before | frozenset(said)
+    warnings = {_NUMBER.split(note)[0]: note.removeprefix(_SIGN) for note in notes if note.startswith(_SIGN)}
+    return tuple(text for kind, text in warnings.items() if kind not in before), before | frozenset(warnings)

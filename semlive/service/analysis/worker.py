@@ -1,7 +1,7 @@
-"""Analysis: a pure function of the log's messages, and the child process that runs it beside the experiment.
+"""Analysis: a pure function of the messages of the log, and the child process that runs it during the experiment.
 
-The child reads the growing log, as far as standard input says that there is something for it, and writes what it makes of it to standard
-output as it shall stand in the log. Started again after a crash, it reads the log from the beginning.
+The child reads the growing log, up to the number of inputs that it receives on standard input, and writes its outputs to standard output in
+the form of log messages. After a crash, a new child reads the log from the beginning.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ _POLL_S = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WorkerState:
-    """What the messages so far amount to.
+    """State of the analysis after the messages so far.
 
     Attributes:
         settings: from the run's configuration, None before it.
@@ -133,17 +133,17 @@ class WorkerState:
     precorrelated: Mapping[int, pipeline.PrecorrelatedFrame] = field(default_factory=dict)
 
     def is_for_pair(self, frame: Frame) -> bool:
-        """Whether a frame is meant for the pair that is being taken."""
+        """Whether a frame belongs to the pair that is being imaged."""
         return self.imaging_since_ns is not None and frame.info.start_time_ns.value >= self.imaging_since_ns
 
 
 def process_message(state: WorkerState, message: LogMessage) -> tuple[WorkerState, Iterable[LogMessage]]:
-    """Take one message of the log and give what follows from it, ready to be logged.
+    """Process one message of the log and return the new state and the outputs for the log.
 
-    What is told of a pair, its pictures last, is put into words only when it is asked for, once.
+    The outputs of a pair, its preview images last, are serialised once, on demand.
 
     Raises:
-        BadLog: the message is not what its topic promises.
+        BadLog: the message does not agree with its topic.
     """
     if message.topic == SEM_SIDECAR:
         return replace(state, sidecar=message.payload), ()
@@ -154,31 +154,31 @@ def process_message(state: WorkerState, message: LogMessage) -> tuple[WorkerStat
         config = parse_config(payload.config, "the run's configuration")
         settings, clocks = config.analysis_settings(), FileClockOffsets.with_poll_interval(config.sem.poll_s)
         ready = LogLineMessage(time_ns=message.log_time_ns, level="info", text=READY_TEXT)
-        effects = ", ".join(one.name for one in settings.model.effects)
-        told = LogLineMessage(time_ns=message.log_time_ns, level="info", text=_MODEL + effects)
-        said = (told, ready) if effects else (ready,)
-        return replace(state, settings=settings, clocks=clocks), tuple(_message(one, message.log_time_ns) for one in said)
+        effects = ", ".join(effect.name for effect in settings.model.effects)
+        notice = LogLineMessage(time_ns=message.log_time_ns, level="info", text=_MODEL + effects)
+        said = (notice, ready) if effects else (ready,)
+        return replace(state, settings=settings, clocks=clocks), tuple(_message(output, message.log_time_ns) for output in said)
     if isinstance(payload, FileMessage):
         # Bytes beside an announced file whose own bytes were lost with the end of a segment belong to no other.
         return (replace(state, pending_file=payload, sidecar=None) if payload.decision == "arrived" else state), ()
     if isinstance(payload, PairMessage):
         return _analyse(state, values.pair_decision(payload), message.log_time_ns)
     if isinstance(payload, StateMessage):
-        state = _moved_on(state, payload)
+        state = _after_transition(state, payload)
     if isinstance(payload, StateMessage) and payload.after in FINAL_STATES and state.analysis and state.settings:
         result = ResultMessage(result_json(pipeline.finalise(state.analysis), state.settings))
         return state, (_message(result, message.log_time_ns),)
     return state, ()
 
 
-def _moved_on(state: WorkerState, told: StateMessage) -> WorkerState:
-    """What a transition of the engine says of the frames that come."""
-    imaging, holding = told.after == State.IMAGING, told.after == State.HOLDING
-    since_ns = state.at_rest_since_ns if imaging else told.time_ns if holding else None
+def _after_transition(state: WorkerState, transition: StateMessage) -> WorkerState:
+    """Update the state after a transition of the engine, which determines the use of later frames."""
+    imaging, holding = transition.after == State.IMAGING, transition.after == State.HOLDING
+    since_ns = state.at_rest_since_ns if imaging else transition.time_ns if holding else None
     rested = state.previous_rest_frame if imaging else None
     # A frame that began before a busy computer noticed that the hold was over counts for the pair too.
-    late_s = told.guards.get("late_s", 0.0)
-    imaging_since_ns = told.time_ns - round(1e9 * late_s if isinstance(late_s, int | float) else 0.0) if imaging else None
+    late_s = transition.guards.get("late_s", 0.0)
+    imaging_since_ns = transition.time_ns - round(1e9 * late_s if isinstance(late_s, int | float) else 0.0) if imaging else None
     return replace(
         state,
         at_rest_since_ns=since_ns,
@@ -191,26 +191,26 @@ def _moved_on(state: WorkerState, told: StateMessage) -> WorkerState:
 
 def background_work(state: WorkerState) -> tuple[WorkerState, Iterable[LogMessage]]:
     """After the results of `process_message` are written: work that is due after a pair, or that the next message will need."""
-    begun, frame, before = state.analysis, state.newest_rest_frame, state.previous_rest_frame
-    if begun is not None and state.pair_to_review is not None:
-        return _reconsider(replace(state, pair_to_review=None), begun, state.pair_to_review)
+    analysis, frame, before = state.analysis, state.newest_rest_frame, state.previous_rest_frame
+    if analysis is not None and state.pair_to_review is not None:
+        return _reconsider(replace(state, pair_to_review=None), analysis, state.pair_to_review)
     if frame is None:
         return state, ()
     state = replace(state, newest_rest_frame=None, previous_rest_frame=frame)
-    if begun is not None and state.is_for_pair(frame):
+    if analysis is not None and state.is_for_pair(frame):
         # If it fails the pair says so, should the frame come into one.
         with suppress(SemliveError):
-            known = pipeline.precorrelate(begun, frame, first=not state.precorrelated)
-            state = replace(state, precorrelated={**state.precorrelated, frame.info.export: known})
+            precorrelated = pipeline.precorrelate(analysis, frame, first=not state.precorrelated)
+            state = replace(state, precorrelated={**state.precorrelated, frame.info.export: precorrelated})
     return state, () if before is None or state.is_for_pair(before) else _drifted(state, before, frame)
 
 
 def _drifted(state: WorkerState, before: Frame, after: Frame) -> Iterator[LogMessage]:
-    """The drift between two frames of one rest, unless they are to be the pair, which will tell it."""
+    """Yield the drift between two frames of one hold, unless they form the pair."""
     assert state.settings is not None  # frames are read by them
     with suppress(SemliveError):
-        seen = dic.hold_drift(before, after, state.settings.dic)
-        yield _message(HoldDriftMessage(**asdict(seen)), seen.end_time_ns)
+        drift = dic.hold_drift(before, after, state.settings.dic)
+        yield _message(HoldDriftMessage(**asdict(drift)), drift.end_time_ns)
 
 
 def _reconsider(state: WorkerState, before: pipeline.AnalysisState, pair: Pair) -> tuple[WorkerState, Iterable[LogMessage]]:
@@ -226,7 +226,7 @@ def _reconsider(state: WorkerState, before: pipeline.AnalysisState, pair: Pair) 
 
 
 def is_output(message: LogMessage) -> bool:
-    """Whether a message of the log is one that analysis gave: what stands in the log need not be said again."""
+    """Whether a message of the log is an output of the analysis, which need not be written again."""
     if message.topic in _ONLY_OURS:
         return True
     if message.topic not in ("/log", "/clock/offset", "/sem/file", "/fault"):
@@ -243,12 +243,12 @@ def is_output(message: LogMessage) -> bool:
 
 
 def is_model_warning(fault: FaultMessage) -> bool:
-    """It doubts the model, and the pair was used."""
+    """Whether a fault is a warning about the model; the pair was used."""
     return fault.where.startswith(_DOUBT)
 
 
 def fault_origin(pair: int) -> str:
-    """Where the fault of a pair that could not be analysed says that it arose."""
+    """Return the `where` of the fault of a pair that could not be analysed."""
     return f"{_FAULT_OF_PAIR}{pair}"
 
 
@@ -269,7 +269,7 @@ def _decode(state: WorkerState, message: LogMessage) -> tuple[WorkerState, tuple
     clocks, told_clocks = state.clocks.updated(file, frame.info, settings.scan)
     frames = _newest((*state.frames, frame))
     scan = _message(values.scan_message(frame.info), frame.info.end_time_ns)
-    outputs = (*(_message(one, message.publish_time_ns) for one in told_clocks), scan)
+    outputs = (*(_message(output, message.publish_time_ns) for output in told_clocks), scan)
     resting = state.at_rest_since_ns is not None and frame.info.start_time_ns.value >= state.at_rest_since_ns
     return replace(done, frames=frames, pixel_hashes=shown, clocks=clocks, newest_rest_frame=frame if resting else None), outputs
 
@@ -283,13 +283,13 @@ def _shown(before: Mapping[str, str], frame: Frame) -> Mapping[str, str]:
     pixels = hashlib.blake2b(frame.image.tobytes(), digest_size=16).hexdigest()
     if pixels in before:
         raise BadImage(f"{frame.info.name}: shows the same pixels as {before[pixels]}; the SEM's image is frozen, so let it scan.")
-    kept = dict(list(before.items())[-(_KEPT_HASHES - 1) :])
-    return {**kept, pixels: frame.info.name}
+    retained = dict(list(before.items())[-(_KEPT_HASHES - 1) :])
+    return {**retained, pixels: frame.info.name}
 
 
 def _newest(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
-    kept = max(_KEPT_FRAMES, _KEPT_BYTES // max(1, frames[-1].image.nbytes))
-    return frames[-kept:]
+    max_frames = max(_KEPT_FRAMES, _KEPT_BYTES // max(1, frames[-1].image.nbytes))
+    return frames[-max_frames:]
 
 
 def _analyse(state: WorkerState, decision: PairDecision, time_ns: int) -> tuple[WorkerState, Iterable[LogMessage]]:
@@ -312,7 +312,7 @@ def _analyse(state: WorkerState, decision: PairDecision, time_ns: int) -> tuple[
 
 
 def _said(state: WorkerState, pair: Pair, result: PairResult, wall_s: float) -> tuple[WorkerState, Iterable[LogMessage]]:
-    """What is told of a result, and what the estimate warns of for the first time."""
+    """Return the outputs of a result and the new warnings of the estimate."""
     state, doubts = _newly_doubted(state, pair, result.estimate.notes)
     return state, _with_pictures(pair, lambda: (*result_messages(result, wall_s), *doubts))
 
@@ -327,14 +327,14 @@ def _doubt(what: str, pair: int, time_ns: int) -> LogMessage:
 
 
 def _with_pictures(pair: Pair, words: Callable[[], tuple[LogMessage, ...]]) -> Iterator[LogMessage]:
-    """What is told of a pair, then its pictures: no result waits for a picture."""
-    told = words()
-    yield from told
-    yield from preview_images(pair, told)
+    """Yield the outputs of a pair, then its preview images, so that no result waits for an image."""
+    outputs = words()
+    yield from outputs
+    yield from preview_images(pair, outputs)
 
 
 def result_messages(result: PairResult, wall_s: float) -> Iterator[LogMessage]:
-    """All that is told of an analysed pair, in the order in which it is logged."""
+    """Yield all outputs of an analysed pair in the order of the log."""
     estimate, end_ns = result.estimate, result.decision.second.end_time_ns
     revision, pairs = estimate.drift.revision, result.pairs
     for disparity in result.maps:
@@ -367,7 +367,7 @@ def result_messages(result: PairResult, wall_s: float) -> Iterator[LogMessage]:
 
 def _left_area(result: PairResult, end_ns: int) -> Iterator[LogMessage]:
     """A word for the operator while the specimen can still be brought back: points that a frame shows beyond what was calibrated."""
-    measured = {one.current: one.valid for one in result.maps if one.reference == 0}
+    measured = {disparity_map.current: disparity_map.valid for disparity_map in result.maps if disparity_map.reference == 0}
     for frame in result.frames:
         seen, number = measured.get(frame.summary.frame), frame.summary.frame
         if seen is None or not seen.any():
@@ -388,7 +388,7 @@ def _message(payload: Payload, time_ns: int) -> LogMessage:
 
 
 def main() -> None:
-    """The child process; it ends when its standard input does."""
+    """Main function of the child process; it ends with its standard input."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--log", type=Path, required=True, help="the growing log")
     parser.add_argument("--inputs", type=int, default=0, help="how many input messages stand in it already")
@@ -407,7 +407,7 @@ def main() -> None:
 
 
 def _follow(inputs: Iterable[LogMessage], skip: int, beat: bool) -> None:
-    """Write to standard output what follows from the inputs, without the first so many outputs."""
+    """Write the outputs to standard output, without those that are already in the log."""
     state, archive = WorkerState(), PairArchive()
     with OutputStream(sys.stdout.buffer, beat) as voice:
         for message in inputs:
@@ -452,13 +452,13 @@ def _inputs(log: Path, counts: Iterable[int], began_ns: int | None = None) -> It
 
 
 def _lighter(state: WorkerState, before: pipeline.AnalysisState | None, archive: PairArchive) -> WorkerState:
-    """What is kept of a new pair goes into files without a name, the same to the last bit."""
+    """Move the stored data of a new pair into unnamed files, bit by bit equal."""
     if state.analysis is None or state.analysis is before:
         return state
-    begun = offload_pair(state.analysis, state.analysis.pairs[-1].pair, (), archive)
+    analysis = offload_pair(state.analysis, state.analysis.pairs[-1].pair, (), archive)
     archive.flush()
     trim_heap()
-    return replace(state, analysis=begun)
+    return replace(state, analysis=analysis)
 
 
 def _warm(state: WorkerState, message: LogMessage) -> None:

@@ -1,4 +1,4 @@
-"""Whether the numbers of a configuration can belong together; asked of files only, so that logs of earlier runs stay readable."""
+"""Consistency checks of a configuration; applied to files only, so that logs of earlier runs stay readable."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ _LONGEST_STOP_S = 3600.0
 
 @dataclass(frozen=True, slots=True)
 class Contradiction:
-    """A value that cannot be meant.
+    """An inconsistent value.
 
     Attributes:
-        place: keys that lead to it.
-        what: what is wrong and what to do, without the key.
+        place: path of keys of the value.
+        what: the error and its remedy, without the key.
     """
 
     place: Place
@@ -54,7 +54,7 @@ class Contradiction:
 
 
 def contradictions(config: Config) -> Iterator[Contradiction]:
-    """Values that contradict each other or make no sense, the gravest first."""
+    """Return the inconsistent values, the most severe first."""
     if config.limits is not None:
         yield from _limits(config.limits)
         yield from _loads(config, config.limits)

@@ -1,4 +1,4 @@
-"""The configuration file: YAML, checked by pydantic, turned into the plain values the rest of semlive works with."""
+"""Configuration file: YAML, validated by pydantic, converted to the data classes of semlive."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from semlive.service.watch.export_folder import WatchSettings
 
 
 def known_keys(cls: type, given: object) -> object:
-    """Refuse keys that a dataclass does not have; pydantic ignores them in a standard dataclass."""
+    """Reject keys that a dataclass does not have; pydantic ignores them in a standard dataclass."""
     if isinstance(given, dict):
         names = [field.name for field in dataclasses.fields(cls)]
         for key in given:
@@ -203,7 +203,7 @@ class Config(_Section):
         )
 
     def analysis_settings(self) -> AnalysisSettings:
-        """What the pipeline needs to know."""
+        """Return the settings of the analysis."""
         model = EMPTY_MODEL if self.model is None else self.model.known()
         return AnalysisSettings(self.dic, self.estimate, self.specimen, self.sem.whole_profile, model)
 
@@ -274,7 +274,7 @@ def checked_text(text: YamlText, where: str) -> Config:
 
 
 def _readings_stay_fresh(config: Config, where: str) -> None:
-    """A device that is asked too seldom would stop the run by itself; asked here, so that logs of earlier runs stay readable."""
+    """Check the polling interval, because slow polling would stop the run; checked here, so that logs of earlier runs stay readable."""
     stale_s = (config.limits or _NO_MOTION).stale_after_s
     for name, section in (("load_frame", config.load_frame), ("stage", config.stage)):
         if section is not None and section.poll_s >= stale_s:

@@ -1,4 +1,4 @@
-"""A model as a run's configuration holds it: `--model` puts it there, so whatever reads the log has it too."""
+"""Model section of a configuration: `--model` adds it, so that it is stored in the log."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class ModelSection(BaseModel):
     run: ModelRun = ModelRun()
 
     def known(self) -> EffectModel:
-        """What the pipeline needs to know of it."""
+        """Return the settings of the analysis."""
         effects = tuple(ModelEffect(one.law.family, tuple(one.law.values.items()), one.law.size_px) for one in self.effects)
         width, height = self.run.width_px, self.run.height_px
         size_px = None if width is None or height is None else (width, height)

@@ -35,7 +35,7 @@ class SettingOverride:
 
     @property
     def of_images(self) -> bool:
-        """Whether it matters only where images are decoded and correlated."""
+        """Whether a setting affects only decoding and correlation of images."""
         return self.key.startswith(_OF_IMAGES)
 
 
@@ -64,7 +64,7 @@ def apply_overrides(settings: AnalysisSettings, changes: Iterable[SettingOverrid
 
 
 def as_keys(settings: AnalysisSettings) -> dict[str, Any]:
-    """Every setting's value by its whole name, as in ``dic.subset_px``."""
+    """Return the value of every setting by its full name, as in ``dic.subset_px``."""
     model = ", ".join(one.name for one in settings.model.effects)
     return {key: _value(settings, key.split(".")) for key in _keys(AnalysisSettings)} | ({_MODEL: model} if model else {})
 
@@ -76,7 +76,7 @@ def _value(settings: Any, path: list[str]) -> Any:
 
 
 def _keys(cls: type, before: str = "") -> dict[str, Any]:
-    """Every setting's whole name and its type."""
+    """Return the full name and the type of every setting."""
     found: dict[str, Any] = {}
     hints = typing.get_type_hints(cls)
     for one in dataclasses.fields(cls):

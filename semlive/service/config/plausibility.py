@@ -73,7 +73,7 @@ def questions(config: Config) -> tuple[Question, ...]:
 
 
 def refuse_unusual(config: Config, where: str) -> None:
-    """Refuse a configuration with an implausible value that the file does not confirm.
+    """Reject a configuration with an implausible value that the file does not confirm.
 
     Raises:
         BadConfig: naming the first.

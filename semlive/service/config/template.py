@@ -274,7 +274,7 @@ def _numerics() -> str:
 
 
 def _lines(*lines: str | tuple[str, str]) -> str:
-    """Lines, each with its comment in one column."""
+    """Return lines with aligned comments."""
     return "\n".join(line if isinstance(line, str) else f"{line[0]:<33} # {line[1]}" for line in lines)
 
 

@@ -1,4 +1,4 @@
-"""What analysis found out that the engine decides on."""
+"""Results of the analysis as events of the engine."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _FRAMES = b'"frame":['
 
 
 def field_of_view_event(message: DicMessage, time_ns: int) -> FieldOfViewMeasured | None:
-    """Where the field of view went since frame 0, if most of it was found again; None if the map does not tell."""
+    """Return the mean disparity since frame 0; None for another reference, or if at most half of the points converged."""
     mean_u, mean_v = message.mean_u_px, message.mean_v_px
     if message.reference != 0 or mean_u is None or mean_v is None or 2 * message.converged <= message.points:
         return None
@@ -24,18 +24,18 @@ def field_of_view_event(message: DicMessage, time_ns: int) -> FieldOfViewMeasure
 
 
 class DriftUpdate(BaseModel):
-    """What of an estimate of the drift is decided on; the rest, drift and uncertainty over the whole run, is passed over.
+    """Parts of a drift estimate that control uses. Drift and uncertainty over the whole run are not parsed.
 
-    As Python objects that takes 8 kB a pair for a moment, whenever all frames are told anew, and Python gave it back to no one.
+    As Python objects they would need 8 kB per pair whenever all frames are reported again, which Python does not return to the system.
 
     Attributes:
-        revision: of the estimate.
-        pairs: how many it knows; None in logs that count them by the revision.
-        newest_pair: that it knows.
-        rate_x_px_s: at the newest frame.
-        rate_y_px_s: likewise.
-        forecast: of the drift.
-        calibration: what it is worth.
+        revision: revision of the estimate.
+        pairs: number of pairs in the estimate; None in logs in which `revision` is that number.
+        newest_pair: number of the newest pair in the estimate.
+        rate_x_px_s: x component of the drift rate at the newest frame.
+        rate_y_px_s: y component of the drift rate at the newest frame.
+        forecast: forecast of the drift; None without one.
+        calibration: quality of the calibration; None without an assessment.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False, cache_strings="keys")
@@ -50,10 +50,10 @@ class DriftUpdate(BaseModel):
 
 
 def parse_drift_update(payload: bytes) -> DriftUpdate:
-    """Of a `/drift/estimate`.
+    """Parse the payload of a `/drift/estimate` message.
 
     Raises:
-        BadLog: it is none.
+        BadLog: the payload is invalid.
     """
     begin, end = payload.find(_FRAMES), payload.find(b"]", payload.find(_FRAMES))
     try:
@@ -63,12 +63,12 @@ def parse_drift_update(payload: bytes) -> DriftUpdate:
         raise BadLog("/drift/estimate: cannot be read; read this log with the version of semlive that wrote it.") from exc
 
 
-def drift_forecast_event(message: DriftUpdate, zero_ns: int, time_ns: int) -> DriftForecastUpdated:
-    """How fast the drift is expected to be.
+def drift_forecast_event(message: DriftUpdate, reference_ns: int, time_ns: int) -> DriftForecastUpdated:
+    """Return the drift forecast as an event.
 
     Args:
         message: an estimate of the drift.
-        zero_ns: experiment time of the start of frame 0, from which the estimate counts.
+        reference_ns: experiment time of the start of frame 0, the time origin of the estimate.
         time_ns: experiment time now.
     """
     newest, forecast = message.newest_pair, message.forecast
@@ -77,13 +77,13 @@ def drift_forecast_event(message: DriftUpdate, zero_ns: int, time_ns: int) -> Dr
     scans = []
     for begin_s, (x, y), (sigma_x, sigma_y) in zip(forecast.time_s, forecast.rate_px_s, forecast.sigma_px_s, strict=True):
         rate = math.hypot(x, y)
-        # Along the drift's own direction, where there is one.
+        # Along the direction of the drift if its rate is not zero.
         sigma = math.hypot(x * sigma_x, y * sigma_y) / rate if rate > 0 else max(sigma_x, sigma_y)
-        scans.append((zero_ns + round(begin_s * 1e9), rate, sigma))
+        scans.append((reference_ns + round(begin_s * 1e9), rate, sigma))
     return DriftForecastUpdated(time_ns, newest, tuple(scans))
 
 
 def calibration_event(message: DriftUpdate, time_ns: int) -> CalibrationAssessed | None:
-    """What the calibration is worth; None if the message does not tell."""
-    told = message.calibration
-    return None if told is None else CalibrationAssessed(time_ns, message.newest_pair, told.refused)
+    """Return the assessment of the calibration as an event; None if the message has none."""
+    calibration = message.calibration
+    return None if calibration is None else CalibrationAssessed(time_ns, message.newest_pair, calibration.refused)

@@ -1,7 +1,7 @@
-"""Control: everything that happens goes into the log, then to the engine; what the engine wants is done.
+"""Control: writes each event to the log, passes it to the engine and executes the commands of the engine.
 
-It runs in one asyncio loop and never blocks it; device calls, file reading, correlation and writing have threads or
-processes of their own that come back through `Control.call_soon`.
+Control runs in one asyncio loop and never blocks it. Device calls, file reading, correlation and writing run in separate threads or
+processes, which return their results through `Control.call_soon`.
 """
 
 from __future__ import annotations
@@ -85,27 +85,27 @@ from semlive.service.runtime.clock import SimulatedClock, SystemClock
 
 P = ParamSpec("P")
 
-_DECODED = ("/clock/offset", "/sem/scan", "/sem/file", "/log", "/dic/summary", "/drift/hold", "/elastic", "/fault", "/result")
-_TROUBLE = (State.FAULT, State.EMERGENCY_STOP)
-_ENDING = (State.STOPPING, *FINAL_STATES)
-_WARNED = (DeviceFault, DeviceStopped, LinkLost)
-# A driver that is away for longer will not come back: its own timeouts are tenths of a second.
-_AWAY_S = 4.0
-_AGAIN_NS = 1_000_000_000
+_DECODED_TOPICS = ("/clock/offset", "/sem/scan", "/sem/file", "/log", "/dic/summary", "/drift/hold", "/elastic", "/fault", "/result")
+_FAULT_STATES = (State.FAULT, State.EMERGENCY_STOP)
+_ENDING_STATES = (State.STOPPING, *FINAL_STATES)
+_WARNING_EVENTS = (DeviceFault, DeviceStopped, LinkLost)
+# A driver call that takes longer will not return: the timeouts of drivers are tenths of a second.
+_BLOCKED_S = 4.0
+_RETRY_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class RunSnapshot:
-    """A run as faces see it.
+    """Snapshot of a run for display.
 
     Attributes:
         time_ns: experiment time.
-        progress: of the protocol.
-        drift_rate_px_s: at the newest frame, or None before the first pair.
-        elastic: elastic constants so far.
+        progress: status of the protocol.
+        drift_rate_px_s: drift rate (x, y) at the newest frame; None before the first pair.
+        elastic: elastic constants so far; None before the first.
         pairs_analysed: pairs whose result is in the log.
-        warnings: sentences since the run began, newest last.
-        alarms: of the log so far, acknowledged or not, newest last.
+        warnings: warnings since the run began, one sentence each, newest last.
+        alarms: alarms in the log so far, acknowledged or not, newest last.
     """
 
     time_ns: int
@@ -118,7 +118,7 @@ class RunSnapshot:
 
 
 class Control:
-    """The loop's one object: the engine's state, and everything that feeds it or obeys it."""
+    """Engine state of a run, with its inputs and the execution of its commands; one object per loop."""
 
     def __init__(
         self,
@@ -126,40 +126,40 @@ class Control:
         clock: SystemClock | SimulatedClock,
         journal: RunLog,
         observe: Callable[[RunSnapshot], None],
-        earlier: PreviousSegments | None = None,
-        go_on: bool = False,
+        previous: PreviousSegments | None = None,
+        auto_resume: bool = False,
     ) -> None:
-        """A run that begins, or one that is taken up again.
+        """Begin a new run or resume an interrupted one.
 
         Args:
-            plan: what is to be done.
+            plan: the plan of the run.
             clock: experiment time.
-            journal: where everything is written down.
-            observe: gets a snapshot with every tick.
-            earlier: what the run's earlier segments tell.
-            go_on: the operator's answer to the question of a run that is taken up again, given beforehand.
+            journal: the log of the run.
+            observe: callback with a snapshot at every tick.
+            previous: state in the earlier segments of the run; None for a new run.
+            auto_resume: resume without confirmation by the operator.
         """
         self._clock, self._journal, self._observe = clock, journal, observe
         self._loop = asyncio.get_running_loop()
-        self._state: EngineState = start(plan, clock.now_ns(), before=None if earlier is None else earlier.interrupted_run)
-        self._go_on = go_on
+        self._state: EngineState = start(plan, clock.now_ns(), interrupted_run=None if previous is None else previous.interrupted_run)
+        self._auto_resume = auto_resume
         self._links: Mapping[Device, DeviceLink] = {}
         self._trigger: TriggerLink | None = None
-        self._away: set[Device] = set()
-        self._start_again_mono_ns: int | None = None
+        self._blocked: set[Device] = set()
+        self._retry_mono_ns: int | None = None
         self._clock_revision = clock.current().revision
         self._drift_rate_px_s: tuple[float, float] | None = None
         self._elastic: ElasticMessage | None = None
-        self._pairs_analysed = 0 if earlier is None else earlier.pairs_analysed
+        self._pairs_analysed = 0 if previous is None else previous.pairs_analysed
         self._warnings: tuple[str, ...] = ()
         self._closed = False
-        self.pairs_done = 0 if earlier is None else len(earlier.interrupted_run.completed_pairs)
+        self.pairs_done = 0 if previous is None else len(previous.interrupted_run.completed_pairs)
         self._log_behind = False
         self._fault_code = ""
-        # Lets the watcher take files from an export folder that stands in the place of another; nothing if there is none such.
+        # Accepts an export folder that replaced the original one; without effect if there is none.
         self.accept_folder: Callable[[], None] = lambda: None
         self.failure: str | None = None
-        # Pairs that turned out to be of no use when every step was done already.
+        # Pairs that were found unusable after the last step.
         self.unusable_pairs: tuple[str, ...] = ()
         self.stop_reason: str | None = None
         self.analysis_ready = asyncio.Event()
@@ -167,19 +167,19 @@ class Control:
         self.troubled = asyncio.Event()
 
     def connect(self, links: Mapping[Device, DeviceLink], trigger: TriggerLink | None) -> None:
-        """Who obeys from now on."""
+        """Set the links and the trigger that execute commands."""
         self._links, self._trigger = links, trigger
         self.handle(LinksOpening(self._clock.now_ns()))
 
     def ready(self, load_frame: DeviceIdentity | None, stage: DeviceIdentity | None) -> None:
-        """All links are open and analysis is warm: begin."""
+        """Begin the protocol: all links are open and the analysis is ready."""
         now_ns = self._clock.now_ns()
         self.handle(LinksReady(now_ns, load_frame, stage))
-        self._start_again_mono_ns = self._clock.mono_ns()
-        self._start_again()
+        self._retry_mono_ns = self._clock.mono_ns()
+        self._retry_start()
 
     def operator(self, verb: OperatorCommand, by: str = "") -> None:
-        """The operator said something, here or elsewhere."""
+        """Log and handle a command of the operator; `by` is its origin, empty for the terminal."""
         now_ns = self._clock.now_ns()
         self._journal.write_message(OperatorMessage(time_ns=now_ns, what=verb, args={"by": by} if by else {}))
         if self._log_behind and verb in (OperatorCommand.START, OperatorCommand.RESUME):
@@ -190,49 +190,49 @@ class Control:
         self.handle(OperatorAction(now_ns, verb))
 
     def tick(self) -> None:
-        """Time passes: feed the links, look at the clock, let the engine decide."""
+        """Send keep-alive signals to the links, check clock and log, and pass a Tick to the engine."""
         self._guarded(self._tick)
 
     def _tick(self) -> None:
         for device, link in self._links.items():
             link.keep_alive()
-            self._look_for(device, link)
+            self._check_link(device, link)
         clock = self._clock.current()
         if clock.revision != self._clock_revision:
             self._clock_revision = clock.revision
             self._journal.write_message(values.clock_message(clock, "the simulation fell behind and stretched its clock"))
-        self._look_at_log(self._journal.recorder.backlog_message)
+        self._check_log(self._journal.recorder.backlog_message)
         self.handle(Tick(self._clock.now_ns()))
-        self._start_again()
+        self._retry_start()
         self._observe(self._snapshot())
 
     def call_soon(self, call: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
-        """Let the loop call something; the door for every other thread. If it raises, the run is over."""
+        """Call a function in the loop; for use by other threads. An exception in the call ends the run."""
         self._loop.call_soon_threadsafe(lambda: None if self._closed else self._guarded(call, *args, **kwargs))
 
     def fail(self, error: Exception) -> None:
-        """What we believe of the run may be wrong from here on: stop everything, write down why, end the run."""
+        """Stop all devices, log the error and end the run: after an unexpected exception the state may be wrong."""
         self._stop_all("semlive itself failed")
         if self.failure is None:
-            known = isinstance(error, SemliveError)
-            what = " ".join(str(error).split()) or type(error).__name__
-            self.failure = what if known else f"semlive itself failed ({type(error).__name__}: {what}); the log tells where"
-            told = "".join(traceback.format_exception(error))
-            # Writing it down may be just what fails.
+            expected = isinstance(error, SemliveError)
+            message = " ".join(str(error).split()) or type(error).__name__
+            self.failure = message if expected else f"semlive itself failed ({type(error).__name__}: {message}); the log tells where"
+            trace = "".join(traceback.format_exception(error))
+            # Writing the log may be the cause of the failure.
             with contextlib.suppress(Exception):
                 self.trouble(self.failure, "control", "stopped everything and ended the run")
-                self._journal.write_text(self._clock.now_ns(), told, "error")
+                self._journal.write_text(self._clock.now_ns(), trace, "error")
             with contextlib.suppress(Exception):
                 self.handle(OperatorAction(self._clock.now_ns(), OperatorCommand.ABORT))
         if not self.finished.done():
             self.finished.set_result(FinishRun(State.ABORTED, self.failure))
 
     def close(self) -> None:
-        """What still comes is too late: the log is being closed."""
+        """Ignore all later calls, because the log is being closed."""
         self._closed = True
 
     def handle(self, event: Event) -> None:
-        """Record an event, let the engine decide, do what it wants."""
+        """Log an event, pass it to the engine and execute the resulting commands."""
         self._record(event)
         if self._state.state in FINAL_STATES:
             return
@@ -240,42 +240,42 @@ class Control:
         self._state, commands = step(self._state, event)
         for command in commands:
             self._execute(command)
-        self._judge(before, event)
+        self._update_stop_reason(before, event)
 
-    def _judge(self, before: State, event: Event) -> None:
-        """Keep the reason of a trouble for the last sentence; whoever resumes is done with it."""
-        at = self._state.state
-        asks = self._state.calibration_question_open
-        if (at in _TROUBLE and before is not at) or (asks and before is State.CALIBRATION_GATE):
+    def _update_stop_reason(self, before: State, event: Event) -> None:
+        """Store the reason of a fault for the final message; clear it when the run is resumed."""
+        current = self._state.state
+        question_open = self._state.calibration_question_open
+        if (current in _FAULT_STATES and before is not current) or (question_open and before is State.CALIBRATION_GATE):
             self.stop_reason = progress(self._state).message
             self.troubled.set()
-            if not isinstance(event, _WARNED):
+            if not isinstance(event, _WARNING_EVENTS):
                 self._warn(self.stop_reason)
-                if at in _TROUBLE:
+                if current in _FAULT_STATES:
                     self._journal.fault(self._clock.now_ns(), self.stop_reason, "protocol", "stopped motion", self._fault_code)
-        elif not asks and at not in (*_TROUBLE, *_ENDING):
+        elif not question_open and current not in (*_FAULT_STATES, *_ENDING_STATES):
             self.stop_reason = None
-        if at is State.RESUMING is not before:
+        if current is State.RESUMING is not before:
             self._warn(progress(self._state).message)
 
     def on_file_refused(self, name: str, reason: str) -> None:
-        """The watcher refused a file."""
+        """Log a file that the folder watcher rejected."""
         self._journal.refused_file(None, name, reason, self._clock.now_ns())
         self._warn(reason)
 
     def on_notice(self, what: str) -> None:
-        """The watcher saw something unusual that is no trouble."""
+        """Log an unusual observation of the folder watcher that is not a fault."""
         self._journal.write_text(self._clock.now_ns(), what, "warning")
         self._warn(what)
 
     def trouble(self, what: str, where: str, action: str, code: str = "") -> None:
-        """Something of ours went wrong; `code` is a `FaultCode`."""
+        """Log a fault of semlive itself; `code` is a `FaultCode`."""
         self._journal.fault(self._clock.now_ns(), what, where, action, code)
         self._warn(what)
 
     def on_analysis_output(self, message: LogMessage) -> None:
-        """Something analysis said."""
-        payload = from_json(message.topic, message.payload) if message.topic in _DECODED else None
+        """Log a message of the analysis and pass its events to the engine."""
+        payload = from_json(message.topic, message.payload) if message.topic in _DECODED_TOPICS else None
         if isinstance(payload, ScanMessage):
             info = values.frame_info(payload)
             self._journal.scan(info, frame_load(self._state.history, info.start_time_ns.value, info.end_time_ns))
@@ -290,9 +290,9 @@ class Control:
         elif isinstance(payload, LogLineMessage) and payload.text == READY_TEXT:
             self.analysis_ready.set()
         elif isinstance(payload, DicMessage):
-            self._field(payload)
+            self._handle_field_of_view(payload)
         elif message.topic == "/drift/estimate":
-            self._drift(parse_drift_update(message.payload))
+            self._handle_drift(parse_drift_update(message.payload))
         elif isinstance(payload, HoldDriftMessage):
             self.handle(HoldDriftMeasured(self._clock.now_ns(), payload.begin_time_ns, math.hypot(*payload.rate_px_s)))
         elif isinstance(payload, ElasticMessage):
@@ -302,33 +302,33 @@ class Control:
             if not is_model_warning(payload):
                 self._pair_unusable(payload.what)
 
-    def _drift(self, word: DriftUpdate) -> None:
-        """How fast the drift is, and what the calibration is worth."""
-        self._pairs_analysed, zero = word.pairs or word.revision, self._state.reference
-        if word.rate_x_px_s is not None and word.rate_y_px_s is not None:
-            self._drift_rate_px_s = word.rate_x_px_s, word.rate_y_px_s
-        if zero is not None:
+    def _handle_drift(self, update: DriftUpdate) -> None:
+        """Store the drift rate; pass drift forecast and assessment of the calibration to the engine."""
+        self._pairs_analysed, reference = update.pairs or update.revision, self._state.reference
+        if update.rate_x_px_s is not None and update.rate_y_px_s is not None:
+            self._drift_rate_px_s = update.rate_x_px_s, update.rate_y_px_s
+        if reference is not None:
             now_ns = self._clock.now_ns()
-            judged = calibration_event(word, now_ns)
-            for event in (drift_forecast_event(word, zero.start_time_ns.value, now_ns), *([judged] if judged else [])):
+            calibration = calibration_event(update, now_ns)
+            for event in (drift_forecast_event(update, reference.start_time_ns.value, now_ns), *([calibration] if calibration else [])):
                 self.handle(event)
 
-    def _pair_unusable(self, why: str) -> None:
-        """Every later frame is measured from the first pair; what spoilt a later one may spoil the next, and spend the specimen on it."""
-        what = f"{'a' if self._pairs_analysed else 'the first'} pair cannot be used: {why}"
+    def _pair_unusable(self, reason: str) -> None:
+        """Stop the run with a fault: all maps refer to the first pair, and the cause may affect the following pairs too."""
+        message = f"{'a' if self._pairs_analysed else 'the first'} pair cannot be used: {reason}"
         if self._state.state in FINAL_STATES:
-            self.unusable_pairs += (what,)
+            self.unusable_pairs += (message,)
         else:
-            self.handle(DeviceFault(self._clock.now_ns(), Device.SEM, what))
+            self.handle(DeviceFault(self._clock.now_ns(), Device.SEM, message))
 
-    def _field(self, message: DicMessage) -> None:
-        """Where the field of view went since frame 0, if most of it was found again."""
-        seen = field_of_view_event(message, self._clock.now_ns())
-        if seen is not None:
-            self.handle(seen)
+    def _handle_field_of_view(self, message: DicMessage) -> None:
+        """Pass the displacement of the field of view since frame 0 to the engine, if most points converged."""
+        measured = field_of_view_event(message, self._clock.now_ns())
+        if measured is not None:
+            self.handle(measured)
 
     def _guarded(self, call: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
-        """In asyncio an exception in a callback is a line on the terminal, and the run would go on without it."""
+        """Call a function and end the run after an exception, which asyncio would only print."""
         try:
             call(*args, **kwargs)
         except Exception as error:
@@ -341,7 +341,7 @@ class Control:
     def _record(self, event: Event) -> None:
         if isinstance(event, LoadReading | StageReading):
             self._journal.sample(event.sample)
-        elif isinstance(event, _WARNED):
+        elif isinstance(event, _WARNING_EVENTS):
             code = FaultCode.LINK_LOST if isinstance(event, LinkLost) else event.code
             self._journal.fault(event.time_ns, event.reason, event.device.words, "told the engine", code)
             self._warn(f"{event.device.words}: {event.reason}")
@@ -375,52 +375,52 @@ class Control:
             self._journal.write_text(now_ns, command.text)
             self.finished.set_result(command)
 
-    def _look_for(self, device: Device, link: DeviceLink) -> None:
-        """A link thread that its driver keeps away cannot say so itself, and cannot stop the device either."""
-        if link.blocked_s < _AWAY_S:
-            self._away.discard(device)
-        elif device not in self._away:
-            self._away.add(device)
-            reason = f"its driver has not come back for {_AWAY_S:g} s, so it cannot be told to stop: stop the machine by hand"
+    def _check_link(self, device: Device, link: DeviceLink) -> None:
+        """Report a link thread that is blocked in its driver: it can neither report this nor stop the device."""
+        if link.blocked_s < _BLOCKED_S:
+            self._blocked.discard(device)
+        elif device not in self._blocked:
+            self._blocked.add(device)
+            reason = f"its driver has not come back for {_BLOCKED_S:g} s, so it cannot be told to stop: stop the machine by hand"
             self.handle(LinkLost(self._clock.now_ns(), device, reason))
 
-    def _look_at_log(self, behind: str | None) -> None:
-        """Nothing is acquired that could not be written down: the run pauses, and only the operator takes it up again."""
-        if (behind is not None) == self._log_behind:
+    def _check_log(self, backlog: str | None) -> None:
+        """Pause the run while the log does not keep up, so that no data are lost; only the operator resumes it."""
+        if (backlog is not None) == self._log_behind:
             return
-        self._log_behind = behind is not None
-        if behind is not None:
-            self.trouble(behind, "log", "paused the run; messages are kept in memory meanwhile", FaultCode.LOG)
-            self.handle(OperatorAction(self._clock.now_ns(), OperatorCommand.PAUSE, behind))
+        self._log_behind = backlog is not None
+        if backlog is not None:
+            self.trouble(backlog, "log", "paused the run; messages are kept in memory meanwhile", FaultCode.LOG)
+            self.handle(OperatorAction(self._clock.now_ns(), OperatorCommand.PAUSE, backlog))
             self.troubled.set()
         else:
             self._journal.write_text(self._clock.now_ns(), "the log keeps up again; resume when you are ready")
             self._warn("the log keeps up again; resume when you are ready")
 
-    def _start_again(self) -> None:
-        """A start that was refused (no fresh reading at that instant) is asked for again; nobody else would."""
-        due = self._start_again_mono_ns
-        if due is None or self._clock.mono_ns() < due:
+    def _retry_start(self) -> None:
+        """Repeat a start, or an automatic resume, that was rejected because there was no fresh reading."""
+        retry_mono_ns = self._retry_mono_ns
+        if retry_mono_ns is None or self._clock.mono_ns() < retry_mono_ns:
             return
-        self._start_again_mono_ns = self._clock.mono_ns() + _AGAIN_NS
+        self._retry_mono_ns = self._clock.mono_ns() + _RETRY_NS
         if self._log_behind:
             return
         if self._state.state is State.READY:
             self.operator(OperatorCommand.START)
-        elif self._state.state is State.RESUMING and self._go_on:
-            self._resume_as_told()
+        elif self._state.state is State.RESUMING and self._auto_resume:
+            self._resume_without_confirmation()
         else:
-            self._start_again_mono_ns = None
+            self._retry_mono_ns = None
 
-    def _resume_as_told(self) -> None:
-        """Resume with the answer given beforehand; where the devices differ from the log, that is a fault and the operator is asked."""
-        other = changed_since(self._state)
-        if other is None:
+    def _resume_without_confirmation(self) -> None:
+        """Resume without confirmation; if the devices differ from the log, report a fault and wait for the operator."""
+        change = changed_since(self._state)
+        if change is None:
             self.operator(OperatorCommand.RESUME)
             return
-        self._start_again_mono_ns = None
-        self.stop_reason = f"the run is not resumed by itself, because {other.reason}"
-        self.trouble(self.stop_reason, "protocol", "ordered nothing; resume when you have looked at the machine", other.code)
+        self._retry_mono_ns = None
+        self.stop_reason = f"the run is not resumed by itself, because {change.reason}"
+        self.trouble(self.stop_reason, "protocol", "ordered nothing; resume when you have looked at the machine", change.code)
         self.troubled.set()
 
     def _warn(self, text: str) -> None:

@@ -1,11 +1,11 @@
-"""One thread for each device link. It alone touches the device, and it stops the device on its own when in doubt.
+"""One thread for each device link. Only this thread accesses the device, and it stops the device without a command if necessary.
 
-Order of precedence in every turn: the dead-man, a stop that is owed, commands, the next reading. A device call blocks for at most
-the driver's timeout, so a stop waits for at most one answer. The thread never begins a motion by itself.
+Order of precedence in every cycle: the dead-man timeout, a pending stop, commands, the next reading. A device call blocks for at most the
+timeout of the driver, so a stop waits for at most one answer. The thread never begins a motion without a command.
 
-After a stop the device is pursued until its readings show that it rests (`stop_pursuit`). When a request fails while the device may
-move, the stop is first written without waiting for an answer, on the old connection and on a fresh one, again and again until a link is
-open; only then is anything read: a device may execute what it cannot answer.
+After a stop, the stop command is repeated until the readings show that the device is at rest (`stop_pursuit`). If a request fails while the
+device may move, the stop is first written without waiting for an answer, on the old connection and on a new one, repeatedly until a link is
+open. Only then is a reading requested: a device may execute commands that it cannot answer.
 """
 
 from __future__ import annotations
@@ -40,26 +40,27 @@ from semlive.service.control.stop_pursuit import StopPursuit, begin_pursuit
 from semlive.service.runtime.pause import pause
 
 _BACKOFF_S = (0.0, 0.1, 0.2, 0.5, 1.0)
-_LONGEST_SLEEP_S = 0.05
-# How long closing pursues a device that does not rest, at most and without any reading, and how often it looks meanwhile. A reading over a
-# slow gateway takes a second, and three of them show rest.
-_LAST_PURSUIT_S = 10.0
-_LAST_SILENCE_S = 4.0
-_LAST_LOOK_S = 0.05
+_MAX_SLEEP_S = 0.05
+# While a link is closed: longest time of repeated stops, longest time without a reading, and polling interval. A reading over a slow
+# gateway takes a second, and three readings show rest.
+_CLOSE_PURSUIT_S = 10.0
+_CLOSE_SILENCE_S = 4.0
+_CLOSE_POLL_S = 0.05
 
 
 class DeviceLink:
-    """Owns one device from opening to closing.
+    """Link to one device, with its thread, from opening to closing.
 
     Args:
-        device: what it is, for events.
-        open_device: opens the link anew each time it is called; called in the thread only.
-        on_event: takes engine events, in the thread; must not block. If it raises, the device is stopped.
+        device: kind of the device, for events.
+        open_device: opens a new link at each call; called in the thread only.
+        on_event: callback for engine events, in the thread; must not block. If it raises, the device is stopped.
         clock: experiment time and the monotonic clock.
-        limits: checked on every sample here, besides in the engine; also says when a sample is stale or the link lost.
-        poll_s: wall time from one reading to the next.
-        dead_man_s: `keep_alive` must be called at least this often (wall time), else the device is stopped.
-        recalled: the ramp that an earlier process of a resumed run ordered last; the load frame compares it with what its device holds.
+        limits: soft limits, checked here for every sample, as in the engine; also the ages at which a sample is stale or the link lost.
+        poll_s: wall time between readings, s.
+        dead_man_s: longest wall time between calls of `keep_alive`, s; beyond it the device is stopped.
+        recalled: last ramp that an earlier process of a resumed run ordered, which the load frame compares with the order in its device.
+            None for a new run.
     """
 
     def __init__(
@@ -81,34 +82,34 @@ class DeviceLink:
         # Shared with control, guarded by the condition.
         self._wake = threading.Condition()
         self._orders: deque[Order] = deque()
-        self._stop_asked = False
+        self._stop_requested = False
         self._closing = False
-        self._fed_mono_ns = clock.mono_ns()
+        self._alive_mono_ns = clock.mono_ns()
         self._sampled_mono_ns: int | None = None
-        self._turned_mono_ns = clock.mono_ns()
+        self._cycle_mono_ns = clock.mono_ns()
 
-        # The thread's own.
+        # Used by the thread only.
         self._thread = threading.Thread(target=self._run, name=f"link to {device.words}", daemon=True)
-        self._answered = threading.Event()
+        self._opened = threading.Event()
         self._open_error: Exception | None = None
         self._identity: DeviceIdentity | None = None
-        self._moves: StageKind | None = None
+        self._stage_kind: StageKind | None = None
         self._link: LoadFrame | Stage | None = None
         self._port: Port | None = None
         self._failed_link: LoadFrame | Stage | None = None
         self._pursuit: StopPursuit | None = None
-        self._stop_owed = False
+        self._stop_pending = False
         self._may_move = False
         self._beyond_limit = False
-        self._unfed = False
+        self._control_silent = False
         self._stale = False
         self._lost = False
         self._trouble = ""
         self._failures = 0
         self._next_open_mono_ns = self._last_read_mono_ns = 0
         self._next_poll_mono_ns = 0
-        self._rests = self._mistaken = False
-        self._counted: int | None = None
+        self._at_rest = self._failing = False
+        self._reading_count: int | None = None
 
     # ------------------------------------------------------------------ for control
 
@@ -116,13 +117,13 @@ class DeviceLink:
         """Start the thread and wait until the device has answered.
 
         Raises:
-            LinkRefused: if nobody answers in time.
-            LinkError: if something wrong answers.
-            BadConfig: if the driver does not understand its settings.
+            LinkRefused: if the device does not answer in time.
+            LinkError: if another device answers, or the answer is invalid.
+            BadConfig: if the driver rejects its settings.
         """
         self.keep_alive()
         self._thread.start()
-        if not self._answered.wait(timeout_s):
+        if not self._opened.wait(timeout_s):
             self.close(0.0)
             raise LinkRefused(f"the {self._device.words} did not answer within {timeout_s:g} s; check that it is on and connected")
         if self._open_error is not None:
@@ -132,18 +133,21 @@ class DeviceLink:
 
     @property
     def identity(self) -> DeviceIdentity:
-        """Who answered when the link was opened first."""
+        """Identity of the device when the link was first opened."""
         if self._identity is None:
             raise RuntimeError("the link is not open")
         return self._identity
 
     @property
     def stage_kind(self) -> StageKind | None:
-        """What a stage moves, the specimen or the beam; None for a load frame, and before the link was opened first."""
-        return self._moves
+        """Whether a stage moves the specimen or the beam; None for a load frame, and before the link is opened."""
+        return self._stage_kind
 
     def order_problem(self, ramps: Iterable[tuple[float, float]]) -> str | None:
-        """Why one of some ramps, (target in N, rate in N/s), cannot be ordered as meant, or None; for a link just opened, sends nothing."""
+        """Return why one of the ramps (target in N, rate in N/s) cannot be ordered exactly, or None.
+
+        Sends nothing; to be called right after opening.
+        """
         link = self._link
         if not isinstance(link, OrderCheck):
             return None
@@ -157,42 +161,43 @@ class DeviceLink:
 
     @property
     def blocked_s(self) -> float:
-        """Wall time since the thread went into its driver or began a turn: a driver that never comes back keeps it away."""
-        return (self._clock.mono_ns() - self._turned_mono_ns) / 1e9 if self._thread.is_alive() and self._answered.is_set() else 0.0
+        """Wall time since the thread called its driver or began a cycle, s; it increases while a driver call does not return."""
+        return (self._clock.mono_ns() - self._cycle_mono_ns) / 1e9 if self._thread.is_alive() and self._opened.is_set() else 0.0
 
     def keep_alive(self) -> None:
-        """Control is alive."""
+        """Signal that control is alive."""
         with self._wake:
-            self._fed_mono_ns = self._clock.mono_ns()
+            self._alive_mono_ns = self._clock.mono_ns()
 
     def send(self, command: Order) -> None:
-        """Give a motion command; returns at once. CommandTaken or DeviceFault follows, unless a stop comes first."""
+        """Queue a motion command; returns at once. CommandAcknowledged or DeviceFault follows, unless a stop comes first."""
         with self._wake:
             self._orders.append(command)
             self._wake.notify_all()
 
     def stop(self, reason: str) -> None:
-        """Stop motion ahead of everything else and forget waiting commands; returns at once."""
+        """Stop motion before any other action and discard queued commands; returns at once."""
         del reason  # the caller records it
         with self._wake:
             self._orders.clear()
-            self._stop_asked = True
+            self._stop_requested = True
             self._wake.notify_all()
 
     def close(self, timeout_s: float = 12.0) -> bool:
-        """Stop motion, close the link, end the thread; never raises, any number of times.
+        """Stop motion, close the link and end the thread; never raises, may be called repeatedly.
 
         Returns:
-            True if the device was seen to rest after the last stop, or never was ours to move; False if nobody knows whether it rests.
+            True if the readings after the last stop show rest, or if the link was never open; False if it is
+            unknown whether the device is at rest.
         """
         with self._wake:
             self._orders.clear()
-            # Who did not come back in time is not waited for a second time.
+            # There is no second wait for a thread that did not end in time.
             timeout_s, self._closing = 0.0 if self._closing else timeout_s, True
             self._wake.notify_all()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join(timeout_s)
-        return self._identity is None or (self._rests and not self._thread.is_alive())
+        return self._identity is None or (self._at_rest and not self._thread.is_alive())
 
     # ------------------------------------------------------------------ the thread
 
@@ -200,73 +205,73 @@ class DeviceLink:
         try:
             self._open()
         except Exception as error:
-            # Whatever a driver raises while opening belongs to the caller of open().
+            # An exception of the driver during opening is raised by open().
             self._open_error = error
-            self._answered.set()
+            self._opened.set()
             return
-        self._turned_mono_ns = self._clock.mono_ns()
-        self._answered.set()
+        self._cycle_mono_ns = self._clock.mono_ns()
+        self._opened.set()
         while not self._closing:
-            self._guarded(self._turn)
+            self._guarded(self._cycle)
             self._sleep()
-        self._guarded(self._shut)
+        self._guarded(self._shut_down)
 
     def _guarded(self, call: Callable[[], None]) -> None:
-        """Nothing may end the one thread that can stop the device: after a mistake of ours it stops it, and goes on."""
+        """Call a function and, after an exception, stop the device and continue: only this thread can stop the device."""
         try:
             call()
-            self._mistaken = False
+            self._failing = False
         except Exception as error:
-            self._stop_owed = True
-            mistaken, self._mistaken = self._mistaken, True
+            self._stop_pending = True
+            repeated, self._failing = self._failing, True
             reason = f"its link thread made a mistake: {error!r}"
             with contextlib.suppress(Exception):
                 event = DeviceFault(self._clock.now_ns(), self._device, reason, code=FaultCode.INTERNAL_ERROR)
-                None if mistaken else self._emit(event)
-            pause(_LONGEST_SLEEP_S)
+                None if repeated else self._emit(event)
+            pause(_MAX_SLEEP_S)
 
-    def _turn(self) -> None:
-        now = self._turned_mono_ns = self._clock.mono_ns()
+    def _cycle(self) -> None:
+        now = self._cycle_mono_ns = self._clock.mono_ns()
         self._check_dead_man(now)
         with self._wake:
-            self._stop_owed, self._stop_asked = self._stop_owed or self._stop_asked, False
+            self._stop_pending, self._stop_requested = self._stop_pending or self._stop_requested, False
         if self._link is None:
             self._reopen(now)
-        if self._stop_owed:
+        if self._stop_pending:
             self._stop_device()
         elif self._pursuit is not None:
             self._pursue(self._pursuit)
         elif self._link is not None:
-            self._obey_next()
-        if self._link is not None and not self._stop_asked and self._clock.mono_ns() >= self._next_poll_mono_ns:
+            self._execute_next()
+        if self._link is not None and not self._stop_requested and self._clock.mono_ns() >= self._next_poll_mono_ns:
             self._next_poll_mono_ns = self._clock.mono_ns() + self._poll_ns
             self._attempt("reading", self._poll)
         self._check_age()
 
     def _reopen(self, now_mono_ns: int) -> None:
-        """A stop that is owed is written before anything is read from the device."""
-        if self._stop_owed:
+        """Open the link again; a pending stop is written before anything is read from the device."""
+        if self._stop_pending:
             self._stop_device()
         if now_mono_ns >= self._next_open_mono_ns:
             self._attempt("opening the link again", self._open)
 
     def _sleep(self) -> None:
-        """Until the next reading is due, or control wants something."""
+        """Sleep until the next reading is due or control sends a command."""
         with self._wake:
-            if self._stop_asked or self._closing or (self._orders and self._link is not None and self._pursuit is None):
+            if self._stop_requested or self._closing or (self._orders and self._link is not None and self._pursuit is None):
                 return
-            until_s = (self._next_poll_mono_ns - self._clock.mono_ns()) / 1e9 if self._link is not None else _LONGEST_SLEEP_S
+            until_s = (self._next_poll_mono_ns - self._clock.mono_ns()) / 1e9 if self._link is not None else _MAX_SLEEP_S
             if until_s > 0:
-                self._wake.wait(min(until_s, _LONGEST_SLEEP_S))
+                self._wake.wait(min(until_s, _MAX_SLEEP_S))
 
-    def _attempt(self, doing: str, call: Callable[[], None]) -> bool:
-        """Call the device; whatever goes wrong ends this link, and the next turn opens another."""
-        self._turned_mono_ns = self._clock.mono_ns()
+    def _attempt(self, action: str, call: Callable[[], None]) -> bool:
+        """Call the device; an error closes this link, and the next cycle opens a new one."""
+        self._cycle_mono_ns = self._clock.mono_ns()
         try:
             call()
         except Exception as error:
-            # A driver's bug must not end the one thread that can stop the device.
-            self._fail(str(error) if isinstance(error, LinkError) else f"{doing} failed in the driver: {error!r}")
+            # An error in a driver must not end the thread, because only it can stop the device.
+            self._fail(str(error) if isinstance(error, LinkError) else f"{action} failed in the driver: {error!r}")
             return False
         return True
 
@@ -284,26 +289,26 @@ class DeviceLink:
         if self._identity is None and self._recalled is not None and isinstance(link, OrderRecall):
             link.recall_order(self._recalled.force_n, self._recalled.rate_n_s)
         self._link, self._identity, self._failed_link = link, identity, None
-        self._moves = None if isinstance(link, LoadFrame) else link.kind
+        self._stage_kind = None if isinstance(link, LoadFrame) else link.kind
         if self._may_move:
-            self._stop_owed = True
+            self._stop_pending = True
 
     def _poll(self) -> None:
         port = self._port
         if port is None:
             return
         first = self._sampled_mono_ns is None
-        asked_ns = time.monotonic_ns()
+        request_ns = time.monotonic_ns()
         sample = port.read()
-        sample = replace(sample, rtt_s=(time.monotonic_ns() - asked_ns) / 1e9)
+        sample = replace(sample, rtt_s=(time.monotonic_ns() - request_ns) / 1e9)
         problem = port.problem(sample)
-        stopped_for: Finding | None = None
+        finding: Finding | None = None
         if problem is not None and not self._beyond_limit:
-            stopped_for = problem
+            finding = problem
         elif first and sample.motion is MotionState.MOVING:
-            stopped_for = Finding(FaultCode.UNORDERED_MOTION, "it moved before a motion was ordered")
+            finding = Finding(FaultCode.UNORDERED_MOTION, "it moved before a motion was ordered")
         self._beyond_limit = problem is not None
-        if stopped_for is not None:
+        if finding is not None:
             self._stop_device()
         elif self._pursuit is not None:
             self._pursuit = self._pursuit.with_sample(sample)
@@ -314,32 +319,32 @@ class DeviceLink:
             self._emit(LinkRestored(sample.time_ns, self._device))
         self._stale = self._lost = False
         self._emit(port.event(sample))
-        if stopped_for is not None:
-            self._emit_stop(sample, stopped_for)
+        if finding is not None:
+            self._emit_stop(sample, finding)
         self._check_restart(sample)
 
     def _emit_stop(self, sample: LoadSample | StageSample, finding: Finding) -> None:
-        """Limits are judged by the engine, too, from the reading itself; everything else only this thread has seen."""
-        own = finding.code in (FaultCode.LIMIT, FaultCode.UNORDERED_MOTION)
-        event = DeviceStopped if own else DeviceFault
+        """Emit the event of a stop: DeviceStopped for findings that the engine also derives from the reading, else DeviceFault."""
+        device_stopped = finding.code in (FaultCode.LIMIT, FaultCode.UNORDERED_MOTION)
+        event = DeviceStopped if device_stopped else DeviceFault
         self._emit(event(sample.time_ns, self._device, finding.reason, code=finding.code))
 
     def _check_restart(self, sample: LoadSample | StageSample) -> None:
-        """A device that was switched off and on has forgotten its orders, and perhaps where it is; the link alone does not show it."""
+        """Emit a fault if the reading counter shows a restart: the device has lost its orders and perhaps its zero."""
         if not isinstance(sample, LoadSample) or sample.counted is None:
             return
-        count, begins_anew = sample.counted
-        before, self._counted = self._counted, count
-        if before is not None and (count - before) % begins_anew > begins_anew // 2:
-            what = f"it was restarted: its counter of readings went from {before} to {count}; check its zero, position and settings"
+        count, modulus = sample.counted
+        previous, self._reading_count = self._reading_count, count
+        if previous is not None and (count - previous) % modulus > modulus // 2:
+            what = f"it was restarted: its counter of readings went from {previous} to {count}; check its zero, position and settings"
             self._emit(DeviceFault(sample.time_ns, self._device, what, code=FaultCode.DEVICE_RESTARTED))
 
-    def _obey_next(self) -> None:
+    def _execute_next(self) -> None:
         with self._wake:
             order = self._orders.popleft() if self._orders else None
         if order is None or self._port is None:
             return
-        if self._unfed:
+        if self._control_silent:
             self._emit(
                 DeviceFault(
                     self._clock.now_ns(), self._device, "a command came while control was not feeding the link", code=FaultCode.CONTROL_LOST
@@ -347,18 +352,18 @@ class DeviceLink:
             )
             return
         self._may_move, self._beyond_limit = True, False
-        self._turned_mono_ns = self._clock.mono_ns()
+        self._cycle_mono_ns = self._clock.mono_ns()
         try:
             self._port.obey(order)
         except Exception as error:
-            self._stop_owed = True
+            self._stop_pending = True
             self._emit(DeviceFault(self._clock.now_ns(), self._device, str(error), code=FaultCode.ORDER_REFUSED))
             return
         self._emit(CommandAcknowledged(self._clock.now_ns(), self._device))
 
     def _stop_device(self) -> None:
-        """Stop, and pursue until it rests; a stop that fails stays owed, and comes first when the link is open again."""
-        self._stop_owed = True
+        """Stop the device and begin the pursuit; a failed stop remains pending and is sent first when the link is open again."""
+        self._stop_pending = True
         now = self._clock.mono_ns()
         pursuit = self._pursuit or begin_pursuit(now)
         port = self._port
@@ -367,40 +372,40 @@ class DeviceLink:
             return
         self._pursuit = pursuit.sent_again(now)
         if self._attempt("stopping", port.stop):
-            self._stop_owed = False
+            self._stop_pending = False
 
     def _pursue(self, pursuit: StopPursuit) -> None:
-        """Send the stop again while the device moves; the pursuit ends when it rests."""
-        now, still = self._clock.mono_ns(), None if self._port is None else self._port.still()
-        if pursuit.rests(still):
+        """Repeat the stop while the device moves; the pursuit ends when it is at rest."""
+        now, motionless = self._clock.mono_ns(), None if self._port is None else self._port.still()
+        if pursuit.rests(motionless):
             self._pursuit = None
             return
-        if pursuit.moves(still):
+        if pursuit.moves(motionless):
             self._alarm(pursuit, moves=True)
-        if pursuit.due(now, still):
+        if pursuit.due(now, motionless):
             self._stop_device()
 
     def _stop_blind(self, pursuit: StopPursuit) -> None:
-        """Without a link: write the stop where the failed link led, if it is due."""
+        """Without a link: write the stop to the address of the failed link, if it is due."""
         now = self._clock.mono_ns()
         if now < pursuit.next_mono_ns:
             self._pursuit = pursuit
             return
         self._pursuit = pursuit.sent_again(now)
         self._alarm(pursuit, moves=False)
-        self._turned_mono_ns = now
+        self._cycle_mono_ns = now
         self._write_stop(self._failed_link)
 
     @staticmethod
     def _write_stop(link: LoadFrame | Stage | None) -> None:
-        with contextlib.suppress(Exception):  # a port's blind stop never raises, but a driver may
+        with contextlib.suppress(Exception):  # the blind stop of a port never raises, but a driver may
             if isinstance(link, BlindStop):
                 link.stop_blind()
             elif link is not None:
                 link.stop()
 
     def _alarm(self, pursuit: StopPursuit, *, moves: bool) -> None:
-        """The machine does not obey, or cannot be reached: only a person can stop it now. The terminal and the page repeat it."""
+        """Emit STOP_NOT_OBEYED if it is due: the machine moves on or cannot be reached, so a person must stop it."""
         now = self._clock.mono_ns()
         if not pursuit.alarm_due(now, moves):
             return
@@ -414,20 +419,20 @@ class DeviceLink:
         self._emit(DeviceFault(self._clock.now_ns(), self._device, reason, code=FaultCode.STOP_NOT_OBEYED))
 
     def _fail(self, reason: str) -> None:
-        """This link is no good any more."""
+        """Close a failed link; stop the device first if it may move."""
         self._trouble = reason
         link = self._link
         if link is not None:
-            if self._may_move or self._stop_owed:
-                # What is read may be nonsense while orders are still taken; on a link that is down this fails at once.
+            if self._may_move or self._stop_pending:
+                # The device may still execute orders although its answers are invalid; on a broken link this fails at once.
                 self._write_stop(link)
                 now = self._clock.mono_ns()
                 self._pursuit = (self._pursuit or begin_pursuit(now)).sent_again(now)
-            if self._may_move and not self._stop_owed:
-                self._stop_owed = True
+            if self._may_move and not self._stop_pending:
+                self._stop_pending = True
                 what = f"the link failed while it may have moved: {reason}; if it moves on, press its emergency stop"
                 self._emit(DeviceStopped(self._clock.now_ns(), self._device, what, code=FaultCode.LINK_LOST))
-            # A port's close never raises, but who wrote the driver may not have read that.
+            # The close of a port must not raise, but a driver may violate that rule.
             with contextlib.suppress(Exception):
                 link.close()
             self._failed_link = link
@@ -436,15 +441,15 @@ class DeviceLink:
         self._failures += 1
 
     def _check_dead_man(self, now_mono_ns: int) -> None:
-        unfed_ns = now_mono_ns - self._fed_mono_ns
-        if unfed_ns <= self._dead_man_ns:
-            self._unfed = False
-        elif not self._unfed:
-            self._unfed = True
+        silent_ns = now_mono_ns - self._alive_mono_ns
+        if silent_ns <= self._dead_man_ns:
+            self._control_silent = False
+        elif not self._control_silent:
+            self._control_silent = True
             with self._wake:
                 self._orders.clear()
             self._stop_device()
-            reason = f"control has not been heard of for {unfed_ns / 1e9:.1f} s"
+            reason = f"control has not been heard of for {silent_ns / 1e9:.1f} s"
             self._emit(DeviceStopped(self._clock.now_ns(), self._device, reason, code=FaultCode.CONTROL_LOST))
 
     def _check_age(self) -> None:
@@ -461,36 +466,36 @@ class DeviceLink:
         try:
             self._on_event(event)
         except Exception:
-            # Nobody listens any more (a closed event loop raises RuntimeError): then nothing may move.
-            self._stop_owed = True
+            # Control no longer receives events (a closed event loop raises RuntimeError): then nothing may move.
+            self._stop_pending = True
 
-    def _shut(self) -> None:
-        """Stop and close; the device is pursued, and the link opened again if need be, until it rests or the time is over."""
-        self._stop_owed = True
+    def _shut_down(self) -> None:
+        """Stop the device and close the link; repeat stops, and reopen the link, until the device is at rest or the time is over."""
+        self._stop_pending = True
         began_mono_ns = self._last_read_mono_ns = self._clock.mono_ns()
-        while self._stop_owed or self._pursuit is not None:
-            self._last_look()
+        while self._stop_pending or self._pursuit is not None:
+            self._close_cycle()
             now = self._clock.mono_ns()
-            if now - began_mono_ns > _LAST_PURSUIT_S * 1e9 or now - self._last_read_mono_ns > _LAST_SILENCE_S * 1e9:
+            if now - began_mono_ns > _CLOSE_PURSUIT_S * 1e9 or now - self._last_read_mono_ns > _CLOSE_SILENCE_S * 1e9:
                 break
-            pause(_LAST_LOOK_S)
-        self._rests = not self._stop_owed and self._pursuit is None
+            pause(_CLOSE_POLL_S)
+        self._at_rest = not self._stop_pending and self._pursuit is None
         if self._link is not None:
             with contextlib.suppress(Exception):
                 self._link.close()
             self._link = None
 
-    def _last_look(self) -> None:
-        """One turn of the end: open, stop, read, judge."""
+    def _close_cycle(self) -> None:
+        """Run one cycle of closing: open the link, stop the device, read and evaluate a sample."""
         if self._link is None and self._clock.mono_ns() >= self._next_open_mono_ns:
             self._attempt("opening the link to stop", self._open)
-        if self._stop_owed:
+        if self._stop_pending:
             self._stop_device()
         port = self._port
-        if port is not None and self._pursuit is not None and self._attempt("reading", lambda: self._look(port)):
+        if port is not None and self._pursuit is not None and self._attempt("reading", lambda: self._read_pursuit(port)):
             self._pursue(self._pursuit)
 
-    def _look(self, port: Port) -> None:
+    def _read_pursuit(self, port: Port) -> None:
         if self._pursuit is not None:
             self._pursuit = self._pursuit.with_sample(port.read())
             self._last_read_mono_ns = self._clock.mono_ns()

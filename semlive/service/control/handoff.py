@@ -1,4 +1,4 @@
-"""What another thread says, handed to the loop a little at a time."""
+"""Bounded handoff of messages from another thread to the loop."""
 
 from __future__ import annotations
 
@@ -7,40 +7,40 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 T = TypeVar("T")
-_AT_A_TIME = 64
-_PATIENCE_S = 1.0
+_MAX_PENDING = 64
+_TIMEOUT_S = 1.0
 
 
 class BoundedHandoff(Generic[T]):
-    """Hands things to a loop in their order and waits while many of them have not been taken.
+    """Passes items to a loop in their order and blocks while too many of them are pending.
 
-    When analysis tells all pairs anew it says thousands of messages at once. Waiting together, they took 1 kB for every pair of the run,
-    and Python gives such memory back to no one.
+    When the analysis reports all pairs again, it sends thousands of messages at once. Unbounded, they used 1 kB for every pair of the run,
+    and Python does not return such memory to the system.
 
     Args:
-        soon: has the loop call something, from any thread.
-        take: what the loop does with a thing.
-        at_a_time: so many may wait.
-        patience_s: a loop that takes none for so long is not waited for: it stands still, or is closed.
+        call_soon: schedules a call in the loop, from any thread.
+        consume: processes an item, in the loop.
+        max_pending: largest number of pending items.
+        timeout_s: longest wait, s; after it the item is passed on, because the loop is blocked or closed.
     """
 
     def __init__(
         self,
-        soon: Callable[[Callable[[], None]], None],
-        take: Callable[[T], None],
-        at_a_time: int = _AT_A_TIME,
-        patience_s: float = _PATIENCE_S,
+        call_soon: Callable[[Callable[[], None]], None],
+        consume: Callable[[T], None],
+        max_pending: int = _MAX_PENDING,
+        timeout_s: float = _TIMEOUT_S,
     ) -> None:
-        self._soon, self._take, self._patience_s = soon, take, patience_s
-        self._room = threading.Semaphore(at_a_time)
+        self._call_soon, self._consume, self._timeout_s = call_soon, consume, timeout_s
+        self._capacity = threading.Semaphore(max_pending)
 
-    def __call__(self, thing: T) -> None:
-        """Hand it over; for one thread."""
-        held = self._room.acquire(timeout=self._patience_s)
+    def __call__(self, item: T) -> None:
+        """Pass an item to the loop; to be called from one thread only."""
+        acquired = self._capacity.acquire(timeout=self._timeout_s)
 
-        def take() -> None:
-            if held:
-                self._room.release()
-            self._take(thing)
+        def deliver() -> None:
+            if acquired:
+                self._capacity.release()
+            self._consume(item)
 
-        self._soon(take)
+        self._call_soon(deliver)

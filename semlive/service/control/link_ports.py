@@ -1,4 +1,4 @@
-"""A load frame and a stage as the link thread sees them: one way to read, to judge, to order and to stop."""
+"""Common interface of load frame and stage for the link thread: read, check, order and stop."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ Order = RampTo | MoveStage
 
 
 class Port(Protocol):
-    """A load frame or a stage, seen alike."""
+    """Interface of a load frame or a stage."""
 
     def read(self) -> LoadSample | StageSample:
-        """One fresh reading; raises LinkError."""
+        """Return a fresh reading; raises LinkError."""
         ...
 
     def event(self, sample: LoadSample | StageSample) -> Event:
-        """The reading as an event."""
+        """Return the reading as an event."""
         ...
 
     def problem(self, sample: LoadSample | StageSample) -> Finding | None:
-        """Why the device must stop, as this reading and the ones before show."""
+        """Return why the device must stop, from this and earlier readings, or None."""
         ...
 
     def obey(self, order: Order) -> None:
@@ -43,47 +43,47 @@ class Port(Protocol):
         ...
 
     def stop(self) -> None:
-        """Stop; when it is called again and again, every way to stop is used in turn. Raises LinkError."""
+        """Stop the device; repeated calls use all stop methods in turn. Raises LinkError."""
         ...
 
     def still(self) -> Motionless | None:
-        """What counts as no motion; None for a device whose report of motion is all there is."""
+        """Return the thresholds of no motion; None if only the motion report of the device is used."""
         ...
 
 
 class LoadFramePort:
-    """The port of a load frame: limits, sudden changes, and the supervision of the ramp under way."""
+    """Port of a load frame: limits, sudden changes, and supervision of the present ramp."""
 
     def __init__(self, device: LoadFrame, limits: Limits) -> None:
         self._device = device
         self._limits = with_device_limits(limits, device.identity)
         self._watch = LoadSupervisor()
         self._supervision = supervise(self._limits, device.identity)
-        by_hand = device.identity.control is ControlMode.MANUAL and device.identity.measures_extension
-        self._hand = HandSupervision(self._limits) if by_hand else None
+        manual = device.identity.control is ControlMode.MANUAL and device.identity.measures_extension
+        self._hand = HandSupervision(self._limits) if manual else None
         self._rate_n_s, self._sign = self._limits.force_rate_max_n_s, 0.0
         self._stops = 0
 
     def read(self) -> LoadSample:
-        """One fresh reading."""
+        """Return a fresh reading."""
         return self._device.read()
 
     def event(self, sample: LoadSample | StageSample) -> Event:
-        """The reading as an event."""
+        """Return the reading as an event."""
         assert isinstance(sample, LoadSample)
         return LoadReading(sample.time_ns, sample)
 
     def problem(self, sample: LoadSample | StageSample) -> Finding | None:
-        """A violated limit, a sudden change, or a ramp that the readings do not answer."""
+        """Return a violated limit, a sudden change, or a finding of the ramp supervision; None if there is none."""
         assert isinstance(sample, LoadSample)
-        self._watch, sudden = self._watch.with_sample(self._limits, sample)
+        self._watch, sudden_change = self._watch.with_sample(self._limits, sample)
         ramping = self._supervision.ramp is not None
         self._supervision, finding = self._supervision.with_sample(sample)
         if self._hand is not None:
             self._hand, finding = self._hand.with_sample(sample)
-        beyond = sample_problem(self._limits, sample) or sudden
-        if beyond is not None:
-            return Finding(FaultCode.LIMIT, beyond)
+        violation = sample_problem(self._limits, sample) or sudden_change
+        if violation is not None:
+            return Finding(FaultCode.LIMIT, violation)
         if ramping and sample.order_changed is not None:
             return Finding(order_code(sample), sample.order_changed)
         return finding
@@ -101,7 +101,10 @@ class LoadFramePort:
         self._device.ramp_to(order.force_n, order.rate_n_s)
 
     def stop(self) -> None:
-        """The plain stop, and from the third on the device's other ways between; one that is refused does not keep from the next."""
+        """Send the standard stop; every second repetition from the third stop on uses another stop method.
+
+        If the standard stop fails, all other methods are tried before the error is raised.
+        """
         self._supervision = self._supervision.stopped()
         others = len(self._device.stop_methods) if isinstance(self._device, StopMethods) else 0
         sent, self._stops = self._stops, self._stops + 1
@@ -120,32 +123,34 @@ class LoadFramePort:
             self._device.stop_by(method)
 
     def still(self) -> Motionless | None:
-        """Noise of the readings, and the last ramp."""
-        seen = self._supervision
-        if seen.identity.control is ControlMode.MANUAL:
+        """Return the noise of the readings, and rate and direction of the last ramp; None for a manually operated machine."""
+        supervision = self._supervision
+        if supervision.identity.control is ControlMode.MANUAL:
             return None
-        # Of few readings nobody knows which differences are noise: then the device's own report of motion is all there is.
-        force_n, extension_mm = (one.noticeable() if one.known else math.inf for one in (seen.force_noise, seen.extension_noise))
+        # The noise cannot be estimated from few readings; then only the motion report of the device is used.
+        force_n, extension_mm = (
+            noise.noticeable() if noise.known else math.inf for noise in (supervision.force_noise, supervision.extension_noise)
+        )
         return Motionless(force_n, extension_mm, self._rate_n_s, self._sign)
 
 
 class StagePort:
-    """The port of a stage; its travel is bounded by the plan's own check."""
+    """Port of a stage; its travel is limited by the check of the plan."""
 
     def __init__(self, device: Stage) -> None:
         self._device = device
 
     def read(self) -> StageSample:
-        """One fresh reading."""
+        """Return a fresh reading."""
         return self._device.read()
 
     def event(self, sample: LoadSample | StageSample) -> Event:
-        """The reading as an event."""
+        """Return the reading as an event."""
         assert isinstance(sample, StageSample)
         return StageReading(sample.time_ns, sample)
 
     def problem(self, sample: LoadSample | StageSample) -> Finding | None:
-        """Nothing: a stage has no limits of its own here."""
+        """Return None: the readings of a stage are not checked here."""
         return None
 
     def obey(self, order: Order) -> None:
@@ -155,14 +160,14 @@ class StagePort:
         self._device.move_to(order.x_um, order.y_um)
 
     def stop(self) -> None:
-        """The plain stop, each time."""
+        """Send the standard stop."""
         self._device.stop()
 
     def still(self) -> Motionless | None:
-        """Its own report of motion is believed."""
+        """Return None: the motion report of the stage is used."""
         return None
 
 
 def port_of(device: LoadFrame | Stage, limits: Limits) -> Port:
-    """The port of a device."""
+    """Return the port of a device."""
     return LoadFramePort(device, limits) if isinstance(device, LoadFrame) else StagePort(device)

@@ -1,4 +1,4 @@
-"""What drivers ask a person, written down, and answered from wherever the answer comes."""
+"""Prompts of drivers to the operator: logging, and answers from any source."""
 
 from __future__ import annotations
 
@@ -12,32 +12,34 @@ from semlive.ports import ClockSource, OperatorInterface
 
 
 class OperatorPrompts:
-    """All desks of a run; a question's name is its desk and its number there, as in ``terminal.3``.
+    """All operator interfaces of a run. The name of a question is its interface and its number there, as in ``terminal.3``.
 
     Args:
-        desks: by name.
+        interfaces: operator interfaces by name.
         clock: experiment time.
-        note: writes down; called in the thread in which a word is said.
+        record: writes a message to the log; called in the thread of the prompt.
     """
 
-    def __init__(self, desks: Mapping[str, OperatorInterface], clock: ClockSource, note: Callable[[OperatorMessage], object]) -> None:
-        self._desks, self._clock, self._note = desks, clock, note
-        for name, desk in desks.items():
-            desk.subscribe(partial(self._heard, name))
+    def __init__(
+        self, interfaces: Mapping[str, OperatorInterface], clock: ClockSource, record: Callable[[OperatorMessage], object]
+    ) -> None:
+        self._interfaces, self._clock, self._record = interfaces, clock, record
+        for name, interface in interfaces.items():
+            interface.subscribe(partial(self._on_prompt, name))
 
     def answer(self, question: str, line: str) -> bool:
         """Answer a question; False if it is not open. May block as long as a terminal does."""
         name, _, number = question.rpartition(".")
-        desk = self._desks.get(name)
-        return desk is not None and number.isdecimal() and desk.answer(int(number), line)
+        interface = self._interfaces.get(name)
+        return interface is not None and number.isdecimal() and interface.answer(int(number), line)
 
     def close(self) -> None:
-        """Listen no more."""
-        for desk in self._desks.values():
-            desk.subscribe(lambda _: None)
+        """Unsubscribe from all interfaces."""
+        for interface in self._interfaces.values():
+            interface.subscribe(lambda _: None)
 
-    def _heard(self, name: str, word: OperatorPrompt) -> None:
-        about = {} if word.question is None else {"question": f"{name}.{word.question}", "wanted": word.response_type.value}
-        # The loop may be closed by now: then nobody has to know any more.
+    def _on_prompt(self, name: str, prompt: OperatorPrompt) -> None:
+        arguments = {} if prompt.question is None else {"question": f"{name}.{prompt.question}", "wanted": prompt.response_type.value}
+        # The loop may be closed; the message is then not needed.
         with contextlib.suppress(RuntimeError):
-            self._note(OperatorMessage(time_ns=self._clock.now_ns(), what=word.kind, args={"text": word.text, **about}))
+            self._record(OperatorMessage(time_ns=self._clock.now_ns(), what=prompt.kind, args={"text": prompt.text, **arguments}))

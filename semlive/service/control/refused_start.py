@@ -1,4 +1,4 @@
-"""Starts of a run that were refused after a device was opened: their log is kept, and the next run of the same name replaces it."""
+"""Starts of a run that were rejected after a device was opened: the log is retained until the next run of the same name replaces it."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def refused_start(folder: Path) -> str | None:
 
 
 def remove_refused_start(folder: Path) -> str | None:
-    """Remove a run folder whose log holds nothing but a refused start; the caller holds its place.
+    """Remove a run folder whose log contains only a rejected start; the caller holds the lock of its path.
 
     Returns:
         The reason of that start, or None if there is no such folder or its log holds more.

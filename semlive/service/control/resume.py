@@ -1,7 +1,7 @@
-"""What the segments of an interrupted run tell, so that it can be taken up again.
+"""State of an interrupted run from its log segments, for resuming.
 
-The log alone is asked: pairs, readings and exports up to where it was torn. Nothing is kept in memory but the newest of each and the
-pairs' own words, so a long log costs time and no space.
+The log is the only source: pairs, readings and exports up to its truncation. Only the newest message of each kind and the messages of the
+pairs are held in memory, so a long log costs time but no memory.
 """
 
 from __future__ import annotations
@@ -47,29 +47,31 @@ from semlive.service.log.alarms import TOPICS as ALARM_TOPICS
 from semlive.service.log.alarms import Alarms, after_message
 from semlive.service.log.files import PARTIAL_SUFFIX, SUFFIX, messages, segments
 
-_READ = frozenset({"/run", "/clock", "/state", "/command", "/pair", "/sem/file", "/sem/scan", "/dic/summary", "/fault", "/result"})
-# Where the log lies is known by its being found there, and into what it is cut concerns no measurement; everything else has to be the same.
-_MAY_DIFFER = frozenset({"run.folder", "run.segment_gb", "specimen.yield_strength_mpa", "confirmed_unusual"})
+_DECODED_TOPICS = frozenset(
+    {"/run", "/clock", "/state", "/command", "/pair", "/sem/file", "/sem/scan", "/dic/summary", "/fault", "/result"}
+)
+# Configuration keys that may change, because they affect no measurement; all others must be equal.
+_CHANGEABLE_KEYS = frozenset({"run.folder", "run.segment_gb", "specimen.yield_strength_mpa", "confirmed_unusual"})
 
 
 @dataclass(frozen=True, slots=True)
 class PreviousSegments:
-    """The earlier segments of a run.
+    """State of a run from its earlier segments.
 
     Attributes:
-        segment: number of the segment that comes next.
-        interrupted_run: what the engine has to know.
-        state: of the protocol when it broke off.
-        boot_id: boot of the computer then.
-        clock: the last line of experiment time.
-        last_log_time_ns: of the last message.
+        segment: number of the next segment.
+        interrupted_run: state of the run for the engine.
+        state: state of the protocol at the interruption.
+        boot_id: boot of the computer at the interruption.
+        clock: the last linear relation of experiment time to the monotonic clock; None if there is none.
+        last_log_time_ns: log time of the last message.
         exports: number of the next exported file.
-        inputs: messages that analysis has been given.
-        outputs: messages of analysis in the log.
-        revision: of the last estimate in the log, 0 if there is none.
-        pairs_analysed: how many pairs it is from.
-        damage: what could not be read, one sentence each.
-        alarms: those of the earlier segments.
+        inputs: number of messages that the analysis has received.
+        outputs: number of messages of the analysis in the log.
+        revision: revision of the last estimate in the log; 0 if there is none.
+        pairs_analysed: number of pairs in that estimate.
+        damage: damaged parts of the log, one sentence each.
+        alarms: alarms of the earlier segments.
     """
 
     segment: int
@@ -87,24 +89,26 @@ class PreviousSegments:
     alarms: Alarms = field(default_factory=Alarms)
 
     def clock_line(self, boot_id: str) -> Clock | None:
-        """The line of experiment time to go on with: the same while the computer was not started anew, else none."""
+        """Return the clock relation to continue with; None after a reboot of the computer."""
         return self.clock if boot_id and boot_id == self.boot_id else None
 
     def snapshot(self, time_ns: int) -> SnapshotMessage:
-        """The message with which the next segment begins."""
-        before, boot = self.interrupted_run, {"boot_id": self.boot_id}
+        """Return the first message of the next segment."""
+        interrupted_run, boot = self.interrupted_run, {"boot_id": self.boot_id}
         return SnapshotMessage(
             segment=self.segment,
             time_ns=time_ns,
             interrupted_time_ns=self.last_log_time_ns,
             interrupted_boot_id=self.boot_id,
             state=self.state,
-            next_step=len(before.completed_pairs),
-            pairs=len(before.completed_pairs),
+            next_step=len(interrupted_run.completed_pairs),
+            pairs=len(interrupted_run.completed_pairs),
             exports=self.exports,
-            origin_um=before.origin_um,
-            load=None if before.load is None else values.load_sample_message(before.load).model_copy(update=boot),
-            stage=None if before.position is None else values.stage_sample_message(before.position).model_copy(update=boot),
+            origin_um=interrupted_run.origin_um,
+            load=None if interrupted_run.load is None else values.load_sample_message(interrupted_run.load).model_copy(update=boot),
+            stage=None
+            if interrupted_run.position is None
+            else values.stage_sample_message(interrupted_run.position).model_copy(update=boot),
             inputs=self.inputs,
             outputs=self.outputs,
             revision=self.revision,
@@ -114,30 +118,30 @@ class PreviousSegments:
 
 
 def read_previous_segments(folder: Path, config: Config) -> PreviousSegments:
-    """Read an interrupted run.
+    """Read the log of an interrupted run.
 
     Args:
-        folder: of the run.
-        config: with which it is to go on.
+        folder: run folder.
+        config: configuration of the resumed run.
 
     Raises:
-        BadConfig: there is no such run, it is complete already, or its configuration was another one.
-        BadLog: its log cannot be read, or lacks what its pairs need.
+        BadConfig: there is no such run, it is complete, or its configuration differs.
+        BadLog: the log cannot be read, or lacks data of its pairs.
     """
     if not folder.is_dir() or not any(path.name.removesuffix(PARTIAL_SUFFIX).endswith(SUFFIX) for path in folder.iterdir()):
         raise BadConfig(f"{folder}: there is no such run to take up again; leave --resume out to begin it")
-    reading, damage = _Reading(), list[str]()
+    reader, damage = _SegmentReader(), list[str]()
     for message in messages(folder, damage.append):
-        reading.take(message)
-    if reading.run is None:
+        reader.add(message)
+    if reader.run is None:
         raise BadLog(f"{folder}: the log does not tell what was run; begin a run of another name")
-    _same_configuration(folder, reading.run, config)
-    return reading.told(folder, _next_segment(folder), tuple(damage))
+    _require_same_configuration(folder, reader.run, config)
+    return reader.result(folder, _next_segment(folder), tuple(damage))
 
 
 @dataclass(slots=True)
-class _Reading:
-    """The newest of everything so far."""
+class _SegmentReader:
+    """Accumulator of the log messages: the newest message of each kind, and all pairs."""
 
     run: RunMessage | None = None
     boot_id: str = ""
@@ -150,21 +154,21 @@ class _Reading:
     origin_um: tuple[float, float] | None = None
     load: bytes | None = None
     stage: bytes | None = None
-    seen: FieldOfViewMeasured | None = None
+    field_of_view: FieldOfViewMeasured | None = None
     start_sigma_s: float | None = None
     first_unusable: str | None = None
     concluded: bool = False
     revision: int = 0
     pairs_analysed: int = 0
-    foreseen: DriftForecastUpdated | None = None
-    judged: CalibrationAssessed | None = None
+    drift_forecast: DriftForecastUpdated | None = None
+    calibration_assessment: CalibrationAssessed | None = None
     inputs: int = 0
     outputs: int = 0
     last_log_time_ns: int = 0
     alarms: Alarms = field(default_factory=Alarms)
 
-    def take(self, message: LogMessage) -> None:
-        """One message of the log."""
+    def add(self, message: LogMessage) -> None:
+        """Add one message of the log."""
         self.inputs += message.topic in INPUT_TOPICS
         self.outputs += is_output(message)
         self.last_log_time_ns = max(self.last_log_time_ns, message.log_time_ns)
@@ -173,16 +177,16 @@ class _Reading:
         if message.topic == "/load_frame/sample":
             self.load = message.payload
         elif message.topic == "/stage/sample":
-            self._stage(message.payload)
+            self._add_stage_sample(message.payload)
         elif message.topic == SEM_ORIGINAL:
             self.originals.add(message.sequence)
             self.exports = max(self.exports, message.sequence + 1)
         elif message.topic == "/drift/estimate":
-            self._drift(parse_drift_update(message.payload), message.log_time_ns)
-        elif message.topic in _READ:
-            self._take(from_json(message.topic, message.payload), message.log_time_ns)
+            self._add_drift(parse_drift_update(message.payload), message.log_time_ns)
+        elif message.topic in _DECODED_TOPICS:
+            self._add_payload(from_json(message.topic, message.payload), message.log_time_ns)
 
-    def _take(self, payload: Any, time_ns: int) -> None:
+    def _add_payload(self, payload: Any, time_ns: int) -> None:
         match payload:
             case RunMessage():
                 self.run, self.boot_id = self.run or payload, payload.boot_id
@@ -201,24 +205,24 @@ class _Reading:
             case ScanMessage():
                 self.start_sigma_s = payload.start_sigma_s
             case DicMessage():
-                self.seen = field_of_view_event(payload, time_ns) or self.seen
+                self.field_of_view = field_of_view_event(payload, time_ns) or self.field_of_view
             case FaultMessage(where=where) if where == fault_origin(0):
                 self.first_unusable = payload.what
 
-    def _drift(self, word: DriftUpdate, time_ns: int) -> None:
-        self.revision, self.pairs_analysed = word.revision, word.pairs or word.revision
+    def _add_drift(self, update: DriftUpdate, time_ns: int) -> None:
+        self.revision, self.pairs_analysed = update.revision, update.pairs or update.revision
         if 0 in self.pairs:
-            self.foreseen = drift_forecast_event(word, self.pairs[0].first.start_time_ns.value, time_ns)
-        self.judged = calibration_event(word, time_ns)
+            self.drift_forecast = drift_forecast_event(update, self.pairs[0].first.start_time_ns.value, time_ns)
+        self.calibration_assessment = calibration_event(update, time_ns)
 
-    def _stage(self, payload: bytes) -> None:
+    def _add_stage_sample(self, payload: bytes) -> None:
         self.stage = payload
         if self.origin_um is None:
-            first = StageSampleMessage.model_validate_json(payload)
-            self.origin_um = (first.x_um, first.y_um)
+            first_sample = StageSampleMessage.model_validate_json(payload)
+            self.origin_um = (first_sample.x_um, first_sample.y_um)
 
-    def told(self, folder: Path, segment: int, damage: tuple[str, ...]) -> PreviousSegments:
-        """All of it.
+    def result(self, folder: Path, segment: int, damage: tuple[str, ...]) -> PreviousSegments:
+        """Return the state of the run.
 
         Raises:
             BadConfig: the run is complete, or its first pair cannot be used.
@@ -228,26 +232,26 @@ class _Reading:
             raise BadConfig(f"{folder}: this run is complete; there is nothing to take up again")
         if self.first_unusable is not None:
             raise BadConfig(f"{folder}: the first pair of this run cannot be used ({self.first_unusable}); begin a new run")
-        done = tuple(self.pairs[number] for number in sorted(self.pairs))
-        for one in done:
-            lost = [info.name for info in (one.first, one.second) if info.export not in self.originals]
+        completed = tuple(self.pairs[number] for number in sorted(self.pairs))
+        for pair in completed:
+            lost = [info.name for info in (pair.first, pair.second) if info.export not in self.originals]
             if lost:
-                raise BadLog(f"{folder}: the bytes of {lost[0]} of pair {one.pair} are lost; begin a new run")
-        before = InterruptedRun(
-            done,
+                raise BadLog(f"{folder}: the bytes of {lost[0]} of pair {pair.pair} are lost; begin a new run")
+        interrupted_run = InterruptedRun(
+            completed,
             self.origin_um,
             None if self.load is None else _load(self.load),
             None if self.stage is None else _position(self.stage),
-            self.seen,
+            self.field_of_view,
             self.start_sigma_s,
-            drift_forecast=self.foreseen,
-            calibration_assessment=self.judged,
+            drift_forecast=self.drift_forecast,
+            calibration_assessment=self.calibration_assessment,
             ramping=self.state == State.RAMPING,
             ordered=self.ordered,
         )
         return PreviousSegments(
             segment,
-            before,
+            interrupted_run,
             self.state,
             self.boot_id,
             self.clock,
@@ -275,23 +279,23 @@ def _next_segment(folder: Path) -> int:
     return 1 + max(int(name) if name.isdecimal() else 0 for name in names)
 
 
-def _same_configuration(folder: Path, run: RunMessage, config: Config) -> None:
-    # Checked anew, so that a key that came with a later version has its default in both.
-    then = _flat(parse_config(run.config, f"{folder}: the log's configuration").model_dump(mode="json"))
-    now = _flat(config.model_dump(mode="json"))
-    for key in sorted(then.keys() | now.keys()):
-        if key not in _MAY_DIFFER and then.get(key) != now.get(key):
+def _require_same_configuration(folder: Path, run: RunMessage, config: Config) -> None:
+    # Validated again, so that a key of a later version has its default in both configurations.
+    logged = _flat(parse_config(run.config, f"{folder}: the log's configuration").model_dump(mode="json"))
+    configured = _flat(config.model_dump(mode="json"))
+    for key in sorted(logged.keys() | configured.keys()):
+        if key not in _CHANGEABLE_KEYS and logged.get(key) != configured.get(key):
             raise BadConfig(
-                f"{folder}: {key} is {_told(now, key)} in the configuration and {_told(then, key)} in the log; "
+                f"{folder}: {key} is {_format_value(configured, key)} in the configuration and {_format_value(logged, key)} in the log; "
                 "a run goes on with the configuration that it began with, so correct it, or begin a run of another name"
             )
 
 
-def _flat(given: Any, place: str = "") -> dict[str, Any]:
-    if not isinstance(given, dict) or not given:
-        return {place: given}
-    return {key: value for name, part in given.items() for key, value in _flat(part, f"{place}.{name}" if place else str(name)).items()}
+def _flat(section: Any, place: str = "") -> dict[str, Any]:
+    if not isinstance(section, dict) or not section:
+        return {place: section}
+    return {key: value for name, part in section.items() for key, value in _flat(part, f"{place}.{name}" if place else str(name)).items()}
 
 
-def _told(flat: dict[str, Any], key: str) -> str:
+def _format_value(flat: dict[str, Any], key: str) -> str:
     return "absent" if key not in flat else "empty" if flat[key] is None else str(flat[key])

@@ -1,7 +1,7 @@
-"""Control's door: what other processes of this computer may ask of a run, with its token.
+"""Control socket: requests of other processes on this computer to a run, authenticated by a token.
 
-One request a connection: a line of JSON, answered by a line of JSON. The door listens on loopback, on a port that the system chooses;
-the token is new with every start of the daemon and is written nowhere. Whoever does not know it gets nothing but a late no.
+Each connection carries one request: a line of JSON, answered by a line of JSON. The socket listens on loopback, on a port that the system
+chooses. The token is new with every start of the daemon and is never stored. A request without it receives only a delayed rejection.
 """
 
 from __future__ import annotations
@@ -22,37 +22,37 @@ from semlive.engine import OperatorCommand
 
 LINE_BYTES = 4096
 _HOST = "127.0.0.1"
-_PATIENCE_S = 5.0
-# A request is one line that is sent at once: a connection that stays silent for longer has nothing to say.
-_SILENT_S = 2.0
+_REPLY_TIMEOUT_S = 5.0
+# A request is one line that is sent at once: a connection without a line is closed after this time.
+_REQUEST_TIMEOUT_S = 2.0
 # Connections that have not shown the token. A new one always gets a place; beyond this number the oldest is closed.
-_MAX_UNKNOWN = 128
+_MAX_UNAUTHENTICATED = 128
 # asyncio accepts so many connections before it reads from any. It is less than _MAX_UNKNOWN, so a connection whose request was sent with it
 # is read before it can have become the oldest.
 _BACKLOG = 16
-# More may wait in the system; so few that whoever opens connections without pause delays others by tenths of a second.
-_WAITING = 256
-# A token has 128 bits, so this keeps nobody from guessing it; it keeps those who try from taking the loop's time.
-_WRONG_TOKEN_S = 0.25
-# A connection can be closed in favour of others before its request was read. Requests that only stop motion are then sent again: they have
-# the same effect when they are carried out twice.
+# Connections that wait in the system; so few that a flood of connections delays other requests by tenths of a second only.
+_QUEUE_LENGTH = 256
+# Delay after a wrong token. It protects the time of the loop, not the token, whose 128 bits cannot be guessed.
+_WRONG_TOKEN_DELAY_S = 0.25
+# A connection can be closed in favour of others before its request was read. Requests that only stop motion are then sent again, because
+# executing them twice has the same effect.
 _REPEATABLE = frozenset({OperatorCommand.PAUSE, OperatorCommand.STOP, OperatorCommand.ABORT})
-_AGAIN_S = 0.02
+_RETRY_S = 0.02
 
 
 def token_digest(token: str) -> str:
-    """SHA-256 of a token, in hexadecimal: whoever knows it can check a token and cannot make one."""
+    """SHA-256 of a token, in hexadecimal: it verifies a token but does not reveal it."""
     return hashlib.sha256(token.encode(errors="replace")).hexdigest()
 
 
 @dataclass(frozen=True, slots=True)
 class SocketAddress:
-    """Where a run can be spoken to.
+    """Address of the control socket of a run.
 
     Attributes:
-        host: of this computer.
-        port: TCP.
-        token: what a request must show.
+        host: address of this computer.
+        port: TCP port.
+        token: token of the run, which each request must contain.
     """
 
     host: str
@@ -61,13 +61,13 @@ class SocketAddress:
 
 
 class Asked(BaseModel):
-    """One thing that is asked: a verb, the answer to a question, or the acknowledgement of an alarm.
+    """Content of a request: a command, the answer to a question, or the acknowledgement of an alarm.
 
     Attributes:
-        say: what the operator says.
-        question: name of the question that is answered.
+        say: command of the operator.
+        question: name of the answered question.
         answer: the answer, one line.
-        acknowledge: identity of the alarm that is acknowledged (`Alarm.identity`).
+        acknowledge: identity of the acknowledged alarm (`Alarm.identity`).
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -85,11 +85,11 @@ class Asked(BaseModel):
 
 
 class Request(Asked):
-    """The same with the run's token, as the door takes it.
+    """Request with the token of the run, as sent to the control socket.
 
     Attributes:
-        token: of the run.
-        by: where it comes from, for the log.
+        token: token of the run.
+        by: origin of the request, for the log.
     """
 
     token: str = Field(max_length=200)
@@ -97,7 +97,7 @@ class Request(Asked):
 
 
 class RequestStatus(StrEnum):
-    """What became of a request."""
+    """Status of a request."""
 
     ACCEPTED = "taken"
     UNAUTHORISED = "no_token"
@@ -106,7 +106,7 @@ class RequestStatus(StrEnum):
 
 
 class Reply(BaseModel):
-    """The answer: what became of a request, and a sentence where it was not taken."""
+    """Reply to a request: its status, and the reason if it was rejected."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -115,15 +115,15 @@ class Reply(BaseModel):
 
 
 class ControlSocket:
-    """Listens for as long as a run lasts; belongs to the loop that opened it.
+    """Server of the control socket during a run; belongs to the loop that opened it.
 
-    Silent connections and wrong tokens cannot keep a request with the token away: connections are counted when they are accepted, and the
-    oldest of those that have not shown the token is closed when there are too many.
+    Silent connections and wrong tokens cannot block an authenticated request: connections are counted when they are accepted, and if there
+    are too many, the oldest unauthenticated one is closed.
 
     Args:
-        say: told a verb and where it came from; in the loop.
-        answer: told a question's name and the answer's line, says whether it was open; in a thread, because a terminal may block it.
-        acknowledge: given an alarm's identity and where the request came from, says whether the alarm was open; in the loop.
+        say: callback with a command and its origin, in the loop.
+        answer: callback with the name of a question and the answer; returns whether the question was open. In a thread: it may block.
+        acknowledge: callback with the identity of an alarm and the origin; returns whether the alarm was unacknowledged. In the loop.
     """
 
     def __init__(
@@ -135,27 +135,27 @@ class ControlSocket:
         self._say, self._answer, self._acknowledge = say, answer, acknowledge
         self._token = secrets.token_urlsafe(16)
         self._server: asyncio.Server | None = None
-        self._unknown: dict[asyncio.StreamWriter, None] = {}
+        self._unauthenticated: dict[asyncio.StreamWriter, None] = {}
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def open(self) -> SocketAddress:
-        """Listen."""
+        """Open the socket and return its address."""
         listening = socket.create_server((_HOST, 0), backlog=_BACKLOG)
         self._server = await asyncio.start_server(self._accepted, sock=listening, limit=LINE_BYTES, backlog=_BACKLOG)
-        listening.listen(_WAITING)
+        listening.listen(_QUEUE_LENGTH)
         return SocketAddress(_HOST, listening.getsockname()[1], self._token)
 
     def close(self) -> None:
-        """Listen no more."""
+        """Close the socket."""
         if self._server is not None:
             self._server.close()
 
     def _accepted(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Count a connection before anything is read from it."""
-        self._unknown[writer] = None
-        if len(self._unknown) > _MAX_UNKNOWN:
-            oldest = next(iter(self._unknown))
-            del self._unknown[oldest]
+        self._unauthenticated[writer] = None
+        if len(self._unauthenticated) > _MAX_UNAUTHENTICATED:
+            oldest = next(iter(self._unauthenticated))
+            del self._unauthenticated[oldest]
             oldest.transport.abort()
         task = asyncio.get_running_loop().create_task(self._serve(reader, writer))
         self._tasks.add(task)
@@ -163,32 +163,32 @@ class ControlSocket:
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
-            async with asyncio.timeout(_SILENT_S):
+            async with asyncio.timeout(_REQUEST_TIMEOUT_S):
                 line = await reader.readline()
-            async with asyncio.timeout(_PATIENCE_S):
-                reply = await self._heard(line, writer)
+            async with asyncio.timeout(_REPLY_TIMEOUT_S):
+                reply = await self._handle_line(line, writer)
                 writer.write(reply.model_dump_json().encode() + b"\n")
                 await writer.drain()
         except (TimeoutError, ValueError, OSError):
-            # Too slow, too long, or gone: nobody waits for an answer.
+            # Too slow, too long, or closed by the peer: no reply is possible.
             pass
         finally:
-            self._unknown.pop(writer, None)
+            self._unauthenticated.pop(writer, None)
             writer.close()
             with contextlib.suppress(OSError):
                 await writer.wait_closed()
 
-    async def _heard(self, line: bytes, writer: asyncio.StreamWriter) -> Reply:
+    async def _handle_line(self, line: bytes, writer: asyncio.StreamWriter) -> Reply:
         try:
             request = Request.model_validate_json(line)
         except ValidationError as error:
             return Reply(heard=RequestStatus.NO_REQUEST, text=f"not understood: {error.errors()[0]['msg']}")
         if not hmac.compare_digest(request.token.encode(), self._token.encode()):
-            await asyncio.sleep(_WRONG_TOKEN_S)
+            await asyncio.sleep(_WRONG_TOKEN_DELAY_S)
             return Reply(
                 heard=RequestStatus.UNAUTHORISED, text="the token is not that of this run; open the address that semlive run shows"
             )
-        self._unknown.pop(writer, None)
+        self._unauthenticated.pop(writer, None)
         if request.say is not None:
             self._say(request.say, request.by)
             return Reply(heard=RequestStatus.ACCEPTED)
@@ -203,27 +203,27 @@ class ControlSocket:
 
 
 async def send_request(host: str, port: int, request: Request) -> Reply:
-    """Ask something of a run.
+    """Send a request to a run and return the reply.
 
     Raises:
-        OSError: nobody listens there, or not in time; the run is over.
+        OSError: there is no listener, or no reply in time; the run is over.
     """
-    async with asyncio.timeout(_PATIENCE_S):
+    async with asyncio.timeout(_REPLY_TIMEOUT_S):
         while True:
             try:
                 return await _exchange(host, port, request)
             except (ConnectionResetError, BrokenPipeError, ConnectionAbortedError):
                 if request.say not in _REPEATABLE:
                     raise
-                await asyncio.sleep(_AGAIN_S)
+                await asyncio.sleep(_RETRY_S)
 
 
 async def _exchange(host: str, port: int, request: Request) -> Reply:
-    """One connection, one request, one reply.
+    """Exchange one request and one reply on a new connection.
 
     Raises:
         ConnectionResetError: the connection was closed without a reply.
-        OSError: nobody listens there.
+        OSError: there is no listener.
     """
     reader, writer = await asyncio.open_connection(host, port, limit=LINE_BYTES)
     try:

@@ -12,7 +12,7 @@ from semlive.service.control.device_link import DeviceLink
 
 
 def require_attendance(identities: Mapping[Device, DeviceIdentity], attended: bool) -> None:
-    """Refuse an unattended run with a real machine.
+    """Reject an unattended run with a real machine.
 
     Raises:
         BadConfig: a device is no simulator, and `attended` is False.
@@ -26,11 +26,11 @@ def require_attendance(identities: Mapping[Device, DeviceIdentity], attended: bo
 
 
 def require_orders(link: DeviceLink | None, plan: Plan) -> None:
-    """Refuse a load of the plan that would not reach the device as it is meant: rounded to zero, or clipped by a scale.
+    """Reject a plan with a load that the device would receive wrongly: rounded to zero, or clipped by a scale.
 
     Args:
-        link: of the load frame, opened; None without a load frame.
-        plan: of the run.
+        link: open link of the load frame; None without a load frame.
+        plan: plan of the run.
 
     Raises:
         BadConfig: a load cannot be ordered.

@@ -1,4 +1,4 @@
-"""Asking the SEM for a frame, apart from the loop: a trigger that never answers holds nobody up."""
+"""Frame trigger of the SEM in separate threads, so that a trigger without an answer does not block the loop."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from semlive.ports import ClockSource, Trigger
 
 
 class TriggerLink:
-    """Calls a trigger from threads of its own, which nobody waits for at the end.
+    """Calls a trigger in separate daemon threads.
 
     Args:
-        trigger: who asks the SEM.
-        on_event: told in such a thread when asking failed.
+        trigger: driver of the trigger.
+        on_event: callback for the fault event of a failed trigger, in such a thread.
         clock: experiment time.
     """
 
@@ -24,8 +24,8 @@ class TriggerLink:
         self._trigger, self._on_event, self._clock = trigger, on_event, clock
 
     def request_scan(self) -> None:
-        """Ask for one frame; returns at once."""
-        threading.Thread(target=self._ask, name="trigger", daemon=True).start()
+        """Trigger one frame; returns at once."""
+        threading.Thread(target=self._trigger_scan, name="trigger", daemon=True).start()
 
     def close(self, timeout_s: float = 2.0) -> None:
         """Close the link; never raises."""
@@ -33,12 +33,12 @@ class TriggerLink:
         closing.start()
         closing.join(timeout_s)
 
-    def _ask(self) -> None:
+    def _trigger_scan(self) -> None:
         try:
-            self._trigger.trigger_scan()
+            self._trigger.scan_once()
         except Exception as error:
             reason = str(error) if isinstance(error, LinkError) else f"the trigger's driver failed: {error!r}"
-            # The loop may be closed by now: then nobody has to know any more.
+            # The loop may be closed; the event is then not needed.
             with contextlib.suppress(RuntimeError):
                 self._on_event(DeviceFault(self._clock.now_ns(), Device.SEM, reason))
 

@@ -1,8 +1,8 @@
 """Alarms of a run: a pure function of the messages of its log, the same for control, live page, terminal and report.
 
 Every `/fault` message is an alarm. Logs of earlier versions have none for a transition to FAULT or ESTOPPED that no device reported (an
-exceeded limit, a time-out): there the transition is the alarm. An alarm is open until an `/operator` message acknowledges it, which moves
-and resumes nothing.
+exceeded limit, a timeout): there the transition is the alarm. An alarm is open until an `/operator` message acknowledges it. An
+acknowledgement moves no device and does not resume the run.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ _STOPPED = "motion was stopped and is held"
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """Something that went wrong.
+    """A fault that requires the attention of the operator.
 
     Attributes:
         time_ns: experiment time, UTC ns.
         code: a `FaultCode`; empty if the log has none.
-        text: what went wrong.
-        where: the part that it concerns.
-        action: what semlive did about it.
-        acknowledged_ns: when it was acknowledged, None as long as it is open.
-        acknowledged_by: where that request came from.
+        text: description of the fault.
+        where: component that the fault concerns.
+        action: reaction of semlive.
+        acknowledged_ns: time of the acknowledgement; None while the alarm is open.
+        acknowledged_by: origin of the acknowledgement.
     """
 
     time_ns: int
@@ -58,7 +58,7 @@ class Alarm:
 
     @property
     def identity(self) -> str:
-        """By which it is acknowledged; alarms of the same instant share it."""
+        """Identity in acknowledgements; alarms of the same time share it."""
         return str(self.time_ns)
 
     @property
@@ -68,19 +68,19 @@ class Alarm:
 
     @property
     def disobeyed(self) -> bool:
-        """The machine moves on after every stop that was ordered."""
+        """Whether the machine continues to move after the stop commands."""
         return self.code == FaultCode.STOP_NOT_OBEYED
 
 
 @dataclass(frozen=True, slots=True)
 class Alarms:
-    """The alarms of a run so far.
+    """Alarms of a run so far.
 
     Attributes:
-        known: in order. Of very many the acknowledged ones are forgotten first, then the oldest.
-        forgotten: how many are not in `known` any more.
-        provisional: the last one was derived from a transition; a `/fault` message about the same takes its place.
-        wordless: the sentence of that transition has not come yet.
+        known: alarms in order of time. If there are too many, acknowledged ones are removed first, then the oldest.
+        forgotten: number of alarms that were removed from `known`.
+        provisional: the last alarm was derived from a transition; a `/fault` message about the same event replaces it.
+        wordless: the text of that transition has not been logged yet.
     """
 
     known: tuple[Alarm, ...] = ()
@@ -90,33 +90,33 @@ class Alarms:
 
     @property
     def open(self) -> tuple[Alarm, ...]:
-        """Those that nobody has acknowledged."""
+        """Alarms without an acknowledgement."""
         return tuple(alarm for alarm in self.known if not alarm.acknowledged)
 
 
 @dataclass(frozen=True, slots=True)
 class AcknowledgeAll:
-    """The operator has read every alarm."""
+    """Command of the operator that acknowledges every alarm."""
 
     by: str = ""
 
 
 def acknowledgements(alarms: Alarms, identity: str | None, by: str, time_ns: int) -> tuple[OperatorMessage, ...]:
-    """The messages that acknowledge an open alarm, or every open alarm; none if there is none to acknowledge.
+    """Return the messages that acknowledge one or all open alarms; empty if there is no open alarm.
 
     Args:
-        alarms: of the run so far.
-        identity: of the alarm; None for all.
-        by: where the request came from.
+        alarms: alarms of the run so far.
+        identity: identity of the alarm; None for all.
+        by: origin of the request.
         time_ns: experiment time.
     """
-    found = dict.fromkeys(one.identity for one in alarms.open if identity in (None, one.identity))
+    identities = dict.fromkeys(alarm.identity for alarm in alarms.open if identity in (None, alarm.identity))
     source: dict[str, JsonValue] = {"by": by} if by else {}
-    return tuple(OperatorMessage(time_ns=time_ns, what=ACKNOWLEDGE, args={"alarm": one, **source}) for one in found)
+    return tuple(OperatorMessage(time_ns=time_ns, what=ACKNOWLEDGE, args={"alarm": one, **source}) for one in identities)
 
 
 def after(alarms: Alarms, payload: BaseModel) -> Alarms:
-    """The alarms after one message more; the same object if it changes nothing."""
+    """Return the alarms after one more message; the same object if the message changes nothing."""
     match payload:
         case FaultMessage():
             return _fault(alarms, payload)
@@ -130,19 +130,25 @@ def after(alarms: Alarms, payload: BaseModel) -> Alarms:
 
 
 def after_message(alarms: Alarms, message: LogMessage) -> Alarms:
-    """The alarms after one message of a log more.
+    """Return the alarms after one more message of a log.
 
     Raises:
-        BadLog: the message is not what its topic promises.
+        BadLog: the message does not agree with its topic.
     """
     return after(alarms, from_json(message.topic, message.payload)) if message.topic in TOPICS else alarms
 
 
-def _fault(alarms: Alarms, told: FaultMessage) -> Alarms:
-    alarm = Alarm(told.time_ns, told.code or _code_of(told.where), printable(told.what), printable(told.where), printable(told.action))
+def _fault(alarms: Alarms, message: FaultMessage) -> Alarms:
+    alarm = Alarm(
+        message.time_ns,
+        message.code or _code_of(message.where),
+        printable(message.what),
+        printable(message.where),
+        printable(message.action),
+    )
     last = alarms.known[-1] if alarms.known else None
-    late_ns = _SOON_NS if last is not None and last.code == told.code else _SAME_NS
-    if last is not None and alarms.provisional and abs(told.time_ns - last.time_ns) <= late_ns:
+    late_ns = _SOON_NS if last is not None and last.code == message.code else _SAME_NS
+    if last is not None and alarms.provisional and abs(message.time_ns - last.time_ns) <= late_ns:
         return replace(_last(alarms, alarm), provisional=False, wordless=False)
     if last is not None and _judged_twice(last, alarm):
         return alarms
@@ -150,28 +156,32 @@ def _fault(alarms: Alarms, told: FaultMessage) -> Alarms:
 
 
 def _judged_twice(last: Alarm, alarm: Alarm) -> bool:
-    """Limits are judged by the link thread and by the protocol, from the same reading: that is one alarm."""
+    """Merge limit alarms of link thread and protocol, which both check the same reading."""
     soon = abs(alarm.time_ns - last.time_ns) <= _SOON_NS
     return soon and last.code == alarm.code and not last.acknowledged and (last.where == _PROTOCOL) != (alarm.where == _PROTOCOL)
 
 
-def _transition(alarms: Alarms, told: StateMessage) -> Alarms:
-    code = FAULT_OF_CAUSE.get(told.cause, FaultCode.EMERGENCY_STOP if told.after == State.EMERGENCY_STOP else FaultCode.DEVICE_FAULT)
+def _transition(alarms: Alarms, message: StateMessage) -> Alarms:
+    code = FAULT_OF_CAUSE.get(message.cause, FaultCode.EMERGENCY_STOP if message.after == State.EMERGENCY_STOP else FaultCode.DEVICE_FAULT)
     last = alarms.known[-1] if alarms.known else None
-    if last is not None and abs(told.time_ns - last.time_ns) <= _SAME_NS:
+    if last is not None and abs(message.time_ns - last.time_ns) <= _SAME_NS:
         # A device reported it; before faults had codes, only the transition says that it was an emergency stop.
         vague = last.code in ("", FaultCode.DEVICE_FAULT) and code is FaultCode.EMERGENCY_STOP
         return _last(alarms, replace(last, code=code)) if vague else alarms
-    words = "emergency stop or limit switch" if told.after == State.EMERGENCY_STOP else "fault"
-    return replace(_added(alarms, Alarm(told.time_ns, code, f"{words} ({told.cause})", "run", _STOPPED)), provisional=True, wordless=True)
+    text = "emergency stop or limit switch" if message.after == State.EMERGENCY_STOP else "fault"
+    return replace(
+        _added(alarms, Alarm(message.time_ns, code, f"{text} ({message.cause})", "run", _STOPPED)), provisional=True, wordless=True
+    )
 
 
-def _acknowledge(alarms: Alarms, told: OperatorMessage) -> Alarms:
-    identity, by = told.args.get("alarm"), printable(str(told.args.get("by", "")))
+def _acknowledge(alarms: Alarms, message: OperatorMessage) -> Alarms:
+    identity, by = message.args.get("alarm"), printable(str(message.args.get("by", "")))
     if not any(alarm.identity == identity for alarm in alarms.open):
         return alarms
     done = (
-        replace(alarm, acknowledged_ns=told.time_ns, acknowledged_by=by) if alarm.identity == identity and not alarm.acknowledged else alarm
+        replace(alarm, acknowledged_ns=message.time_ns, acknowledged_by=by)
+        if alarm.identity == identity and not alarm.acknowledged
+        else alarm
         for alarm in alarms.known
     )
     return replace(alarms, known=tuple(done))
@@ -182,16 +192,16 @@ def _last(alarms: Alarms, alarm: Alarm) -> Alarms:
 
 
 def _added(alarms: Alarms, alarm: Alarm) -> Alarms:
-    known = (*alarms.known, alarm)
-    if len(known) <= _KEPT:
-        return replace(alarms, known=known)
-    # An open alarm that the machine does not obey is kept in any case.
-    least = min(known, key=lambda one: (not one.acknowledged, one.disobeyed and not one.acknowledged, one.time_ns))
-    return replace(alarms, known=tuple(one for one in known if one is not least), forgotten=alarms.forgotten + 1)
+    alarms_known = (*alarms.known, alarm)
+    if len(alarms_known) <= _KEPT:
+        return replace(alarms, known=alarms_known)
+    # An open alarm about a disobeyed stop is always retained.
+    discarded = min(alarms_known, key=lambda item: (not item.acknowledged, item.disobeyed and not item.acknowledged, item.time_ns))
+    return replace(alarms, known=tuple(item for item in alarms_known if item is not discarded), forgotten=alarms.forgotten + 1)
 
 
 def _code_of(where: str) -> str:
-    """The code of a fault of a log whose faults have none, as far as its place says."""
+    """Return the code of a fault from its origin, for logs without fault codes."""
     if where in _DEVICES:
         return FaultCode.DEVICE_FAULT
     if where == "log":

@@ -17,13 +17,13 @@ PARTIAL_SUFFIX = ".part"
 
 
 def log_name(log: Path) -> str:
-    """What a log is called: its folder, or its file without the suffix; a run's name may hold dots."""
+    """Return the name of a log: its folder, or its file without the suffix. The name of a run may contain dots."""
     name = log.name if log.name.strip(".") else log.resolve().name
     return name if log.is_dir() else name.removesuffix(PARTIAL_SUFFIX).removesuffix(SUFFIX)
 
 
 def sibling_path(log: Path, ending: str) -> Path:
-    """A file next to a log, with the log's name before its ending."""
+    """Return the path of a file next to a log, with the name of the log before its ending."""
     place = log if log.name.strip(".") else log.resolve()
     return place.with_name(log_name(log) + ending)
 
@@ -34,7 +34,7 @@ def segment_path(folder: Path, run: str, segment: int) -> Path:
 
 
 def next_segment(path: Path) -> Path:
-    """Where the segment after this one is kept."""
+    """Return the path of the segment after this one."""
     run, _, number = path.name.removesuffix(SUFFIX).rpartition(".")
     return segment_path(path.parent, run, int(number) + 1)
 
@@ -49,21 +49,21 @@ def segments(log: Path) -> tuple[Path, ...]:
         return (log,)
     if not log.is_dir():
         raise BadLog(f"{log}: no such log; give an MCAP file or a run folder.")
-    found, before = _listed(log), None
-    while before is None or found.keys() != before.keys():
+    listed, previous = _listed(log), None
+    while previous is None or listed.keys() != previous.keys():
         # A file that is being renamed may be missed by a listing.
-        found, before = _listed(log), found
-    if not found:
+        listed, previous = _listed(log), listed
+    if not listed:
         raise BadLog(f"{log}: holds no {SUFFIX} file; give an MCAP file or a run folder.")
-    runs = sorted({name.removesuffix(SUFFIX).rpartition(".")[0] for name in found})
+    runs = sorted({name.removesuffix(SUFFIX).rpartition(".")[0] for name in listed})
     if len(runs) > 1:
-        raise BadLog(f"{log}: holds several logs ({', '.join(found)}); give one of them.")
+        raise BadLog(f"{log}: holds several logs ({', '.join(listed)}); give one of them.")
     # The thousandth has a digit more.
-    return tuple(found[name] for name in sorted(found, key=lambda name: (len(name), name)))
+    return tuple(listed[name] for name in sorted(listed, key=lambda name: (len(name), name)))
 
 
 def _listed(folder: Path) -> dict[str, Path]:
-    """Segments by the name that they have when they are finished."""
+    """Return the segments by their finished names."""
     found: dict[str, Path] = {}
     with os.scandir(folder) as entries:
         names = sorted(entry.name for entry in entries if entry.name.removesuffix(PARTIAL_SUFFIX).endswith(SUFFIX) and entry.is_file())
@@ -81,7 +81,7 @@ def messages(log: Path, on_damage: Callable[[str], None] | None = None) -> Itera
 
     Args:
         log: one MCAP file, or a run folder.
-        on_damage: told one sentence for each damage that was passed over.
+        on_damage: callback with one sentence for each damage that was skipped.
 
     Raises:
         BadLog: there is no such log, or a file of it cannot be read or is not MCAP.
@@ -107,7 +107,7 @@ def _repeated_after(path: Path) -> int | None:
 
 
 def _merged(held: list[LogMessage], segment: Iterable[LogMessage]) -> Iterator[LogMessage]:
-    """Messages of a segment with those held from the preceding one, each log time once."""
+    """Merge the messages of a segment with those of the preceding one, each log time once."""
     if not held:
         yield from segment
         return

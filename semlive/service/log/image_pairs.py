@@ -1,4 +1,4 @@
-"""Pairs of a log with their images and the maps that were made of them: what rows and grey levels are read from, each image once."""
+"""Pairs of a log with their images and disparity maps, for row registration and intensity; each image is decoded once."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from semlive.service.log.files import messages
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImagedPair:
-    """A pair with all that the log holds of it.
+    """A pair with all its data in the log.
 
     Attributes:
-        decision: on it.
-        maps: that were made of its frames.
+        decision: decision of the protocol on the pair.
+        maps: disparity maps of its frames.
         first: its first frame.
         second: its second frame.
     """
@@ -42,7 +42,9 @@ class ImagedPair:
 
     def map_of(self, reference: int, current: int) -> DisparityMap | None:
         """From one frame to another."""
-        return next((one for one in self.maps if (one.reference, one.current) == (reference, current)), None)
+        return next(
+            (disparity_map for disparity_map in self.maps if (disparity_map.reference, disparity_map.current) == (reference, current)), None
+        )
 
 
 def imaged_pairs(log: Path, settings: ScanProfile, every: int = 1) -> Iterator[ImagedPair]:
@@ -50,8 +52,8 @@ def imaged_pairs(log: Path, settings: ScanProfile, every: int = 1) -> Iterator[I
 
     Args:
         log: one file, or a run folder.
-        settings: how scan timing is told.
-        every: of so many pairs one.
+        settings: analysis settings, for the scan timing.
+        every: decode the frames of every n-th pair only.
 
     Raises:
         BadLog: the log cannot be read.
@@ -67,19 +69,19 @@ def imaged_pairs(log: Path, settings: ScanProfile, every: int = 1) -> Iterator[I
             if both is not None and decision.pair % every == 0:
                 waiting[decision.pair] = (decision, *both)
         elif message.topic == DIC_MAP and waiting:
-            one = decode_map(message.payload)
-            if maps and one.current // 2 != maps[0].current // 2:
+            disparity_map = decode_map(message.payload)
+            if maps and disparity_map.current // 2 != maps[0].current // 2:
                 yield from _whole(waiting, maps, settings)
                 maps = []
-            if one.current // 2 in waiting:
-                maps.append(one)
+            if disparity_map.current // 2 in waiting:
+                maps.append(disparity_map)
     yield from _whole(waiting, maps, settings)
 
 
 def _whole(
     waiting: dict[int, tuple[PairDecision, ExportedFile, ExportedFile]], maps: list[DisparityMap], settings: ScanProfile
 ) -> Iterator[ImagedPair]:
-    """The pair that the maps are of, if its images can be read."""
+    """Return the pair of the maps if its images can be read, else None."""
     if maps:
         decision, *both = waiting.pop(maps[0].current // 2)
         try:
@@ -91,7 +93,7 @@ def _whole(
 
 @dataclass(slots=True)
 class _Files:
-    """Exported files as they come along, until a pair asks for them."""
+    """Exported files of the log, until a pair uses them."""
 
     announced: FileMessage | None = None
     sidecar: bytes | None = None
@@ -102,27 +104,27 @@ class _Files:
         if message.topic == SEM_SIDECAR:
             self.sidecar = message.payload
         elif message.topic == "/sem/file":
-            told = from_json(message.topic, message.payload)
-            if isinstance(told, FileMessage) and told.decision == "arrived":
-                self.announced, self.sidecar = told, None
+            announced = from_json(message.topic, message.payload)
+            if isinstance(announced, FileMessage) and announced.decision == "arrived":
+                self.announced, self.sidecar = announced, None
         elif message.topic == SEM_ORIGINAL:
-            told = self.announced
-            if told is not None and told.export == message.sequence:
+            announced = self.announced
+            if announced is not None and announced.export == message.sequence:
                 self.held[message.sequence] = ExportedFile(
-                    message.sequence, told.name, message.payload, told.sha256, told.mtime_ns, told.arrival_time_ns, self.sidecar,
-                    told.settled_time_ns,
+                    message.sequence, announced.name, message.payload, announced.sha256, announced.mtime_ns, announced.arrival_time_ns,
+                    self.sidecar, announced.settled_time_ns,
                 )  # fmt: skip
             self.announced, self.sidecar = None, None
 
     def taken(self, decision: PairDecision) -> tuple[ExportedFile, ExportedFile] | None:
-        """Both files of a pair; what came before them is forgotten."""
+        """Return both files of a pair and discard earlier files."""
         first, second = decision.first.export, decision.second.export
-        found = (self.held[first], self.held[second]) if first in self.held and second in self.held else None
+        files = (self.held[first], self.held[second]) if first in self.held and second in self.held else None
         self.held = {number: one for number, one in self.held.items() if number > second}
-        return found
+        return files
 
 
 def _decision(payload: bytes) -> PairDecision:
-    told = from_json("/pair", payload)
-    assert isinstance(told, PairMessage)  # by its topic
-    return values.pair_decision(told)
+    message = from_json("/pair", payload)
+    assert isinstance(message, PairMessage)  # by its topic
+    return values.pair_decision(message)

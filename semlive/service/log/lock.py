@@ -1,7 +1,7 @@
-"""One daemon for one run: a second one is refused while the first lives, and a killed one leaves nothing behind that is in the way.
+"""Locks of a run: a second daemon is rejected while the first is running; the lock of a killed daemon is released.
 
-A run's folder is held in two ways. A lock of its path survives the folder: while a process writes a run, no other begins one at the same
-place, also after the folder was deleted or replaced. A lock of the folder itself is seen through other mounts and by containers.
+A run has two locks. The lock of its path outlives the folder: while a process writes a run, no other process begins one at the same path,
+even after the folder was deleted or replaced. The lock of the folder itself is visible through other mounts and in containers.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ else:
 
 @contextlib.contextmanager
 def run_lock(folder: Path) -> Iterator[None]:
-    """Hold a run's folder for as long as the context lasts; the system lets go of it when the process dies.
+    """Lock the folder of a run within the context; the system releases the lock when the process ends.
 
     Raises:
         BadConfig: another process holds it.
@@ -35,7 +35,7 @@ def run_lock(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def only_one_at(folder: Path) -> Iterator[None]:
-    """Hold the place of a run's folder, whether or not the folder exists.
+    """Lock the path of a run folder, whether or not the folder exists.
 
     Raises:
         BadConfig: another process holds it, or did when its folder was deleted.
@@ -57,7 +57,7 @@ def _place_lock(name: str, folder: Path) -> ProcessLock | Holder:
 
 
 def _names_of(folder: Path) -> list[str]:
-    """What a place is called in locks: its real path, and its name in the folder above, which may be reached by several paths."""
+    """Return the names of a path in locks: the resolved path, and the name in the parent folder, which may have several paths."""
     real = Path(os.path.realpath(folder))
     try:
         above = real.parent.stat()
@@ -68,7 +68,7 @@ def _names_of(folder: Path) -> list[str]:
 
 @contextlib.contextmanager
 def held_itself(folder: Path) -> Iterator[None]:
-    """Hold a folder that exists, which processes of containers see as well.
+    """Lock an existing folder, also for processes in containers.
 
     Raises:
         BadConfig: another process holds it.
@@ -87,7 +87,7 @@ def _refused(folder: Path, holder: str) -> BadConfig:
 
 
 def _hold(folder: Path) -> int | None:
-    """A handle that holds the folder, or None if somebody else does."""
+    """Return a handle that locks the folder; None if another process holds the lock."""
     if sys.platform == "win32":
         # Windows locks no folders: a file beside it stands for it.
         handle = os.open(folder.with_name(f".{folder.name}.lock"), os.O_RDWR | os.O_CREAT)

@@ -1,4 +1,4 @@
-"""What a log holds for analysis: settings, pairs with their disparity maps, load, the recorded result; one pair in memory at a time."""
+"""Analysis data of a log: settings, pairs with disparity maps, load, recorded result. One pair is in memory at a time."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ Maps = tuple[DisparityMap, ...]
 
 @dataclass(slots=True)
 class LogNotes:
-    """What was met on the way through a log.
+    """Messages that are collected while the pairs of a log are read.
 
     Attributes:
         run: the first `/run` message.
         recorded: the newest recorded result.
-        sem_clock: what was told last of the microscope's clock.
+        sem_clock: the newest message about the clock of the microscope.
     """
 
     run: RunMessage | None = None
@@ -73,11 +73,11 @@ def log_settings(log: Path) -> AnalysisSettings:
 
 
 def pairs_with_maps(log: Path, words: LogNotes) -> Iterator[tuple[PairDecision, Maps]]:
-    """Pairs in their order, each with the maps that were made of it.
+    """Yield the pairs in order, each with its disparity maps.
 
     Args:
         log: one file, or a run folder.
-        words: filled on the way.
+        words: receives the other messages while the log is read.
 
     Raises:
         BadLog: the log cannot be read.
@@ -86,14 +86,16 @@ def pairs_with_maps(log: Path, words: LogNotes) -> Iterator[tuple[PairDecision, 
     pair, maps = -1, []
     for message in messages(log):
         if message.topic == DIC_MAP:
-            one = decode_map(message.payload)
-            if one.current // 2 < pair or any((one.reference, one.current) == (m.reference, m.current) for m in maps):
+            disparity_map = decode_map(message.payload)
+            if disparity_map.current // 2 < pair or any(
+                (disparity_map.reference, disparity_map.current) == (m.reference, m.current) for m in maps
+            ):
                 continue  # said again after a restart
-            if maps and one.current // 2 > pair:
+            if maps and disparity_map.current // 2 > pair:
                 yield _taken(log, decisions, pair), tuple(maps)
                 maps = []
-            pair = one.current // 2
-            maps.append(one)
+            pair = disparity_map.current // 2
+            maps.append(disparity_map)
         else:
             _note(message.topic, message.payload, decisions, words)
     if maps:
@@ -102,9 +104,9 @@ def pairs_with_maps(log: Path, words: LogNotes) -> Iterator[tuple[PairDecision, 
 
 def _note(topic: str, payload: bytes, decisions: dict[int, PairDecision], words: LogNotes) -> None:
     if topic == "/pair":
-        told = from_json(topic, payload)
-        assert isinstance(told, PairMessage)  # by its topic
-        decisions[told.pair] = values.pair_decision(told)
+        message = from_json(topic, payload)
+        assert isinstance(message, PairMessage)  # by its topic
+        decisions[message.pair] = values.pair_decision(message)
     elif topic == "/run" and words.run is None:
         run = from_json(topic, payload)
         words.run = run if isinstance(run, RunMessage) else None
@@ -130,11 +132,11 @@ def recorded_result(log: Path) -> dict[str, Any] | None:
     Raises:
         BadLog: the log cannot be read.
     """
-    words = LogNotes()
+    notes = LogNotes()
     for message in messages(log):
         if message.topic == "/result":
-            _note(message.topic, message.payload, {}, words)
-    return words.recorded
+            _note(message.topic, message.payload, {}, notes)
+    return notes.recorded
 
 
 def has_images(log: Path) -> bool:
@@ -158,8 +160,8 @@ def topic_counts(log: Path) -> dict[str, int] | None:
                 records = summary(stream)
         except OSError:
             return None
-        topics = {one.id: one.topic for one in records if isinstance(one, Channel)}
-        counts = next((one.channel_message_counts for one in records if isinstance(one, Statistics)), None)
+        topics = {record.id: record.topic for record in records if isinstance(record, Channel)}
+        counts = next((record.channel_message_counts for record in records if isinstance(record, Statistics)), None)
         if counts is None or not counts.keys() <= topics.keys():
             return None
         for channel, count in counts.items():
@@ -179,6 +181,6 @@ def load_series(log: Path) -> LoadSeries | None:
         return None
     time_ns = np.array([sample.time_ns for sample in samples], dtype=np.int64)
     force_n, extension_mm = (np.array([getattr(sample, name) for sample in samples]) for name in ("force_n", "extension_mm"))
-    said = [sample.gage_strain for sample in samples]
-    gage = None if all(one is None for one in said) else np.array([np.nan if one is None else one for one in said])
+    gage_strains = [sample.gage_strain for sample in samples]
+    gage = None if all(one is None for one in gage_strains) else np.array([np.nan if one is None else one for one in gage_strains])
     return LoadSeries(time_ns, force_n, extension_mm, gage)

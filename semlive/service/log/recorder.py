@@ -1,9 +1,9 @@
-"""The recorder: the only writer of a log, a thread of its own behind a bounded queue.
+"""The recorder: the only writer of a log, in a separate thread with a bounded queue.
 
 Policy: every transition, command, file and result is flushed as soon as it is written and survives a kill; transitions,
 pairs, faults and original images are also synced and survive a loss of power; telemetry is flushed once a second.
-A disk that refuses is reported at once and tried again every second; one that takes too long is slow. Both are told by
-`backlog_message`, on which the daemon pauses the run: telemetry goes on into memory, for 40 minutes at 20 readings a second, and
+A disk that rejects writes is reported at once and retried every second; one that takes too long is slow. Both are reported by
+`backlog_message`, on which the daemon pauses the run: telemetry continues into memory, for 40 minutes at 20 readings a second, and
 nothing is dropped. When the queue is full, `write` raises, which stops the devices and ends the run.
 
 A message stays in memory until an fsync that covers it has succeeded (at most 10 s or 64 MB beyond the queue). When an fsync fails, or a
@@ -43,13 +43,13 @@ SLOW_AFTER_S = 5.0
 SEGMENT_BYTES = 2 * 10**9
 SYNC_EVERY_S = 10.0
 SYNC_BYTES = 64 * 10**6
-# After a failed fsync the log counts as behind for so long, so that the run is paused.
+# Time after a failed fsync during which the log is reported as behind, so that the run is paused.
 _SUSPECT_S = 2.0
 _WRITTEN_AGAIN = "{}: the log is being written again; what the disk had refused was kept in memory and is written now."
 
 
 class _Suspect(Exception):
-    """The system may have dropped what it held for the segment's file."""
+    """The system may have discarded buffered data of the file of the segment."""
 
     def __init__(self, cause: OSError) -> None:
         super().__init__(str(cause.strerror or cause))
@@ -57,18 +57,18 @@ class _Suspect(Exception):
 
 
 class Recorder:
-    """Writes a run's log, from one of its segments on.
+    """Writes the log of a run, beginning with one of its segments.
 
     Args:
         path: the finished segment; it grows as ``<path>.part``.
         clock: experiment time, for log times.
-        on_fault: told one sentence, from the recorder's thread, when the disk refuses and when it takes again.
-        open_raw: opens the file that grows.
-        max_messages: `write` refuses beyond so many messages not yet written.
-        retry_after_s: wall seconds between attempts to write to a disk that refuses.
+        on_fault: callback with one sentence, in the recorder thread, when the disk rejects writes and when it accepts them again.
+        open_raw: opens the growing file.
+        max_messages: largest number of unwritten messages; beyond it `write` raises.
+        retry_after_s: wall seconds between attempts to write to a disk that rejects writes.
         after_ns: log time of the last message of the run's earlier segments; 0 without any.
-        slow_after_s: wall seconds after which something that is not yet on the disk means that the log is behind.
-        segment_bytes: a segment that has become larger is followed by another.
+        slow_after_s: wall seconds after which unwritten data mean that the log is behind.
+        segment_bytes: size of a segment after which the next one begins.
 
     Raises:
         BadConfig: the segment cannot be created.
@@ -123,13 +123,13 @@ class Recorder:
         """Record a message; returns at once, from any thread.
 
         Args:
-            topic: what it is about.
-            payload: the topic's message, or its bytes.
-            publish_time_ns: experiment time of what it tells; now by default.
+            topic: topic of the message.
+            payload: the message of the topic, or its bytes.
+            publish_time_ns: experiment time of the content; now by default.
             sequence: for topics that give it a meaning; by default messages of the topic are counted.
 
         Returns:
-            The message as it will stand in the log.
+            The message as stored in the log.
 
         Raises:
             ValueError: the topic is unknown, or the payload does not fit it.
@@ -160,7 +160,7 @@ class Recorder:
 
     @property
     def backlog_message(self) -> str | None:
-        """Why what is told now would not soon be on the disk, one sentence; None while the log keeps up."""
+        """Why new messages would not be on the disk soon, one sentence; None while the log keeps up."""
         with self._lock:
             waits_s = time.monotonic() - self._waits_since if self._waiting_messages else 0.0
             full = 4 * self._waiting_messages > self._max_messages or 4 * self._waiting_bytes > MAX_BYTES
@@ -177,7 +177,7 @@ class Recorder:
 
     @property
     def write_failed(self) -> bool:
-        """What is written does not get to the disk, or not to where readers find it."""
+        """Whether written data do not reach the disk, or not the file that readers open."""
         return bool(self._refused) or self._moved or self._cut
 
     def flush(self, timeout_s: float = 10.0) -> bool:
@@ -191,12 +191,12 @@ class Recorder:
 
     @property
     def unacknowledged(self) -> str:
-        """What no successful fsync has covered yet, by topic, image file and time."""
+        """Messages that no successful fsync covers yet, by topic, image file and time."""
         with self._lock:
             return described(tuple(self._kept))
 
     def close(self, timeout_s: float = 10.0, refused_s: float = float("inf")) -> bool:
-        """Finish the segment and give it its name; any number of times.
+        """Finish the segment and rename it; may be called repeatedly.
 
         Args:
             timeout_s: wall seconds to wait for it.
@@ -262,7 +262,7 @@ class Recorder:
         return self._handed > 0 and (late or self._handed_bytes > SYNC_BYTES)
 
     def _next_batch(self, until: float) -> list[LogMessage | threading.Event | None]:
-        """What has come, all of it, or nothing if nothing comes until then: one flush serves the whole batch."""
+        """Return all queued messages, or none after the timeout; one flush covers the batch."""
         batch: list[LogMessage | threading.Event | None] = []
         try:
             batch.append(self._queue.get(timeout=max(until - time.monotonic(), 0.01)))
@@ -273,11 +273,11 @@ class Recorder:
         return batch
 
     def _save(self, sync: bool) -> None:
-        """Bring everything to the disk, however long it refuses."""
+        """Write everything to the disk; repeat while the disk rejects it."""
         self._patiently(lambda: self._bring(sync, self._segment.writer.flush))
 
     def _finish(self, continued: bool) -> None:
-        """End the segment and give it its name, however long the disk refuses; unless its folder is gone."""
+        """Finish and rename the segment; repeat while the disk rejects it, unless its folder was removed."""
 
         def whole() -> None:
             segment = self._segment
@@ -293,8 +293,8 @@ class Recorder:
         self._patiently(whole)
 
     def _patiently(self, bring: Callable[[], None]) -> None:
-        """Repeat until the disk takes it, in another segment where this one can no longer be trusted."""
-        told = False
+        """Repeat an operation until it succeeds; continue in a new segment if the present file is unreliable."""
+        reported = False
         while True:
             try:
                 try:
@@ -308,19 +308,19 @@ class Recorder:
                     self._moved = True
                     self._on_fault(f"{self.path.parent}: the run's folder was removed, and the log with it; stop the run.")
                     return
-                if not told:
+                if not reported:
                     self._on_fault(f"{self.part}: the log cannot be written ({exc.strerror or exc}); {remedy(exc)}.")
-                told = True
+                reported = True
                 self._refuse(exc)
                 pause(self._retry_after_s)
             else:
                 break
         self._refused = ""
-        if told:
+        if reported:
             self._on_fault(_WRITTEN_AGAIN.format(self.part))
 
     def _bring(self, sync: bool, flush: Callable[[], None]) -> None:
-        """Hand everything to the system, and let the disk acknowledge it.
+        """Flush everything to the system, and fsync it.
 
         Raises:
             OSError: there is no room; the same can be repeated.
@@ -343,7 +343,7 @@ class Recorder:
         self._acknowledge(segment)
 
     def _acknowledge(self, segment: Segment) -> None:
-        """An fsync succeeded: what was handed over is safe and need not be kept."""
+        """Discard the stored messages that a successful fsync covers."""
         if not self._footed:
             segment.mark = segment.writer.mark()
         with self._lock:
@@ -353,7 +353,7 @@ class Recorder:
         self._acknowledged_at_s = time.monotonic()
 
     def _rewrite(self, cause: OSError) -> None:
-        """Write everything that was not acknowledged into a new segment, and go on there; however long the disk refuses.
+        """Write all unacknowledged messages to a new segment and continue there; repeat while the disk rejects it.
 
         Raises:
             OSError: the run's folder is gone.
@@ -394,7 +394,7 @@ class Recorder:
         self._refused, self._remedy = str(error.strerror or error), remedy(error)
 
     def _begin_next(self) -> None:
-        """End this segment and go on in the next, however long the disk refuses."""
+        """Finish this segment and continue in the next one; repeat while the disk rejects it."""
         self._finish(continued=True)
         self._whole = self._footed = False
         self.path = next_segment(self.path)
@@ -422,7 +422,7 @@ class Recorder:
         return segment
 
     def _look(self) -> None:
-        """Whether readers find what was written. By name and size: some shares give a file a new identity at will."""
+        """Whether readers find the written file, by name and size, because some network shares change the identity of a file."""
         try:
             size = self.part.stat().st_size
         except FileNotFoundError:

@@ -1,7 +1,7 @@
-"""Torn and damaged logs made whole again, and what was lost of them.
+"""Repair of truncated and damaged logs, with an account of the losses.
 
-What was written is never deleted: a damaged segment stays beside the recovered one under another name. At every instant of a
-recovery, killed or not, the folder holds a log that can be read.
+The repair deletes no data: a damaged segment is stored with the recovered one under another name. At every time during a repair, even after
+a kill, the folder contains a readable log.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ _GROWING = ".recovering"
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """One damaged stretch of a segment.
+    """One damaged part of a segment.
 
     Attributes:
         start_byte: first damaged byte.
         end_byte: byte after the last.
-        what: what is wrong, a fragment of a sentence.
-        after_ns: log time of the last message before it, None if there is none.
-        before_ns: log time of the first message behind it, None if there is none.
-        lost: messages of each topic that stood there, by the index behind it; empty if there is none.
+        what: description of the damage, a clause.
+        after_ns: log time of the last message before the damage; None if there is none.
+        before_ns: log time of the first message after the damage; None if there is none.
+        lost: number of lost messages of each topic, from the index after the damage; empty without an index.
     """
 
     start_byte: int
@@ -53,16 +53,16 @@ class Damage:
 
 @dataclass(frozen=True, slots=True)
 class RepairSummary:
-    """What became of one segment.
+    """Result of the repair of one segment.
 
     Attributes:
-        source: the segment as it was found.
+        source: the segment before the repair.
         path: the valid segment.
-        kept_as: where the damaged original is now, None if nothing was wrong or it stayed where it was.
-        kept: messages of each topic in the valid segment.
-        lost: messages of each topic known to be lost.
-        lost_is_complete: `lost` is all that was lost; otherwise there may be more, behind a tear or of topics that are not counted.
-        damage: in order; empty if the segment was whole.
+        kept_as: new path of the damaged original; None if it was intact or was not moved.
+        kept: number of messages of each topic in the valid segment.
+        lost: number of lost messages of each topic, as far as known.
+        lost_is_complete: `lost` contains all losses; otherwise there may be more, after a truncation or in topics without a count.
+        damage: damaged parts in order; empty if the segment was intact.
     """
 
     source: Path
@@ -75,7 +75,7 @@ class RepairSummary:
 
     @property
     def was_intact(self) -> bool:
-        """Nothing was wrong with it."""
+        """Whether the segment was intact."""
         return not self.damage
 
 
@@ -85,7 +85,7 @@ def recover_log(log: Path, out: Path | None = None, progress: Callable[[int, int
     Args:
         log: one file, or a run folder.
         out: where the valid log goes: a file for a file, a folder for a folder; by default each segment's own place.
-        progress: told how many bytes of how many are read.
+        progress: callback with the number of bytes read and the total.
 
     Raises:
         BadLog: there is no such log, it is no MCAP file, it is being written, or `out` exists.
@@ -93,25 +93,25 @@ def recover_log(log: Path, out: Path | None = None, progress: Callable[[int, int
     """
     if out is None and log.is_dir():
         _adopt_rewriting(log)
-    found = segments(log)
-    sizes = {path: path.stat().st_size for path in found}
+    paths = segments(log)
+    sizes = {path: path.stat().st_size for path in paths}
 
     def recovered(path: Path, target: Path | None) -> RepairSummary:
-        before = sum(sizes[one] for one in found[: found.index(path)])
+        before = sum(sizes[one] for one in paths[: paths.index(path)])
         return recover_segment(path, target, lambda done: progress(before + done, sum(sizes.values())))
 
     if out is None:
-        return tuple(recovered(path, None) for path in found)
+        return tuple(recovered(path, None) for path in paths)
     if out.exists():
         raise BadLog(f"{out}: exists already; name another file or folder.")
     if log.is_file():
-        return (recovered(found[0], out),)
+        return (recovered(paths[0], out),)
     out.mkdir(parents=True)
-    return tuple(recovered(path, out / path.name.removesuffix(PARTIAL_SUFFIX)) for path in found)
+    return tuple(recovered(path, out / path.name.removesuffix(PARTIAL_SUFFIX)) for path in paths)
 
 
 def repair_partial_segments(folder: Path) -> tuple[RepairSummary, ...]:
-    """Finish what an earlier start of a run left unfinished: every ``.part`` of its folder becomes a valid segment.
+    """Convert every ``.part`` file of a run folder to a valid segment.
 
     Raises:
         BadLog: a segment is being written by another semlive.
@@ -123,7 +123,7 @@ def repair_partial_segments(folder: Path) -> tuple[RepairSummary, ...]:
 
 
 def _adopt_rewriting(folder: Path) -> None:
-    """Make a segment that was being written again when the daemon was killed part of the log: it may hold what the disk lost elsewhere.
+    """Add a segment to the log that was being rewritten when the daemon was killed; it may hold messages that the disk lost elsewhere.
 
     Raises:
         SemliveError: it cannot be read or renamed.
@@ -141,12 +141,12 @@ def _adopt_rewriting(folder: Path) -> None:
 
 
 def recover_segment(path: Path, out: Path | None = None, read: Callable[[int], object] = lambda _: None) -> RepairSummary:
-    """Make one segment valid: everything that is whole, in its order, with an index.
+    """Make one segment valid: all intact messages in order, with an index.
 
     Args:
         path: the segment, finished or ``.part``.
         out: where the valid one goes; by default its finished name, and the damaged original is kept beside it.
-        read: told how many bytes are read.
+        read: callback with the number of bytes read.
 
     Raises:
         BadLog: it is no MCAP file, or it is being written.
@@ -209,7 +209,7 @@ def _free_name(path: Path) -> Path:
 
 @dataclass(slots=True)
 class _Account:
-    """What was kept and what was lost, while a segment is read."""
+    """Account of retained and lost messages while a segment is read."""
 
     channels: Mapping[int, Channel]
     kept: Counter[str] = field(default_factory=Counter)
@@ -227,14 +227,16 @@ class _Account:
         self.last_ns = message.log_time
         if self.open_damage:
             self.open_damage = False
-            self.damage = [replace(one, before_ns=message.log_time) if one.before_ns is None else one for one in self.damage]
+            self.damage = [
+                replace(stretch, before_ns=message.log_time) if stretch.before_ns is None else stretch for stretch in self.damage
+            ]
 
     def damaged(self, piece: SegmentSpan) -> None:
         self.damage.append(Damage(piece.start, piece.end, piece.damage, self.last_ns, None, {}))
         self.open_damage = True
 
     def indexed(self, index: MessageIndex) -> None:
-        """An index behind a damaged chunk tells what stood in it."""
+        """Add the losses of a damaged chunk from the index after it."""
         channel = self.channels.get(index.channel_id)
         if channel is not None and self.open_damage:
             last = self.damage[-1]
@@ -247,13 +249,13 @@ class _Account:
             }
             lost = {topic: n - self.kept[topic] for topic, n in expected.items()}
         else:
-            indexed = sum((Counter(one.lost) for one in self.damage), Counter[str]())
+            indexed = sum((Counter(stretch.lost) for stretch in self.damage), Counter[str]())
             lost = {topic: max(indexed[topic], self.skipped[topic]) for topic in indexed | self.skipped}
         return {topic: n for topic, n in sorted(lost.items()) if n > 0}
 
 
 def _recover(stream: BinaryIO, out: BinaryIO, read: Callable[[int], object]) -> RepairSummary:
-    """Write what is whole of one segment as another; paths are filled in by the caller."""
+    """Copy the intact messages of a segment to another; the caller sets the paths."""
     channels, schemas = channels_and_schemas(stream)
     total = next((record for record in summary(stream) if isinstance(record, Statistics)), None)
     account, writer, adopted = _Account(channels), LogWriter(out), set[str]()
@@ -293,7 +295,7 @@ def _recover(stream: BinaryIO, out: BinaryIO, read: Callable[[int], object]) -> 
 
 
 def _adopt(writer: LogWriter, channel: Channel, schemas: Mapping[int, Schema]) -> None:
-    """With the schema that stands in the log; where that is lost, our own."""
+    """Register a channel with the schema of the log, or with the present schema if that is lost."""
     schema = schemas.get(channel.schema_id)
     if schema is not None or channel.schema_id == 0 or channel.topic not in TOPICS:
         writer.register_channels(channel, schema)

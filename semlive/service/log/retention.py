@@ -1,7 +1,7 @@
-"""Which runs in a folder of logs may be deleted, and deleting them.
+"""Retention of runs: selection and deletion of run folders that exceed the limits.
 
-A run of whose log anything could still be needed is kept: one that is not complete can be taken up again, one with other files beside its
-log means something to somebody, one that is at work or damaged is nobody's to judge. Nothing but whole run folders is deleted.
+A run is retained if its log may still be needed: an incomplete run can be resumed, other files in the folder may be of value, and a running
+or damaged run cannot be assessed. Only complete run folders are deleted.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ _AHEAD_S = 60.0  # clocks of a file server and of this computer are never quite 
 
 @dataclass(frozen=True, slots=True)
 class Retention:
-    """How long runs are kept; what is None sets no limit.
+    """Limits of the retention of runs; None sets no limit.
 
     Attributes:
-        days: since the last byte of the log was written.
-        gb: 10^9 bytes of all runs together; the oldest go first.
+        days: largest age, from the last write to the log.
+        gb: largest total size of all runs, 10^9 bytes; the oldest runs are deleted first.
     """
 
     days: float | None = None
@@ -44,14 +44,14 @@ class Retention:
 
 @dataclass(frozen=True, slots=True)
 class StoredRun:
-    """A run folder.
+    """A stored run.
 
     Attributes:
-        folder: of the run.
-        size: of all its files, bytes.
-        ended_s: when its newest file was written, seconds since 1970.
-        kept_because: why it must be kept whatever the limits; None if it may be deleted.
-        deleted_because: which limit it exceeds; None if it stays.
+        folder: run folder.
+        size: total size of its files, bytes.
+        ended_s: time of the last write to its files, seconds since 1970.
+        kept_because: reason for retention regardless of the limits; None if it may be deleted.
+        deleted_because: the limit that it exceeds; None if it is retained.
     """
 
     folder: Path
@@ -62,11 +62,11 @@ class StoredRun:
 
 
 def select_runs(root: Path, limits: Retention, now_s: float) -> tuple[StoredRun, ...]:
-    """All runs of a folder of logs, the oldest first, and which of them exceed the limits.
+    """Return all runs of a folder of logs, the oldest first, with the limits that they exceed.
 
     Args:
         root: folder of run folders, `run.folder` of the configuration.
-        limits: how long runs are kept.
+        limits: limits of the retention.
         now_s: this computer's time, seconds since 1970.
 
     Raises:
@@ -74,24 +74,24 @@ def select_runs(root: Path, limits: Retention, now_s: float) -> tuple[StoredRun,
     """
     if not root.is_dir():
         raise BadConfig(f"{root}: no such folder; give the folder in which runs are written (run.folder)")
-    runs = sorted((_looked_at(folder, now_s) for folder in _run_folders(root)), key=lambda one: (one.ended_s, one.folder.name))
-    total, judged = sum(one.size for one in runs), list[StoredRun]()
-    for one in runs:
-        why = None if one.kept_because else _beyond(one, limits, now_s, total)
-        total -= 0 if why is None else one.size
-        judged.append(StoredRun(one.folder, one.size, one.ended_s, one.kept_because, why))
-    return tuple(judged)
+    runs = sorted((_check_run(folder, now_s) for folder in _run_folders(root)), key=lambda run: (run.ended_s, run.folder.name))
+    total, checked = sum(one.size for one in runs), list[StoredRun]()
+    for run in runs:
+        reason = None if run.kept_because else _exceeded_limit(run, limits, now_s, total)
+        total -= 0 if reason is None else run.size
+        checked.append(StoredRun(run.folder, run.size, run.ended_s, run.kept_because, reason))
+    return tuple(checked)
 
 
 def delete(run: StoredRun, now_s: float) -> None:
-    """Delete a run that exceeds a limit; it is there whole or not at all, whenever this is broken off.
+    """Delete a run that exceeds a limit; after an interruption it exists completely or not at all.
 
     Raises:
         BadInput: it must be kept, as it is now.
         SemliveError: the system refused.
     """
     with run_lock(run.folder):
-        now = _looked_at(run.folder, now_s, held=True)
+        now = _check_run(run.folder, now_s, held=True)
         if now.kept_because or now.ended_s != run.ended_s:
             raise BadInput(f"{run.folder}: is kept: {now.kept_because or 'it has just been written to'}")
         away = run.folder.with_name(f".{run.folder.name}{_DELETING}")
@@ -104,7 +104,7 @@ def delete(run: StoredRun, now_s: float) -> None:
 
 
 def finish_deleting(root: Path) -> None:
-    """Go on with what was broken off when it was being deleted."""
+    """Complete interrupted deletions."""
     for folder in root.glob(f".*{_DELETING}"):
         if folder.is_dir() and not folder.is_symlink():
             shutil.rmtree(folder, ignore_errors=True)
@@ -113,7 +113,7 @@ def finish_deleting(root: Path) -> None:
 def _run_folders(root: Path) -> Iterator[Path]:
     for folder in sorted(root.iterdir()):
         if folder.is_dir() and not folder.is_symlink() and not folder.name.startswith("."):
-            names = [one.name.removesuffix(PARTIAL_SUFFIX) for one in folder.iterdir()]
+            names = [path.name.removesuffix(PARTIAL_SUFFIX) for path in folder.iterdir()]
             if any(_is_segment(name, folder.name) for name in names):
                 yield folder
 
@@ -122,19 +122,19 @@ def _is_segment(name: str, run: str) -> bool:
     return re.fullmatch(re.escape(run) + r"\.\d{3,}" + re.escape(SUFFIX), name) is not None
 
 
-def _looked_at(folder: Path, now_s: float, held: bool = False) -> StoredRun:
-    states = [one.lstat() for one in folder.iterdir()]
-    size, ended_s = sum(one.st_size for one in states), max(one.st_mtime for one in states)
-    return StoredRun(folder, size, ended_s, _must_be_kept(folder, ended_s, now_s, held))
+def _check_run(folder: Path, now_s: float, held: bool = False) -> StoredRun:
+    states = [path.lstat() for path in folder.iterdir()]
+    size, ended_s = sum(state.st_size for state in states), max(one.st_mtime for one in states)
+    return StoredRun(folder, size, ended_s, _retention_reason(folder, ended_s, now_s, held))
 
 
-def _must_be_kept(folder: Path, ended_s: float, now_s: float, held: bool) -> str | None:
-    names = sorted(one.name for one in folder.iterdir())
+def _retention_reason(folder: Path, ended_s: float, now_s: float, held: bool) -> str | None:
+    names = sorted(path.name for path in folder.iterdir())
     if any(name.endswith(PARTIAL_SUFFIX) for name in names):
         return "it was not finished"
-    others = [name for name in names if not _is_segment(name, folder.name)]
-    if others:
-        return f"it holds {others[0]} beside its log"
+    other_names = [name for name in names if not _is_segment(name, folder.name)]
+    if other_names:
+        return f"it holds {other_names[0]} beside its log"
     if ended_s > now_s + _AHEAD_S:
         return "it is newer than this computer's clock"
     if not held:
@@ -153,15 +153,15 @@ def _must_be_kept(folder: Path, ended_s: float, now_s: float, held: bool) -> str
 
 
 def _end_of(folder: Path) -> tuple[str, bool]:
-    """The protocol's last state, and whether the result was written after it; from the ends of the segments, by their indexes."""
+    """Return the last protocol state and whether a result follows it, from the indexes at the ends of the segments."""
     result_ns = -1
     for path in reversed(segments(folder)):
         with open_regular(path) as stream:
             records = summary(stream)
             if not records:
                 raise BadInput(f"{path}: has no index")
-            topics = {one.id: one.topic for one in records if isinstance(one, Channel)}
-            chunks = sorted((one for one in records if isinstance(one, ChunkIndex)), key=lambda one: -one.chunk_start_offset)
+            topics = {record.id: record.topic for record in records if isinstance(record, Channel)}
+            chunks = sorted((record for record in records if isinstance(record, ChunkIndex)), key=lambda one: -one.chunk_start_offset)
             for chunk in chunks:
                 wanted = {topics.get(number) for number in chunk.message_index_offsets} & {"/state", "/result"}
                 if not wanted:
@@ -176,7 +176,7 @@ def _end_of(folder: Path) -> tuple[str, bool]:
     return "", False
 
 
-def _beyond(run: StoredRun, limits: Retention, now_s: float, total: int) -> str | None:
+def _exceeded_limit(run: StoredRun, limits: Retention, now_s: float, total: int) -> str | None:
     age_days = (now_s - run.ended_s) / _DAY_S
     if limits.days is not None and age_days > limits.days:
         return f"it ended {age_days:.0f} days ago"
@@ -186,5 +186,5 @@ def _beyond(run: StoredRun, limits: Retention, now_s: float, total: int) -> str 
 
 
 def free_bytes(root: Path) -> int:
-    """Room that is left on the disk."""
+    """Free space on the disk."""
     return shutil.disk_usage(os.fspath(root)).free

@@ -63,16 +63,16 @@ def log_facts(log: Path) -> LogFacts:
     for message in messages(log):
         if message.topic not in ("/run", "/sem/file", *ALARM_TOPICS):
             continue
-        told = from_json(message.topic, message.payload)
-        alarms = after(alarms, told)
-        if isinstance(told, RunMessage):
-            runs.append(told)
-        elif isinstance(told, FileMessage):
-            if told.decision == "arrived" and told.export is not None:
-                names[told.export] = told.name
-            elif told.decision == "refused":
-                name = told.name or ("" if told.export is None else names.get(told.export, ""))
-                refused.append(RefusedFile(told.export, name, told.reason))
+        content = from_json(message.topic, message.payload)
+        alarms = after(alarms, content)
+        if isinstance(content, RunMessage):
+            runs.append(content)
+        elif isinstance(content, FileMessage):
+            if content.decision == "arrived" and content.export is not None:
+                names[content.export] = content.name
+            elif content.decision == "refused":
+                name = content.name or ("" if content.export is None else names.get(content.export, ""))
+                refused.append(RefusedFile(content.export, name, content.reason))
     if not runs:
         return LogFacts(files=len(names), refused=tuple(refused), alarms=alarms)
     first = runs[0]

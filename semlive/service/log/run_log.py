@@ -68,12 +68,12 @@ class RunLog:
 
     def sample(self, sample: LoadSample | StageSample) -> None:
         """A reading of the load frame or of the stage."""
-        told = values.load_sample_message(sample) if isinstance(sample, LoadSample) else values.stage_sample_message(sample)
-        self.write_message(told, sample.time_ns)
+        message = values.load_sample_message(sample) if isinstance(sample, LoadSample) else values.stage_sample_message(sample)
+        self.write_message(message, sample.time_ns)
 
     def file(self, file: ExportedFile) -> None:
         """An exported file: what it is, then the bytes of its sidecar, if it has one, and its own."""
-        told = FileMessage(
+        message = FileMessage(
             export=file.index,
             name=file.name,
             size=len(file.data),
@@ -85,17 +85,17 @@ class RunLog:
             sidecar_sha256="" if file.sidecar is None else hashlib.sha256(file.sidecar).hexdigest(),
             settled_time_ns=file.stable_time_ns,
         )
-        self.write_message(told)
+        self.write_message(message)
         if file.sidecar is not None:
             self._write(SEM_SIDECAR, file.sidecar, file.arrival_time_ns, file.index)
         self._write(SEM_ORIGINAL, file.data, file.arrival_time_ns, file.index)
 
     def refused_file(self, export: int | None, name: str, reason: str, time_ns: int) -> None:
         """A file or frame that is part of no pair, and why."""
-        told = FileMessage(
+        message = FileMessage(
             export=export, name=name, size=0, sha256="", mtime_ns=0, arrival_time_ns=time_ns, decision="refused", reason=reason
         )
-        self.write_message(told)
+        self.write_message(message)
 
     def scan(self, info: FrameInfo, load: FrameLoad | None) -> None:
         """What is known of a frame, and the load while it was scanned."""
@@ -105,11 +105,20 @@ class RunLog:
         """A pair."""
         self.write_message(values.pair_message(decision), decision.second.end_time_ns)
 
-    def transition(self, one: Transition) -> None:
+    def transition(self, transition: Transition) -> None:
         """A change of the engine's state; a guard of a device that the run does not have is left out."""
-        guards: dict[str, JsonValue] = {name: value for name, value in one.details if not (isinstance(value, float) and math.isnan(value))}
-        told = StateMessage(time_ns=one.time_ns, before=one.before, after=one.after, cause=one.cause, step=one.step, guards=guards)
-        self.write_message(told, one.time_ns)
+        guards: dict[str, JsonValue] = {
+            name: value for name, value in transition.details if not (isinstance(value, float) and math.isnan(value))
+        }
+        message = StateMessage(
+            time_ns=transition.time_ns,
+            before=transition.before,
+            after=transition.after,
+            cause=transition.cause,
+            step=transition.step,
+            guards=guards,
+        )
+        self.write_message(message, transition.time_ns)
 
     def command(self, time_ns: int, what: str, args: dict[str, float | str], result: str) -> None:
         """Something asked of a device."""

@@ -81,8 +81,8 @@ def rewritten(path: Path, messages: Sequence[LogMessage], after_ns: int, run_mes
         segment.writer.tell_rewritten(after_ns)
         if run_message is not None:
             segment.writer.write_run_metadata(run_message)
-        for one in messages:
-            segment.writer.write(one.topic, one.payload, one.log_time_ns, one.publish_time_ns, one.sequence)
+        for message in messages:
+            segment.writer.write(message.topic, message.payload, message.log_time_ns, message.publish_time_ns, message.sequence)
         segment.writer.flush()
         segment.stream.sync()
         read_back(growing, messages)

@@ -1,4 +1,4 @@
-"""What a log's `/run` message says of the analysis: a run's configuration, or that of an import."""
+"""Analysis settings from the `/run` message of a log: the configuration of a run or of an import."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ IMPORTED = "imported"
 
 
 class ImportSection(BaseModel):
-    """Where the maps came from."""
+    """Source of the disparity maps."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -25,7 +25,7 @@ class ImportSection(BaseModel):
 
 
 class ImportConfig(BaseModel):
-    """The configuration of a log that was imported: there was no run."""
+    """Configuration of an imported log, which has no run."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

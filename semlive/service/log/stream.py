@@ -1,4 +1,4 @@
-"""A file that never loses what it could not write yet."""
+"""File stream that retains data which the disk has rejected."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ def sync_folder(folder: Path) -> None:
 
 
 class BufferedLogStream:
-    """Takes every byte at once and writes on `flush`; what a full disk refuses is kept and written by a later `flush`.
+    """Accepts every byte at once and writes on `flush`; data that a full disk rejects are retained for a later `flush`.
 
-    The MCAP writer forgets a chunk when it has handed it over: an error half way through would leave a hole in the log.
+    The MCAP writer does not retain a chunk after passing it on: an error within a chunk would leave a gap in the log.
     """
 
     def __init__(self, raw: RawIOBase) -> None:
@@ -69,7 +69,7 @@ class BufferedLogStream:
         self._taken = self._safe = 0
 
     def write(self, data: bytes) -> int:
-        """Take bytes."""
+        """Accept bytes."""
         if data:
             # Bytes never change, so they are kept as they are.
             self._waiting.append(memoryview(data if isinstance(data, bytes) else bytes(data)))
@@ -77,11 +77,11 @@ class BufferedLogStream:
         return len(data)
 
     def tell(self) -> int:
-        """How many bytes were taken."""
+        """Return the number of accepted bytes."""
         return self._taken
 
     def flush(self) -> None:
-        """Hand everything to the operating system.
+        """Write everything to the operating system.
 
         Raises:
             OSError: it refused; nothing is lost, call again.
@@ -90,7 +90,7 @@ class BufferedLogStream:
             self._drop(self._write_some())
 
     def _write_some(self) -> int:
-        """Write in one call as much as the system takes, without joining what lies in pieces."""
+        """Write as much as the system accepts in one call, without concatenating the buffers."""
         if type(self._raw) is FileIO and hasattr(os, "writev"):
             return os.writev(self._raw.fileno(), self._waiting[:_PIECES])
         return self._raw.write(self._waiting[0]) or 0
@@ -105,7 +105,7 @@ class BufferedLogStream:
             self._waiting[0] = self._waiting[0][written:]
 
     def sync(self) -> None:
-        """Make everything survive a loss of power; what already does costs nothing.
+        """Sync everything to the disk; data that are already synced cost nothing.
 
         Raises:
             OSError: the disk refused; nothing is lost, call again.
@@ -117,7 +117,7 @@ class BufferedLogStream:
             self._safe = taken
 
     def cut(self, position: int) -> None:
-        """Cut the file to its first bytes and forget what waits; what is taken next goes behind them.
+        """Truncate the file and discard pending data; later data are appended at the new end.
 
         Raises:
             OSError: the disk refused.

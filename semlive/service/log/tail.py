@@ -1,7 +1,7 @@
-"""A log that is being written, read as it grows.
+"""Reader of a log while it is being written.
 
-Only control writes; everybody else reads what stands in whole chunks and waits for the rest. A segment's torn end is what is still to
-come, until the next segment exists: then it is what a kill left, and what can be read of it is taken.
+Only control writes; readers read complete chunks and wait for more. An incomplete end of a segment is still being written until the next
+segment exists. After that, it is the end of a killed process, and its readable messages are used.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ _RECENT = 100_000
 
 
 class LogReplaced(BadLog):
-    """Another log lies where the one was that is being read."""
+    """The log that is being read was replaced by another log."""
 
 
 class LogTail:
-    """Gives each message of a growing log once, in order, over renames, recoveries and new segments.
+    """Yields each message of a growing log once, in order, across renames, repairs and new segments.
 
-    Between two calls no file is kept open: an open file cannot be renamed everywhere.
+    No file stays open between two calls, because some systems cannot rename an open file.
 
     Args:
         log: one file, finished or not, or a run folder; it need not exist yet.
-        on_damage: told one sentence for each damage that was passed over.
+        on_damage: callback with one sentence for each damage that was skipped.
     """
 
     def __init__(self, log: Path, on_damage: Callable[[str], None] | None = None) -> None:
@@ -55,17 +55,17 @@ class LogTail:
 
     @property
     def finished(self) -> bool:
-        """The newest segment that there was at the last `poll` is finished, its writer did not go on in another, and all was given."""
+        """Whether the newest segment at the last `poll` is finished, has no successor, and was yielded completely."""
         return self._ended and not self._continued and not self._waiting
 
     def poll(self) -> Iterator[LogMessage]:
-        """What is new and stands in whole chunks; ends when there is no more for now.
+        """Yield the new messages in complete chunks; end when there are no more at present.
 
-        What was not taken from one iterator comes with the next.
+        Messages that one iterator did not yield are yielded by the next.
 
         Raises:
             BadLog: a file of the log cannot be read or is not MCAP.
-            LogReplaced: what was read so far is not this log any more.
+            LogReplaced: another log has replaced the one that was read so far.
         """
         while True:
             while self._waiting:
@@ -73,30 +73,30 @@ class LogTail:
             path, is_newest = self._segment()
             if path is None:
                 return
-            before = self._at, self._name
+            previous = self._at, self._name
             yield from self._read(path, is_newest)
-            if is_newest and (self._at, self._name) == before:
+            if is_newest and (self._at, self._name) == previous:
                 return
             if not is_newest:
                 self._ended = False
                 self._next_after(path)
 
     def _segment(self) -> tuple[Path | None, bool]:
-        """The segment to read, and whether it is the newest."""
+        """Return the segment to read, and whether it is the newest."""
         try:
-            found = segments(self._log) if self._log.is_dir() else (self._log,)
+            paths = segments(self._log) if self._log.is_dir() else (self._log,)
         except BadLog:
             return None, True
-        if self._name is None and not found[0].exists():
+        if self._name is None and not paths[0].exists():
             return None, True  # nothing there yet: it may become a file or a folder
-        names = [path.name.removesuffix(PARTIAL_SUFFIX) for path in found]
+        names = [path.name.removesuffix(PARTIAL_SUFFIX) for path in paths]
         if self._name is None:
             self._begin(names[0])
         if self._name not in names:
-            # Never back to the first segment: it would be that of another run whose folder was put here.
+            # The first segment is never read again: it would belong to another run whose folder was moved here.
             return None, True
         place = names.index(self._name)
-        return found[place], place == len(found) - 1
+        return paths[place], place == len(paths) - 1
 
     def _next_after(self, path: Path) -> None:
         names = [one.name.removesuffix(PARTIAL_SUFFIX) for one in segments(self._log)]
@@ -131,17 +131,17 @@ class LogTail:
             raise BadLog(f"{path}: {exc}") from exc
 
     def _look(self, path: Path, stream: BinaryIO) -> None:
-        """A segment that was recovered is another file: what was given of the old one is passed over."""
+        """Read a repaired segment, which is another file, and skip the messages that were already yielded."""
         identity = _identity(stream)
         if self._identity not in (None, identity) or self._is_other(stream):
             given, self._given = self._given, 0
             self._at, self._channels, self._ended, self._mark = 0, {}, False, None
             for piece in scan_spans(stream):
                 self._at = piece.end
-                told = self._messages(piece)
-                self._check_first(path, piece, told, stream)
-                self._give(islice(told, max(0, given - self._given), None))
-                self._given += len(told)
+                messages = self._messages(piece)
+                self._check_first(path, piece, messages, stream)
+                self._give(islice(messages, max(0, given - self._given), None))
+                self._given += len(messages)
                 if self._given >= given or piece.truncated:
                     break
         self._identity = identity
@@ -152,7 +152,7 @@ class LogTail:
         return piece.truncated or (piece.damage != "" and piece.end >= stream.seek(0, os.SEEK_END))
 
     def _is_other(self, stream: BinaryIO) -> bool:
-        """Whether the chunk that was read first is not there any more: the number of a deleted file is soon given to another."""
+        """Whether the first chunk has changed; the inode number alone is not sufficient, because the system reuses it."""
         if self._mark is None:
             return False
         stream.seek(self._mark[0])
@@ -160,16 +160,16 @@ class LogTail:
 
     def _take(self, path: Path, piece: SegmentSpan, stream: BinaryIO) -> None:
         self._at = piece.end
-        told = self._messages(piece)
-        self._check_first(path, piece, told, stream)
-        self._given += len(told)
-        self._give(told)
+        messages = self._messages(piece)
+        self._check_first(path, piece, messages, stream)
+        self._given += len(messages)
+        self._give(messages)
         self._ended = bool(piece.records) and isinstance(piece.records[0], Footer)
         if piece.damage and self._tell is not None:
             self._tell(f"{path.name}: {piece.damage}.")
 
     def _check_first(self, path: Path, piece: SegmentSpan, messages: list[LogMessage], stream: BinaryIO) -> None:
-        """A segment that is read from its begin again begins as it did; by content, as some shares give a file a new identity at will."""
+        """Check that a segment begins with the same content, because some network shares change the identity of a file."""
         if self._given or not messages:
             return
         if self._first not in (None, messages[0]):
@@ -179,14 +179,14 @@ class LogTail:
         stream.seek(piece.start)
         self._mark = piece.start, stream.read(_MARK_BYTES)
 
-    def _give(self, told: Iterable[LogMessage]) -> None:
-        """Without those that this segment repeats and that were given from the preceding one."""
-        new = [one for one in told if one.log_time_ns not in self._repeated]
-        self._recent.extend(one.log_time_ns for one in new)
+    def _give(self, messages: Iterable[LogMessage]) -> None:
+        """Queue messages, without those that this segment repeats from the preceding one."""
+        new = [message for message in messages if message.log_time_ns not in self._repeated]
+        self._recent.extend(message.log_time_ns for message in new)
         self._waiting.extend(new)
 
     def _messages(self, piece: SegmentSpan) -> list[LogMessage]:
-        told = []
+        messages = []
         for record in piece.records:
             if isinstance(record, Channel):
                 self._channels[record.id] = record.topic
@@ -196,12 +196,12 @@ class LogTail:
                     self._repeated = frozenset(time_ns for time_ns in self._recent if time_ns > after_ns)
             elif isinstance(record, Message) and record.channel_id in self._channels:
                 topic = self._channels[record.channel_id]
-                told.append(LogMessage(topic, record.log_time, record.publish_time, record.sequence, record.data))
-        return told
+                messages.append(LogMessage(topic, record.log_time, record.publish_time, record.sequence, record.data))
+        return messages
 
 
 def follow(log: Path, poll_s: float = 0.1, on_damage: Callable[[str], None] | None = None) -> Iterator[LogMessage]:
-    """Messages of a log as they come, until its newest segment is finished; waits for what is not there yet.
+    """Yield the messages of a growing log until its newest segment is finished; waits for new messages.
 
     Raises:
         BadLog: a file of the log cannot be read or is not MCAP.

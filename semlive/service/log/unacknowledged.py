@@ -1,7 +1,7 @@
-"""Messages that the disk has not acknowledged: what they are called, and whether they can be read back.
+"""Messages that the disk has not acknowledged: their description, and verification by reading back.
 
-After a failed fsync the system may have dropped what it held for the file, and the next fsync succeeds without it. So a message is safe
-only after a successful fsync, and until then the recorder keeps it in memory.
+After a failed fsync the system may have discarded buffered data, and the next fsync succeeds without them. A message is therefore safe only
+after a successful fsync. Until then the recorder retains it in memory.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def described(messages: Sequence[LogMessage]) -> str:
     """Messages by topic, with names of image files and the interval of their log times in UTC."""
     if not messages:
         return "no messages"
-    counts = Counter(one.topic for one in messages)
+    counts = Counter(message.topic for message in messages)
     topics = ", ".join(f"{number} x {topic}" for topic, number in sorted(counts.items()))
     files = _original_names(messages)
     more = f" and {len(files) - _NAMED_FILES} more" if len(files) > _NAMED_FILES else ""
@@ -56,20 +56,20 @@ def read_back(path: Path, expected: Sequence[LogMessage]) -> None:
     with path.open("rb") as stream:
         if hasattr(os, "posix_fadvise"):
             os.posix_fadvise(stream.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
-        found = read_messages(stream)
-        same = all(next(found, None) == one for one in expected)
-        if not same or next(found, None) is not None:
+        read = read_messages(stream)
+        same = all(next(read, None) == message for message in expected)
+        if not same or next(read, None) is not None:
             raise OSError(errno.EIO, "the disk returns other bytes than were written")
 
 
 def _original_names(messages: Sequence[LogMessage]) -> list[str]:
     """Names of the image files whose bytes are among the messages; their number where the name is not among them."""
     names: dict[int, str] = {}
-    for one in messages:
-        if one.topic == "/sem/file":
-            told = json.loads(one.payload)
-            if isinstance(told.get("export"), int):
-                names[told["export"]] = str(told.get("name", ""))
+    for message in messages:
+        if message.topic == "/sem/file":
+            content = json.loads(message.payload)
+            if isinstance(content.get("export"), int):
+                names[content["export"]] = str(content.get("name", ""))
     return [names.get(one.sequence) or f"export {one.sequence}" for one in messages if one.topic == SEM_ORIGINAL]
 
 

@@ -1,4 +1,4 @@
-"""A folder of another engine's disparity maps becomes a log (format 1, see docs/how-to/import.md)."""
+"""Import of disparity maps of another DIC program as a log (format 1, see docs/how-to/import.md)."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ _DAMAGED = "cannot be {0} ({1}); check the path and its permissions."
 
 @dataclass(frozen=True, slots=True)
 class ImportRequest:
-    """What is asked for.
+    """Request of an import.
 
     Attributes:
-        folder: with `frames.csv` and the maps.
+        folder: folder with `frames.csv` and the maps.
         log: the log to write.
-        specimen: what is known of the specimen.
-        dialect: how the maps are written; None tells it from each file's header.
-        subset_px: edge of the engine's subset; None takes what the files tell, 0 if they do not.
+        specimen: properties of the specimen.
+        dialect: file format of the maps; None detects it from the header of each file.
+        subset_px: edge of the subset of the DIC program, px; None takes the value in the files, or 0 without one.
     """
 
     folder: Path
@@ -60,13 +60,13 @@ class ImportRequest:
 
 @dataclass(frozen=True, slots=True)
 class ImportSummary:
-    """What came of it.
+    """Result of an import.
 
     Attributes:
-        pairs: how many.
-        maps: how many.
-        grid: of all maps.
-        engines: how they were written.
+        pairs: number of pairs.
+        maps: number of maps.
+        grid: grid of all maps.
+        engines: file formats of the maps.
         skipped: names of maps that belong to no pair of `frames.csv`.
     """
 
@@ -82,7 +82,7 @@ def import_folder(asked: ImportRequest, progress: Callable[[int, int], None] | N
 
     Args:
         asked: what is asked for.
-        progress: told pairs done and pairs in all.
+        progress: callback with the number of completed pairs and the total.
 
     Raises:
         BadInput: something in the folder is wrong: file, line, column and what to do. No log is left behind.
@@ -181,7 +181,7 @@ def _read(path: Path) -> bytes:
 
 
 def _check_overwriting(log: Path) -> None:
-    """Only what an import wrote may be written anew."""
+    """Check that an existing log is an import; only such a log may be overwritten."""
     if not log.exists():
         return
     try:

@@ -1,4 +1,4 @@
-"""A log's pairs correlated in parts by several processes, and put together as one replay."""
+"""Parallel correlation: several processes correlate parts of a log, which are combined to one replay."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PairMaps = tuple[PairDecision, tuple[DisparityMap, ...]]
 
 
 def pair_numbers(asked: ReplayRequest) -> tuple[int, ...]:
-    """Numbers of the pairs that a replay takes.
+    """Return the numbers of the pairs of a replay.
 
     Raises:
         BadLog: the log cannot be read or holds no pair.
@@ -80,7 +80,7 @@ def _decisions(asked: ReplayRequest) -> tuple[PairDecision, ...]:
 
 
 def _pairs(asked: ReplayRequest, settings: AnalysisSettings, wanted: frozenset[int]) -> Iterator[Pair]:
-    """The wanted pairs with their pixels, decoded as the live run did."""
+    """Yield the requested pairs with their images, decoded as in the live run."""
     state = WorkerState()
     for message in messages(asked.log):
         if message.topic == "/pair":

@@ -1,4 +1,4 @@
-"""Work ahead: what comes next is made in a thread of its own while what came last is used."""
+"""Prefetching: the next items are computed in a separate thread while the last one is used."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ _LOOK_S = 0.1  # how often one who waits for room looks whether anybody still wa
 
 
 def prefetch(items: Iterator[T], count: int = 2) -> Iterator[T]:
-    """The same items in their order, at most `count` of them made before they are asked for.
+    """Yield the items in order, with at most `count` computed in advance.
 
-    What making them raises is raised where the next would be. Whoever stops asking, stops the making too.
+    An exception during the computation is raised in place of the next item. Closing the iterator stops the computation.
     """
     made: queue.Queue[tuple[T] | BaseException | None] = queue.Queue(count)
     over = threading.Event()

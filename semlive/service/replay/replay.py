@@ -1,4 +1,4 @@
-"""The same analysis again, from a log: from its images, or from the disparity maps that it holds."""
+"""Replay: the analysis of a log, from its images or from its disparity maps."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ __all__ = [
 
 
 class Source(StrEnum):
-    """What a replay starts from."""
+    """Source of a replay."""
 
     IMAGES = "images"
     DISPARITY = "disparity"
@@ -71,7 +71,7 @@ class ReplayRequest:
 
 @dataclass(frozen=True, slots=True)
 class ReplayCallbacks:
-    """Who is told on the way.
+    """Callbacks of a replay.
 
     Attributes:
         progress: what is done, how much of it, of how much in all.
@@ -86,21 +86,21 @@ class ReplayCallbacks:
     point_sigma: bool = False
 
     def report_progress(self, what: str, done: int, count: int) -> None:
-        """Tell progress, if anybody listens."""
+        """Call the progress callback if there is one."""
         if self.progress is not None:
             self.progress(what, done, max(done, count))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayResult:
-    """A run analysed again.
+    """Result of a replay.
 
     Attributes:
-        result: of the replay.
-        settings: that it was made with.
-        recorded: the result that the live run recorded, or None if it did not get there.
-        analysis: the run's pairs and maps.
-        solution: of all pairs, as `pipeline.correct_frame` takes it.
+        result: result of the replay.
+        settings: analysis settings of the replay.
+        recorded: the result that the live run recorded; None if the run did not finish.
+        analysis: pairs and maps of the run.
+        solution: solution of the estimate, as an argument of `pipeline.correct_frame`.
         unchanged: whether all settings are the log's own and all pairs were taken, so that both results should be the same.
     """
 
@@ -244,7 +244,7 @@ def _from_maps(
 
 
 def _kept_pairs(asked: ReplayRequest, pairs: Iterable[tuple[PairDecision, Maps]], store: MapStore) -> Iterator[tuple[PairDecision, Maps]]:
-    """Pairs up to the last that is asked for, their maps in the store."""
+    """Yield the pairs up to the last requested one, with their maps in the store."""
     for decision, maps in pairs:
         if asked.until is not None and decision.pair > asked.until:
             return
@@ -252,7 +252,7 @@ def _kept_pairs(asked: ReplayRequest, pairs: Iterable[tuple[PairDecision, Maps]]
 
 
 def _count(asked: ReplayRequest) -> int:
-    """How many pairs are to be expected, 0 if the log does not tell quickly."""
+    """Return the expected number of pairs; 0 if the log has no summary."""
     count = (topic_counts(asked.log) or {}).get("/pair", 0)
     return count if asked.until is None else min(count, asked.until + 1)
 
@@ -329,7 +329,7 @@ def _concluded(begun: pipeline.AnalysisState, solution: MethodSolution, watch: R
 
 
 class _Pace:
-    """Waits until it is time, at so many times the speed of life."""
+    """Waits until the time of an event, at a multiple of real time."""
 
     def __init__(self, speed: float | None) -> None:
         self._speed = speed

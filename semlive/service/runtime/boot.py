@@ -1,4 +1,4 @@
-"""Which boot of the computer a monotonic clock belongs to."""
+"""Identity of the boot to which the monotonic clock belongs."""
 
 from __future__ import annotations
 

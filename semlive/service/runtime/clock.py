@@ -22,7 +22,7 @@ class SystemClock:
         self._clock = line or Clock(time.time_ns(), time.monotonic_ns())
 
     def current(self) -> Clock:
-        """The line in force."""
+        """Return the present clock relation."""
         return self._clock
 
     def mono_ns(self) -> int:
@@ -66,7 +66,7 @@ class SimulatedClock:
         return self._clock
 
     def current(self) -> Clock:
-        """The line in force."""
+        """Return the present clock relation."""
         with self._lock:
             return self._read()
 

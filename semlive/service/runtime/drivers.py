@@ -1,4 +1,4 @@
-"""Drivers by name, found by entry point; semlive knows none of them."""
+"""Drivers by name, found by entry point; semlive itself contains none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Memory that is free again, given back to the system."""
+"""Return of free memory to the system."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sleep that survives a step of the computer's clock."""
+"""Sleep that tolerates a step of the system clock."""
 
 from __future__ import annotations
 

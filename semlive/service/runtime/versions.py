@@ -1,4 +1,4 @@
-"""What a run was made with: versions of the programs, and the commit where semlive stands in a repository."""
+"""Versions of the programs of a run, and the commit if semlive is in a repository."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Disparity maps and what is made of them beside memory: in temporary files without a name, mapped while they are read."""
+"""Storage of disparity maps and derived arrays in unnamed temporary files, which are memory-mapped while they are read."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _SETTLE_S = 0.05  # in which some 100 MB of pages are asked for at most
 
 
 class MapStore(InMemoryStorage):
-    """Keeps maps and arrays; the first 256 MB in memory, the rest in temporary files.
+    """Stores maps and arrays: the first 256 MB in memory, the rest in temporary files.
 
-    What is read from a file is the same numbers, aligned as in memory, so sums come out the same to the last bit. `flush` gives the
-    pages back to the system, which fetches them again when they are asked for. A file is gone when nothing that it holds is in use.
+    Arrays in files have equal values and the alignment of arrays in memory, so sums are bit by bit equal. `flush` returns the pages to the
+    system, which loads them again on access. A file is removed when none of its arrays is in use.
 
     Args:
-        in_memory_bytes: so much stays in memory.
-        stays: what there is no room for in files stays there too, instead of raising OSError.
+        in_memory_bytes: size of the part that is stored in memory, bytes.
+        stays: store arrays in memory if the files have no space, instead of raising OSError.
     """
 
     def __init__(self, in_memory_bytes: int = _IN_MEMORY_BYTES, *, stays: bool = False) -> None:
@@ -48,14 +48,14 @@ class MapStore(InMemoryStorage):
         self._lock = threading.Lock()  # pairs are read and kept while others are worked on
 
     def store_map(self, disparity: DisparityMap) -> DisparityMap:
-        """The same map, kept here."""
+        """Return an equal map in this store."""
         arrays = {one.name: array for one in fields(disparity) if isinstance(array := getattr(disparity, one.name), np.ndarray)}
         if self._has_room(sum(array.nbytes for array in arrays.values())):
             return disparity
         return replace(disparity, **{name: self._kept(array) for name, array in arrays.items()})
 
     def store_array(self, array: NDArray[T]) -> NDArray[T]:
-        """The same array, kept here, and nothing that it was a part of; one that does not lie in one piece stays where it is."""
+        """Return an equal array in this store, without its base array; a non-contiguous array is returned unchanged."""
         if not array.flags.forc or self.location(array) is not None:
             return array
         if self._has_room(array.nbytes):
@@ -71,7 +71,7 @@ class MapStore(InMemoryStorage):
         return None
 
     def flush(self) -> None:
-        """Give pages back; what they hold stays in the files."""
+        """Return pages to the system; their content stays in the files."""
         for slab in (one() for one in list(self._slabs.values())):
             if slab is not None and hasattr(mmap, "MADV_DONTNEED"):
                 file: Any = slab.base  # a memoryview of the mapped file
@@ -79,7 +79,7 @@ class MapStore(InMemoryStorage):
 
     @contextlib.contextmanager
     def flushing(self) -> Iterator[None]:
-        """Pages are given back again and again until this is left, whoever asks for them."""
+        """Return pages to the system repeatedly within the context."""
         over = threading.Event()
 
         def run() -> None:
@@ -96,7 +96,7 @@ class MapStore(InMemoryStorage):
             self.flush()
 
     def _has_room(self, size: int) -> bool:
-        """Whether so much may still stay in memory, where it then does."""
+        """Reserve memory for a number of bytes; return whether the limit allows it."""
         with self._lock:
             room = size <= self._left
             self._left -= size if room else 0

@@ -1,4 +1,4 @@
-"""What a live run keeps of its pairs: packed in files without a name, and read back, value by value, when it is asked for."""
+"""Storage of the pairs of a live run, packed in unnamed files and read back value by value on request."""
 
 from __future__ import annotations
 
@@ -36,19 +36,19 @@ class PairArchive:
         self._shared: list[Any] = []
 
     def store_map(self, disparity: DisparityMap) -> DisparityMap:
-        """The same map, kept here."""
+        """Return an equal map in this store."""
         return self._store.store_map(disparity)
 
     def store_array(self, array: NDArray[Any]) -> NDArray[Any]:
-        """The same array, kept here."""
+        """Return an equal array in this store."""
         return self._store.store_array(array)
 
     def store_transient(self, array: NDArray[Any]) -> NDArray[Any]:
-        """The same array, in a file that is gone when nothing in it is used any more."""
+        """Return an equal array in a file that is removed when none of its arrays is in use."""
         return self._passing.store_array(array)
 
     def flush(self) -> None:
-        """Give pages back to the system; what they hold stays in the files."""
+        """Return pages to the system; their content stays in the files."""
         self._store.flush()
         self._passing.flush()
 
@@ -77,7 +77,7 @@ class PairArchive:
         return (number, at), {**files, number: file}
 
     def unpacked(self, place: tuple[int, int], files: Mapping[int, NDArray[np.uint8]]) -> Any:
-        """What lies at a place."""
+        """Return the value at a place."""
         number, at = place
         if number == _IN_MEMORY:
             return self._shared[at]
@@ -180,7 +180,7 @@ class StoredSequence(Sequence[V]):
         return StoredSequence(self._archive, np.concatenate((self._places, np.array(places, dtype=np.int64))), files)
 
     def with_cache(self, at: NDArray[np.int64]) -> StoredSequence[V]:
-        """Some of them in another order."""
+        """Return a selection in another order."""
         return StoredSequence(self._archive, self._places[at], self._files)
 
     def __len__(self) -> int:

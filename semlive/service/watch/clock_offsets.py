@@ -1,4 +1,4 @@
-"""The clocks of the SEM's computer and of the share, file by file: a fold over exported files, so that replay tells the same."""
+"""Clock offsets of the SEM computer and of the network share: a fold over the exported files, so that a replay gives equal results."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _PROBE = ".semlive-clock"
 
 @dataclass(frozen=True, slots=True)
 class FileClockOffsets:
-    """Both clocks so far.
+    """Offsets of both clocks so far.
 
     Attributes:
-        sem: times inside the files, raw, as if the SEM's computer ran on UTC.
-        share: their modification times.
+        sem: clock of the SEM computer, from the raw times in the files, read as UTC.
+        share: clock of the share, from the modification times of the files.
     """
 
     sem: ClockOffset
@@ -34,11 +34,11 @@ class FileClockOffsets:
 
     @classmethod
     def with_poll_interval(cls, poll_s: float) -> FileClockOffsets:
-        """Nothing known yet, with a watcher that looks so often."""
+        """Return the initial state for a polling interval."""
         return cls(ClockOffset("sem", math.hypot(ONE_SECOND_SIGMA_S, _EXPORT_SIGMA_S), poll_s), ClockOffset("share", 0.0, poll_s))
 
     def updated(self, file: ExportedFile, info: FrameInfo, profile: ScanProfile) -> tuple[FileClockOffsets, tuple[ClockOffsetMessage, ...]]:
-        """With one more file, and what is to be told of either clock."""
+        """Add a file; return the new state and the messages about both clocks."""
         if not file.stable_time_ns:
             return self, ()
         told: list[ClockOffsetMessage] = []
@@ -69,7 +69,7 @@ def _message(clock: ClockOffset, export: int, why: str, advice: str = "") -> Clo
 
 
 def _advice(sem: ClockOffset, profile: ScanProfile) -> str:
-    """What to do about a clock that is wrong by more than exporting takes."""
+    """Return advice about a clock whose error exceeds the export time."""
     wrong_s = sem.offset_s - profile.clock_offset_s
     if abs(wrong_s) <= max(_WRONG_S, _WRONG_SIGMAS * sem.sigma_s):
         return ""
@@ -80,7 +80,7 @@ def _advice(sem: ClockOffset, profile: ScanProfile) -> str:
 
 
 def probe_share(folder: Path, utc_ns: Callable[[], int]) -> ClockOffsetMessage | None:
-    """Ask a share for its time by writing a small file: exact to the time that writing takes. None if nothing may be written there."""
+    """Measure the clock of a share by writing a small file, accurate to the duration of the write; None if it is not writable."""
     path = folder / _PROBE
     try:
         before_ns = utc_ns()

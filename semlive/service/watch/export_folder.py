@@ -1,9 +1,9 @@
-"""The export folder as a state: which files are there, which are still being written, which have been taken.
+"""State of the export folder: files that exist, are being written, or were accepted.
 
-No event means "complete": programs open a file several times, write it slowly, preallocate it, restore its modification time, and
-shares send no events at all. So the folder is scanned, and a file is believed complete when its size and times have stood still
-for a while, its structure is whole (`semlive.formats.check_complete`), it has its vendor's header, its sidecar and its last rows
-(`semlive.formats.check_finished`), and everything still stands after it was read.
+No file-system event means "complete": programs open a file several times, write it slowly, preallocate it or restore its modification time,
+and network shares send no events. Therefore the folder is scanned. A file is complete when its size and times have been constant for some
+time, its structure is complete (`semlive.formats.check_complete`), it has the header of its vendor, its sidecar and its last rows
+(`semlive.formats.check_finished`), and all of this is unchanged after the file was read.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ Key = tuple[int, int, int, int]
 
 @dataclass(frozen=True, slots=True)
 class WatchSettings:
-    """What is watched, and when a file is believed complete.
+    """Watched folder, and criteria for a complete file.
 
     Attributes:
-        folder: the SEM's export folder.
+        folder: export folder of the SEM.
         poll_s: wall seconds between scans.
-        stable_for_s: wall seconds for which size and times must stand still.
-        stable_polls: scans for which they must stand still.
-        give_up_after_s: a file that stands still for so long without becoming readable is refused.
-        max_bytes: a larger file is refused unread; the log takes twice as much at once.
-        suffixes: endings of image files, lower case; other files are not looked at.
-        ignore_suffixes: endings of files that will be renamed when they are whole.
-        adopt: take files that are there when the watch begins; otherwise they are none of this run.
-        first_export: number of the first file taken.
+        stable_for_s: wall seconds for which size and times must be constant.
+        stable_polls: number of scans for which they must be constant.
+        give_up_after_s: wall seconds after which a constant but unreadable file is rejected.
+        max_bytes: a larger file is rejected unread; the log needs twice as much at once.
+        suffixes: endings of image files, lower case; other files are ignored.
+        ignore_suffixes: endings of files that will be renamed when they are complete.
+        adopt: accept files that exist when the watch begins; otherwise they do not belong to this run.
+        first_export: number of the first accepted file.
         vendor: whose header every file must have before it is complete; None if any will do.
         sidecar_timeout_s: wall seconds after which a file without the text file that its vendor writes is refused.
         profile: tells the databar where files do not.
@@ -69,15 +69,15 @@ class WatchSettings:
 
 @dataclass(frozen=True, slots=True)
 class RejectedFile:
-    """A file that is not taken, told once.
+    """A rejected file, reported once.
 
     Attributes:
         name: file name.
         reason: one sentence.
         size: bytes.
         mtime_ns: modification time, UTC ns.
-        sha256: of its bytes; empty if they were not read.
-        time_ns: experiment time of the refusal.
+        sha256: digest of its bytes; empty if they were not read.
+        time_ns: experiment time of the rejection.
     """
 
     name: str
@@ -106,11 +106,11 @@ class _Candidate:
 
 @dataclass(frozen=True, slots=True)
 class _Listing:
-    """The folder at one scan, without the files that are done with and stand as they were.
+    """Result of one scan of the folder, without unchanged registered files.
 
     Attributes:
-        new: image files that are not known.
-        other: known files that are not as they were.
+        new: image files that are not registered.
+        other: registered files that have changed.
     """
 
     new: dict[str, Key]
@@ -128,12 +128,12 @@ class ExportFolder:
     Attributes:
         settings: what is watched.
         clock: experiment time for arrivals, monotonic time for stability.
-        on_file: given each complete file once, in order of modification time.
-        on_refused: given each refused file once.
-        on_trouble: told one sentence when the folder goes away and when it is back.
-        on_notice: told one sentence of what is unusual but no trouble: gaps in numbers, late text files.
-        on_replaced: told one sentence when another folder stands in its place; nothing is taken from that before `accept`.
-        is_open_elsewhere: whether another program still writes a file, where the system tells.
+        on_file: callback with each complete file once, in order of modification time.
+        on_refused: callback with each rejected file once.
+        on_trouble: callback with one sentence when the folder disappears and when it is available again.
+        on_notice: callback with one sentence about an unusual observation: gaps in numbers, late text files.
+        on_replaced: callback with one sentence when another folder replaces it; its files are accepted only after `accept`.
+        is_open_elsewhere: whether another program still writes a file, where the system reports it.
         reader: reads the files.
     """
 
@@ -161,7 +161,7 @@ class ExportFolder:
     _looked_lately: bool = False
 
     def open(self) -> None:
-        """Look at the folder for the first time.
+        """Scan the folder for the first time.
 
         Raises:
             BadConfig: it does not exist or cannot be read.
@@ -178,7 +178,7 @@ class ExportFolder:
             ) from exc
 
     def poll(self) -> None:
-        """Look once; files that became complete are delivered before it returns."""
+        """Scan once; complete files are passed on before the method returns."""
         try:
             if self._is_replaced():
                 return
@@ -206,11 +206,11 @@ class ExportFolder:
         for name, key in there.new.items():
             self._look(name, key, now_ns)
         ready = [name for name, candidate in self._candidates.items() if self._is_quiet(candidate, now_ns)]
-        for name in sorted(ready, key=lambda one: (self._candidates[one].key[1], one)):
+        for name in sorted(ready, key=lambda candidate_name: (self._candidates[candidate_name].key[1], candidate_name)):
             self._try(name, now_ns)
 
     def accept(self) -> None:
-        """Go on with the folder that is there now; the files in it are none of this run.
+        """Continue with the present folder; its existing files do not belong to this run.
 
         Raises:
             OSError: it cannot be read.
@@ -219,15 +219,15 @@ class ExportFolder:
             return
         self._identity = _identity(self.settings.folder)
         for name, key in self._images():
-            known = self._known.get(name)
-            self._known.put(name, RegisteredFile(key[:3], PREEXISTING) if known is None else replace(known, state=key[:3]))
+            registered = self._known.get(name)
+            self._known.put(name, RegisteredFile(key[:3], PREEXISTING) if registered is None else replace(registered, state=key[:3]))
         self._candidates.clear()
         self._replaced = False
 
     def _is_replaced(self) -> bool:
-        """Whether another folder stands in the place of the one that was opened.
+        """Whether another folder has replaced the one that was opened.
 
-        A share that was mounted again has another identity and still holds the files that are known, or none.
+        A remounted share has another identity but still holds the registered files, if there are any.
 
         Raises:
             OSError: it cannot be read.
@@ -250,7 +250,7 @@ class ExportFolder:
         return True
 
     def _images(self) -> Iterator[tuple[str, Key]]:
-        """Image files that are there, one by one: a list of a month's would take more memory than what is known of them."""
+        """Yield the image files one by one, because a list of a month of files would need more memory than their registry."""
         with os.scandir(self.settings.folder) as entries:
             for entry in entries:
                 name = entry.name.lower()
@@ -265,18 +265,18 @@ class ExportFolder:
             self._refuse(name, (0, 0, 0, 0), "is not a regular file, so it is not read; export into a folder of its own")
 
     def _list(self) -> _Listing:
-        found = _Listing({}, {})
+        listing = _Listing({}, {})
         for name, key in self._images():
             stands = self._known.is_unchanged(name, key[:3])
             if not stands:
-                (found.new if stands is None else found.other)[name] = key
-        return found
+                (listing.new if stands is None else listing.other)[name] = key
+        return listing
 
     def _beside(self, name: str) -> tuple[str, Key] | None:
-        """The text file of an image, if it is there."""
-        for other in sidecar_names(name):
-            if (key := _key_of(os.path.join(self.settings.folder, other))) is not None:
-                return other, key
+        """Return the text file of an image if it exists."""
+        for sidecar in sidecar_names(name):
+            if (key := _key_of(os.path.join(self.settings.folder, sidecar))) is not None:
+                return sidecar, key
         return None
 
     def _forget_vanished(self, there: dict[str, Key], now_ns: int) -> None:
@@ -293,58 +293,58 @@ class ExportFolder:
                 self._refuse(name, candidate.key, "disappeared before it was complete; export into a folder that nobody clears")
 
     def _look(self, name: str, key: Key, now_ns: int) -> None:
-        beside = self._beside(name)
+        sidecar = self._beside(name)
         given_up = self._given_up.get(name)
-        if given_up is not None and _same(given_up[0], key) and _same_text(given_up[1], beside):
+        if given_up is not None and _same(given_up[0], key) and _same_text(given_up[1], sidecar):
             return
         candidate = self._candidates.get(name)
         if candidate is None or candidate.key[:3] != key[:3] or candidate.missing_since_ns is not None:
             self._given_up.pop(name, None)
-            self._candidates[name] = _Candidate(key, now_ns, self.clock.now_ns() if self._looked_lately else 0, beside)
-        elif not _same_text(candidate.beside, beside, changed=3):
+            self._candidates[name] = _Candidate(key, now_ns, self.clock.now_ns() if self._looked_lately else 0, sidecar)
+        elif not _same_text(candidate.beside, sidecar, changed=3):
             # Its own settling counts for the clocks, the newer of the two for completeness.
-            candidate.beside, candidate.since_ns, candidate.polls, candidate.look_again_ns = beside, now_ns, 0, 0
+            candidate.beside, candidate.since_ns, candidate.polls, candidate.look_again_ns = sidecar, now_ns, 0, 0
         else:
             candidate.polls += 1
 
     def _look_at_alone(self, now_ns: int) -> None:
-        """Files that were taken a short while ago without a text beside them."""
+        """Check recently accepted files without a text file."""
         for name, taken_ns in list(self._alone.items()):
-            beside, known = self._beside(name), self._known.get(name)
-            if beside is not None and known is not None:
-                text, own = _as_text(beside[0]), _as_text(name)
-                why = f"{text} came after {own} {known.description} without it"
+            sidecar, registered = self._beside(name), self._known.get(name)
+            if sidecar is not None and registered is not None:
+                text, own = _as_text(sidecar[0]), _as_text(name)
+                why = f"{text} came after {own} {registered.description} without it"
                 self.on_notice(f"{why}; name the SEM in sem.vendor, so that the text is waited for.")
-            if beside is not None or now_ns - taken_ns >= self.settings.sidecar_timeout_s * 1e9:
+            if sidecar is not None or now_ns - taken_ns >= self.settings.sidecar_timeout_s * 1e9:
                 del self._alone[name]
 
     def _look_at_known(self, name: str, key: Key, now_ns: int) -> None:
-        """A file that is done with, and is not as it was: somebody touched it, or it holds something else."""
-        known = self._known.get(name)
-        if known is None:
+        """Handle a registered file that has changed: only its times, or its content."""
+        registered = self._known.get(name)
+        if registered is None:
             return
-        same = known.state[:2] == key[:2]
-        if same and known.sha256 and not known.overwritten:
+        same = registered.state[:2] == key[:2]
+        if same and registered.sha256 and not registered.overwritten:
             try:
-                same = hashlib.sha256(self.reader.read(self.settings.folder / name, key[0])).hexdigest() == known.sha256
+                same = hashlib.sha256(self.reader.read(self.settings.folder / name, key[0])).hexdigest() == registered.sha256
             except (OSError, StillReading):
                 return  # the next scan asks again
-        self._known.put(name, replace(known, state=key[:3], overwritten=known.overwritten or not same))
+        self._known.put(name, replace(registered, state=key[:3], overwritten=registered.overwritten or not same))
         if same:
             return
         # What is written slowly, or over a share that was away meanwhile, is one overwriting.
         still_changing = self._is_changing(self._changing.get(name), now_ns)
         self._changing[name] = now_ns
         if not still_changing:
-            self._refuse(name, key, f"was overwritten: a file of that name {known.description}; let the SEM count its file names up")
+            self._refuse(name, key, f"was overwritten: a file of that name {registered.description}; let the SEM count its file names up")
 
     def _is_changing(self, changed_ns: int | None, now_ns: int) -> bool:
         return changed_ns is not None and now_ns - changed_ns < self.settings.give_up_after_s * 1e9
 
     def _is_quiet(self, candidate: _Candidate, now_ns: int) -> bool:
         long_enough = now_ns - candidate.since_ns >= self.settings.stable_for_s * 1e9
-        seen = candidate.polls >= self.settings.stable_polls and candidate.missing_since_ns is None
-        return long_enough and seen and now_ns >= candidate.look_again_ns
+        stable = candidate.polls >= self.settings.stable_polls and candidate.missing_since_ns is None
+        return long_enough and stable and now_ns >= candidate.look_again_ns
 
     def _try(self, name: str, now_ns: int) -> None:
         candidate = self._candidates[name]
@@ -389,14 +389,14 @@ class ExportFolder:
         self._deliver(name, key, file)
 
     def _read_still(self, name: str, key: Key) -> bytes | None:
-        """The bytes of a file, or None if it was not the same before and after."""
+        """Return the bytes of a file; None if it changed during reading."""
         path = self.settings.folder / name
         # What says that it is empty is not opened: so do kernel files, which may block.
         data = self.reader.read(path, key[0]) if key[0] else b""
         return data if _key(path.stat())[:3] == key[:3] else None
 
     def _wait_for_read(self, name: str, candidate: _Candidate, now_ns: int) -> None:
-        """Reading takes long, or never ends; others go on meanwhile."""
+        """Handle a read that is not finished; other files are processed meanwhile."""
         since_ns = candidate.reading_since_ns = now_ns if candidate.reading_since_ns is None else candidate.reading_since_ns
         if now_ns - since_ns >= self.settings.give_up_after_s * 1e9:
             waited_s = (now_ns - since_ns) / 1e9
@@ -404,7 +404,7 @@ class ExportFolder:
             self._give_up(name, candidate, f"could not be read within {waited_s:.0f} s; check what it links to, and the share")
 
     def _hold_back(self, name: str, candidate: _Candidate, now_ns: int) -> None:
-        """Another program has it: that is no reason to refuse it, however long it takes; that it takes long is told once."""
+        """Handle a file that another program has open: it is never rejected for that; a long wait is reported once."""
         since_ns = candidate.held_since_ns = now_ns if candidate.held_since_ns is None else candidate.held_since_ns
         candidate.since_ns, candidate.polls = now_ns, 0
         if now_ns - since_ns >= self.settings.give_up_after_s * 1e9 and not candidate.held_told:
@@ -446,20 +446,20 @@ class ExportFolder:
 
 
 def _as_text(name: str) -> str:
-    """A file name as it can be written down: bytes that are no text stand as escapes."""
+    """Return a printable file name; bytes that are not text are escaped."""
     return name.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
-def _same(one: Key, other: Key) -> bool:
+def _same(first: Key, second: Key) -> bool:
     # Without the file id: shares mounted without server inode numbers give a file new ones at will.
-    return one[:2] == other[:2]
+    return first[:2] == second[:2]
 
 
-def _same_text(one: tuple[str, Key] | None, other: tuple[str, Key] | None, changed: int = 2) -> bool:
+def _same_text(first: tuple[str, Key] | None, second: tuple[str, Key] | None, changed: int = 2) -> bool:
     """Whether the text beside an image is the same; `changed` of 3 asks its change time too."""
-    if one is None or other is None:
-        return one is other
-    return one[0] == other[0] and one[1][:changed] == other[1][:changed]
+    if first is None or second is None:
+        return first is second
+    return first[0] == second[0] and first[1][:changed] == second[1][:changed]
 
 
 def _identity(folder: Path) -> tuple[int, int]:

@@ -1,8 +1,7 @@
-"""Whether another program still has a file open for writing, where the system tells.
+"""Detection of files that another program has open for writing, where the system supports it.
 
-Windows does: a reader that asks for no writers beside it is refused (sharing violation) as long as somebody has the file open for
-writing, also on a share whose server is Windows or Samba. Other systems do not keep programs from one another; there nothing is told, and
-only the file's bytes and their standing still speak for it.
+On Windows, opening a file without write sharing fails (sharing violation) while another program has it open for writing, also on a share of
+a Windows or Samba server. Other systems have no mandatory locks; there, a file is assessed only by its content and constancy.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ _BUSY = frozenset({errno.EBUSY, errno.ETXTBSY})
 
 
 def is_locked_error(error: OSError) -> bool:
-    """Whether reading failed because another program has the file for itself, here or (EBUSY, ETXTBSY) on the share's server."""
+    """Whether reading failed because another program locks the file, here or (EBUSY, ETXTBSY) on the server of the share."""
     return getattr(error, "winerror", None) in (_SHARING_VIOLATION, _LOCK_VIOLATION) or error.errno in _BUSY
 
 
@@ -34,7 +33,7 @@ if sys.platform == "win32":
     _kernel.CloseHandle.argtypes = [wintypes.HANDLE]
 
     def open_elsewhere(path: Path) -> bool:
-        """Whether another program has the file open for writing; readers do not count, and any other failure is left to the reader."""
+        """Whether another program has the file open for writing; readers do not count, and other errors are left to the reader."""
         handle = _kernel.CreateFileW(str(path), _GENERIC_READ, _SHARE_READ, None, _OPEN_EXISTING, _NORMAL, None)
         if handle == _INVALID:
             return ctypes.get_last_error() in (_SHARING_VIOLATION, _LOCK_VIOLATION)
@@ -44,6 +43,6 @@ if sys.platform == "win32":
 else:
 
     def open_elsewhere(path: Path) -> bool:
-        """Nothing is told here."""
+        """Return False: this system does not report it."""
         del path
         return False

@@ -1,4 +1,4 @@
-"""The numbers in the names of exported files: SEM programs count up, and what they skip or begin again is worth a word."""
+"""Numbers in the names of exported files: SEM programs count up, and gaps or restarts are reported."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ class FileNumbering:
     _newest: dict[tuple[str, str], tuple[int, str]] = field(default_factory=dict)
 
     def check_gap(self, name: str) -> str | None:
-        """What is unusual about a further name, or None.
+        """Return a message about an unusual number in a file name, or None.
 
         Args:
-            name: of a file that was taken.
+            name: name of an accepted file.
         """
-        found = _NUMBERED.fullmatch(name.rpartition(".")[0])
-        if found is None:
+        match = _NUMBERED.fullmatch(name.rpartition(".")[0])
+        if match is None:
             return None
-        kind, number = (found[1], found[3]), int(found[2])
-        before = self._newest.get(kind)
+        kind, number = (match[1], match[3]), int(match[2])
+        previous = self._newest.get(kind)
         self._newest.pop(kind, None)
         self._newest[kind] = (number, name)  # the kind that came last stands last
         if len(self._newest) > _KINDS:
             del self._newest[next(iter(self._newest))]
-        if before is None or number == before[0] + 1:
+        if previous is None or number == previous[0] + 1:
             return None
-        if number > before[0]:
-            missing = number - before[0] - 1
+        if number > previous[0]:
+            missing = number - previous[0] - 1
             are = "numbers are" if missing > 1 else "number is"
-            return f"{name} came after {before[1]}: {missing} {are} missing in between; look for lost exports."
-        return f"{name} came after {before[1]}: the SEM's count of file names went back; order is that of arrival."
+            return f"{name} came after {previous[1]}: {missing} {are} missing in between; look for lost exports."
+        return f"{name} came after {previous[1]}: the SEM's count of file names went back; order is that of arrival."

@@ -1,7 +1,7 @@
-"""Reading of exported files that cannot hold up the watch: regular files only, a bounded size, in a thread that may hang.
+"""Non-blocking reading of exported files: regular files of limited size only, in a thread that may hang.
 
-A name in the export folder can lead anywhere: to a kernel file that blocks until something happens, to an endless device, to a share that
-does not answer. Such a read cannot be broken off; it is left to its thread, and other files are read in another.
+A name in the export folder can refer to a kernel file that blocks, to a device without end, or to a share that does not answer. Such a read
+cannot be cancelled; it continues in its thread, and other files are read in another thread.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Read = Callable[[Path, int], bytes]
 
 
 class StillReading(Exception):
-    """The read has not returned yet; ask again."""
+    """The read is not finished; to be tried again."""
 
 
 def read_regular(path: Path, size: int) -> bytes:
@@ -46,11 +46,11 @@ def read_regular(path: Path, size: int) -> bytes:
 
 
 class FileReader:
-    """Reads files in threads of its own; call it from one thread only.
+    """Reads files in separate threads; to be called from one thread only.
 
     Args:
-        wait_s: wall seconds for which a read is waited for at once.
-        read: reads a file of an expected size; in a thread of ours.
+        wait_s: longest wait for a read in one call, wall seconds.
+        read: reads a file of an expected size, in a separate thread.
     """
 
     def __init__(self, wait_s: float = _WAIT_S, read: Read = read_regular) -> None:
@@ -72,8 +72,8 @@ class FileReader:
         """
         future = self._pending.pop(path, None)
         if future is None:
-            self._hanging = [one for one in self._hanging if not one.done()]
-            if len(self._hanging) + sum(not one.done() for one in self._pending.values()) >= _MAX_HANGING:
+            self._hanging = [read for read in self._hanging if not read.done()]
+            if len(self._hanging) + sum(not read.done() for read in self._pending.values()) >= _MAX_HANGING:
                 raise StillReading
             future = self._start(path, size)
             wait([future], self._wait_s)
@@ -84,13 +84,13 @@ class FileReader:
         return future.result()
 
     def forget(self, path: Path) -> None:
-        """Nobody asks for this file again; what its read returns is dropped."""
+        """Discard the pending read of a file."""
         future = self._pending.pop(path, None)
         if future is not None:
             self._hanging.append(future)
 
     def close(self) -> None:
-        """Let the idle thread end."""
+        """End the idle thread."""
         self._abandon()
 
     def _abandon(self) -> None:

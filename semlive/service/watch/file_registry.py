@@ -1,6 +1,6 @@
-"""What is known of every exported file that is done with, in records of one size: a week's files take what the first one took.
+"""Registry of processed exported files in records of fixed size.
 
-As Python objects a file took 0.6 kB, and a SEM that scans all the time exports 10,000 of them in a week.
+As Python objects a file needed 0.6 kB, and a SEM that scans continuously exports 10,000 files in a week.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ State = tuple[int, int, int]
 
 @dataclass(frozen=True, slots=True)
 class RegisteredFile:
-    """A file that is done with.
+    """A processed file.
 
     Attributes:
-        state: as it was when it was looked at last.
+        state: size and times at the last scan.
         export: its number, `PREEXISTING` or `DUPLICATE`.
-        sha256: of the bytes that were taken; empty where none were.
-        overwritten: what it holds by now is not what was taken.
+        sha256: digest of the accepted bytes; empty if none were accepted.
+        overwritten: its present content differs from the accepted bytes.
     """
 
     state: State
@@ -68,11 +68,11 @@ class FileRegistry:
 
     @property
     def nbytes(self) -> int:
-        """Bytes that it takes."""
-        return len(self._records) + sum(one.itemsize * len(one) for one in (self._by_name, self._by_sha256))
+        """Return the memory of the registry, bytes."""
+        return len(self._records) + sum(table.itemsize * len(table) for table in (self._by_name, self._by_sha256))
 
     def is_unchanged(self, name: str, state: State) -> bool | None:
-        """Whether a file is as it was; None if nothing is known of it. Asked of every file at every scan: 2 us."""
+        """Whether a file is unchanged; None if it is not registered. Called for every file at every scan: 2 us."""
         number = self._by_name[self._place(self._by_name, _NAME, _digest(name))]
         if not number:
             return None
@@ -80,16 +80,16 @@ class FileRegistry:
         return self._records[begin + _STATE.start : begin + _STATE.stop] == _PACKED_STATE.pack(*state)
 
     def get(self, name: str) -> RegisteredFile | None:
-        """What is known of a name."""
+        """Return the record of a name, or None."""
         number = self._by_name[self._place(self._by_name, _NAME, _digest(name))]
         if not number:
             return None
         _, size, mtime_ns, ctime_ns, export, overwritten, sha256, _ = _RECORD.unpack_from(self._records, (number - 1) * _RECORD.size)
-        told = "" if sha256 == _NO_SHA256 else sha256.hex()
-        return RegisteredFile((size, mtime_ns, ctime_ns), export, told, overwritten)
+        digest = "" if sha256 == _NO_SHA256 else sha256.hex()
+        return RegisteredFile((size, mtime_ns, ctime_ns), export, digest, overwritten)
 
     def put(self, name: str, file: RegisteredFile) -> None:
-        """Know a file from now on, or know it anew; its content stays known too."""
+        """Register a file or replace its record; its content stays registered too."""
         digest, sha256 = _digest(name), bytes.fromhex(file.sha256) or _NO_SHA256
         place = self._place(self._by_name, _NAME, digest)
         number = self._by_name[place]
@@ -106,7 +106,7 @@ class FileRegistry:
             self._by_sha256[place] = self._by_sha256[place] or number
 
     def same_content(self, sha256: str) -> str | None:
-        """Name of the file that was taken with such bytes, as far as it is remembered."""
+        """Return the name of the accepted file with the same bytes, if it is still registered."""
         number = self._by_sha256[self._place(self._by_sha256, _SHA256, bytes.fromhex(sha256))]
         if not number:
             return None

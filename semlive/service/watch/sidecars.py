@@ -1,4 +1,4 @@
-"""Text files that microscopes write beside their images: which belongs to which."""
+"""Sidecars: text files that microscopes write for their images."""
 
 from __future__ import annotations
 
@@ -18,5 +18,5 @@ def sidecar_names(image: str) -> tuple[str, ...]:
 
 
 def sidecar_of(image: Path, exists: Callable[[Path], bool] = Path.is_file) -> Path | None:
-    """The text file beside an image, or None."""
+    """Return the text file of an image, or None."""
     return next((path for name in sidecar_names(image.name) if exists(path := image.with_name(name))), None)

@@ -18,18 +18,18 @@ _GIVE_BACK_EVERY_S = 5.0  # it takes 0.2 to 1 ms
 
 
 class FolderWatcher:
-    """Scans the export folder in a thread of its own and hands over each complete file once.
+    """Scans the export folder in a separate thread and passes on each complete file once.
 
-    Callbacks come from that thread. File system events may `wake` it early; they never stand for a scan.
+    Callbacks run in that thread. File-system events may `wake` it early; they never replace a scan.
 
     Args:
         settings: what is watched.
         clock: experiment time for arrivals, monotonic time for stability.
-        on_file: given each complete file once.
-        on_refused: given each refused file once.
-        on_trouble: told one sentence when the folder goes away, is back, or the watch itself fails.
-        on_notice: told one sentence of what is unusual but no trouble.
-        on_replaced: told one sentence when another folder stands in its place; nothing is taken from that before `accept`.
+        on_file: callback with each complete file once.
+        on_refused: callback with each rejected file once.
+        on_trouble: callback with one sentence when the folder disappears, is available again, or the watch itself fails.
+        on_notice: callback with one sentence about an unusual observation.
+        on_replaced: callback with one sentence when another folder replaces it; its files are accepted only after `accept`.
 
     Raises:
         BadConfig: the folder does not exist or cannot be read.
@@ -55,12 +55,12 @@ class FolderWatcher:
         self._thread = threading.Thread(target=self._run, name="watch", daemon=True)
 
     def start(self) -> None:
-        """Begin to scan. Files that came since the watcher was made are new."""
+        """Start scanning. Files that appeared since the construction of the watcher are new."""
         self._thread.start()
 
     @property
     def failed(self) -> bool:
-        """The thread is dead; nothing is taken from the folder any more."""
+        """Whether the thread has ended after an error; no more files are accepted."""
         return self._failed.is_set()
 
     def wake(self) -> None:
@@ -68,12 +68,12 @@ class FolderWatcher:
         self._wake.set()
 
     def accept(self) -> None:
-        """Go on with the folder that stands in the place of another one; from any thread."""
+        """Continue with a folder that replaced the original one; from any thread."""
         self._accepts.set()
         self._wake.set()
 
     def close(self, timeout_s: float = 5.0) -> None:
-        """Stop scanning; any number of times, started or not."""
+        """Stop scanning; may be called repeatedly, also before the start."""
         self._stop.set()
         self._wake.set()
         if self._thread.is_alive():

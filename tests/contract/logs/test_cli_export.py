@@ -66,12 +66,12 @@ def test_hdf5_holds_fields_series_units_and_configuration(exported: Callable[[st
         assert list(file["frames"]) == sorted(str(one) for one in range(12))
         group = file["frames/11"]
         assert set(group) >= {"x", "y", "u", "v", "exx", "eyy", "exy", "sigma_u", "sigma_v", "valid"}
-        x, y = known.begun.grid.mesh()
+        x, y = known.analysis.grid.mesh()
         np.testing.assert_array_equal(group["x"], x)
         np.testing.assert_array_equal(group["y"], y)
         for name, values in fields(known.result, 11).items():
             np.testing.assert_array_equal(group[name], values)
-        dmap = next(one for one in known.begun.from_frame_0 if one.current == 11)
+        dmap = next(one for one in known.analysis.maps_from_reference if one.current == 11)
         for name, values in zip(("systematic_u", "systematic_v"), correction_sigma(known.solution, dmap), strict=True):
             np.testing.assert_allclose(group[name], np.where(group["valid"], values, 0.0), rtol=1e-9)
         assert float(group["systematic_u"][()].max()) > 0.0
@@ -127,7 +127,7 @@ def test_vtk_reads_the_image_data(exported: Callable[[str], Path], known: Any) -
     reader = vtkXMLImageDataReader()
     reader.SetFileName(os.fspath(out / "frame_00011.vti"))
     reader.Update()
-    image, grid = reader.GetOutput(), known.begun.grid
+    image, grid = reader.GetOutput(), known.analysis.grid
     assert image.GetDimensions() == (grid.nx, grid.ny, 1)
     assert image.GetOrigin()[:2] == (grid.x0_px, grid.y0_px)
     assert image.GetSpacing()[:2] == (grid.step_px, grid.step_px)

@@ -122,7 +122,7 @@ def test_an_interrupted_run_asks_again_unless_it_was_loaded() -> None:
             done, (7.0, -3.0), run.state.load, run.state.position, calibration_assessment=CalibrationAssessed(9 * S, 1, WHY)
         )
         run.load_goal_n = run.stage_goal_um = None
-        run.state = start(plan, run.now_ns, before=before)
+        run.state = start(plan, run.now_ns, interrupted_run=before)
         run.tell(LinksOpening(run.now_ns))
         run.readings()
         run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))

@@ -53,7 +53,7 @@ def interrupted(pairs: int, plan: object = PLAN, until: State = State.IMAGING) -
 def taken_up(run: Run, before: InterruptedRun) -> Run:
     """A new engine for the same machine, asked up to where it asks."""
     run.commands.clear()
-    run.state = start(run.plan, run.now_ns, before=before)
+    run.state = start(run.plan, run.now_ns, interrupted_run=before)
     run.tell(LinksOpening(run.now_ns))
     run.readings()
     run.tell(LinksReady(run.now_ns, IDENTITY if run.has_load else None, IDENTITY if run.has_stage else None))
@@ -149,7 +149,7 @@ def test_a_crosshead_that_was_on_its_way_may_be_further_on_it_and_not_behind(cha
 def test_a_device_that_does_not_hold_the_last_order_is_a_fault_before_the_first_order(cleared: bool, code: FaultCode) -> None:
     run, before = interrupted(1)
     run.commands.clear()
-    run.state = start(run.plan, run.now_ns, before=before)
+    run.state = start(run.plan, run.now_ns, interrupted_run=before)
     run.tell(LinksOpening(run.now_ns))
     run.tell(LoadReading(run.now_ns, replace(run.load_sample(), order_changed="its target holds 0 N", orders_cleared=cleared)))
     assert fault_of(run) is code
@@ -178,7 +178,7 @@ def test_a_load_frame_that_was_found_moving_is_no_machine_as_the_log_left_it(dev
     run, before = interrupted(1, until=State.RAMPING)
     run.commands.clear()
     run.load_goal_n = None
-    run.state = start(run.plan, run.now_ns, before=before)
+    run.state = start(run.plan, run.now_ns, interrupted_run=before)
     run.tell(LinksOpening(run.now_ns))
     run.readings()
     run.tell(DeviceStopped(run.now_ns, device, "it moved before it was told to"))
@@ -224,7 +224,7 @@ def test_what_is_asked_once_is_not_held_against_a_later_fault() -> None:
 def test_a_watchdog_that_stopped_the_machine_is_acknowledged_once_and_a_fault_that_stays_is_one() -> None:
     run, before = interrupted(1)
     run.commands.clear()
-    run.state = start(PLAN, run.now_ns, before=before)
+    run.state = start(PLAN, run.now_ns, interrupted_run=before)
     run.tell(LinksOpening(run.now_ns))
     for _ in range(3):
         sick = replace(run.load_sample(), motion=MotionState.FAULT)
@@ -251,9 +251,9 @@ def test_the_field_is_brought_back_from_where_the_last_pair_saw_it() -> None:
 def test_pairs_that_are_not_the_first_of_the_plan_are_refused() -> None:
     _, before = interrupted(2)
     with pytest.raises(BadInput, match=r"the log holds the pairs \[1\] of a plan of 3 steps"):
-        start(PLAN, T0, before=replace(before, completed_pairs=before.completed_pairs[1:]))
+        start(PLAN, T0, interrupted_run=replace(before, completed_pairs=before.completed_pairs[1:]))
     with pytest.raises(BadInput, match="of a plan of 1 steps"):
-        start(plan_of((HERE, 100.0)), T0, before=before)
+        start(plan_of((HERE, 100.0)), T0, interrupted_run=before)
 
 
 def test_a_stage_that_moved_when_the_run_died_is_where_it_happens_to_be() -> None:

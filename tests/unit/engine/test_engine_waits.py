@@ -145,7 +145,7 @@ def test_an_interrupted_warm_up_goes_on(known: bool) -> None:
         run.state.position,
         drift_forecast=run.state.drift_forecast if known else None,
     )
-    run.state = start(plan, run.now_ns, before=before)
+    run.state = start(plan, run.now_ns, interrupted_run=before)
     assert [(one.step, one.warm_up, one.load_n) for one in run.state.plan.steps] == [(0, False, None), (1, True, None), (2, False, 100.0)]
     run.tell(LinksOpening(run.now_ns))
     run.readings()

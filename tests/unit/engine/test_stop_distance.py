@@ -216,6 +216,6 @@ def test_a_device_that_a_person_moves_has_no_rows() -> None:
 
 def test_the_times_are_those_of_link_and_drivers() -> None:
     assert inspect.signature(DeviceLink).parameters["dead_man_s"].default == stop_distance.DEAD_MAN_S
-    assert stop_distance.TOLD_S == DISOBEYED_S
+    assert stop_distance.STOP_REPORT_S == DISOBEYED_S
     assert stop_distance.CONNECT_S == CONNECT_S
     assert {ModbusSettings().timeout_s, TextSettings.model_fields["timeout_s"].default} == {stop_distance.ANSWER_S}
