@@ -29,12 +29,12 @@ import json, sys, time
 from pathlib import Path
 from semlive.formats.log.messages import FileMessage, LogLineMessage, RunMessage
 from semlive.service.log.recorder import Recorder
-from semlive.service.log.tail import Tail
+from semlive.service.log.tail import LogTail
 class Clock:
     def now_ns(self): return time.time_ns()
     def mono_ns(self): return time.monotonic_ns()
 log, switches, wanted, at = Path(sys.argv[1]), Path(sys.argv[2]), json.loads(sys.argv[3]), int(sys.argv[4])
-said, behind, tail, followed = [], [], Tail(log), []
+said, behind, tail, followed = [], [], LogTail(log), []
 def switch(names):
     for name, count in names.items():
         (switches / name).write_text(str(count))
@@ -49,8 +49,8 @@ for number in range(30):
     if number == at:
         switch(wanted)
     recorder.write("/sem/original", bytes([number]) * 100000, sequence=number)
-    recorder.flush_wait(0.3)
-    behind.append(recorder.behind)
+    recorder.flush(0.3)
+    behind.append(recorder.backlog_message)
     followed += [one.sequence for one in tail.poll() if one.topic == "/sem/original"]
 began_s = time.monotonic()
 whole = recorder.close(10.0, 1.0)

@@ -203,7 +203,7 @@ for number in range(50):
     recorder.write("/log", LogLineMessage(time_ns=number, level="info", text="x"))
 recorder.write("/fault", FaultMessage(time_ns=50, what="x", where="", action=""))
 recorder.write("/sem/original", bytes(300_000), sequence=3)
-recorder.flush_wait()
+recorder.flush()
 os.kill(os.getpid(), signal.SIGKILL)
 """
 

@@ -156,7 +156,7 @@ class Clock:
 recorder = Recorder(Path(sys.argv[1]), Clock(), print)
 for number in range(100):
     recorder.write("/log", LogLineMessage(time_ns=number, level="info", text="x"))
-recorder.flush_wait()
+recorder.flush()
 print("flushed", flush=True)
 time.sleep(60)
 """

@@ -88,7 +88,7 @@ main()
 """
 
 
-@pytest.mark.parametrize("where", ["run", "_open_clock", "_open_log", "_experiment", "_open_door", "_open_links", "_loop"])
+@pytest.mark.parametrize("where", ["run", "_open_clock", "_open_log", "_experiment", "_open_socket", "_open_links", "_loop"])
 def test_ctrl_c_is_heard_at_every_stage_of_starting(instrument: Callable[..., Any], where: str) -> None:
     """Between the handler and the run's control there was nobody to tell, and the run went on to its end."""
     one = instrument(f"starting-{where}")

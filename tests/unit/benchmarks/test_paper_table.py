@@ -15,14 +15,14 @@ from semlive.data.drift import DistortionField
 from semlive.data.grid import Grid
 from semlive.errors import BadInput
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from paper import write_between
 from sidebyside.facts import PAPER, STATED_WINDOW
 from sidebyside.field import PAPER_POINTS, on_papers_points
 from sidebyside.measure import FIELDS, GaugeRow, PhaseFigures, RunFigures
 from sidebyside.table import Row, correction_share, reached_at
 
-PAGE = Path(__file__).parents[2] / "docs" / "validation" / "paper.md"
+PAGE = Path(__file__).parents[3] / "docs" / "validation" / "paper.md"
 
 
 def line(vsg_px: int, strain: float) -> GaugeRow:

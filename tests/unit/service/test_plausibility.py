@@ -20,7 +20,7 @@ from semlive.service.config.plausibility import questions, refuse_unusual
 from semlive.service.config.template import LAB_PRESETS
 from semlive_simulators.scenario import load_scenario, names
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 GIVEN: dict[str, Any] = {
     "sem": {"folder": "export", "pixel_size_um": 1.25, "profile": {"dwell_time_s": 1e-4, "row_time_s": 0.1071}},
     "load_frame": {"driver": "modbus", "settings": {"approach": {"stiffness_n_mm": 20000, "speed_max_mm_s": 0.05}}},

@@ -19,7 +19,7 @@ import yaml
 from semlive.cli.app import COMMANDS
 from semlive.service.control.systemd import SystemdNotifier
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 UNIT = ROOT / "deploy" / "semlive@.service"
 
 

@@ -117,7 +117,7 @@ def test_what_is_no_yaml_is_named_with_its_line(tmp_path: Path) -> None:
 
 @pytest.mark.checkout
 def test_the_example_is_a_configuration() -> None:
-    config = load_config(Path(__file__).parents[2] / "deploy" / "example.yaml")
+    config = load_config(Path(__file__).parents[3] / "deploy" / "example.yaml")
     assert len(config.plan().steps) == 19
     assert config.plan().hold.hold_s == 30.0
 

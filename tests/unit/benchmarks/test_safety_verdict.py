@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from peer_frame.kept import keep, kept
 from peer_frame.page import line
 from peer_frame.scenario import Ending, Expected, Fault, Group, Observed, Scenario
