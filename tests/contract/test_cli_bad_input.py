@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 import yaml
 
+from semlive.service.log.files import messages
+
 
 def semlive(*arguments: str) -> tuple[int, str, str]:
     done = subprocess.run([sys.executable, "-m", "semlive", *arguments], capture_output=True, text=True, timeout=60, check=False)
@@ -67,9 +69,11 @@ def test_a_refused_socket_is_named(tmp_path: Path, config: dict[str, Any]) -> No
     said = run(tmp_path, config)
     assert f"127.0.0.1:{port}" in said
     assert "check" in said
-    # Nothing was begun, so the same run can be started once the cable is in.
+    # Nothing has moved: the log holds the fault alone, and the same run can be started once the cable is in.
     assert run(tmp_path, config) == said
-    assert not (tmp_path / "log" / "try").exists()
+    topics = [message.topic for message in messages(tmp_path / "log" / "try")]
+    assert topics.count("/fault") == 1
+    assert "/load_frame/sample" not in topics
 
 
 def test_an_unknown_driver_is_named_with_those_there_are(tmp_path: Path, config: dict[str, Any]) -> None:

@@ -21,7 +21,7 @@ from semlive.diagnose.baseline.observation import Observation, baseline_solution
 from semlive.diagnose.maps.screening import Screening
 from semlive.diagnose.parallel import parallel_map
 from semlive.errors import IllPosed
-from semlive.estimate.joint.observations.normal_equations import reset_model_selection, with_maps
+from semlive.estimate.joint.observations.reformulate import reset_model_selection, with_maps
 from semlive.estimate.joint.solution.posterior import Solution
 from semlive.model.effects import EffectClass
 

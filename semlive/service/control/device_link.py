@@ -59,8 +59,7 @@ class DeviceLink:
         limits: soft limits, checked here for every sample, as in the engine; also the ages at which a sample is stale or the link lost.
         poll_s: wall time between readings, s.
         dead_man_s: longest wall time between calls of `keep_alive`, s; beyond it the device is stopped.
-        recalled: last ramp that an earlier process of a resumed run ordered, which the load frame compares with the order in its device.
-            None for a new run.
+        recalled: last ramp in the log of a resumed run, to be compared with the command in the device. None: a new run.
     """
 
     def __init__(

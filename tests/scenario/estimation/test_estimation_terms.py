@@ -15,7 +15,8 @@ from semlive.data.drift import EstimateRevision
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import EstimateSettings
 from semlive.estimate.joint.elimination.elimination import eliminate_all
-from semlive.estimate.joint.observations.normal_equations import with_advected_distortion, with_static_distortion, without_normal_matrix
+from semlive.estimate.joint.observations.normal_equations import without_normal_matrix
+from semlive.estimate.joint.observations.reformulate import with_advected_distortion, with_static_distortion
 from semlive.estimate.joint.solution import posterior as estimating_posterior
 from semlive.estimate.joint.solution.advection import reestimate_advection
 

@@ -48,8 +48,7 @@ def map_observations(state: EstimatorState, dmap: DisparityMap, measured: NDArra
         dmap: the map.
         measured: (blocks, 2) True where other maps carry the same information; these blocks get no weight. None: all blocks count.
 
-    Returns:
-        The rows; without columns if no block has weight.
+    The rows have no columns if no block has weight.
 
     Raises:
         IllPosed: the map has another grid than the state, or starts neither from frame 0 nor from its own pair.

@@ -10,8 +10,9 @@ from semlive.data.drift import TermTest
 from semlive.estimate.joint.elimination.elimination import eliminate_all
 from semlive.estimate.joint.elimination.shared_parameters import NOISE, Matrix, Vector
 from semlive.estimate.joint.elimination.smoother import mean_of, solve_shared
-from semlive.estimate.joint.observations.normal_equations import predicted, with_advected_distortion, with_static_distortion
+from semlive.estimate.joint.observations.normal_equations import predicted
 from semlive.estimate.joint.observations.priors import Hyperparameters, rotation_indices
+from semlive.estimate.joint.observations.reformulate import with_advected_distortion, with_static_distortion
 from semlive.estimate.joint.observations.state import EstimatorState
 from semlive.estimate.joint.selection.model_selection import COUPLING_SIGMAS, advection_column
 from semlive.estimate.joint.solution.posterior import Solution

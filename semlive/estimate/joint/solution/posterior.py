@@ -15,16 +15,9 @@ from semlive.estimate.joint.elimination.arrowhead import ArrowheadFactor, choles
 from semlive.estimate.joint.elimination.elimination import EliminationChain, eliminate_all
 from semlive.estimate.joint.elimination.smoother import SharedPosterior, mean_of, solve_shared
 from semlive.estimate.joint.observations.block_means import Blocks
-from semlive.estimate.joint.observations.normal_equations import (
-    gradient,
-    marginal,
-    predicted,
-    relinearise,
-    reweight,
-    with_advected_distortion,
-    with_row_shifts,
-)
+from semlive.estimate.joint.observations.normal_equations import gradient, marginal, predicted, relinearise, reweight
 from semlive.estimate.joint.observations.priors import Hyperparameters, gauge_precision, prior_precision
+from semlive.estimate.joint.observations.reformulate import with_advected_distortion, with_row_shifts
 from semlive.estimate.joint.observations.state import EstimatorState, MapObservations, offload_rows
 from semlive.estimate.joint.selection.marginal_likelihood import LocalLikelihood, maximise_evidence, select_row_shift_size
 from semlive.estimate.joint.selection.model_selection import COUPLING_SIGMAS, distortion_advection, raster_terms

@@ -14,11 +14,10 @@ from semlive.estimate.joint.observations.normal_equations import (
     extended_parameters,
     first_pairs,
     update,
-    with_advected_distortion,
     with_rates,
-    with_static_distortion,
     without_normal_matrix,
 )
+from semlive.estimate.joint.observations.reformulate import with_advected_distortion, with_static_distortion
 from semlive.estimate.joint.observations.state import EstimatorState, rows_of
 from semlive.estimate.joint.selection.long_run import reselect_temporal_terms
 from semlive.estimate.joint.selection.long_run_choices import reselect_distortion_smoothness, residual_noise_ratio
