@@ -1,4 +1,7 @@
-"""The keys of every JSON object that commands print about the short demo: programs rely on them, so they are only ever extended."""
+"""The keys of every JSON object that commands print about the short demo: programs rely on them, so they are only ever extended.
+
+Keys that are names of effects or of their parameters depend on the data and are not recorded.
+"""
 
 from __future__ import annotations
 

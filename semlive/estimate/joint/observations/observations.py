@@ -41,14 +41,12 @@ def observation_rows(state: EstimatorState, maps: tuple[DisparityMap, ...]) -> t
 
 
 def map_observations(state: EstimatorState, dmap: DisparityMap, measured: NDArray[np.bool_] | None = None) -> MapObservations:
-    """Rows of one map.
+    """Rows of one map; without columns if no block has weight.
 
     Args:
         state: the estimator state.
         dmap: the map.
         measured: (blocks, 2) True where other maps carry the same information; these blocks get no weight. None: all blocks count.
-
-    The rows have no columns if no block has weight.
 
     Raises:
         IllPosed: the map has another grid than the state, or starts neither from frame 0 nor from its own pair.
