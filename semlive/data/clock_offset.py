@@ -27,7 +27,7 @@ class ClockOffset:
         differences_s: clock minus experiment time of the newest files, since the clock last stepped.
         sample_count: how many files there were since then.
         outliers_s: differences of the newest files that do not fit, oldest first.
-        reported_offset_s: the offset that was told last; None before.
+        reported_offset_s: the offset that was reported last; None before.
     """
 
     clock: str

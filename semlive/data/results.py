@@ -33,9 +33,9 @@ class PairResult:
     Attributes:
         decision: the pair.
         pairs: how many pairs the estimate is of.
-        maps: what DIC measured: within the pair, and from frame 0 to each of its frames; empty where the pair was told before.
+        maps: what DIC measured: within the pair, and from frame 0 to each of its frames; empty if the pair was reported before.
         estimate: what the estimator knows after this pair; in a long run, between two choices, of the newest pairs.
-        frames: the pair's two frames, corrected; none where the pair was told before.
+        frames: the pair's two frames, corrected; none if the pair was reported before.
         elastic: elastic constants so far, or None.
         gage: DIC beside the strain gage so far, or None.
         revised_frames: earlier frames, corrected again because what is known now moved their mean strain by more than its uncertainty.

@@ -213,7 +213,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class OperatorPanel:
-    """The conversation with the person at the instrument: open questions, and what was told last."""
+    """Open prompts to the operator, and the newest message."""
 
     questions: tuple[Question, ...] = ()
     told: str = ""

@@ -158,7 +158,7 @@ def make_observation(solution: Solution, steps: Sequence[StepConditions], other:
         (np.zeros((1, len(used), 2)), np.stack([predicted(state, map_rows, solution.mean)[used] for map_rows in rows]))
     )
     # A block lies where its points of that map lie on average. With those of the first map, points that others lack moved it by 6 px, and a
-    # bending specimen was told 22 % too large.
+    # bending specimen was estimated 22 % too large.
     position = np.stack([map_rows.position_px[used] for map_rows in (rows[0], *rows)])
     return Observation(state, solution, rows, used, disparity, _scene(solution, steps, frames, position, predicted_px), tuple(steps), other)
 

@@ -102,7 +102,7 @@ def row_series(shifts: RowShifts, row_time_s: float, dwell_time_s: float) -> Row
 def interpolated(per_row: float, between: Array) -> Array:
     """What cubic B-spline interpolation at places between rows leaves of a wave of so many cycles per row: all on a row, little between.
 
-    Near half a cycle per row this is most of it: a vibration of 23.7 Hz at rows of 0.107 s was told a fifth too small.
+    Near half a cycle per row this is most of it: a vibration of 23.7 Hz at rows of 0.107 s was estimated a fifth too small.
     """
     t = np.asarray(between, dtype=np.float64)
     before, after = 1.0 - t, t

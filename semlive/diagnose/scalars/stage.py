@@ -21,7 +21,7 @@ LEAST_PX = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StageMoves:
-    """What the stage was told, and what the picture did.
+    """Commanded stage moves and the measured shifts of the image.
 
     Attributes:
         commanded_px: (n, 2) places.

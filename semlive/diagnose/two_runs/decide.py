@@ -236,7 +236,7 @@ def _as_smooth_beside(screening: _Heard, runs: Sequence[HyperparameterGrid]) -> 
     """The same with drifts as smooth as each run has them beside the effect, where it is likelier so.
 
     The drift that is likeliest without the effect follows a part of it: of a row time that was wrong by 0.4 the logarithm of the Bayes
-    factor was 29 so, and is 110; runs by themselves, which ask all smoothnesses, were told to have a swing or a ramp in 4 of 10.
+    factor was 29 so, and is 110; runs by themselves, which ask all smoothnesses, were reported with a swing or a ramp in 4 of 10.
     """
     basis_fields = _Shared(screening.joined, screening.family, screening.size_px).laws(screening.values)
     assert basis_fields is not None  # it was seen on the grid

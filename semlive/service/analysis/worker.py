@@ -109,7 +109,7 @@ class WorkerState:
         pixel_hashes: name of the frame that first showed these pixels, by their hash.
         clocks: clocks of other computers as files tell them.
         issued_warnings: what the estimate has warned of, without its figures.
-        pair_to_review: the pair that was told last and has not been reconsidered; None otherwise.
+        pair_to_review: the pair that was reported last and has not been reviewed; None otherwise.
         at_rest_since_ns: since when nothing is moved; None while something may be.
         imaging_since_ns: scans that begin after this are meant for a pair; None while the engine asks for none.
         newest_rest_frame: the newest frame, if it was scanned at rest and not looked at.
