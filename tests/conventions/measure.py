@@ -33,7 +33,7 @@ def figures(root: Path) -> dict[str, str]:
     nodes = [node for tree in trees.values() for node in ast.walk(tree)]
     functions = [node for node in nodes if isinstance(node, _FUNCTIONS)]
     classes = [node for node in nodes if isinstance(node, ast.ClassDef)]
-    words = Counter(word.lower() for node in nodes for name in _names(node) for word in _WORD.findall(name))
+    words = Counter(word.lower() for node in nodes for name in names(node) for word in _WORD.findall(name))
     return {
         "modules": f"{len(sizes)}",
         "lines of product": f"{sum(sizes)}",
@@ -56,7 +56,7 @@ def _lines(path: Path) -> int:
     return len(path.read_text(encoding="utf-8").splitlines())
 
 
-def _names(node: ast.AST) -> Iterator[str]:
+def names(node: ast.AST) -> Iterator[str]:
     """Names that a node introduces."""
     if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
         yield node.name

@@ -63,6 +63,7 @@ def test_no_second_daemon_begins_where_a_run_was_deleted(patient: Any, wait_unti
     first = patient.start().reach("ramping").daemon
     assert next(iter(messages(patient.log))).topic == "/run"
     os.kill(first.pid, signal.SIGSTOP)  # it would notice, stop and end: a busy computer gives it no time to
+    os.waitid(os.P_PID, first.pid, os.WSTOPPED | os.WNOWAIT)  # on a busy computer it runs on for a moment
     shutil.rmtree(patient.log)
     if replaced:
         patient.log.mkdir()

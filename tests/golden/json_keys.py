@@ -1,6 +1,6 @@
 """The keys of every JSON object that commands print about the short demo: programs rely on them, so they are only ever extended.
 
-Keys that are names of effects or of their parameters depend on the data and are not recorded.
+Keys that are names of effects, of their parameters or of log topics depend on the data and are not recorded.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ def keys(value: object, path: str = "") -> Iterator[str]:
     """Paths of all keys; the items of a list share the path of the list."""
     if isinstance(value, dict):
         for name, item in value.items():
+            if name.startswith("/"):
+                continue
             yield f"{path}.{name}" if path else name
             yield from keys(item, f"{path}.{name}" if path else name)
     elif isinstance(value, list):
