@@ -50,7 +50,7 @@ from semlive.formats.log.messages import (
 )
 from semlive.formats.log.writer import LogMessage
 from semlive.service.analysis.output import OutputStream, lower_priority
-from semlive.service.analysis.pipe import read_counts
+from semlive.service.analysis.pipe import AnalysisOutput, AnalysisReady, read_counts
 from semlive.service.analysis.preview_images import preview_images
 from semlive.service.analysis.result_json import result_json
 from semlive.service.analysis.warnings import new_warnings
@@ -414,14 +414,13 @@ def _follow(inputs: Iterable[LogMessage], skip: int, beat: bool) -> None:
             with voice.busy():
                 before = state.analysis
                 state, outputs = process_message(state, message)
-                _warm(state, message)
-                skip = _say(voice, outputs, skip)
+                skip = _say(voice, _warmed_up(state, message, outputs), skip)
                 state, outputs = background_work(state)
                 skip = _say(voice, outputs, skip)
                 state = _lighter(state, before, archive)
 
 
-def _say(voice: OutputStream, outputs: Iterable[LogMessage], skip: int) -> int:
+def _say(voice: OutputStream, outputs: Iterable[AnalysisOutput], skip: int) -> int:
     """Say all but the first so many, which stand in the log; how many of those are still to come."""
     for output in outputs:
         if skip > 0:
@@ -461,10 +460,13 @@ def _lighter(state: WorkerState, before: pipeline.AnalysisState | None, archive:
     return replace(state, analysis=analysis)
 
 
-def _warm(state: WorkerState, message: LogMessage) -> None:
-    """Compile before the first pair; the word READY then goes out after it."""
-    if message.topic == "/run" and state.settings is not None:
-        dic.warm_up(state.settings.dic)
+def _warmed_up(state: WorkerState, message: LogMessage, outputs: Iterable[LogMessage]) -> Iterable[AnalysisOutput]:
+    """After the configuration of the run: compile the kernels, then send the last output, the line for `/log`, as `AnalysisReady`."""
+    if message.topic != "/run" or state.settings is None:
+        return outputs
+    dic.warm_up(state.settings.dic)
+    *notices, line = outputs
+    return (*notices, AnalysisReady(line))
 
 
 if __name__ == "__main__":

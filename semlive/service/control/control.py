@@ -62,13 +62,12 @@ from semlive.formats.log.messages import (
     FaultMessage,
     FileMessage,
     HoldDriftMessage,
-    LogLineMessage,
     OperatorMessage,
     ScanMessage,
     from_json,
 )
-from semlive.formats.log.writer import LogMessage
-from semlive.service.analysis.worker import READY_TEXT, is_model_warning
+from semlive.service.analysis.pipe import AnalysisOutput, AnalysisReady
+from semlive.service.analysis.worker import is_model_warning
 from semlive.service.control.analysis_events import (
     DriftUpdate,
     calibration_event,
@@ -85,7 +84,7 @@ from semlive.service.runtime.clock import SimulatedClock, SystemClock
 
 P = ParamSpec("P")
 
-_DECODED_TOPICS = ("/clock/offset", "/sem/scan", "/sem/file", "/log", "/dic/summary", "/drift/hold", "/elastic", "/fault", "/result")
+_DECODED_TOPICS = ("/clock/offset", "/sem/scan", "/sem/file", "/dic/summary", "/drift/hold", "/elastic", "/fault", "/result")
 _FAULT_STATES = (State.FAULT, State.EMERGENCY_STOP)
 _ENDING_STATES = (State.STOPPING, *FINAL_STATES)
 _WARNING_EVENTS = (DeviceFault, DeviceStopped, LinkLost)
@@ -273,8 +272,12 @@ class Control:
         self._journal.fault(self._clock.now_ns(), what, where, action, code)
         self._warn(what)
 
-    def on_analysis_output(self, message: LogMessage) -> None:
+    def on_analysis_output(self, message: AnalysisOutput) -> None:
         """Log a message of the analysis and pass its events to the engine."""
+        if isinstance(message, AnalysisReady):
+            self._journal.output(message.line)
+            self.analysis_ready.set()
+            return
         payload = from_json(message.topic, message.payload) if message.topic in _DECODED_TOPICS else None
         if isinstance(payload, ScanMessage):
             info = values.frame_info(payload)
@@ -287,8 +290,6 @@ class Control:
             self.handle(FrameUnreadable(self._clock.now_ns(), payload.export, payload.reason))
         elif isinstance(payload, ClockOffsetMessage) and payload.advice:
             self._warn(payload.advice)
-        elif isinstance(payload, LogLineMessage) and payload.text == READY_TEXT:
-            self.analysis_ready.set()
         elif isinstance(payload, DicMessage):
             self._handle_field_of_view(payload)
         elif message.topic == "/drift/estimate":
