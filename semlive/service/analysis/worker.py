@@ -18,6 +18,7 @@ from pathlib import Path
 
 from semlive import dic, pipeline
 from semlive.data.frame import ExportedFile, Frame
+from semlive.data.notes import Note, NoteCode
 from semlive.data.pair import Pair, PairDecision
 from semlive.data.results import PairResult
 from semlive.data.settings import AnalysisSettings
@@ -108,7 +109,7 @@ class WorkerState:
         sidecar: bytes of the text file beside the file whose bytes come next.
         pixel_hashes: name of the frame that first showed these pixels, by their hash.
         clocks: clocks of other computers as files tell them.
-        issued_warnings: what the estimate has warned of, without its figures.
+        issued_warnings: subjects of the warnings of the estimate so far.
         pair_to_review: the pair that was reported last and has not been reviewed; None otherwise.
         at_rest_since_ns: since when nothing is moved; None while something may be.
         imaging_since_ns: scans that begin after this are meant for a pair; None while the engine asks for none.
@@ -124,7 +125,7 @@ class WorkerState:
     clocks: FileClockOffsets = field(default_factory=lambda: FileClockOffsets.with_poll_interval(1.0))
     frames: tuple[Frame, ...] = ()
     analysis: pipeline.AnalysisState | None = None
-    issued_warnings: frozenset[str] = frozenset()
+    issued_warnings: frozenset[NoteCode] = frozenset()
     pair_to_review: Pair | None = None
     at_rest_since_ns: int | None = None
     imaging_since_ns: int | None = None
@@ -317,7 +318,7 @@ def _said(state: WorkerState, pair: Pair, result: PairResult, wall_s: float) -> 
     return state, _with_pictures(pair, lambda: (*result_messages(result, wall_s), *doubts))
 
 
-def _newly_doubted(state: WorkerState, pair: Pair, notes: Sequence[str]) -> tuple[WorkerState, tuple[LogMessage, ...]]:
+def _newly_doubted(state: WorkerState, pair: Pair, notes: Sequence[Note]) -> tuple[WorkerState, tuple[LogMessage, ...]]:
     news, warned = new_warnings(notes, state.issued_warnings)
     return replace(state, issued_warnings=warned), tuple(_doubt(one, pair.decision.pair, pair.decision.second.end_time_ns) for one in news)
 
