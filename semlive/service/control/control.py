@@ -75,9 +75,9 @@ from semlive.service.control.analysis_events import (
     field_of_view_event,
     parse_drift_update,
 )
-from semlive.service.control.device_link import DeviceLink
 from semlive.service.control.resume import PreviousSegments
 from semlive.service.control.trigger import TriggerLink
+from semlive.service.device_link import DeviceLink
 from semlive.service.log.alarms import Alarm
 from semlive.service.log.run_log import RunLog
 from semlive.service.runtime.clock import SimulatedClock, SystemClock

@@ -27,7 +27,6 @@ from semlive.formats.log.messages import RunMessage
 from semlive.service.analysis.process import AnalysisProcess
 from semlive.service.config.configuration import Config
 from semlive.service.control.control import Control, RunSnapshot
-from semlive.service.control.device_link import DeviceLink
 from semlive.service.control.handoff import BoundedHandoff
 from semlive.service.control.operator_prompts import OperatorPrompts
 from semlive.service.control.refused_start import REFUSED_START, named_in, refusal_code, remove_refused_start
@@ -36,6 +35,7 @@ from semlive.service.control.socket import ControlSocket, SocketAddress
 from semlive.service.control.start_checks import require_attendance, require_orders
 from semlive.service.control.systemd import SystemdNotifier
 from semlive.service.control.trigger import TriggerLink
+from semlive.service.device_link import DeviceLink
 from semlive.service.log.alarms import AcknowledgeAll, acknowledgements
 from semlive.service.log.files import segment_path
 from semlive.service.log.lock import held_itself, only_one_at, run_lock

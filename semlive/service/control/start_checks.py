@@ -8,7 +8,7 @@ from semlive.data.experiment import Plan
 from semlive.data.loading import DeviceIdentity
 from semlive.engine import Device
 from semlive.errors import BadConfig
-from semlive.service.control.device_link import DeviceLink
+from semlive.service.device_link import DeviceLink
 
 
 def require_attendance(identities: Mapping[Device, DeviceIdentity], attended: bool) -> None:

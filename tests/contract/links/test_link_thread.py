@@ -29,7 +29,7 @@ from semlive.engine import (
     StageReading,
 )
 from semlive.errors import BadConfig, LinkError, LinkRefused
-from semlive.service.control.device_link import DeviceLink
+from semlive.service.device_link import DeviceLink
 from semlive_drivers.modbus.load_frame import open_load_frame
 from semlive_drivers.modbus.stage import open_stage
 

@@ -18,7 +18,7 @@ from semlive.engine.supervision.ramp_readings import Finding
 from semlive.engine.supervision.ramp_supervision import supervise
 from semlive.errors import LinkError
 from semlive.ports import LoadFrame, Stage, StopMethods
-from semlive.service.control.stop_pursuit import Motionless
+from semlive.service.device_link.stop_pursuit import Motionless
 
 Order = RampTo | MoveStage
 
