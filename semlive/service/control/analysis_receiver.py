@@ -2,8 +2,8 @@
 
 Theory of operation
 -------------------
-A thread of the analysis process hands the outputs over in their order (`handoff`); `on_output` runs in the loop of control and never blocks.
-Only the topics that control uses are decoded. A pair that cannot be analysed stops the run, because all maps refer to the first pair.
+A thread of the analysis process hands the outputs over in their order; `on_output` runs in the loop of control and never blocks. Only the
+topics that control uses are decoded. A pair that cannot be analysed stops the run, because all maps refer to the first pair.
 """
 
 from __future__ import annotations
