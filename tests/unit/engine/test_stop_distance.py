@@ -137,7 +137,7 @@ def test_a_noisy_cell_that_saturates_goes_no_farther_than_its_row_says(sigma_n: 
     case = replace(base, tolerance_n=15.0, noticeable_n=noticeable_n(sigma_n, 0.0))
     code = FaultCode.NO_RESPONSE if identity is LOAD else FaultCode.TRAVEL_WITHOUT_LOAD
     trial = Trial(code, lambda rate, part: Machine(), identity=identity)
-    row = row_of(case, code, "the force reading stands still")
+    row = row_of(case, code, "the force reading")
     for seed in range(5):
         rng = random.Random(seed)
         clipped = Machine(ends=False, shown=lambda force_n, t_s, rng=rng: min(force_n, 200.0) + rng.gauss(0.0, sigma_n))
