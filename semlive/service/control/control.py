@@ -112,7 +112,7 @@ class Control:
             self._blocked.discard(device)
         elif device not in self._blocked:
             self._blocked.add(device)
-            reason = f"its driver has not come back for {_BLOCKED_S:g} s, so it cannot be told to stop: stop the machine by hand"
+            reason = f"its driver has not come back for {_BLOCKED_S:g} s, so it cannot be ordered to stop: stop the machine by hand"
             self.engine.handle(LinkLost(self._clock.now_ns(), device, reason))
 
     def call_soon(self, call: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
@@ -132,7 +132,7 @@ class Control:
         if self.monitor.failure is None:
             expected = isinstance(error, SemliveError)
             message = " ".join(str(error).split()) or type(error).__name__
-            failure = message if expected else f"semlive itself failed ({type(error).__name__}: {message}); the log tells where"
+            failure = message if expected else f"semlive itself failed ({type(error).__name__}: {message}); the log holds the traceback"
             self.monitor.failure = failure
             trace = "".join(traceback.format_exception(error))
             # Writing the log may be the cause of the failure.

@@ -129,12 +129,12 @@ def read_previous_segments(folder: Path, config: Config) -> PreviousSegments:
         BadLog: the log cannot be read, or lacks data of its pairs.
     """
     if not folder.is_dir() or not any(path.name.removesuffix(PARTIAL_SUFFIX).endswith(SUFFIX) for path in folder.iterdir()):
-        raise BadConfig(f"{folder}: there is no such run to take up again; leave --resume out to begin it")
+        raise BadConfig(f"{folder}: there is no such run to resume; leave --resume out to begin it")
     reader, damage = _SegmentReader(), list[str]()
     for message in messages(folder, damage.append):
         reader.add(message)
     if reader.run is None:
-        raise BadLog(f"{folder}: the log does not tell what was run; begin a run of another name")
+        raise BadLog(f"{folder}: the log does not hold the configuration of its run; begin a run of another name")
     _require_same_configuration(folder, reader.run, config)
     return reader.result(folder, _next_segment(folder), tuple(damage))
 
@@ -229,7 +229,7 @@ class _SegmentReader:
             BadLog: the bytes of a pair are lost.
         """
         if self.state == State.COMPLETE and self.concluded:
-            raise BadConfig(f"{folder}: this run is complete; there is nothing to take up again")
+            raise BadConfig(f"{folder}: this run is complete; there is nothing to resume")
         if self.first_unusable is not None:
             raise BadConfig(f"{folder}: the first pair of this run cannot be used ({self.first_unusable}); begin a new run")
         completed = tuple(self.pairs[number] for number in sorted(self.pairs))
@@ -287,7 +287,7 @@ def _require_same_configuration(folder: Path, run: RunMessage, config: Config) -
         if key not in _CHANGEABLE_KEYS and logged.get(key) != configured.get(key):
             raise BadConfig(
                 f"{folder}: {key} is {_format_value(configured, key)} in the configuration and {_format_value(logged, key)} in the log; "
-                "a run goes on with the configuration that it began with, so correct it, or begin a run of another name"
+                "a run continues with the configuration that it began with, so correct it, or begin a run of another name"
             )
 
 

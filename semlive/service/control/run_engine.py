@@ -63,7 +63,7 @@ class RunEngine:
             self._journal.sample(event.sample)
         elif isinstance(event, _WARNING_EVENTS):
             code = FaultCode.LINK_LOST if isinstance(event, LinkLost) else event.code
-            self._journal.fault(event.time_ns, event.reason, event.device.words, "told the engine", code)
+            self._journal.fault(event.time_ns, event.reason, event.device.words, "passed to the engine", code)
             self._monitor.warn(f"{event.device.words}: {event.reason}")
 
     def _update_stop_reason(self, before: State, event: Event) -> None:

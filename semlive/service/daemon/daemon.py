@@ -39,8 +39,7 @@ from semlive.service.device_link import DeviceLink
 from semlive.service.log.recorder import Recorder
 from semlive.service.log.run_log import RunLog
 from semlive.service.runtime import drivers
-from semlive.service.runtime.clock import SimulatedClock, SystemClock
-from semlive.service.runtime.process import boot_id
+from semlive.service.runtime.clock import SimulatedClock, SystemClock, boot_id
 from semlive.service.runtime.versions import versions
 from semlive.service.watch.clock_offsets import probe_share
 from semlive.service.watch.thread import WatchSettings
@@ -173,9 +172,7 @@ class _Daemon:
         journal.write_message(self._run_message(clock, 0 if previous is None else previous.segment))
         if previous is not None:
             journal.write_message(previous.snapshot(clock.now_ns()))
-        journal.write_message(
-            values.clock_message(clock.current(), "start of the run" if previous is None else "the run is taken up again")
-        )
+        journal.write_message(values.clock_message(clock.current(), "start of the run" if previous is None else "the run is resumed"))
         if self._folder.replaced_start is not None:
             journal.write_text(
                 clock.now_ns(), f"the log of an earlier start, which was refused, was replaced by this run: {self._folder.replaced_start}"
@@ -246,12 +243,12 @@ class _Daemon:
         texts += monitor.unusable_pairs
         for text in texts[1:]:
             code = FaultCode.STOP_NOT_OBEYED if text in unconfirmed else ""
-            monitor.trouble(text, "end of the run", "told the operator", code)
+            monitor.trouble(text, "end of the run", "reported to the operator", code)
         self._folder.log_ended = True
         if not await asyncio.get_running_loop().run_in_executor(None, recorder.close, LOG_TIMEOUT_S, LOG_REFUSED_S):
             raise SemliveError(
                 f"{recorder.part}: the log could not be finished ({recorder.backlog_message or 'the disk takes too long'}); "
-                f"what was written is in it; not confirmed by the disk: {recorder.unacknowledged}"
+                f"it holds what was written; not confirmed by the disk: {recorder.unacknowledged}"
             )
         complete = finish.outcome is State.COMPLETE and len(texts) == 1 and not monitor.failure
         return RunOutcome(self._folder.path, complete, "; ".join(texts))

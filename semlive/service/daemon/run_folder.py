@@ -23,8 +23,7 @@ from semlive.service.log.lock import held_itself, only_one_at, run_lock
 from semlive.service.log.recorder import Recorder
 from semlive.service.log.repair import repair_partial_segments
 from semlive.service.log.run_log import RunLog
-from semlive.service.runtime.clock import SimulatedClock, SystemClock, open_clock
-from semlive.service.runtime.process import boot_id
+from semlive.service.runtime.clock import SimulatedClock, SystemClock, boot_id, open_clock
 
 LOG_TIMEOUT_S = 10.0
 """Longest wait for a slow disk at the end of the run, s."""
@@ -108,7 +107,7 @@ class RunFolder:
             self.replaced_start = remove_refused_start(self.path)
             self.path.mkdir()
         except FileExistsError:
-            raise BadConfig(f"{self.path}: this run exists already; give run.name another name, or --resume to take it up again") from None
+            raise BadConfig(f"{self.path}: this run exists already; give run.name another name, or --resume to continue it") from None
         except OSError as error:
             raise BadConfig(f"{self.path}: cannot be created ({error.strerror}); correct run.folder") from error
         stack.push(self._remove_refused)

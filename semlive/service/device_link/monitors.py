@@ -3,7 +3,7 @@
 Theory of operation
 -------------------
 Both monitors are frozen values. The link thread replaces them after each reading and each cycle and acts on what they return; they read no
-clock and call no device. Control reads the age of the newest sample from the monitor of the link thread, which is replaced as a whole.
+clock and call no device. Control reads the age of the newest sample from the monitor of the link thread, which is replaced in one step.
 """
 
 from __future__ import annotations

@@ -85,7 +85,7 @@ class LinkThread:
         except Exception as error:
             self._device.stop_pending = True
             repeated, self._failing = self._failing, True
-            reason = f"its link thread made a mistake: {error!r}"
+            reason = f"its link thread failed: {error!r}"
             with contextlib.suppress(Exception):
                 event = DeviceFault(self._clock.now_ns(), self._device.kind, reason, code=FaultCode.INTERNAL_ERROR)
                 None if repeated else self._device.emit(event)
@@ -116,7 +116,7 @@ class LinkThread:
         if self._dead_man.control_silent and not before.control_silent:
             self._requests.discard_orders()
             self._device.stop()
-            reason = f"control has not been heard of for {silent_ns / 1e9:.1f} s"
+            reason = f"control sent no signal for {silent_ns / 1e9:.1f} s"
             self._device.emit(DeviceStopped(self._clock.now_ns(), self._device.kind, reason, code=FaultCode.CONTROL_LOST))
 
     def _reopen(self, now_mono_ns: int) -> None:
@@ -132,7 +132,7 @@ class LinkThread:
         if order is None or port is None:
             return
         if self._dead_man.control_silent:
-            reason = "a command came while control was not feeding the link"
+            reason = "a command came while control sent no keep-alive signals"
             device.emit(DeviceFault(self._clock.now_ns(), device.kind, reason, code=FaultCode.CONTROL_LOST))
             return
         self._polling.order_begins()

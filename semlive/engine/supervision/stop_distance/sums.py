@@ -73,7 +73,7 @@ class RampSums:
         )
 
     def unbounded(self, code: FaultCode, fault: str, remark: str) -> StopDistance:
-        """Return a row that the configuration leaves without a bound."""
+        """Return a row without a bound, for a configuration that does not bound the load."""
         return StopDistance(code, fault, FREEZING_LOAD, None, None, None, None, remark)
 
 

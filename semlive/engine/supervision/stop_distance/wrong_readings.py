@@ -1,6 +1,6 @@
 """Stop distances where a reading does not show the load, so that the rules of missing progress stop the ramp.
 
-The force reading stands still, the load cell reads only a part of the load, or no reading shows the motion. The rules allow a load change
+The force reading freezes, the load cell measures only a fraction of the load, or no reading shows the motion. The rules allow a load change
 that depends on control mode, noise and configuration; a row without a bound names the key that bounds it.
 """
 
