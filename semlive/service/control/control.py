@@ -29,7 +29,7 @@ from semlive.formats.log import conversions as values
 from semlive.service.control.analysis_receiver import AnalysisReceiver
 from semlive.service.control.command_dispatcher import CommandDispatcher
 from semlive.service.control.operator_commands import OperatorCommands
-from semlive.service.control.resume import PreviousSegments
+from semlive.service.control.previous_segments import PreviousSegments
 from semlive.service.control.run_engine import RunEngine
 from semlive.service.control.run_monitor import RunMonitor, RunSnapshot
 from semlive.service.device_link import DeviceLink

@@ -26,7 +26,7 @@ from semlive.service.analysis.process import AnalysisProcess
 from semlive.service.config.configuration import Config
 from semlive.service.control.control import Control
 from semlive.service.control.operator_prompts import OperatorPrompts
-from semlive.service.control.resume import PreviousSegments
+from semlive.service.control.previous_segments import PreviousSegments
 from semlive.service.control.socket import ControlSocket
 from semlive.service.daemon.callbacks import BoundedHandoff, acknowledger, analysis_trouble, folder_watcher, loop_error_handler
 from semlive.service.daemon.devices import close_links, device_links, open_links, open_trigger, require_attendance, require_orders

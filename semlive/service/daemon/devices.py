@@ -17,7 +17,7 @@ from semlive.engine import Device, Event
 from semlive.errors import BadConfig
 from semlive.service.config.configuration import Config
 from semlive.service.control.control import Control
-from semlive.service.control.resume import PreviousSegments
+from semlive.service.control.previous_segments import PreviousSegments
 from semlive.service.device_link import DeviceLink
 from semlive.service.device_link.trigger import TriggerLink
 from semlive.service.runtime import drivers

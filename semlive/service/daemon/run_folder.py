@@ -16,7 +16,8 @@ from types import TracebackType
 
 from semlive.errors import BadConfig, BadInput
 from semlive.service.config.configuration import Config
-from semlive.service.control.resume import PreviousSegments, read_previous_segments
+from semlive.service.control.previous_segments import PreviousSegments
+from semlive.service.control.resume import read_previous_segments
 from semlive.service.daemon.refused_start import remove_refused_start
 from semlive.service.log.files import segment_path
 from semlive.service.log.lock import held_itself, only_one_at, run_lock
