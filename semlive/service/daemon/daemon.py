@@ -25,10 +25,16 @@ from semlive.formats.log.messages import RunMessage
 from semlive.service.analysis.process import AnalysisProcess
 from semlive.service.config.configuration import Config
 from semlive.service.control.control import Control
-from semlive.service.control.operator_prompts import OperatorPrompts
 from semlive.service.control.previous_segments import PreviousSegments
 from semlive.service.control.socket import ControlSocket
-from semlive.service.daemon.callbacks import BoundedHandoff, acknowledger, analysis_trouble, folder_watcher, loop_error_handler
+from semlive.service.daemon.callbacks import (
+    BoundedHandoff,
+    OperatorPrompts,
+    acknowledger,
+    analysis_trouble,
+    folder_watcher,
+    loop_error_handler,
+)
 from semlive.service.daemon.devices import close_links, device_links, open_links, open_trigger, require_attendance, require_orders
 from semlive.service.daemon.process_signals import StopSignals, SystemdNotifier
 from semlive.service.daemon.protocol_loop import ProtocolLoop, drain_analysis
