@@ -16,7 +16,7 @@ from rich.text import Text
 
 from semlive.data.text import printable
 from semlive.engine import FINAL_STATES, State
-from semlive.service.control.control import RunSnapshot
+from semlive.service.control.run_monitor import RunSnapshot
 from semlive.service.log.alarms import PRESS_STOP, Alarm
 
 _MAX_WAITING = 200

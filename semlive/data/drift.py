@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.grid import Grid
+from semlive.data.notes import Note
 from semlive.data.scan import ScanTiming
 
 
@@ -214,7 +215,7 @@ class EstimateRevision:
         distortion: distortion in space.
         motions: one for each pair.
         noise_floor_px: robust standard deviation of what the model leaves unexplained, per component.
-        notes: sentences for the operator (what is not determined, and why).
+        notes: notes for the operator: which parameters are not determined, and why.
         terms: optional terms of the model, and whether the data asked for them.
         raster: change of magnification and rotation of the raster.
         calibration: how well the pairs fix the distortion.
@@ -224,7 +225,7 @@ class EstimateRevision:
     distortion: DistortionField
     motions: tuple[PairMotion, ...]
     noise_floor_px: float
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     terms: tuple[TermTest, ...] = ()
     raster: RasterDrift | None = None
     calibration: CalibrationQuality | None = None

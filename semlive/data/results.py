@@ -60,7 +60,7 @@ class RunResult:
         estimate: the newest estimate.
         frames: every accepted frame, frame 0 first; those of a long run may have been handed over one by one and left out here.
         elastic: elastic constants, or None without loads or area.
-        messages: sentences for the operator.
+        messages: lines for the operator, made of the notes of the estimate and of the strain gage.
         gage: DIC beside the strain gage, or None without one.
         summaries: mean strain of every accepted frame, frame 0 first, whether or not its fields are kept in `frames`.
     """

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from semlive.data.diagnosis import DomainTest
+from semlive.data.notes import Note, NoteCode, warning
 from semlive.data.pair import PairDecision
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, design, with_free_distortion
 from semlive.diagnose.baseline.bayes_factor import project
@@ -53,16 +54,17 @@ class Whiteness:
         least = min(self.where, key=lambda candidate: (candidate.p_value, -candidate.rms_px))  # p-values end at 0
         return least if least.p_value <= self.significance_level else None
 
-    def messages(self) -> tuple[str, ...]:
-        """Message for the operator; empty if no domain is significant."""
+    def notes(self) -> tuple[Note, ...]:
+        """Warning for the operator; empty if no domain is significant."""
         test = self.most_significant
         if test is None:
             return ()
         chance = f"p = {test.p_value:.1g}" if test.p_value >= 1e-99 else "p < 1e-99"
-        return (
-            f"WARNING: what the estimate leaves of the maps after {self.pairs} pairs is not noise, seen by {_TOLD[test.domain]}: {chance}, "
-            f"{test.rms_px:.4f} px rms; the model lacks something",
+        text = (
+            f"what the estimate leaves of the maps after {self.pairs} pairs is not noise, seen by {_TOLD[test.domain]}: {chance}, "
+            f"{test.rms_px:.4f} px rms; the model lacks something"
         )
+        return (warning(NoteCode.RESIDUAL, text),)
 
 
 _TOLD = {

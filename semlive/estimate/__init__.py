@@ -11,7 +11,7 @@ from semlive.estimate.joint.outputs.correction_strain import (
 )
 from semlive.estimate.joint.outputs.drift_forecast import forecast
 from semlive.estimate.joint.outputs.point_sigma import correction_sigma, correction_sigmas
-from semlive.estimate.joint.outputs.results import consistency_messages, correction, current_drift_rate, mean_strain_covariance, to_estimate
+from semlive.estimate.joint.outputs.results import consistency_notes, correction, current_drift_rate, mean_strain_covariance, to_estimate
 from semlive.estimate.joint.solution.posterior import Solution
 from semlive.estimate.joint.solution.solver import solve, solve_incremental, solve_live, solve_newest
 
@@ -19,7 +19,7 @@ __all__ = [
     "CorrectionStrain",
     "EstimatorState",
     "Solution",
-    "consistency_messages",
+    "consistency_notes",
     "correction",
     "correction_sigma",
     "correction_sigmas",

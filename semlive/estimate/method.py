@@ -13,6 +13,7 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.drift import Correction, EstimateRevision, FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
+from semlive.data.notes import Note
 from semlive.data.settings import EstimateSettings
 from semlive.data.storage import Storage
 from semlive.data.strain import Tensor2
@@ -70,8 +71,8 @@ class ResultExtractor(Protocol):
         """The complete estimate; with `newest_only`, restricted to the newest pairs."""
         ...
 
-    def consistency_messages(self, solution: Any) -> tuple[str, ...]:
-        """Results of consistency checks, one sentence each. Expensive, so not computed after every pair."""
+    def consistency_notes(self, solution: Any) -> tuple[Note, ...]:
+        """Results of consistency checks. Expensive, so not computed after every pair."""
         ...
 
     def correction(self, solution: Any, dmap: DisparityMap) -> Correction:

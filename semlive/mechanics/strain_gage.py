@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.loading import FrameLoad
+from semlive.data.notes import Note, NoteCode, information
 from semlive.data.strain import GageStep, MeasuredValue, StrainGageComparison, StrainSummary
 from semlive.errors import IllPosed
 from semlive.mechanics.elastic import MIN_SPAN, Covariance, covariance_of
@@ -83,17 +84,18 @@ def mean_gage_strain(first: FrameLoad, second: FrameLoad) -> MeasuredValue | Non
     return MeasuredValue(0.5 * (first_strain + second_strain), 0.5 * float(np.hypot(first_sigma, second_sigma)))
 
 
-def gage_notes(comparison: StrainGageComparison | None) -> tuple[str, ...]:
+def gage_notes(comparison: StrainGageComparison | None) -> tuple[Note, ...]:
     """Note for the operator if DIC and gage disagree; empty otherwise."""
     if comparison is None:
         return ()
     ratio = comparison.dic_over_gage
     if abs(ratio.value - 1.0) <= MAX_DISAGREEMENT_SIGMAS * ratio.sigma:
         return ()
-    return (
+    text = (
         f"DIC says {ratio.value:.3f} ± {ratio.sigma:.3f} times the strain of the strain gage: check the gage's factor, bending of the "
-        "specimen (the gage is on its back) and whether focus or magnification was changed under load",
+        "specimen (the gage is on its back) and whether focus or magnification was changed under load"
     )
+    return (information(NoteCode.STRAIN_GAGE, text),)
 
 
 def _gage_over_stress(stress: NDArray[np.float64], gage: NDArray[np.float64], sigma: NDArray[np.float64]) -> tuple[float, float]:

@@ -10,12 +10,13 @@ import numpy as np
 from semlive import mechanics
 from semlive.data.drift import EstimateRevision
 from semlive.data.experiment import Phase
+from semlive.data.notes import Note
 from semlive.data.results import FrameResult, RunResult
 from semlive.data.settings import AnalysisSettings
 from semlive.data.strain import StrainSummary
 from semlive.diagnose.residual_whiteness import whiteness_test
 from semlive.estimate import Solution
-from semlive.estimate.joint.outputs.stage_path import stage_path_messages
+from semlive.estimate.joint.outputs.stage_path import stage_path_notes
 from semlive.estimate.method import MethodSolution
 from semlive.pipeline.accumulation import solve
 from semlive.pipeline.correction import correct_all
@@ -38,17 +39,17 @@ def estimate_revision(
         newest_only: leave out earlier pairs if the method can.
     """
     found = state.method.to_estimate(solution, revision=max(state.revision, len(state.pairs)), newest_only=newest_only)
-    checks = state.method.consistency_messages(solution) if checked else ()
+    checks = state.method.consistency_notes(solution) if checked else ()
     whole = state.pairs if len(found.motions) == len(state.pairs) else ()
     moves = ((pair.pair, pair.step.shift_um) for pair in whole if pair.step.phase is not Phase.TENSION)
-    path = stage_path_messages(moves, found.motions)
+    path = stage_path_notes(moves, found.motions)
     return replace(found, notes=(*found.notes, *path, *checks, *state.model_correction.notes))
 
 
-def residual_warning(state: AnalysisState) -> tuple[str, ...]:
+def residual_warning(state: AnalysisState) -> tuple[Note, ...]:
     """A warning if the residuals of the newest solution of the joint method are not white."""
     found = whiteness_test(state.solution, state.pairs) if isinstance(state.solution, Solution) else None
-    return () if found is None else found.messages()
+    return () if found is None else found.notes()
 
 
 def finalise(
@@ -76,7 +77,8 @@ def finalise(
     newest = estimate_revision(state, solution, checked=True)
     elastic, gage = fit_elastic(state, solution, {summary.frame: summary for summary in summaries})
     notes = (*newest.notes, *residual_warning(replace(state, solution=solution)), *mechanics.gage_notes(gage))
-    return RunResult(tuple(state.pairs), newest, tuple(frames), elastic, notes, gage, tuple(summaries))
+    messages = tuple(note.message for note in notes)
+    return RunResult(tuple(state.pairs), newest, tuple(frames), elastic, messages, gage, tuple(summaries))
 
 
 def calibration_refusal(result: RunResult, settings: AnalysisSettings) -> str | None:

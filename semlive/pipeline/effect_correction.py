@@ -13,6 +13,7 @@ from semlive.data.diagnosis import EffectModel, ModelEffect
 from semlive.data.disparity import DisparityMap
 from semlive.data.drift import FrameTime
 from semlive.data.grid import Grid
+from semlive.data.notes import Note, NoteCode, information, warning
 from semlive.data.pair import PairDecision
 from semlive.data.settings import EstimateSettings
 from semlive.data.strain import Tensor2
@@ -55,14 +56,14 @@ class EffectCorrection:
         displacement_by_frame: by frame number (ny, nx, 2), px; empty where no effect is subtracted.
         strain: mean strain of the displacement by frame number.
         loads_n: error of the load cell by pair number.
-        notes: messages for the operator.
+        notes: notes for the operator.
     """
 
     pairs: int
     displacement_by_frame: Mapping[int, Array] = field(default_factory=dict)
     strain: Mapping[int, Tensor2] = field(default_factory=dict)
     loads_n: Mapping[int, float] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     def apply(self, disparity: DisparityMap) -> DisparityMap:
         """Subtract the displacement from a map."""
@@ -96,12 +97,11 @@ def fit_effect_correction(
     first = measured[0].decision.first
     of_maps = [one for one in model.effects if non_map_effect(one.name) is None]
     of_cell = [one.name for one in model.effects if one.name in LOAD_CELL_EFFECTS]
-    notes = [f"model: {one.name} is {_kind(one)}, and is left in" for one in model.effects if _left_alone(one)]
+    notes = [_note(f"{one.name} is {_kind(one)}, and is left in") for one in model.effects if _left_alone(one)]
     why = incompatibility_reason(model, (first.width_px, first.height_px))
     if why or not (of_maps or of_cell):
-        return EffectCorrection(
-            len(measured), notes=(*((f"WARNING: model: nothing is taken out of the maps: {why}",) if why else ()), *notes)
-        )
+        unsuitable = (_nothing_corrected(NoteCode.EFFECTS_OF_OTHER_FRAMES, why),) if why else ()
+        return EffectCorrection(len(measured), notes=(*unsuitable, *notes))
     state = estimate.init(settings, measured[0].maps[0].grid, first.width_px, first.height_px)
     for one in measured:
         state = estimate.update(state, one.decision.pair, one.decision.step.phase, one.times, one.maps)
@@ -110,7 +110,7 @@ def fit_effect_correction(
         solution, other = baseline_solution(state)
         observation = make_observation(solution, steps, other)
     except IllPosed as error:
-        return EffectCorrection(len(measured), notes=(f"model: nothing is taken out of the maps yet: {error}", *notes))
+        return EffectCorrection(len(measured), notes=(_note(f"nothing is taken out of the maps yet: {error}"), *notes))
     loads_n, said = _cell(load_readings(observation, steps, loading_axis), of_cell, steps)
     if not of_maps:
         return EffectCorrection(len(measured), loads_n=loads_n, notes=(*said, *notes))
@@ -125,19 +125,27 @@ def _kind(effect: ModelEffect) -> str:
     return "strain to the maps" if effect.name == OUT_OF_PLANE.name else "not a matter of maps"
 
 
-def _cell(readings: LoadReadings, names: Sequence[str], steps: Sequence[StepConditions]) -> tuple[dict[int, float], list[str]]:
+def _cell(readings: LoadReadings, names: Sequence[str], steps: Sequence[StepConditions]) -> tuple[dict[int, float], list[Note]]:
     """Error of the load cell in each pair's reading, and the notes on it."""
     added = load_offsets(readings, names)
     total = np.sum([np.zeros(len(steps)), *added.values()], axis=0)
-    notes = [f"model: {name}, {value[np.argmax(np.abs(value))]:+.2f} N at most, taken off the loads" for name, value in added.items()]
-    notes += [f"model: {name} cannot be seen in these readings, and is left in" for name in names if name not in added]
+    notes = [_note(f"{name}, {value[np.argmax(np.abs(value))]:+.2f} N at most, taken off the loads") for name, value in added.items()]
+    notes += [_note(f"{name} cannot be seen in these readings, and is left in") for name in names if name not in added]
     return ({step.pair: float(load_n) for step, load_n in zip(steps, total, strict=True)} if added else {}), notes
+
+
+def _note(text: str) -> Note:
+    return information(NoteCode.EFFECTS, f"model: {text}")
+
+
+def _nothing_corrected(code: NoteCode, why: str) -> Note:
+    return warning(code, f"model: nothing is taken out of the maps: {why}")
 
 
 def unavailable_for_long_run(pairs: int) -> EffectCorrection:
     """No correction, for a run with more pairs than the limit of the fit; live, earlier pairs lose their correction."""
     why = f"{pairs} pairs are more than the {MAX_PAIRS} that its effects can be fitted to together"
-    return EffectCorrection(pairs, notes=(f"WARNING: model: nothing is taken out of the maps: {why}",))
+    return EffectCorrection(pairs, notes=(_nothing_corrected(NoteCode.EFFECTS_IN_LONG_RUN, why),))
 
 
 def incompatibility_reason(model: EffectModel, size_px: tuple[int, int]) -> str:
@@ -147,14 +155,14 @@ def incompatibility_reason(model: EffectModel, size_px: tuple[int, int]) -> str:
     return f"it was found in frames of {model.size_px[0]} x {model.size_px[1]} px, and these are {size_px[0]} x {size_px[1]} px"
 
 
-def _taken(observation: Observation, effects: Sequence[ModelEffect], notes: Sequence[str]) -> EffectCorrection:
+def _taken(observation: Observation, effects: Sequence[ModelEffect], notes: Sequence[Note]) -> EffectCorrection:
     observed = observable_effects(observation, effects)
     moved = effect_displacement(choose_coupling(observation, (), observed).observation, observed)
     out = [effect for effect in moved.effects if effect not in moved.not_corrected]
-    said = [f"model: {', '.join(out)} taken out of the maps; what is stated of strain does not hold their uncertainty"] if out else []
-    said += [f"model: {value} is strain or cannot be told from it, and is left in" for value in moved.not_corrected]
+    said = [_note(f"{', '.join(out)} taken out of the maps; what is stated of strain does not hold their uncertainty")] if out else []
+    said += [_note(f"{value} is strain or cannot be told from it, and is left in") for value in moved.not_corrected]
     said += [
-        f"model: {effect.name} cannot be seen: there are no loads or moves for it to go with"
+        _note(f"{effect.name} cannot be seen: there are no loads or moves for it to go with")
         for effect in effects
         if effect not in observed
     ]

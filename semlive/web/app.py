@@ -23,8 +23,8 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Receive, Scope, Send
 
 from semlive.errors import SemliveError
-from semlive.service.control.socket import Asked as Said
 from semlive.service.control.socket import Request, RequestStatus, send_request, token_digest
+from semlive.service.control.socket import RequestContent as Said
 from semlive.web.access_control import AccessControl
 from semlive.web.admission import Admission, Stage, is_loopback
 from semlive.web.broadcaster import LogBroadcaster

@@ -16,7 +16,7 @@ from semlive.formats.log.writer import LogMessage
 from semlive.service.log.files import PARTIAL_SUFFIX, segments
 from semlive.service.log.stream import is_being_written
 from semlive.service.log.tail import LogTail
-from semlive.service.runtime.boot import boot_id
+from semlive.service.runtime.clock import boot_id
 from semlive.web.fields import FieldStore, fields_of
 from semlive.web.page_state import PageState
 from semlive.web.reducer import reduce, seconds, with_maps

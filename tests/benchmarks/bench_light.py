@@ -66,7 +66,7 @@ def nulls(first: int, beyond: int) -> None:
         found = warned(Case(NOTHING, (), 0.0, seed).conditions(), ())
         alarms += found is not None
         if found is not None:
-            say(f"seed {seed}: {found.messages()[0]}")
+            say(f"seed {seed}: {found.notes()[0].text}")
         if done % 10 == 0 or seed == beyond - 1:
             bound = float(beta.ppf(0.95, alarms + 1, done - alarms))
             say(f"{alarms} of {done} runs warned: at most {100 * bound:.1f} % (one-sided 95 %)")

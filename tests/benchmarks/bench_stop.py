@@ -24,7 +24,7 @@ import numpy as np
 
 from semlive.data.experiment import Limits
 from semlive.engine.events import Device, Event, LinkLost
-from semlive.service.control.device_link import DeviceLink
+from semlive.service.device_link import DeviceLink
 from semlive.service.runtime.clock import SystemClock
 from semlive.service.runtime.drivers import open_load_frame
 

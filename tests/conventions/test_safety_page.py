@@ -14,7 +14,7 @@ from semlive.engine.supervision.ramp_readings import MAX_UNVERIFIED_S, STARTING_
 from semlive.engine.supervision.standstill import UNORDERED_MOTION_S
 from semlive.engine.supervision.stop_distance import FASTEST_FACTOR
 from semlive.engine.supervision.travel_response import STANDSTILL_S
-from semlive.service.control.stop_pursuit import DISOBEYED_S
+from semlive.service.device_link.stop_pursuit import DISOBEYED_S
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "safety.md"
 

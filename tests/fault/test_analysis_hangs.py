@@ -14,6 +14,7 @@ import pytest
 from semlive.formats.log.messages import SEM_SIDECAR, RunMessage
 from semlive.formats.log.writer import LogMessage
 from semlive.service.analysis import process
+from semlive.service.analysis.pipe import AnalysisOutput, AnalysisReady
 from semlive.service.analysis.process import AnalysisProcess
 from semlive.service.analysis.worker import READY_TEXT
 from semlive.service.config.configuration import parse_config
@@ -43,7 +44,12 @@ def children() -> set[int]:
 def test_a_hung_analysis_is_started_again_and_what_waits_for_it_takes_no_memory(
     tmp_path: Path, wait_until: Callable[..., None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    recorder, said, troubles, before = Recorder(tmp_path / "run.000.mcap", Now(), pytest.fail), list[LogMessage](), list[str](), children()
+    recorder, said, troubles, before = (
+        Recorder(tmp_path / "run.000.mcap", Now(), pytest.fail),
+        list[AnalysisOutput](),
+        list[str](),
+        children(),
+    )
 
     def in_trouble(what: str, _lost: bool) -> None:
         monkeypatch.undo()
@@ -69,7 +75,7 @@ def test_a_hung_analysis_is_started_again_and_what_waits_for_it_takes_no_memory(
     wait_until(lambda: bool(troubles), 60.0)
     assert "hung: it was silent for" in troubles[0]
     assert link.drain(120.0)
-    assert [READY_TEXT in one.payload.decode() for one in said] == [True]
+    assert [isinstance(one, AnalysisReady) and READY_TEXT in one.line.payload.decode() for one in said] == [True]
     assert len(troubles) == 1
     assert recorder.close()
 
@@ -87,7 +93,7 @@ def test_what_is_not_in_the_log_is_not_waited_for(tmp_path: Path) -> None:
 def test_steps_of_the_wall_clock_do_not_end_analysis(
     tmp_path: Path, clock_peer: Path, wait_until: Callable[..., None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    recorder, said, troubles = Recorder(tmp_path / "run.000.mcap", Now(), pytest.fail), list[LogMessage](), list[str]()
+    recorder, said, troubles = Recorder(tmp_path / "run.000.mcap", Now(), pytest.fail), list[AnalysisOutput](), list[str]()
     offset = tmp_path / "offset"
     offset.write_text("0")
     with monkeypatch.context() as environment:

@@ -14,7 +14,7 @@ import pytest
 from semlive.errors import LinkRefused
 from semlive.formats.log.messages import CommandMessage, FaultMessage, Payload, StateMessage, topic_of
 from semlive.formats.log.writer import LogWriter
-from semlive.service.control.refused_start import REFUSED_START, named_in, refused_start
+from semlive.service.daemon.refused_start import REFUSED_START, named_in, refused_start
 from semlive.service.log.files import segments
 
 REFUSED = FaultMessage(time_ns=5, what="no answer", where=REFUSED_START, action="refused the start", code="link_lost")

@@ -15,7 +15,8 @@ import pytest
 
 from semlive.errors import BadConfig
 from semlive.formats.log.messages import LogLineMessage, RunMessage
-from semlive.formats.log.writer import LogMessage, LogWriter
+from semlive.formats.log.writer import LogWriter
+from semlive.service.analysis.pipe import AnalysisOutput
 from semlive.service.analysis.process import AnalysisProcess
 from semlive.service.analysis.worker import LOG_REPLACED
 from semlive.service.config.configuration import parse_config
@@ -140,7 +141,11 @@ def test_an_analysis_that_is_started_again_refuses_another_runs_log(tmp_path: Pa
 def test_analysis_of_a_replaced_folder_is_given_up_at_once(tmp_path: Path, wait_until: Callable[..., None]) -> None:
     folder = tmp_path / "run"
     folder.mkdir()
-    recorder, said, troubles = Recorder(folder / "run.000.mcap", Now(1000), lambda _: None), list[LogMessage](), list[tuple[str, bool]]()
+    recorder, said, troubles = (
+        Recorder(folder / "run.000.mcap", Now(1000), lambda _: None),
+        list[AnalysisOutput](),
+        list[tuple[str, bool]](),
+    )
     link = AnalysisProcess(folder, lambda: recorder.write_failed, said.append, lambda what, lost: troubles.append((what, lost)))
     journal = RunLog(recorder)
     journal.subscribe(link.notify_input)

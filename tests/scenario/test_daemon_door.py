@@ -23,7 +23,7 @@ import json, queue, sys
 from dataclasses import asdict
 from pathlib import Path
 from semlive.service.config.configuration import load_config
-from semlive.service.control.daemon import RunInterface, run_experiment
+from semlive.service.daemon import RunInterface, run_experiment
 
 tell = lambda address: print(json.dumps(asdict(address)), flush=True)
 run_experiment(load_config(Path(sys.argv[1])), RunInterface(lambda _: None, queue.SimpleQueue(), attended=True, on_socket_open=tell))

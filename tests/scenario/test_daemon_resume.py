@@ -237,7 +237,7 @@ def test_a_run_that_is_complete_or_another_or_of_another_configuration_is_refuse
     with pytest.raises(BadConfig, match="this run is complete"):
         read_previous_segments(resumed.log, config)
     other = config.model_copy(update={"protocol": config.protocol.model_copy(update={"hold_s": 25.0})})
-    with pytest.raises(BadConfig, match=r"protocol.hold_s is 25.0 in the configuration and 30.0 in the log; a run goes on with"):
+    with pytest.raises(BadConfig, match=r"protocol.hold_s is 25.0 in the configuration and 30.0 in the log; a run continues with"):
         read_previous_segments(resumed.log, other)
-    with pytest.raises(BadConfig, match="no such run to take up again; leave --resume out"):
+    with pytest.raises(BadConfig, match="no such run to resume; leave --resume out"):
         read_previous_segments(resumed.log.with_name("no-such"), config)

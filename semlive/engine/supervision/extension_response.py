@@ -73,7 +73,7 @@ def _extension_constant(readings: Readings, ramp: OrderedRamp, sample: LoadSampl
         or progress_n / stiffness <= _MIN_DUE_STEPS * max(noise.resolution, noise.smallest_step)
     ):
         return None
-    what = f"the load changed by {progress_n:.0f} N within {constant_s:.1f} s while the extension reading stood still"
+    what = f"the load changed by {progress_n:.0f} N within {constant_s:.1f} s while the extension reading was constant"
     return Finding(FaultCode.FROZEN_READING, f"{what} at {sample.extension_mm:.4f} mm: check the extension sensor and its range")
 
 

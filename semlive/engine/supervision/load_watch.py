@@ -34,7 +34,7 @@ class LoadSupervisor:
         """Check one more reading.
 
         Returns:
-            The updated supervisor, and the limit that the reading violates relative to earlier ones, as a sentence, or None.
+            The updated supervisor, and a message on the limit that the reading violates relative to earlier readings, or None.
         """
         earlier = self.recent
         while len(earlier) > 1 and earlier[1][0] <= sample.time_ns - _WINDOW_NS:

@@ -6,12 +6,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from semlive.data.experiment import Limits
 from semlive.data.faults import FaultCode
-from semlive.data.loading import DeviceIdentity, LoadSample
-from semlive.engine.supervision.constant_extension import NEVER_CHANGED, StandingExtension
+from semlive.data.loading import DeviceIdentity, LoadSample, MotionState
 from semlive.engine.supervision.reading_noise import ReadingNoise
 
 START_S = 1.0
@@ -75,6 +74,47 @@ class OrderedRamp:
     def sign(self) -> float:
         """+1 for a ramp upwards, -1 downwards."""
         return math.copysign(1.0, self.target_n - self.start.force_n)
+
+
+@dataclass(frozen=True, slots=True)
+class StandingExtension:
+    """Duration of a constant extension reading during reported motion, now and in normal operation.
+
+    Attributes:
+        since: the sample of the last change, or the latest sample without ordered or reported motion; None before the first.
+        since_n: mean of the latest force readings at `since`, N.
+        readings: number of readings since then with the same extension.
+        changes: number of changes of the reading during ordered motion in this run.
+        longest_s: longest time between two such changes within one motion, s.
+        from_change: `since` is the sample of a change during ordered motion.
+    """
+
+    since: LoadSample | None = None
+    since_n: float = 0.0
+    readings: int = 0
+    changes: int = 0
+    longest_s: float = 0.0
+    from_change: bool = False
+
+    def with_sample(self, sample: LoadSample, mean_n: float, ordered: bool) -> StandingExtension:
+        """Return the state after one more reading.
+
+        Args:
+            sample: the reading.
+            mean_n: mean of the latest force readings, N.
+            ordered: a ramp is under way.
+        """
+        if self.since is None or not ordered or sample.motion is not MotionState.MOVING:
+            return replace(self, since=sample, since_n=mean_n, readings=0, from_change=False)
+        if sample.extension_mm == self.since.extension_mm:
+            return replace(self, readings=self.readings + 1)
+        constant_s = (sample.time_ns - self.since.time_ns) / 1e9 if self.from_change else 0.0
+        longest_s = max(self.longest_s, constant_s)
+        return StandingExtension(sample, mean_n, 0, self.changes + 1, longest_s, from_change=True)
+
+
+NEVER_CHANGED = StandingExtension()
+"""Before the first reading."""
 
 
 @dataclass(frozen=True, slots=True)

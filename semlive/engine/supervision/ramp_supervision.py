@@ -1,39 +1,38 @@
-"""Supervision of an ordered ramp: do the readings answer the motion, and as it was ordered?
+"""Supervision of an ordered ramp: the readings must respond to the motion, and as it was ordered.
 
 Theory of operation
 -------------------
-A reading that stands still looks like a load that stands still. Nothing in a single reading shows that it is wrong: a frozen value, a
-saturated amplifier with noise on it or a reversed sign are all finite numbers inside the limits. But semlive knows what it ordered. A ramp
-of rate r must change the load by r t, so the load change that was ordered and has not been seen in the readings (the *unverified load*)
-bounds how wrong they can be. Every rule below limits that quantity, so its consequence in newtons is known before the run
-(`semlive.engine.supervision.stop_distance`), whatever is wrong.
+A frozen reading looks like a constant load. A single reading cannot show that it is wrong: a frozen value, a saturated amplifier with
+noise, or a reversed sign are all finite numbers inside the limits. But semlive knows its order. A ramp of rate r must change the load by
+r t, so the load change that was ordered and is not visible in the readings (the *unverified load*) bounds their error. Every rule below
+limits that quantity, so its consequence in newtons is known before the run (`semlive.engine.supervision.stop_distance`), whatever fails.
 
 For each reading of a ramp, in this order:
 
-- LOAD_JUMP: two successive readings differ by more than the ramp and the noise explain (wrong sign, spike, slip, fracture). Always on.
+- LOAD_JUMP: two successive readings differ by more than the ramp and the noise explain (wrong sign, spike, slip, fracture). Always active.
 - OVERSHOOT: the load is past the target by more than the tolerance.
-- RATE_NOT_KEPT: within half a second, or since the ramp began, it changed by more than 1.5 times the ordered rate; or, in load control,
-  within 5 s by less than a fifth of it.
-- WRONG_DIRECTION: it went away from the target by more than the tolerance.
-- NO_RESPONSE: since the load last moved noticeably towards the target (the *anchor*), more was ordered than `verified_within` allows; or
-  more than the headroom below the force limit; or the crosshead moved so far that the load should have changed (`stiffness`).
-- TRAVEL_WITHOUT_LOAD: the load is smaller than `limits.stiffness_min_n_mm`, if it is set, makes of the travel. A load cell that reads a
-  part of the load shows nothing else: the device brings its reading to the target at the ordered rate.
+- RATE_NOT_KEPT: within half a second, or since the ramp began, the load changed by more than 1.5 times the ordered rate; or, in load
+  control, within 5 s by less than a fifth of it.
+- WRONG_DIRECTION: the load moved away from the target by more than the tolerance.
+- NO_RESPONSE: since the load last moved noticeably towards the target (the *anchor*), the ordered change exceeds the result of
+  `verified_within`, or the headroom below the force limit; or the crosshead moved so far that the load should have changed (`stiffness`).
+- TRAVEL_WITHOUT_LOAD: the load is smaller than `limits.stiffness_min_n_mm`, if it is set, times the travel. Only this rule detects a load
+  cell that measures a fraction of the load: the device brings its reading to the target at the ordered rate.
 - FROZEN_READING: the load changes and the extension, which has to follow it, does not: since the ramp began, at the stated stiffness; or
   since the extension last changed, at the learned stiffness and beyond the steps that the sensor has shown.
-- MOTION_OVERDUE: the load is at its target and the device still reports motion, so perhaps it goes on and the reading does not show it.
+- MOTION_OVERDUE: the load is at its target and the device still reports motion, so it may still move without effect on the reading.
 
 A displacement drive may take up slack before the load rises, and a yielding specimen lengthens at a constant load. There NO_RESPONSE uses
-the crosshead's travel and the force limit alone: the load that the travel would have made at the stated stiffness must stay below the
-limit. `limits.slack_max_mm`, if it is set, replaces that bound. But a reading that has followed the ramp and then does not change at all,
-not even by noise, is no yielding specimen.
-Where the extension does not show the ordered motion either, because all readings stand still or none is measured, the ordered travel takes
-the place of the measured one; a drive that has followed its orders in this ramp is jammed after some seconds of that.
+the travel of the crosshead and the force limit alone: the load that the travel would have caused at the stated stiffness must stay below
+the limit. `limits.slack_max_mm`, if it is set, replaces that bound. But a reading that has followed the ramp and then does not change at
+all, not even by noise, is no yielding specimen. If the extension does not show the ordered motion either, because all readings are frozen
+or none is measured, the ordered travel replaces the measured travel; a drive that has followed its orders in this ramp counts as jammed
+after some seconds.
 
-Devices need time to start: without a travel that is seen, progress is judged from 1 s on.
+Devices need time to start: without a measured travel, progress is evaluated from 1 s on.
 
 The rules are in `load_change` (the load reading alone), `load_response` (load control), `travel_response` (displacement control) and
-`extension_response`; `ramp_readings` holds the values that they judge.
+`extension_response`; `ramp_readings` holds the values that they evaluate.
 """
 
 from __future__ import annotations
@@ -73,16 +72,16 @@ _RULES = (
 
 @dataclass(frozen=True, slots=True)
 class Supervision(Readings):
-    """What is known of the readings and of the ramp under way.
+    """State of the readings and of the present ramp.
 
     Attributes:
-        ramp: the ramp under way; None if none was ordered or it was stopped.
+        ramp: the present ramp; None if none was ordered or it was stopped.
     """
 
     ramp: OrderedRamp | None = None
 
     def ordered(self, target_n: float, rate_n_s: float, tolerance_n: float) -> Supervision:
-        """A ramp was ordered now; before the first sample there is nothing to compare with."""
+        """Return the supervision after a ramp was ordered; unchanged before the first sample, the reference of a ramp."""
         if self.last is None:
             return self
         rate = max(rate_n_s, self.identity.rate_min_n_s)
@@ -90,14 +89,14 @@ class Supervision(Readings):
         return replace(self, ramp=OrderedRamp(target_n, rate, tolerance_n, self.last, self.last, before_n, window=(self.last,)))
 
     def stopped(self) -> Supervision:
-        """The device was ordered to stop: no ramp is under way."""
+        """Return the supervision after a stop was ordered, without a ramp."""
         return replace(self, ramp=None)
 
     def with_sample(self, sample: LoadSample) -> tuple[Supervision, Finding | None]:
-        """One reading more.
+        """Check one more reading.
 
         Returns:
-            The supervision, and why the device must stop, or None. A device that a person moves is not supervised.
+            The updated supervision, and why the device must stop, or None. A manually operated device is not supervised here.
         """
         if self.identity.control is ControlMode.MANUAL:
             return self, None
@@ -119,19 +118,19 @@ class Supervision(Readings):
 
 
 def supervise(limits: Limits, identity: DeviceIdentity) -> Supervision:
-    """The supervision of a device before its first sample."""
+    """Return the supervision of a device before its first sample."""
     return Supervision(limits, identity, ReadingNoise(identity.force_resolution_n), ReadingNoise(identity.extension_resolution_mm))
 
 
 def _updated_ramp(readings: Readings, ramp: OrderedRamp, sample: LoadSample) -> OrderedRamp:
-    """The ramp one reading later."""
+    """Return the ramp after one more reading."""
     recent = tuple(reading for reading in ramp.window if reading.time_ns > sample.time_ns - round(RATE_WINDOW_S * 1e9))
     window = (*(recent or ramp.window[-1:]), sample)
     mean_n = readings.force_noise.mean(MEAN_READINGS)
     progress_n = ramp.sign * (mean_n - ramp.anchor_n)
     ramp = replace(ramp, noise_n=max(ramp.noise_n, readings.noticeable_n(ramp)))
     anchored = progress_n > 0.0 and progress_n >= _progress_n(readings, ramp, sample)
-    stationary = sample.motion is not MotionState.MOVING  # a device at rest owes no progress; it owes it from where it starts
+    stationary = sample.motion is not MotionState.MOVING  # progress is due only from the start of the motion
     ramp = replace(ramp, marks=() if stationary else _updated_marks(ramp, sample))
     if anchored or stationary:
         response = ramp.response or (sample if anchored else None)
@@ -147,10 +146,10 @@ def _updated_marks(ramp: OrderedRamp, sample: LoadSample) -> tuple[LoadSample, .
 
 
 def _progress_n(readings: Readings, ramp: OrderedRamp, sample: LoadSample) -> float:
-    """What counts as progress of the load. Where the noise is estimated too small by chance, noise alone must not.
+    """Return the smallest load change that counts as progress, N. Noise alone must not count, even if its estimate is too small by chance.
 
-    In load control a part of what was ordered is due. In displacement control it is not, because the specimen may be more compliant than
-    stated; there the largest estimate of the noise counts.
+    In load control a fraction of the ordered change is due. In displacement control it is not, because the specimen may be more compliant
+    than stated; there the largest estimate of the noise is the limit.
     """
     if readings.identity.control is ControlMode.DISPLACEMENT:
         return ramp.noise_n

@@ -15,14 +15,14 @@ _SIGMA_PER_MEDIAN = 1.0 / (0.6745 * math.sqrt(6.0))
 
 @dataclass(frozen=True, slots=True)
 class ReadingNoise:
-    """What the latest readings of one channel show of its noise.
+    """Noise of one channel, from its latest readings.
 
     Second differences remove a constant rate, so a ramp does not count as noise; their median ignores single jumps.
 
     Attributes:
-        resolution: smallest change that the channel can show, as declared, in its unit; 0 if none is declared.
+        resolution: declared resolution of the channel, in its unit; 0 if none is declared.
         recent: the latest readings, oldest first.
-        smallest_step: smallest change between two readings ever seen; infinite before the first change.
+        smallest_step: smallest change between two successive readings; infinite before the first change.
     """
 
     resolution: float = 0.0
@@ -30,7 +30,7 @@ class ReadingNoise:
     smallest_step: float = math.inf
 
     def with_reading(self, value: float) -> ReadingNoise:
-        """One reading more; a value that is not finite is ignored."""
+        """Return the state after one more reading; a value that is not finite is ignored."""
         if not math.isfinite(value):
             return self
         step = abs(value - self.recent[-1]) if self.recent else 0.0
@@ -43,7 +43,7 @@ class ReadingNoise:
         return sum(latest) / len(latest) if latest else math.nan
 
     @property
-    def known(self) -> bool:
+    def sufficient(self) -> bool:
         """Whether there are enough readings for `sigma`."""
         return len(self.recent) >= _MIN_READINGS
 
@@ -53,7 +53,7 @@ class ReadingNoise:
 
     @property
     def sigma(self) -> float:
-        """Standard deviation of one reading; 0 while fewer than 8 readings are known."""
+        """Standard deviation of one reading; 0 with fewer than 8 readings."""
         values = self.recent
         if len(values) < _MIN_READINGS:
             return 0.0
@@ -61,9 +61,9 @@ class ReadingNoise:
 
     @property
     def least_step(self) -> float:
-        """Smallest change that the channel shows: as declared, or a quantisation step that the readings suggest.
+        """Smallest change of the channel: the declared resolution, or the quantisation step of the readings.
 
-        The smallest step seen counts only where readings repeat exactly: a channel with noise and a fine format shows any step.
+        The smallest observed step counts only if readings repeat exactly: a noisy channel with a fine format shows any step.
         """
         values = self.recent
         repeats = sum(a == b for a, b in itertools.pairwise(values))
@@ -71,10 +71,10 @@ class ReadingNoise:
         return max(self.resolution, self.smallest_step if quantised else 0.0)
 
     def noticeable(self, step_max: float = math.inf) -> float:
-        """A change larger than this is no noise: six standard deviations, or two steps of the channel.
+        """Return the largest change that noise explains: six standard deviations, or two steps of the channel.
 
         Args:
-            step_max: a quantisation step that the readings suggest counts up to this. A fast ramp without noise suggests one, too.
+            step_max: largest quantisation step that is derived from readings. A fast ramp without noise looks like quantisation, too.
         """
         return max(6.0 * self.sigma, 2.0 * self.resolution, min(2.0 * self.least_step, step_max))
 

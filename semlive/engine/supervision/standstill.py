@@ -1,9 +1,9 @@
-"""Load and stage at rest: what may change while nothing is ordered, and what is a fault.
+"""Load frame at rest: allowed changes while no motion is ordered, and faults.
 
 While a step settles, is held or imaged, no motion is ordered. The load of a held specimen may relax slowly, against the direction of the
-last ramp, at an unchanged extension: the load frame then approaches its target again. Everything else was not done by semlive: a device
-that reports motion, a load or position that leaves its tolerance in another way, a force reading that stands still while the crosshead
-moves. It is a fault with a name, because driving back would hide it.
+last ramp, at an unchanged extension: the load frame then approaches its target again. semlive did not cause any other change: a device
+that reports motion, a load or position that exceeds its tolerance in another way, a force reading that is frozen while the crosshead
+moves. Each is a fault of its own kind, because a motion back to the target would hide it.
 """
 
 from __future__ import annotations
@@ -16,22 +16,23 @@ from semlive.data.loading import LoadSample, MotionState
 from semlive.engine.supervision.reading_noise import NO_READINGS, ReadingNoise
 
 UNORDERED_MOTION_S = 2.0
-"""A device at rest may report motion for this long: closed loops correct themselves now and then."""
-_STILL_S = 1.0
+"""Longest reported motion of a device at rest, s: closed loops make corrections at times."""
+_CONSTANT_S = 1.0
+"""Shortest time of a constant force reading that the rule of a frozen reading uses, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """What is known of the load frame while no motion is ordered.
+    """State of the load frame while no motion is ordered.
 
     Attributes:
         since: the first sample of this rest; None while a motion is ordered.
-        before: the first sample of the rest before, or the first sample at all; both give the stiffness.
-        still: the sample since which the force reading has not changed at all.
-        moving_since_ns: since when the device has reported motion, experiment time; None while it does not.
-        extension_noise: of the crosshead.
-        flicker_mm: smallest change of the extension at earlier rests, which is the step of a coarse encoder; 0 before one was seen.
-        step_mm: the same at this rest, infinite before one was seen.
+        before: the first sample of the previous rest, or the first sample of the run; with `since` it determines the stiffness.
+        still: the sample since which the force reading is exactly constant.
+        moving_since_ns: experiment time since which the device reports motion; None without reported motion.
+        extension_noise: noise of the extension reading.
+        flicker_mm: smallest change of the extension at earlier rests, the step of a coarse encoder; 0 before the first change.
+        step_mm: smallest change at this rest, infinite before the first change.
     """
 
     since: LoadSample | None = None
@@ -43,11 +44,11 @@ class Rest:
     step_mm: float = math.inf
 
     def with_sample(self, sample: LoadSample, ordered: bool) -> Rest:
-        """One reading more.
+        """Return the state after one more reading.
 
         Args:
-            sample: of the load frame.
-            ordered: a motion is ordered, so this is no rest.
+            sample: reading of the load frame.
+            ordered: a motion is ordered, so the load frame is not at rest.
         """
         noise = self.extension_noise.with_reading(sample.extension_mm)
         if ordered:
@@ -62,12 +63,12 @@ class Rest:
 
     @property
     def noise_mm(self) -> float:
-        """A change of the extension up to this is noise."""
+        """Largest change of the extension that noise explains, mm."""
         return max(6.0 * self.extension_noise.sigma, 2.0 * self.extension_noise.resolution, 2.0 * self.flicker_mm)
 
     @property
     def stiffness_n_mm(self) -> float | None:
-        """Change of load per travel from the rest before to this one; None if it is not known."""
+        """Load change per travel from the previous rest to this one, N/mm; None if the travel is too short."""
         if self.since is None or self.before is None:
             return None
         travel_mm = abs(self.since.extension_mm - self.before.extension_mm)
@@ -78,13 +79,13 @@ class Rest:
     def problem(
         self, sample: LoadSample, target_n: float | None, tolerance_n: float, last_ramp_sign: float
     ) -> tuple[FaultCode, str] | None:
-        """Why the load frame is not at rest as semlive left it, as kind and sentence, or None.
+        """Return code and message of a change that semlive did not order, or None.
 
         Args:
-            sample: the newest.
-            target_n: the load that is kept; None if none is known.
-            tolerance_n: allowed distance from it.
-            last_ramp_sign: +1 if the load was last ramped upwards, -1 downwards, 0 if it was not.
+            sample: the newest reading.
+            target_n: load to hold, N; None without one.
+            tolerance_n: allowed deviation of the load, N.
+            last_ramp_sign: +1 after a ramp upwards, -1 after a ramp downwards, 0 without a ramp.
         """
         moving_s = 0.0 if self.moving_since_ns is None else (sample.time_ns - self.moving_since_ns) / 1e9
         if moving_s > UNORDERED_MOTION_S:
@@ -104,7 +105,7 @@ class Rest:
         return FaultCode.MOVED_AT_REST, f"{what}: check who moved the load frame, or what the specimen did; semlive does not drive it back"
 
     def _relaxed(self, sample: LoadSample, error_n: float, last_ramp_sign: float) -> bool:
-        """Whether the load went back against its last ramp, at rest and at an unchanged extension."""
+        """Whether the load changed against its last ramp, at rest and at an unchanged extension."""
         assert self.since is not None
         travel_mm = abs(sample.extension_mm - self.since.extension_mm)
         direction = last_ramp_sign or math.copysign(1.0, sample.force_n)
@@ -113,12 +114,12 @@ class Rest:
 
     def _frozen(self, sample: LoadSample, tolerance_n: float) -> tuple[FaultCode, str] | None:
         still, stiffness = self.still, self.stiffness_n_mm
-        if still is None or stiffness is None or (sample.time_ns - still.time_ns) / 1e9 < _STILL_S:
+        if still is None or stiffness is None or (sample.time_ns - still.time_ns) / 1e9 < _CONSTANT_S:
             return None
         travel_mm = abs(sample.extension_mm - still.extension_mm)
         if stiffness * travel_mm <= 2.0 * tolerance_n or travel_mm <= 2.0 * self.noise_mm:
             return None
-        what = f"the crosshead moved {travel_mm:.4f} mm while the force reading stood still at {sample.force_n:.1f} N"
+        what = f"the crosshead moved {travel_mm:.4f} mm while the force reading was constant at {sample.force_n:.1f} N"
         return FaultCode.FROZEN_READING, f"{what}: check the load cell, and who moved the load frame"
 
 

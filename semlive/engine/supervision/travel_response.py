@@ -1,4 +1,4 @@
-"""Rules for displacement control: travel must raise the load before the force limit can be reached, and ordered travel must be seen."""
+"""Rules for displacement control: travel must raise the load before the force limit can be reached, and readings must show it."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from semlive.engine.supervision.ramp_readings import (
 )
 
 CONSTANT_READINGS = 20
-"""A cell whose readings do not differ at all over so many shows no noise."""
+"""Number of exactly equal readings from which a load cell counts as frozen, because it shows no noise."""
 STANDSTILL_S = 4.0
-"""A drive that has followed its orders in this ramp may stand still for this long while travel is ordered."""
+"""Longest standstill of a drive that has followed its orders in this ramp while travel is ordered, s."""
 _FOLLOWED_STEPS = 5.0
-"""An extension that moved by so many noticeable changes in this ramp follows the ordered travel."""
+"""Travel in this ramp, in noticeable changes, from which the extension follows the ordered travel."""
 _AHEAD_S = 0.5
-"""Travel of a displacement drive is ordered ahead for this time, by default."""
+"""Default time for which the travel of a displacement drive is ordered ahead, s."""
 
 
 def travel_without_load(readings: Readings, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
-    """TRAVEL_WITHOUT_LOAD, NO_RESPONSE: the load that the travel since the anchor would make must stay below the force limit."""
+    """TRAVEL_WITHOUT_LOAD, NO_RESPONSE: the load that the travel since the anchor would cause must stay below the force limit."""
     unverified_s = seconds_between(ramp.anchor, sample)
     if readings.identity.control is not ControlMode.DISPLACEMENT or ramp.since_anchor < MIN_READINGS or unverified_s <= START_S:
         return None
@@ -40,17 +40,17 @@ def travel_without_load(readings: Readings, ramp: OrderedRamp, sample: LoadSampl
         return Finding(FaultCode.NO_RESPONSE, f"{what}: check the load cell and its amplifier")
     limit_n = readings.force_limit_n(ramp)
     headroom_n = limit_n - ramp.sign * ramp.anchor.force_n
-    # Near its target a drive is ordered shorter travel: what is missing, in the time that is ordered ahead.
+    # Near the target the ordered travel is shorter: the remaining travel, in the time that is ordered ahead.
     near_n = max(ramp.tolerance_n, noticeable_n)
     near_target = abs(ramp.target_n - sample.force_n) <= near_n
     ordered_n = (min(ramp.rate_n_s, near_n / _AHEAD_S) if near_target else ramp.rate_n_s) * unverified_s
     min_mm = 0.0 if stiffness is None else MIN_ORDERED_FRACTION * ordered_n / stiffness
     if not readings.identity.measures_extension or travel_mm <= max(readings.extension_noise.noticeable(), min_mm):
-        # An extension that stands still as well, or is not measured, does not hide the motion: what was ordered counts.
+        # An extension that is constant as well, or is not measured, does not limit the motion: the ordered travel counts.
         max_s = max(_standstill_s(readings, ramp, min_mm), 4.0 * ramp.noise_n / ramp.rate_n_s)
         return _ordered_without_answer(readings, sample, unverified_s, ordered_n, headroom_n if unverified_s <= max_s else 0.0)
     if limits.slack_max_mm is not None or stiffness is None:
-        return None  # `LoadWatch` looks at the travel
+        return None  # `LoadSupervisor` checks the travel
     hidden_n = stiffness * travel_mm
     if hidden_n <= headroom_n:
         return None
@@ -62,10 +62,10 @@ def travel_without_load(readings: Readings, ramp: OrderedRamp, sample: LoadSampl
 
 
 def _standstill_s(readings: Readings, ramp: OrderedRamp, min_mm: float) -> float:
-    """How long neither load nor extension may show the ordered motion.
+    """Return the longest time in which neither load nor extension may show the ordered motion, s.
 
-    `MAX_UNVERIFIED_S` while the extension has not followed the ordered travel in this ramp, or where its resolution or noise hides the
-    expected travel; `STANDSTILL_S` where it has followed and stands still now.
+    `MAX_UNVERIFIED_S` while the extension has not followed the ordered travel in this ramp, or if its resolution or noise hides the
+    expected travel; `STANDSTILL_S` if it has followed and is constant now.
     """
     noticeable_mm = readings.extension_noise.noticeable()
     followed_mm = abs(ramp.anchor.extension_mm - ramp.start.extension_mm)
@@ -76,7 +76,7 @@ def _standstill_s(readings: Readings, ramp: OrderedRamp, min_mm: float) -> float
 def _ordered_without_answer(
     readings: Readings, sample: LoadSample, unverified_s: float, ordered_n: float, unverified_max_n: float
 ) -> Finding | None:
-    """A displacement drive of which neither load nor extension shows the ordered motion."""
+    """NO_RESPONSE: neither load nor extension shows the ordered motion of a displacement drive."""
     slack_mm, stiffness = readings.limits.slack_max_mm, readings.identity.stiffness_n_mm
     allowed_n = unverified_max_n if slack_mm is None or stiffness is None else stiffness * slack_mm
     if ordered_n <= allowed_n:

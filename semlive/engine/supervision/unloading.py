@@ -1,7 +1,7 @@
-"""semlive reduces a load only where the plan does, and takes unloaded pairs only without load.
+"""Rules of unloading: semlive reduces a load only where the plan does, and images unloaded pairs only without load.
 
-Loading is path dependent: a specimen that was unloaded and loaded again is another specimen. So a load that is higher than its target, for
-whatever reason, is left as it is, and a person decides.
+Loading is path dependent: unloading and loading again changes the specimen. So semlive does not reduce a load that is higher than its
+target, whatever the cause; a person decides.
 """
 
 from __future__ import annotations
@@ -10,17 +10,17 @@ from semlive.data.experiment import Limits, Phase
 from semlive.engine.state import EngineState
 
 _UNLOADED_FRACTION = 0.05
-"""Preload and zero offset that unloaded pairs may have, as a part of the force limit."""
+"""Largest preload and zero offset of unloaded pairs, as a fraction of the force limit."""
 
 
 def planned_load_before_n(state: EngineState) -> float:
-    """The load that the plan leaves before the present step, N; 0 before the first load."""
+    """Return the planned load before the present step, N; 0 before the first load."""
     loads = [step.load_n for step in state.plan.steps[: state.step_index] if step.load_n is not None]
     return loads[-1] if loads else 0.0
 
 
 def ramp_sign(state: EngineState) -> float:
-    """+1 if the plan raises the load to the present step's, -1 if it lowers it, 0 if it stays or none is commanded."""
+    """Return +1 if the present step raises the load, -1 if it lowers it, 0 without a change or without a commanded load."""
     if state.step.load_n is None:
         return 0.0
     change_n = state.step.load_n - planned_load_before_n(state)
@@ -28,7 +28,7 @@ def ramp_sign(state: EngineState) -> float:
 
 
 def unloading_problem(state: EngineState) -> str | None:
-    """Why ordering the present step's load would unload the specimen although the plan does not, as a sentence, or None."""
+    """Return why the order of the present step would unload the specimen although the plan does not, or None."""
     target_n = state.step.load_n
     if target_n is None or state.load is None:
         return None
@@ -45,14 +45,14 @@ def unloading_problem(state: EngineState) -> str | None:
 
 
 def unloaded_max_n(limits: Limits) -> float:
-    """Largest load of an unloaded pair, N: `limits.unloaded_max_n`, by default 5 % of the force limit."""
+    """Return the largest load of an unloaded pair, N: `limits.unloaded_max_n`, by default 5 % of the force limit."""
     if limits.unloaded_max_n is not None:
         return limits.unloaded_max_n
     return _UNLOADED_FRACTION * max(abs(limits.force_max_n), abs(limits.force_min_n))
 
 
 def loaded_problem(state: EngineState) -> str | None:
-    """Why the present step, if it is to be taken before any load, must not begin: the load frame pulls; as a sentence, or None."""
+    """Return why a step before the first load must not begin, because the load frame carries load, or None."""
     if state.load is None or state.load_frame is None or state.step.load_n is not None or state.step.phase is Phase.TENSION:
         return None
     if any(step.load_n is not None for step in state.plan.steps[: state.step_index]):

@@ -11,7 +11,7 @@ reached without a smoothing of the local drift over positions, which it does not
 
 from semlive.estimate.sutton.procedure import SuttonOptions, SuttonSolution, solve, solve_incremental
 from semlive.estimate.sutton.results import (
-    consistency_messages,
+    consistency_notes,
     correction,
     correction_sigmas,
     correction_strain_sigma,
@@ -30,7 +30,7 @@ __all__ = [
     "SuttonOptions",
     "SuttonSolution",
     "SuttonState",
-    "consistency_messages",
+    "consistency_notes",
     "correction",
     "correction_sigmas",
     "correction_strain_sigma",

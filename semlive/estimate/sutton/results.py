@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.drift import CalibrationQuality, Correction, DistortionField, DriftEstimate, EstimateRevision, FrameTime, PairMotion
+from semlive.data.notes import Note, NoteCode, information
 from semlive.data.strain import Tensor2
 from semlive.estimate.sutton.procedure import SuttonSolution
 from semlive.estimate.sutton.start_times import start_time_strain
@@ -45,7 +46,7 @@ def to_estimate(solution: SuttonSolution, revision: int, newest_only: bool = Fal
     return EstimateRevision(_drift(solution, revision), distortion, motions, solution.noise_floor_px, notes, calibration=quality)
 
 
-def consistency_messages(solution: SuttonSolution) -> tuple[str, ...]:
+def consistency_notes(solution: SuttonSolution) -> tuple[Note, ...]:
     """The published procedure has no checks of its own."""
     del solution
     return ()
@@ -263,17 +264,19 @@ def _affine(solution: SuttonSolution, dmap: DisparityMap) -> tuple[Array, Array]
     return fit[0], fit[1:].T
 
 
-def _notes(solution: SuttonSolution, distortion: DistortionField) -> tuple[str, ...]:
+def _notes(solution: SuttonSolution, distortion: DistortionField) -> tuple[Note, ...]:
     smoothing_px = solution.state.settings.sutton_smoothing_px
-    notes = [f"the published procedure of 2007, with local drift smoothed over {smoothing_px:g} px: for comparison, not for results"]
+    text = f"the published procedure of 2007, with local drift smoothed over {smoothing_px:g} px: for comparison, not for results"
+    notes = [information(NoteCode.METHOD, text)]
     if not bool(distortion.valid.all()):
-        notes.append("distortion not determined yet: needs translations in both directions")
+        notes.append(information(NoteCode.CALIBRATION, "distortion not determined yet: needs translations in both directions"))
     else:
-        notes.append(
+        text = (
             "the affine part of the distortion is not determined by unknown translations and set to zero: it scales strain, it makes none"
         )
+        notes.append(information(NoteCode.CALIBRATION, text))
     if len(solution.drifts) > 1:
-        notes.append("drift of calibration and measurement is estimated apart: each begins at zero")
+        notes.append(information(NoteCode.METHOD, "drift of calibration and measurement is estimated apart: each begins at zero"))
     return tuple(notes)
 
 

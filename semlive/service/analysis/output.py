@@ -12,8 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO
 
-from semlive.formats.log.writer import LogMessage
-from semlive.service.analysis.pipe import HEARTBEAT, write_message
+from semlive.service.analysis.pipe import AnalysisOutput, Heartbeat, write_message
 
 _BEAT_S = 1.0
 # A pair of 16 million pixels takes some seconds, the conclusion of 22 pairs took two minutes on a busy computer.
@@ -41,7 +40,7 @@ class OutputStream:
         if self._thread is not None:
             self._thread.join()
 
-    def write(self, message: LogMessage) -> None:
+    def write(self, message: AnalysisOutput) -> None:
         """Write one output."""
         with self._lock:
             write_message(self._stream, message)
@@ -60,7 +59,7 @@ class OutputStream:
                 continue
             try:
                 with self._lock:
-                    write_message(self._stream, HEARTBEAT)
+                    write_message(self._stream, Heartbeat())
             except OSError:
                 # Control died, and what was announced may never come into the log: nobody waits for us any more.
                 os._exit(1)

@@ -1,35 +1,63 @@
-"""Pipe protocol of control and analysis: counts to the analysis; log messages and signs of life to control."""
+"""Pipe protocol of control and analysis: counts to the analysis; log messages, readiness and heartbeats to control."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import IO
 
 from semlive.errors import SemliveError
 from semlive.formats.log.writer import LogMessage
 
-# topic length, payload length, sequence, log time, publish time
-_HEAD = struct.Struct("<HIIqq")
+# kind, topic length, payload length, sequence, log time, publish time
+_HEAD = struct.Struct("<BHIIqq")
 _COUNT = struct.Struct("<Q")
-
-# Not a message of the log: who says it lives.
-HEARTBEAT = LogMessage("", 0, 0, 0, b"")
+_OUTPUT, _READY, _HEARTBEAT = 0, 1, 2
 
 
-def write_message(stream: IO[bytes], message: LogMessage) -> None:
+@dataclass(frozen=True, slots=True)
+class AnalysisReady:
+    """The analysis has read the configuration of the run, compiled its kernels and analysed the pairs that the log already holds.
+
+    Attributes:
+        line: the line for `/log` that records it; one frame of the pipe carries both, so a crash cannot separate them.
+    """
+
+    line: LogMessage
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """The process of the analysis is alive; not an output, and not stored in the log."""
+
+
+AnalysisOutput = LogMessage | AnalysisReady
+"""An output of the analysis; control counts it, because a restarted analysis skips the outputs that the log already holds."""
+PipeMessage = AnalysisOutput | Heartbeat
+_NO_LINE = LogMessage("", 0, 0, 0, b"")
+
+
+def write_message(stream: IO[bytes], message: PipeMessage) -> None:
     """Write one message and flush.
 
     Raises:
-        OSError: the other end is gone.
+        OSError: the other end is closed.
     """
-    topic = message.topic.encode("ascii")
-    head = _HEAD.pack(len(topic), len(message.payload), message.sequence, message.log_time_ns, message.publish_time_ns)
-    stream.write(head + topic + message.payload)
+    match message:
+        case AnalysisReady(line):
+            kind = _READY
+        case Heartbeat():
+            kind, line = _HEARTBEAT, _NO_LINE
+        case line:
+            kind = _OUTPUT
+    topic = line.topic.encode("ascii")
+    head = _HEAD.pack(kind, len(topic), len(line.payload), line.sequence, line.log_time_ns, line.publish_time_ns)
+    stream.write(head + topic + line.payload)
     stream.flush()
 
 
-def read_message(stream: IO[bytes]) -> LogMessage | None:
+def read_message(stream: IO[bytes]) -> PipeMessage | None:
     """Read one message; None at the end of the pipe.
 
     Raises:
@@ -40,11 +68,14 @@ def read_message(stream: IO[bytes]) -> LogMessage | None:
         return None
     if len(head) < _HEAD.size:
         raise SemliveError("the pipe ended in the middle of a message; the other process died")
-    topic_length, length, sequence, log_time_ns, publish_time_ns = _HEAD.unpack(head)
+    kind, topic_length, length, sequence, log_time_ns, publish_time_ns = _HEAD.unpack(head)
     topic, payload = stream.read(topic_length), stream.read(length)
     if len(topic) + len(payload) < topic_length + length:
         raise SemliveError("the pipe ended in the middle of a message; the other process died")
-    return LogMessage(topic.decode("ascii"), log_time_ns, publish_time_ns, sequence, payload)
+    if kind == _HEARTBEAT:
+        return Heartbeat()
+    line = LogMessage(topic.decode("ascii"), log_time_ns, publish_time_ns, sequence, payload)
+    return AnalysisReady(line) if kind == _READY else line
 
 
 def write_count(stream: IO[bytes], count: int) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from semlive.formats.log.writer import LogMessage
-from semlive.service.analysis.pipe import HEARTBEAT, read_message, write_count
+from semlive.service.analysis.pipe import AnalysisOutput, Heartbeat, read_message, write_count
 from semlive.service.analysis.worker import INPUT_TOPICS, LOG_REPLACED
 from semlive.service.log.files import messages
 from semlive.service.runtime.process import start_child
@@ -39,7 +39,7 @@ class AnalysisProcess:
         self,
         log: Path,
         log_refused: Callable[[], bool],
-        on_output: Callable[[LogMessage], None],
+        on_output: Callable[[AnalysisOutput], None],
         on_trouble: Callable[[str, bool], None],
         before: tuple[int, int] = (0, 0),
     ) -> None:
@@ -164,7 +164,7 @@ class AnalysisProcess:
             with stream:
                 while (message := read_message(stream)) is not None:
                     self._silent_s, self._has_spoken = 0.0, True
-                    if message != HEARTBEAT:
+                    if not isinstance(message, Heartbeat):
                         self._taken += 1
                         self._restarts = 0
                         self._heard_s = time.monotonic()

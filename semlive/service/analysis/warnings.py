@@ -1,20 +1,18 @@
-"""Warnings of the estimate during a run: each warning once, when it first becomes significant."""
+"""Warnings of the estimate during a run: the warning of each subject once, when it first becomes significant."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
-_SIGN = "WARNING: "
-_NUMBER = re.compile(r"\d")
+from semlive.data.notes import Note, NoteCode, NoteLevel
 
 
-def new_warnings(notes: Sequence[str], before: frozenset[str]) -> tuple[tuple[str, ...], frozenset[str]]:
-    """Return the new warnings, and all warnings so far.
+def new_warnings(notes: Sequence[Note], before: frozenset[NoteCode]) -> tuple[tuple[str, ...], frozenset[NoteCode]]:
+    """Return the texts of the new warnings, and the subjects of all warnings so far.
 
     Args:
         notes: notes of the newest estimate; estimates between two reviews have no warnings.
-        before: earlier warnings, without their figures.
+        before: subjects of earlier warnings.
     """
-    warnings = {_NUMBER.split(note)[0]: note.removeprefix(_SIGN) for note in notes if note.startswith(_SIGN)}
-    return tuple(text for kind, text in warnings.items() if kind not in before), before | frozenset(warnings)
+    warnings = {note.code: note.text for note in notes if note.level is NoteLevel.WARNING}
+    return tuple(text for code, text in warnings.items() if code not in before), before | frozenset(warnings)

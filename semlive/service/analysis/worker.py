@@ -18,6 +18,7 @@ from pathlib import Path
 
 from semlive import dic, pipeline
 from semlive.data.frame import ExportedFile, Frame
+from semlive.data.notes import Note, NoteCode
 from semlive.data.pair import Pair, PairDecision
 from semlive.data.results import PairResult
 from semlive.data.settings import AnalysisSettings
@@ -50,7 +51,7 @@ from semlive.formats.log.messages import (
 )
 from semlive.formats.log.writer import LogMessage
 from semlive.service.analysis.output import OutputStream, lower_priority
-from semlive.service.analysis.pipe import read_counts
+from semlive.service.analysis.pipe import AnalysisOutput, AnalysisReady, read_counts
 from semlive.service.analysis.preview_images import preview_images
 from semlive.service.analysis.result_json import result_json
 from semlive.service.analysis.warnings import new_warnings
@@ -108,7 +109,7 @@ class WorkerState:
         sidecar: bytes of the text file beside the file whose bytes come next.
         pixel_hashes: name of the frame that first showed these pixels, by their hash.
         clocks: clocks of other computers as files tell them.
-        issued_warnings: what the estimate has warned of, without its figures.
+        issued_warnings: subjects of the warnings of the estimate so far.
         pair_to_review: the pair that was reported last and has not been reviewed; None otherwise.
         at_rest_since_ns: since when nothing is moved; None while something may be.
         imaging_since_ns: scans that begin after this are meant for a pair; None while the engine asks for none.
@@ -124,7 +125,7 @@ class WorkerState:
     clocks: FileClockOffsets = field(default_factory=lambda: FileClockOffsets.with_poll_interval(1.0))
     frames: tuple[Frame, ...] = ()
     analysis: pipeline.AnalysisState | None = None
-    issued_warnings: frozenset[str] = frozenset()
+    issued_warnings: frozenset[NoteCode] = frozenset()
     pair_to_review: Pair | None = None
     at_rest_since_ns: int | None = None
     imaging_since_ns: int | None = None
@@ -317,7 +318,7 @@ def _said(state: WorkerState, pair: Pair, result: PairResult, wall_s: float) -> 
     return state, _with_pictures(pair, lambda: (*result_messages(result, wall_s), *doubts))
 
 
-def _newly_doubted(state: WorkerState, pair: Pair, notes: Sequence[str]) -> tuple[WorkerState, tuple[LogMessage, ...]]:
+def _newly_doubted(state: WorkerState, pair: Pair, notes: Sequence[Note]) -> tuple[WorkerState, tuple[LogMessage, ...]]:
     news, warned = new_warnings(notes, state.issued_warnings)
     return replace(state, issued_warnings=warned), tuple(_doubt(one, pair.decision.pair, pair.decision.second.end_time_ns) for one in news)
 
@@ -414,14 +415,13 @@ def _follow(inputs: Iterable[LogMessage], skip: int, beat: bool) -> None:
             with voice.busy():
                 before = state.analysis
                 state, outputs = process_message(state, message)
-                _warm(state, message)
-                skip = _say(voice, outputs, skip)
+                skip = _say(voice, _warmed_up(state, message, outputs), skip)
                 state, outputs = background_work(state)
                 skip = _say(voice, outputs, skip)
                 state = _lighter(state, before, archive)
 
 
-def _say(voice: OutputStream, outputs: Iterable[LogMessage], skip: int) -> int:
+def _say(voice: OutputStream, outputs: Iterable[AnalysisOutput], skip: int) -> int:
     """Say all but the first so many, which stand in the log; how many of those are still to come."""
     for output in outputs:
         if skip > 0:
@@ -461,10 +461,13 @@ def _lighter(state: WorkerState, before: pipeline.AnalysisState | None, archive:
     return replace(state, analysis=analysis)
 
 
-def _warm(state: WorkerState, message: LogMessage) -> None:
-    """Compile before the first pair; the word READY then goes out after it."""
-    if message.topic == "/run" and state.settings is not None:
-        dic.warm_up(state.settings.dic)
+def _warmed_up(state: WorkerState, message: LogMessage, outputs: Iterable[LogMessage]) -> Iterable[AnalysisOutput]:
+    """After the configuration of the run: compile the kernels, then send the last output, the line for `/log`, as `AnalysisReady`."""
+    if message.topic != "/run" or state.settings is None:
+        return outputs
+    dic.warm_up(state.settings.dic)
+    *notices, line = outputs
+    return (*notices, AnalysisReady(line))
 
 
 if __name__ == "__main__":

@@ -1,1 +1,1 @@
-"""The daemon: control loop, device links, operator, analysis events."""
+"""Control of a run: engine, commands of the operator, outputs of the analysis, the control socket, and resuming from the log."""

@@ -24,7 +24,7 @@ def field_of_view_event(message: DicMessage, time_ns: int) -> FieldOfViewMeasure
 
 
 class DriftUpdate(BaseModel):
-    """Parts of a drift estimate that control uses. Drift and uncertainty over the whole run are not parsed.
+    """Parts of a drift estimate that control uses. Drift and uncertainty of the complete run are not parsed.
 
     As Python objects they would need 8 kB per pair whenever all frames are reported again, which Python does not return to the system.
 

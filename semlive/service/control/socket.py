@@ -27,8 +27,8 @@ _REPLY_TIMEOUT_S = 5.0
 _REQUEST_TIMEOUT_S = 2.0
 # Connections that have not shown the token. A new one always gets a place; beyond this number the oldest is closed.
 _MAX_UNAUTHENTICATED = 128
-# asyncio accepts so many connections before it reads from any. It is less than _MAX_UNKNOWN, so a connection whose request was sent with it
-# is read before it can have become the oldest.
+# asyncio accepts so many connections before it reads from any. It is less than _MAX_UNAUTHENTICATED, so a connection whose request was sent
+# with it is read before it can have become the oldest.
 _BACKLOG = 16
 # Connections that wait in the system; so few that a flood of connections delays other requests by tenths of a second only.
 _QUEUE_LENGTH = 256
@@ -60,11 +60,11 @@ class SocketAddress:
     token: str
 
 
-class Asked(BaseModel):
+class RequestContent(BaseModel):
     """Content of a request: a command, the answer to a question, or the acknowledgement of an alarm.
 
     Attributes:
-        say: command of the operator.
+        `say`: command of the operator; the key is a contract.
         question: name of the answered question.
         answer: the answer, one line.
         acknowledge: identity of the acknowledged alarm (`Alarm.identity`).
@@ -78,13 +78,13 @@ class Asked(BaseModel):
     acknowledge: str | None = Field(default=None, pattern=r"^[0-9]{1,20}$")
 
     @model_validator(mode="after")
-    def _asks_one_thing(self) -> Asked:
+    def _require_single_purpose(self) -> RequestContent:
         if [self.say, self.question, self.acknowledge].count(None) != 2:
-            raise ValueError("say a verb, answer a question or acknowledge an alarm")
+            raise ValueError("give one command, answer one question or acknowledge one alarm")
         return self
 
 
-class Request(Asked):
+class Request(RequestContent):
     """Request with the token of the run, as sent to the control socket.
 
     Attributes:
@@ -121,18 +121,18 @@ class ControlSocket:
     are too many, the oldest unauthenticated one is closed.
 
     Args:
-        say: callback with a command and its origin, in the loop.
+        on_command: callback with a command and its origin, in the loop.
         answer: callback with the name of a question and the answer; returns whether the question was open. In a thread: it may block.
         acknowledge: callback with the identity of an alarm and the origin; returns whether the alarm was unacknowledged. In the loop.
     """
 
     def __init__(
         self,
-        say: Callable[[OperatorCommand, str], object],
+        on_command: Callable[[OperatorCommand, str], object],
         answer: Callable[[str, str], bool],
         acknowledge: Callable[[str, str], bool],
     ) -> None:
-        self._say, self._answer, self._acknowledge = say, answer, acknowledge
+        self._on_command, self._answer, self._acknowledge = on_command, answer, acknowledge
         self._token = secrets.token_urlsafe(16)
         self._server: asyncio.Server | None = None
         self._unauthenticated: dict[asyncio.StreamWriter, None] = {}
@@ -190,7 +190,7 @@ class ControlSocket:
             )
         self._unauthenticated.pop(writer, None)
         if request.say is not None:
-            self._say(request.say, request.by)
+            self._on_command(request.say, request.by)
             return Reply(heard=RequestStatus.ACCEPTED)
         if request.acknowledge is not None:
             if not self._acknowledge(request.acknowledge, request.by):

@@ -32,7 +32,7 @@ from semlive.formats.log.writer import LogMessage
 from semlive.service.log import alarms as alarm_rules
 from semlive.service.log.alarms import Alarms
 from semlive.service.log.recorder import Recorder
-from semlive.service.runtime.boot import boot_id
+from semlive.service.runtime.clock import boot_id
 
 
 class RunLog:

@@ -6,9 +6,9 @@ from threadpoolctl import threadpool_limits
 
 
 def limit_blas_threads() -> None:
-    """Let this process do its linear algebra in one thread.
+    """Limit the linear algebra of this process to one thread.
 
-    Sums then have one order, so a replay gives the same bytes as the live run; and the estimator's matrices of a few
-    hundred rows are faster so: with both cores busy, two threads took 1.1 s for a solution that one does in 0.2 s.
+    Sums then have a fixed order, so a replay gives the same bytes as the live run. One thread is also faster for matrices of a few hundred
+    rows: with both cores busy, a solution took 1.1 s in two threads and 0.2 s in one.
     """
     threadpool_limits(limits=1, user_api="blas")

@@ -1,8 +1,7 @@
 """Starts a module as the main program of a child process that ends with its parent, even if the parent is killed.
 
 ``python -m semlive.service.runtime.child_process PARENT_PID MODULE [ARGUMENT...]``. Only light modules are imported
-here: the parent may be killed while
-the child still imports numerical packages.
+here, because the parent may be killed while the child still imports numerical packages.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import threading
 import time
 
 _PR_SET_PDEATHSIG = 1
-_LOOK_S = 0.5
+_POLL_S = 0.5
 
 
 def main() -> None:
@@ -28,10 +27,10 @@ def main() -> None:
 
 
 def end_with_parent(parent: int) -> None:
-    """End this process within a second of its parent's death, in whatever it is engaged.
+    """End this process within a second of the end of its parent.
 
-    Linux kills it (a stopped process too). Elsewhere a thread looks, which a stopped process cannot; on Windows nothing is done, where the
-    end of standard input has to serve.
+    Linux kills it, even if it is suspended. On other systems a thread polls the parent, which fails in a suspended process. On Windows
+    nothing is done; the process ends at the end of its standard input.
 
     Args:
         parent: process number of the parent, whose starting thread must live as long as the parent itself.
@@ -42,12 +41,12 @@ def end_with_parent(parent: int) -> None:
     if os.getppid() != parent:  # it died before this process was bound to it
         os._exit(1)
     if not bound:
-        threading.Thread(target=_look, args=(parent,), name="parent", daemon=True).start()
+        threading.Thread(target=_watch_parent, args=(parent,), name="parent", daemon=True).start()
 
 
-def _look(parent: int) -> None:
+def _watch_parent(parent: int) -> None:
     while os.getppid() == parent:
-        time.sleep(_LOOK_S)
+        time.sleep(_POLL_S)
     os._exit(1)
 
 

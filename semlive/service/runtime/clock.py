@@ -1,7 +1,8 @@
-"""Experiment time for the shell: this computer's clock, or the line that a simulator publishes."""
+"""Experiment time of a run: the clock of this computer, or the clock that a simulator publishes; and the boot of its monotonic clock."""
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from pathlib import Path
@@ -12,10 +13,10 @@ from semlive.formats.tables.clock_file import decode_clock
 
 
 class SystemClock:
-    """Experiment time at an instrument: UTC read once, then carried by the monotonic clock.
+    """Experiment time at an instrument: UTC is read once and continued by the monotonic clock.
 
     Args:
-        line: the line that the run began with, if this computer has not been started anew since.
+        line: clock relation of the run before it was interrupted, if the computer was not restarted since; None for a new run.
     """
 
     def __init__(self, line: Clock | None = None) -> None:
@@ -37,29 +38,29 @@ class SystemClock:
 class SimulatedClock:
     """Experiment time from a clock file that is replaced when the simulation stretches its clock.
 
-    A stretch sets the line back; `now_ns` then stands still until the line has caught up, so it never goes back.
+    A stretch sets the clock back; `now_ns` is then constant until the clock has caught up, so it never decreases.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._lock = threading.Lock()
-        self._seen: tuple[int, int] = (0, 0)
+        self._file_version: tuple[int, int] = (0, 0)
         self._latest_ns = 0
         self._clock = self._read()
 
     def _read(self) -> Clock:
         try:
             state = self._path.stat()
-            seen = (state.st_mtime_ns, state.st_ino)
-            if seen != self._seen:
+            version = (state.st_mtime_ns, state.st_ino)
+            if version != self._file_version:
                 self._clock = decode_clock(self._path.read_bytes())
-                self._seen = seen
+                self._file_version = version
         except BadInput as error:
-            # Whoever asks for the time in the middle of a run may be the thread that has to stop the machine.
-            if self._seen == (0, 0):
+            # In the middle of a run the caller may be the thread that has to stop the machine, so the last valid clock is used.
+            if self._file_version == (0, 0):
                 raise BadConfig(f"{self._path}: {error}") from error
         except OSError as error:
-            if self._seen == (0, 0):
+            if self._file_version == (0, 0):
                 raise BadConfig(
                     f"{self._path}: cannot be read ({error.strerror}); start the simulator that publishes this clock"
                 ) from error
@@ -82,13 +83,19 @@ class SimulatedClock:
 
 
 def open_clock(clock_file: Path | None, line: Clock | None = None) -> SystemClock | SimulatedClock:
-    """The clock of this run.
+    """Open the clock of a run.
 
     Args:
-        clock_file: published by a simulator, or None at an instrument.
-        line: the line of the same run before it was interrupted, where this computer's monotonic clock still is the one that it stands on.
+        clock_file: file that a simulator publishes; None at an instrument.
+        line: clock relation of the run before it was interrupted, if it refers to the present boot of this computer; else None.
 
     Raises:
-        BadConfig: the clock file does not exist or is not one.
+        BadConfig: the clock file does not exist or cannot be read.
     """
     return SystemClock(line) if clock_file is None else SimulatedClock(clock_file)
+
+
+def boot_id() -> str:
+    """Return the identity of the boot that the monotonic clock belongs to; empty if the system does not provide one."""
+    path = Path("/proc/sys/kernel/random/boot_id")
+    return path.read_text(encoding="ascii").strip() if os.name == "posix" and path.exists() else ""

@@ -1,4 +1,4 @@
-"""Drivers by name, found by entry point; semlive itself contains none."""
+"""Drivers by name, from the entry points of installed packages; semlive itself contains no drivers."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ def open_load_frame(driver: str, settings: Mapping[str, object], clock: ClockSou
     """Open a load frame.
 
     Raises:
-        BadConfig: no such driver, or it does not understand its settings.
-        LinkRefused: nobody answers.
+        BadConfig: there is no such driver, or its settings are invalid.
+        LinkRefused: the device does not answer.
     """
     return cast(LoadFrameFactory, _factory("load_frames", driver))(settings, clock)
 
@@ -31,13 +31,13 @@ def open_trigger(driver: str, settings: Mapping[str, object], clock: ClockSource
 
 
 def operator_interfaces() -> Mapping[str, OperatorInterface]:
-    """Where the installed drivers ask a person, by name."""
+    """Return the operator interfaces of the installed drivers by name."""
     return {point.name: cast(OperatorInterface, point.load()) for point in entry_points(group="semlive.desks")}
 
 
 def _factory(group: str, driver: str) -> Any:
-    known = {point.name: point for point in entry_points(group=f"semlive.{group}")}
-    if driver not in known:
-        names = ", ".join(sorted(known)) or "none; is the driver's package installed?"
-        raise BadConfig(f"driver {driver}: no such driver among semlive.{group}; known are {names}")
-    return known[driver].load()
+    installed = {point.name: point for point in entry_points(group=f"semlive.{group}")}
+    if driver not in installed:
+        names = ", ".join(sorted(installed)) or "none; is the driver's package installed?"
+        raise BadConfig(f"driver {driver}: no such driver among semlive.{group}; installed are {names}")
+    return installed[driver].load()

@@ -1,4 +1,4 @@
-"""Where compiled kernels are kept between runs. Known before anything is imported that compiles, and inherited by every child process."""
+"""Folder in which compiled kernels are stored between runs. It is set before numba is imported, and child processes inherit it."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ KERNELS = Path(__file__).resolve().parents[2] / "kernels"
 
 
 def configure_jit_cache(environ: MutableMapping[str, str], kernels: Path = KERNELS) -> Path:
-    """Decide where kernels are cached, and say so to whatever compiles them.
+    """Select the cache folder of the kernels and set the environment variable of numba.
 
-    Beside the package, where that may be written; otherwise (a read-only installation, a service's sandbox) the first folder that
-    may be: the service's own cache folder, the user's, one in the folder for temporary files.
+    The folder is in the package if that is writable. Otherwise (a read-only installation, the sandbox of a service) it is the first
+    writable one of: the cache folder of the service, that of the user, a new folder for temporary files.
 
     Args:
-        environ: of this process; `NUMBA_CACHE_DIR` is set in it unless it stands there already or is not needed.
-        kernels: folder of the package whose functions are compiled.
+        environ: environment of this process; `NUMBA_CACHE_DIR` is set in it unless it is set already or not needed.
+        kernels: folder of the package of kernels.
 
     Returns:
         The folder.
     """
     if environ.get(VARIABLE):
         return Path(environ[VARIABLE])
-    beside = kernels / "__pycache__"
-    if may_write(beside):
-        return beside
+    in_package = kernels / "__pycache__"
+    if may_write(in_package):
+        return in_package
     chosen = next((folder for folder in _elsewhere(environ) if may_write(folder)), None)
     if chosen is None:
         chosen = Path(tempfile.mkdtemp(prefix="semlive-jit-"))
@@ -37,7 +37,7 @@ def configure_jit_cache(environ: MutableMapping[str, str], kernels: Path = KERNE
 
 
 def may_write(folder: Path) -> bool:
-    """Whether a file can be made there, the folder too if need be; tried, because permissions alone do not tell of a read-only mount."""
+    """Return whether a file can be created in a folder, which is created if necessary; permissions do not show a read-only mount."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -47,7 +47,7 @@ def may_write(folder: Path) -> bool:
 
 
 def _elsewhere(environ: MutableMapping[str, str]) -> list[Path]:
-    service = environ.get("CACHE_DIRECTORY", "").split(os.pathsep)[0]  # what systemd says of CacheDirectory=
+    service = environ.get("CACHE_DIRECTORY", "").split(os.pathsep)[0]  # set by systemd from CacheDirectory=
     user = environ.get("XDG_CACHE_HOME") or environ.get("LOCALAPPDATA")
     home = environ.get("HOME") or environ.get("USERPROFILE")
     folders = [Path(service) / "jit"] if service else []

@@ -18,29 +18,29 @@ _TRIM, _OPTION = _of_glibc("malloc_trim"), _of_glibc("mallopt")
 
 
 def trim_heap() -> None:
-    """Let the C library give back what lies free between what is in use; where it is not glibc, nothing is done.
+    """Return free memory between used blocks to the system; without effect if the C library is not glibc.
 
-    By itself it gives back only what is free at the end of its heap: after a choice of the estimator 190 of 360 MB stayed free in between.
+    By default glibc returns only the free memory at the end of its heap: after a hyperparameter selection 190 of 360 MB stayed unused.
     """
     if _TRIM is not None:
         _TRIM(0)
 
 
 def single_arena() -> None:
-    """One heap for all threads; to be called before there are threads.
+    """Use one heap for all threads; to be called before threads are started.
 
-    A verdict's two threads had a heap of their own each: the largest took 2.1 GB in place of 1.7 GB.
+    With a heap for each of its two threads, the largest diagnosis needed 2.1 GB instead of 1.7 GB.
     """
     if _OPTION is not None:
         _OPTION(_ARENA_MAX, 1)
 
 
 def single_arena_small_blocks() -> None:
-    """One heap for all threads, and blocks beyond 128 kB outside of it; to be called before there are threads.
+    """Use one heap for all threads, and separate memory for blocks above 128 kB; to be called before threads are started.
 
-    Each of control's twelve threads had a heap of its own, and what free blocks leave of pages was given back in none of them. Once a
-    block of some MB is freed, glibc takes the next ones from the heap, where small ones that stay settle in what they leave: what was in
-    use stood still at 111.9 MB, and 4 MB in 1000 pairs were resident beside it.
+    With a heap for each of the twelve threads of control, partly used pages were returned in none of them. Once a block of some MB is
+    freed, glibc takes the next large blocks from the heap, and small blocks then fragment the gaps: the memory in use was constant at
+    111.9 MB, but the resident memory grew by 4 MB in 1000 pairs.
     """
     single_arena()
     if _OPTION is not None:

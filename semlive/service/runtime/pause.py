@@ -7,16 +7,16 @@ import time
 
 
 def pause(seconds: float) -> None:
-    """Sleep; less than that if the computer's clock is set meanwhile and the system refuses the rest (EINVAL).
+    """Sleep; shorter if the clock of the computer is set meanwhile and the system rejects the remaining time (EINVAL).
 
     Args:
-        seconds: wall time; nothing is done if it is not positive.
+        seconds: wall time, s; without effect if it is not positive.
     """
     if seconds <= 0.0:
         return
     try:
         time.sleep(seconds)
     except OSError as error:
-        # The system was given an absolute time that a step of the clock made invalid; seen under virtualised clocks.
+        # A step of the clock made the absolute end time invalid; observed with virtualised clocks.
         if error.errno != errno.EINVAL:
             raise

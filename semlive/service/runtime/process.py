@@ -1,4 +1,4 @@
-"""Child processes that Ctrl-C does not reach: their parent ends them when it is done."""
+"""Start of child processes in process groups of their own, which Ctrl-C does not reach; their parent ends them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from pathlib import Path
 from typing import IO
 
 _starts: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
@@ -20,15 +19,15 @@ _starter: list[threading.Thread] = []
 def start_child(
     module: str, arguments: Sequence[str], *, stdout: int | IO[bytes], stderr: int | IO[bytes] | None = None
 ) -> subprocess.Popen[bytes]:
-    """Start a module of ours in a process that ends within a second of this one's death, in a group of its own; from any thread.
+    """Start a module of semlive in a process group of its own; it ends within a second of the end of this process. From any thread.
 
     Raises:
-        OSError: the system starts no further process.
+        OSError: the system cannot start another process.
     """
     command = [sys.executable, "-m", "semlive.service.runtime.child_process", str(os.getpid()), module, *arguments]
     if threading.current_thread() is threading.main_thread():
         return start_in_own_group(command, stdout=stdout, stderr=stderr)
-    # Linux counts the end of the thread that started a child as the parent's death, so this thread must not be one that ends.
+    # Linux treats the end of the thread that started a child as the end of the parent, so one thread that never ends starts all children.
     result: Future[subprocess.Popen[bytes]] = Future()
 
     def start() -> None:
@@ -53,18 +52,11 @@ def _start_all() -> None:
 def start_in_own_group(
     command: Sequence[str], *, stdout: int | IO[bytes], stderr: int | IO[bytes] | None = None
 ) -> subprocess.Popen[bytes]:
-    """Start a process in a group of its own, with a pipe to its standard input.
+    """Start a process in a process group of its own, with a pipe to its standard input.
 
-    A console sends Ctrl-C to every process of the foreground group at once, but devices and logs must be brought to rest
-    in order, by the daemon.
+    A console sends Ctrl-C to every process of the foreground group at once, but the daemon must stop devices and finish logs in order.
     """
     if sys.platform == "win32":
         flags = subprocess.CREATE_NEW_PROCESS_GROUP
         return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=stdout, stderr=stderr, creationflags=flags)
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=stdout, stderr=stderr, process_group=0)
-
-
-def boot_id() -> str:
-    """Identity of this computer's boot, to which the monotonic clock belongs; empty where the system does not tell."""
-    path = Path("/proc/sys/kernel/random/boot_id")
-    return path.read_text(encoding="ascii").strip() if os.name == "posix" and path.exists() else ""

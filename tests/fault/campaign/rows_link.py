@@ -370,7 +370,7 @@ def device_watchdog(lab: Lab) -> Seen:
     lab.daemon.send_signal(signal.SIGSTOP)
     took_ms = stopped(lab, began, WATCHDOG_MS, "its own watchdog")
     lab.daemon.send_signal(signal.SIGCONT)
-    return Seen(in_fault(lab, "watchdog|control has not been heard|fault"), took_ms)
+    return Seen(in_fault(lab, "watchdog|control sent no signal|fault"), took_ms)
 
 
 def heartbeat_stuck(lab: Lab) -> Seen:

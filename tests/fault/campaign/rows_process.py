@@ -121,7 +121,7 @@ def blocked_loop(lab: Lab) -> Seen:
     began = ramping(lab)
     lab.daemon.send_signal(signal.SIGUSR1)
     took_ms = stopped(lab, began, 3000.0, "stop")
-    return Seen(in_fault(lab, "control has not been heard of"), took_ms)
+    return Seen(in_fault(lab, "control sent no signal"), took_ms)
 
 
 def full_disk(lab: Lab) -> Seen:
@@ -250,7 +250,7 @@ def suspended(lab: Lab) -> Seen:
     began = time.monotonic()
     lab.daemon.send_signal(signal.SIGCONT)
     took_ms = stopped(lab, began, 1000.0, "stop")
-    return Seen(in_fault(lab, "control has not been heard of"), took_ms)
+    return Seen(in_fault(lab, "control sent no signal"), took_ms)
 
 
 def read_meanwhile(lab: Lab) -> Seen:

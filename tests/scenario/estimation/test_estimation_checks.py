@@ -51,7 +51,7 @@ def test_a_part_of_the_field_that_slides_is_seen(world: Callable[..., Any], plan
     field, _ = consistency(solved(world(210, step_px=30), plans["short"], slide)[0])
     assert field.name == FIELD
     assert field.sigmas > 4.0
-    assert field.message().startswith("WARNING: drifts from the left and right half")
+    assert field.note().message.startswith("WARNING: drifts from the left and right half")
 
 
 def test_a_distortion_that_changes_is_seen(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
@@ -67,7 +67,7 @@ def test_a_distortion_that_changes_is_seen(world: Callable[..., Any], plans: dic
     _, pairs = consistency(solved(world(211, step_px=30), plans["full"][:9], otherwise)[0])
     assert pairs.name == PAIRS
     assert pairs.sigmas > 4.0, pairs
-    assert "WARNING" in pairs.message()
+    assert "WARNING" in pairs.note().message
 
 
 def line(step: Any, shifts: list[tuple[float, float]]) -> list[Any]:
@@ -88,7 +88,7 @@ def test_a_poor_calibration_is_told_with_its_figures(
     solution, _ = solved(world(220, step_px=30), line(type(plans["short"][0]), shifts))
     found = calibration(solution)
     assert not found.sufficient
-    said = estimating.to_estimate(solution, 0).notes[0]
+    said = estimating.to_estimate(solution, 0).notes[0].text
     assert advice in said
     assert f"{found.lever_px[0]:.3g} px along x" in said
     assert found.poor
@@ -98,7 +98,7 @@ def test_a_poor_calibration_is_told_with_its_figures(
 def test_load_steps_on_a_poor_calibration_are_warned_of(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
     step = type(plans["short"][0])
     plan = [*line(step, [(0.0, 0.0), (24.0, 0.0), (-24.0, 0.0)]), step(Phase.TENSION, (0.0, 0.0), 1e-3)]
-    assert estimating.to_estimate(solved(world(221, step_px=30), plan)[0], 0).notes[0].startswith("WARNING, the load steps")
+    assert estimating.to_estimate(solved(world(221, step_px=30), plan)[0], 0).notes[0].message.startswith("WARNING, the load steps")
 
 
 def test_a_point_beyond_the_calibrated_area_gets_no_displacement(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
@@ -116,6 +116,7 @@ def test_a_point_beyond_the_calibrated_area_gets_no_displacement(world: Callable
         assert not moved.u_px[~moved.valid].any()
     near = [one for one in taken[-2].maps if one.reference == 0]
     assert all(mechanics.displacement(one, estimating.correction(solution, one)).valid.all() for one in near)
-    said = [one for one in estimating.to_estimate(solution, 0).notes if one.startswith("WARNING: the specimen left the area")]
+    said = [one.message for one in estimating.to_estimate(solution, 0).notes]
+    said = [one for one in said if one.startswith("WARNING: the specimen left the area")]
     assert len(said) == 1
     assert "2 frames" in said[0]

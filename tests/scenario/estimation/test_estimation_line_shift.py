@@ -51,7 +51,7 @@ def test_shifts_of_rows_are_found_and_corrected(world: Callable[..., Any], plans
     assert solution.hyper.row_shift_px == pytest.approx(SHIFT_PX, rel=0.5)
     assert solution.hyper.noise_scale == pytest.approx(1.0, rel=0.15)
     assert worst_px < 0.025
-    assert any("rows" in note for note in estimating.to_estimate(solution, 0).notes)
+    assert any("rows" in note.text for note in estimating.to_estimate(solution, 0).notes)
 
 
 def test_a_run_goes_on_with_shifts_of_rows(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:

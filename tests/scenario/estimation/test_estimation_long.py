@@ -52,7 +52,7 @@ def test_halves_of_a_sound_long_run_agree(long_run: estimating.Solution) -> None
     assert -6.0 < pairs.sigmas < 3.5
     assert field.difference_px == pytest.approx(field.expected_px, rel=0.3)
     assert pairs.difference_px == pytest.approx(pairs.expected_px, rel=0.5)
-    assert len(estimating.consistency_messages(long_run)) == 2
+    assert len(estimating.consistency_notes(long_run)) == 2
 
 
 def test_a_part_of_the_field_that_begins_to_slide_is_seen(long_run: estimating.Solution) -> None:

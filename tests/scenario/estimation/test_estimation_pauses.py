@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from semlive import estimate as estimating
+from semlive.data.notes import NoteLevel
 from semlive.data.settings import EstimateSettings
 from semlive.estimate.joint.observations import normal_equations
 from semlive.estimate.joint.observations.normal_equations import dense_limit
@@ -48,7 +49,7 @@ def test_a_night_s_pause_costs_nothing_and_spoils_nothing(world: Callable[..., A
             u, v = (np.linalg.lstsq(plane, field.ravel(), rcond=None)[0] for field in (dmap.u_px, dmap.v_px))
             error = np.array([u[1], v[2]]) - told.value[:2] - [g[0, 0], g[1, 1]]
             assert np.all(np.abs(error) < 4.0 * np.hypot([told.sigma.exx, told.sigma.eyy], 1e-5))  # and the frame's own noise
-    assert len(estimating.consistency_messages(solution)) == 2
+    assert len(estimating.consistency_notes(solution)) == 2
     assert len(estimating.to_estimate(solution, len(taken)).motions) == len(taken)
 
 
@@ -77,4 +78,4 @@ def test_a_pause_after_many_pairs(world: Callable[..., Any], plans: dict[str, li
     solution = solved(one, rested(one, plan, 20, NIGHT_S))
     assert [len(part) for part in sampled_pairs(solution.state)] == [20, 16]
     assert len(sampled_pair_numbers(solution.state, 24)) == 32
-    assert not [line for line in estimating.consistency_messages(solution) if line.startswith("WARNING")]
+    assert not [note for note in estimating.consistency_notes(solution) if note.level is NoteLevel.WARNING]

@@ -88,7 +88,7 @@ def test_drifting_magnification_is_found_and_corrected(world: Callable[..., Any]
     growth = 5e-4 / 6400.0
     found, worst = solved(changed(world(4), growth=growth), steps)
     assert used(found) == {"magnification": True, "raster_rotation": False, "coupling": False, "line_shift": False}
-    assert any("the magnification drifts" in note for note in found.notes)
+    assert any("the magnification drifts" in note.text for note in found.notes)
     assert found.raster is not None
     change = found.raster.magnification[-1] - found.raster.magnification[0]
     true = growth * 94.67 * (4 * 4 + 1)

@@ -12,7 +12,7 @@ from semlive.cli.run import _taken
 from semlive.cli.run_status import ProgressView, RemainingTime, Repeat, disobeyed
 from semlive.data.experiment import Phase
 from semlive.engine import OperatorCommand, RunStatus, State
-from semlive.service.control.control import RunSnapshot
+from semlive.service.control.run_monitor import RunSnapshot
 from semlive.service.log.alarms import AcknowledgeAll, Alarm
 
 

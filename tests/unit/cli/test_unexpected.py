@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from semlive.formats.log.messages import LogLineMessage, from_json
-from semlive.service.control.daemon import _log_loop_error
+from semlive.service.daemon.callbacks import log_loop_error
 from semlive.service.log.files import messages, segment_path
 from semlive.service.log.recorder import Recorder
 from semlive.service.log.run_log import RunLog
@@ -62,8 +62,8 @@ def test_what_the_loop_did_not_expect_goes_into_the_log(tmp_path: Path, capsys: 
     try:
         raise ValueError("a connection broke")
     except ValueError as error:
-        _log_loop_error(RunLog(recorder), clock, {"message": "in a task", "exception": error})
-    _log_loop_error(RunLog(recorder), clock, {"message": "no exception at all"})
+        log_loop_error(RunLog(recorder), clock, {"message": "in a task", "exception": error})
+    log_loop_error(RunLog(recorder), clock, {"message": "no exception at all"})
     assert recorder.close(10.0)
     told = [from_json(one.topic, one.payload) for one in messages(tmp_path) if one.topic == "/log"]
     assert [one.level for one in told if isinstance(one, LogLineMessage)] == ["error", "error"]

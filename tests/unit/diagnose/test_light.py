@@ -40,7 +40,7 @@ def looks(name: str, conditions: Conditions) -> list[Whiteness | None]:
 def test_nothing_is_said_of_noise() -> None:
     found = looks("", Conditions(31, calibration=6, tension=3))
     assert found[:4] == [None] * 4
-    assert all(one is not None and one.messages() == () for one in found[4:])
+    assert all(one is not None and one.notes() == () for one in found[4:])
     assert min(domain.p_value for one in found[4:] if one for domain in one.where) > 0.01
 
 
@@ -51,13 +51,13 @@ def test_what_is_hidden_is_seen_where_it_is(name: str, domain: str, by: int) -> 
     loudest = last.most_significant
     assert loudest is not None
     assert loudest.domain == domain
-    (said,) = last.messages()
-    assert f"after {by} pairs" in said
+    (said,) = last.notes()
+    assert f"after {by} pairs" in said.text
     assert loudest.rms_px > 0.0
 
     # Once in a run, whatever figures and domain a later look has.
     news, warned = new_warnings((said,), frozenset())
-    later = Whiteness(by + 1, (DomainTest("space", 1e-30, 0.1),)).messages()
+    later = Whiteness(by + 1, (DomainTest("space", 1e-30, 0.1),)).notes()
     assert len(news) == 1
     assert new_warnings(later, warned)[0] == ()
 

@@ -76,8 +76,8 @@ def roughness(frame: FrameResult) -> float:
 
 
 def test_what_is_told_after_each_pair_is_without_the_effect(modelled: Said, bare: Said) -> None:
-    assert [any(f"{NAME} taken out" in note for note in result.estimate.notes) for _, result in modelled] == [False] * 4 + [True] * 2
-    assert "yet: 4 pairs with" in modelled[3][1].estimate.notes[-1]
+    assert [any(f"{NAME} taken out" in note.text for note in result.estimate.notes) for _, result in modelled] == [False] * 4 + [True] * 2
+    assert "yet: 4 pairs with" in modelled[3][1].estimate.notes[-1].text
     with_it, without = (roughness(said[-1][1].frames[1]) for said in (bare, modelled))
     assert without < 0.5 * with_it
 
@@ -103,7 +103,7 @@ def test_a_run_of_frames_of_another_size_goes_on_without_the_model(charging: lis
     *_, begun = pipeline.follow(settings, ((decided(pair), pair.maps) for pair in charging))
     begun = pipeline.apply_effect_model(begun)
     (note,) = begun.model_correction.notes
-    assert note.startswith("WARNING: model: nothing is taken out of the maps: it was found in frames of 512 x 442 px")
+    assert note.message.startswith("WARNING: model: nothing is taken out of the maps: it was found in frames of 512 x 442 px")
     assert np.array_equal(last_field(begun), last_field(bare[-1][0]))
 
 
@@ -136,5 +136,5 @@ def test_more_pairs_than_can_be_fitted_go_on_without_the_model(
 ) -> None:
     monkeypatch.setattr(effect_correction, "MAX_PAIRS", 5)
     begun, result = pipeline.add_pair(modelled[4][0], decided(charging[5]), charging[5].maps)
-    assert result.estimate.notes[-1].startswith("WARNING: model: nothing is taken out of the maps: 6 pairs are more than the 5")
+    assert result.estimate.notes[-1].message.startswith("WARNING: model: nothing is taken out of the maps: 6 pairs are more than the 5")
     assert np.array_equal(last_field(begun), last_field(bare[-1][0]))

@@ -83,9 +83,9 @@ def test_a_device_fault_stops_everything(state: State) -> None:
 @pytest.mark.parametrize(("state", "after"), [*((s, State.FAULT) for s in STATES[:2]), *((s, s) for s in STATES[2:])])
 def test_a_device_that_was_stopped_by_its_link_is_a_fault_only_on_the_way(state: State, after: State) -> None:
     run = run_in(state)
-    run.tell(DeviceStopped(run.now_ns, Device.LOAD_FRAME, "control has not been heard of for 2.1 s"))
+    run.tell(DeviceStopped(run.now_ns, Device.LOAD_FRAME, "control sent no signal for 2.1 s"))
     assert run.state.state is after
-    assert "control has not been heard of" in run.state.message
+    assert "control sent no signal" in run.state.message
 
 
 def test_an_emergency_stop_has_a_state_of_its_own() -> None:

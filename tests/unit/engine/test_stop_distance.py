@@ -16,8 +16,8 @@ from semlive.engine.supervision import stop_distance
 from semlive.engine.supervision.load_watch import LoadSupervisor
 from semlive.engine.supervision.ramp_supervision import supervise
 from semlive.engine.supervision.stop_distance import RampCase, StopDistance, exceeds, noticeable_n, stop_distances, worst
-from semlive.service.control.device_link import DeviceLink
-from semlive.service.control.stop_pursuit import DISOBEYED_S
+from semlive.service.device_link import DeviceLink
+from semlive.service.device_link.stop_pursuit import DISOBEYED_S
 from semlive_drivers.modbus.blind import CONNECT_S
 from semlive_drivers.modbus.settings import ModbusSettings
 from semlive_drivers.text.part import TextSettings
@@ -137,7 +137,7 @@ def test_a_noisy_cell_that_saturates_goes_no_farther_than_its_row_says(sigma_n: 
     case = replace(base, tolerance_n=15.0, noticeable_n=noticeable_n(sigma_n, 0.0))
     code = FaultCode.NO_RESPONSE if identity is LOAD else FaultCode.TRAVEL_WITHOUT_LOAD
     trial = Trial(code, lambda rate, part: Machine(), identity=identity)
-    row = row_of(case, code, "the force reading stands still")
+    row = row_of(case, code, "the force reading")
     for seed in range(5):
         rng = random.Random(seed)
         clipped = Machine(ends=False, shown=lambda force_n, t_s, rng=rng: min(force_n, 200.0) + rng.gauss(0.0, sigma_n))

@@ -99,7 +99,7 @@ def test_distortion_is_not_claimed_without_translations_in_both_directions(shift
     for pair, (x, y) in enumerate(shifts, 1):
         state = moved(state, pair, x, y)
     found = estimating.to_estimate(estimating.solve(state), 0)
-    assert any("distortion not determined yet: needs translations in both directions" in note for note in found.notes)
+    assert any("distortion not determined yet: needs translations in both directions" in note.text for note in found.notes)
     assert found.distortion.valid.mean() < 0.5
     if not shifts:
         assert np.abs(found.distortion.ex_px).max() < 0.05
@@ -110,7 +110,7 @@ def test_distortion_is_claimed_after_a_cross() -> None:
     for pair, (x, y) in enumerate([(20.0, 0.0), (-20.0, 0.0), (0.0, 20.0), (0.0, -20.0)], 1):
         state = moved(state, pair, x, y)
     found = estimating.to_estimate(estimating.solve(state), 0)
-    assert not any("not determined yet" in note for note in found.notes)
+    assert not any("not determined yet" in note.text for note in found.notes)
     assert found.distortion.valid.all()
     np.testing.assert_allclose([one.shift_px for one in found.motions], [(0, 0), (20, 0), (-20, 0), (0, 20), (0, -20)], atol=0.05)
     assert found.motions[0].shift_sigma_px.max() == 0.0

@@ -78,7 +78,7 @@ def test_one_pair_gives_drift_and_says_what_it_cannot(equation_9: Experiment) ->
     solution = sutton.solve(given(equation_9, EstimateSettings(), pairs=1))
     found = sutton.to_estimate(solution, 1)
     assert not found.distortion.valid.any()
-    assert any("distortion not determined" in note for note in found.notes)
+    assert any("distortion not determined" in note.text for note in found.notes)
     with pytest.raises(IllPosed, match="no translated image"):
         fit_lens_distortion(solution)
 

@@ -6,7 +6,7 @@ import queue
 import threading
 from collections.abc import Callable
 
-from semlive.service.control.handoff import BoundedHandoff
+from semlive.service.daemon.callbacks import BoundedHandoff
 
 
 def test_no_more_than_a_few_wait_and_all_come_in_order() -> None:

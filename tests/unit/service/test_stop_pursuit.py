@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from semlive.data.loading import LoadSample, MotionState
-from semlive.service.control.stop_pursuit import DISOBEYED_S, Motionless, StopPursuit, begin_pursuit
+from semlive.service.device_link.stop_pursuit import DISOBEYED_S, Motionless, StopPursuit, begin_pursuit
 
 S = 1_000_000_000
 STILL = Motionless(force_n=0.5, extension_mm=0.0, rate_n_s=30.0, ramp_sign=1.0)

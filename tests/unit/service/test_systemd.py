@@ -17,7 +17,7 @@ import pytest
 import yaml
 
 from semlive.cli.app import COMMANDS
-from semlive.service.control.systemd import SystemdNotifier
+from semlive.service.daemon.process_signals import SystemdNotifier
 
 ROOT = Path(__file__).resolve().parents[3]
 UNIT = ROOT / "deploy" / "semlive@.service"

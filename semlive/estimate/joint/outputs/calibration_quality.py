@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from semlive.data.drift import CalibrationQuality
 from semlive.data.experiment import Phase
+from semlive.data.notes import Note, NoteCode, warning
 from semlive.estimate.joint.elimination.shared_parameters import shared_prior
 from semlive.estimate.joint.elimination.smoother import distortion_covariance, solve_shared
 from semlive.estimate.joint.observations.priors import Hyperparameters
@@ -137,8 +138,8 @@ def support(state: EstimatorState) -> CalibratedRegion | None:
     return CalibratedRegion((float(low[0]), float(high[0])), (float(low[1]), float(high[1])))
 
 
-def outside_region_messages(state: EstimatorState, pairs: Collection[int]) -> list[str]:
-    """Message about frames of some pairs with points outside the calibrated addresses; empty without such frames."""
+def outside_region_notes(state: EstimatorState, pairs: Collection[int]) -> list[Note]:
+    """Warning about frames of some pairs with points outside the calibrated addresses; empty without such frames."""
     area = support(state)
     if area is None:
         return []
@@ -154,11 +155,12 @@ def outside_region_messages(state: EstimatorState, pairs: Collection[int]) -> li
             worst, worst_frame = fraction, rows.current
     if frames == 0:
         return []
-    return [
-        f"WARNING: the specimen left the area that the calibration covered (x {area.x_px[0]:.0f} ... {area.x_px[1]:.0f}, "
+    text = (
+        f"the specimen left the area that the calibration covered (x {area.x_px[0]:.0f} ... {area.x_px[1]:.0f}, "
         f"y {area.y_px[0]:.0f} ... {area.y_px[1]:.0f} px): {frames} frames have points beyond it, frame {worst_frame} "
         f"{100 * worst:.0f} %; these have no displacement; calibrate with larger translations or bring the specimen back"
-    ]
+    )
+    return [warning(NoteCode.OUTSIDE_CALIBRATED_AREA, text)]
 
 
 def pointwise(state: EstimatorState, covariance: Field) -> Field:

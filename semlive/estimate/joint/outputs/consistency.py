@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import gammaincc, ndtri
 
+from semlive.data.notes import Note, NoteCode, information, warning
 from semlive.estimate.joint.observations.normal_equations import (
     NormalMatrix,
     add_prior,
@@ -54,15 +55,16 @@ class HalfSplitCheck:
     expected_px: float
     sigmas: float
 
-    def message(self) -> str:
-        """One sentence for the operator."""
+    def note(self) -> Note:
+        """The result for the operator; a warning if the difference exceeds the limit."""
         text = f"{self.name} differ by {self.difference_px:.2g} px rms where noise gives {self.expected_px:.2g} px"
         if self.sigmas <= WARN_SIGMAS:
-            return f"consistency: {text}"
-        return f"WARNING: {text} ({self.sigmas:.0f} sigma): {_REASON[self.name]}"
+            return information(_CODE[self.name], f"consistency: {text}")
+        return warning(_CODE[self.name], f"{text} ({self.sigmas:.0f} sigma): {_REASON[self.name]}")
 
 
 FIELD, PAIRS = "drifts from the left and right half of the field", "distortions from odd and even pairs"
+_CODE = {FIELD: NoteCode.FIELD_HALVES, PAIRS: NoteCode.PAIR_HALVES}
 _REASON = {
     FIELD: "part of the field moved on its own or was badly correlated; look at the maps' quality before trusting sigmas",
     PAIRS: "the distortion changed during the run, or a pair is wrong; look for a change of the microscope's settings",

@@ -14,11 +14,12 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.drift import Correction, DistortionField, DriftEstimate, EstimateRevision, FrameTime, PairMotion, RasterDrift
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
+from semlive.data.notes import Note, NoteCode, information, warning
 from semlive.estimate.joint.elimination.smoother import LIVE_WINDOW_PAIRS, PairCovariance, distortion_covariance, pair_covariances
 from semlive.estimate.joint.outputs.calibration_quality import (
     CalibrationAssessment,
     calibration,
-    outside_region_messages,
+    outside_region_notes,
     pointwise,
     support,
 )
@@ -59,15 +60,16 @@ def to_estimate(solution: Solution, revision: int, newest_only: bool = False) ->
     )
 
 
-def consistency_messages(solution: Solution) -> tuple[str, ...]:
-    """Results of the consistency checks, one sentence each; a warning where a check fails."""
-    messages = [check.message() for check in consistency(solution)]
+def consistency_notes(solution: Solution) -> tuple[Note, ...]:
+    """Results of the consistency checks; a warning where a check fails."""
+    notes = [check.note() for check in consistency(solution)]
     if solution.hyper.noise_scale > MODEL_MISFIT_FACTOR:
-        messages.append(
-            f"WARNING: the model leaves {solution.noise_floor_px:.2g} px unexplained, {solution.hyper.noise_scale:.1f} times what the "
+        text = (
+            f"the model leaves {solution.noise_floor_px:.2g} px unexplained, {solution.hyper.noise_scale:.1f} times what the "
             "correlation says of its noise: something moved or changed that the model does not have"
         )
-    return tuple(messages)
+        notes.append(warning(NoteCode.MODEL_MISFIT, text))
+    return tuple(notes)
 
 
 def current_drift_rate(solution: Solution) -> NDArray[np.float64]:
@@ -248,42 +250,46 @@ def _motion(solution: Solution, spread: PairCovariance) -> PairMotion:
     return PairMotion(pair, shift, shift_sigma, gradient, gradient_sigma)
 
 
-def _notes(solution: Solution, assessment: CalibrationAssessment, pairs: Collection[int]) -> tuple[str, ...]:
-    notes = []
+def _notes(solution: Solution, assessment: CalibrationAssessment, pairs: Collection[int]) -> tuple[Note, ...]:
+    notes: list[Note] = []
     if not assessment.sufficient:
         warned = "WARNING, the load steps are corrected with it all the same: " if Phase.TENSION in solution.state.phases else ""
-        notes.append(warned + assessment.message())
+        # No warning of the live run: control evaluates the quality of the calibration by itself.
+        notes.append(information(NoteCode.CALIBRATION, warned + assessment.message()))
     else:
-        notes.append(
+        text = (
             "the affine part of the distortion is not determined by unknown translations and set to zero: it scales strain, it makes none"
         )
-    notes += outside_region_messages(solution.state, pairs)
+        notes.append(information(NoteCode.CALIBRATION, text))
+    notes += outside_region_notes(solution.state, pairs)
     notes += _term_notes(solution)
     frames = sorted(solution.state.frames, key=_start)
     gap_s = max((after.start_s - before.start_s - before.timing.duration_s for before, after in itertools.pairwise(frames)), default=0.0)
     if gap_s > 0:
-        notes.append(f"drift between pairs is interpolated over gaps of up to {gap_s:.0f} s: it cannot be told from motion of the specimen")
+        text = f"drift between pairs is interpolated over gaps of up to {gap_s:.0f} s: it cannot be told from motion of the specimen"
+        notes.append(information(NoteCode.DRIFT_GAP, text))
     return tuple(notes)
 
 
-def _term_notes(solution: Solution) -> list[str]:
-    tests, notes = {term.name: term for term in solution.terms}, []
+def _term_notes(solution: Solution) -> list[Note]:
+    tests = {term.name: term for term in solution.terms}
+    texts: list[str] = []
     gamma = tests.get("coupling")
     if gamma is not None and gamma.included:
-        notes.append(
+        texts.append(
             f"the drift carries the distortion along (gamma {gamma.value:.2f} +- {gamma.sigma:.2f} before, 1 taken): E is at R - d"
         )
     lines = tests.get("line_shift")
     if lines is not None and lines.included:
         size_px = solution.hyper.row_shift_px
-        notes.append(f"rows are shifted along x by {size_px:.2g} px, otherwise in every frame (evidence {lines.evidence:.0f}): corrected")
+        texts.append(f"rows are shifted along x by {size_px:.2g} px, otherwise in every frame (evidence {lines.evidence:.0f}): corrected")
     strained = Phase.TENSION in solution.state.phases
     for name, strain in (("magnification", "strain"), ("raster_rotation", "rotation of the specimen")):
         if name in tests and tests[name].included:
             text = f"the {name.replace('_', ' ')} drifts (evidence {tests[name].evidence:.0f}) and is corrected"
             end = f", under load only as it goes on smoothly: a step of it cannot be told from {strain}" if strained else ""
-            notes.append(text + end)
-    return notes
+            texts.append(text + end)
+    return [information(NoteCode.MODEL_TERM, text) for text in texts]
 
 
 def _start(when: FrameTime) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.drift import PairMotion
+from semlive.data.notes import Note, NoteCode, information
 from semlive.errors import IllPosed
 
 Field = NDArray[np.float64]
@@ -76,13 +77,14 @@ def stage_path(commands_um: Field, shifts_px: Field) -> StagePath:
     )  # fmt: skip
 
 
-def stage_path_messages(commands: Iterable[tuple[int, tuple[float, float]]], motions: Sequence[PairMotion]) -> tuple[str, ...]:
-    """Message on the stage path if the commanded positions of the pairs (pair, um) allow a fit; empty otherwise."""
+def stage_path_notes(commands: Iterable[tuple[int, tuple[float, float]]], motions: Sequence[PairMotion]) -> tuple[Note, ...]:
+    """Note on the stage path if the commanded positions of the pairs (pair, um) allow a fit; empty otherwise."""
     measured = {motion.pair: motion.shift_px for motion in motions}
     matched = [(command, measured[pair]) for pair, command in commands if pair in measured]
     if len(matched) < 5:
         return ()
     try:
-        return (stage_path(np.array([value for value, _ in matched]), np.array([value for _, value in matched])).message(),)
+        path = stage_path(np.array([value for value, _ in matched]), np.array([value for _, value in matched]))
     except IllPosed:
         return ()
+    return (information(NoteCode.STAGE_PATH, path.message()),)

@@ -1,13 +1,56 @@
-"""Notifications to the service manager that started the daemon: ready, watchdog, stopping (the protocol of sd_notify(3))."""
+"""Signals between the daemon and the process that started it: stop signals in, notifications of the service manager out.
+
+Theory of operation
+-------------------
+Python calls the signal handler in the main thread, between two instructions of the loop. The handler only counts the signal and schedules
+the command of the operator, which the loop then executes. Notifications (the protocol of sd_notify(3)) never block and never raise.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import os
+import signal
 import socket
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+
+from semlive.engine import OperatorCommand
+from semlive.service.control.control import Control
+
+# SIGHUP: the terminal was closed; SIGBREAK: likewise, and Ctrl-Break, on Windows.
+_STOP_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name))
+
+
+class StopSignals:
+    """Stop signals received so far.
+
+    The first Ctrl-C or SIGTERM stops and finishes the run, the second aborts it. After the end of the protocol a signal skips the analysis.
+    """
+
+    def __init__(self) -> None:
+        self.control: Control | None = None
+        """Control of the run; None before it exists, when a signal is only counted."""
+        self.count = 0
+        self.skip_analysis = False
+
+    @contextlib.contextmanager
+    def handled(self) -> Iterator[None]:
+        """Handle the signals; the previous handlers are restored at the end."""
+        previous_handlers = {number: signal.signal(number, self._on_signal) for number in _STOP_SIGNALS}
+        try:
+            yield
+        finally:
+            for number, handler in previous_handlers.items():
+                signal.signal(number, handler)
+
+    def _on_signal(self, *_: object) -> None:
+        self.count += 1
+        control, command = self.control, OperatorCommand.STOP if self.count == 1 else OperatorCommand.ABORT
+        if control is not None:
+            self.skip_analysis = self.skip_analysis or control.dispatcher.finished.done()
+            control.call_soon(control.operator.execute, command)
 
 
 class SystemdNotifier:

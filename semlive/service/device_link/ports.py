@@ -18,7 +18,7 @@ from semlive.engine.supervision.ramp_readings import Finding
 from semlive.engine.supervision.ramp_supervision import supervise
 from semlive.errors import LinkError
 from semlive.ports import LoadFrame, Stage, StopMethods
-from semlive.service.control.stop_pursuit import Motionless
+from semlive.service.device_link.stop_pursuit import Motionless
 
 Order = RampTo | MoveStage
 
@@ -106,15 +106,15 @@ class LoadFramePort:
         If the standard stop fails, all other methods are tried before the error is raised.
         """
         self._supervision = self._supervision.stopped()
-        others = len(self._device.stop_methods) if isinstance(self._device, StopMethods) else 0
+        methods = len(self._device.stop_methods) if isinstance(self._device, StopMethods) else 0
         sent, self._stops = self._stops, self._stops + 1
-        if others and sent >= 2 and sent % 2 == 0:
-            self._stop_by((sent // 2 - 1) % others)
+        if methods and sent >= 2 and sent % 2 == 0:
+            self._stop_by((sent // 2 - 1) % methods)
             return
         try:
             self._device.stop()
         except LinkError:
-            for method in range(others):
+            for method in range(methods):
                 self._stop_by(method)
             raise
 
@@ -129,7 +129,7 @@ class LoadFramePort:
             return None
         # The noise cannot be estimated from few readings; then only the motion report of the device is used.
         force_n, extension_mm = (
-            noise.noticeable() if noise.known else math.inf for noise in (supervision.force_noise, supervision.extension_noise)
+            noise.noticeable() if noise.sufficient else math.inf for noise in (supervision.force_noise, supervision.extension_noise)
         )
         return Motionless(force_n, extension_mm, self._rate_n_s, self._sign)
 
