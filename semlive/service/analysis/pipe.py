@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import IO
 
 from semlive.errors import SemliveError
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 
 # kind, topic length, payload length, sequence, log time, publish time
 _HEAD = struct.Struct("<BHIIqq")
