@@ -14,7 +14,7 @@ from pydantic import BaseModel, JsonValue
 from semlive.data.faults import FaultCode
 from semlive.data.text import printable
 from semlive.engine import Device, State
-from semlive.engine.state import FAULT_OF_CAUSE
+from semlive.engine.context import FAULT_OF_CAUSE
 from semlive.formats.log.messages import FaultMessage, LogLineMessage, OperatorMessage, StateMessage, from_json
 from semlive.formats.log.reader import LogMessage
 

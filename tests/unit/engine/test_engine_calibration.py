@@ -119,7 +119,7 @@ def test_an_interrupted_run_asks_again_unless_it_was_loaded() -> None:
         done = tuple(one.decision for one in run.accepted)
         plan = gated((HERE, None), (THERE, None), (HERE, 100.0), (HERE, 200.0))
         before = InterruptedRun(
-            done, (7.0, -3.0), run.state.load, run.state.position, calibration_assessment=CalibrationAssessed(9 * S, 1, WHY)
+            done, (7.0, -3.0), run.state.devices.load, run.state.devices.position, calibration_assessment=CalibrationAssessed(9 * S, 1, WHY)
         )
         run.load_goal_n = run.stage_goal_um = None
         run.state = start(plan, run.now_ns, interrupted_run=before)
@@ -128,4 +128,4 @@ def test_an_interrupted_run_asks_again_unless_it_was_loaded() -> None:
         run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
         run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
         assert (run.state.state is State.PAUSED) == (pairs == 2), run.state.state
-        assert run.state.calibration_gate_passed == (pairs == 3)
+        assert run.state.gates.calibration_passed == (pairs == 3)

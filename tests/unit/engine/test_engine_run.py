@@ -77,7 +77,7 @@ def test_the_hold_is_exactly_thirty_seconds_from_settled() -> None:
     assert progress(run.state).hold_left_s == pytest.approx(30.0)
     run.reach(State.IMAGING)
     assert run.now_ns - settled_ns == pytest.approx(30 * S, abs=0.1 * S)
-    assert run.state.hold_end_ns == settled_ns + 30 * S
+    assert run.state.hold.end_ns == settled_ns + 30 * S
     assert progress(run.state).hold_left_s is None
 
 

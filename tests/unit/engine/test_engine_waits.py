@@ -24,7 +24,7 @@ from semlive.engine import (
     Transition,
     start,
 )
-from semlive.engine.adaptive_hold import drift_rate
+from semlive.engine.gates.adaptive_hold import drift_rate
 from semlive.errors import BadInput
 
 from .bench_in_memory import HOLD, IDENTITY, Run, S, plan_of
@@ -141,9 +141,9 @@ def test_an_interrupted_warm_up_goes_on(known: bool) -> None:
     before = InterruptedRun(
         tuple(one.decision for one in run.accepted),
         (7.0, -3.0),
-        run.state.load,
-        run.state.position,
-        drift_forecast=run.state.drift_forecast if known else None,
+        run.state.devices.load,
+        run.state.devices.position,
+        drift_forecast=run.state.analysis.drift_forecast if known else None,
     )
     run.state = start(plan, run.now_ns, interrupted_run=before)
     assert [(one.step, one.warm_up, one.load_n) for one in run.state.plan.steps] == [(0, False, None), (1, True, None), (2, False, 100.0)]

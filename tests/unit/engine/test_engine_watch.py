@@ -164,4 +164,4 @@ def test_a_stop_waits_as_long_as_is_configured_and_says_for_whom() -> None:
 
 def test_limits_of_a_resumed_run_watch_from_its_first_reading() -> None:
     state = start(replace(plan_of((HERE, 200.0)), limits=WATCHED), T0)
-    assert state.watch == INITIAL
+    assert state.devices.supervisor == INITIAL
