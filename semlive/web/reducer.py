@@ -199,7 +199,7 @@ def _notice(view: PageState, alarm: Alarm) -> Notice:
         seconds(view, alarm.time_ns),
         "error",
         alarm.text if alarm.where in ("", "run") else f"{alarm.where}: {alarm.text}",
-        advice_for(alarm.where, alarm.code) or f"semlive: {alarm.action}.",
+        advice_for(alarm.kind, alarm.code) or f"semlive: {alarm.action}.",
         alarm.identity,
         alarm.code,
         None if alarm.acknowledged_ns is None else seconds(view, alarm.acknowledged_ns),

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from pydantic import BaseModel, JsonValue
 
-from semlive.data.faults import FaultCode
+from semlive.data.faults import FaultCode, FaultKind
 from semlive.data.text import printable
 from semlive.engine import Device, State
 from semlive.engine.context import FAULT_OF_CAUSE
@@ -46,6 +46,7 @@ class Alarm:
         action: reaction of semlive.
         acknowledged_ns: time of the acknowledgement; None while the alarm is open.
         acknowledged_by: origin of the acknowledgement.
+        kind: a `FaultKind`; empty if there is none.
     """
 
     time_ns: int
@@ -55,6 +56,7 @@ class Alarm:
     action: str
     acknowledged_ns: int | None = None
     acknowledged_by: str = ""
+    kind: str = ""
 
     @property
     def identity(self) -> str:
@@ -145,6 +147,7 @@ def _fault(alarms: Alarms, message: FaultMessage) -> Alarms:
         printable(message.what),
         printable(message.where),
         printable(message.action),
+        kind=message.kind,
     )
     last = alarms.listed[-1] if alarms.listed else None
     late_ns = _SOON_NS if last is not None and last.code == message.code else _SAME_NS
@@ -170,7 +173,9 @@ def _transition(alarms: Alarms, message: StateMessage) -> Alarms:
         return _last(alarms, replace(last, code=code)) if vague else alarms
     text = "emergency stop or limit switch" if message.after == State.EMERGENCY_STOP else "fault"
     return replace(
-        _added(alarms, Alarm(message.time_ns, code, f"{text} ({message.cause})", "run", _STOPPED)), provisional=True, lacks_text=True
+        _added(alarms, Alarm(message.time_ns, code, f"{text} ({message.cause})", "run", _STOPPED, kind=FaultKind.RUN)),
+        provisional=True,
+        lacks_text=True,
     )
 
 

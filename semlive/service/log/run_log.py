@@ -117,6 +117,7 @@ class RunLog:
             cause=transition.cause,
             step=transition.step,
             guards=guards,
+            late_s=transition.late_s,
         )
         self.write_message(message, transition.time_ns)
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from pydantic import JsonValue
+from typing import Any
 
+from pydantic import JsonValue, model_validator
+
+from semlive.data.faults import fault_kind
 from semlive.formats.log.messages.base import Message, MonotonicStamped, Point
 from semlive.formats.log.messages.devices import LoadSampleMessage, StageSampleMessage
 
@@ -108,7 +111,17 @@ class ClockOffsetMessage(Message):
 
 
 class StateMessage(MonotonicStamped):
-    """`/state`: a transition of the engine, with its cause and the values that the decision used."""
+    """`/state`: a transition of the engine, with its cause and the values that the decision used.
+
+    Attributes:
+        time_ns: experiment time.
+        before: state before the transition.
+        after: state after the transition.
+        cause: cause of the transition.
+        step: index of the step; None without a step.
+        guards: the values that the decision used, by name.
+        late_s: in a transition to imaging, time from the end of the hold to its detection, s. In older logs only `guards` has it.
+    """
 
     time_ns: int
     before: str
@@ -116,6 +129,13 @@ class StateMessage(MonotonicStamped):
     cause: str
     step: int | None
     guards: dict[str, JsonValue]
+    late_s: float = 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _late_s_of_older_logs(cls, values: Any) -> Any:
+        late_s = values.get("guards", {}).get("late_s") if isinstance(values, dict) else None
+        return {"late_s": late_s, **values} if isinstance(late_s, int | float) else values
 
 
 class CommandMessage(MonotonicStamped):
@@ -128,13 +148,29 @@ class CommandMessage(MonotonicStamped):
 
 
 class FaultMessage(MonotonicStamped):
-    """`/fault`: a fault: what, where, the action of semlive, and as `code` a `FaultCode` (empty in older logs)."""
+    """`/fault`: a fault.
+
+    Attributes:
+        time_ns: experiment time.
+        what: description.
+        where: component or pair that the fault concerns.
+        action: reaction of semlive.
+        code: a `FaultCode`; empty in older logs.
+        kind: a `FaultKind`; without one, that of `where`; empty if there is none.
+    """
 
     time_ns: int
     what: str
     where: str
     action: str
     code: str = ""
+    kind: str = ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _kind_of_where(cls, values: Any) -> Any:
+        where = values.get("where") if isinstance(values, dict) else None
+        return {"kind": fault_kind(where) or "", **values} if isinstance(where, str) else values
 
 
 class OperatorMessage(MonotonicStamped):
