@@ -14,9 +14,9 @@ import pytest
 from semlive.formats.log.messages import SEM_SIDECAR, RunMessage
 from semlive.formats.log.reader import LogMessage
 from semlive.service.analysis import process
+from semlive.service.analysis.messages import READY_TEXT
 from semlive.service.analysis.pipe import AnalysisOutput, AnalysisReady
 from semlive.service.analysis.process import AnalysisProcess
-from semlive.service.analysis.worker import READY_TEXT
 from semlive.service.config.configuration import parse_config
 from semlive.service.log.recording import Recorder
 from semlive.service.log.run_log import RunLog

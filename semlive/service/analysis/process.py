@@ -10,8 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from semlive.formats.log.reader import LogMessage
-from semlive.service.analysis.pipe import AnalysisOutput, Heartbeat, read_message, write_count
-from semlive.service.analysis.worker import INPUT_TOPICS, LOG_REPLACED
+from semlive.service.analysis.messages import INPUT_TOPICS
+from semlive.service.analysis.pipe import LOG_REPLACED, AnalysisOutput, Heartbeat, read_message, write_count
 from semlive.service.log.files import messages
 from semlive.service.runtime.process import start_child
 

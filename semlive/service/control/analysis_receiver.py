@@ -26,7 +26,7 @@ from semlive.formats.log.messages import (
 )
 from semlive.ports import ClockSource
 from semlive.service.analysis.pipe import AnalysisOutput, AnalysisReady
-from semlive.service.analysis.worker import is_model_warning
+from semlive.service.analysis.messages import is_model_warning
 from semlive.service.control.analysis_events import (
     DriftUpdate,
     calibration_event,

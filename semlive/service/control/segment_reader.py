@@ -35,7 +35,7 @@ from semlive.formats.log.messages import (
     from_json,
 )
 from semlive.formats.log.reader import LogMessage
-from semlive.service.analysis.worker import INPUT_TOPICS, fault_origin, is_output
+from semlive.service.analysis.messages import INPUT_TOPICS, fault_origin, is_output
 from semlive.service.control.analysis_events import (
     DriftUpdate,
     calibration_event,

@@ -12,7 +12,8 @@ from semlive.data.settings import AnalysisSettings
 from semlive.errors import BadLog, SemliveError
 from semlive.formats.log import conversions as values
 from semlive.formats.log.messages import PairMessage, from_json
-from semlive.service.analysis.worker import INPUT_TOPICS, WorkerState, process_message
+from semlive.service.analysis.messages import INPUT_TOPICS
+from semlive.service.analysis.step import WorkerState, process_message
 from semlive.service.log.files import messages
 from semlive.service.log.pairs import log_settings
 from semlive.service.replay.replay import ReplayCallbacks, ReplayRequest, ReplayResult, finish_replay, requested_settings

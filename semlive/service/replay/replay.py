@@ -16,7 +16,8 @@ from semlive.data.settings import AnalysisSettings
 from semlive.errors import BadConfig, BadLog, PoorCalibration
 from semlive.estimate.method import MethodSolution
 from semlive.formats.log.messages import ResultMessage, from_json
-from semlive.service.analysis.worker import INPUT_TOPICS, WorkerState, background_work, process_message
+from semlive.service.analysis.messages import INPUT_TOPICS
+from semlive.service.analysis.step import WorkerState, background_work, process_message
 from semlive.service.config.overrides import SettingOverride, apply_overrides
 from semlive.service.diagnosis.model_file import compatible_model
 from semlive.service.log.files import messages

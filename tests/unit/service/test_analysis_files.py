@@ -26,7 +26,8 @@ from semlive.formats.log.messages import (
     to_json,
 )
 from semlive.formats.log.reader import LogMessage
-from semlive.service.analysis.worker import WorkerState, is_output, process_message
+from semlive.service.analysis.messages import is_output
+from semlive.service.analysis.step import WorkerState, process_message
 from semlive.service.config.configuration import parse_config
 from semlive.service.log.files import messages
 from semlive.service.log.recording import Recorder
