@@ -22,7 +22,7 @@ from semlive.diagnose.baseline.observation import Observation, StepConditions, b
 from semlive.diagnose.maps.relinearise import choose_coupling
 from semlive.diagnose.scalars.load_cell import LoadReadings, load_offsets, load_readings
 from semlive.errors import IllPosed
-from semlive.estimate.joint.observations.normal_equations import DENSE_PAIRS
+from semlive.estimate.joint.observations.accumulation import DENSE_PAIRS
 from semlive.model.effects.load_cell import LOAD_CELL_EFFECTS, OUT_OF_PLANE
 from semlive.model.effects.stage import non_map_effect
 

@@ -20,8 +20,10 @@ from semlive.estimate.joint.elimination.arrowhead import factorise, marginalise,
 from semlive.estimate.joint.elimination.elimination import eliminate_all
 from semlive.estimate.joint.elimination.shared_parameters import parameter_codes, parameter_indices, temporal_splines
 from semlive.estimate.joint.elimination.smoother import covariances, distortion_covariance, mean_of, pair_covariances, solve_shared
+from semlive.estimate.joint.observations.accumulation import DENSE_PAIRS
 from semlive.estimate.joint.observations.block_means import BlockColumns, Blocks, PackedColumns, block_columns
-from semlive.estimate.joint.observations.normal_equations import DENSE_PAIRS, gradient, map_columns, marginal, relinearise
+from semlive.estimate.joint.observations.design_columns import map_columns
+from semlive.estimate.joint.observations.normal_equations import gradient, marginal, relinearise
 from semlive.estimate.joint.observations.priors import Hyperparameters, Smoothness, gauge_precision, prior_precision
 from semlive.estimate.joint.observations.reformulate import reset_model_selection, with_advected_distortion, with_row_shifts
 from semlive.estimate.joint.observations.state import EstimatorState

@@ -17,14 +17,8 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.special import gammaincc, ndtri
 
 from semlive.data.notes import Note, NoteCode, information, warning
-from semlive.estimate.joint.observations.normal_equations import (
-    NormalMatrix,
-    add_prior,
-    add_rows,
-    dense_limit,
-    marginal,
-    with_normal_matrix,
-)
+from semlive.estimate.joint.observations.accumulation import dense_limit
+from semlive.estimate.joint.observations.normal_equations import NormalMatrix, add_prior, add_rows, marginal, with_normal_matrix
 from semlive.estimate.joint.observations.priors import gauge_precision, prior_precision
 from semlive.estimate.joint.observations.state import EstimatorState, MapObservations, ReferenceNoise
 from semlive.estimate.joint.outputs.split_consistency import field_half_difference, odd_even_difference

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from semlive.data.drift import TermTest
-from semlive.estimate.joint.elimination.elimination import KNOT_MARGIN, pair_prior
-from semlive.estimate.joint.elimination.pair_information import pair_information
+from semlive.estimate.joint.elimination.pair_information import pair_information, pair_prior
+from semlive.estimate.joint.elimination.pair_order import KNOT_MARGIN
 from semlive.estimate.joint.elimination.shared_parameters import (
     DRIFT,
     NOISE,

@@ -9,7 +9,7 @@ import numpy as np
 from semlive.estimate.joint.elimination.arrowhead import regularise
 from semlive.estimate.joint.elimination.elimination import EliminationChain, eliminate_last
 from semlive.estimate.joint.elimination.shared_parameters import DISTORTION, Vector, parameter_indices, shared_prior
-from semlive.estimate.joint.observations.normal_equations import predicted
+from semlive.estimate.joint.observations.design_columns import predicted
 from semlive.estimate.joint.observations.priors import GAUGE_PX, Hyperparameters
 from semlive.estimate.joint.observations.state import EstimatorState, rows_of
 from semlive.estimate.joint.selection.marginal_likelihood import (

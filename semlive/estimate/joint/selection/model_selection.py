@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from semlive.data.drift import FrameTime, TermTest
 from semlive.estimate.joint.elimination.arrowhead import factorise, sides
-from semlive.estimate.joint.observations.normal_equations import add_transposed_product, predicted
+from semlive.estimate.joint.observations.design_columns import add_transposed_product, predicted
 from semlive.estimate.joint.observations.priors import Hyperparameters, prior_precision, raster_prior, rotation_indices
 from semlive.estimate.joint.observations.state import EstimatorState, MapObservations
 from semlive.estimate.joint.selection.marginal_likelihood import (

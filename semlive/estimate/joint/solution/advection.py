@@ -10,7 +10,7 @@ from semlive.data.drift import TermTest
 from semlive.estimate.joint.elimination.elimination import eliminate_all
 from semlive.estimate.joint.elimination.shared_parameters import NOISE, Matrix, Vector
 from semlive.estimate.joint.elimination.smoother import mean_of, solve_shared
-from semlive.estimate.joint.observations.normal_equations import predicted
+from semlive.estimate.joint.observations.design_columns import predicted
 from semlive.estimate.joint.observations.priors import Hyperparameters, rotation_indices
 from semlive.estimate.joint.observations.reformulate import with_advected_distortion, with_static_distortion
 from semlive.estimate.joint.observations.state import EstimatorState

@@ -9,14 +9,9 @@ from semlive.errors import IllPosed
 from semlive.estimate.joint.elimination.elimination import EliminationChain, eliminate_all, eliminate_further, with_initial_motion
 from semlive.estimate.joint.elimination.shared_parameters import DRIFT, NOISE
 from semlive.estimate.joint.elimination.smoother import LIVE_WINDOW_PAIRS
-from semlive.estimate.joint.observations.normal_equations import (
-    dense_limit,
-    extended_parameters,
-    first_pairs,
-    update,
-    with_rates,
-    without_normal_matrix,
-)
+from semlive.estimate.joint.observations.accumulation import dense_limit, extended_parameters, first_pairs, update
+from semlive.estimate.joint.observations.design_columns import with_rates
+from semlive.estimate.joint.observations.normal_equations import without_normal_matrix
 from semlive.estimate.joint.observations.reformulate import with_advected_distortion, with_static_distortion
 from semlive.estimate.joint.observations.state import EstimatorState, rows_of
 from semlive.estimate.joint.selection.long_run import reselect_temporal_terms
