@@ -21,7 +21,7 @@ def open_links(context: StepContext) -> None:
     if context.state.state is not State.IDLE:
         return
     if before is not None and len(before.completed_pairs) == steps:
-        context.finish(Cause.LAST_STEP, f"all {steps} steps were done before; no device is asked for anything")
+        context.finish(Cause.LAST_STEP, f"all {steps} steps were completed before; no device receives a command")
     else:
         context.transition(Cause.OPENING)
 
@@ -82,7 +82,7 @@ def _check_motion_state(
             context.commands.append(StopMotion(f"the {device.words} has been in fault since the run was interrupted"))
     elif context.is_allowed(Cause.DEVICE_FAULT):
         what = "is in fault" if trouble is None else f"is in fault ({trouble})"
-        context.fault(Cause.DEVICE_FAULT, f"the {device.words} says that it {what}; look at it, then resume", ("device", device.value))
+        context.fault(Cause.DEVICE_FAULT, f"the {device.words} reports that it {what}; inspect it, then resume", ("device", device.value))
 
 
 def links_ready(context: StepContext, event: LinksReady) -> None:

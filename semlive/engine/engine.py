@@ -29,7 +29,7 @@ from semlive.errors import BadInput
 
 _STOP_REPORT_S = 2.0
 """Time without a confirmed stop, experiment seconds, after which a message names the devices that have not confirmed it."""
-_STOP_WAIT_TEXT = "waiting for the word that it rests of"
+_STOP_WAIT_TEXT = "waiting for confirmation of the stop by"
 
 
 def start(plan: Plan, now_ns: int, *, next_step: int = 0, interrupted_run: InterruptedRun | None = None) -> EngineState:

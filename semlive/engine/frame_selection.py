@@ -159,7 +159,7 @@ def _pair_difference(a: FrameInfo, b: FrameInfo) -> str | None:
 
 
 def _rejection_reason(state: EngineState, scanned: PendingFrame) -> str | None:
-    """Return why a frame is not part of the pair, as a sentence; None if it is."""
+    """Return why a frame is not part of the pair, as one message; None if it is."""
     info = scanned.info
     ahead_s = (info.end_time_ns - _sigma_ns(info) - scanned.arrival_time_ns) / 1e9
     if ahead_s > 0:

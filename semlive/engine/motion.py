@@ -168,7 +168,7 @@ def _load_did_not_change(state: EngineState) -> bool:
 
 
 def _stopped_early(state: EngineState) -> str | None:
-    """Return a sentence if a ramp ended too far from its target for the control of the device to have ended it; else None."""
+    """Return a message if a ramp ended too far from its target for the control of the device to have ended it; else None."""
     frame, load, target_n, from_n = state.devices.load_frame, state.devices.load, state.step.load_n, state.motion.from_n
     if frame is None or load is None or target_n is None or from_n is None or frame.control is ControlMode.MANUAL:
         return None

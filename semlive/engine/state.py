@@ -259,19 +259,19 @@ class RunStatus:
         step: index of the step.
         steps: number of steps.
         phase: purpose of the pair of the step.
-        hold_left_s: experiment seconds until the hold is over; None unless holding.
+        hold_remaining_s: experiment seconds until the hold is over; None unless holding.
         load_n: last reading, None before the first.
-        target_n: the step's load, or None.
-        shift_um: the step's shift.
+        target_n: load of the step; None if it commands none.
+        shift_um: stage shift of the step.
         pair_frames_accepted: number of accepted frames of the pair of the step, 0 or 1.
-        message: the last sentence for the operator.
+        message: the last message for the operator.
     """
 
     state: State
     step: int
     steps: int
     phase: Phase
-    hold_left_s: float | None
+    hold_remaining_s: float | None
     load_n: float | None
     target_n: float | None
     shift_um: tuple[float, float]
@@ -287,7 +287,7 @@ def progress(state: EngineState) -> RunStatus:
         step=state.step_index,
         steps=len(state.plan.steps),
         phase=state.step.phase,
-        hold_left_s=max(0.0, -state.seconds_since(state.hold.end_ns)) if holding else None,
+        hold_remaining_s=max(0.0, -state.seconds_since(state.hold.end_ns)) if holding else None,
         load_n=None if state.devices.load is None else state.devices.load.force_n,
         target_n=state.step.load_n,
         shift_um=state.step.shift_um,

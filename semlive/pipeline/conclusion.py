@@ -1,4 +1,4 @@
-"""From a solution to the estimate with its notes, and to the result of the whole run."""
+"""From a solution to the estimate with its notes, and to the result of the complete run."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ def estimate_revision(
         checked: also run the consistency tests.
         newest_only: leave out earlier pairs if the method can.
     """
-    found = state.method.to_estimate(solution, revision=max(state.revision, len(state.pairs)), newest_only=newest_only)
+    estimate = state.method.to_estimate(solution, revision=max(state.revision, len(state.pairs)), newest_only=newest_only)
     checks = state.method.consistency_notes(solution) if checked else ()
-    whole = state.pairs if len(found.motions) == len(state.pairs) else ()
-    moves = ((pair.pair, pair.step.shift_um) for pair in whole if pair.step.phase is not Phase.TENSION)
-    path = stage_path_notes(moves, found.motions)
-    return replace(found, notes=(*found.notes, *path, *checks, *state.model_correction.notes))
+    pairs = state.pairs if len(estimate.motions) == len(state.pairs) else ()
+    moves = ((pair.pair, pair.step.shift_um) for pair in pairs if pair.step.phase is not Phase.TENSION)
+    path = stage_path_notes(moves, estimate.motions)
+    return replace(estimate, notes=(*estimate.notes, *path, *checks, *state.model_correction.notes))
 
 
 def residual_warning(state: AnalysisState) -> tuple[Note, ...]:
     """A warning if the residuals of the newest solution of the joint method are not white."""
-    found = whiteness_test(state.solution, state.pairs) if isinstance(state.solution, Solution) else None
-    return () if found is None else found.notes()
+    test = whiteness_test(state.solution, state.pairs) if isinstance(state.solution, Solution) else None
+    return () if test is None else test.notes()
 
 
 def finalise(
@@ -59,7 +59,7 @@ def finalise(
     evaluated: Callable[[int], None] | None = None,
     point_sigma: bool = False,
 ) -> RunResult:
-    """The result of the whole run, every frame corrected with one solution.
+    """The result of the complete run, every frame corrected with one solution.
 
     Args:
         state: of the run.

@@ -63,7 +63,7 @@ def test_a_hung_analysis_is_started_again_and_what_waits_for_it_takes_no_memory(
     wait_until(lambda: bool(said), 120.0)
     (child,) = children() - before
     os.kill(child, signal.SIGSTOP)
-    monkeypatch.setattr(process, "_SILENT_S", 2.0)
+    monkeypatch.setattr(process, "_MAX_SILENT_S", 2.0)
     tracemalloc.start()
     for number in range(WAITING):
         link.notify_input(recorder.write(SEM_SIDECAR, bytes(BYTES), sequence=number))

@@ -65,9 +65,9 @@ def hold_extension_reason(state: EngineState) -> str | None:
 def _drift_reason(state: EngineState, max_rate_px_s: float) -> str | None:
     """Return a clause if the drift rate measured in this hold, or else the forecast rate, exceeds its maximum; else None."""
     if state.analysis.hold_drift is not None and state.analysis.hold_drift.begin_ns >= state.since_ns:
-        rate_px_s, text = state.analysis.hold_drift.rate_px_s, "the drift went on at {:.2g} px/min between frames of this hold"
+        rate_px_s, text = state.analysis.hold_drift.rate_px_s, "the drift rate between frames of this hold was {:.2g} px/min"
     elif state.analysis.drift_forecast is not None:
-        rate_px_s, text = drift_rate(state.analysis.drift_forecast, state.time_ns)[0], "the drift is expected to go on at {:.2g} px/min"
+        rate_px_s, text = drift_rate(state.analysis.drift_forecast, state.time_ns)[0], "a drift rate of {:.2g} px/min is expected"
     else:
         return None
     return None if rate_px_s <= max_rate_px_s else text.format(60 * rate_px_s)

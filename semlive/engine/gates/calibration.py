@@ -37,11 +37,11 @@ def evaluate(context: StepContext) -> None:
         return
     if assessment is None or assessment.rejection_reason:
         problem = (
-            f"nothing was said of the calibration for {_ASSESSMENT_TIMEOUT_S:g} s"
+            f"the analysis did not assess the calibration within {_ASSESSMENT_TIMEOUT_S:g} s"
             if assessment is None
             else f"the calibration is refused: {assessment.rejection_reason}"
         )
-        context.stop_and_transition(Cause.POOR_CALIBRATION, f"{problem}; resume loads the specimen all the same, or stop")
+        context.stop_and_transition(Cause.POOR_CALIBRATION, f"{problem}; resume loads the specimen nevertheless, or stop")
         context.update(gates=replace(context.state.gates, calibration_rejected=True))
         return
     context.update(gates=replace(context.state.gates, calibration_passed=True))

@@ -78,7 +78,7 @@ def evaluate(context: StepContext) -> None:
         start_step(context)
     elif waited_s >= rule.max_wait_s and (forecast_available or state.seconds_since(state.since_ns) >= _FORECAST_TIMEOUT_S):
         drift_text = f"is expected to be {_format_rate(rate, sigma)}" if guards else "is not known"
-        reason = f"after {rule.max_wait_s / 60:.0f} min of warming up the drift {drift_text}; resume goes on all the same, or stop"
+        reason = f"after {rule.max_wait_s / 60:.0f} min of warming up the drift {drift_text}; resume continues nevertheless, or stop"
         context.stop_and_transition(Cause.WARM_UP_TIMEOUT, reason, *guards)
     elif forecast_available or state.step_index == 0:
         context.transition(Cause.MEASURE_AGAIN, *guards)

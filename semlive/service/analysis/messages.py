@@ -89,7 +89,7 @@ def begin_messages(effects: tuple[str, ...], time_ns: int) -> tuple[LogMessage, 
 
 def model_warning(text: str, pair: int, time_ns: int) -> LogMessage:
     """Return a warning about the model, found with a pair that was used."""
-    action = "the run goes on; `semlive diagnose LOG` says what is missing from the model"
+    action = "the run continues; `semlive diagnose LOG` identifies the effect that the model lacks"
     where = f"{MODEL_WARNING_ORIGIN}{pair}"
     return log_message(FaultMessage(time_ns=time_ns, what=text, where=where, action=action, kind=FaultKind.MODEL_WARNING), time_ns)
 

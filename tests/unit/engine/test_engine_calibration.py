@@ -71,7 +71,7 @@ def test_a_refused_calibration_pauses_with_its_figures_and_the_operators_word_lo
     run = calibrated(WHY)
     assert run.state.state is State.PAUSED
     assert run.state.calibration_question_open
-    assert run.state.message == f"the calibration is refused: {WHY}; resume loads the specimen all the same, or stop"
+    assert run.state.message == f"the calibration is refused: {WHY}; resume loads the specimen nevertheless, or stop"
     assert run.of(RampTo) == []
     run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     run.reach(State.IMAGING)

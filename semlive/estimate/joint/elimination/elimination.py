@@ -58,7 +58,7 @@ class EliminationStep:
     Attributes:
         pair: number of the pair; None for knots between pairs.
         eliminated: (g,) codes of the eliminated parameters.
-        kept: (k,) codes of the remaining front.
+        remaining: (k,) codes of the remaining front.
         factor: (g, g) lower Cholesky factor.
         front_coupling: (g, k) inverse factor times the coupling to the front.
         to_border: (g, b) inverse factor times the coupling to the border.
@@ -67,7 +67,7 @@ class EliminationStep:
 
     pair: int | None
     eliminated: Codes
-    kept: Codes
+    remaining: Codes
     factor: Matrix
     front_coupling: Matrix
     to_border: Matrix
@@ -196,7 +196,7 @@ def with_initial_motion(
 
 
 def eliminate_last(chain: EliminationChain) -> tuple[EliminationStep, Matrix, Vector]:
-    """The last step, which leaves no front, and the precision and gradient of the border after it."""
+    """The last step, after which no front remains, and the precision and gradient of the border after it."""
     total, pull, front = chain.precision.copy(), chain.gradient.copy(), chain.front
     all_past = tuple(size + 1 for size in front.sizes)
     splines = temporal_splines(chain.state, chain.hyper, chain.border)
@@ -235,7 +235,7 @@ def _eliminated(
     for strand, before, size in zip(splines, front.sizes, sizes, strict=True):
         if size > before:
             about, believed = strand.belief(before, size)
-            gradient = strand.asked(before, size, near[parameter_indices(state.layout, about)])
+            gradient = strand.prior_gradient(before, size, near[parameter_indices(state.layout, about)])
             _believe((about, believed, gradient), codes, chain.border, (own, to_border, pull), (total, border_pull))
     at = np.searchsorted(codes, motion)
     own[at, at] += steadiness
@@ -253,10 +253,10 @@ def _eliminated(
     reduced = own[np.ix_(~out, ~out)] - step.front_coupling.T @ step.front_coupling
     joined = to_border[~out] - step.front_coupling.T @ step.to_border
     front = Front(codes[~out], reduced, joined, pull[~out] - step.front_coupling.T @ step.pull, sizes, past)
-    return front, step if state.storage is IN_MEMORY else _kept(step, state.storage)
+    return front, step if state.storage is IN_MEMORY else _stored(step, state.storage)
 
 
-def _kept(step: EliminationStep, storage: Storage) -> EliminationStep:
+def _stored(step: EliminationStep, storage: Storage) -> EliminationStep:
     """The step with its arrays moved to a storage; they are most of the memory of a pair."""
     own, front_coupling, border = (storage.store_array(value) for value in (step.factor, step.front_coupling, step.to_border))
     return replace(step, factor=own, front_coupling=front_coupling, to_border=border, pull=step.pull.copy())

@@ -128,7 +128,7 @@ def pair_information(
 
 def shared_information(state: EstimatorState, border: SharedParameters, weight: float) -> Matrix:
     """(b, b) what the border gets from all pairs of a state that holds its sums, times `weight`; the lower triangle counts."""
-    total, count = np.zeros((border.size,) * 2), border.known
+    total, count = np.zeros((border.size,) * 2), border.joint_size
     index, noise, blocks = parameter_indices(state.layout, border.codes()[:count]), border.part(NOISE), state.blocks.size
     total[:count, :count] = state.precision[np.ix_(index, index)]
     for axis in (0, 1):

@@ -25,16 +25,18 @@ from semlive.estimate.joint.observations.observations import observation_rows
 from semlive.estimate.joint.observations.state import EstimatorState, Extent, MapObservations, offload_rows, rows_of
 from semlive.model import DriftSpline, Layout, MotionKind, PairMotions, RasterChange, RasterTerm, UniformSpline
 
-MAX_DRIFT_KNOTS = 250_000  # 15 kB each: 10,000 pairs of the published rate, 50 days, take 136,000; a clock that jumps by years is refused
-
-DENSE_PAIRS = 32  # what the data choose is chosen from sums over all pairs in one matrix; with more, from the first so many
-
-# Knots of the drift go on through pauses: with holds of 20 minutes 24 pairs have 1,200, and a choice from one matrix took 17 s.
+MAX_DRIFT_KNOTS = 250_000
+"""15 kB each: 10,000 pairs at the published rate, 50 days, need 136,000. A clock that jumps by years exceeds the limit."""
+DENSE_PAIRS = 32
+"""Number of first pairs whose sums form one dense matrix, from which hyperparameters are selected."""
 DENSE_KNOTS = 640
-
+"""Largest number of drift knots of the dense matrix. Pauses contain knots, too: with holds of 20 minutes, 24 pairs have 1,200 knots, and a
+selection took 17 s.
+"""
 TREND_KNOTS = 6
-
-RASTER_KNOT_FRAMES = 8.0  # lens current and high voltage drift over hours; faster changes are not drift of the magnification
+"""Number of last knots from which the drift is extrapolated."""
+RASTER_KNOT_FRAMES = 8.0
+"""Knot distance of the raster changes in frame times: lens current and high voltage drift over hours."""
 
 _KIND = {Phase.CALIBRATION: MotionKind.RIGID, Phase.TRANSLATION: MotionKind.GRADIENT, Phase.TENSION: MotionKind.GRADIENT}
 
@@ -104,7 +106,7 @@ def _check_pair(state: EstimatorState, pair: int, times: tuple[FrameTime, FrameT
     if state.frames and times[0].start_s < state.frames[0].start_s:
         raise IllPosed(f"pair {pair} was scanned before pair 0, the reference of all others: begin with the earliest pair")
     if not any(dmap.valid.any() for dmap in maps):
-        raise IllPosed(f"no point of pair {pair} was correlated, so it says nothing: check focus and contrast of its frames")
+        raise IllPosed(f"no point of pair {pair} was correlated, so it has no information: check focus and contrast of its frames")
 
 
 def dense_limit(state: EstimatorState) -> int:

@@ -108,10 +108,10 @@ def add_prior(rows: MapObservations, noise: ReferenceNoise) -> None:
     """Set, in place, the prior noise of frame 0 to that of the earliest frame measured against it, independent of the arrival order."""
     if not rows.from_reference:
         return
-    earlier = (rows.weight > 0) & (rows.current < noise.first_seen_frame)
+    earlier = (rows.weight > 0) & (rows.current < noise.prior_frame)
     noise.weight[earlier] += rows.weight[earlier] - noise.prior[earlier]
     noise.prior[earlier] = rows.weight[earlier]
-    noise.first_seen_frame[earlier] = rows.current
+    noise.prior_frame[earlier] = rows.current
 
 
 def marginal(state: EstimatorState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

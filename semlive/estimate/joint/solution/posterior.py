@@ -23,14 +23,20 @@ from semlive.estimate.joint.selection.model_selection import COUPLING_SIGMAS, di
 from semlive.estimate.joint.selection.row_term import row_groups, row_shift_term_test
 from semlive.estimate.joint.solution.residual_noise import MIN_FINAL_BLOCK_NOISE_PX, estimated_noise, residuals
 
-HUBER, HUBER_PASSES = 5.0, 2  # of the noise; of 32,000 block means of noise alone one in fifty runs lies beyond
-# The drift that was found with the wrong coupling is wrong by 0.02 px, which matters times 5e-3: three passes where there is noise. Without
-# any, smoothness is chosen anew as the misfit shrinks, by two digits in each pass.
+HUBER = 5.0
+"""Limit of normalised residuals, in noise scales; of 32,000 block means of pure noise, one in fifty runs exceeds it."""
+HUBER_PASSES = 2
 PASSES = (3, 6)
+"""Smallest and largest number of passes with advected distortion.
+
+The drift of a fit with the wrong advection is wrong by 0.02 px, of which a fraction of 5e-3 remains: three passes with noise. Without
+noise, the smoothness is selected again as the misfit decreases, by two digits in each pass.
+"""
 CONVERGENCE_TOLERANCE = 0.01  # of the noise scale
 RASTER_START_PX = 0.1
 MAX_INITIAL_ITERATIONS, NOISE_SCALE_JUMP = 3, 3.0
-MAX_NOISE_SCALE_RATIO = 0.95  # of the noise scale: with a few thousand block means a hundredth is decisive already
+MAX_NOISE_SCALE_RATIO = 0.95
+"""Ratio of noise scales below which advection is selected; with a few thousand block means a ratio of 0.99 is already significant."""
 
 Information = tuple[NDArray[np.float64], NDArray[np.float64]]
 """(n, n) information matrix and (n,) information vector, without priors."""
@@ -140,8 +146,8 @@ def _couplings(state: EstimatorState) -> tuple[_Coupled, _Coupled | None]:
     gauge = gauge_precision(state)
     mean = _first_mean(state, Hyperparameters(), gauge)
     fitted, tests = _with_raster_terms(_fitted(relinearise(state, mean), Hyperparameters(), gauge, mean), gauge)
-    # A wrong magnification looks like a wrong coupling and the other way round; coupling is judged with magnification in the model,
-    # and magnification once more after the coupling.
+    # A wrong magnification resembles a wrong advection and vice versa. The advection is tested with magnification in the model,
+    # and the magnification is tested again after the advection.
     test = _coupling(fitted, gauge)
     still = _Coupled(fitted, (*tests, replace(test, included=False)))
     if abs(test.value) <= COUPLING_SIGMAS * test.sigma:  # one column does not determine gamma if the misfit dominates
