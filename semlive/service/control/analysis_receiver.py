@@ -25,8 +25,8 @@ from semlive.formats.log.messages import (
     from_json,
 )
 from semlive.ports import ClockSource
-from semlive.service.analysis.pipe import AnalysisOutput, AnalysisReady
 from semlive.service.analysis.messages import is_model_warning
+from semlive.service.analysis.pipe import AnalysisOutput, AnalysisReady
 from semlive.service.control.analysis_events import (
     DriftUpdate,
     calibration_event,
