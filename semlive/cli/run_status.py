@@ -175,8 +175,8 @@ def progress_line(snapshot: RunSnapshot, left_s: float | None = None) -> str:
     """A snapshot in one line, with the time that is left."""
     progress = snapshot.progress
     parts = [f"step {progress.step + 1}/{progress.steps} {progress.phase.value}", progress.state.value]
-    if progress.hold_left_s is not None:
-        parts.append(f"hold {progress.hold_left_s:.0f} s left")
+    if progress.hold_remaining_s is not None:
+        parts.append(f"hold {progress.hold_remaining_s:.0f} s left")
     if progress.state is State.IMAGING:
         parts.append(f"frame {progress.pair_frames_accepted + 1} of the pair")
     if progress.load_n is not None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
+from types import MappingProxyType
 
 
 class FaultCode(StrEnum):
@@ -46,3 +48,44 @@ class FaultCode(StrEnum):
     ANALYSIS = "analysis"
     LOG = "log"
     EXPORT_FOLDER = "export_folder"
+
+
+class FaultKind(StrEnum):
+    """Part of semlive or of the experiment that a fault concerns; stored as `kind` in `/fault` messages, and only ever extended.
+
+    MODEL_WARNING is a warning about the model of a pair that was used; PAIR_UNUSABLE is a pair without result; POINTS_NOT_CALIBRATED is
+    a frame with points outside the calibrated area, whose other points have a result. The other kinds name the component with the fault.
+    """
+
+    MODEL_WARNING = "model_warning"
+    PAIR_UNUSABLE = "pair_unusable"
+    POINTS_NOT_CALIBRATED = "points_not_calibrated"
+    ANALYSIS = "analysis"
+    LOG = "log"
+    EXPORT_FOLDER = "export_folder"
+    DEVICE = "device"
+    RUN = "run"
+
+
+MODEL_WARNING_ORIGIN = "estimate with pair "
+"""Begin of `where` in a fault of kind MODEL_WARNING; the number of the pair follows."""
+PAIR_ORIGIN = "analysis of pair "
+"""Begin of `where` in a fault of kind PAIR_UNUSABLE or POINTS_NOT_CALIBRATED; the number of the pair follows."""
+_KINDS: Mapping[str, FaultKind] = MappingProxyType(
+    {
+        "analysis": FaultKind.ANALYSIS,
+        "log": FaultKind.LOG,
+        "export folder": FaultKind.EXPORT_FOLDER,
+        "load frame": FaultKind.DEVICE,
+        "stage": FaultKind.DEVICE,
+        "SEM": FaultKind.DEVICE,
+        "run": FaultKind.RUN,
+    }
+)
+
+
+def fault_kind(where: str) -> FaultKind | None:
+    """Return the kind of a fault of a component, and of a fault in a log without kinds; None for other origins."""
+    if where.startswith(MODEL_WARNING_ORIGIN):
+        return FaultKind.MODEL_WARNING
+    return FaultKind.PAIR_UNUSABLE if where.startswith(PAIR_ORIGIN) else _KINDS.get(where)

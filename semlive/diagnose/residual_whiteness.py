@@ -23,7 +23,7 @@ from semlive.diagnose.baseline.observation import MIN_PAIRS, Observation, make_o
 from semlive.diagnose.baseline.whitening import likeliest_length_px, make_whitener
 from semlive.diagnose.maps.domain_tests import MIN_RELATIVE_EIGENVALUE, domain_contrasts
 from semlive.errors import IllPosed
-from semlive.estimate.joint.observations.normal_equations import dense_limit
+from semlive.estimate.joint.observations.accumulation import dense_limit
 from semlive.estimate.joint.solution.posterior import Solution
 
 FALSE_ALARM_RATE = 0.01

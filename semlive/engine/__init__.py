@@ -12,7 +12,7 @@ from semlive.engine.commands import (
     Transition,
     TriggerFrame,
 )
-from semlive.engine.engine import changed_since, start, step
+from semlive.engine.engine import start, step
 from semlive.engine.events import (
     CalibrationAssessed,
     CommandAcknowledged,
@@ -36,10 +36,10 @@ from semlive.engine.events import (
     StageReading,
     Tick,
 )
+from semlive.engine.operator_commands import changed_since
 from semlive.engine.resume import InterruptedRun, RampOrder
-from semlive.engine.state import EngineState
+from semlive.engine.state import EngineState, RunStatus, progress
 from semlive.engine.states import FINAL_STATES, Cause, InvalidTransition, State
-from semlive.engine.status import RunStatus, progress
 
 __all__ = [
     "FINAL_STATES",

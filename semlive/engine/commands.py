@@ -23,6 +23,7 @@ class Transition:
         step: index of the step.
         details: the values that caused the transition, by name.
         code: kind of the fault if `after` is a fault state, else None.
+        late_s: in a transition to IMAGING, time from the end of the hold to its detection, s; scans that begin after the hold are valid.
     """
 
     time_ns: int
@@ -32,6 +33,7 @@ class Transition:
     step: int
     details: tuple[Guard, ...] = ()
     code: FaultCode | None = None
+    late_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from semlive.data.frame import ColumnSettings, FrameInfo
 from semlive.data.pair import PairDecision
 from semlive.engine.commands import AcceptPair, RejectFrame, TriggerFrame
+from semlive.engine.context import StepContext
 from semlive.engine.load_history import frame_load
-from semlive.engine.motion import on_disturbance, rest_fault
-from semlive.engine.state import EngineState, PendingFrame, StepContext
+from semlive.engine.motion import on_disturbance
+from semlive.engine.state import EngineState, PendingFrame
 from semlive.engine.states import Cause, State
+from semlive.engine.tolerances import rest_fault
 
 _RELATIVE_TOLERANCE = 1e-3
 """Relative difference of dwell time, row time or pixel size that is attributed to rounding in the header."""
@@ -38,11 +42,12 @@ def _latest_end_ns(info: FrameInfo) -> int:
 
 def frame_scanned(context: StepContext, info: FrameInfo) -> None:
     """Queue an exported frame for selection, or reject it at once if no step is being imaged."""
-    context.update(start_sigma_s=info.start_sigma_s)
+    context.update(imaging=replace(context.state.imaging, start_sigma_s=info.start_sigma_s))
     state = context.state
-    after_hold = state.state is State.HOLDING and _earliest_ns(info) >= state.hold_end_ns
+    after_hold = state.state is State.HOLDING and _earliest_ns(info) >= state.hold.end_ns
     if state.state is State.IMAGING or after_hold:
-        context.update(pending_frames=(*state.pending_frames, PendingFrame(info, state.time_ns)))
+        pending = (*state.imaging.pending, PendingFrame(info, state.time_ns))
+        context.update(imaging=replace(state.imaging, pending=pending))
     elif state.state is State.HOLDING:
         context.commands.append(RejectFrame(info.export, _early_reason(state, info)))
     else:
@@ -58,47 +63,51 @@ def frame_unreadable(context: StepContext, export: int, reason: str) -> None:
 
 def select_pair(context: StepContext) -> None:
     """In IMAGING: evaluate the pending frames in order, as far as load samples reach the end of their scans."""
-    if context.state.stale or rest_fault(context) or on_disturbance(context):
+    if context.state.devices.stale or rest_fault(context) or on_disturbance(context):
         return
     _request_first(context)
-    while context.state.state is State.IMAGING and context.state.pending_frames:
-        scanned = context.state.pending_frames[0]
+    while context.state.state is State.IMAGING and context.state.imaging.pending:
+        scanned, *pending = context.state.imaging.pending
         if not _load_available(context.state, scanned):
             return
-        context.update(pending_frames=context.state.pending_frames[1:])
+        context.update(imaging=replace(context.state.imaging, pending=tuple(pending)))
         reason = _rejection_reason(context.state, scanned)
         if reason is not None:
             context.commands.append(RejectFrame(scanned.info.export, reason))
             _request_next(context)
-        elif context.state.first is None:
+        elif context.state.imaging.first is None:
             _set_first(context, scanned.info)
         else:
-            _complete_pair(context, context.state.first, scanned.info)
+            _complete_pair(context, context.state.imaging.first, scanned.info)
 
 
 def _request_first(context: StepContext) -> None:
     """In triggered mode, request the first frame once its start is distinguishable from the end of the hold."""
     state = context.state
-    if state.plan.triggered and not state.frame_requested and state.time_ns >= state.hold_end_ns + round(3e9 * state.start_sigma_s):
-        context.update(frame_requested=True)
+    if (
+        state.plan.triggered
+        and not state.imaging.frame_requested
+        and state.time_ns >= state.hold.end_ns + round(3e9 * state.imaging.start_sigma_s)
+    ):
+        context.update(imaging=replace(state.imaging, frame_requested=True))
         context.commands.append(TriggerFrame())
 
 
 def _request_next(context: StepContext) -> None:
-    if context.state.frame_requested and context.state.state is State.IMAGING:
+    if context.state.imaging.frame_requested and context.state.state is State.IMAGING:
         context.commands.append(TriggerFrame())
 
 
 def _load_available(state: EngineState, scanned: PendingFrame) -> bool:
     """Whether load samples reach the end of the scan; the arrival time of the frame is the latest possible end."""
-    if state.load_frame is None:
+    if state.devices.load_frame is None:
         return True
     end_ns = min(_latest_end_ns(scanned.info), scanned.arrival_time_ns)
-    return state.load is not None and state.load.time_ns >= end_ns
+    return state.devices.load is not None and state.devices.load.time_ns >= end_ns
 
 
 def _early_reason(state: EngineState, info: FrameInfo) -> str:
-    early_s = (state.hold_end_ns - _earliest_ns(info)) / 1e9
+    early_s = (state.hold.end_ns - _earliest_ns(info)) / 1e9
     return (
         f"{info.name} is not used: its scan may have begun {early_s:.1f} s before the hold of step {state.step.number} ended "
         f"(its start is known within {3 * info.start_sigma_s:g} s)"
@@ -150,7 +159,7 @@ def _pair_difference(a: FrameInfo, b: FrameInfo) -> str | None:
 
 
 def _rejection_reason(state: EngineState, scanned: PendingFrame) -> str | None:
-    """Return why a frame is not part of the pair, as a sentence; None if it is."""
+    """Return why a frame is not part of the pair, as one message; None if it is."""
     info = scanned.info
     ahead_s = (info.end_time_ns - _sigma_ns(info) - scanned.arrival_time_ns) / 1e9
     if ahead_s > 0:
@@ -158,19 +167,19 @@ def _rejection_reason(state: EngineState, scanned: PendingFrame) -> str | None:
             f"{info.name} is not used: by its own time its scan ended {ahead_s:.1f} s after it arrived; "
             "set the SEM's clock, or start_anchor in the scan profile"
         )
-    if _earliest_ns(info) < state.hold_end_ns:
+    if _earliest_ns(info) < state.hold.end_ns:
         return _early_reason(state, info)
-    if state.reference is not None and (mismatch := difference(state.reference, info)):
+    if state.imaging.reference is not None and (mismatch := difference(state.imaging.reference, info)):
         return f"{info.name} is not used: it has {mismatch} as in the first pair"
-    if state.first is not None:
-        overlap_s = (state.first.end_time_ns - _sigma_ns(state.first) - info.start_time_ns.value - _sigma_ns(info)) / 1e9
+    if state.imaging.first is not None:
+        overlap_s = (state.imaging.first.end_time_ns - _sigma_ns(state.imaging.first) - info.start_time_ns.value - _sigma_ns(info)) / 1e9
         if overlap_s > 0:
-            return f"{info.name} is not used: it does not follow {state.first.name}, their scans overlap by {overlap_s:.1f} s"
+            return f"{info.name} is not used: it does not follow {state.imaging.first.name}, their scans overlap by {overlap_s:.1f} s"
     return None
 
 
 def _set_first(context: StepContext, info: FrameInfo) -> None:
-    context.update(first=info, since_ns=context.state.time_ns)
+    context.accept_first_frame(info)
     _request_next(context)
 
 
@@ -182,15 +191,15 @@ def _complete_pair(context: StepContext, first: FrameInfo, second: FrameInfo) ->
         return
     state = context.state
     loads = None
-    if state.load_frame is not None:
-        first_load, second_load = (frame_load(state.history, i.start_time_ns.value, i.end_time_ns) for i in (first, second))
+    if state.devices.load_frame is not None:
+        first_load, second_load = (frame_load(state.devices.history, i.start_time_ns.value, i.end_time_ns) for i in (first, second))
         if first_load is None or second_load is None:
             context.commands.append(RejectFrame(first.export, f"{first.name} is not used: the load during its scan is not known any more"))
             _set_first(context, second)
             return
         loads = (first_load, second_load)
     context.commands.append(AcceptPair(PairDecision(state.step.step, state.step, first, second, loads)))
-    stationary_s = (first.start_time_ns.value - state.hold_end_ns) / 1e9 + state.plan.hold.hold_s
-    context.update(first=None, reference=state.reference or first)
+    stationary_s = (first.start_time_ns.value - state.hold.end_ns) / 1e9 + state.plan.hold.hold_s
+    context.update(imaging=replace(state.imaging, first=None, reference=state.imaging.reference or first))
     context.transition(Cause.PAIR_COMPLETE, ("first", first.export), ("second", second.export), ("rested_s", stationary_s))
     context.discard_frames("the pair of its step was complete")

@@ -17,7 +17,7 @@ def with_device_limits(limits: Limits, load_frame: DeviceIdentity | None) -> Lim
 
 
 def sample_problem(limits: Limits, sample: LoadSample) -> str | None:
-    """Return which limit a reading violates, as a sentence, or None. A NaN violates every limit."""
+    """Return which limit a reading violates, as one message, or None. A NaN violates every limit."""
     if not limits.force_min_n <= sample.force_n <= limits.force_max_n:
         return f"the load is {sample.force_n:.1f} N, outside the limits {limits.force_min_n:g} to {limits.force_max_n:g} N"
     if not limits.extension_min_mm <= sample.extension_mm <= limits.extension_max_mm:
@@ -29,7 +29,7 @@ def sample_problem(limits: Limits, sample: LoadSample) -> str | None:
 
 
 def ramp_problem(limits: Limits, target_n: float, rate_n_s: float, from_n: float, slack_n: float = 0.0) -> str | None:
-    """Return why a ramp must not be commanded, as a sentence, or None.
+    """Return why a ramp must not be commanded, as one message, or None.
 
     Args:
         limits: soft limits.
@@ -48,14 +48,14 @@ def ramp_problem(limits: Limits, target_n: float, rate_n_s: float, from_n: float
 
 
 def move_problem(limits: Limits, shift_um: tuple[float, float]) -> str | None:
-    """Return why a stage motion must not be commanded, as a sentence, or None."""
+    """Return why a stage motion must not be commanded, as one message, or None."""
     if not max(abs(shift_um[0]), abs(shift_um[1])) <= limits.stage_travel_um:
         return f"a shift of ({shift_um[0]:g}, {shift_um[1]:g}) um is beyond the limit of {limits.stage_travel_um:g} um"
     return None
 
 
 def plan_problem(plan: Plan, limits: Limits, first_step: int = 0) -> str | None:
-    """Return the first limit violation in the steps of a plan, as a sentence, or None.
+    """Return the first limit violation in the steps of a plan, as one message, or None.
 
     The change of load of the first loaded step is not checked: its initial load is unknown until the device answers.
     """

@@ -51,12 +51,12 @@ class StepTime:
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """A whole experiment's expected times.
+    """Expected times of an experiment.
 
     Attributes:
-        steps: in order.
-        max_waiting_s: what waiting for drift and relaxation may add at most.
-        scans: how often the field is scanned: every frame that is exported, or the two of each pair where frames are triggered.
+        steps: expected times of the steps, in order.
+        max_waiting_s: longest additional time for drift and relaxation, s.
+        scans: number of scans of the field: every exported frame, or two for each pair if frames are triggered.
     """
 
     steps: tuple[StepTime, ...]

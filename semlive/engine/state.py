@@ -1,45 +1,89 @@
-"""State of a run, and the context of one engine step, which makes all state changes and collects all commands."""
+"""State of a run: position in the plan, and one frozen part for each subject of the protocol."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from types import MappingProxyType
-from typing import Any
+from dataclasses import dataclass, replace
 
-from semlive.data.experiment import Limits, Plan, Step
-from semlive.data.faults import FaultCode
+from semlive.data.experiment import Limits, Phase, Plan, Step
 from semlive.data.frame import FrameInfo
 from semlive.data.loading import DeviceIdentity, LoadSample, StageSample
-from semlive.engine.commands import Command, FinishRun, Guard, Notify, RejectFrame, StopMotion, Transition
 from semlive.engine.events import CalibrationAssessed, Device, DriftForecastUpdated, FieldOfViewMeasured, HoldDriftMeasured
 from semlive.engine.load_history import LoadHistory
 from semlive.engine.resume import InterruptedRun
-from semlive.engine.states import FINAL_STATES, TRANSITIONS, Cause, State, next_state
+from semlive.engine.states import State
 from semlive.engine.supervision.load_watch import INITIAL, LoadSupervisor
 from semlive.engine.supervision.standstill import NO_REST, Rest
 
-FAULT_OF_CAUSE: Mapping[str, FaultCode] = MappingProxyType(
-    {
-        Cause.LIMIT: FaultCode.LIMIT,
-        Cause.LINK_LOST: FaultCode.LINK_LOST,
-        Cause.DEVICE_FAULT: FaultCode.DEVICE_FAULT,
-        Cause.DEVICE_STOPPED: FaultCode.DEVICE_FAULT,
-        Cause.NOT_REACHED: FaultCode.NOT_REACHED,
-        Cause.MOTION_TIMEOUT: FaultCode.MOTION_TIMEOUT,
-        Cause.FRAME_TIMEOUT: FaultCode.FRAME_TIMEOUT,
-        Cause.EMERGENCY: FaultCode.EMERGENCY_STOP,
-    }
-)
-"""Default fault code of each cause."""
-
 
 @dataclass(frozen=True, slots=True)
-class PendingFrame:
-    """A frame to be selected or rejected, and its arrival time (experiment time, ns)."""
+class Devices:
+    """Devices of the run with their last readings, and what the supervision derives from the load samples.
 
-    info: FrameInfo
-    arrival_time_ns: int
+    Attributes:
+        history: load samples.
+        load_frame: identity of the load frame; None without one.
+        stage: identity of the stage; None without one.
+        linked: all links are open and analysis is ready, so `load_frame` and `stage` are known.
+        load: last sample of the load frame.
+        position: last sample of the stage.
+        stale: devices whose last sample is too old.
+        origin_um: reading of the stage when the run began.
+        supervisor: earlier readings with which the next load sample is compared.
+        standstill: supervision of the load frame while no motion is ordered.
+        stopped_on_resume: devices of a resumed run that the link thread stopped because their first reading showed motion or was invalid.
+    """
+
+    history: LoadHistory
+    load_frame: DeviceIdentity | None = None
+    stage: DeviceIdentity | None = None
+    linked: bool = False
+    load: LoadSample | None = None
+    position: StageSample | None = None
+    stale: frozenset[Device] = frozenset()
+    origin_um: tuple[float, float] | None = None
+    supervisor: LoadSupervisor = INITIAL
+    standstill: Rest = NO_REST
+    stopped_on_resume: frozenset[Device] = frozenset()
+
+    @property
+    def present(self) -> tuple[Device, ...]:
+        """The devices of this run."""
+        return tuple(d for d, identity in ((Device.LOAD_FRAME, self.load_frame), (Device.STAGE, self.stage)) if identity is not None)
+
+    def sample(self, device: Device) -> LoadSample | StageSample | None:
+        """The last sample of a device."""
+        return self.load if device is Device.LOAD_FRAME else self.position
+
+    def with_load(self, sample: LoadSample, limits: Limits, ordered: bool) -> tuple[Devices, str | None]:
+        """Add a sample of the load frame.
+
+        Args:
+            sample: the sample.
+            limits: soft limits.
+            ordered: a motion is ordered.
+
+        Returns:
+            The updated devices, and the limit that the sample violates relative to earlier samples, as a clause, or None.
+        """
+        supervisor, sudden_change = self.supervisor.with_sample(limits, sample)
+        updated = replace(
+            self,
+            load=sample,
+            supervisor=supervisor,
+            standstill=self.standstill.with_sample(sample, ordered=ordered),
+            stale=self.stale - {Device.LOAD_FRAME},
+            history=self.history.with_sample(sample.time_ns, sample.force_n, sample.gage_strain),
+        )
+        return updated, sudden_change
+
+    def with_position(self, sample: StageSample) -> Devices:
+        """Add a sample of the stage; the first determines the origin."""
+        origin_um = self.origin_um or (sample.x_um, sample.y_um)
+        return replace(self, position=sample, stale=self.stale - {Device.STAGE}, origin_um=origin_um)
+
+    def with_stale(self, device: Device) -> Devices:
+        """Mark the last sample of a device as too old."""
+        return replace(self, stale=self.stale | {device})
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +108,98 @@ class MotionProgress:
 
 
 @dataclass(frozen=True, slots=True)
+class HoldProgress:
+    """Load and stage shift that were reached, and the hold of the step.
+
+    Attributes:
+        reached_load_n: the commanded load that was reached; None if unknown.
+        reached_shift_um: the commanded stage shift that was reached, relative to the origin; None if unknown.
+        load_n: the load to hold in a step that commands none.
+        in_tolerance_since_ns: while settling, begin of the time within tolerance; None while out of tolerance.
+        end_ns: end of the hold; valid frames begin later.
+    """
+
+    reached_load_n: float | None = None
+    reached_shift_um: tuple[float, float] | None = (0.0, 0.0)
+    load_n: float | None = None
+    in_tolerance_since_ns: int | None = None
+    end_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class PendingFrame:
+    """A frame to be selected or rejected, and its arrival time (experiment time, ns)."""
+
+    info: FrameInfo
+    arrival_time_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Imaging:
+    """Frames of the step.
+
+    Attributes:
+        pending: frames to be selected or rejected.
+        first: the first frame of the pair.
+        reference: the first frame accepted in the run; later ones must have the same settings.
+        start_sigma_s: standard uncertainty of the start time of the last frame, s; before the first, the default of scan profiles.
+        frame_requested: in triggered mode, a frame has been requested in this IMAGING state.
+    """
+
+    pending: tuple[PendingFrame, ...] = ()
+    first: FrameInfo | None = None
+    reference: FrameInfo | None = None
+    start_sigma_s: float = 0.3
+    frame_requested: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class AnalysisResults:
+    """Newest results of the analysis.
+
+    Attributes:
+        field_of_view: field of view of the newest correlated pair; None before the first.
+        drift_forecast: drift forecast of the newest estimate; None before the first.
+        hold_drift: drift rate between the newest two frames of a hold; None before the first.
+        calibration: assessment of the calibration by the newest estimate; None before the first.
+    """
+
+    field_of_view: FieldOfViewMeasured | None = None
+    drift_forecast: DriftForecastUpdated | None = None
+    hold_drift: HoldDriftMeasured | None = None
+    calibration: CalibrationAssessed | None = None
+
+    def with_result(self, event: FieldOfViewMeasured | DriftForecastUpdated | HoldDriftMeasured | CalibrationAssessed) -> AnalysisResults:
+        """Replace the result that the event carries."""
+        match event:
+            case FieldOfViewMeasured():
+                return replace(self, field_of_view=event)
+            case DriftForecastUpdated():
+                return replace(self, drift_forecast=event)
+            case HoldDriftMeasured():
+                return replace(self, hold_drift=event)
+            case CalibrationAssessed():
+                return replace(self, calibration=event)
+
+
+@dataclass(frozen=True, slots=True)
+class Gates:
+    """Gates before the first load.
+
+    Attributes:
+        calibration_passed: the calibration gate was passed.
+        calibration_rejected: the run was paused because the calibration is rejected.
+        warm_up_passed: the warm-up gate was passed.
+        warming_since_ns: time at which the warm-up gate was first reached; None before.
+    """
+
+    calibration_passed: bool = False
+    calibration_rejected: bool = False
+    warm_up_passed: bool = False
+    warming_since_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class EngineState:
     """Complete state of the protocol.
 
@@ -74,37 +210,13 @@ class EngineState:
         step_index: index of the step in `plan.steps`.
         time_ns: latest experiment time of an event.
         since_ns: time at which `state` was entered, or in IMAGING at which the last frame was accepted.
-        load_frame: identity of the load frame; None without one.
-        stage: identity of the stage; None without one.
-        linked: all links are open and analysis is ready, so `load_frame` and `stage` are known.
-        load: last sample of the load frame.
-        position: last sample of the stage.
-        stale: devices whose last sample is too old.
-        origin_um: reading of the stage when the run began.
-        reached_load_n: the commanded load that was reached; None if unknown.
-        reached_shift_um: the commanded stage shift that was reached, relative to `origin_um`; None if unknown.
+        devices: devices and their readings.
         motion: progress of the motion of the step.
-        hold_load_n: the load to hold in a step that commands none.
-        in_tolerance_since_ns: while settling, begin of the time within tolerance; None while out of tolerance.
-        hold_end_ns: end of the hold; valid frames begin later.
-        history: load samples.
-        watch: earlier readings with which the next load sample is compared.
-        rest: supervision of the load frame while no motion is ordered.
-        pending_frames: frames to be selected or rejected.
-        first: the first frame of the pair.
-        reference: the first frame accepted in the run; later ones must have the same settings.
-        start_sigma_s: standard uncertainty of the start time of the last frame, s; before the first, the default of scan profiles.
-        field_of_view: field of view of the newest correlated pair; None before the first.
-        drift_forecast: drift forecast of the newest estimate; None before the first.
-        hold_drift: drift rate between the newest two frames of a hold; None before the first.
-        calibration_assessment: assessment of the calibration by the newest estimate; None before the first.
-        calibration_gate_passed: the calibration gate was passed.
-        calibration_asked: the run was paused because the calibration is rejected.
-        warm_up_gate_passed: the warm-up gate was passed.
-        warming_since_ns: time at which the warm-up gate was first reached; None before.
-        frame_requested: in triggered mode, a frame has been requested in this IMAGING state.
+        hold: reached load and shift, and the hold of the step.
+        imaging: frames of the step.
+        analysis: newest results of the analysis.
+        gates: gates before the first load.
         interrupted_run: in a resumed run, the state at its interruption until the operator confirms; else None.
-        stopped_on_resume: devices of a resumed run that the link thread stopped because their first reading showed motion or was invalid.
         message: the last message for the operator.
     """
 
@@ -114,37 +226,13 @@ class EngineState:
     step_index: int
     time_ns: int
     since_ns: int
-    history: LoadHistory
-    watch: LoadSupervisor = INITIAL
-    rest: Rest = NO_REST
-    load_frame: DeviceIdentity | None = None
-    stage: DeviceIdentity | None = None
-    linked: bool = False
-    load: LoadSample | None = None
-    position: StageSample | None = None
-    stale: frozenset[Device] = frozenset()
-    origin_um: tuple[float, float] | None = None
-    reached_load_n: float | None = None
-    reached_shift_um: tuple[float, float] | None = (0.0, 0.0)
+    devices: Devices
     motion: MotionProgress = MotionProgress()
-    hold_load_n: float | None = None
-    in_tolerance_since_ns: int | None = None
-    hold_end_ns: int = 0
-    pending_frames: tuple[PendingFrame, ...] = ()
-    first: FrameInfo | None = None
-    reference: FrameInfo | None = None
-    start_sigma_s: float = 0.3
-    field_of_view: FieldOfViewMeasured | None = None
-    drift_forecast: DriftForecastUpdated | None = None
-    hold_drift: HoldDriftMeasured | None = None
-    calibration_assessment: CalibrationAssessed | None = None
-    calibration_gate_passed: bool = False
-    calibration_asked: bool = False
-    warm_up_gate_passed: bool = False
-    warming_since_ns: int | None = None
-    frame_requested: bool = False
+    hold: HoldProgress = HoldProgress()
+    imaging: Imaging = Imaging()
+    analysis: AnalysisResults = AnalysisResults()
+    gates: Gates = Gates()
     interrupted_run: InterruptedRun | None = None
-    stopped_on_resume: frozenset[Device] = frozenset()
     message: str = ""
 
     @property
@@ -155,84 +243,54 @@ class EngineState:
     @property
     def calibration_question_open(self) -> bool:
         """Whether the run is paused for a decision of the operator because the calibration is rejected."""
-        return self.state is State.PAUSED and self.calibration_asked and not self.calibration_gate_passed
-
-    @property
-    def devices(self) -> tuple[Device, ...]:
-        """The devices of this run."""
-        return tuple(d for d, identity in ((Device.LOAD_FRAME, self.load_frame), (Device.STAGE, self.stage)) if identity is not None)
-
-    def sample(self, device: Device) -> LoadSample | StageSample | None:
-        """The last sample of a device."""
-        return self.load if device is Device.LOAD_FRAME else self.position
+        return self.state is State.PAUSED and self.gates.calibration_rejected and not self.gates.calibration_passed
 
     def seconds_since(self, time_ns: int) -> float:
         """Experiment seconds from `time_ns` to now."""
         return (self.time_ns - time_ns) / 1e9
 
 
-@dataclass(slots=True)
-class StepContext:
-    """Context of one call of `step`: the changing state and the commands so far."""
+@dataclass(frozen=True, slots=True)
+class RunStatus:
+    """Status of a run.
 
-    state: EngineState
-    commands: list[Command] = field(default_factory=list)
+    Attributes:
+        state: state of the protocol.
+        step: index of the step.
+        steps: number of steps.
+        phase: purpose of the pair of the step.
+        hold_remaining_s: experiment seconds until the hold is over; None unless holding.
+        load_n: last reading, None before the first.
+        target_n: load of the step; None if it commands none.
+        shift_um: stage shift of the step.
+        pair_frames_accepted: number of accepted frames of the pair of the step, 0 or 1.
+        message: the last message for the operator.
+    """
 
-    def update(self, **changes: Any) -> None:
-        """Replace fields of the state; the state of the run itself changes only by `transition`."""
-        if "state" in changes:
-            raise TypeError("the state of a run changes by transition()")
-        self.state = replace(self.state, **changes)
+    state: State
+    step: int
+    steps: int
+    phase: Phase
+    hold_remaining_s: float | None
+    load_n: float | None
+    target_n: float | None
+    shift_um: tuple[float, float]
+    pair_frames_accepted: int
+    message: str
 
-    def is_allowed(self, cause: Cause) -> bool:
-        """Whether the table lists `cause` here."""
-        return (self.state.state, cause) in TRANSITIONS
 
-    def transition(self, cause: Cause, *guards: Guard, code: FaultCode | None = None) -> None:
-        """Change state by the table; `code` names the fault, if it is one.
-
-        Raises:
-            InvalidTransition: if the table does not list it.
-        """
-        before = self.state
-        after = next_state(before.state, cause)
-        self.commands.append(Transition(before.time_ns, before.state, cause, after, before.step_index, guards, code))
-        self.state = replace(before, state=after, since_ns=before.time_ns)
-
-    def announce(self, text: str) -> None:
-        """Show a message to the operator."""
-        self.commands.append(Notify(text))
-        self.update(message=text)
-
-    def discard_frames(self, reason: str) -> None:
-        """Reject the first frame of the pair and all pending frames."""
-        discarded = (() if self.state.first is None else (self.state.first,)) + tuple(s.info for s in self.state.pending_frames)
-        self.commands.extend(RejectFrame(info.export, f"{info.name} is not used: {reason}") for info in discarded)
-        self.update(first=None, pending_frames=())
-
-    def stop_and_transition(self, cause: Cause, reason: str, *guards: Guard, code: FaultCode | None = None) -> None:
-        """Order all devices to stop, then change state; the reached load, and the reached shift of a moving stage, become unknown."""
-        self.commands.append(StopMotion(reason))
-        self.discard_frames(reason)
-        stage_moving = Device.STAGE in self.state.motion.pending_devices[:1]
-        self.update(
-            motion=MotionProgress(),
-            reached_load_n=None,
-            in_tolerance_since_ns=None,
-            reached_shift_um=None if stage_moving else self.state.reached_shift_um,
-        )
-        self.transition(cause, *guards, code=code)
-        self.announce(reason)
-
-    def fault(self, cause: Cause, reason: str, *guards: Guard, code: FaultCode | None = None) -> None:
-        """Stop and go to FAULT if the table lists `cause` here; else only announce the reason. Without `code` the cause determines it."""
-        if self.is_allowed(cause):
-            self.stop_and_transition(cause, reason, *guards, code=code or FAULT_OF_CAUSE[cause])
-        elif self.state.state not in FINAL_STATES and reason != self.state.message:
-            self.announce(reason)
-
-    def finish(self, cause: Cause, text: str) -> None:
-        """End the run."""
-        self.transition(cause)
-        self.announce(text)
-        self.commands.append(FinishRun(self.state.state, text))
+def progress(state: EngineState) -> RunStatus:
+    """Return the status that is displayed for a state."""
+    holding = state.state is State.HOLDING
+    return RunStatus(
+        state=state.state,
+        step=state.step_index,
+        steps=len(state.plan.steps),
+        phase=state.step.phase,
+        hold_remaining_s=max(0.0, -state.seconds_since(state.hold.end_ns)) if holding else None,
+        load_n=None if state.devices.load is None else state.devices.load.force_n,
+        target_n=state.step.load_n,
+        shift_um=state.step.shift_um,
+        pair_frames_accepted=0 if state.imaging.first is None else 1,
+        message=state.message,
+    )

@@ -1,6 +1,6 @@
 """From disparity maps to drift, distortion and motion, with uncertainty."""
 
-from semlive.estimate.joint.observations.normal_equations import update
+from semlive.estimate.joint.observations.accumulation import update
 from semlive.estimate.joint.observations.state import EstimatorState, init, offload
 from semlive.estimate.joint.outputs.correction_strain import (
     CorrectionStrain,

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from semlive.data.strain import ElasticConstants, MeasuredValue, StrainSummary
 from semlive.errors import IllPosed
 
-# Loads closer than this are one load held twice: what is between them is relaxation and noise of the load cell.
+# Loads that differ by less are one load that was held twice: their difference is relaxation and noise of the load cell.
 MIN_SPAN = 0.01
 Field = NDArray[np.float64]
 Covariance = Field | Callable[[Field], Field]
-"""(2 n, 2 n) of n steps' strains, first all exx, then all eyy; or what gives that (k, k) of linear functions (k, 2 n) of them.
+"""(2 n, 2 n) covariance of the strains of n steps, first all exx, then all eyy; or a function that returns the (k, k) covariance of linear
+functions (k, 2 n) of them.
 
-Of a thousand steps the whole one costs a hundred times what two slopes ask of it.
+For a thousand steps the full matrix costs a hundred times as much as the two slopes require.
 """
 
 

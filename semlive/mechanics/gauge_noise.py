@@ -50,7 +50,7 @@ def gauge_sigma(displacement: Displacement, field: StrainField, settings: Strain
 
 @lru_cache(maxsize=32)
 def _gain(step_px: int, subset_px: int, window_points: int, order: int, weights: str) -> tuple[float, float]:
-    """Variance of a slope along x and along y of a whole window, for noise of unit variance."""
+    """Variance of a slope along x and along y of a complete window, for noise of unit variance."""
     settings = StrainSettings(order=order, weights="gaussian" if weights == "gaussian" else "uniform")
     shared = overlap_correlation(window_points, Grid(0, 0, step_px, window_points, window_points, subset_px))
     by_x, by_y = (float(np.sum((shared @ slope @ shared) * slope)) / step_px**2 for slope in whole_window(window_points, settings))
@@ -72,7 +72,7 @@ def expected_sigma(grid: Grid, window_points: int, sigma_px: tuple[float, float]
 
 
 def expected_mean_sigma(grid: Grid, sigma_px: tuple[float, float]) -> Tensor2:
-    """Expected standard uncertainty of the mean strain over the whole grid from DIC noise alone; formula as in `summary`."""
+    """Expected standard uncertainty of the mean strain over the grid from DIC noise alone; formula as in `summary`."""
     x, y = grid.mesh()
     overlap = max(grid.subset_px, grid.step_px) / grid.step_px
     spread_x, spread_y = (float(np.sqrt(np.sum((value - value.mean()) ** 2))) for value in (x, y))

@@ -14,7 +14,7 @@ from semlive.errors import IllPosed
 from semlive.mechanics.elastic import MIN_SPAN, Covariance, covariance_of
 
 MAX_DISAGREEMENT_SIGMAS = 3.0
-"""Standard uncertainties between DIC and gage from which on the operator is told."""
+"""Difference of DIC and gage, in standard uncertainties, above which a warning is given."""
 
 
 def compare_with_gage(
@@ -92,7 +92,7 @@ def gage_notes(comparison: StrainGageComparison | None) -> tuple[Note, ...]:
     if abs(ratio.value - 1.0) <= MAX_DISAGREEMENT_SIGMAS * ratio.sigma:
         return ()
     text = (
-        f"DIC says {ratio.value:.3f} ± {ratio.sigma:.3f} times the strain of the strain gage: check the gage's factor, bending of the "
+        f"DIC gives {ratio.value:.3f} ± {ratio.sigma:.3f} times the strain of the strain gage: check the gage's factor, bending of the "
         "specimen (the gage is on its back) and whether focus or magnification was changed under load"
     )
     return (information(NoteCode.STRAIN_GAGE, text),)

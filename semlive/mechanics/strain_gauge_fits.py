@@ -17,8 +17,8 @@ from semlive.mechanics.strain import MIN_FILL, strain
 
 Field = NDArray[np.float64]
 _TERMS = {1: ((0, 0), (1, 0), (0, 1)), 2: ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))}
-GAUSSIAN_SD = 0.5  # of the window's half width: what lies at its edge weighs e^-2
-MAX_CONDITION = 1e3  # of the normal matrix in units of the window's half width; whole windows have below 40
+GAUSSIAN_SD = 0.5  # in units of the half width of the window: a point at its edge has the weight e^-2
+MAX_CONDITION = 1e3  # of the normal matrix in units of the half width of the window; complete windows have below 40
 BUTTERWORTH_ORDER = 2
 
 
@@ -76,7 +76,7 @@ def gradients(
 
 
 def whole_window(window_points: int, settings: StrainSettings) -> Field:
-    """(2, window, window) weights with which POI of a whole window enter its slope along x and along y, per POI."""
+    """(2, window, window) weights of the POI of a complete window in its slope along x and along y, per POI."""
     half = window_points // 2
     lag = np.arange(-half, half + 1) / half
     kernel = np.ones(window_points) if settings.weights == "uniform" else np.exp(-0.5 * (lag / GAUSSIAN_SD) ** 2)

@@ -1,4 +1,4 @@
-"""From a solution to the estimate with its notes, and to the result of the whole run."""
+"""From a solution to the estimate with its notes, and to the result of the complete run."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from semlive import mechanics
 from semlive.data.drift import EstimateRevision
 from semlive.data.experiment import Phase
+from semlive.data.frame import FrameOrigin
 from semlive.data.notes import Note
 from semlive.data.results import FrameResult, RunResult
 from semlive.data.settings import AnalysisSettings
@@ -23,7 +24,6 @@ from semlive.pipeline.correction import correct_all
 from semlive.pipeline.elastic import fit_elastic
 from semlive.pipeline.state import AnalysisState
 
-IMPORTED = "imported"  # vendor of frames whose maps another engine made
 MIN_TRANSLATION_PX = 5.0  # a specimen that is not translated moves less
 
 
@@ -38,18 +38,18 @@ def estimate_revision(
         checked: also run the consistency tests.
         newest_only: leave out earlier pairs if the method can.
     """
-    found = state.method.to_estimate(solution, revision=max(state.revision, len(state.pairs)), newest_only=newest_only)
+    estimate = state.method.to_estimate(solution, revision=max(state.revision, len(state.pairs)), newest_only=newest_only)
     checks = state.method.consistency_notes(solution) if checked else ()
-    whole = state.pairs if len(found.motions) == len(state.pairs) else ()
-    moves = ((pair.pair, pair.step.shift_um) for pair in whole if pair.step.phase is not Phase.TENSION)
-    path = stage_path_notes(moves, found.motions)
-    return replace(found, notes=(*found.notes, *path, *checks, *state.model_correction.notes))
+    pairs = state.pairs if len(estimate.motions) == len(state.pairs) else ()
+    moves = ((pair.pair, pair.step.shift_um) for pair in pairs if pair.step.phase is not Phase.TENSION)
+    path = stage_path_notes(moves, estimate.motions)
+    return replace(estimate, notes=(*estimate.notes, *path, *checks, *state.model_correction.notes))
 
 
 def residual_warning(state: AnalysisState) -> tuple[Note, ...]:
     """A warning if the residuals of the newest solution of the joint method are not white."""
-    found = whiteness_test(state.solution, state.pairs) if isinstance(state.solution, Solution) else None
-    return () if found is None else found.notes()
+    test = whiteness_test(state.solution, state.pairs) if isinstance(state.solution, Solution) else None
+    return () if test is None else test.notes()
 
 
 def finalise(
@@ -59,7 +59,7 @@ def finalise(
     evaluated: Callable[[int], None] | None = None,
     point_sigma: bool = False,
 ) -> RunResult:
-    """The result of the whole run, every frame corrected with one solution.
+    """The result of the complete run, every frame corrected with one solution.
 
     Args:
         state: of the run.
@@ -93,7 +93,7 @@ def calibration_refusal(result: RunResult, settings: AnalysisSettings) -> str | 
         return None
     unloaded = [pair for pair in result.decisions if pair.step.phase is not Phase.TENSION]
     translated = any(pair.step.shift_px != (0.0, 0.0) for pair in unloaded)
-    if not translated and result.decisions[0].first.vendor == IMPORTED:
+    if not translated and result.decisions[0].first.origin is FrameOrigin.IMPORTED:
         numbers = {pair.pair for pair in unloaded}
         shifts_px = [motion.shift_px for motion in result.estimate.motions if motion.pair in numbers]
         translated = len(shifts_px) > 1 and float(np.ptp(shifts_px, axis=0).max()) > MIN_TRANSLATION_PX

@@ -22,7 +22,7 @@ from semlive.diagnose.baseline.observation import Observation, StepConditions, b
 from semlive.diagnose.maps.relinearise import choose_coupling
 from semlive.diagnose.scalars.load_cell import LoadReadings, load_offsets, load_readings
 from semlive.errors import IllPosed
-from semlive.estimate.joint.observations.normal_equations import DENSE_PAIRS
+from semlive.estimate.joint.observations.accumulation import DENSE_PAIRS
 from semlive.model.effects.load_cell import LOAD_CELL_EFFECTS, OUT_OF_PLANE
 from semlive.model.effects.stage import non_map_effect
 
@@ -97,7 +97,7 @@ def fit_effect_correction(
     first = measured[0].decision.first
     of_maps = [one for one in model.effects if non_map_effect(one.name) is None]
     of_cell = [one.name for one in model.effects if one.name in LOAD_CELL_EFFECTS]
-    notes = [_note(f"{one.name} is {_kind(one)}, and is left in") for one in model.effects if _left_alone(one)]
+    notes = [_note(f"{one.name} is {_kind(one)}, and is left in") for one in model.effects if _is_not_corrected(one)]
     why = incompatibility_reason(model, (first.width_px, first.height_px))
     if why or not (of_maps or of_cell):
         unsuitable = (_nothing_corrected(NoteCode.EFFECTS_OF_OTHER_FRAMES, why),) if why else ()
@@ -111,13 +111,13 @@ def fit_effect_correction(
         observation = make_observation(solution, steps, other)
     except IllPosed as error:
         return EffectCorrection(len(measured), notes=(_note(f"nothing is taken out of the maps yet: {error}"), *notes))
-    loads_n, said = _cell(load_readings(observation, steps, loading_axis), of_cell, steps)
+    loads_n, load_notes = _cell(load_readings(observation, steps, loading_axis), of_cell, steps)
     if not of_maps:
-        return EffectCorrection(len(measured), loads_n=loads_n, notes=(*said, *notes))
-    return replace(_taken(observation, of_maps, [*said, *notes]), loads_n=loads_n)
+        return EffectCorrection(len(measured), loads_n=loads_n, notes=(*load_notes, *notes))
+    return replace(_map_correction(observation, of_maps, [*load_notes, *notes]), loads_n=loads_n)
 
 
-def _left_alone(effect: ModelEffect) -> bool:
+def _is_not_corrected(effect: ModelEffect) -> bool:
     return non_map_effect(effect.name) is not None and effect.name not in LOAD_CELL_EFFECTS
 
 
@@ -155,20 +155,20 @@ def incompatibility_reason(model: EffectModel, size_px: tuple[int, int]) -> str:
     return f"it was found in frames of {model.size_px[0]} x {model.size_px[1]} px, and these are {size_px[0]} x {size_px[1]} px"
 
 
-def _taken(observation: Observation, effects: Sequence[ModelEffect], notes: Sequence[Note]) -> EffectCorrection:
+def _map_correction(observation: Observation, effects: Sequence[ModelEffect], notes: Sequence[Note]) -> EffectCorrection:
     observed = observable_effects(observation, effects)
     moved = effect_displacement(choose_coupling(observation, (), observed).observation, observed)
     out = [effect for effect in moved.effects if effect not in moved.not_corrected]
-    said = [_note(f"{', '.join(out)} taken out of the maps; what is stated of strain does not hold their uncertainty")] if out else []
-    said += [_note(f"{value} is strain or cannot be told from it, and is left in") for value in moved.not_corrected]
-    said += [
+    messages = [_note(f"{', '.join(out)} taken out of the maps; the stated uncertainty of strain does not include theirs")] if out else []
+    messages += [_note(f"{value} is strain or cannot be separated from it, and is left in") for value in moved.not_corrected]
+    messages += [
         _note(f"{effect.name} cannot be seen: there are no loads or moves for it to go with")
         for effect in effects
         if effect not in observed
     ]
     fields = interpolate_to_grid(observation, moved.field_px, observation.grid) if out else {}
     strain = {frame: _strain(observation.grid, moved_px) for frame, moved_px in fields.items()}
-    return EffectCorrection(len(observation.geometry.frame) // 2, fields, strain, notes=(*said, *notes))
+    return EffectCorrection(len(observation.geometry.frame) // 2, fields, strain, notes=(*messages, *notes))
 
 
 def _strain(grid: Grid, moved_px: Array) -> Tensor2:

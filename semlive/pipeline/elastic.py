@@ -49,9 +49,9 @@ def fit_elastic(state: AnalysisState, solution: MethodSolution, summaries: Mappi
         both = np.concatenate((at, at + count))
 
         def gage_covariance(functions: NDArray[np.float64]) -> NDArray[np.float64]:
-            whole = np.zeros((len(functions), 2 * count))
-            whole[:, both] = functions
-            return covariance(whole)
+            padded = np.zeros((len(functions), 2 * count))
+            padded[:, both] = functions
+            return covariance(padded)
 
         with suppress(IllPosed):
             comparison = mechanics.compare_with_gage(gage_steps, area_mm2, axis, specimen.gage_factor_sigma, gage_covariance)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from semlive.data.faults import FaultCode
-from semlive.engine import Cause, Device, State
+from semlive.data.faults import FaultCode, FaultKind
+from semlive.engine import Cause, State
 
 _AGAIN = "press Resume, which asks once more before anything moves"
 _FAULTS: Mapping[str, str] = {
@@ -25,7 +25,6 @@ _STATES: Mapping[str, str] = {
     State.RESUMING: "Compare load and stage with what is written here; Resume goes on from the step's motion, Stop ends the run.",
     State.ABORTED: "The run has ended; what was measured is in the log. semlive run --resume takes it up again.",
 }
-_DEVICES = frozenset(device.words for device in Device)
 QUESTION_STATES = frozenset({State.PAUSED, State.FAULT, State.EMERGENCY_STOP, State.RESUMING})
 """States in which nothing goes on without the operator."""
 
@@ -41,16 +40,16 @@ def advice(state: str, cause: str) -> str:
     return _STATES.get(state, "")
 
 
-def advice_for(where: str, code: str = "") -> str:
-    """What to do about a fault, by where it arose and its `FaultCode`; empty if there is nothing to say but what semlive did."""
+def advice_for(kind: str, code: str = "") -> str:
+    """What to do about a fault of a `FaultKind` and a `FaultCode`; empty if nothing is to be done."""
     if code == FaultCode.STOP_NOT_OBEYED:
         return "Press the machine's own emergency stop now. Acknowledge when it rests."
-    if where == "log":
+    if kind == FaultKind.LOG:
         return "Make room on the disk; when the log keeps up again, Resume."
-    if where == "export folder":
+    if kind == FaultKind.EXPORT_FOLDER:
         return "See to the share that holds the export folder."
-    if where in _DEVICES or where == "run":
+    if kind in (FaultKind.DEVICE, FaultKind.RUN):
         return "Where the run waits for you, the bar above says what to do."
-    if where == "analysis":
+    if kind == FaultKind.ANALYSIS:
         return "Nothing: recording goes on, and results catch up."
     return ""

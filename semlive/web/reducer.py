@@ -25,7 +25,7 @@ from semlive.formats.log.messages import (
     StateMessage,
     from_json,
 )
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.service.config.configuration import parse_config
 from semlive.service.log import alarms as alarm_rules
 from semlive.service.log.alarms import Alarm
@@ -188,7 +188,7 @@ def _warned(view: PageState, time_ns: int, level: str, text: str, what_to_do: st
 
 def _with_notices(view: PageState) -> PageState:
     """Merge alarms and warnings; an open alarm about a disobeyed stop is shown regardless of later entries."""
-    known = view.raised.known
+    known = view.raised.listed
     shown = (*(one for one in known[:-_SHOWN_ALARMS] if one.disobeyed and not one.acknowledged), *known[-_SHOWN_ALARMS:])
     notices = sorted((*view.warnings, *(_notice(view, alarm) for alarm in shown)), key=lambda one: one.time_s)
     return replace(view, alarms=tuple(notices))
@@ -199,7 +199,7 @@ def _notice(view: PageState, alarm: Alarm) -> Notice:
         seconds(view, alarm.time_ns),
         "error",
         alarm.text if alarm.where in ("", "run") else f"{alarm.where}: {alarm.text}",
-        advice_for(alarm.where, alarm.code) or f"semlive: {alarm.action}.",
+        advice_for(alarm.kind, alarm.code) or f"semlive: {alarm.action}.",
         alarm.identity,
         alarm.code,
         None if alarm.acknowledged_ns is None else seconds(view, alarm.acknowledged_ns),

@@ -28,7 +28,7 @@ from semlive.formats.log.messages import LogLineMessage, StateMessage
 from semlive.service.analysis import process
 from semlive.service.analysis.process import AnalysisProcess
 from semlive.service.log.files import segment_path
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.log.run_log import RunLog
 from semlive.service.runtime.clock import SystemClock
 
@@ -44,7 +44,7 @@ def children() -> set[int]:
 
 def measure(pairs: int, frames: int, folder: Path) -> dict[str, object]:
     """Record so many pairs while nobody reads."""
-    process._SILENT_AT_FIRST_S = 1e9  # else another would be started in its place
+    process._MAX_SILENT_AT_START_S = 1e9  # else another would be started in its place
     clock, before = SystemClock(), children()
     recorder = Recorder(segment_path(folder, "run", 0), clock, sys.exit)
     link = AnalysisProcess(folder, lambda: recorder.write_failed, lambda _: None, lambda what, _: sys.exit(what))

@@ -32,7 +32,7 @@ from blind.imported import imported
 from blind.scoring import at_least
 
 INJECTED, SIZE, FIRST_SEED, ASKED = 1e-4, 4.0, 90_001, 0.02
-LEFT_IN = "is strain or cannot be told from it"
+LEFT_IN = "is strain or cannot be separated from it"
 
 
 @dataclass(frozen=True, slots=True)

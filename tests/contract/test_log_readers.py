@@ -15,22 +15,20 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from semlive.data.disparity import DisparityMap
-from semlive.data.drift import DistortionField, DriftEstimate
+from semlive.data.displacement import Displacement
+from semlive.data.drift import DistortionField, DriftEstimate, EstimateRevision
 from semlive.data.experiment import Phase, Step
 from semlive.data.frame import Frame, FrameInfo
 from semlive.data.grid import Grid
 from semlive.data.pair import Pair, PairDecision
+from semlive.data.results import FrameResult, PairResult
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.strain import ElasticConstants, MeasuredValue, StrainField, StrainSummary, Tensor2
 from semlive.formats.log import conversions as values
 from semlive.formats.log.foxglove import IMAGE_TOPICS, SEM_IMAGE
-from semlive.formats.log.maps import encode_map, encode_strain
 from semlive.formats.log.messages import (
-    DIC_MAP,
     RAW_TOPICS,
-    STRAIN_FIELD,
     TOPICS,
-    FaultMessage,
     LogLineMessage,
     OperatorMessage,
     Payload,
@@ -41,8 +39,10 @@ from semlive.formats.log.messages import (
     to_json,
     topic_of,
 )
-from semlive.formats.log.writer import LogMessage, LogWriter
+from semlive.formats.log.reader import LogMessage
+from semlive.formats.log.writer import LogWriter
 from semlive.service.analysis.preview_images import preview_images
+from semlive.service.analysis.results import result_messages
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from read_by_others import by_node, check_messages, counts, node_modules, viewers_understand
@@ -79,23 +79,22 @@ FRAMES = (frame(7), frame(9, np.uint16))
 PAIR = PairDecision(1, Step(1, Phase.TENSION, (0.0, 0.0), (0.0, 0.0), 100.0), FRAMES[0].info, FRAMES[1].info, None)
 
 
-def outputs() -> list[LogMessage]:
+def corrected(number: int) -> FrameResult:
+    u, v, sigma_u, sigma_v = np.random.default_rng(number).normal(size=(4, *GRID.shape))
+    tensor = Tensor2(1e-3, 2e-3, 3e-3)
+    displacement = Displacement(number, GRID, u, v, sigma_u, sigma_v, np.ones(GRID.shape, bool))
+    return FrameResult(displacement, strain(number), StrainSummary(number, tensor, tensor, tensor, 83.0, None))
+
+
+def analysed() -> PairResult:
+    """The results of a pair, with an earlier frame that was corrected again."""
     rng = np.random.default_rng(0)
     drift = DriftEstimate(rng.normal(size=5), np.arange(5), *rng.normal(size=(3, 5, 2)), revision=2)
     distortion = DistortionField(GRID, *rng.normal(size=(3, *GRID.shape)), np.ones(GRID.shape, bool))
-    tensor = Tensor2(1e-3, 2e-3, 3e-3)
-    maps = [
-        LogMessage(DIC_MAP, END_NS, END_NS, one.current, encode_map(one)) for one in (disparity(2, 3), disparity(0, 2), disparity(0, 3))
-    ]
-    fields = [LogMessage(STRAIN_FIELD, END_NS, END_NS, number, encode_strain(strain(number))) for number in (2, 3, 0)]
-    summaries = [
-        values.drift_message(drift),
-        values.distortion_message(distortion, 2),
-        values.strain_message(StrainSummary(3, tensor, tensor, tensor, 83.0, None), 2),
-        values.elastic_message(ElasticConstants(MeasuredValue(71.0, 0.1), MeasuredValue(0.33, 0.01)), 2),
-        values.elastic_message(None, 2),
-    ]
-    return [*maps, *fields, *map(told, summaries)]
+    estimate = EstimateRevision(drift, distortion, (), 0.01, ())
+    elastic = ElasticConstants(MeasuredValue(71.0, 0.1), MeasuredValue(0.33, 0.01))
+    maps = (disparity(2, 3), disparity(0, 2), disparity(0, 3))
+    return PairResult(PAIR, 2, maps, estimate, (corrected(2), corrected(3)), elastic, None, (corrected(0),))
 
 
 @pytest.fixture(scope="module")
@@ -107,8 +106,10 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     said = [begun, state, LogLineMessage(time_ns=END_NS, level="warning", text="hot"), OperatorMessage(time_ns=1, what="start", args={})]
     with path.open("wb") as stream:
         writer = LogWriter(stream)
-        made = outputs()
-        for at, one in enumerate([*map(told, said), pair, *made, *preview_images(Pair(PAIR, *FRAMES), made)]):
+        result = analysed()
+        unknown = told(values.elastic_message(None, 2))
+        made = [unknown, *result_messages(result, 0.1), *preview_images(Pair(PAIR, *FRAMES), result)]
+        for at, one in enumerate([*map(told, said), pair, *made]):
             writer.write(one.topic, one.payload, END_NS + at, one.publish_time_ns, one.sequence if one.topic in RAW_TOPICS else None)
             writer.flush()
         writer.finish()
@@ -163,8 +164,7 @@ def test_pictures_are_lossless_and_fields_are_shown_to_the_last_bit(log: Path) -
 
 
 def test_a_pair_that_could_not_be_analysed_is_shown_all_the_same() -> None:
-    fault = told(FaultMessage(time_ns=1, what="", where="", action=""))
-    assert [one.topic for one in preview_images(Pair(PAIR, *FRAMES), [fault])] == [SEM_IMAGE, SEM_IMAGE]
+    assert [one.topic for one in preview_images(Pair(PAIR, *FRAMES), None)] == [SEM_IMAGE, SEM_IMAGE]
 
 
 def test_lines_of_the_log_are_foxglove_s_and_older_ones_are_still_read(log: Path) -> None:

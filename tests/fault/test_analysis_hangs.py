@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 
 from semlive.formats.log.messages import SEM_SIDECAR, RunMessage
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.service.analysis import process
+from semlive.service.analysis.messages import READY_TEXT
 from semlive.service.analysis.pipe import AnalysisOutput, AnalysisReady
 from semlive.service.analysis.process import AnalysisProcess
-from semlive.service.analysis.worker import READY_TEXT
 from semlive.service.config.configuration import parse_config
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.log.run_log import RunLog
 
 CONFIG = {
@@ -63,7 +63,7 @@ def test_a_hung_analysis_is_started_again_and_what_waits_for_it_takes_no_memory(
     wait_until(lambda: bool(said), 120.0)
     (child,) = children() - before
     os.kill(child, signal.SIGSTOP)
-    monkeypatch.setattr(process, "_SILENT_S", 2.0)
+    monkeypatch.setattr(process, "_MAX_SILENT_S", 2.0)
     tracemalloc.start()
     for number in range(WAITING):
         link.notify_input(recorder.write(SEM_SIDECAR, bytes(BYTES), sequence=number))

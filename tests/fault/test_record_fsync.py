@@ -15,10 +15,11 @@ import pytest
 from mcap.reader import make_reader
 
 from semlive.formats.log.messages import SEM_ORIGINAL, LogLineMessage, to_json
-from semlive.formats.log.writer import LogMessage, LogWriter
+from semlive.formats.log.reader import LogMessage
+from semlive.formats.log.writer import LogWriter
 from semlive.service.log.files import messages
+from semlive.service.log.recording import REWRITING
 from semlive.service.log.repair import recover_log, repair_partial_segments
-from semlive.service.log.segment import REWRITING
 from semlive.service.log.tail import LogTail
 
 ORIGINALS = 30
@@ -28,7 +29,7 @@ WRITER = """
 import json, sys, time
 from pathlib import Path
 from semlive.formats.log.messages import FileMessage, LogLineMessage, RunMessage
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.log.tail import LogTail
 class Clock:
     def now_ns(self): return time.time_ns()
@@ -170,7 +171,7 @@ def grown(path: Path, lines: range, after_ns: int | None = None, lost: int | Non
     with path.open("wb") as stream:
         writer = LogWriter(stream)
         if after_ns is not None:
-            writer.tell_rewritten(after_ns)
+            writer.write_rewritten_metadata(after_ns)
         for number in lines:
             writer.write("/log", line(number).payload, number, number, number)
             begin = stream.tell()

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 import yaml
 
-from semlive.service.analysis.worker import READY_TEXT
+from semlive.service.analysis.messages import READY_TEXT
 
 from .by_hand import lives
 

@@ -16,8 +16,9 @@ import tifffile
 
 from semlive.data.frame import ExportedFile
 from semlive.service.log.files import messages
-from semlive.service.watch.export_folder import ExportFolder, RejectedFile, WatchSettings
+from semlive.service.watch.export_folder import ExportFolder
 from semlive.service.watch.file_reader import FileReader, StillReading, read_regular
+from semlive.service.watch.watch_settings import RejectedFile, WatchSettings
 
 from .by_hand import HandClock, image
 
@@ -67,7 +68,7 @@ def test_links_to_kernel_files_and_devices_are_refused_and_other_files_are_taken
     assert sorted(reasons) == ["a.tif", "b.tif", "c.tif", "d.tif"]
     assert "is not a regular file" in reasons["b.tif"]
     assert "is not a regular file" in reasons["c.tif"]
-    assert "never became whole" in reasons["a.tif"]
+    assert "never became complete" in reasons["a.tif"]
 
 
 def test_a_read_that_does_not_return_is_named_and_others_go_on(tmp_path: Path) -> None:

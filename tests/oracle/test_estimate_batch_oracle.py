@@ -16,7 +16,8 @@ from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import EstimateSettings
-from semlive.estimate.joint.observations.normal_equations import map_columns, marginal, relinearise
+from semlive.estimate.joint.observations.design_columns import map_columns
+from semlive.estimate.joint.observations.normal_equations import marginal, relinearise
 from semlive.estimate.joint.observations.priors import GAUGE_PX, Hyperparameters, gauge_precision, prior_precision
 from semlive.estimate.joint.observations.state import EstimatorState
 from semlive.estimate.joint.solution.posterior import posterior

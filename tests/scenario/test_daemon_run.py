@@ -18,11 +18,12 @@ from semlive.estimate.joint.solution.solver import selection_due
 from semlive.formats.log.foxglove import SEM_IMAGE
 from semlive.formats.log.maps import decode_displacement, decode_strain
 from semlive.formats.log.messages import DISPLACEMENT_FIELD, STRAIN_FIELD
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.report.campaign import process_pool, reanalyse
+from semlive.service.analysis.messages import INPUT_TOPICS
 from semlive.service.analysis.pipe import read_message
 from semlive.service.analysis.result_json import result_json
-from semlive.service.analysis.worker import INPUT_TOPICS, WorkerState, process_message
+from semlive.service.analysis.step import WorkerState, process_message
 from semlive.service.config.overrides import parse_changes
 from semlive.service.log.files import messages
 from semlive.service.replay.replay import ReplayRequest, Source, replay

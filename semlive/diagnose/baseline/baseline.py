@@ -13,7 +13,7 @@ from semlive.diagnose.baseline.priors import SMOOTH_DRIFT_PRIORS, DriftPrior, Pr
 from semlive.diagnose.baseline.whitening import Whitener
 from semlive.diagnose.parallel import parallel_map
 from semlive.estimate.joint.elimination.arrowhead import ArrowheadFactor, ComponentBlocks, factorise
-from semlive.estimate.joint.observations.normal_equations import map_columns
+from semlive.estimate.joint.observations.design_columns import map_columns
 from semlive.estimate.joint.observations.priors import Hyperparameters
 from semlive.estimate.joint.selection.marginal_likelihood import log_prior
 

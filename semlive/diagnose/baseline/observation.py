@@ -15,7 +15,9 @@ from semlive.data.pair import PairDecision
 from semlive.data.strain import MeasuredValue
 from semlive.errors import IllPosed
 from semlive.estimate.joint.elimination.elimination import eliminate_all
-from semlive.estimate.joint.observations.normal_equations import dense_limit, predicted, relinearise
+from semlive.estimate.joint.observations.accumulation import dense_limit
+from semlive.estimate.joint.observations.design_columns import predicted
+from semlive.estimate.joint.observations.normal_equations import relinearise
 from semlive.estimate.joint.observations.priors import Smoothness
 from semlive.estimate.joint.observations.state import EstimatorState, MapObservations
 from semlive.estimate.joint.solution.posterior import Solution, mean_with, posterior_from_elimination, solve_both_couplings

@@ -18,7 +18,8 @@ from semlive.diagnose.baseline.model_effects import effect_class
 from semlive.diagnose.baseline.observation import Observation, StepConditions, drift_px, make_observation
 from semlive.errors import IllPosed
 from semlive.estimate.joint.elimination.elimination import eliminate_all
-from semlive.estimate.joint.observations.normal_equations import relinearise, update
+from semlive.estimate.joint.observations.accumulation import update
+from semlive.estimate.joint.observations.normal_equations import relinearise
 from semlive.estimate.joint.observations.priors import Hyperparameters
 from semlive.estimate.joint.observations.state import EstimatorState, init
 from semlive.estimate.joint.solution.posterior import Solution, posterior_from_elimination

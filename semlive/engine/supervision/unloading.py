@@ -30,9 +30,9 @@ def ramp_sign(state: EngineState) -> float:
 def unloading_problem(state: EngineState) -> str | None:
     """Return why the order of the present step would unload the specimen although the plan does not, or None."""
     target_n = state.step.load_n
-    if target_n is None or state.load is None:
+    if target_n is None or state.devices.load is None:
         return None
-    now_n, before_n = state.load.force_n, planned_load_before_n(state)
+    now_n, before_n = state.devices.load.force_n, planned_load_before_n(state)
     tolerance_n = state.plan.hold.load_tolerance(target_n)
     reduces = abs(now_n) > abs(target_n) + tolerance_n or (now_n * target_n < 0 and abs(now_n) > tolerance_n)
     plan_reduces = abs(before_n) > abs(target_n) or before_n * target_n < 0
@@ -53,11 +53,11 @@ def unloaded_max_n(limits: Limits) -> float:
 
 def loaded_problem(state: EngineState) -> str | None:
     """Return why a step before the first load must not begin, because the load frame carries load, or None."""
-    if state.load is None or state.load_frame is None or state.step.load_n is not None or state.step.phase is Phase.TENSION:
+    if state.devices.load is None or state.devices.load_frame is None or state.step.load_n is not None or state.step.phase is Phase.TENSION:
         return None
     if any(step.load_n is not None for step in state.plan.steps[: state.step_index]):
         return None
-    now_n, max_n = state.load.force_n, max(unloaded_max_n(state.limits), state.plan.hold.load_tolerance_n)
+    now_n, max_n = state.devices.load.force_n, max(unloaded_max_n(state.limits), state.plan.hold.load_tolerance_n)
     if abs(now_n) <= max_n:
         return None
     return (

@@ -1,12 +1,12 @@
-"""The procedure as published: M. A. Sutton et al., Experimental Mechanics (2007), equations 1-10 and Fig. 3.
+"""The published procedure: M. A. Sutton et al., Experimental Mechanics (2007), equations 1-10 and Fig. 3.
 
-Velocity of drift at every position from the two frames of each pair by central difference; a B-spline of few coefficients
-in time at every position; integration, the first frame along the beam's way; then a B-spline distortion and all motions at
-once from the first frames of the pairs (bundle adjustment); and again with the distortion taken out, until it settles.
-A batch and a reference for comparison: the second frames tell of drift alone, and there is no covariance but a plain estimate.
+The drift velocity at every position follows from the two frames of each pair by central differences. A B-spline of few coefficients in time
+is fitted at every position and integrated, in the first frame along the path of the beam. A B-spline distortion and all motions are then
+estimated together from the first frames of the pairs (bundle adjustment). The steps are repeated with corrected distortion until they
+converge. This batch method is a reference for comparison: the second frames determine only the drift, and the covariance is approximate.
 
-What the paper leaves open is stated in `SuttonOptions` and in the settings. Its figures on its own numerical experiment are not
-reached without a smoothing of the local drift over positions, which it does not mention: 60 px, Gaussian, by default.
+`SuttonOptions` and the settings state what the paper does not specify. The figures of its numerical experiment are reached only with
+a smoothing of the local drift over positions, which the paper does not mention: Gaussian, 60 px by default.
 """
 
 from semlive.estimate.sutton.procedure import SuttonOptions, SuttonSolution, solve, solve_incremental

@@ -12,19 +12,19 @@ from scipy.linalg import cho_factor, cho_solve
 from semlive.estimate.sutton.surface import Surface
 
 Array = NDArray[np.float64]
-# The affine part is a gauge (translations cannot tell it) and held to zero; the ridge serves what no translation showed.
+# Translations do not determine the affine part, which is a gauge and set to zero; the ridge regularises areas that no translation showed.
 GAUGE_WEIGHT = 1.0
 RIDGE = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TranslatedImage:
-    """What one translated image gives, frame 0 being the other.
+    """Observations of one translated image relative to frame 0.
 
     Attributes:
         pair: number of its pair.
-        before_px: (n, 2) address in frame 0 at which the distortion counts.
-        after_px: (n, 2) the same in the image.
+        before_px: (n, 2) address in frame 0 at which the distortion is evaluated.
+        after_px: (n, 2) address in the image.
         moved_px: (n, 2) disparity with drift removed.
     """
 
@@ -36,12 +36,12 @@ class TranslatedImage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BundleAdjustment:
-    """Distortion and motions that go together.
+    """Distortion and motions that were estimated together.
 
     Attributes:
         surface: the distortion.
         shifts_px: (2,) motion of each image's pair relative to frame 0.
-        residual_px: robust standard deviation of what is left, per component.
+        residual_px: robust standard deviation of the residual, per component.
         covariance: (size, size) of the surface's coefficients, one component, for unit noise of independent points.
         shift_sigma: standard uncertainty of a motion, for unit noise of independent points.
     """

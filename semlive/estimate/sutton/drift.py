@@ -31,10 +31,10 @@ class LocalDrift:
         grid: positions.
         spline: velocity in px/s over time since frame 0; its coefficients are (K, ny, nx, 2).
         integral: of `spline`.
-        row_time_s: (rows,) when each image row of the first frame was scanned.
-        path_px: (rows, 2) drift at those times, integrated along the way of the beam (footnote 3).
+        row_time_s: (rows,) time at which each image row of the first frame was scanned, s.
+        path_px: (rows, 2) drift at those times, integrated along the path of the beam (footnote 3).
         velocity_sd_px_s: standard deviation of one position's measured velocity about its spline.
-        kept: fraction of the noise variance that the spatial smoothing leaves.
+        noise_fraction: fraction of the noise variance that remains after the spatial smoothing.
     """
 
     first: FrameTime
@@ -44,16 +44,16 @@ class LocalDrift:
     row_time_s: Array
     path_px: Array
     velocity_sd_px_s: float
-    kept: float
+    noise_fraction: float
 
     def at(self, address_px: Array, when: FrameTime) -> Array:
         """(n, 2) drift at scan addresses (n, 2) of a frame."""
-        begun_s = self.first.start_s + self.first.timing.time_in_frame_s(address_px[:, 0], address_px[:, 1])
+        begin_s = self.first.start_s + self.first.timing.time_in_frame_s(address_px[:, 0], address_px[:, 1])
         now_s = when.start_s + when.timing.time_in_frame_s(address_px[:, 0], address_px[:, 1])
-        start_px = np.stack([np.interp(begun_s, self.row_time_s, value) for value in self.path_px.T], axis=1)
+        start_px = np.stack([np.interp(begin_s, self.row_time_s, value) for value in self.path_px.T], axis=1)
         if when.frame == self.first.frame:
             return start_px
-        return start_px + self._integrated(address_px, now_s) - self._integrated(address_px, begun_s)
+        return start_px + self._integrated(address_px, now_s) - self._integrated(address_px, begin_s)
 
     def rate_at(self, address_px: Array, when: FrameTime) -> Array:
         """(n, 2) drift velocity at scan addresses (n, 2) of a frame, px/s."""
@@ -65,7 +65,7 @@ class LocalDrift:
         basis = _basis(self.spline)
         design, reach = basis(pair_times_s), np.asarray(basis.antiderivative()(when.start_s) - basis.antiderivative()(self.first.start_s))
         covariance = np.linalg.pinv(design.T @ design)
-        return float(self.velocity_sd_px_s * np.sqrt(self.kept * reach @ covariance @ reach))
+        return float(self.velocity_sd_px_s * np.sqrt(self.noise_fraction * reach @ covariance @ reach))
 
     def _integrated(self, address_px: Array, time_s: Array) -> Array:
         return np.einsum("nk,nkc->nc", _basis(self.spline).antiderivative()(time_s), self._local(self.spline.c, address_px))

@@ -27,7 +27,7 @@ class LensDistortion:
         decentering_px: (2,) p of ``(p1 (3 x^2 + y^2) + 2 p2 x y, 2 p1 x y + p2 (x^2 + 3 y^2))``.
         prismatic_px: (2,) s of ``(s1 r^2, s2 r^2)``.
         tangential_px: (2,) coefficients of r^3 and r^5 across the radius (a spiral).
-        residual_px: robust standard deviation of what the fit leaves, per component.
+        residual_px: robust standard deviation of the residual of the fit, per component.
     """
 
     centre_px: Array

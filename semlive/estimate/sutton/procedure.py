@@ -69,8 +69,8 @@ class SuttonSolution:
 
     def drift_of(self, frame: int) -> LocalDrift:
         """Drift of the phase that contains a frame."""
-        begun_s = self.state.frame_time(frame).start_s
-        return [drift for drift in self.drifts if drift.first.start_s <= begun_s][-1]
+        begin_s = self.state.frame_time(frame).start_s
+        return [drift for drift in self.drifts if drift.first.start_s <= begin_s][-1]
 
     def drift_px(self, address_px: Array, when: FrameTime) -> Array:
         """(n, 2) drift at scan addresses of a frame."""

@@ -1,4 +1,4 @@
-"""The procedure's results in the words of `semlive.data`, the same as those of the joint method."""
+"""Results of the procedure as values of `semlive.data`, like those of the joint method."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from semlive.estimate.sutton.state import PairMaps
 
 Array = NDArray[np.float64]
 SAMPLES_PER_FRAME = 12
-UNKNOWN_PX = 1e3  # the uncertainty of what no data have shown
+UNKNOWN_PX = 1e3  # uncertainty of the distortion where no data determine it
 MIN_SPAN_PX = 4.0  # translations along an axis that differ by less than this do not show distortion along it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrectionStrain:
-    """The mean strain that a correction took off a map, as it was at one time.
+    """Mean strain of the correction of a map at one time.
 
     Attributes:
         dmap: the map.
@@ -38,7 +38,7 @@ class CorrectionStrain:
 
 
 def to_estimate(solution: SuttonSolution, revision: int, newest_only: bool = False) -> EstimateRevision:
-    """Everything known, as one revision; a batch leaves nothing out."""
+    """The complete estimate as one revision; a batch contains all pairs."""
     del newest_only
     distortion = _distortion(solution)
     motions = tuple(_motion(solution, pair) for pair in solution.state.pairs)
@@ -173,7 +173,7 @@ def _drift_sigma_px(solution: SuttonSolution, when: FrameTime) -> float:
 
 
 def _drift(solution: SuttonSolution, revision: int) -> DriftEstimate:
-    """Drift of the position in the middle of the grid, as in the paper's Fig. 5, and beside it along the column."""
+    """Drift in the middle column of the grid, at several rows; Fig. 5 of the paper shows the middle of the grid."""
     state = solution.state
     grid = state.grid
     frames = sorted(state.frames, key=_start)

@@ -104,7 +104,7 @@ def update(
     if state.pairs and times[0].start_s < state.pairs[-1].times[0].start_s:
         raise IllPosed(f"pair {pair} was scanned before a pair already known: give pairs in the order of their times")
     if not any(dmap.valid.any() for dmap in maps):
-        raise IllPosed(f"no point of pair {pair} was correlated, so it says nothing: check focus and contrast of its frames")
+        raise IllPosed(f"no point of pair {pair} was correlated, so it has no information: check focus and contrast of its frames")
     for dmap in maps:
         if dmap.grid != state.grid:
             raise IllPosed(f"the map {dmap.reference} -> {dmap.current} is on another grid than the estimate: correlate all on one grid")

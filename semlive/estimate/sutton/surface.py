@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """Two components over x and y; beyond its area it goes on as at the edge.
+    """Two components over x and y; constant beyond the edge of its area.
 
     Attributes:
         knots_x: clamped knots along x.

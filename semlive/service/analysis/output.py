@@ -17,7 +17,7 @@ from semlive.service.analysis.pipe import AnalysisOutput, Heartbeat, write_messa
 _BEAT_S = 1.0
 # A pair of 16 million pixels takes some seconds, the conclusion of 22 pairs took two minutes on a busy computer.
 _STUCK_S = 600.0
-_FIRST_TO_GO = "500"
+_OOM_SCORE_ADJUSTMENT = "500"
 
 
 class OutputStream:
@@ -61,19 +61,19 @@ class OutputStream:
                 with self._lock:
                     write_message(self._stream, Heartbeat())
             except OSError:
-                # Control died, and what was announced may never come into the log: nobody waits for us any more.
+                # Control ended. Messages that it announced may never be written to the log, and no process reads the outputs.
                 os._exit(1)
 
 
 def lower_priority() -> None:
     """Lower the priority for processors and memory below all processes that supervise the machine; control ends this process."""
     if hasattr(os, "nice"):
-        # Links, watcher and recorder come first: they are late by milliseconds if correlation takes both cores.
+        # At equal priority, links, watcher and recorder are late by milliseconds while correlation uses both cores.
         os.nice(10)
-    # Where memory is short Linux ends this process, which is started again, and not control.
+    # If memory is exhausted, Linux ends this process, which is started again, and not control.
     with contextlib.suppress(OSError):
-        Path("/proc/self/oom_score_adj").write_text(_FIRST_TO_GO, encoding="ascii")
+        Path("/proc/self/oom_score_adj").write_text(_OOM_SCORE_ADJUSTMENT, encoding="ascii")
     for name in ("SIGTERM", "SIGHUP"):
-        # A service manager tells the whole group to end; control ends us when the log is whole.
+        # A service manager sends these to all processes of the group; control ends this process when the log is complete.
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)

@@ -8,12 +8,15 @@ from dataclasses import dataclass
 from typing import IO
 
 from semlive.errors import SemliveError
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 
 # kind, topic length, payload length, sequence, log time, publish time
 _HEAD = struct.Struct("<BHIIqq")
 _COUNT = struct.Struct("<Q")
 _OUTPUT, _READY, _HEARTBEAT = 0, 1, 2
+
+LOG_REPLACED = 4
+"""Exit status of the analysis process if the log was replaced by the log of another run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,5 +93,5 @@ def write_count(stream: IO[bytes], count: int) -> None:
 
 def read_counts(stream: IO[bytes]) -> Iterator[int]:
     """Yield every received count until the other end closes the pipe or ends."""
-    while len(told := stream.read(_COUNT.size)) == _COUNT.size:
-        yield _COUNT.unpack(told)[0]
+    while len(packed := stream.read(_COUNT.size)) == _COUNT.size:
+        yield _COUNT.unpack(packed)[0]

@@ -9,29 +9,31 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from semlive.formats.log.writer import LogMessage
-from semlive.service.analysis.pipe import AnalysisOutput, Heartbeat, read_message, write_count
-from semlive.service.analysis.worker import INPUT_TOPICS, LOG_REPLACED
+from semlive.formats.log.reader import LogMessage
+from semlive.service.analysis.messages import INPUT_TOPICS
+from semlive.service.analysis.pipe import LOG_REPLACED, AnalysisOutput, Heartbeat, read_message, write_count
 from semlive.service.log.files import messages
 from semlive.service.runtime.process import start_child
 
-# In a row, without a new output in between: what it dies of is in the log then, and it would die of it again.
 _MAX_RESTARTS = 3
-_LOOK_S = 1.0
-# It beats every second, on a computer with twenty others at work sometimes only after four. Importing numerical packages comes before the
-# first beat: seconds, on a busy computer a minute.
-_SILENT_S = 60.0
-_SILENT_AT_FIRST_S = 300.0
-_REFUSED_S = 3.0
-# A run that was stopped is not kept from its end by a child that stands still.
-_SILENT_STOPPED_S = 8.0
-_SILENT_STOPPED_AT_FIRST_S = 12.0
+"""Successive restarts without a new output: the cause of the crash is then in the log and would end each new child."""
+_WATCH_INTERVAL_S = 1.0
+_MAX_SILENT_S = 60.0
+"""Time without a heartbeat after which the child is ended. The heartbeat of 1 s took up to 4 s on a computer with 20 other processes."""
+_MAX_SILENT_AT_START_S = 300.0
+"""The same before the first heartbeat, which follows the import of numerical packages: seconds, on a busy computer a minute."""
+_LOG_REFUSED_S = 3.0
+"""Time for which a disk may reject writes before `drain` ends."""
+_MAX_SILENT_STOPPED_S = 8.0
+"""Time without a heartbeat after which a suspended child no longer delays the end of a stopped run."""
+_MAX_SILENT_STOPPED_AT_START_S = 12.0
+"""The same before the first heartbeat."""
 
 
 class AnalysisProcess:
     """Owner of the child process and its threads.
 
-    The child reads its input from the log, as the page does, so control only sends the number of inputs. The outputs of the child are a
+    The child reads its input from the log, so control only sends the number of inputs. The outputs of the child are a
     function of that input, so the numbers of inputs and received outputs determine where a new child continues.
     """
 
@@ -49,17 +51,17 @@ class AnalysisProcess:
             log: the growing log.
             log_refused: whether recorded messages do not reach the readable log.
             on_output: callback with every output, in a separate thread.
-            on_trouble: callback with a sentence, and whether the child is lost permanently.
-            before: inputs and outputs that stand in the log already, of a run that is taken up again; the child catches up from there.
+            on_trouble: callback with a message, and whether the child is lost permanently.
+            before: inputs and outputs that the log of a resumed run already contains; the child continues from there.
         """
         self._log, self._log_refused, self._on_output, self._on_trouble = log, log_refused, on_output, on_trouble
-        self._given, self._taken = before
+        self._inputs, self._outputs = before
         # A child that is started again must find the log that the first one read.
-        self._began_ns = next((message.log_time_ns for message in messages(log)), None) if self._given else None
+        self._began_ns = next((message.log_time_ns for message in messages(log)), None) if self._inputs else None
         self._restarts = 0
         self._closing = self._killed = self._finished = False
-        self._heard_s = time.monotonic()
-        self._silent_s, self._has_spoken = 0.0, False
+        self._last_output_s = time.monotonic()
+        self._silent_s, self._has_beaten = 0.0, False
         self._over = threading.Event()
         self._changed = threading.Condition()
         self._start()
@@ -71,7 +73,7 @@ class AnalysisProcess:
             self._began_ns = message.log_time_ns
         if message.topic in INPUT_TOPICS and not self._over.is_set():
             with self._changed:
-                self._given += 1
+                self._inputs += 1
                 self._changed.notify_all()
 
     def kill(self) -> None:
@@ -80,26 +82,25 @@ class AnalysisProcess:
         self._end()
         self._process.kill()
 
-    def drain(self, quiet_s: float, stopped: bool = False) -> bool:
+    def drain(self, idle_s: float, stopped: bool = False) -> bool:
         """Wait for the remaining results while the child keeps writing outputs, then end it; never raises.
 
         There is no wait for a disk that rejects writes: the missing input is then not in the log.
 
         Args:
-            quiet_s: wall seconds without a new output after which it is ended.
-            stopped: the run was stopped before its end: a child that does not even say that it lives is ended after some seconds, and
-                none is started in its place.
+            idle_s: wall seconds without a new output after which the child is ended.
+            stopped: the run was stopped before its end. A child without heartbeat is then ended after some seconds and not replaced.
 
         Returns:
             True if all its input is analysed.
         """
-        now_s = self._heard_s = taken_s = time.monotonic()
+        now_s = self._last_output_s = accepted_s = time.monotonic()
         self._let_end()
-        while not self._over.wait(0.1) and now_s < self._heard_s + quiet_s and now_s < taken_s + _REFUSED_S:
-            if stopped and self._silent_s > (_SILENT_STOPPED_S if self._has_spoken else _SILENT_STOPPED_AT_FIRST_S):
+        while not self._over.wait(0.1) and now_s < self._last_output_s + idle_s and now_s < accepted_s + _LOG_REFUSED_S:
+            if stopped and self._silent_s > (_MAX_SILENT_STOPPED_S if self._has_beaten else _MAX_SILENT_STOPPED_AT_START_S):
                 break
             now_s = time.monotonic()
-            taken_s = taken_s if self._log_refused() else now_s
+            accepted_s = accepted_s if self._log_refused() else now_s
         return self.close(0.0)
 
     def close(self, timeout_s: float) -> bool:
@@ -130,16 +131,16 @@ class AnalysisProcess:
             self._changed.notify_all()
 
     def _start(self) -> None:
-        place = ["--log", str(self._log), "--inputs", str(self._given), "--skip", str(self._taken)]
+        place = ["--log", str(self._log), "--inputs", str(self._inputs), "--skip", str(self._outputs)]
         place += [] if self._began_ns is None else ["--began-ns", str(self._began_ns)]
         process = start_child("semlive.service.analysis.worker", ["--beat", *place], stdout=subprocess.PIPE)
         self._process = process
-        self._silent_s, self._has_spoken = 0.0, False
+        self._silent_s, self._has_beaten = 0.0, False
         self._reader = threading.Thread(target=self._read, args=(process,), name="analysis-reader", daemon=True)
-        threading.Thread(target=self._tell, args=(process,), name="analysis-writer", daemon=True).start()
+        threading.Thread(target=self._write_counts, args=(process,), name="analysis-writer", daemon=True).start()
         self._reader.start()
 
-    def _tell(self, process: subprocess.Popen[bytes]) -> None:
+    def _write_counts(self, process: subprocess.Popen[bytes]) -> None:
         stream, reported = process.stdin, 0
         if stream is None:
             return
@@ -150,11 +151,11 @@ class AnalysisProcess:
                 reported = count
 
     def _next_count(self, process: subprocess.Popen[bytes], reported: int) -> int | None:
-        """How much there is to read once that is more, however often it grew meanwhile; None if there will be no more for this child."""
+        """Wait for more inputs than were reported and return their number; None if this child receives no more."""
         with self._changed:
-            self._changed.wait_for(lambda: self._given > reported or self._closing or self._over.is_set() or process is not self._process)
-            is_more = self._given > reported and not self._over.is_set() and process is self._process
-            return self._given if is_more else None
+            self._changed.wait_for(lambda: self._inputs > reported or self._closing or self._over.is_set() or process is not self._process)
+            is_more = self._inputs > reported and not self._over.is_set() and process is self._process
+            return self._inputs if is_more else None
 
     def _read(self, process: subprocess.Popen[bytes]) -> None:
         stream = process.stdout
@@ -163,14 +164,14 @@ class AnalysisProcess:
         try:
             with stream:
                 while (message := read_message(stream)) is not None:
-                    self._silent_s, self._has_spoken = 0.0, True
+                    self._silent_s, self._has_beaten = 0.0, True
                     if not isinstance(message, Heartbeat):
-                        self._taken += 1
+                        self._outputs += 1
                         self._restarts = 0
-                        self._heard_s = time.monotonic()
+                        self._last_output_s = time.monotonic()
                         self._on_output(message)
         except Exception:
-            # Whatever is wrong with what it says, a child that cannot be understood is as good as dead.
+            # A child whose outputs cannot be read is replaced, whatever the reason.
             process.kill()
         code = process.wait()
         if code == 0 and self._closing:
@@ -181,14 +182,14 @@ class AnalysisProcess:
 
     def _watch(self) -> None:
         """End a child that hangs; the reader then starts a new one. Only time in which this process runs counts."""
-        while not self._over.wait(_LOOK_S):
-            self._silent_s += _LOOK_S
+        while not self._over.wait(_WATCH_INTERVAL_S):
+            self._silent_s += _WATCH_INTERVAL_S
             if self._is_hung():
                 with self._changed:
                     self._process.kill()
 
     def _is_hung(self) -> bool:
-        return self._silent_s > (_SILENT_S if self._has_spoken else _SILENT_AT_FIRST_S)
+        return self._silent_s > (_MAX_SILENT_S if self._has_beaten else _MAX_SILENT_AT_START_S)
 
     def _again(self, code: int) -> None:
         self._restarts += 1
@@ -197,7 +198,7 @@ class AnalysisProcess:
         if code == LOG_REPLACED:
             what = f"ended: {self._log} was replaced by the log of another run"
         with contextlib.suppress(RuntimeError):
-            # The loop may be closed by now.
+            # The event loop may be closed.
             self._on_trouble(f"the analysis process {what}; {'it is given up' if lost else 'it is started again'}", lost)
         if lost:
             self._end()

@@ -25,8 +25,8 @@ from semlive.formats.log.messages import (
     from_json,
 )
 from semlive.ports import ClockSource
+from semlive.service.analysis.messages import is_model_warning
 from semlive.service.analysis.pipe import AnalysisOutput, AnalysisReady
-from semlive.service.analysis.worker import is_model_warning
 from semlive.service.control.analysis_events import (
     DriftUpdate,
     calibration_event,
@@ -65,7 +65,7 @@ class AnalysisReceiver:
         payload = from_json(message.topic, message.payload) if message.topic in _DECODED_TOPICS else None
         if isinstance(payload, ScanMessage):
             info = values.frame_info(payload)
-            self._journal.scan(info, frame_load(self._engine.state.history, info.start_time_ns.value, info.end_time_ns))
+            self._journal.scan(info, frame_load(self._engine.state.devices.history, info.start_time_ns.value, info.end_time_ns))
             self._engine.handle(FrameScanned(self._clock.now_ns(), info))
             return
         self._journal.output(message)
@@ -89,7 +89,7 @@ class AnalysisReceiver:
 
     def _handle_drift(self, update: DriftUpdate) -> None:
         """Store the drift rate; pass drift forecast and assessment of the calibration to the engine."""
-        self._monitor.pairs_analysed, reference = update.pairs or update.revision, self._engine.state.reference
+        self._monitor.pairs_analysed, reference = update.pairs or update.revision, self._engine.state.imaging.reference
         if update.rate_x_px_s is not None and update.rate_y_px_s is not None:
             self._monitor.drift_rate_px_s = update.rate_x_px_s, update.rate_y_px_s
         if reference is not None:

@@ -90,5 +90,5 @@ class RunMonitor:
     def snapshot(self, state: EngineState) -> RunSnapshot:
         """Return the snapshot for display."""
         now_ns = self._clock.now_ns()
-        alarms, rate = self._journal.alarms.known, self.drift_rate_px_s
+        alarms, rate = self._journal.alarms.listed, self.drift_rate_px_s
         return RunSnapshot(now_ns, progress(state), rate, self.elastic, self.pairs_analysed, self._warnings, alarms)

@@ -24,7 +24,8 @@ from semlive.service.control.control import Control
 from semlive.service.log.alarms import acknowledgements
 from semlive.service.log.run_log import RunLog
 from semlive.service.runtime.clock import SimulatedClock, SystemClock
-from semlive.service.watch.thread import FolderWatcher, WatchSettings
+from semlive.service.watch.thread import FolderWatcher
+from semlive.service.watch.watch_settings import WatchSettings
 
 T = TypeVar("T")
 _MAX_PENDING = 64

@@ -42,13 +42,13 @@ from semlive.service.daemon.refused_start import REFUSED_START, named_in, refusa
 from semlive.service.daemon.run_folder import LOG_REFUSED_S, LOG_TIMEOUT_S, RunFolder
 from semlive.service.daemon.run_interface import RunInterface, RunOutcome
 from semlive.service.device_link import DeviceLink
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.log.run_log import RunLog
 from semlive.service.runtime import drivers
 from semlive.service.runtime.clock import SimulatedClock, SystemClock, boot_id
 from semlive.service.runtime.versions import versions
 from semlive.service.watch.clock_offsets import probe_share
-from semlive.service.watch.thread import WatchSettings
+from semlive.service.watch.watch_settings import WatchSettings
 
 
 def run_experiment(config: Config, interface: RunInterface) -> RunOutcome:

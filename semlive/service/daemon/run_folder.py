@@ -21,7 +21,7 @@ from semlive.service.control.resume import read_previous_segments
 from semlive.service.daemon.refused_start import remove_refused_start
 from semlive.service.log.files import segment_path
 from semlive.service.log.lock import held_itself, only_one_at, run_lock
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.log.repair import repair_partial_segments
 from semlive.service.log.run_log import RunLog
 from semlive.service.runtime.clock import SimulatedClock, SystemClock, boot_id, open_clock

@@ -19,12 +19,12 @@ from mcap.records import Channel, Message, MessageIndex, Metadata, Schema, Stati
 
 from semlive.errors import BadLog, SemliveError
 from semlive.formats.log.messages import RAW_TOPICS, TOPICS
-from semlive.formats.log.repair import SegmentSpan, channels_and_schemas, scan_spans, summary
-from semlive.formats.log.writer import LogWriter, rewritten_in
+from semlive.formats.log.reader import rewritten_in
+from semlive.formats.log.segment_scan import SegmentSpan, channels_and_schemas, scan_spans, summary
+from semlive.formats.log.writer import LogWriter
 from semlive.inputs.files import open_regular
 from semlive.service.log.files import PARTIAL_SUFFIX, SUFFIX, segments
-from semlive.service.log.segment import REWRITING
-from semlive.service.log.stream import is_being_written, sync_folder
+from semlive.service.log.recording import REWRITING, is_being_written, sync_folder
 
 ORIGINAL = ".original"
 _GROWING = ".recovering"
@@ -58,8 +58,8 @@ class RepairSummary:
     Attributes:
         source: the segment before the repair.
         path: the valid segment.
-        kept_as: new path of the damaged original; None if it was intact or was not moved.
-        kept: number of messages of each topic in the valid segment.
+        original: new path of the damaged original; None if it was intact or was not moved.
+        recovered: number of messages of each topic in the valid segment.
         lost: number of lost messages of each topic, as far as known.
         lost_is_complete: `lost` contains all losses; otherwise there may be more, after a truncation or in topics without a count.
         damage: damaged parts in order; empty if the segment was intact.
@@ -67,8 +67,8 @@ class RepairSummary:
 
     source: Path
     path: Path
-    kept_as: Path | None
-    kept: Mapping[str, int]
+    original: Path | None
+    recovered: Mapping[str, int]
     lost: Mapping[str, int]
     lost_is_complete: bool
     damage: tuple[Damage, ...]
@@ -84,7 +84,7 @@ def recover_log(log: Path, out: Path | None = None, progress: Callable[[int, int
 
     Args:
         log: one file, or a run folder.
-        out: where the valid log goes: a file for a file, a folder for a folder; by default each segment's own place.
+        out: destination of the valid log: a file for a file, a folder for a folder; None repairs each segment in place.
         progress: callback with the number of bytes read and the total.
 
     Raises:
@@ -97,7 +97,7 @@ def recover_log(log: Path, out: Path | None = None, progress: Callable[[int, int
     sizes = {path: path.stat().st_size for path in paths}
 
     def recovered(path: Path, target: Path | None) -> RepairSummary:
-        before = sum(sizes[one] for one in paths[: paths.index(path)])
+        before = sum(sizes[segment] for segment in paths[: paths.index(path)])
         return recover_segment(path, target, lambda done: progress(before + done, sum(sizes.values())))
 
     if out is None:
@@ -145,7 +145,7 @@ def recover_segment(path: Path, out: Path | None = None, read: Callable[[int], o
 
     Args:
         path: the segment, finished or ``.part``.
-        out: where the valid one goes; by default its finished name, and the damaged original is kept beside it.
+        out: destination of the valid segment; None for its finished name, and the damaged original is stored in the same folder.
         read: callback with the number of bytes read.
 
     Raises:
@@ -183,18 +183,18 @@ def _put_in_place(recovered: RepairSummary, growing: Path, in_place: bool) -> Re
     elif not in_place:
         growing.replace(target)
     else:
-        kept_as = _free_name(path.with_name(path.name.removesuffix(PARTIAL_SUFFIX).removesuffix(SUFFIX) + ORIGINAL))
+        original = _free_name(path.with_name(path.name.removesuffix(PARTIAL_SUFFIX).removesuffix(SUFFIX) + ORIGINAL))
         if path == target:
             try:
-                os.link(path, kept_as)
+                os.link(path, original)
             except OSError:
-                # No links on this file system: for an instant the log has only its other name.
-                path.replace(kept_as)
+                # Without links on this file system the log has, for an instant, only its other name.
+                path.replace(original)
             growing.replace(target)
         else:
             growing.replace(target)
-            path.replace(kept_as)
-        recovered = replace(recovered, kept_as=kept_as)
+            path.replace(original)
+        recovered = replace(recovered, original=original)
     sync_folder(target.parent)
     return recovered
 
@@ -212,7 +212,7 @@ class _Account:
     """Account of retained and lost messages while a segment is read."""
 
     channels: Mapping[int, Channel]
-    kept: Counter[str] = field(default_factory=Counter)
+    recovered: Counter[str] = field(default_factory=Counter)
     skipped: Counter[str] = field(default_factory=Counter)
     newest: dict[str, int] = field(default_factory=dict)
     damage: list[Damage] = field(default_factory=list)
@@ -220,19 +220,17 @@ class _Account:
     open_damage: bool = False
 
     def read(self, topic: str, message: Message) -> None:
-        self.kept[topic] += 1
+        self.recovered[topic] += 1
         if topic in TOPICS and topic not in RAW_TOPICS:
             self.skipped[topic] += max(0, message.sequence - self.newest.get(topic, -1) - 1)
             self.newest[topic] = message.sequence
         self.last_ns = message.log_time
         if self.open_damage:
             self.open_damage = False
-            self.damage = [
-                replace(stretch, before_ns=message.log_time) if stretch.before_ns is None else stretch for stretch in self.damage
-            ]
+            self.damage = [replace(damage, before_ns=message.log_time) if damage.before_ns is None else damage for damage in self.damage]
 
-    def damaged(self, piece: SegmentSpan) -> None:
-        self.damage.append(Damage(piece.start, piece.end, piece.damage, self.last_ns, None, {}))
+    def damaged(self, span: SegmentSpan) -> None:
+        self.damage.append(Damage(span.start, span.end, span.damage, self.last_ns, None, {}))
         self.open_damage = True
 
     def indexed(self, index: MessageIndex) -> None:
@@ -247,9 +245,9 @@ class _Account:
             expected = {
                 self.channels[number].topic: n for number, n in statistics.channel_message_counts.items() if number in self.channels
             }
-            lost = {topic: n - self.kept[topic] for topic, n in expected.items()}
+            lost = {topic: n - self.recovered[topic] for topic, n in expected.items()}
         else:
-            indexed = sum((Counter(stretch.lost) for stretch in self.damage), Counter[str]())
+            indexed = sum((Counter(damage.lost) for damage in self.damage), Counter[str]())
             lost = {topic: max(indexed[topic], self.skipped[topic]) for topic in indexed | self.skipped}
         return {topic: n for topic, n in sorted(lost.items()) if n > 0}
 
@@ -260,14 +258,14 @@ def _recover(stream: BinaryIO, out: BinaryIO, read: Callable[[int], object]) -> 
     total = next((record for record in summary(stream) if isinstance(record, Statistics)), None)
     account, writer, adopted = _Account(channels), LogWriter(out), set[str]()
     unknown = 0
-    for piece in scan_spans(stream):
-        if piece.damage and not piece.truncated:
-            account.damaged(piece)
-        for record in piece.records:
+    for span in scan_spans(stream):
+        if span.damage and not span.truncated:
+            account.damaged(span)
+        for record in span.records:
             if isinstance(record, MessageIndex):
                 account.indexed(record)
             elif isinstance(record, Metadata) and (after_ns := rewritten_in(record)) is not None:
-                writer.tell_rewritten(after_ns)
+                writer.write_rewritten_metadata(after_ns)
             elif isinstance(record, Message):
                 channel = channels.get(record.channel_id)
                 if channel is None:
@@ -278,20 +276,20 @@ def _recover(stream: BinaryIO, out: BinaryIO, read: Callable[[int], object]) -> 
                     _adopt(writer, channel, schemas)
                 account.read(channel.topic, record)
                 writer.write(channel.topic, record.data, record.log_time, record.publish_time, record.sequence)
-        if piece.truncated:
-            # What a torn chunk still gave stands before the tear.
-            account.damaged(piece)
-        # Chunks stay as small as they were: each can be lost alone again.
+        if span.truncated:
+            # The readable messages of a truncated chunk precede the truncation.
+            account.damaged(span)
+        # Chunks stay as small as they were, so that later damage affects as few messages as possible.
         writer.flush()
-        read(piece.end)
+        read(span.end)
     writer.finish()
     damage = list(account.damage)
     complete = (total is not None or not damage) and not unknown
     if total is None and not damage:
         damage.append(Damage(0, 0, "the index at the end is damaged", account.last_ns, None, {}))
     if unknown:
-        damage.append(Damage(0, 0, f"{unknown} messages belong to topics that are named nowhere", None, None, {}))
-    return RepairSummary(Path(), Path(), None, dict(sorted(account.kept.items())), account.lost(total), complete, tuple(damage))
+        damage.append(Damage(0, 0, f"{unknown} messages belong to topics without a description in the file", None, None, {}))
+    return RepairSummary(Path(), Path(), None, dict(sorted(account.recovered.items())), account.lost(total), complete, tuple(damage))
 
 
 def _adopt(writer: LogWriter, channel: Channel, schemas: Mapping[int, Schema]) -> None:

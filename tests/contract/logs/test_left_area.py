@@ -15,7 +15,8 @@ from semlive.data.grid import Grid
 from semlive.data.results import PairResult
 from semlive.data.settings import AnalysisSettings
 from semlive.formats.log.messages import DriftMessage, FaultMessage, from_json
-from semlive.service.analysis.worker import is_output, result_messages
+from semlive.service.analysis.messages import is_output
+from semlive.service.analysis.results import result_messages
 
 
 def loaded(beyond_px: float) -> PairResult:

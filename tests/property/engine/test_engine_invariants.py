@@ -134,8 +134,8 @@ class Protocol(RuleBasedStateMachine):
         """Every frame is judged once, nothing moves at rest, an end is told once."""
         run = self.run
         if not run.finished:
-            first = [] if run.state.first is None else [run.state.first.export]
-            pending = [s.info.export for s in run.state.pending_frames] + first
+            first = [] if run.state.imaging.first is None else [run.state.imaging.first.export]
+            pending = [s.info.export for s in run.state.imaging.pending] + first
             assert sorted(run.judged + pending) == run.exported
         if run.state.state not in {State.RAMPING, State.SETTLING}:
             assert run.load_goal_n is None

@@ -13,7 +13,8 @@ from semlive import estimate as estimating
 from semlive.data.settings import EstimateSettings
 from semlive.estimate.joint.elimination.elimination import eliminate_all
 from semlive.estimate.joint.elimination.shared_parameters import NOISE
-from semlive.estimate.joint.observations.normal_equations import DENSE_PAIRS, first_pairs, gradient, marginal
+from semlive.estimate.joint.observations.accumulation import DENSE_PAIRS, first_pairs
+from semlive.estimate.joint.observations.normal_equations import gradient, marginal
 from semlive.estimate.joint.observations.priors import gauge_precision
 from semlive.estimate.joint.observations.state import MapObservations
 from semlive.estimate.joint.outputs.consistency import FIELD, PAIRS, consistency, warnings_of

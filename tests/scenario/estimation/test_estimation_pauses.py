@@ -12,8 +12,8 @@ import pytest
 from semlive import estimate as estimating
 from semlive.data.notes import NoteLevel
 from semlive.data.settings import EstimateSettings
-from semlive.estimate.joint.observations import normal_equations
-from semlive.estimate.joint.observations.normal_equations import dense_limit
+from semlive.estimate.joint.observations import accumulation
+from semlive.estimate.joint.observations.accumulation import dense_limit
 from semlive.estimate.joint.selection.long_run import sampled_pairs
 from semlive.estimate.joint.solution.subset import sampled_pair_numbers
 
@@ -57,7 +57,7 @@ def test_choices_are_those_of_one_matrix(world: Callable[..., Any], plans: dict[
     one = world(8, step_px=30)
     taken = rested(one, plans["short"], 5, 5 * 3600.0)
     apart = solved(one, taken)
-    monkeypatch.setattr(normal_equations, "DENSE_KNOTS", 10_000)
+    monkeypatch.setattr(accumulation, "DENSE_KNOTS", 10_000)
     together = solved(one, taken)
     assert (dense_limit(apart.state), dense_limit(together.state)) == (len(taken), len(taken))
     assert (apart.state.summed, together.state.summed) == (False, True)

@@ -21,7 +21,7 @@ from semlive import pipeline
 from semlive.data.diagnosis import DomainTest
 from semlive.data.settings import AnalysisSettings, EstimateSettings
 from semlive.diagnose.residual_whiteness import FALSE_ALARM_RATE, Whiteness, whiteness_test
-from semlive.service.analysis.warnings import new_warnings
+from semlive.service.analysis.results import new_warnings
 
 
 @pytest.fixture(autouse=True)

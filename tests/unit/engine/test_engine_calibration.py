@@ -71,7 +71,7 @@ def test_a_refused_calibration_pauses_with_its_figures_and_the_operators_word_lo
     run = calibrated(WHY)
     assert run.state.state is State.PAUSED
     assert run.state.calibration_question_open
-    assert run.state.message == f"the calibration is refused: {WHY}; resume loads the specimen all the same, or stop"
+    assert run.state.message == f"the calibration is refused: {WHY}; resume loads the specimen nevertheless, or stop"
     assert run.of(RampTo) == []
     run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     run.reach(State.IMAGING)
@@ -119,7 +119,7 @@ def test_an_interrupted_run_asks_again_unless_it_was_loaded() -> None:
         done = tuple(one.decision for one in run.accepted)
         plan = gated((HERE, None), (THERE, None), (HERE, 100.0), (HERE, 200.0))
         before = InterruptedRun(
-            done, (7.0, -3.0), run.state.load, run.state.position, calibration_assessment=CalibrationAssessed(9 * S, 1, WHY)
+            done, (7.0, -3.0), run.state.devices.load, run.state.devices.position, calibration_assessment=CalibrationAssessed(9 * S, 1, WHY)
         )
         run.load_goal_n = run.stage_goal_um = None
         run.state = start(plan, run.now_ns, interrupted_run=before)
@@ -128,4 +128,4 @@ def test_an_interrupted_run_asks_again_unless_it_was_loaded() -> None:
         run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
         run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
         assert (run.state.state is State.PAUSED) == (pairs == 2), run.state.state
-        assert run.state.calibration_gate_passed == (pairs == 3)
+        assert run.state.gates.calibration_passed == (pairs == 3)

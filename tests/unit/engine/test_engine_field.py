@@ -8,7 +8,7 @@ import pytest
 
 from semlive.data.experiment import Plan, Recentre
 from semlive.engine import FieldOfViewMeasured, MoveStage, State
-from semlive.engine.recentring import recentre
+from semlive.engine.motion import recentre
 
 from .bench_in_memory import LIMITS, Run, plan_of
 

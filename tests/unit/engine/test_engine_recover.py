@@ -47,7 +47,9 @@ def interrupted(pairs: int, plan: object = PLAN, until: State = State.IMAGING) -
     if pairs < len(run.plan.steps):
         run.reach(until)
     done = tuple(one.decision for one in run.accepted)
-    return run, InterruptedRun(done, (7.0, -3.0), run.state.load, run.state.position, None, 0.2, ramping=run.state.state is State.RAMPING)
+    return run, InterruptedRun(
+        done, (7.0, -3.0), run.state.devices.load, run.state.devices.position, None, 0.2, ramping=run.state.state is State.RAMPING
+    )
 
 
 def taken_up(run: Run, before: InterruptedRun) -> Run:
@@ -89,7 +91,7 @@ def test_a_run_without_stage_needs_none() -> None:
     run = Run(plan_of((HERE, 100.0), (HERE, 200.0)), has_stage=False)
     run.begin()
     run.reach(State.HOLDING)
-    taken_up(run, InterruptedRun((), None, run.state.load, None))
+    taken_up(run, InterruptedRun((), None, run.state.devices.load, None))
     run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     run.reach(State.IMAGING)
     assert run.force_n == 100.0

@@ -44,7 +44,7 @@ def test_a_frame_that_began_before_the_hold_ended() -> None:
 
 
 def test_a_frame_that_only_may_have_begun_too_early_counts_as_too_early(imaging: Run) -> None:
-    end_ns = imaging.state.hold_end_ns
+    end_ns = imaging.state.hold.end_ns
     imaging.scan(end_ns + round(0.89 * S))
     assert "may have begun 0.0 s before" in only_reason(imaging)
     imaging.scan(imaging.now_ns)
@@ -211,7 +211,9 @@ def test_an_unreadable_file_is_refused_in_its_own_words(imaging: Run) -> None:
 
 def test_a_pair_whose_load_is_forgotten_is_refused_instead_of_inventing_a_load(imaging: Run) -> None:
     imaging.scan()
-    imaging.state = replace(imaging.state, history=replace(imaging.state.history, chunks=(), tail=()))
+    devices = imaging.state.devices
+    devices = replace(devices, history=replace(devices.history, chunks=(), tail=()))
+    imaging.state = replace(imaging.state, devices=devices)
     imaging.scan()
     assert imaging.accepted == []
     assert only_reason(imaging) == "frame0000.tif is not used: the load during its scan is not known any more"

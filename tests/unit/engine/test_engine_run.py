@@ -74,11 +74,11 @@ def test_the_hold_is_exactly_thirty_seconds_from_settled() -> None:
     run.begin()
     run.reach(State.HOLDING)
     settled_ns = run.now_ns
-    assert progress(run.state).hold_left_s == pytest.approx(30.0)
+    assert progress(run.state).hold_remaining_s == pytest.approx(30.0)
     run.reach(State.IMAGING)
     assert run.now_ns - settled_ns == pytest.approx(30 * S, abs=0.1 * S)
-    assert run.state.hold_end_ns == settled_ns + 30 * S
-    assert progress(run.state).hold_left_s is None
+    assert run.state.hold.end_ns == settled_ns + 30 * S
+    assert progress(run.state).hold_remaining_s is None
 
 
 def test_a_load_that_leaves_tolerance_begins_settling_and_the_hold_again() -> None:

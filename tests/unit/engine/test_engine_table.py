@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from semlive.engine import FINAL_STATES, Cause, InvalidTransition, State
+from semlive.engine.context import StepContext
 from semlive.engine.load_history import LoadHistory, frame_load
-from semlive.engine.state import StepContext
 from semlive.engine.states import TRANSITIONS, next_state
 
 from .bench_in_memory import Run, S, plan_of
@@ -54,7 +54,7 @@ def test_stop_and_abort_work_everywhere_before_the_end() -> None:
 def test_a_state_cannot_be_set_beside_the_table() -> None:
     turn = StepContext(Run(plan_of(((0.0, 0.0), None))).state)
     with pytest.raises(TypeError, match="changes by transition"):
-        turn.update(state=State.IMAGING)
+        turn.update(state=State.IMAGING)  # pyright: ignore[reportCallIssue]
 
 
 def test_the_history_gives_the_samples_around_a_scan() -> None:

@@ -24,7 +24,7 @@ from semlive.engine import (
     Transition,
     start,
 )
-from semlive.engine.adaptive_hold import drift_rate
+from semlive.engine.gates.adaptive_hold import drift_rate
 from semlive.errors import BadInput
 
 from .bench_in_memory import HOLD, IDENTITY, Run, S, plan_of
@@ -99,7 +99,7 @@ def test_after_its_longest_wait_it_asks_and_the_operators_word_opens_the_gate() 
     run.begin()
     while run.state.state is not State.PAUSED:
         pair(run, 0.02, 0.003)
-    assert "after 30 min of warming up the drift is expected to be 1.2 +- 0.18 px/min; resume goes on all the same" in run.state.message
+    assert "after 30 min of warming up the drift is expected to be 1.2 +- 0.18 px/min; resume continues nevertheless" in run.state.message
     assert run.of(RampTo) == []
     run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     run.reach(State.IMAGING)
@@ -141,9 +141,9 @@ def test_an_interrupted_warm_up_goes_on(known: bool) -> None:
     before = InterruptedRun(
         tuple(one.decision for one in run.accepted),
         (7.0, -3.0),
-        run.state.load,
-        run.state.position,
-        drift_forecast=run.state.drift_forecast if known else None,
+        run.state.devices.load,
+        run.state.devices.position,
+        drift_forecast=run.state.analysis.drift_forecast if known else None,
     )
     run.state = start(plan, run.now_ns, interrupted_run=before)
     assert [(one.step, one.warm_up, one.load_n) for one in run.state.plan.steps] == [(0, False, None), (1, True, None), (2, False, 100.0)]
@@ -207,7 +207,7 @@ def test_frames_of_a_longer_hold_are_not_of_the_pair() -> None:
     foresee(run, 0.1)
     run.wait(40.0)
     assert run.state.state is State.HOLDING
-    assert "made longer, because the drift is expected to go on at 6 px/min" in run.state.message
+    assert "made longer, because a drift rate of 6 px/min is expected" in run.state.message
     run.scan()
     foresee(run, 0.001)
     run.reach(State.IMAGING)
@@ -230,7 +230,7 @@ def test_frames_of_the_hold_say_more_of_its_drift_than_a_forecast() -> None:
     run.tell(HoldDriftMeasured(run.now_ns, begin_ns, 0.05))
     run.wait(60.0)
     assert run.state.state is State.HOLDING
-    assert "made longer, because the drift went on at 3 px/min between frames of this hold" in run.state.message
+    assert "made longer, because the drift rate between frames of this hold was 3 px/min" in run.state.message
     foresee(run, 0.001)
     run.wait(10.0)
     assert run.state.state is State.HOLDING

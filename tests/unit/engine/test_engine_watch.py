@@ -156,7 +156,7 @@ def test_a_stop_waits_as_long_as_is_configured_and_says_for_whom() -> None:
     run.wait(4.0)
     assert run.state.state is State.STOPPING
     told = [one.text for one in run.of(Notify) if one.text.startswith("waiting for")]
-    assert told == ["waiting for the word that it rests of the load frame, at most 6 s; abort ends without it"]
+    assert told == ["waiting for confirmation of the stop by the load frame, at most 6 s; abort ends without it"]
     run.wait(3.0)
     assert run.state.state is State.ABORTED
     assert "the load frame did not" in run.state.message
@@ -164,4 +164,4 @@ def test_a_stop_waits_as_long_as_is_configured_and_says_for_whom() -> None:
 
 def test_limits_of_a_resumed_run_watch_from_its_first_reading() -> None:
     state = start(replace(plan_of((HERE, 200.0)), limits=WATCHED), T0)
-    assert state.watch == INITIAL
+    assert state.devices.supervisor == INITIAL

@@ -20,8 +20,10 @@ from semlive.estimate.joint.elimination.arrowhead import factorise, marginalise,
 from semlive.estimate.joint.elimination.elimination import eliminate_all
 from semlive.estimate.joint.elimination.shared_parameters import parameter_codes, parameter_indices, temporal_splines
 from semlive.estimate.joint.elimination.smoother import covariances, distortion_covariance, mean_of, pair_covariances, solve_shared
+from semlive.estimate.joint.observations.accumulation import DENSE_PAIRS
 from semlive.estimate.joint.observations.block_means import BlockColumns, Blocks, PackedColumns, block_columns
-from semlive.estimate.joint.observations.normal_equations import DENSE_PAIRS, gradient, map_columns, marginal, relinearise
+from semlive.estimate.joint.observations.design_columns import map_columns
+from semlive.estimate.joint.observations.normal_equations import gradient, marginal, relinearise
 from semlive.estimate.joint.observations.priors import Hyperparameters, Smoothness, gauge_precision, prior_precision
 from semlive.estimate.joint.observations.reformulate import reset_model_selection, with_advected_distortion, with_row_shifts
 from semlive.estimate.joint.observations.state import EstimatorState
@@ -175,7 +177,7 @@ def batch_of(known: Solution) -> dict[str, np.ndarray]:
         """By differences of knots: with third differences of 1e-5 px the product with the matrix loses six digits."""
         total = rest @ parameters
         for at, one in in_time:
-            total[at] += one.asked(0, one.spline.size, parameters[at])
+            total[at] += one.prior_gradient(0, one.spline.size, parameters[at])
         return total * scale
 
     return named(state, at_once(state, (gauge + belief) * scale, asked_of))
@@ -267,7 +269,7 @@ def test_what_pairs_touch_is_as_uncertain_on_one_way_back_as_asked_one_by_one() 
     known = estimating.solve(accumulated((0, 3, 1, 4)))
     layout, rng = known.state.layout, np.random.default_rng(5)
     touched = {one.pair: one.index for one in pair_covariances(known.shared_posterior)}
-    border = parameter_indices(layout, known.shared_posterior.chain.border.codes()[: known.shared_posterior.chain.border.known])
+    border = parameter_indices(layout, known.shared_posterior.chain.border.codes()[: known.shared_posterior.chain.border.joint_size])
     wanted = {pair: np.unique(np.concatenate((touched[pair], border))) for pair in (3, 0, 4)}
     rows = {pair: (parameter_codes(layout, index), rng.normal(size=(3, len(index)))) for pair, index in wanted.items()}
     found = covariances(known.shared_posterior, rows)

@@ -8,7 +8,7 @@ from scipy.ndimage import uniform_filter
 
 from semlive.data.grid import Grid
 from semlive.estimate.joint.observations.block_means import Blocks
-from semlive.estimate.joint.solution.posterior import _scatter  # pyright: ignore[reportPrivateUsage]
+from semlive.estimate.joint.solution.residual_noise import block_scatter
 
 GRID = Grid(101, 101, 5, 150, 120, 43)
 
@@ -24,9 +24,9 @@ def residuals(seed: int, overlap_points: int) -> list[np.ndarray]:
 
 
 def test_white_noise_leaves_blocks_independent() -> None:
-    assert _scatter(Blocks.of(GRID), residuals(1, 1), np.inf) == pytest.approx(1.0, abs=0.06)
+    assert block_scatter(Blocks.of(GRID), residuals(1, 1), np.inf) == pytest.approx(1.0, abs=0.06)
 
 
 def test_overlapping_subsets_share_what_they_overlap() -> None:
     blocks = Blocks.of(GRID)
-    assert _scatter(blocks, residuals(2, 9), np.inf) == pytest.approx(blocks.block_variance_ratio, rel=0.15)
+    assert block_scatter(blocks, residuals(2, 9), np.inf) == pytest.approx(blocks.block_variance_ratio, rel=0.15)

@@ -79,7 +79,7 @@ def test_five_integrated_frames_of_a_quanta_count_although_its_scan_section_says
     info = info_of(header, 1024, 884)
     assert info.timing.integrations.value == 5
     assert info.timing.duration_s == pytest.approx(5 * 29.5667)
-    assert "[Image] is believed" in info.notes[0]
+    assert "[Image] is used" in info.notes[0]
 
 
 def test_a_running_average_is_refused_but_its_timing_is_read() -> None:
@@ -218,7 +218,7 @@ def test_jeol_pixel_size_is_that_of_the_bar_not_of_the_magnification() -> None:
     assert info.pixel_size_m.value == pytest.approx(1.887e-6, abs=1e-9)  # 128 mm / 50 / 1280 px would be 2.0 um
     assert "0.9 %" in info.notes[0]
     assert info.end_time_ns == int(datetime(2019, 2, 3, 1, 2, 3, tzinfo=UTC).timestamp()) * 10**9 + 500_000_000
-    with pytest.raises(BadImage, match="1024 px wide but its header says 1280"):  # the sidecar of another image
+    with pytest.raises(BadImage, match="1024 px wide but its header contains 1280"):  # the sidecar of another image
         info_of(header, 1024, 768, profile)
 
 

@@ -44,7 +44,7 @@ def test_a_wrong_factor_lies_within_its_uncertainty_and_beyond_it_the_operator_i
     assert mechanics.gage_notes(fair) == ()
     wrong = mechanics.compare_with_gage(steps(1.05), AREA_MM2, factor_sigma=0.005)
     (note,) = mechanics.gage_notes(wrong)
-    assert note.text.startswith("DIC says 0.952 ± 0.0")
+    assert note.text.startswith("DIC gives 0.952 ± 0.0")
     assert mechanics.gage_notes(None) == ()
 
 

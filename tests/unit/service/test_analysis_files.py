@@ -25,11 +25,12 @@ from semlive.formats.log.messages import (
     from_json,
     to_json,
 )
-from semlive.formats.log.writer import LogMessage
-from semlive.service.analysis.worker import WorkerState, is_output, process_message
+from semlive.formats.log.reader import LogMessage
+from semlive.service.analysis.messages import is_output
+from semlive.service.analysis.step import WorkerState, process_message
 from semlive.service.config.configuration import parse_config
 from semlive.service.log.files import messages
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.log.run_log import RunLog
 from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata
 from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
@@ -130,7 +131,7 @@ def test_a_text_belongs_to_its_own_image_alone(tmp_path: Path) -> None:
     told = analysed(logged(tmp_path, exported(0, product(1)), alone))
     refused = [one for one in told if isinstance(one, FileMessage)]
     assert [(one.export, one.decision) for one in refused] == [(1, "refused")]
-    assert "does not say its dwell time" in refused[0].reason
+    assert "does not contain its dwell time" in refused[0].reason
 
 
 def test_frozen_pixels_under_a_new_header_are_refused(tmp_path: Path) -> None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from semlive.data.notes import NoteCode, information, warning
-from semlive.service.analysis.warnings import new_warnings
+from semlive.service.analysis.results import new_warnings
 
-MISFIT = "the model leaves {} px unexplained, 1.6 times what the correlation says of its noise"
+MISFIT = "the residual of the model is {} px, 1.6 times the noise of the correlation"
 HALVES = warning(NoteCode.PAIR_HALVES, "distortions from odd and even pairs differ by 0.01 px rms where noise gives 0.002 px (6 sigma)")
 
 

@@ -213,4 +213,4 @@ def regularise(precision: Matrix, rounding: float = ROUNDING) -> Matrix:
 
 
 def _unknown() -> IllPosed:
-    return IllPosed("drift, distortion and motion cannot be told from the pairs so far: a map holds numbers that are not finite")
+    return IllPosed("drift, distortion and motion cannot be estimated from the pairs so far: a map contains numbers that are not finite")

@@ -13,10 +13,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import get_blas_funcs, solve_triangular
 
-from semlive.data.drift import FrameTime
 from semlive.data.storage import IN_MEMORY, Storage
 from semlive.estimate.joint.elimination.arrowhead import cholesky, regularise
-from semlive.estimate.joint.elimination.pair_information import PairInformation, initial_motion, pair_information, shared_information
+from semlive.estimate.joint.elimination.pair_information import (
+    PairInformation,
+    initial_motion,
+    pair_information,
+    pair_prior,
+    shared_information,
+)
+from semlive.estimate.joint.elimination.pair_order import (
+    first_knot,
+    first_later_knots,
+    gap_steps,
+    knots_end_s,
+    last_row_s,
+    maps_of,
+    pair_times,
+)
 from semlive.estimate.joint.elimination.shared_parameters import (
     DISTORTION,
     LINES,
@@ -31,12 +45,9 @@ from semlive.estimate.joint.elimination.shared_parameters import (
     parameter_indices,
     temporal_splines,
 )
-from semlive.estimate.joint.observations.priors import GRADIENT, MAX_COUPLED_KNOTS, SHIFT_PX, Hyperparameters
-from semlive.estimate.joint.observations.state import EstimatorState, MapObservations, rows_of
-from semlive.model import MotionKind
+from semlive.estimate.joint.observations.priors import Hyperparameters
+from semlive.estimate.joint.observations.state import EstimatorState
 
-KNOT_MARGIN = 0.125  # of a frame: so far before its first row and behind its last may a point be seen
-GAP_KNOTS = 32  # that no pair touches are eliminated at a time
 ROWS_PER_BATCH = 256  # rows by which the border is brought up to date at once, which takes a third of the time of one pair after another
 
 
@@ -47,7 +58,7 @@ class EliminationStep:
     Attributes:
         pair: number of the pair; None for knots between pairs.
         eliminated: (g,) codes of the eliminated parameters.
-        kept: (k,) codes of the remaining front.
+        remaining: (k,) codes of the remaining front.
         factor: (g, g) lower Cholesky factor.
         front_coupling: (g, k) inverse factor times the coupling to the front.
         to_border: (g, b) inverse factor times the coupling to the border.
@@ -56,7 +67,7 @@ class EliminationStep:
 
     pair: int | None
     eliminated: Codes
-    kept: Codes
+    remaining: Codes
     factor: Matrix
     front_coupling: Matrix
     to_border: Matrix
@@ -134,24 +145,24 @@ def eliminate_further(chain: EliminationChain, state: EstimatorState, near: Vect
         near: (n,) the point of the chain, extended by the new parameters.
         summed: whether the border already contains the information of the new pairs.
     """
-    times = _times(state)
+    times = pair_times(state)
     order = sorted(times, key=lambda pair: times[pair][0].start_s)
     splines = temporal_splines(state, chain.hyper, chain.border)
     present = set(chain.pairs)
     new = [pair for pair in order if pair not in present]
     if order[: len(chain.pairs)] != list(chain.pairs) or any(
-        _begin(value, times[pair]) < past
+        first_knot(value, times[pair]) < past
         for pair in new
         for value, past in zip(splines, chain.front.first_active_knot, strict=True)
         if chain.pairs
     ):
         return eliminate_all(state, chain.hyper, near)
-    maps = _maps_of(state, new)
+    maps = maps_of(state, new)
     weight, total, pull = chain.hyper.noise_scale**-2.0, chain.precision.copy(), chain.gradient.copy()
     front, steps, nothing = chain.front, [], _nothing(chain.border)
-    later = _begun_later(splines, [times[pair] for pair in new])
+    later = first_later_knots(splines, [times[pair] for pair in new])
     for pair, limits in zip(new, later, strict=True):
-        for gap in _gap(splines, front, times[pair]):
+        for gap in gap_steps(splines, front.sizes, front.first_active_knot, times[pair]):
             front, step = _eliminated(front, nothing, splines, gap, (chain, state, near), total, pull, None)
             steps.append(step)
         information = pair_information(state, maps[pair], chain.border, near, None if summed else weight)
@@ -162,8 +173,8 @@ def eliminate_further(chain: EliminationChain, state: EstimatorState, near: Vect
         for shared_rows in information.shared:
             shared_rows.add_to(total, chain.border.counts[DISTORTION])
         pull += information.shared_gradient
-        sizes = tuple(max(spline.size_at(_end_s(times[pair])), size) for spline, size in zip(splines, front.sizes, strict=True))
-        over = (spline.interval(_over_s(times[pair])) for spline in splines)
+        sizes = tuple(max(spline.size_at(knots_end_s(times[pair])), size) for spline, size in zip(splines, front.sizes, strict=True))
+        over = (spline.interval(last_row_s(times[pair])) for spline in splines)
         past = tuple(max(min(value, limit), before) for value, limit, before in zip(over, limits, front.first_active_knot, strict=True))
         front, step = _eliminated(front, information, splines, (sizes, past), (chain, state, near), total, pull, pair)
         steps.append(step)
@@ -178,14 +189,14 @@ def with_initial_motion(
 ) -> tuple[EstimatorState, Vector]:
     """Return the state with initial motions of the pairs in its `linearisation_point`, and parameters `near` with the same motions."""
     about, near = state.linearisation_point.copy(), near.copy()
-    for maps in _maps_of(state, pairs).values():
+    for maps in maps_of(state, pairs).values():
         index, motion = initial_motion(state, maps, border, near)
         about[index] = near[index] = motion
     return replace(state, linearisation_point=state.storage.store_transient(about)), state.storage.store_transient(near)
 
 
 def eliminate_last(chain: EliminationChain) -> tuple[EliminationStep, Matrix, Vector]:
-    """The last step, which leaves no front, and the precision and gradient of the border after it."""
+    """The last step, after which no front remains, and the precision and gradient of the border after it."""
     total, pull, front = chain.precision.copy(), chain.gradient.copy(), chain.front
     all_past = tuple(size + 1 for size in front.sizes)
     splines = temporal_splines(chain.state, chain.hyper, chain.border)
@@ -224,7 +235,7 @@ def _eliminated(
     for strand, before, size in zip(splines, front.sizes, sizes, strict=True):
         if size > before:
             about, believed = strand.belief(before, size)
-            gradient = strand.asked(before, size, near[parameter_indices(state.layout, about)])
+            gradient = strand.prior_gradient(before, size, near[parameter_indices(state.layout, about)])
             _believe((about, believed, gradient), codes, chain.border, (own, to_border, pull), (total, border_pull))
     at = np.searchsorted(codes, motion)
     own[at, at] += steadiness
@@ -242,10 +253,10 @@ def _eliminated(
     reduced = own[np.ix_(~out, ~out)] - step.front_coupling.T @ step.front_coupling
     joined = to_border[~out] - step.front_coupling.T @ step.to_border
     front = Front(codes[~out], reduced, joined, pull[~out] - step.front_coupling.T @ step.pull, sizes, past)
-    return front, step if state.storage is IN_MEMORY else _kept(step, state.storage)
+    return front, step if state.storage is IN_MEMORY else _stored(step, state.storage)
 
 
-def _kept(step: EliminationStep, storage: Storage) -> EliminationStep:
+def _stored(step: EliminationStep, storage: Storage) -> EliminationStep:
     """The step with its arrays moved to a storage; they are most of the memory of a pair."""
     own, front_coupling, border = (storage.store_array(value) for value in (step.factor, step.front_coupling, step.to_border))
     return replace(step, factor=own, front_coupling=front_coupling, to_border=border, pull=step.pull.copy())
@@ -272,27 +283,6 @@ def _believe(
         outside[1][there] -= gradient[~here]
 
 
-def pair_prior(state: EstimatorState, near: Vector, pair: int | None, hyper: Hyperparameters) -> tuple[Codes, Vector, Vector]:
-    """Codes of a pair's motion, start error and row shifts, sorted; the prior precision of each, and its gradient at `near`."""
-    if pair is None:
-        nothing = np.zeros(0)
-        return np.zeros(0, dtype=np.int64), nothing, nothing
-    codes, believed = np.zeros(0, dtype=np.int64), np.zeros(0)
-    for part in (state.row_shifts.part(frame) for frame in (2 * pair, 2 * pair + 1) if frame):
-        codes = np.concatenate((codes, (LINES << SHIFT) | np.arange(part.start, part.stop, dtype=np.int64)))
-        believed = np.concatenate((believed, np.full(part.stop - part.start, (hyper.row_shift_px or 1.0) ** -2.0)))
-    late = state.start_time_errors.part(pair)
-    codes = np.concatenate((codes, (STARTS << SHIFT) | np.arange(late.start, late.stop, dtype=np.int64)))
-    believed = np.concatenate((believed, np.array(state.start_time_errors.sigma_s[late]) ** -2.0))
-    if pair in state.motions.pairs:
-        part, kind = state.motions.part(pair)
-        shift, gradient = SHIFT_PX**-2.0, GRADIENT**-2.0
-        codes = np.concatenate((codes, (MOTION << SHIFT) | np.arange(part.start, part.stop, dtype=np.int64)))
-        of_motion = (shift, shift, hyper.rotation_rad**-2.0) if kind is MotionKind.RIGID else (shift, gradient, gradient) * 2
-        believed = np.concatenate((believed, of_motion))
-    return codes, believed, believed * near[parameter_indices(state.layout, codes)]
-
-
 def _bring_up(total: Matrix, steps: Sequence[EliminationStep]) -> None:
     """Subtract, in place, the Schur complements of steps from the lower triangle of the border precision."""
     (syrk,) = get_blas_funcs(("syrk",), (total,))
@@ -305,54 +295,6 @@ def _bring_up(total: Matrix, steps: Sequence[EliminationStep]) -> None:
             pending = []
 
 
-def _gap(
-    splines: Sequence[TemporalSpline], front: Front, times: tuple[FrameTime, FrameTime]
-) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
-    """First knots to stop at before a pair, so that a long time without pairs is not eliminated in one step."""
-    sizes = tuple(max(_begin(value, times), size) for value, size in zip(splines, front.sizes, strict=True))
-    most = max(after - before for before, after in zip(front.sizes, sizes, strict=True))
-    pauses = []
-    for count in range(1, most // GAP_KNOTS + 1):
-        part = count * GAP_KNOTS / most
-        at = tuple(before + int(part * (after - before)) for before, after in zip(front.sizes, sizes, strict=True))
-        pauses.append((at, tuple(max(size - MAX_COUPLED_KNOTS, past) for size, past in zip(at, front.first_active_knot, strict=True))))
-    return pauses
-
-
-def _maps_of(state: EstimatorState, pairs: Iterable[int]) -> dict[int, list[MapObservations]]:
-    maps: dict[int, list[MapObservations]] = {pair: [] for pair in pairs}
-    for rows in rows_of(state, maps):
-        maps[rows.current // 2].append(rows)
-    return maps
-
-
 def _nothing(border: SharedParameters) -> PairInformation:
     none = np.zeros(0)
     return PairInformation(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, border.size)), none, none)
-
-
-def _times(state: EstimatorState) -> dict[int, tuple[FrameTime, FrameTime]]:
-    first = {when.frame: when for when in state.frames}
-    return {pair: (first[2 * pair], first[2 * pair + 1]) for pair in (0, *state.motions.pairs)}
-
-
-def _begin(strand: TemporalSpline, times: tuple[FrameTime, FrameTime]) -> int:
-    """First knot that a pair may touch, but for those of the border."""
-    return max(strand.interval(min(when.start_s - KNOT_MARGIN * when.timing.duration_s for when in times)), strand.first)
-
-
-def _begun_later(splines: Sequence[TemporalSpline], times: Sequence[tuple[FrameTime, FrameTime]]) -> list[tuple[int, ...]]:
-    """For each of several pairs in order of time, the first knot of each temporal spline that a later pair may touch."""
-    found, least = [], tuple(spline.spline.size for spline in splines)
-    for time in reversed(times):
-        found.append(least)
-        least = tuple(min(_begin(strand, time), before) for strand, before in zip(splines, least, strict=True))
-    return found[::-1]
-
-
-def _over_s(times: tuple[FrameTime, FrameTime]) -> float:
-    return max(when.start_s + (1.0 - 2.0 * KNOT_MARGIN) * when.timing.duration_s for when in times)
-
-
-def _end_s(times: tuple[FrameTime, FrameTime]) -> float:
-    return times[1].start_s + (1.0 + KNOT_MARGIN) * times[1].timing.duration_s

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.estimate.joint.elimination.shared_parameters import (
+    LINES,
     MOTION,
     NOISE,
     SHIFT,
+    STARTS,
     Codes,
     Matrix,
     SharedParameters,
@@ -20,8 +22,10 @@ from semlive.estimate.joint.elimination.shared_parameters import (
     parameter_indices,
 )
 from semlive.estimate.joint.observations.block_means import contiguous_slice
-from semlive.estimate.joint.observations.normal_equations import map_columns
+from semlive.estimate.joint.observations.design_columns import map_columns
+from semlive.estimate.joint.observations.priors import GRADIENT, SHIFT_PX, Hyperparameters
 from semlive.estimate.joint.observations.state import EstimatorState, MapObservations
+from semlive.model import MotionKind
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +128,7 @@ def pair_information(
 
 def shared_information(state: EstimatorState, border: SharedParameters, weight: float) -> Matrix:
     """(b, b) what the border gets from all pairs of a state that holds its sums, times `weight`; the lower triangle counts."""
-    total, count = np.zeros((border.size,) * 2), border.known
+    total, count = np.zeros((border.size,) * 2), border.joint_size
     index, noise, blocks = parameter_indices(state.layout, border.codes()[:count]), border.part(NOISE), state.blocks.size
     total[:count, :count] = state.precision[np.ix_(index, index)]
     for axis in (0, 1):
@@ -192,3 +196,24 @@ def _components(state: EstimatorState, rows: MapObservations, border: SharedPara
         at = slice(noise + axis * blocks, noise + (axis + 1) * blocks) if rows.from_reference else None
         found.append(_Rows(axis, (place[~own], design[:, ~own]), (codes[own], design[:, own]), rows.weight[:, axis], misfit, at))
     return found
+
+
+def pair_prior(state: EstimatorState, near: Vector, pair: int | None, hyper: Hyperparameters) -> tuple[Codes, Vector, Vector]:
+    """Codes of a pair's motion, start error and row shifts, sorted; the prior precision of each, and its gradient at `near`."""
+    if pair is None:
+        nothing = np.zeros(0)
+        return np.zeros(0, dtype=np.int64), nothing, nothing
+    codes, believed = np.zeros(0, dtype=np.int64), np.zeros(0)
+    for part in (state.row_shifts.part(frame) for frame in (2 * pair, 2 * pair + 1) if frame):
+        codes = np.concatenate((codes, (LINES << SHIFT) | np.arange(part.start, part.stop, dtype=np.int64)))
+        believed = np.concatenate((believed, np.full(part.stop - part.start, (hyper.row_shift_px or 1.0) ** -2.0)))
+    late = state.start_time_errors.part(pair)
+    codes = np.concatenate((codes, (STARTS << SHIFT) | np.arange(late.start, late.stop, dtype=np.int64)))
+    believed = np.concatenate((believed, np.array(state.start_time_errors.sigma_s[late]) ** -2.0))
+    if pair in state.motions.pairs:
+        part, kind = state.motions.part(pair)
+        shift, gradient = SHIFT_PX**-2.0, GRADIENT**-2.0
+        codes = np.concatenate((codes, (MOTION << SHIFT) | np.arange(part.start, part.stop, dtype=np.int64)))
+        of_motion = (shift, shift, hyper.rotation_rad**-2.0) if kind is MotionKind.RIGID else (shift, gradient, gradient) * 2
+        believed = np.concatenate((believed, of_motion))
+    return codes, believed, believed * near[parameter_indices(state.layout, codes)]

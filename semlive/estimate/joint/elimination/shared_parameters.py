@@ -73,8 +73,8 @@ class SharedParameters:
         return sum(self.counts)
 
     @property
-    def known(self) -> int:
-        """Number of them in the joint vector: all but the noise."""
+    def joint_size(self) -> int:
+        """Number of these parameters in the joint vector: all but the noise."""
         return self.size - self.counts[NOISE]
 
     def part(self, kind: int) -> slice:
@@ -130,7 +130,7 @@ class TemporalSpline:
         total[fresh, fresh] += self.knot_precision
         return self.codes(begin, stop), total
 
-    def asked(self, first: int, stop: int, value: Vector) -> Vector:
+    def prior_gradient(self, first: int, stop: int, value: Vector) -> Vector:
         """Prior precision times knot values, computed from differences to avoid cancellation of large values."""
         begin, total = self.since(first), np.zeros(len(value))
         for penalty in self.filters:

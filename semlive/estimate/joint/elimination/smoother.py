@@ -48,13 +48,13 @@ class SharedPosterior:
         layout, border = self.chain.state.layout, self.chain.border
         residual, total = rows.copy(), np.zeros((len(rows),) * 2)
         held = np.zeros((len(rows), border.size))
-        held[:, : border.known] = rows[:, parameter_indices(layout, border.codes()[: border.known])]
+        held[:, : border.joint_size] = rows[:, parameter_indices(layout, border.codes()[: border.joint_size])]
         for step in self._since(rows):
             here = residual[:, parameter_indices(layout, step.eliminated)]
             if here.any():
                 ahead = solve_triangular(step.factor, here.T, lower=True, check_finite=False)
                 total += ahead.T @ ahead
-                residual[:, parameter_indices(layout, step.kept)] -= ahead.T @ step.front_coupling
+                residual[:, parameter_indices(layout, step.remaining)] -= ahead.T @ step.front_coupling
                 held -= ahead.T @ step.to_border
         ahead = solve_triangular(self.factor, held.T, lower=True, check_finite=False)
         return total + ahead.T @ ahead
@@ -63,7 +63,7 @@ class SharedPosterior:
         """The steps from the first that touches linear functions on: what came before does not cost a look each."""
         layout, border, found = self.chain.state.layout, self.chain.border, list[EliminationStep]()
         touched = np.asarray(np.any(rows, axis=0), dtype=np.bool_)
-        touched[parameter_indices(layout, border.codes()[: border.known])] = False
+        touched[parameter_indices(layout, border.codes()[: border.joint_size])] = False
         count = int(touched.sum())
         for step in self.backward_pass() if count else ():
             found.append(step)
@@ -82,7 +82,7 @@ def solve_shared(chain: EliminationChain, belief: Hyperparameters | None = None)
     """
     last, precision, pull = eliminate_last(chain)
     believed = shared_prior(chain.state, belief or chain.hyper, chain.border)
-    border_codes = chain.border.codes()[: chain.border.known]
+    border_codes = chain.border.codes()[: chain.border.joint_size]
     about = chain.linearisation_point[parameter_indices(chain.state.layout, border_codes)]
     pull[: len(border_codes)] -= believed[: len(border_codes), : len(border_codes)] @ about
     precision += believed
@@ -100,11 +100,11 @@ def mean_of(ending: SharedPosterior, newest: int | None = None) -> Vector:
     """
     layout, border = ending.chain.state.layout, ending.chain.border
     move = np.zeros(layout.size)
-    border_codes = border.codes()[: border.known]
-    move[parameter_indices(layout, border_codes)] = ending.step[: border.known]
+    border_codes = border.codes()[: border.joint_size]
+    move[parameter_indices(layout, border_codes)] = ending.step[: border.joint_size]
     remaining = newest or 0
     for step in ending.backward_pass():
-        gradient = step.pull - step.front_coupling @ move[parameter_indices(layout, step.kept)] - step.to_border @ ending.step
+        gradient = step.pull - step.front_coupling @ move[parameter_indices(layout, step.remaining)] - step.to_border @ ending.step
         move[parameter_indices(layout, step.eliminated)] = solve_triangular(step.factor, gradient, lower=True, trans=1, check_finite=False)
         remaining -= step.pair is not None
         if newest and not remaining:
@@ -148,7 +148,7 @@ class _Back:
         step: the elimination step.
         codes: sorted codes of its front.
         order: permutation that sorts the eliminated and remaining codes.
-        kept_at: positions of the remaining codes in the front of the previous step of the pass.
+        remaining_at: positions of the remaining codes in the front of the previous step of the pass.
         given: (front, m) factor of the covariance of the front given the border: product with its transpose.
         response: (front, b) response of the front to the border.
         answer: (gone, b) the rows of the response of the eliminated parameters.
@@ -157,7 +157,7 @@ class _Back:
     step: EliminationStep
     codes: Codes
     order: NDArray[np.int64]
-    kept_at: NDArray[np.int64]
+    remaining_at: NDArray[np.int64]
     given: Matrix
     response: Matrix
     answer: Matrix
@@ -208,7 +208,7 @@ def pair_covariances(ending: SharedPosterior, newest: int | None = None) -> Iter
         row = 0
         for group in together:
             stop = row + len(group.step.eliminated)
-            through = np.concatenate((solved[row:stop], through[group.kept_at]))[group.order]
+            through = np.concatenate((solved[row:stop], through[group.remaining_at]))[group.order]
             row = stop
             if group.step.pair is None:
                 continue
@@ -232,11 +232,11 @@ def _way_back(ending: SharedPosterior) -> Iterator[_Back]:
     codes, given = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
     response = np.zeros((0, ending.chain.border.size))
     for step in ending.backward_pass():
-        at = np.searchsorted(codes, step.kept)
+        at = np.searchsorted(codes, step.remaining)
         given, response = _narrowed(given[at]), response[at]
         alone = np.asarray(solve_triangular(step.factor, np.eye(len(step.eliminated)), lower=True, check_finite=False), dtype=np.float64).T
         gain, answer = alone @ step.front_coupling, -(alone @ (step.to_border + step.front_coupling @ response))
-        both = np.concatenate((step.eliminated, step.kept))
+        both = np.concatenate((step.eliminated, step.remaining))
         order = np.argsort(both)
         codes = both[order]
         front = np.zeros((len(both), alone.shape[1] + given.shape[1]))

@@ -22,14 +22,18 @@ RASTER_PX = 5.0  # 1 % of magnification
 STILL_PX = 1e-7
 
 
-# Below any smoothness that the data choose there is this one, so that a high order leaves nothing free: second differences of knots.
-# With 3 px a distortion whose waves are 2.5 knots long, with second differences of 14 px, left a twentieth more than the noise.
 BASE_PX = 30.0
+"""Size of second differences of knots in a prior that is always added, so that no wave is free with a high order of the selected prior.
+
+With 3 px, a distortion with waves of 2.5 knots and second differences of 14 px gave residuals 5 % above the noise.
+"""
 UNINFORMATIVE_PX = 300.0
 
 
-OSCILLATION_DAMPING = 0.7  # of a swing, natural logarithm; cooling and pumps do not keep their phase
-MAX_COUPLED_KNOTS = 4  # knots, that any belief joins a knot with
+OSCILLATION_DAMPING = 0.7
+"""Logarithmic decrement of one oscillation; cooling and pumps do not keep their phase."""
+MAX_COUPLED_KNOTS = 4
+"""Largest number of knots to which a prior couples a knot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,9 +85,9 @@ class Smoothness:
     """Prior smoothness of one component of a spline: ``size_px`` is the typical difference of the given order between knots.
 
     Attributes:
-        order: order of the difference. 2 permits curvature anywhere; higher orders leave long waves free and restrict short ones more.
+        order: order of the difference. 2 permits curvature anywhere; with higher orders long waves are free and short ones more restricted.
         size_px: typical difference of that order for slow changes, px.
-        oscillation_period_knots: period of a preferred oscillation, as caused by cycling of the room cooling, in knots; 0 for none.
+        oscillation_period_knots: period of a preferred oscillation, as caused by cycling of the laboratory cooling, in knots; 0 for none.
     """
 
     order: int

@@ -42,7 +42,7 @@ def with_row_shifts(state: EstimatorState, over_y: UniformSpline, about: NDArray
 def with_maps(state: EstimatorState, changed: Callable[[DisparityMap], DisparityMap]) -> EstimatorState:
     """Return the state with other maps of the same pairs and without rejected blocks. All columns are computed again."""
     rebuilt = (map_observations(state, changed(map_rows.dmap)) if map_rows.weight.any() else map_rows for map_rows in state.rows)
-    return _having(
+    return _with_rows(
         state,
         (replace(new, weight=np.where(map_rows.weight > 0.0, new.weight, 0.0)) for new, map_rows in zip(rebuilt, state.rows, strict=True)),
     )
@@ -57,7 +57,7 @@ def reset_model_selection(state: EstimatorState, changed: Callable[[DisparityMap
 
 
 def _remade(state: EstimatorState) -> EstimatorState:
-    return _having(
+    return _with_rows(
         state,
         (
             replace(map_observations(state, map_rows.dmap), weight=map_rows.weight) if map_rows.weight.any() else map_rows
@@ -66,6 +66,6 @@ def _remade(state: EstimatorState) -> EstimatorState:
     )
 
 
-def _having(state: EstimatorState, rebuilt: Iterable[MapObservations]) -> EstimatorState:
+def _with_rows(state: EstimatorState, rebuilt: Iterable[MapObservations]) -> EstimatorState:
     rebuilt_state = replace(state, rows=state.storage.append((), (offload_rows(value, state.storage) for value in rebuilt)))
     return with_normal_matrix(without_normal_matrix(rebuilt_state)) if state.summed else rebuilt_state

@@ -40,12 +40,12 @@ class MapObservations:
         reference: number of the reference frame.
         current: number of the current frame.
         disparity_px: (blocks, 2) block means.
-        weight: (blocks, 2) one over the assigned variance, 1/px^2; zero where empty, or where other maps say the same.
-        noisy_frames: how many frames' noise the weight holds: 1 from frame 0, whose noise is estimated, 2 within a pair.
+        weight: (blocks, 2) one over the assigned variance, 1/px^2; zero where empty, or where other maps contain the same information.
+        noisy_frames: number of frames whose noise the weight includes: 1 from frame 0, whose noise is estimated, 2 within a pair.
         difference_columns: columns of the effects that act at the scan address.
         position_px: (blocks, 2) mean address in the reference frame, relative to the image centre.
         reference_columns: columns at the reference frame, negative, which give the ideal position; empty within a pair.
-        dmap: the map, for columns that are made anew.
+        dmap: the map, from which columns are computed again.
     """
 
     reference: int
@@ -76,28 +76,26 @@ class ReferenceNoise:
     Attributes:
         weight: (blocks, 2) information on each value, including its prior, 1/px^2.
         prior: (blocks, 2) part of the prior, 1/px^2.
-        first_seen_frame: (blocks, 2) number of the frame from which the prior was derived.
+        prior_frame: (blocks, 2) number of the frame from which the prior was derived.
         coupling: (2, blocks, n) information shared with the parameters, for x and y.
         information: (blocks, 2) information vector.
     """
 
     weight: NDArray[np.float64]
     prior: NDArray[np.float64]
-    first_seen_frame: NDArray[np.int64]
+    prior_frame: NDArray[np.int64]
     coupling: NDArray[np.float64]
     information: NDArray[np.float64]
 
     @classmethod
     def empty(cls, blocks: int, size: int) -> ReferenceNoise:
         """The state before the first map."""
-        unseen = np.full((blocks, 2), np.iinfo(np.int64).max)
-        return cls(np.zeros((blocks, 2)), np.zeros((blocks, 2)), unseen, np.zeros((2, blocks, size)), np.zeros((blocks, 2)))
+        no_frame = np.full((blocks, 2), np.iinfo(np.int64).max)
+        return cls(np.zeros((blocks, 2)), np.zeros((blocks, 2)), no_frame, np.zeros((2, blocks, size)), np.zeros((blocks, 2)))
 
     def copy(self) -> ReferenceNoise:
         """A copy with its own arrays."""
-        return ReferenceNoise(
-            self.weight.copy(), self.prior.copy(), self.first_seen_frame.copy(), self.coupling.copy(), self.information.copy()
-        )
+        return ReferenceNoise(self.weight.copy(), self.prior.copy(), self.prior_frame.copy(), self.coupling.copy(), self.information.copy())
 
     def mean_px(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """(blocks, 2) posterior mean of the noise given the parameters, px."""
@@ -133,21 +131,21 @@ class EstimatorState:
         height_px: image height.
         blocks: partition of the grid.
         distortion: the distortion effect.
-        drift: the drift effect, lengthened as time goes on; None before the first pair.
-        raster: what of the raster may change in time, held at zero unless the data ask for it; empty before the first pair.
+        drift: the drift effect, extended with each pair; None before the first pair.
+        raster: changes of the raster in time, zero unless the data require them; empty before the first pair.
         axes: the axes of the scan.
-        motions: the motion effect, one pair more with each update.
+        motions: the motion effect, extended by one pair with each update.
         frames: times of all frames in the order of their times.
         phases: phase of each pair in order of arrival.
-        rows: block means of all maps, kept for re-linearisation and re-weighting.
+        rows: block means of all maps, stored for re-linearisation and re-weighting.
         linearisation_point: parameters about which the information is linearised; empty means zero.
-        precision: (n, n) accumulated information matrix A^T W A at unit noise scale, without priors; empty where it is not held.
+        precision: (n, n) accumulated information matrix A^T W A at unit noise scale, without priors; empty where it is not stored.
         information: (n,) accumulated information vector A^T W y; likewise.
-        reference: what the maps say of the noise of frame 0.
-        calibrated: where frames of calibration and translation pairs showed the middles of blocks; None where none did.
-        row_shifts: shifts of rows, in no frame unless the data ask for them.
-        start_time_errors: errors of start times, of the pairs whose frames' starts are not known exactly.
-        storage: where what belongs to single pairs is kept, here and in what is made of it.
+        reference: information of the maps on the noise of frame 0.
+        calibrated: range of the block centres in frames of calibration and translation pairs; None without such frames.
+        row_shifts: shifts of rows; in no frame unless the data require them.
+        start_time_errors: start-time errors of the pairs with uncertain start times.
+        storage: storage of the data of single pairs, here and in values derived from them.
     """
 
     settings: EstimateSettings

@@ -21,13 +21,13 @@ from semlive.model import MotionKind
 
 Field = NDArray[np.float64]
 # An address counts as calibrated when the data reduced the standard deviation of its distortion below this fraction. Of the paper's
-# grid this leaves nothing after seven pairs along x (error 0.05 px rms), all after one more along y (0.013 px); +-4 px crosses fail.
+# grid no address counts after seven pairs along x (error 0.05 px rms), all after one more along y (0.013 px); +-4 px crosses fail.
 COVERED = 0.1
 MIN_COVERED = 0.5
 MARGIN_SUBSETS = 1.0  # half a block to its outer points, and half a subset: so far did the outer points see
 REPORT_FRACTION = 0.01
-# A calibration is refused where most of the grid is not covered and a wave over the grid stays more uncertain than this: what the published
-# procedure leaves. Seven pairs along x leave 0.028 ... 0.042 px, crosses of 4 px 0.027 ... 0.037, of 8 px 0.021, of 12 px 0.015 or less.
+# A calibration is rejected if most of the grid is not covered and the uncertainty of a wave over the grid is larger: the residual of the
+# published procedure. Seven pairs along x give 0.028 ... 0.042 px, crosses of 4 px 0.027 ... 0.037, of 8 px 0.021, of 12 px 0.015 or less.
 POOR_PX = 0.02
 
 
@@ -87,7 +87,7 @@ class CalibrationAssessment:
         advice = "in both directions" if both else f"along {'xy'[weak]}"
         return (
             f"distortion not determined yet: needs translations in both directions; the pairs so far moved {self.lever_px[0]:.3g} px along "
-            f"x and {self.lever_px[1]:.3g} px along y, which leaves waves of the distortion running along x uncertain by "
+            f"x and {self.lever_px[1]:.3g} px along y, so waves of the distortion running along x are uncertain by "
             f"{self.wave_sigma_px[0]:.2g} px and along y by {self.wave_sigma_px[1]:.2g} px: add larger translations {advice}"
         )
 

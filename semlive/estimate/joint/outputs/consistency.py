@@ -17,14 +17,8 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.special import gammaincc, ndtri
 
 from semlive.data.notes import Note, NoteCode, information, warning
-from semlive.estimate.joint.observations.normal_equations import (
-    NormalMatrix,
-    add_prior,
-    add_rows,
-    dense_limit,
-    marginal,
-    with_normal_matrix,
-)
+from semlive.estimate.joint.observations.accumulation import dense_limit
+from semlive.estimate.joint.observations.normal_equations import NormalMatrix, add_prior, add_rows, marginal, with_normal_matrix
 from semlive.estimate.joint.observations.priors import gauge_precision, prior_precision
 from semlive.estimate.joint.observations.state import EstimatorState, MapObservations, ReferenceNoise
 from semlive.estimate.joint.outputs.split_consistency import field_half_difference, odd_even_difference
@@ -35,7 +29,7 @@ from semlive.estimate.joint.solution.subset import sampled_pair_numbers
 
 Field = NDArray[np.float64]
 WARN_SIGMAS = 4.0
-MIN_PAIRS = 4  # with fewer, a half has one pair that moved, and nothing to say of the distortion
+MIN_PAIRS = 4  # with fewer, a half has one translated pair, which does not determine the distortion
 LATTICE = 9  # points along x and y where distortions are compared
 
 
@@ -83,7 +77,9 @@ def consistency(solution: Solution) -> tuple[HalfSplitCheck, ...]:
         return ()
     if count > dense_limit(solution.state):
         pairs, shape = sampled_pair_numbers(solution.state, previous_selection(count)), _shape_of_distortion(solution.state)
-        return _told(FIELD, *field_half_difference(solution, pairs)), _told(PAIRS, *odd_even_difference(solution, pairs, shape))
+        return _half_split_check(FIELD, *field_half_difference(solution, pairs)), _half_split_check(
+            PAIRS, *odd_even_difference(solution, pairs, shape)
+        )
     solution = replace(solution, state=with_normal_matrix(solution.state))
     state = solution.state
     left_half = (np.arange(state.blocks.size) % state.blocks.layout[1]) < state.blocks.layout[1] // 2
@@ -117,12 +113,14 @@ def _agreement(solution: Solution, name: str, choose: BlockSelector, rows: Field
     difference = values[0] - values[1]
     (noise, spread), (other_noise, second_spread) = spreads
     cross = spread.T @ belief @ second_spread + _shared(noise, spread, other_noise, second_spread) * weight
-    return _told(name, difference, rows @ (spread + second_spread) - cross - cross.T)
+    return _half_split_check(name, difference, rows @ (spread + second_spread) - cross - cross.T)
 
 
-def _told(name: str, difference: Field, covariance: Field) -> HalfSplitCheck:
-    expected_px, found_px = (float(np.sqrt(max(value, 0.0) / len(difference))) for value in (np.trace(covariance), difference @ difference))
-    return HalfSplitCheck(name, found_px, expected_px, _sigmas(difference, covariance))
+def _half_split_check(name: str, difference: Field, covariance: Field) -> HalfSplitCheck:
+    expected_px, measured_px = (
+        float(np.sqrt(max(value, 0.0) / len(difference))) for value in (np.trace(covariance), difference @ difference)
+    )
+    return HalfSplitCheck(name, measured_px, expected_px, _sigmas(difference, covariance))
 
 
 def _sigmas(difference: Field, covariance: Field) -> float:

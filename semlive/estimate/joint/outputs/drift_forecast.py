@@ -36,9 +36,9 @@ def forecast(solution: Solution, ahead_scans: tuple[float, ...] = FORECAST_SCANS
     rates, variances = [], []
     for strand in temporal_splines(state, solution.hyper, SharedParameters.of(state))[:2]:
         since = min(strand.since(count), first)
-        of_known, added = _continued(strand.belief(count, longer.size)[1], count - strand.since(count), rows[:, count:])
+        from_old, added = _continued(strand.belief(count, longer.size)[1], count - strand.since(count), rows[:, count:])
         recent_rows = rows[:, since:count].copy()
-        recent_rows[:, strand.since(count) - since :] += of_known
+        recent_rows[:, strand.since(count) - since :] += from_old
         at = part.start + strand.offset + strand.stride * np.arange(since, count)
         joint = np.zeros((len(rows), state.layout.size))
         joint[:, at] = recent_rows

@@ -18,7 +18,7 @@ from semlive.model import Axis, FrameObservation, evaluate_drift, sighting
 Field = NDArray[np.float64]
 Terms = list[tuple[int, NDArray[np.int64], Field]]
 """What acts along x (0) or y (1): (points, k) indices of parameters and their factors."""
-ALONG = 13  # places along the longer side of the grid; what is left of a correction is smooth, so its uncertainty is smoother still
+ALONG = 13  # places along the longer side of the grid; the uncertainty of a correction is smoother than the correction
 TOGETHER = 32  # maps for one way back along the chain: 60 MB of their functions of the parameters
 
 

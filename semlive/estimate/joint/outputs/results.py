@@ -65,8 +65,8 @@ def consistency_notes(solution: Solution) -> tuple[Note, ...]:
     notes = [check.note() for check in consistency(solution)]
     if solution.hyper.noise_scale > MODEL_MISFIT_FACTOR:
         text = (
-            f"the model leaves {solution.noise_floor_px:.2g} px unexplained, {solution.hyper.noise_scale:.1f} times what the "
-            "correlation says of its noise: something moved or changed that the model does not have"
+            f"the residual of the model is {solution.noise_floor_px:.2g} px, {solution.hyper.noise_scale:.1f} times the noise of "
+            "the correlation: an effect is missing from the model"
         )
         notes.append(warning(NoteCode.MODEL_MISFIT, text))
     return tuple(notes)
@@ -266,7 +266,7 @@ def _notes(solution: Solution, assessment: CalibrationAssessment, pairs: Collect
     frames = sorted(solution.state.frames, key=_start)
     gap_s = max((after.start_s - before.start_s - before.timing.duration_s for before, after in itertools.pairwise(frames)), default=0.0)
     if gap_s > 0:
-        text = f"drift between pairs is interpolated over gaps of up to {gap_s:.0f} s: it cannot be told from motion of the specimen"
+        text = f"drift between pairs is interpolated over gaps of up to {gap_s:.0f} s: motion of the specimen there looks like drift"
         notes.append(information(NoteCode.DRIFT_GAP, text))
     return tuple(notes)
 
@@ -287,7 +287,7 @@ def _term_notes(solution: Solution) -> list[Note]:
     for name, strain in (("magnification", "strain"), ("raster_rotation", "rotation of the specimen")):
         if name in tests and tests[name].included:
             text = f"the {name.replace('_', ' ')} drifts (evidence {tests[name].evidence:.0f}) and is corrected"
-            end = f", under load only as it goes on smoothly: a step of it cannot be told from {strain}" if strained else ""
+            end = f", under load only its smooth part: a step of it cannot be separated from {strain}" if strained else ""
             texts.append(text + end)
     return [information(NoteCode.MODEL_TERM, text) for text in texts]
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from semlive.data.drift import TermTest
-from semlive.estimate.joint.elimination.elimination import KNOT_MARGIN, pair_prior
-from semlive.estimate.joint.elimination.pair_information import pair_information
+from semlive.estimate.joint.elimination.pair_information import pair_information, pair_prior
+from semlive.estimate.joint.elimination.pair_order import KNOT_MARGIN
 from semlive.estimate.joint.elimination.shared_parameters import (
     DRIFT,
     NOISE,
@@ -32,12 +32,12 @@ from semlive.estimate.joint.observations.state import EstimatorState, MapObserva
 from semlive.estimate.joint.selection.marginal_likelihood import CANDIDATES, DRIFT_ORDERS, log_prior, smoothness_of_kind
 from semlive.estimate.joint.selection.model_selection import MIN_BAYES_FACTOR, RASTER_CANDIDATES
 
-SAMPLE_SEGMENTS, PAIRS_PER_SEGMENT = (
-    4,
-    24,
-)  # so many neighbouring pairs each, some 160 knots, tell as much of a smoothness as a choice needs
-# Behind a pause of so many knots nothing is left of what the drift was; in one band with 15 hours of it the pairs before lost all digits.
+SAMPLE_SEGMENTS = 4
+"""Number of segments of neighbouring pairs from which the smoothness of a long run is selected."""
+PAIRS_PER_SEGMENT = 24
+"""Pairs of one segment: about 160 knots, which determine a smoothness well enough."""
 PAUSE_KNOTS = 64
+"""A longer pause separates two bands: the drift before it is then irrelevant. In one band with 15 hours of pause all digits were lost."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,7 +165,7 @@ def with_prior(band: BandedSystem, hyper: Hyperparameters) -> tuple[Matrix, Vect
         codes = strand.codes(0, strand.spline.size)
         value = band.near[parameter_indices(band.state.layout, codes)]
         own, cost = _belief(strand, value)
-        begin, gradient = strand.first, strand.asked(strand.first, strand.spline.size, value[strand.since(strand.first) :])
+        begin, gradient = strand.first, strand.prior_gradient(strand.first, strand.spline.size, value[strand.since(strand.first) :])
         at = band.place(codes[begin:][::-1])
         for lag in range(len(own)):
             count = own.shape[1] - lag
@@ -271,7 +271,7 @@ def _strands(state: EstimatorState, pairs: tuple[int, ...], hyper: Hyperparamete
     end_s = max(when.start_s + (1.0 + KNOT_MARGIN) * when.timing.duration_s for when in frames)
     some = []
     for strand in splines:
-        if strand.kind == DRIFT:  # knots of the raster are few, and what it did before says where it is
+        if strand.kind == DRIFT:  # the raster has few knots, and its earlier changes determine its present value
             shorter = replace(strand.spline, intervals=strand.size_at(end_s) - strand.spline.degree)
             strand = replace(strand, first=max(strand.interval(begin_s), strand.first), spline=shorter)
         some.append(strand)

@@ -9,7 +9,7 @@ import numpy as np
 from semlive.estimate.joint.elimination.arrowhead import regularise
 from semlive.estimate.joint.elimination.elimination import EliminationChain, eliminate_last
 from semlive.estimate.joint.elimination.shared_parameters import DISTORTION, Vector, parameter_indices, shared_prior
-from semlive.estimate.joint.observations.normal_equations import predicted
+from semlive.estimate.joint.observations.design_columns import predicted
 from semlive.estimate.joint.observations.priors import GAUGE_PX, Hyperparameters
 from semlive.estimate.joint.observations.state import EstimatorState, rows_of
 from semlive.estimate.joint.selection.marginal_likelihood import (
@@ -44,7 +44,7 @@ def reselect_distortion_smoothness(chain: EliminationChain) -> Hyperparameters:
     state, hyper, border, spline = chain.state, chain.hyper, chain.border, chain.state.distortion
     _, lower, pull = eliminate_last(chain)
     precision = np.tril(lower) + np.tril(lower, -1).T
-    part, about = border.part(DISTORTION), chain.linearisation_point[parameter_indices(state.layout, border.codes()[: border.known])]
+    part, about = border.part(DISTORTION), chain.linearisation_point[parameter_indices(state.layout, border.codes()[: border.joint_size])]
     belief = shared_prior(state, hyper, border)
     affine = spline.affine_rows(state.grid) / GAUGE_PX
     pinned = affine.T @ affine
@@ -54,7 +54,7 @@ def reselect_distortion_smoothness(chain: EliminationChain) -> Hyperparameters:
         belief[component, component] = pinned
     precision += belief
     pull = pull.copy()
-    pull[: border.known] -= belief[: border.known, : border.known] @ about
+    pull[: border.joint_size] -= belief[: border.joint_size, : border.joint_size] @ about
     remainder = slice(part.stop, border.size)
     eliminated = np.linalg.solve(
         regularise(precision[remainder, remainder]), np.column_stack((precision[remainder, part], pull[remainder]))

@@ -39,7 +39,7 @@ DISTORTION_ORDERS: Orders = {(2, 0.0): (0.5, 1.5), (4, 0.0): (0.05, 4.0)}
 # below that the elimination of pairs loses digits. Above 1 px lies no drift: 31 px were chosen in its stead while the coupling was wrong.
 # In steps of a quarter of a decade sigma was chosen up to a sixth too large or too small.
 CANDIDATES = 10.0 ** np.arange(-4.5, 0.01, 0.125)
-# A first pair says nothing of the distortion: 1e-4 px could be chosen, and beside BASE_PX the elimination of pairs then lost seven digits.
+# A first pair does not determine the distortion: 1e-4 px could be selected, and with BASE_PX the elimination then lost seven digits.
 DISTORTION_CANDIDATES = 10.0 ** np.arange(-2.0, 1.51, 0.25)
 ROTATION_PRIOR, ROW_SHIFT_PRIOR = (1e-4, 3.0), (0.03, 1.5)
 ROTATION_CANDIDATES = 10.0 ** np.arange(-7.0, -1.9, 0.25)  # rad
@@ -107,8 +107,8 @@ def select_row_shift_size(
 ) -> Hyperparameters:
     """Select the most likely size of row shifts, with the prior smoothness of the drift.
 
-    If both sizes are selected in turn, they do not converge: a slightly too stiff drift leaves its change between frames to the row shifts,
-    which grow from 0.06 px to 0.6 px and then leave no curvature for the drift.
+    If both sizes are selected in turn, they do not converge: with a slightly too stiff drift, the row shifts
+    take over its change between frames, grow from 0.06 px to 0.6 px and then explain all curvature of the drift.
     """
     lines, baseline = (
         np.arange(*state.layout.part("line_shift").indices(state.layout.size)),
@@ -203,9 +203,9 @@ def _scores(data: LocalLikelihood, smoothness_prior: SmoothnessPrior, kind: Kind
 def _spectrum(effect: DriftSpline | DistortionSpline, kind: Kind, against: NDArray[np.float64]) -> Spectrum:
     """Eigenvalues (m,) and vectors (m, m) of a kind's roughness R against a precision P: ``V^T P V = 1``, ``V^T R V = L``.
 
-    Of a drift they come from singular values of its filtered differences. Of a long swing R has eigenvalues of 1e7 and of 0, and what
-    rounding makes of the latter counts beside differences of 3e-5 px: the logarithm of a likelihood was off by 26, and a drift that only
-    bends was taken for one that swings, or not, by the order in which sums were taken.
+    For a drift they follow from singular values of its filtered differences. For a long oscillation R has eigenvalues of 1e7 and of 0. The
+    rounding error of the latter is significant for differences of 3e-5 px: the logarithm of a likelihood was wrong by 26, and the order of
+    summation decided whether a drift with curvature was identified as an oscillation.
     """
     if not isinstance(effect, DriftSpline):
         values, vectors = eigh(smoothness_of_kind(kind, 1.0).roughness(effect), against, check_finite=False)

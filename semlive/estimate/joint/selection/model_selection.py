@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from semlive.data.drift import FrameTime, TermTest
 from semlive.estimate.joint.elimination.arrowhead import factorise, sides
-from semlive.estimate.joint.observations.normal_equations import add_transposed_product, predicted
+from semlive.estimate.joint.observations.design_columns import add_transposed_product, predicted
 from semlive.estimate.joint.observations.priors import Hyperparameters, prior_precision, raster_prior, rotation_indices
 from semlive.estimate.joint.observations.state import EstimatorState, MapObservations
 from semlive.estimate.joint.selection.marginal_likelihood import (
@@ -71,19 +71,19 @@ def _gains_of_rotation(
     part, turning = state.layout.part(change.name), rotation_indices(state)
     at = np.concatenate((np.arange(part.start, part.stop), turning))
     own, count = marginal_of(baseline, prior_precision(state, off), sides(state), at), part.stop - part.start
-    order = np.argsort(np.argsort(at))  # what is kept comes sorted
+    order = np.argsort(np.argsort(at))  # the marginal is sorted by parameter
     own = _from_zero(LocalLikelihood(own.precision[np.ix_(order, order)], own.gradient[order], own.linearisation_point[order]), count)
     sizes = np.concatenate(([0.0], RASTER_CANDIDATES))
     turns = ROTATION_CANDIDATES if turning.size else np.array([off.rotation_rad])
     scores = np.zeros((len(sizes), len(turns)))
-    known = np.zeros_like(own.precision)
-    known[:count, :count] = gauge
+    data_gauge = np.zeros_like(own.precision)
+    data_gauge[:count, :count] = gauge
     for row, size in enumerate(sizes):
         for column, turn in enumerate(turns):
             prior = np.zeros_like(own.precision)
             prior[:count, :count] = raster_prior(change, size)
             prior[count:, count:] = np.eye(len(turning)) * turn**-2.0
-            scores[row, column] = _gain(own, prior, known)
+            scores[row, column] = _gain(own, prior, data_gauge)
     scores += log_prior(turns, ROTATION_PRIOR)
     return scores[1:].max(axis=1) - scores[0].max(), turns[scores[1:].argmax(axis=1)]
 
@@ -163,5 +163,5 @@ def _gain(own: LocalLikelihood, prior: NDArray[np.float64], gauge: NDArray[np.fl
 def _f_ratio(own: LocalLikelihood) -> float:
     """Mean square per degree of freedom explained by the term; 1 on average without an effect, for any number of knots."""
     values, vectors = np.linalg.eigh(own.precision)
-    determined = values > 1e-3  # a tenth of a pixel and better is told by the data at all
+    determined = values > 1e-3  # the data determine this direction to about 0.1 px or better
     return float(np.mean((own.gradient @ vectors[:, determined]) ** 2 / values[determined])) if determined.any() else 0.0

@@ -10,7 +10,7 @@ from semlive.data.drift import TermTest
 from semlive.estimate.joint.elimination.elimination import eliminate_all
 from semlive.estimate.joint.elimination.shared_parameters import NOISE, Matrix, Vector
 from semlive.estimate.joint.elimination.smoother import mean_of, solve_shared
-from semlive.estimate.joint.observations.normal_equations import predicted
+from semlive.estimate.joint.observations.design_columns import predicted
 from semlive.estimate.joint.observations.priors import Hyperparameters, rotation_indices
 from semlive.estimate.joint.observations.reformulate import with_advected_distortion, with_static_distortion
 from semlive.estimate.joint.observations.state import EstimatorState
@@ -39,8 +39,8 @@ def reestimate_advection(solution: Solution, since: int) -> TermTest:
     columns = [advection_column(solution.state, rows, solution.mean) for rows in used_rows]
     as_data = tuple(replace(rows, disparity_px=column) for rows, column in zip(used_rows, columns, strict=True))
     fit = solve_shared(eliminate_all(replace(state, rows=as_data), solution.hyper, np.zeros(len(near))))
-    unexplained = _left(replace(state, rows=as_data), mean_of(fit), fit.step[fit.chain.border.part(NOISE)])
-    misfit = _left(replace(state, rows=tuple(used_rows)), near, noise_px)
+    unexplained = _map_residuals(replace(state, rows=as_data), mean_of(fit), fit.step[fit.chain.border.part(NOISE)])
+    misfit = _map_residuals(replace(state, rows=tuple(used_rows)), near, noise_px)
     own = sum(
         float(np.sum(rows.weight * residual * column)) for rows, residual, column in zip(used_rows, unexplained, columns, strict=True)
     )
@@ -61,13 +61,13 @@ def _better_otherwise(state: EstimatorState, hyper: Hyperparameters, near: Vecto
     spreads = []
     for candidate in (state, with_static_distortion(about) if state.distortion.carried else with_advected_distortion(about)):
         fit = solve_shared(eliminate_all(candidate, hyper, near))
-        left = _left(candidate, mean_of(fit), fit.step[fit.chain.border.part(NOISE)])
-        z = np.concatenate([(residual * np.sqrt(rows.weight)).ravel() for rows, residual in zip(candidate.rows, left, strict=True)])
+        fields = _map_residuals(candidate, mean_of(fit), fit.step[fit.chain.border.part(NOISE)])
+        z = np.concatenate([(residual * np.sqrt(rows.weight)).ravel() for rows, residual in zip(candidate.rows, fields, strict=True)])
         spreads.append(float(np.mean(z**2)))
     return spreads[1] < spreads[0]
 
 
-def _left(state: EstimatorState, mean: Vector, noise_px: Vector) -> list[Matrix]:
+def _map_residuals(state: EstimatorState, mean: Vector, noise_px: Vector) -> list[Matrix]:
     """(blocks, 2) residual of each map for given parameters and given noise of frame 0, px."""
     noise = noise_px.reshape(2, -1).T
     return [rows.disparity_px - predicted(state, rows, mean) + (noise if rows.from_reference else 0.0) for rows in state.rows]

@@ -14,29 +14,29 @@ from semlive.errors import IllPosed
 from semlive.estimate.joint.elimination.arrowhead import ArrowheadFactor, cholesky, factorise, regularise, sides
 from semlive.estimate.joint.elimination.elimination import EliminationChain, eliminate_all
 from semlive.estimate.joint.elimination.smoother import SharedPosterior, mean_of, solve_shared
-from semlive.estimate.joint.observations.block_means import Blocks
-from semlive.estimate.joint.observations.normal_equations import gradient, marginal, predicted, relinearise, reweight
+from semlive.estimate.joint.observations.normal_equations import gradient, marginal, relinearise, reweight
 from semlive.estimate.joint.observations.priors import Hyperparameters, gauge_precision, prior_precision
 from semlive.estimate.joint.observations.reformulate import with_advected_distortion, with_row_shifts
 from semlive.estimate.joint.observations.state import EstimatorState, MapObservations, offload_rows
 from semlive.estimate.joint.selection.marginal_likelihood import LocalLikelihood, maximise_evidence, select_row_shift_size
 from semlive.estimate.joint.selection.model_selection import COUPLING_SIGMAS, distortion_advection, raster_terms
 from semlive.estimate.joint.selection.row_term import row_groups, row_shift_term_test
+from semlive.estimate.joint.solution.residual_noise import MIN_FINAL_BLOCK_NOISE_PX, estimated_noise, residuals
 
-CLIP = 4.0
-HUBER, HUBER_PASSES = 5.0, 2  # of the noise; of 32,000 block means of noise alone one in fifty runs lies beyond
-# The drift that was found with the wrong coupling is wrong by 0.02 px, which matters times 5e-3: three passes where there is noise. Without
-# any, smoothness is chosen anew as the misfit shrinks, by two digits in each pass.
+HUBER = 5.0
+"""Limit of normalised residuals, in noise scales; of 32,000 block means of pure noise, one in fifty runs exceeds it."""
+HUBER_PASSES = 2
 PASSES = (3, 6)
+"""Smallest and largest number of passes with advected distortion.
+
+The drift of a fit with the wrong advection is wrong by 0.02 px, of which a fraction of 5e-3 remains: three passes with noise. Without
+noise, the smoothness is selected again as the misfit decreases, by two digits in each pass.
+"""
 CONVERGENCE_TOLERANCE = 0.01  # of the noise scale
 RASTER_START_PX = 0.1
 MAX_INITIAL_ITERATIONS, NOISE_SCALE_JUMP = 3, 3.0
-MAX_NOISE_SCALE_RATIO = 0.95  # of the noise scale: with a few thousand block means a hundredth is decisive already
-# While choices are made, noise of a block's mean is never taken for smaller, px. The model lacks the products of its own terms (a rotation
-# of 5e-4 rad times 1 px of distortion): with 1e-5 px of noise that misfit became rough drift, 0.1 px of displacement and 1.7e-3 of strain.
-# About a solution far less will do, and 1e-6 of strain at the edges of the field becomes 1.5e-7.
-MIN_BLOCK_NOISE_PX = 3e-4
-LAST_BLOCK_NOISE_PX = 1e-6
+MAX_NOISE_SCALE_RATIO = 0.95
+"""Ratio of noise scales below which advection is selected; with a few thousand block means a ratio of 0.99 is already significant."""
 
 Information = tuple[NDArray[np.float64], NDArray[np.float64]]
 """(n, n) information matrix and (n,) information vector, without priors."""
@@ -114,7 +114,7 @@ def _concluded(
 ) -> Solution:
     while True:
         mean, factor = _posterior_about(state, data, prior_precision(state, hyper) + gauge, hyper.noise_scale)
-        scale, floor_px = _noise(state, data.precision, hyper, mean, factor.inverse(), LAST_BLOCK_NOISE_PX)
+        scale, floor_px = estimated_noise(state, data.precision, hyper, mean, factor.inverse(), MIN_FINAL_BLOCK_NOISE_PX)
         if scale > 0.5 * hyper.noise_scale:
             return posterior_from_elimination(eliminate_all(state, hyper, mean), terms, floor_px)
         hyper = replace(hyper, noise_scale=scale)  # the noise may be below the floor used for selection
@@ -146,8 +146,8 @@ def _couplings(state: EstimatorState) -> tuple[_Coupled, _Coupled | None]:
     gauge = gauge_precision(state)
     mean = _first_mean(state, Hyperparameters(), gauge)
     fitted, tests = _with_raster_terms(_fitted(relinearise(state, mean), Hyperparameters(), gauge, mean), gauge)
-    # A wrong magnification looks like a wrong coupling and the other way round; coupling is judged with magnification in the model,
-    # and magnification once more after the coupling.
+    # A wrong magnification resembles a wrong advection and vice versa. The advection is tested with magnification in the model,
+    # and the magnification is tested again after the advection.
     test = _coupling(fitted, gauge)
     still = _Coupled(fitted, (*tests, replace(test, included=False)))
     if abs(test.value) <= COUPLING_SIGMAS * test.sigma:  # one column does not determine gamma if the misfit dominates
@@ -175,7 +175,7 @@ def _fitted(state: EstimatorState, hyper: Hyperparameters, gauge: NDArray[np.flo
     data = LocalLikelihood(marginal(state)[0], gradient(state, near), near)
     for choose in (None, maximise_evidence, None):
         mean, factor = _posterior_about(state, data, prior_precision(state, hyper) + gauge, hyper.noise_scale)
-        scale, _ = _noise(state, data.precision, hyper, mean, factor.inverse())
+        scale, _ = estimated_noise(state, data.precision, hyper, mean, factor.inverse())
         hyper = replace(hyper, noise_scale=scale)
         hyper = choose(state, data, hyper, gauge) if choose else hyper
     mean, _ = _posterior_about(state, data, prior_precision(state, hyper) + gauge, hyper.noise_scale)
@@ -276,7 +276,7 @@ def _first_mean(state: EstimatorState, start: Hyperparameters, gauge: NDArray[np
     for _ in range(MAX_INITIAL_ITERATIONS):
         data = LocalLikelihood(precision, gradient(state, mean), mean)
         mean, factor = _posterior_about(state, data, prior, scale)
-        found, _ = _noise(state, precision, replace(start, noise_scale=scale), mean, factor.inverse())
+        found, _ = estimated_noise(state, precision, replace(start, noise_scale=scale), mean, factor.inverse())
         if found < NOISE_SCALE_JUMP * scale:
             break
         scale = found
@@ -290,65 +290,3 @@ def _posterior_about(
     believed = data.scaled(noise_scale**-2.0).with_prior(prior)
     factor = factorise(believed.precision, sides(state))
     return data.linearisation_point + factor.solve(believed.gradient), factor
-
-
-def residuals(state: EstimatorState, mean: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """(blocks, 2) residual of the block means of each map with weight, px. Maps from frame 0 are corrected for the noise of frame 0."""
-    noise_px = state.reference.mean_px(mean)
-    used_rows = [rows for rows in state.rows if rows.weight.any()]
-    return [rows.disparity_px - predicted(state, rows, mean) + (noise_px if rows.from_reference else 0.0) for rows in used_rows]
-
-
-def _noise(
-    state: EstimatorState,
-    precision: NDArray[np.float64],
-    hyper: Hyperparameters,
-    mean: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    least_px: float = MIN_BLOCK_NOISE_PX,
-) -> tuple[float, float]:
-    """Noise scale from clipped normalised residuals, and the noise of one POI, px.
-
-    Block means scatter by a part of their assigned variance (see `_scatter`). Each determined parameter reduces the sum by one assigned
-    variance. The noise of frame 0 counts as a residual against its prior.
-    """
-    blocks, noise = state.blocks, state.reference
-    z, variance, fields = [(noise.mean_px(mean) * np.sqrt(noise.prior))[noise.prior > 0]], [], []
-    used_rows = [rows for rows in state.rows if rows.weight.any()]
-    for rows, residual in zip(used_rows, residuals(state, mean), strict=True):
-        used = rows.weight > 0
-        fields.append(residual * np.sqrt(rows.weight))
-        z.append(fields[-1][used])
-        variance.append(2 / rows.noisy_frames / rows.weight[used])
-    joined = np.concatenate(z)
-    spread = 1.4826 * float(np.median(np.abs(joined)))
-    clipped = np.clip(joined, -CLIP * spread, CLIP * spread)
-    expected = _scatter(blocks, fields, CLIP * spread) * float(len(joined) - len(z[0]))
-    determined = float(np.sum(covariance * precision)) * hyper.noise_scale**-2.0
-    freedom = max(expected - determined, 0.1 * expected, 1.0)
-    mean_variance = float(np.mean(np.concatenate(variance)))
-    scale = max(float(np.sqrt(np.sum(clipped**2) / freedom)), least_px / np.sqrt(mean_variance))
-    poi_px = float(np.sqrt(mean_variance / blocks.variance(blocks.full_count).mean()))
-    return scale, scale * poi_px
-
-
-def _scatter(blocks: Blocks, fields: list[NDArray[np.float64]], limit: float) -> float:
-    """Variance of block means relative to their assigned variance, estimated from residuals.
-
-    The result lies between 1 for independent blocks (white noise of single POI) and the value for overlapping subsets. If neighbours are
-    correlated by r along x and y, slow fields have ``(1 + 2 r_x) (1 + 2 r_y)`` times the variance of independent blocks.
-    Assuming full overlap
-    made the standard deviations of white noise too large by a factor of 1.46.
-    """
-    if not fields:
-        return 1.0
-    clipped = np.clip(np.stack(fields), -limit, limit).reshape(len(fields), *blocks.layout, 2)
-    along_x, along_y = clipped[:, :, 1:] * clipped[:, :, :-1], clipped[:, 1:] * clipped[:, :-1]
-    inflation = 1.0
-    for product, pair in (
-        (along_x, (clipped[:, :, 1:] != 0) & (clipped[:, :, :-1] != 0)),
-        (along_y, (clipped[:, 1:] != 0) & (clipped[:, :-1] != 0)),
-    ):
-        power = float(np.mean(clipped[clipped != 0] ** 2)) if clipped.any() else 1.0
-        inflation *= 1.0 + 2.0 * max(float(product.sum()) / max(int(pair.sum()), 1) / power, 0.0)
-    return float(np.clip(1.0 / inflation, blocks.block_variance_ratio, 1.0))

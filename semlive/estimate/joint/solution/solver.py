@@ -9,14 +9,9 @@ from semlive.errors import IllPosed
 from semlive.estimate.joint.elimination.elimination import EliminationChain, eliminate_all, eliminate_further, with_initial_motion
 from semlive.estimate.joint.elimination.shared_parameters import DRIFT, NOISE
 from semlive.estimate.joint.elimination.smoother import LIVE_WINDOW_PAIRS
-from semlive.estimate.joint.observations.normal_equations import (
-    dense_limit,
-    extended_parameters,
-    first_pairs,
-    update,
-    with_rates,
-    without_normal_matrix,
-)
+from semlive.estimate.joint.observations.accumulation import dense_limit, extended_parameters, first_pairs, update
+from semlive.estimate.joint.observations.design_columns import with_rates
+from semlive.estimate.joint.observations.normal_equations import without_normal_matrix
 from semlive.estimate.joint.observations.reformulate import with_advected_distortion, with_static_distortion
 from semlive.estimate.joint.observations.state import EstimatorState, rows_of
 from semlive.estimate.joint.selection.long_run import reselect_temporal_terms
@@ -43,7 +38,7 @@ def solve_incremental(state: EstimatorState, previous: Solution | None) -> Solut
     if previous is None or (selection_due(len(state.phases)) and dense_limit(state) == len(state.phases)):
         return solve(state)
     followed = posterior_from_elimination(_gone_on(state, previous), previous.terms, previous.noise_floor_px)
-    return _anew(followed, previous_selection(len(state.phases))) if selection_due(len(state.phases)) else followed
+    return _selected_again(followed, previous_selection(len(state.phases))) if selection_due(len(state.phases)) else followed
 
 
 def solve_newest(state: EstimatorState, previous: Solution, pairs: int = 1) -> Solution:
@@ -99,10 +94,10 @@ def solve(state: EstimatorState) -> Solution:
     if first == len(state.phases):
         return select_and_solve(state)
     previous = select_and_solve(first_pairs(state, first))
-    return _anew(posterior_from_elimination(_gone_on(state, previous), previous.terms, previous.noise_floor_px), first)
+    return _selected_again(posterior_from_elimination(_gone_on(state, previous), previous.terms, previous.noise_floor_px), first)
 
 
-def _anew(solution: Solution, since: int) -> Solution:
+def _selected_again(solution: Solution, since: int) -> Solution:
     """Linearise about the solution and select noise, smoothness, advection, rotation size and raster terms again.
 
     The test for row shifts is not repeated. The noise scale is that of the first `since` pairs times the ratio of the residuals.
@@ -121,7 +116,7 @@ def _anew(solution: Solution, since: int) -> Solution:
     hyper = replace(solution.hyper, noise_scale=larger * solution.hyper.noise_scale, rotation_rad=turned)
     before = tuple(test if term.name == test.name else term for term in solution.terms)
     hyper, terms = reselect_temporal_terms(state, hyper, before, solution.mean, noise_px)
-    chain = eliminate_all(state, hyper, solution.mean)  # eliminates the pairs; the belief about the distortion comes after
+    chain = eliminate_all(state, hyper, solution.mean)  # eliminates the pairs; the prior of the distortion follows
     return posterior_from_elimination(replace(chain, hyper=reselect_distortion_smoothness(chain)), terms, larger * solution.noise_floor_px)
 
 

@@ -11,16 +11,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from semlive.data.experiment import Phase, Plan, Step
-from semlive.engine.adaptive_hold import drift_rate
+from semlive.engine.context import StepContext
+from semlive.engine.gates.adaptive_hold import drift_rate
 from semlive.engine.motion import start_step
-from semlive.engine.state import EngineState, StepContext
+from semlive.engine.state import EngineState
 from semlive.engine.states import Cause
 
 
 def is_closed(state: EngineState) -> bool:
     """Whether the gate is before the present step and has not been passed."""
     rule, step = state.plan.warm_up, state.step
-    if rule is None or state.warm_up_gate_passed or step.warm_up:
+    if rule is None or state.gates.warm_up_passed or step.warm_up:
         return False
     return step.load_n is not None or (rule.gate_phases is not Phase.TENSION and state.step_index > 0)
 
@@ -45,8 +46,13 @@ def with_measurement(plan: Plan, index: int) -> Plan:
 def enter(context: StepContext, cause: Cause) -> None:
     """Enter WARM_UP and store the time of the first entry."""
     context.transition(cause)
-    if context.state.warming_since_ns is None:
-        context.update(warming_since_ns=context.state.time_ns)
+    if context.state.gates.warming_since_ns is None:
+        store_begin(context)
+
+
+def store_begin(context: StepContext) -> None:
+    """Store the present time as the time of the first entry."""
+    context.update(gates=replace(context.state.gates, warming_since_ns=context.state.time_ns))
 
 
 def start_extra_pair(context: StepContext) -> None:
@@ -58,21 +64,21 @@ def start_extra_pair(context: StepContext) -> None:
 def evaluate(context: StepContext) -> None:
     """In WARM_UP: continue if the forecast of the newest pair allows it; pause after the maximum time; else measure again."""
     state = context.state
-    rule, since_ns = state.plan.warm_up, state.warming_since_ns
+    rule, since_ns = state.plan.warm_up, state.gates.warming_since_ns
     assert rule is not None
     assert since_ns is not None
-    forecast_available = state.drift_forecast is not None and state.drift_forecast.pair >= state.step_index - 1
+    forecast_available = state.analysis.drift_forecast is not None and state.analysis.drift_forecast.pair >= state.step_index - 1
     waited_s = state.seconds_since(since_ns)
-    rate, sigma = drift_rate(state.drift_forecast, state.time_ns + round(state.plan.hold.hold_s * 1e9))
+    rate, sigma = drift_rate(state.analysis.drift_forecast, state.time_ns + round(state.plan.hold.hold_s * 1e9))
     guards = (("rate_px_s", rate), ("sigma_px_s", sigma), ("waited_s", waited_s)) if math.isfinite(rate) else ()
     if forecast_available and rate + sigma <= rule.max_rate_px_s:
         context.transition(Cause.WARMED_UP, *guards)
-        context.update(warm_up_gate_passed=True)
+        context.update(gates=replace(state.gates, warm_up_passed=True))
         context.announce(f"warm: the drift is expected to be {_format_rate(rate, sigma)}")
         start_step(context)
     elif waited_s >= rule.max_wait_s and (forecast_available or state.seconds_since(state.since_ns) >= _FORECAST_TIMEOUT_S):
         drift_text = f"is expected to be {_format_rate(rate, sigma)}" if guards else "is not known"
-        reason = f"after {rule.max_wait_s / 60:.0f} min of warming up the drift {drift_text}; resume goes on all the same, or stop"
+        reason = f"after {rule.max_wait_s / 60:.0f} min of warming up the drift {drift_text}; resume continues nevertheless, or stop"
         context.stop_and_transition(Cause.WARM_UP_TIMEOUT, reason, *guards)
     elif forecast_available or state.step_index == 0:
         context.transition(Cause.MEASURE_AGAIN, *guards)

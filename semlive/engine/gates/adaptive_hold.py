@@ -37,11 +37,11 @@ def relaxation_n_s(state: EngineState, window_s: float) -> float:
         state: state of the run.
         window_s: time span of the readings, experiment seconds.
     """
-    if state.load_frame is None:
+    if state.devices.load_frame is None:
         return 0.0
     points = [
         ((time_ns - state.time_ns) / 1e9, force_n)
-        for time_ns, force_n, _ in state.history.between(state.time_ns - round(window_s * 1e9), state.time_ns)
+        for time_ns, force_n, _ in state.devices.history.between(state.time_ns - round(window_s * 1e9), state.time_ns)
     ]
     if len(points) < 3:
         return math.inf
@@ -64,10 +64,10 @@ def hold_extension_reason(state: EngineState) -> str | None:
 
 def _drift_reason(state: EngineState, max_rate_px_s: float) -> str | None:
     """Return a clause if the drift rate measured in this hold, or else the forecast rate, exceeds its maximum; else None."""
-    if state.hold_drift is not None and state.hold_drift.begin_ns >= state.since_ns:
-        rate_px_s, text = state.hold_drift.rate_px_s, "the drift went on at {:.2g} px/min between frames of this hold"
-    elif state.drift_forecast is not None:
-        rate_px_s, text = drift_rate(state.drift_forecast, state.time_ns)[0], "the drift is expected to go on at {:.2g} px/min"
+    if state.analysis.hold_drift is not None and state.analysis.hold_drift.begin_ns >= state.since_ns:
+        rate_px_s, text = state.analysis.hold_drift.rate_px_s, "the drift rate between frames of this hold was {:.2g} px/min"
+    elif state.analysis.drift_forecast is not None:
+        rate_px_s, text = drift_rate(state.analysis.drift_forecast, state.time_ns)[0], "a drift rate of {:.2g} px/min is expected"
     else:
         return None
     return None if rate_px_s <= max_rate_px_s else text.format(60 * rate_px_s)

@@ -7,17 +7,19 @@ run.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from semlive.data.experiment import Step
-from semlive.engine import warm_up_gate
+from semlive.engine.context import StepContext
+from semlive.engine.gates import warm_up
 from semlive.engine.motion import start_step
-from semlive.engine.state import EngineState, StepContext
+from semlive.engine.state import EngineState
 from semlive.engine.states import Cause
 
 
 def is_closed(state: EngineState) -> bool:
     """Whether the gate is before the present step and has not been passed."""
-    if not state.plan.calibration_gate or state.calibration_gate_passed or state.step_index == 0:
+    if not state.plan.calibration_gate or state.gates.calibration_passed or state.step_index == 0:
         return False
     return state.step.load_n is not None
 
@@ -30,26 +32,26 @@ def passed(completed_steps: Sequence[Step]) -> bool:
 def evaluate(context: StepContext) -> None:
     """In CALIBRATION_GATE: continue when the calibration is accepted; pause for the operator if it is rejected or not assessed in time."""
     state = context.state
-    assessment = state.calibration_assessment
+    assessment = state.analysis.calibration
     if (assessment is None or assessment.pair < state.step_index - 1) and state.seconds_since(state.since_ns) < _ASSESSMENT_TIMEOUT_S:
         return
     if assessment is None or assessment.rejection_reason:
         problem = (
-            f"nothing was said of the calibration for {_ASSESSMENT_TIMEOUT_S:g} s"
+            f"the analysis did not assess the calibration within {_ASSESSMENT_TIMEOUT_S:g} s"
             if assessment is None
             else f"the calibration is refused: {assessment.rejection_reason}"
         )
-        context.stop_and_transition(Cause.POOR_CALIBRATION, f"{problem}; resume loads the specimen all the same, or stop")
-        context.update(calibration_asked=True)
+        context.stop_and_transition(Cause.POOR_CALIBRATION, f"{problem}; resume loads the specimen nevertheless, or stop")
+        context.update(gates=replace(context.state.gates, calibration_rejected=True))
         return
-    context.update(calibration_gate_passed=True)
+    context.update(gates=replace(context.state.gates, calibration_passed=True))
     proceed(context)
 
 
 def proceed(context: StepContext) -> None:
     """Begin the first load step, or enter the warm-up gate if it is closed."""
-    if warm_up_gate.is_closed(context.state):
-        warm_up_gate.enter(context, Cause.WARM_UP)
+    if warm_up.is_closed(context.state):
+        warm_up.enter(context, Cause.WARM_UP)
     else:
         context.transition(Cause.CALIBRATION_ACCEPTED)
         start_step(context)

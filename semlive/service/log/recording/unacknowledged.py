@@ -16,11 +16,11 @@ from itertools import islice
 from pathlib import Path
 
 from semlive.formats.log.messages import SEM_ORIGINAL
-from semlive.formats.log.writer import LogMessage, read_messages
+from semlive.formats.log.reader import LogMessage, read_messages
 
 _NAMED_FILES = 10
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-# A write refused for one of these leaves the file as it was; the same write can be repeated later.
+# A write that fails with one of these errors does not change the file; the same write can be repeated later.
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)})
 _REPEATABLE = _NO_ROOM | {errno.EINTR, errno.EAGAIN}
 
@@ -36,7 +36,7 @@ def remedy(error: OSError) -> str:
 
 
 def described(messages: Sequence[LogMessage]) -> str:
-    """Messages by topic, with names of image files and the interval of their log times in UTC."""
+    """Return a description of messages: number by topic, names of image files and interval of log times in UTC."""
     if not messages:
         return "no messages"
     counts = Counter(message.topic for message in messages)
@@ -63,14 +63,14 @@ def read_back(path: Path, expected: Sequence[LogMessage]) -> None:
 
 
 def _original_names(messages: Sequence[LogMessage]) -> list[str]:
-    """Names of the image files whose bytes are among the messages; their number where the name is not among them."""
+    """Return the names of the image files whose bytes the messages contain; the number of the export if no message contains the name."""
     names: dict[int, str] = {}
     for message in messages:
         if message.topic == "/sem/file":
             content = json.loads(message.payload)
             if isinstance(content.get("export"), int):
                 names[content["export"]] = str(content.get("name", ""))
-    return [names.get(one.sequence) or f"export {one.sequence}" for one in messages if one.topic == SEM_ORIGINAL]
+    return [names.get(message.sequence) or f"export {message.sequence}" for message in messages if message.topic == SEM_ORIGINAL]
 
 
 def _clock_time(time_ns: int) -> str:

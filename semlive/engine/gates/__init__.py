@@ -1,0 +1,1 @@
+"""Conditions before a hold ends or a load is applied: adaptive hold, calibration gate, warm-up gate."""

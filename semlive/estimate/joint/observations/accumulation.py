@@ -1,0 +1,211 @@
+"""Accumulation of the maps of a pair in the state of the estimator. The result equals batch least squares exactly."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.disparity import DisparityMap
+from semlive.data.drift import FrameTime
+from semlive.data.experiment import Phase
+from semlive.errors import IllPosed
+from semlive.estimate.joint.observations.design_columns import with_rates
+from semlive.estimate.joint.observations.normal_equations import (
+    NormalMatrix,
+    add_prior,
+    add_rows,
+    with_normal_matrix,
+    without_normal_matrix,
+)
+from semlive.estimate.joint.observations.observations import observation_rows
+from semlive.estimate.joint.observations.state import EstimatorState, Extent, MapObservations, offload_rows, rows_of
+from semlive.model import DriftSpline, Layout, MotionKind, PairMotions, RasterChange, RasterTerm, UniformSpline
+
+MAX_DRIFT_KNOTS = 250_000
+"""15 kB each: 10,000 pairs at the published rate, 50 days, need 136,000. A clock that jumps by years exceeds the limit."""
+DENSE_PAIRS = 32
+"""Number of first pairs whose sums form one dense matrix, from which hyperparameters are selected."""
+DENSE_KNOTS = 640
+"""Largest number of drift knots of the dense matrix. Pauses contain knots, too: with holds of 20 minutes, 24 pairs have 1,200 knots, and a
+selection took 17 s.
+"""
+TREND_KNOTS = 6
+"""Number of last knots from which the drift is extrapolated."""
+RASTER_KNOT_FRAMES = 8.0
+"""Knot distance of the raster changes in frame times: lens current and high voltage drift over hours."""
+
+_KIND = {Phase.CALIBRATION: MotionKind.RIGID, Phase.TRANSLATION: MotionKind.GRADIENT, Phase.TENSION: MotionKind.GRADIENT}
+
+
+def update(
+    state: EstimatorState, pair: int, phase: Phase, times: tuple[FrameTime, FrameTime], maps: tuple[DisparityMap, ...]
+) -> EstimatorState:
+    """Add one pair to the state.
+
+    The maps of a run share the noise of their frames. All maps from frame 0 share the noise of frame 0. With drift of one sign this noise
+    resembles distortion; treating it as independent doubled the error of the distortion. The maps of one pair share the noise of the frames
+    of the pair. Each frame is given independent noise with half the variance of a map. The noise of frame 0 is estimated block
+    by block. Given
+    it, the two maps from frame 0 are independent and the map within the pair is their difference. The map within the pair therefore counts
+    only in blocks where one of the two maps is missing.
+
+    Args:
+        state: the state before the pair.
+        pair: number of the pair. Pair 0 comes first; the others may come in any order, because frame times define their position.
+        phase: purpose of the pair. In calibration the specimen moves rigidly; otherwise its displacement gradient is free.
+        times: scan times of the two frames.
+        maps: maps 2k -> 2k+1 and, for k > 0, also 0 -> 2k and 0 -> 2k+1. Any of them may be missing.
+
+    Returns:
+        The new state. The given state is not changed.
+
+    Raises:
+        IllPosed: pair 0 is missing, a pair occurs twice or precedes pair 0, or the run exceeds the largest drift spline.
+    """
+    _check_pair(state, pair, times, maps)
+    if state.frames:  # stored once for all frames with the same scan
+        shared = state.frames[-1].timing
+        first, second = (replace(when, timing=shared) if when.timing == shared else when for when in times)
+        times = first, second
+    duration_s = max(when.timing.duration_s for when in times)
+    drift = state.drift or DriftSpline(UniformSpline(0.0, duration_s / state.settings.drift_knots_per_frame, 1))
+    raster = state.raster or _raster(state, duration_s)
+    end_s = _end_s(times[1])
+    drift, raster = drift.until(end_s), tuple(raster_effect.until(end_s) for raster_effect in raster)
+    if drift.spline.size > MAX_DRIFT_KNOTS:
+        raise IllPosed(f"the run is {times[1].start_s:.0f} s long at pair {pair}, more than {MAX_DRIFT_KNOTS} drift knots: start a new run")
+    motions = state.motions if pair == 0 else state.motions.with_pair(pair, _KIND[phase])
+    frames, phases = tuple(sorted((*state.frames, *times), key=_start)), (*state.phases, phase)
+    lines = state.row_shifts.with_frames((2 * pair, 2 * pair + 1))
+    starts = state.start_time_errors.with_pairs(pair, math.hypot(*(when.start_sigma_s for when in times)))
+    larger = replace(
+        state, drift=drift, raster=raster, motions=motions, frames=frames, phases=phases, row_shifts=lines, start_time_errors=starts
+    )
+    grown = with_rates(_grown(larger, state.layout), state.start_time_errors)
+    # Stored at once: a solution refers to them as well and must not refer to the version before storage.
+    rows = [offload_rows(observation_row, state.storage) for observation_row in observation_rows(grown, maps)]
+    sums = NormalMatrix(grown.precision, grown.information, grown.reference.copy())  # made by `_grown` for this state alone
+    for map_rows in rows:
+        if grown.summed:
+            add_rows(grown, map_rows, grown.linearisation_point, sums)
+        add_prior(map_rows, sums.reference)
+    calibrated = state.calibrated if phase is Phase.TENSION else _widened(state, state.calibrated, rows)
+    extended = replace(grown, rows=state.storage.append(grown.rows, rows), calibrated=calibrated)
+    return replace(extended, precision=sums.precision, information=sums.information, reference=sums.reference)
+
+
+def _check_pair(state: EstimatorState, pair: int, times: tuple[FrameTime, FrameTime], maps: tuple[DisparityMap, ...]) -> None:
+    if not state.phases and pair != 0:
+        raise IllPosed(f"pair {pair} came before pair 0, the reference of all others: give pair 0 first")
+    if pair in state.motions.pairs or (state.phases and not pair):
+        raise IllPosed(f"pair {pair} is in the estimate already: give each pair once")
+    if state.frames and times[0].start_s < state.frames[0].start_s:
+        raise IllPosed(f"pair {pair} was scanned before pair 0, the reference of all others: begin with the earliest pair")
+    if not any(dmap.valid.any() for dmap in maps):
+        raise IllPosed(f"no point of pair {pair} was correlated, so it has no information: check focus and contrast of its frames")
+
+
+def dense_limit(state: EstimatorState) -> int:
+    """Number of first pairs for which hyperparameters are selected from one dense matrix; at least 1."""
+    if state.drift is None:
+        return len(state.phases)
+    first = replace(state.drift, spline=replace(state.drift.spline, intervals=1))
+    end_s = {when.frame // 2: _end_s(when) for when in state.frames}
+    knots = [first.until(end_s[pair]).spline.size for pair in (0, *state.motions.pairs)[:DENSE_PAIRS]]
+    return next((count for count, size in enumerate(knots) if count and size > DENSE_KNOTS), len(knots))
+
+
+def first_pairs(state: EstimatorState, pairs: int) -> EstimatorState:
+    """Return the state restricted to the first `pairs` pairs in order of arrival."""
+    retained = {0, *state.motions.pairs[: pairs - 1]}
+    loaded = {pair for pair, phase in zip((0, *state.motions.pairs), state.phases, strict=True) if phase is Phase.TENSION}
+    frames = tuple(when for when in state.frames if when.frame // 2 in retained)
+    end_s = max(_end_s(when) for when in frames)
+    assert state.drift is not None  # there are pairs
+    shorter = without_normal_matrix(state)
+    return with_normal_matrix(
+        replace(
+            shorter,
+            drift=replace(state.drift, spline=replace(state.drift.spline, intervals=1)).until(end_s),
+            raster=tuple(
+                replace(raster_effect, spline=replace(raster_effect.spline, intervals=1)).until(end_s) for raster_effect in state.raster
+            ),
+            motions=PairMotions(state.motions.pairs[: pairs - 1], state.motions.kinds[: pairs - 1]),
+            start_time_errors=state.start_time_errors.only(retained),
+            frames=frames,
+            phases=state.phases[:pairs],
+            rows=tuple(rows_of(state, retained)),
+            linearisation_point=np.zeros(0),
+            calibrated=_widened(state, None, rows_of(state, retained - loaded)),
+        )
+    )
+
+
+def _widened(state: EstimatorState, extent: Extent | None, maps: Sequence[MapObservations]) -> Extent | None:
+    for rows in maps:
+        used = rows.weight.any(axis=1)
+        if rows.from_reference and not rows.within_pair and used.any():
+            there = (rows.position_px + rows.disparity_px)[used] + state.centre_px
+            here = Extent(there.min(axis=0), there.max(axis=0))
+            extent = extent.union(here) if extent else here
+    return extent
+
+
+def _end_s(when: FrameTime) -> float:
+    """Scan end of a frame, s, plus an eighth of a frame: a subset inside the image may have points below the last row."""
+    return when.start_s + 1.125 * when.timing.duration_s
+
+
+def _start(when: FrameTime) -> float:
+    return when.start_s
+
+
+def _raster(state: EstimatorState, duration_s: float) -> tuple[RasterChange, ...]:
+    x, y = (float(value) for value in state.centre_px)
+    spline = UniformSpline(0.0, RASTER_KNOT_FRAMES * duration_s, 1)
+    return tuple(RasterChange(term, spline, (x, y), x) for term in RasterTerm)
+
+
+def _grown(state: EstimatorState, before: Layout) -> EstimatorState:
+    layout = state.layout
+    index = before.within(layout)
+    about = extended_parameters(layout, before, state.linearisation_point)
+    if not state.summed or dense_limit(state) < len(state.phases):
+        return replace(without_normal_matrix(state), linearisation_point=about)
+    precision, information = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
+    moved = [(before.part(name), slice(layout.part(name).start, layout.part(name).start + size)) for name, size in before.of_each()]
+    for old_row, row in moved:
+        for old_column, column in moved:
+            precision[row, column] = state.precision[old_row, old_column]
+    information[index] = state.information
+    before_noise = state.reference
+    coupling = np.zeros((2, state.blocks.size, layout.size))
+    coupling[:, :, index] = before_noise.coupling
+    return replace(
+        state, precision=precision, information=information, linearisation_point=about, reference=replace(before_noise, coupling=coupling)
+    )
+
+
+def extended_parameters(layout: Layout, before: Layout, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) parameters of a shorter run in the layout of a longer one. The drift continues at its last rate; motions are zero."""
+    if not parameters.size:
+        return parameters
+    about = np.zeros(layout.size)
+    about[before.within(layout)] = parameters
+    _extrapolate(about[layout.part("drift")].reshape(-1, 2), before.part("drift"))
+    return about
+
+
+def _extrapolate(drift: NDArray[np.float64], estimated: slice) -> None:
+    """Extrapolate, in place, drift coefficients that no pair has touched at the rate of the last ones.
+
+    Some columns need the drift there.
+    """
+    count = (estimated.stop - estimated.start) // 2
+    last = min(TREND_KNOTS, count - 1)
+    rate = (drift[count - 1] - drift[count - 1 - last]) / last
+    drift[count:] = drift[count - 1] + rate * np.arange(1, len(drift) - count + 1)[:, None]
