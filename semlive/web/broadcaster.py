@@ -12,7 +12,7 @@ from typing import Any
 
 from semlive.errors import BadLog
 from semlive.formats.log.messages import SEM_ORIGINAL, SEM_SIDECAR
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.service.log.files import PARTIAL_SUFFIX, segments
 from semlive.service.log.stream import is_being_written
 from semlive.service.log.tail import LogTail

@@ -16,7 +16,7 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.grid import Grid
 from semlive.formats.log.maps import decode_displacement, decode_map, decode_strain
 from semlive.formats.log.messages import DIC_MAP, DISPLACEMENT_FIELD, STRAIN_FIELD
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.web.page_state import MapQuality
 
 

@@ -25,7 +25,7 @@ from semlive.formats.log.messages import (
     StateMessage,
     from_json,
 )
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.service.config.configuration import parse_config
 from semlive.service.log import alarms as alarm_rules
 from semlive.service.log.alarms import Alarm

@@ -26,7 +26,7 @@ import yaml
 
 from semlive.cli.demo import daemon_config
 from semlive.cli.simulator import running_simulator
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.service.log.files import messages
 
 HOLD_S = 30.0

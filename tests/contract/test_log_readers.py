@@ -41,7 +41,8 @@ from semlive.formats.log.messages import (
     to_json,
     topic_of,
 )
-from semlive.formats.log.writer import LogMessage, LogWriter
+from semlive.formats.log.reader import LogMessage
+from semlive.formats.log.writer import LogWriter
 from semlive.service.analysis.preview_images import preview_images
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))

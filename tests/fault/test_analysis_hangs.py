@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from semlive.formats.log.messages import SEM_SIDECAR, RunMessage
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.service.analysis import process
 from semlive.service.analysis.process import AnalysisProcess
 from semlive.service.analysis.worker import READY_TEXT

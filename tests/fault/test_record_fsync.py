@@ -15,7 +15,8 @@ import pytest
 from mcap.reader import make_reader
 
 from semlive.formats.log.messages import SEM_ORIGINAL, LogLineMessage, to_json
-from semlive.formats.log.writer import LogMessage, LogWriter
+from semlive.formats.log.reader import LogMessage
+from semlive.formats.log.writer import LogWriter
 from semlive.service.log.files import messages
 from semlive.service.log.repair import recover_log, repair_partial_segments
 from semlive.service.log.segment import REWRITING
@@ -170,7 +171,7 @@ def grown(path: Path, lines: range, after_ns: int | None = None, lost: int | Non
     with path.open("wb") as stream:
         writer = LogWriter(stream)
         if after_ns is not None:
-            writer.tell_rewritten(after_ns)
+            writer.write_rewritten_metadata(after_ns)
         for number in lines:
             writer.write("/log", line(number).payload, number, number, number)
             begin = stream.tell()

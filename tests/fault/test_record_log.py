@@ -19,7 +19,9 @@ from mcap.reader import make_reader
 
 from semlive.errors import BadConfig, BadLog, SemliveError
 from semlive.formats.log.messages import SEM_ORIGINAL, FaultMessage, LogLineMessage, RunMessage, from_json
-from semlive.formats.log.writer import RUN_METADATA, LogMessage, LogWriter
+from semlive.formats.log.reader import LogMessage
+from semlive.formats.log.records import RUN_METADATA
+from semlive.formats.log.writer import LogWriter
 from semlive.service.log.files import messages, segment_path, segments
 from semlive.service.log.recorder import Recorder
 from semlive.service.log.stream import open_new
@@ -109,7 +111,7 @@ def test_a_log_grows_as_a_part_that_can_be_read_after_flush_wait(tmp_path: Path)
     damage: list[str] = []
     [message] = messages(tmp_path, damage.append)
     assert from_json("/log", message.payload) == line("one")
-    assert damage == ["run.000.mcap.part: torn: EndOfFile."]
+    assert damage == ["run.000.mcap.part: truncated: EndOfFile."]
     assert recorder.close()
 
 

@@ -15,7 +15,8 @@ import pytest
 
 from semlive.errors import BadConfig
 from semlive.formats.log.messages import LogLineMessage, RunMessage
-from semlive.formats.log.writer import LogMessage, LogWriter
+from semlive.formats.log.reader import LogMessage
+from semlive.formats.log.writer import LogWriter
 from semlive.service.analysis.process import AnalysisProcess
 from semlive.service.analysis.worker import LOG_REPLACED
 from semlive.service.config.configuration import parse_config

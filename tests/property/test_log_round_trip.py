@@ -27,7 +27,8 @@ from semlive.errors import BadLog
 from semlive.formats.log import conversions as values
 from semlive.formats.log.maps import decode_displacement, decode_map, decode_strain, encode_displacement, encode_map, encode_strain
 from semlive.formats.log.messages import DIC_MAP, SEM_ORIGINAL, TOPICS, DicMessage, LogLineMessage, from_json, json_schema, to_json
-from semlive.formats.log.writer import LogMessage, LogWriter, read_messages
+from semlive.formats.log.reader import LogMessage, read_messages
+from semlive.formats.log.writer import LogWriter
 
 FLOAT = st.floats(allow_nan=False, allow_infinity=False)
 POSITIVE = st.floats(1e-9, 1e6)

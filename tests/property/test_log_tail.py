@@ -9,7 +9,8 @@ import pytest
 
 from semlive.errors import BadLog
 from semlive.formats.log.messages import SEM_ORIGINAL, LogLineMessage
-from semlive.formats.log.writer import LogMessage, LogWriter
+from semlive.formats.log.reader import LogMessage
+from semlive.formats.log.writer import LogWriter
 from semlive.service.log.files import messages
 from semlive.service.log.recorder import Recorder
 from semlive.service.log.repair import recover_segment

@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from semlive.errors import BadConfig
 from semlive.formats.log.messages import LoadSampleMessage
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.service.analysis.pipe import read_message
 from semlive.service.analysis.worker import INPUT_TOPICS, READY_TEXT, WorkerState, background_work, is_output, process_message
 from semlive.service.config.configuration import load_config

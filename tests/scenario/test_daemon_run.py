@@ -18,7 +18,7 @@ from semlive.estimate.joint.solution.solver import selection_due
 from semlive.formats.log.foxglove import SEM_IMAGE
 from semlive.formats.log.maps import decode_displacement, decode_strain
 from semlive.formats.log.messages import DISPLACEMENT_FIELD, STRAIN_FIELD
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.report.campaign import process_pool, reanalyse
 from semlive.service.analysis.pipe import read_message
 from semlive.service.analysis.result_json import result_json

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import IO
 
 from semlive.errors import SemliveError
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 
 # topic length, payload length, sequence, log time, publish time
 _HEAD = struct.Struct("<HIIqq")

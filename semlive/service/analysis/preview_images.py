@@ -9,7 +9,7 @@ from semlive.formats.log import conversions as values
 from semlive.formats.log.foxglove import FIELD_IMAGE_TOPICS, SEM_IMAGE, compressed_image, raw_image
 from semlive.formats.log.maps import decode_map, decode_strain
 from semlive.formats.log.messages import DIC_MAP, STRAIN_FIELD, DistortionMessage, from_json
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 
 
 def preview_images(pair: Pair, outputs: Iterable[LogMessage]) -> Iterator[LogMessage]:

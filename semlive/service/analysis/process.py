@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.service.analysis.pipe import HEARTBEAT, read_message, write_count
 from semlive.service.analysis.worker import INPUT_TOPICS, LOG_REPLACED
 from semlive.service.log.files import messages

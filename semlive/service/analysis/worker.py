@@ -48,7 +48,7 @@ from semlive.formats.log.messages import (
     to_json,
     topic_of,
 )
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.service.analysis.output import OutputStream, lower_priority
 from semlive.service.analysis.pipe import read_counts
 from semlive.service.analysis.preview_images import preview_images

@@ -67,7 +67,7 @@ from semlive.formats.log.messages import (
     ScanMessage,
     from_json,
 )
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.service.analysis.worker import READY_TEXT, is_model_warning
 from semlive.service.control.analysis_events import (
     DriftUpdate,

@@ -33,7 +33,7 @@ from semlive.formats.log.messages import (
     StateMessage,
     from_json,
 )
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.service.analysis.worker import INPUT_TOPICS, fault_origin, is_output
 from semlive.service.config.configuration import Config, parse_config
 from semlive.service.control.analysis_events import (

@@ -16,7 +16,7 @@ from semlive.data.text import printable
 from semlive.engine import Device, State
 from semlive.engine.state import FAULT_OF_CAUSE
 from semlive.formats.log.messages import FaultMessage, LogLineMessage, OperatorMessage, StateMessage, from_json
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 
 ACKNOWLEDGE = "acknowledge"
 """`what` of the `/operator` message that acknowledges an alarm; its `args` are `alarm` (identity) and `by`."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from semlive.errors import BadLog
-from semlive.formats.log.writer import LogMessage, read_messages, rewritten_after
+from semlive.formats.log.reader import LogMessage, read_messages, rewritten_after
 from semlive.inputs.files import open_regular
 
 SUFFIX = ".mcap"

@@ -15,7 +15,7 @@ from semlive.formats import read_frame
 from semlive.formats.log import conversions as values
 from semlive.formats.log.maps import decode_map
 from semlive.formats.log.messages import DIC_MAP, SEM_ORIGINAL, SEM_SIDECAR, FileMessage, PairMessage, from_json
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.service.log.files import messages
 
 

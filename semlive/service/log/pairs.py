@@ -27,7 +27,7 @@ from semlive.formats.log.messages import (
     RunMessage,
     from_json,
 )
-from semlive.formats.log.repair import summary
+from semlive.formats.log.segment_scan import summary
 from semlive.service.log.files import messages, open_segment, segments
 from semlive.service.log.settings import settings_of
 

@@ -25,7 +25,7 @@ from pathlib import Path
 
 from semlive.errors import BadConfig, SemliveError
 from semlive.formats.log.messages import RAW_TOPICS, SEM_ORIGINAL, SEM_SIDECAR, TOPICS, Payload, to_json, topic_of
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.ports import ClockSource
 from semlive.service.log.files import PARTIAL_SUFFIX, next_segment
 from semlive.service.log.segment import Segment, close, cut_back, give_name, open_segment, rewritten, scratch

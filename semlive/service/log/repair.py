@@ -19,8 +19,9 @@ from mcap.records import Channel, Message, MessageIndex, Metadata, Schema, Stati
 
 from semlive.errors import BadLog, SemliveError
 from semlive.formats.log.messages import RAW_TOPICS, TOPICS
-from semlive.formats.log.repair import SegmentSpan, channels_and_schemas, scan_spans, summary
-from semlive.formats.log.writer import LogWriter, rewritten_in
+from semlive.formats.log.reader import rewritten_in
+from semlive.formats.log.segment_scan import SegmentSpan, channels_and_schemas, scan_spans, summary
+from semlive.formats.log.writer import LogWriter
 from semlive.inputs.files import open_regular
 from semlive.service.log.files import PARTIAL_SUFFIX, SUFFIX, segments
 from semlive.service.log.segment import REWRITING
@@ -267,7 +268,7 @@ def _recover(stream: BinaryIO, out: BinaryIO, read: Callable[[int], object]) -> 
             if isinstance(record, MessageIndex):
                 account.indexed(record)
             elif isinstance(record, Metadata) and (after_ns := rewritten_in(record)) is not None:
-                writer.tell_rewritten(after_ns)
+                writer.write_rewritten_metadata(after_ns)
             elif isinstance(record, Message):
                 channel = channels.get(record.channel_id)
                 if channel is None:

@@ -17,7 +17,7 @@ from mcap.records import Channel, ChunkIndex, Message
 
 from semlive.engine import State
 from semlive.errors import BadConfig, BadInput, SemliveError
-from semlive.formats.log.repair import scan_spans, summary
+from semlive.formats.log.segment_scan import scan_spans, summary
 from semlive.inputs.files import open_regular
 from semlive.inputs.json_text import parse_json
 from semlive.service.log.files import PARTIAL_SUFFIX, SUFFIX, segments

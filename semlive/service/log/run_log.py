@@ -28,7 +28,7 @@ from semlive.formats.log.messages import (
     StateMessage,
     topic_of,
 )
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.service.log import alarms as alarm_rules
 from semlive.service.log.alarms import Alarms
 from semlive.service.log.recorder import Recorder

@@ -11,7 +11,9 @@ from io import RawIOBase
 from pathlib import Path
 from typing import cast
 
-from semlive.formats.log.writer import LogMark, LogMessage, LogWriter
+from semlive.formats.log.open_chunk import LogMark
+from semlive.formats.log.reader import LogMessage
+from semlive.formats.log.writer import LogWriter
 from semlive.service.log.files import PARTIAL_SUFFIX
 from semlive.service.log.stream import BufferedLogStream, OpenRaw, sync_folder
 from semlive.service.log.unacknowledged import read_back
@@ -78,7 +80,7 @@ def rewritten(path: Path, messages: Sequence[LogMessage], after_ns: int, run_mes
     growing.unlink(missing_ok=True)
     segment = open_segment(path, growing, open_raw, scratch())
     try:
-        segment.writer.tell_rewritten(after_ns)
+        segment.writer.write_rewritten_metadata(after_ns)
         if run_message is not None:
             segment.writer.write_run_metadata(run_message)
         for message in messages:

@@ -17,8 +17,9 @@ from typing import BinaryIO
 from mcap.records import Channel, Footer, Message, Metadata
 
 from semlive.errors import BadLog
-from semlive.formats.log.repair import SegmentSpan, scan_spans
-from semlive.formats.log.writer import CONTINUED_METADATA, LogMessage, rewritten_in
+from semlive.formats.log.reader import LogMessage, rewritten_in
+from semlive.formats.log.records import CONTINUED_METADATA
+from semlive.formats.log.segment_scan import SegmentSpan, scan_spans
 from semlive.service.log.files import PARTIAL_SUFFIX, open_segment, segments
 
 _MARK_BYTES = 48

@@ -16,7 +16,7 @@ from itertools import islice
 from pathlib import Path
 
 from semlive.formats.log.messages import SEM_ORIGINAL
-from semlive.formats.log.writer import LogMessage, read_messages
+from semlive.formats.log.reader import LogMessage, read_messages
 
 _NAMED_FILES = 10
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

@@ -19,7 +19,7 @@ from semlive.data.settings import DicSettings
 from semlive.formats import read_frame
 from semlive.formats.log.maps import encode_map
 from semlive.formats.log.messages import DIC_MAP, RunMessage
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.service.config.configuration import parse_config
 from semlive.service.log.recorder import Recorder
 from semlive.service.log.run_log import RunLog

@@ -25,7 +25,7 @@ from semlive.formats.log.messages import (
     from_json,
     to_json,
 )
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.service.analysis.worker import WorkerState, is_output, process_message
 from semlive.service.config.configuration import parse_config
 from semlive.service.log.files import messages

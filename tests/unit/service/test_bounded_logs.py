@@ -15,8 +15,9 @@ import zstandard
 from mcap.writer import CompressionType, Writer
 
 from semlive.errors import BadConfig, BadInput, BadLog
-from semlive.formats.log.repair import MAGIC
-from semlive.formats.log.writer import LogWriter, read_messages
+from semlive.formats.log.reader import read_messages
+from semlive.formats.log.records import MAGIC
+from semlive.formats.log.writer import LogWriter
 from semlive.formats.metadata.expand import ANY_RATIO_BYTES, expanded
 from semlive.inputs.json_text import MOST_NESTED, parse_json
 from semlive.report.scoring.truth import load_truth

@@ -32,7 +32,7 @@ from semlive.formats.log.messages import (
     to_json,
     topic_of,
 )
-from semlive.formats.log.writer import LogMessage
+from semlive.formats.log.reader import LogMessage
 from semlive.web.downsampled_series import MAX_ROWS, DownsampledSeries, LoadRow, append
 from semlive.web.fields import FieldStore, fields_of
 from semlive.web.page_state import PageState

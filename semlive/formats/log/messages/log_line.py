@@ -1,4 +1,4 @@
-"""A line of the service's own log, as Foxglove's log panel reads it."""
+"""`/log`: a line of text of the service, in the JSON that the log panel of Foxglove reads."""
 
 from __future__ import annotations
 
@@ -6,28 +6,28 @@ from typing import Any
 
 from pydantic import model_serializer, model_validator
 
-from semlive.formats.log.base import Message, MonotonicStamped
+from semlive.formats.log.messages.base import Message, MonotonicStamped
 
 
 class FoxgloveTime(Message):
-    """An instant as Foxglove's JSON schemas have it."""
+    """An instant in the form of the JSON schemas of Foxglove."""
 
     sec: int
     nsec: int
 
 
 class FoxgloveLog(MonotonicStamped):
-    """The JSON of `/log`: Foxglove's schema `foxglove.Log`, whose panel shows it, and two fields of ours.
+    """The JSON of `/log`: the schema `foxglove.Log`, which the log panel shows, and keys of semlive.
 
     Attributes:
         timestamp: experiment time.
         level: 0 unknown, 1 debug, 2 info, 3 warning, 4 error, 5 fatal.
-        message: the line.
-        name: who says it.
+        message: the text.
+        name: source of the text.
         file: empty.
         line: 0.
         time_ns: experiment time, UTC ns.
-        text: the line again, as older logs name it.
+        text: the text again, under the key of older logs.
     """
 
     timestamp: FoxgloveTime
@@ -45,7 +45,7 @@ _OF_FOXGLOVE = ("timestamp", "message", "name", "file", "line")
 
 
 class LogLineMessage(MonotonicStamped):
-    """`/log`: one line of the service's own log; its JSON is a `FoxgloveLog`."""
+    """`/log`: one line of text of the service; its JSON is a `FoxgloveLog`."""
 
     time_ns: int
     level: str
