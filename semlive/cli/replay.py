@@ -12,8 +12,8 @@ from rich.console import Console
 
 from semlive.cli.progress_bar import multi_stage_progress
 from semlive.cli.tables import comparison_table, pair_status_line, result_table
+from semlive.data.frame import FrameOrigin
 from semlive.errors import BadInput
-from semlive.pipeline import IMPORTED
 from semlive.service.analysis.result_json import json_differences, result_json
 from semlive.service.config.overrides import parse_changes
 from semlive.service.replay.replay import ReplayCallbacks, ReplayRequest, ReplayResult, Source, require_calibration
@@ -76,7 +76,7 @@ def _compare(console: Console, asked: ReplayRequest, done: ReplayResult, result:
             recorded, beside = result_json(own.result, own.settings), "log's own settings"
         console.print(comparison_table(recorded, result, beside))
     elif done.recorded is None:
-        imported = done.result.decisions[0].first.vendor == IMPORTED
+        imported = done.result.decisions[0].first.origin is FrameOrigin.IMPORTED
         why = "it was imported" if imported else "the run did not end by itself"
         console.print(f"the log holds no final result to compare with: {why}")
     elif differing := json_differences(done.recorded, result):

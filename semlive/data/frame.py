@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,14 @@ class ColumnSettings:
     scan_rotation_deg: Sourced[float] | None = None
 
 
+class FrameOrigin(StrEnum):
+    """Origin of the pixels of a frame."""
+
+    MICROSCOPE = "microscope"
+    IMPORTED = "imported"
+    """The frame has no pixels: another engine made its disparity maps. This value is stored as `FrameInfo.vendor`."""
+
+
 @dataclass(frozen=True, slots=True)
 class FrameInfo:
     """Everything known of a frame but its pixels.
@@ -89,6 +98,11 @@ class FrameInfo:
     start_anchor: str = "end"
     embedded_time_ns: int | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def origin(self) -> FrameOrigin:
+        """Origin of the pixels."""
+        return FrameOrigin.IMPORTED if self.vendor == FrameOrigin.IMPORTED else FrameOrigin.MICROSCOPE
 
     @property
     def end_time_ns(self) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 from semlive import mechanics
 from semlive.data.drift import EstimateRevision
 from semlive.data.experiment import Phase
+from semlive.data.frame import FrameOrigin
 from semlive.data.results import FrameResult, RunResult
 from semlive.data.settings import AnalysisSettings
 from semlive.data.strain import StrainSummary
@@ -22,7 +23,6 @@ from semlive.pipeline.correction import correct_all
 from semlive.pipeline.elastic import fit_elastic
 from semlive.pipeline.state import AnalysisState
 
-IMPORTED = "imported"  # vendor of frames whose maps another engine made
 MIN_TRANSLATION_PX = 5.0  # a specimen that is not translated moves less
 
 
@@ -91,7 +91,7 @@ def calibration_refusal(result: RunResult, settings: AnalysisSettings) -> str | 
         return None
     unloaded = [pair for pair in result.decisions if pair.step.phase is not Phase.TENSION]
     translated = any(pair.step.shift_px != (0.0, 0.0) for pair in unloaded)
-    if not translated and result.decisions[0].first.vendor == IMPORTED:
+    if not translated and result.decisions[0].first.origin is FrameOrigin.IMPORTED:
         numbers = {pair.pair for pair in unloaded}
         shifts_px = [motion.shift_px for motion in result.estimate.motions if motion.pair in numbers]
         translated = len(shifts_px) > 1 and float(np.ptp(shifts_px, axis=0).max()) > MIN_TRANSLATION_PX

@@ -229,7 +229,7 @@ def foreign_text(scene: Scene) -> Steps:
     """The text beside it is that of another image."""
     name, made = scene.product()
     _, other = scene.product(scale=2)
-    scene.expect("text of another image", name, None, "its header speaks of another image")
+    scene.expect("text of another image", name, None, "its header describes another image")
     scene.write(name, made.image)
     scene.text_of(name, other)
     yield
@@ -239,7 +239,7 @@ def cut(scene: Scene) -> Steps:
     """Never finished, sometimes but for its last bytes."""
     name, made = scene.product(Vendor.FEI if scene.vendor is None else None)
     end = len(made.image) - 5 if scene.rng.random() < 0.3 else int(scene.rng.integers(10, len(made.image) - 5))
-    scene.expect("cut", name, None, "never became whole")
+    scene.expect("cut", name, None, "never became complete")
     scene.text_of(name, made)
     scene.write(name, made.image[:end])
     yield

@@ -82,7 +82,7 @@ def test_an_image_whose_text_never_comes_is_refused_and_taken_when_it_does(watch
     folder.write("a.tif", product.image)
     folder.wait(60)
     assert [one.reason for one in folder.refused] == [
-        "a.tif: never got the text file that hitachi writes beside it; "
+        "a.tif: never got the text file that hitachi writes for it; "
         "switch the export of image information on, or raise sem.sidecar_timeout_s."
     ]
     folder.write("a.txt", product.sidecar or b"")
@@ -105,7 +105,7 @@ def test_a_file_without_the_header_of_its_vendor_is_not_complete(watched: Callab
     folder = watched(vendor="fei")
     folder.write("a.tif", made(Vendor.TIFF).image)
     folder.wait(40)
-    assert "never became whole (it has no header of fei)" in folder.refused[0].reason
+    assert "never became complete (it has no header of fei)" in folder.refused[0].reason
     folder.write("b.tif", made(Vendor.FEI).image)
     folder.wait(4)
     assert [file.name for file in folder.files] == ["b.tif"]

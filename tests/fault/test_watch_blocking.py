@@ -67,7 +67,7 @@ def test_links_to_kernel_files_and_devices_are_refused_and_other_files_are_taken
     assert sorted(reasons) == ["a.tif", "b.tif", "c.tif", "d.tif"]
     assert "is not a regular file" in reasons["b.tif"]
     assert "is not a regular file" in reasons["c.tif"]
-    assert "never became whole" in reasons["a.tif"]
+    assert "never became complete" in reasons["a.tif"]
 
 
 def test_a_read_that_does_not_return_is_named_and_others_go_on(tmp_path: Path) -> None:

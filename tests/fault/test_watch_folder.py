@@ -159,7 +159,7 @@ def test_a_file_that_never_becomes_whole_is_refused_once_and_taken_if_it_does_la
     (watched.path / "a.tif").write_bytes(image(1)[:700])
     watched.wait(60)
     [refused] = watched.refused
-    assert "never became whole" in refused.reason
+    assert "never became complete" in refused.reason
     (watched.path / "a.tif").write_bytes(image(1))
     watched.wait(10)
     assert len(watched.files) == 1

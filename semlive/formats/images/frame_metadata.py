@@ -1,4 +1,4 @@
-"""From what a header says and what the user says to what is believed of a frame: file first, then configuration, then arithmetic."""
+"""Metadata of a frame from header and configuration: the file takes precedence over the configuration, and both over derived values."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
 from semlive.formats.metadata.header import Header
 
-_PRINTED = 1.00001  # headers print six digits
-_MOST = {"dwell_time_s": 10.0, "row_time_s": 1e4, "frame_time_s": 1e6, "pixel_size_m": 1.0}
-_MOST_INTEGRATIONS = 10_000
+_PRINTED = 1.00001  # factor for values that headers print with six digits
+_MAX_VALUES = {"dwell_time_s": 10.0, "row_time_s": 1e4, "frame_time_s": 1e6, "pixel_size_m": 1.0}
+_MAX_INTEGRATIONS = 10_000
 
 
 @dataclass(frozen=True, slots=True)
 class ScanMetadata:
-    """What is known of a scan, with gaps.
+    """Metadata of a scan; missing values are None.
 
     Attributes:
-        height_px: rows of the image that count.
-        dwell_time_s: time on one pixel in one pass, or None.
-        row_time_s: from one row's start to the next, or None.
-        frame_time_s: of one whole scan, or None.
-        integrations: whole scans integrated.
-        line_integrations: passes over each row integrated.
-        pixel_size_m: edge of a pixel, or None.
+        height_px: rows of the image without databar and without rows that were not scanned.
+        dwell_time_s: time on one pixel in one pass.
+        row_time_s: time from the start of one row to the start of the next.
+        frame_time_s: time of one complete scan.
+        integrations: number of complete scans that were integrated.
+        line_integrations: number of passes over each row that were integrated.
+        pixel_size_m: edge of a pixel.
     """
 
     height_px: int
@@ -39,17 +39,17 @@ class ScanMetadata:
     pixel_size_m: Sourced[float] | None
 
 
-_WORDS = {"dwell_time_s": "dwell time", "row_time_s": "row time", "pixel_size_m": "pixel size"}
+_KEY_NAMES = {"dwell_time_s": "dwell time", "row_time_s": "row time", "pixel_size_m": "pixel size"}
 
 
 def fill_missing(name: str, header: Header, width: int, rows: int, profile: ScanProfile) -> ScanMetadata:
-    """Fill the gaps of a header as far as they can be.
+    """Fill the missing values of a header from configuration and arithmetic, as far as possible.
 
     Raises:
         BadImage: header, image and configuration contradict each other.
     """
     height = _height(name, header, width, rows, profile)
-    by_speed = next((one for one in profile.speeds if one.fits(header.instrument, header.scan_speed, width)), None)
+    by_speed = next((speed for speed in profile.speeds if speed.fits(header.instrument, header.scan_speed, width)), None)
     times: dict[str, Sourced[float] | None] = {}
     for key in ("dwell_time_s", "row_time_s", "frame_time_s"):
         configured = None if by_speed is None else getattr(by_speed, key)
@@ -69,36 +69,36 @@ def fill_missing(name: str, header: Header, width: int, rows: int, profile: Scan
 
 
 def frame_info(file: ExportedFile, header: Header, width: int, rows: int, profile: ScanProfile) -> FrameInfo:
-    """Everything that is believed of a frame.
+    """Return all metadata of a frame.
 
     Args:
         file: the exported file.
-        header: what it says.
+        header: metadata of the file.
         width: columns of the image.
         rows: rows of the image, databar included.
-        profile: fills what the file does not say.
+        profile: configured values for metadata that the file lacks.
 
     Raises:
-        BadImage: it is no plain electron scan, its values contradict each other, or one is missing everywhere.
+        BadImage: the file is not an electron scan, its values contradict each other, or a value is missing in file and configuration.
     """
     if header.refused is not None:
         raise BadImage(f"{file.name}: {header.refused}")
-    found = fill_missing(file.name, header, width, rows, profile)
-    timing = _timing(file.name, header, width, found)
-    if found.pixel_size_m is None:
-        raise BadImage(_missing(file.name, header, found))
+    scan = fill_missing(file.name, header, width, rows, profile)
+    timing = _timing(file.name, header, width, scan)
+    if scan.pixel_size_m is None:
+        raise BadImage(_missing(file.name, header, scan))
     start, sigma_s = _start(file, header, timing, profile)
     return FrameInfo(
         export=file.index,
         name=file.name,
         vendor=header.vendor,
         width_px=width,
-        height_px=found.height_px,
-        databar_rows=rows - found.height_px,
+        height_px=scan.height_px,
+        databar_rows=rows - scan.height_px,
         timing=timing,
         start_time_ns=start,
         start_sigma_s=sigma_s,
-        pixel_size_m=found.pixel_size_m,
+        pixel_size_m=scan.pixel_size_m,
         column=header.column,
         start_anchor=profile.start_anchor if header.embedded is not None else "end",
         embedded_time_ns=None if header.embedded is None else header.embedded.time_ns,
@@ -108,12 +108,12 @@ def frame_info(file: ExportedFile, header: Header, width: int, rows: int, profil
 
 def _height(name: str, header: Header, width: int, rows: int, profile: ScanProfile) -> int:
     if header.width_px is not None and header.width_px != width:
-        raise BadImage(f"{name}: is {width} px wide but its header says {header.width_px:g}; export it unscaled.")
+        raise BadImage(f"{name}: is {width} px wide but its header contains {header.width_px:g}; export it unscaled.")
     if header.rows is not None and header.rows != rows:
-        raise BadImage(f"{name}: has {rows} rows but its header says {header.rows:g}; export it uncropped.")
+        raise BadImage(f"{name}: has {rows} rows but its header contains {header.rows:g}; export it uncropped.")
     if header.height_px is not None:
         if not 1 <= header.height_px <= rows or header.height_px != int(header.height_px):
-            raise BadImage(f"{name}: has {rows} rows but its header says {header.height_px:g}; export it uncropped.")
+            raise BadImage(f"{name}: has {rows} rows but its header contains {header.height_px:g}; export it uncropped.")
         height = int(header.height_px)
     else:
         bar = header.databar_rows if header.databar_rows is not None else profile.databar_rows or 0
@@ -124,67 +124,67 @@ def _height(name: str, header: Header, width: int, rows: int, profile: ScanProfi
     return min(height, header.rows_scanned) if header.rows_scanned is not None and header.rows_scanned >= 1 else height
 
 
-def _first(name: str, key: str, said: Sourced[float] | None, configured: float | None) -> Sourced[float] | None:
-    value = said if said is not None else None if configured is None else Sourced(configured, Provenance.CONFIG)
-    if value is not None and not 0 < value.value <= _MOST[key]:
-        raise BadImage(f"{name}: its {key} of {value.value:g} cannot be; export it again or correct sem.profile.{key}.")
+def _first(name: str, key: str, stated: Sourced[float] | None, configured: float | None) -> Sourced[float] | None:
+    value = stated if stated is not None else None if configured is None else Sourced(configured, Provenance.CONFIG)
+    if value is not None and not 0 < value.value <= _MAX_VALUES[key]:
+        raise BadImage(f"{name}: its {key} of {value.value:g} is impossible; export it again or correct sem.profile.{key}.")
     return value
 
 
 def _by_magnification(header: Header, width: int, profile: ScanProfile) -> Sourced[float] | None:
-    """A magnification tells a pixel size only by calibration: a rule of thumb was 5.7 % off on a real microscope."""
+    """Derive the pixel size from the magnification by calibration; a rule of thumb was 5.7 % off on a real microscope."""
     if profile.field_width_mm_at_1x is None or header.column.magnification is None:
         return None
     pixel_m = profile.field_width_mm_at_1x * 1e-3 / header.column.magnification.value / width
-    return Sourced(pixel_m, Provenance.CONFIG) if 0 < pixel_m <= _MOST["pixel_size_m"] else None
+    return Sourced(pixel_m, Provenance.CONFIG) if 0 < pixel_m <= _MAX_VALUES["pixel_size_m"] else None
 
 
-def _count(name: str, what: str, said: Sourced[float] | None) -> Sourced[int]:
-    if said is None:
+def _count(name: str, what: str, stated: Sourced[float] | None) -> Sourced[int]:
+    if stated is None:
         return Sourced(1, Provenance.ASSUMED)
-    if not 1 <= said.value <= _MOST_INTEGRATIONS or said.value != int(said.value):
-        raise BadImage(f"{name}: says that {said.value:g} {what} were integrated; export it again.")
-    return Sourced(int(said.value), said.source)
+    if not 1 <= stated.value <= _MAX_INTEGRATIONS or stated.value != int(stated.value):
+        raise BadImage(f"{name}: its header states {stated.value:g} integrated {what}, which is impossible; export it again.")
+    return Sourced(int(stated.value), stated.source)
 
 
-def _missing(name: str, header: Header, found: ScanMetadata) -> str:
-    """What nobody says, and where to say it."""
-    keys = [key for key in _WORDS if getattr(found, key) is None]
-    words = [_WORDS[key] for key in keys]
-    listed = words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+def _missing(name: str, header: Header, scan: ScanMetadata) -> str:
+    """Return a sentence on the values that are missing in file and configuration, and the keys that set them."""
+    keys = [key for key in _KEY_NAMES if getattr(scan, key) is None]
+    names = [_KEY_NAMES[key] for key in keys]
+    listed = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
     ways = [", ".join(f"sem.profile.{key}" for key in keys)]
     magnification = header.column.magnification
     if "pixel_size_m" in keys and magnification is not None:
         ways.append(f"sem.profile.field_width_mm_at_1x for its magnification {magnification.value:g}")
     if header.scan_speed and keys != ["pixel_size_m"]:
         ways.append(f"a row of sem.scan_profiles for its scan speed {header.scan_speed}")
-    return f"{name}: does not say its {listed}; set {', or '.join(ways)} in the configuration."
+    return f"{name}: does not contain its {listed}; set {', or '.join(ways)} in the configuration."
 
 
-def missing_metadata_message(name: str, header: Header, width: int, found: ScanMetadata) -> str | None:
-    """What a frame of this header would be refused for, as one sentence with advice; None if nothing is missing."""
+def missing_metadata_message(name: str, header: Header, width: int, scan: ScanMetadata) -> str | None:
+    """Return the reason for which a frame with this header is refused, one sentence with advice; None if nothing is missing."""
     try:
-        _timing(name, header, width, found)
+        _timing(name, header, width, scan)
     except BadImage as error:
         return str(error)
-    return _missing(name, header, found) if found.pixel_size_m is None else None
+    return _missing(name, header, scan) if scan.pixel_size_m is None else None
 
 
-def _timing(name: str, header: Header, width: int, found: ScanMetadata) -> ScanTiming:
-    dwell, row, frame = found.dwell_time_s, found.row_time_s, found.frame_time_s
+def _timing(name: str, header: Header, width: int, scan: ScanMetadata) -> ScanTiming:
+    dwell, row, frame = scan.dwell_time_s, scan.row_time_s, scan.frame_time_s
     if dwell is None or row is None or frame is None:
-        raise BadImage(_missing(name, header, found))
-    passes = found.line_integrations.value
+        raise BadImage(_missing(name, header, scan))
+    passes = scan.line_integrations.value
     if row.value * _PRINTED < passes * width * dwell.value:
         raise BadImage(
             f"{name}: its row time of {row.value:g} s is shorter than {passes} x {width} px at its dwell time of "
             f"{dwell.value:g} s; {_advice(row, dwell)}"
         )
-    if frame.value * _PRINTED < found.height_px * row.value:
+    if frame.value * _PRINTED < scan.height_px * row.value:
         raise BadImage(
-            f"{name}: its frame time of {frame.value:g} s is shorter than {found.height_px} rows of {row.value:g} s; {_advice(frame, row)}"
+            f"{name}: its frame time of {frame.value:g} s is shorter than {scan.height_px} rows of {row.value:g} s; {_advice(frame, row)}"
         )
-    return ScanTiming(dwell, row, frame, found.integrations, found.line_integrations)
+    return ScanTiming(dwell, row, frame, scan.integrations, scan.line_integrations)
 
 
 def _advice(*values: Sourced[float]) -> str:
@@ -193,10 +193,10 @@ def _advice(*values: Sourced[float]) -> str:
 
 
 def _start(file: ExportedFile, header: Header, timing: ScanTiming, profile: ScanProfile) -> tuple[Sourced[int], float]:
-    """Start of the scan and its standard uncertainty.
+    """Return the start of the scan and its standard uncertainty.
 
-    The embedded time marks what the profile says. A file without one was written when its scan had ended, so its modification
-    time marks the end whatever the profile's anchor is. In the middle of a scan the time is that of the last row written.
+    The profile defines which instant the embedded time marks. A file without embedded time was written at the end of its scan, so its
+    modification time marks the end, whatever the anchor of the profile. In an unfinished scan the time is that of the last row written.
     """
     moment = header.embedded
     if moment is None:

@@ -1,6 +1,8 @@
-"""From the bytes of an exported file to a frame, whoever wrote it."""
+"""Exported files as frames, independent of the vendor."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,69 +15,102 @@ from semlive.formats.metadata.header import Header
 from semlive.formats.vendors import fei, greyscale, hitachi, jeol, plain, png, tescan, tiff, zeiss
 
 SIDECAR_VENDORS = ("jeol", "hitachi")
-"""Vendors whose header is always a text file beside the image."""
+"""Vendors whose header is always in a sidecar, a text file with the name of the image."""
 
 
-def read_header(file: ExportedFile) -> tuple[Header, int, int]:
-    """What the file itself says: its header, its width and its rows, databar included. Nothing is filled in.
+@dataclass(frozen=True, slots=True)
+class ParsedFile:
+    """An exported file after its only parse, without decoded pixels.
 
-    A header inside the image comes before one beside it.
+    Attributes:
+        file: the exported file.
+        header: metadata of the file; nothing is filled in.
+        width_px: width of the image.
+        rows: rows of the image, databar included.
+        directory: of the first image of a TIFF file; None for PNG.
+    """
+
+    file: ExportedFile
+    header: Header
+    width_px: int
+    rows: int
+    directory: tiff.Directory | None = None
+
+
+def parse_file(file: ExportedFile) -> ParsedFile:
+    """Parse the header of an exported file. A header inside the image takes precedence over a sidecar.
+
+    Raises:
+        BadImage: one sentence: file, what is wrong, what to do.
+    """
+    if tiff.is_tiff(file.data):
+        return parse_tiff(file, tiff.first_directory(file.data, file.name))
+    if not png.is_png(file.data):
+        raise BadImage(f"{file.name}: is neither TIFF nor PNG; set the microscope's export to TIFF.")
+    width, rows = png.size_px(file.data, file.name)
+    return ParsedFile(file, _external_header(file), width, rows)
+
+
+def parse_tiff(file: ExportedFile, directory: tiff.Directory) -> ParsedFile:
+    """Parse the header of a TIFF file from its first directory.
 
     Raises:
         BadImage: one sentence: file, what is wrong, what to do.
     """
     data = file.data
-    if tiff.is_tiff(data):
-        directory = tiff.first_directory(data, file.name)
-        width, rows = tiff.size_px(data, file.name, directory)
-        header = fei.read_header(data, directory) or zeiss.read_header(data, directory, width, rows) or tescan.read_header(data, directory)
-    elif png.is_png(data):
-        width, rows = png.size_px(data, file.name)
-        header = None
-    else:
-        raise BadImage(f"{file.name}: is neither TIFF nor PNG; set the microscope's export to TIFF.")
-    return header or read_sidecar(file.sidecar or b"", file.mtime_ns) or plain.header(), width, rows
+    width, rows = tiff.size_px(data, file.name, directory)
+    header = fei.read_header(data, directory) or zeiss.read_header(data, directory, width, rows) or tescan.read_header(data, directory)
+    return ParsedFile(file, header or _external_header(file), width, rows, directory)
+
+
+def _external_header(file: ExportedFile) -> Header:
+    return read_sidecar(file.sidecar or b"", file.mtime_ns) or plain.header()
 
 
 def read_sidecar(sidecar: bytes, mtime_ns: int) -> Header | None:
-    """What the text file beside an image says; None if no vendor writes such a file."""
+    """Parse the text file of an image; None if no vendor writes such a file."""
     return jeol.read_sidecar(sidecar) or tescan.read_sidecar(sidecar) or hitachi.read_sidecar(sidecar, mtime_ns)
 
 
 def read_info(file: ExportedFile, profile: ScanProfile) -> FrameInfo:
-    """What is known of a frame, from header and profile alone: no pixel is decoded.
+    """Return the metadata of a frame from header and profile; no pixel is decoded.
 
     Args:
         file: the exported file.
-        profile: what the user says of files whose vendor does not.
+        profile: configured values for metadata that the file lacks.
 
     Raises:
         BadImage: one sentence: file, what is wrong, what to do.
     """
-    header, width, rows = read_header(file)
-    return frame_metadata.frame_info(file, header, width, rows, profile)
+    return parsed_info(parse_file(file), profile)
+
+
+def parsed_info(parsed: ParsedFile, profile: ScanProfile) -> FrameInfo:
+    """Return the metadata of a parsed file, as `read_info` does."""
+    return frame_metadata.frame_info(parsed.file, parsed.header, parsed.width_px, parsed.rows, profile)
 
 
 def read_frame(file: ExportedFile, profile: ScanProfile) -> Frame:
-    """A frame with its pixels, databar cropped, checked for being a finished scan.
+    """Return a frame with its pixels, databar cropped; the scan must be finished.
 
     Args:
         file: the exported file.
-        profile: what the user says of files whose vendor does not.
+        profile: configured values for metadata that the file lacks.
 
     Raises:
         BadImage: one sentence: file, what is wrong, what to do.
     """
-    info = read_info(file, profile)
-    pixels = read_pixels(file)
-    # Whole rows from the top of a contiguous image are contiguous themselves.
+    parsed = parse_file(file)
+    info = parsed_info(parsed, profile)
+    pixels = read_pixels(parsed)
+    # The first rows of a contiguous image are contiguous.
     image: NDArray[np.uint8] | NDArray[np.uint16] = pixels[: info.height_px]
     greyscale.check_content(file.name, image)
     return Frame(info, image)
 
 
 def check_complete(data: bytes) -> str | None:
-    """What is missing of an image file, in words; None if it is whole (pixels are not decoded)."""
+    """Return a sentence fragment on what is missing of an image file; None if it is complete (pixels are not decoded)."""
     if tiff.is_tiff(data):
         return tiff.check_complete(data)
     if png.is_png(data):
@@ -84,42 +119,56 @@ def check_complete(data: bytes) -> str | None:
 
 
 def check_finished(file: ExportedFile, profile: ScanProfile, vendor: str | None = None) -> str | None:
-    """What a file that is whole in structure still lacks, in words: its vendor's header, its sidecar's agreement, its last rows.
+    """Return what a structurally complete file still lacks: the header of its vendor, a matching sidecar, or its last rows.
 
     Args:
         file: the file, with its sidecar if there is one.
-        profile: tells how many rows are databar, where the file does not.
-        vendor: whose header it must have; None if any will do.
+        profile: number of databar rows for files that do not contain it.
+        vendor: vendor whose header the file must have; None for any.
+
+    Returns:
+        A sentence fragment; None if nothing is missing.
     """
     try:
-        header, width, rows = read_header(file)
+        parsed = parse_file(file)
     except BadImage as error:
         return str(error).removeprefix(f"{file.name}: ").rstrip(".")
+    header, width, rows = parsed.header, parsed.width_px, parsed.rows
     if vendor is not None and header.vendor != vendor:
-        return f"it has no header of {vendor}" + (" beside it" if vendor in SIDECAR_VENDORS else "")
+        return f"it has no header of {vendor}" + (" in a text file of the same name" if vendor in SIDECAR_VENDORS else "")
     if header.width_px not in (None, width) or header.rows not in (None, rows):
-        return f"it is {width} x {rows} px, its header speaks of another image"
-    if not tiff.is_tiff(file.data):
+        return f"it is {width} x {rows} px, but its header describes another image"
+    if parsed.directory is None:
         return None
     bar = rows - int(header.height_px) if header.height_px else header.databar_rows or profile.databar_rows or 0
-    zeros = tiff.zero_rows(file.data, tiff.first_directory(file.data, file.name), rows - bar)
+    zeros = tiff.zero_rows(file.data, parsed.directory, rows - bar)
     return f"its last {zeros} rows are zero" if zeros >= 2 else None
 
 
 def ends_like_partial_file(data: bytes) -> bool:
-    """Whether a file that seems whole ends as one that is still being filled does; some programs end texts so, too."""
+    """Whether a complete file ends like one that is still being filled; the texts of some programs end in the same way."""
     return tiff.is_tiff(data) and tiff.ends_in_zeros(data)
 
 
-def read_pixels(file: ExportedFile) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """All pixels as one grey channel, databar included.
+def read_pixels(parsed: ParsedFile) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """Return all pixels as one grey channel, databar included.
 
     Raises:
         BadImage: one sentence: file, what is wrong, what to do.
     """
-    if png.is_png(file.data):
-        return greyscale.to_greyscale(file.name, png.read_pixels(file.data, file.name), tiff.Photometric.BLACK_IS_ZERO)
-    directory = tiff.first_directory(file.data, file.name)
-    pixels = tiff.read_pixels(file.data, file.name, directory)
-    photometric = directory.integer(file.data, tiff.Tag.PHOTOMETRIC, tiff.Photometric.BLACK_IS_ZERO)
-    return greyscale.to_greyscale(file.name, pixels, photometric, directory.integers(file.data, tiff.Tag.COLOR_MAP))
+    data, name, directory = parsed.file.data, parsed.file.name, parsed.directory
+    if directory is None:
+        return greyscale.to_greyscale(name, png.read_pixels(data, name), tiff.Photometric.BLACK_IS_ZERO)
+    return tiff_to_greyscale(data, name, directory, tiff.read_pixels(data, name, directory))
+
+
+def tiff_to_greyscale(
+    data: bytes, name: str, directory: tiff.Directory, pixels: NDArray[np.generic]
+) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """Return the decoded pixels of a TIFF file as one grey channel.
+
+    Raises:
+        BadImage: the pixels are coloured or of another type than 8 or 16 bit.
+    """
+    photometric = directory.integer(data, tiff.Tag.PHOTOMETRIC, tiff.Photometric.BLACK_IS_ZERO)
+    return greyscale.to_greyscale(name, pixels, photometric, directory.integers(data, tiff.Tag.COLOR_MAP))

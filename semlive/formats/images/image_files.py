@@ -1,7 +1,7 @@
-"""Any image file as grey levels: what correlation of plain files asks of a reader, and no more.
+"""Grey levels of any image file, for correlation without an experiment.
 
-A frame of an experiment is read by `frames`, which wants a finished, grey scan and its times. Here colour is taken as its
-luminance, uniform rows are what they are, and JPEG, BMP and the like are read too.
+`frames` reads the frames of an experiment, which must be finished scans in grey with known times. This module converts colour to
+luminance, accepts uniform rows, and reads other formats (JPEG, BMP) too.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from numpy.typing import NDArray
 from semlive.data.frame import ExportedFile
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
-from semlive.formats.images.frames import read_info
+from semlive.formats.images.frames import parse_tiff, parsed_info, tiff_to_greyscale
 from semlive.formats.vendors import greyscale, png, tiff
 
 Grey = NDArray[np.uint8] | NDArray[np.uint16]
 
-# Correlation asks nothing of the scan; a file without metadata is as good as any other.
+# Correlation does not use the scan, so any value is valid for files without metadata.
 NO_SCAN = ScanProfile(dwell_time_s=1e-9, row_time_s=1.0, frame_time_s=None, pixel_size_m=1.0)
 _LUMINANCE = (0.299, 0.587, 0.114)  # of red, green, blue: ITU-R BT.601
 
 
 def read_picture(data: bytes, name: str) -> Grey:
-    """Grey levels of an image file, (height, width), a microscope's databar cropped where its header tells of one.
+    """Return the grey levels of an image file, (height, width); a databar is cropped if the header contains its height.
 
     Args:
-        data: the file's bytes.
-        name: for messages.
+        data: bytes of the file.
+        name: file name, for messages.
 
     Raises:
         BadImage: one sentence: file, what is wrong, what to do.
@@ -38,9 +38,8 @@ def read_picture(data: bytes, name: str) -> Grey:
         pixels = tiff.read_pixels(data, name, directory)
         if _is_coloured(pixels):
             return _luminance(name, pixels, _LUMINANCE)
-        photometric = directory.integer(data, tiff.Tag.PHOTOMETRIC, tiff.Photometric.BLACK_IS_ZERO)
-        image = greyscale.to_greyscale(name, pixels, photometric, directory.integers(data, tiff.Tag.COLOR_MAP))
-        return image[: read_info(ExportedFile(0, name, data, "", 0, 0), NO_SCAN).height_px]
+        image = tiff_to_greyscale(data, name, directory, pixels)
+        return image[: parsed_info(parse_tiff(ExportedFile(0, name, data, "", 0, 0), directory), NO_SCAN).height_px]
     pixels = png.read_pixels(data, name) if png.is_png(data) else _decode(data, name)
     if _is_coloured(pixels):
         return _luminance(name, pixels, _LUMINANCE[::-1])
@@ -48,7 +47,7 @@ def read_picture(data: bytes, name: str) -> Grey:
 
 
 def _decode(data: bytes, name: str) -> NDArray[np.generic]:
-    """Pixels of whatever OpenCV reads, as they lie in the file."""
+    """Decode an image in any format that OpenCV reads, without rotation by metadata."""
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:

@@ -1,4 +1,4 @@
-"""What one exported file says, where each value comes from, and what is missing: nothing is refused, everything is told."""
+"""Inspection of an exported file: its metadata with provenance, and all problems; nothing is refused."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from semlive.data.scan import Provenance, Sourced
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
 from semlive.formats.images import frame_metadata
-from semlive.formats.images.frames import check_complete, read_header, read_pixels, read_sidecar
+from semlive.formats.images.frames import ParsedFile, check_complete, parse_file, read_pixels, read_sidecar
 from semlive.formats.metadata.header import Header
 from semlive.formats.vendors import greyscale
 
@@ -20,19 +20,19 @@ SourcedValue = Sourced[float] | Sourced[int] | Sourced[str] | Sourced[None]
 
 @dataclass(frozen=True, slots=True)
 class Inspection:
-    """One file, looked at.
+    """Result of the inspection of one file.
 
     Attributes:
-        name: of the file.
-        vendor: who wrote it.
-        width_px: of the image; None if it cannot be told.
-        height_px: without databar.
-        databar_rows: rows below the image.
-        values: by name with unit, each with where it comes from; those that nobody tells are unknown.
-        acquired: the time in the file as ISO 8601, without zone where it names none.
-        complete: nothing is missing of the file and its scan was finished.
+        name: file name.
+        vendor: vendor of the microscope.
+        width_px: width of the image; None if unknown.
+        height_px: height without databar.
+        databar_rows: rows of the databar below the image.
+        values: value and provenance by name with unit; the provenance of missing values is `UNKNOWN`.
+        acquired: the time in the file as ISO 8601, without zone if the file contains none.
+        complete: the file is complete and its scan was finished.
         problems: one sentence each, with what to do.
-        notes: what is unusual, one sentence each.
+        notes: unusual properties, one sentence each.
     """
 
     name: str
@@ -48,26 +48,27 @@ class Inspection:
 
 
 def inspect_file(file: ExportedFile, profile: ScanProfile) -> Inspection:
-    """Look at an image file.
+    """Inspect an image file.
 
     Args:
         file: the file, with its sidecar if there is one.
-        profile: fills what the file does not say.
+        profile: configured values for metadata that the file lacks.
     """
     try:
-        header, width, rows = read_header(file)
+        parsed = parse_file(file)
     except BadImage as error:
-        return Inspection(file.name, "plain", problems=(_bare(file.name, error),))
+        return Inspection(file.name, "plain", problems=(_without_name(file.name, error),))
+    header, width, rows = parsed.header, parsed.width_px, parsed.rows
     problems: list[str] = []
     missing = check_complete(file.data)
     if missing is not None:
-        problems.append(f"is not whole: {missing}; wait until it is written, or export it again.")
+        problems.append(f"is incomplete: {missing}; wait until it is written, or export it again.")
     if header.refused is not None:
         problems.append(header.refused)
     height, values, gap = _values(file, header, width, rows, profile)
     if gap is not None:
         problems.append(gap)
-    finished, content = _content(file, height) if missing is None else (False, None)
+    finished, content = _content(parsed, height) if missing is None else (False, None)
     if content is not None:
         problems.append(content)
     return Inspection(
@@ -85,14 +86,14 @@ def inspect_file(file: ExportedFile, profile: ScanProfile) -> Inspection:
 
 
 def inspect_sidecar(name: str, sidecar: bytes, mtime_ns: int, profile: ScanProfile) -> Inspection | None:
-    """Look at a text file whose image is not there; None if no vendor writes such a file."""
+    """Inspect a text file without its image; None if no vendor writes such a file."""
     header = read_sidecar(sidecar, mtime_ns)
     if header is None:
         return None
     width, rows = int(header.width_px or 0), int(header.rows or header.height_px or 0)
     file = ExportedFile(0, name, b"", "", mtime_ns, mtime_ns, sidecar)
     height, values, gap = _values(file, header, max(width, 1), max(rows, 1), profile)
-    alone = "is the text beside an image, and the image is not there; keep both in one folder, under one name."
+    no_image = "is the text file of an image that is not there; keep both in one folder, under one name."
     return Inspection(
         name=name,
         vendor=header.vendor,
@@ -101,25 +102,26 @@ def inspect_sidecar(name: str, sidecar: bytes, mtime_ns: int, profile: ScanProfi
         databar_rows=rows - height if rows else None,
         values=values,
         acquired=_acquired(header, file),
-        problems=(alone,) if gap is None else (alone, gap),
+        problems=(no_image,) if gap is None else (no_image, gap),
         notes=header.notes + _advice(header, profile),
     )
 
 
-def as_json(one: Inspection, path: str) -> dict[str, object]:
-    """One element of ``files`` in what ``semlive inspect --json`` prints."""
-    told = {name: _json(one.values.get(name, _UNKNOWN)) for name in ("dwell_time_s", "row_time_s", "frame_time_s", "integrations")}
+def as_json(inspection: Inspection, path: str) -> dict[str, object]:
+    """Return one element of ``files`` in the output of ``semlive inspect --json``."""
+    values = inspection.values
+    timing = {name: _json(values.get(name, _UNKNOWN)) for name in ("dwell_time_s", "row_time_s", "frame_time_s", "integrations")}
     return {
         "file": path,
-        "vendor": one.vendor,
-        "width": one.width_px,
-        "height": one.height_px,
-        "databar_rows": one.databar_rows,
-        **told,
-        "pixel_size_m": _json(one.values.get("pixel_size_m", _UNKNOWN)),
-        "acquired": _json(one.acquired),
-        "complete": one.complete,
-        "problems": [*one.problems, *one.notes],
+        "vendor": inspection.vendor,
+        "width": inspection.width_px,
+        "height": inspection.height_px,
+        "databar_rows": inspection.databar_rows,
+        **timing,
+        "pixel_size_m": _json(values.get("pixel_size_m", _UNKNOWN)),
+        "acquired": _json(inspection.acquired),
+        "complete": inspection.complete,
+        "problems": [*inspection.problems, *inspection.notes],
     }
 
 
@@ -130,9 +132,9 @@ def _json(value: SourcedValue) -> dict[str, object]:
 def _values(
     file: ExportedFile, header: Header, width: int, rows: int, profile: ScanProfile
 ) -> tuple[int, dict[str, SourcedValue], str | None]:
-    """Rows of the image, all values, and what is missing or contradicts, with advice."""
+    """Return the height of the image, all values, and a sentence on missing or contradictory values."""
     column = header.column
-    said: dict[str, SourcedValue | None] = {
+    settings: dict[str, SourcedValue | None] = {
         "detector": column.detector,
         "voltage_v": column.voltage_v,
         "working_distance_m": column.working_distance_m,
@@ -143,39 +145,40 @@ def _values(
     }
     timing: dict[str, SourcedValue | None]
     try:
-        found = frame_metadata.fill_missing(file.name, header, width, rows, profile)
-        height, gap = found.height_px, frame_metadata.missing_metadata_message(file.name, header, width, found)
-        timing = {name: getattr(found, name) for name in _TIMING}
+        scan = frame_metadata.fill_missing(file.name, header, width, rows, profile)
+        height, gap = scan.height_px, frame_metadata.missing_metadata_message(file.name, header, width, scan)
+        timing = {name: getattr(scan, name) for name in _TIMING}
     except BadImage as error:
         height, gap = rows, str(error)
         timing = {name: getattr(header, name) for name in _TIMING}
-    ordered = {**{name: timing[name] for name in _TIMING}, **said}
-    return height, {name: value or _UNKNOWN for name, value in ordered.items()}, None if gap is None else _bare(file.name, gap)
+    ordered = {**{name: timing[name] for name in _TIMING}, **settings}
+    return height, {name: value or _UNKNOWN for name, value in ordered.items()}, None if gap is None else _without_name(file.name, gap)
 
 
 _TIMING = ("dwell_time_s", "row_time_s", "frame_time_s", "integrations", "line_integrations", "pixel_size_m")
 
 
-def _content(file: ExportedFile, height: int) -> tuple[bool, str | None]:
-    """Whether the pixels are those of a finished scan, and what is wrong with them.
+def _content(parsed: ParsedFile, height: int) -> tuple[bool, str | None]:
+    """Whether the pixels are those of a finished scan, and a sentence on their problem.
 
-    Zeros at the bottom are what a file is filled with before its rows are; other uniform rows are a databar, and an image that is
-    black throughout may be a whole one.
+    A preallocated file has zeros in rows that are not written yet. Other uniform rows are a databar, and a completely black image may
+    be a finished scan.
     """
+    name = parsed.file.name
     try:
-        image = read_pixels(file)[:height]
+        image = read_pixels(parsed)[:height]
     except BadImage as error:
-        return "colour" in str(error), _bare(file.name, error)
+        return "colour" in str(error), _without_name(name, error)
     try:
-        greyscale.check_content(file.name, image)
+        greyscale.check_content(name, image)
     except BadImage as error:
         zeros = greyscale.count_blank_rows(image) < height and not image[-1].any()
-        return not zeros, _bare(file.name, error)
+        return not zeros, _without_name(name, error)
     return True, None
 
 
 def _advice(header: Header, profile: ScanProfile) -> tuple[str, ...]:
-    """What no file of its vendor tells."""
+    """Return advice on metadata that no file of the vendor contains."""
     if profile.databar_rows is None and header.vendor == "zeiss":
         return ("annotation may be burnt into its last rows; set sem.profile.databar_rows to leave them out.",)
     if profile.databar_rows is None and header.vendor == "hitachi":
@@ -184,7 +187,7 @@ def _advice(header: Header, profile: ScanProfile) -> tuple[str, ...]:
 
 
 def _acquired(header: Header, file: ExportedFile) -> Sourced[str] | Sourced[None]:
-    """A file that names no time was written when its scan had ended: its modification time stands for it."""
+    """Return the time of acquisition; a plain file without one was written at the end of its scan, so its modification time is used."""
     if header.embedded is not None:
         return Sourced(header.embedded.text, Provenance.FILE)
     if header.vendor != "plain":
@@ -192,5 +195,5 @@ def _acquired(header: Header, file: ExportedFile) -> Sourced[str] | Sourced[None
     return Sourced(datetime.fromtimestamp(file.mtime_ns // 10**9, UTC).isoformat(), Provenance.DERIVED)
 
 
-def _bare(name: str, error: BadImage | str) -> str:
+def _without_name(name: str, error: BadImage | str) -> str:
     return str(error).removeprefix(f"{name}: ")

@@ -151,6 +151,7 @@ def drift_message(drift: DriftEstimate, calibration: CalibrationQuality | None =
     return DriftMessage(
         revision=drift.revision,
         pairs=pairs,
+        newest_pair=int(drift.frame.max()) // 2 if len(drift.frame) else None,
         time_s=drift.time_s.tolist(),
         frame=drift.frame.tolist(),
         drift_px=drift.drift_px.tolist(),

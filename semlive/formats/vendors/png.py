@@ -46,7 +46,7 @@ def size_px(data: bytes, name: str) -> tuple[int, int]:
         BadImage: no header, or a size that cannot be believed.
     """
     if data[12:16] != b"IHDR" or len(data) < 33:
-        raise BadImage(f"{name}: not a whole PNG file (no header); export it again.")
+        raise BadImage(f"{name}: not a complete PNG file (no header); export it again.")
     width, height = struct.unpack_from(">II", data, 16)
     check_size(name, width, height, 1)
     return width, height
@@ -61,7 +61,7 @@ def read_pixels(data: bytes, name: str) -> NDArray[np.generic]:
     width, height = size_px(data, name)
     missing = check_complete(data)
     if missing is not None:
-        raise BadImage(f"{name}: not a whole PNG file ({missing}); export it again.")
+        raise BadImage(f"{name}: not a complete PNG file ({missing}); export it again.")
     check_inflation(name, width * height, len(data), compressed=True)
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)

@@ -128,7 +128,7 @@ def first_directory(data: bytes, name: str) -> Directory:
     try:
         return _directory(data, *_first_offset(data))
     except (struct.error, ValueError) as exc:
-        raise BadImage(f"{name}: not a whole TIFF file ({exc}); export it again.") from exc
+        raise BadImage(f"{name}: not a complete TIFF file ({exc}); export it again.") from exc
 
 
 def check_complete(data: bytes) -> str | None:
@@ -225,7 +225,7 @@ def read_pixels(data: bytes, name: str, directory: Directory) -> NDArray[np.gene
     width, height = size_px(data, name, directory)
     missing = check_complete(data)
     if missing is not None:
-        raise BadImage(f"{name}: not a whole TIFF file ({missing}); export it again.")
+        raise BadImage(f"{name}: not a complete TIFF file ({missing}); export it again.")
     compression = directory.integer(data, Tag.COMPRESSION, 1)
     bits = _check_samples(data, name, directory)
     samples = max(directory.integer(data, Tag.SAMPLES_PER_PIXEL, 1), 1)

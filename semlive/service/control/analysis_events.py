@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from semlive.data.drift import CalibrationQuality
 from semlive.engine import CalibrationAssessed, DriftForecastUpdated, FieldOfViewMeasured
 from semlive.errors import BadLog
 from semlive.formats.log.messages import DicMessage, DriftForecastMessage
-
-_FRAMES = b'"frame":['
 
 
 def field_of_view_event(message: DicMessage, time_ns: int) -> FieldOfViewMeasured | None:
@@ -49,16 +46,27 @@ class DriftUpdate(BaseModel):
     calibration: CalibrationQuality | None = None
 
 
+class _DriftFrames(BaseModel):
+    """Frame of each row of a drift estimate."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore", cache_strings="keys")
+
+    frame: tuple[int, ...]
+
+
 def parse_drift_update(payload: bytes) -> DriftUpdate:
     """Parse the payload of a `/drift/estimate` message.
 
     Raises:
         BadLog: the payload is invalid.
     """
-    begin, end = payload.find(_FRAMES), payload.find(b"]", payload.find(_FRAMES))
     try:
-        frames = np.fromstring(payload[begin + len(_FRAMES) : end], dtype=np.int64, sep=",")
-        return DriftUpdate.model_validate_json(payload).model_copy(update={"newest_pair": int(frames.max()) // 2})
+        update = DriftUpdate.model_validate_json(payload)
+        if "newest_pair" in update.model_fields_set:
+            return update
+        # Logs of older versions hold the frames only.
+        frames = _DriftFrames.model_validate_json(payload).frame
+        return update.model_copy(update={"newest_pair": max(frames) // 2})
     except ValueError as exc:
         raise BadLog("/drift/estimate: cannot be read; read this log with the version of semlive that wrote it.") from exc
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.experiment import Step
-from semlive.data.frame import FrameInfo
+from semlive.data.frame import FrameInfo, FrameOrigin
 from semlive.data.grid import Grid
 from semlive.data.loading import FrameLoad
 from semlive.data.pair import PairDecision
@@ -225,7 +225,7 @@ def _info(row: FrameRow) -> FrameInfo:
         Sourced(row.integrations, told),
     )
     start, unknown = Sourced(_ns(row.start_s), told), Sourced(0.0, Provenance.UNKNOWN)
-    return FrameInfo(row.frame, f"frame_{row.frame}", "imported", row.width, row.height, 0, timing, start, 0.0, unknown)
+    return FrameInfo(row.frame, f"frame_{row.frame}", FrameOrigin.IMPORTED.value, row.width, row.height, 0, timing, start, 0.0, unknown)
 
 
 def _summary(disparity: DisparityMap) -> DicMessage:

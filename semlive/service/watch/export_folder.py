@@ -353,7 +353,7 @@ class ExportFolder:
             return
         if self.settings.vendor in SIDECAR_VENDORS and candidate.beside is None:
             if now_ns - candidate.since_ns >= self.settings.sidecar_timeout_s * 1e9:
-                why = f"never got the text file that {self.settings.vendor} writes beside it"
+                why = f"never got the text file that {self.settings.vendor} writes for it"
                 self._give_up(name, candidate, f"{why}; switch the export of image information on, or raise sem.sidecar_timeout_s")
             return
         if self.is_open_elsewhere(self.settings.folder / name):
@@ -380,7 +380,7 @@ class ExportFolder:
         file = ExportedFile(self._export, _as_text(name), data, "", key[1], self.clock.now_ns(), sidecar, candidate.settled_time_ns)
         problem = check_complete(data) or check_finished(file, self.settings.profile, self.settings.vendor)
         if problem is not None:
-            self._wait(name, candidate, now_ns, f"never became whole ({problem})")
+            self._wait(name, candidate, now_ns, f"never became complete ({problem})")
             return
         if ends_like_partial_file(data) and now_ns - candidate.since_ns < self.settings.give_up_after_s * 1e9:
             candidate.look_again_ns = now_ns + (now_ns - candidate.since_ns) // 4

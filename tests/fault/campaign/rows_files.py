@@ -54,7 +54,7 @@ def truncated(lab: Lab) -> Seen:
     ready(lab)
     data, _ = lab.picture()
     (lab.export / "cut.tif").write_bytes(data[: round(len(data) * 0.9999)])
-    reason = refusal(lab, "cut.tif", "never became whole")
+    reason = refusal(lab, "cut.tif", "never became complete")
     goes_on(lab)
     return Seen(reason)
 
@@ -64,7 +64,7 @@ def preallocated(lab: Lab) -> Seen:
     data, _ = lab.picture(vendor=Vendor.ZEISS)
     never = data[: len(data) // 2] + bytes(len(data) - len(data) // 2)
     (lab.export / "never.tif").write_bytes(never)
-    reason = refusal(lab, "never.tif", "never became whole")
+    reason = refusal(lab, "never.tif", "never became complete")
     for _ in range(5):
         path = lab.export / f"late_{lab.frames}.tif"
         path.write_bytes(bytes(len(never)))

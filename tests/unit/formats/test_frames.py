@@ -163,8 +163,8 @@ def test_missing_values_come_from_the_profile_and_say_so() -> None:
         ({"line": "0.0006"}, "row time of 0.0006 s is shorter"),
         ({"passes": "2"}, "shorter than 2 x 64 px"),
         ({"frame": "0.05"}, "frame time of 0.05 s is shorter"),
-        ({"width": "128"}, "64 px wide but its header says 128"),
-        ({"height": "61"}, "60 rows but its header says 61"),
+        ({"width": "128"}, "64 px wide but its header contains 128"),
+        ({"height": "61"}, "60 rows but its header contains 61"),
     ],
 )
 def test_contradictions_and_processed_frames_are_refused(settings: dict[str, str], sentence: str) -> None:

@@ -16,7 +16,7 @@ from semlive.data.scan import Provenance
 from semlive.data.settings import ScanProfile, ScanSpeed
 from semlive.errors import BadImage
 from semlive.formats import read_frame, read_info
-from semlive.formats.images.frames import read_header, read_pixels, read_sidecar
+from semlive.formats.images.frames import parse_file, read_pixels, read_sidecar
 from semlive.formats.images.inspection import inspect_file, inspect_sidecar
 
 MTIME_NS = 1_700_000_000_000_000_000
@@ -86,7 +86,7 @@ def test_helios(samples: Path, bits: int) -> None:
     assert (info.width_px, info.height_px, info.databar_rows) == (512, 442, 29)
     assert times(info) == (1e-5, 0.0058, 2.62, 1, 1)
     assert column(info)[:3] == ("ETD", 5000.0, 0.00403466)
-    assert read_pixels(file).dtype == (np.uint8 if bits == 8 else np.uint16)
+    assert read_pixels(parse_file(file)).dtype == (np.uint8 if bits == 8 else np.uint16)
     assert scale_by_rosettasciio(samples / name) == (pytest.approx(info.pixel_size_m.value), "m")
     with pytest.raises(BadImage, match="every pixel is 0"):  # the beam was blanked
         read_frame(file, ScanProfile())
@@ -94,7 +94,8 @@ def test_helios(samples: Path, bits: int) -> None:
 
 def test_navigation_camera_is_refused(samples: Path) -> None:
     file = exported(samples, "FEI-Helios-navcam-with-no-IRBeam-bad-floats.tif")
-    header, width, rows = read_header(file)
+    parsed = parse_file(file)
+    header, width, rows = parsed.header, parsed.width_px, parsed.rows
     assert (width, rows, header.vendor) == (768, 551, "fei")
     assert (header.dwell_time_s, header.row_time_s, header.pixel_size_m, header.column.voltage_v) == (None,) * 4
     with pytest.raises(BadImage, match="Beam=IRBeam"):

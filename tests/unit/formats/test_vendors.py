@@ -218,7 +218,7 @@ def test_jeol_pixel_size_is_that_of_the_bar_not_of_the_magnification() -> None:
     assert info.pixel_size_m.value == pytest.approx(1.887e-6, abs=1e-9)  # 128 mm / 50 / 1280 px would be 2.0 um
     assert "0.9 %" in info.notes[0]
     assert info.end_time_ns == int(datetime(2019, 2, 3, 1, 2, 3, tzinfo=UTC).timestamp()) * 10**9 + 500_000_000
-    with pytest.raises(BadImage, match="1024 px wide but its header says 1280"):  # the sidecar of another image
+    with pytest.raises(BadImage, match="1024 px wide but its header contains 1280"):  # the sidecar of another image
         info_of(header, 1024, 768, profile)
 
 

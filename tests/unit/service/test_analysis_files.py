@@ -130,7 +130,7 @@ def test_a_text_belongs_to_its_own_image_alone(tmp_path: Path) -> None:
     told = analysed(logged(tmp_path, exported(0, product(1)), alone))
     refused = [one for one in told if isinstance(one, FileMessage)]
     assert [(one.export, one.decision) for one in refused] == [(1, "refused")]
-    assert "does not say its dwell time" in refused[0].reason
+    assert "does not contain its dwell time" in refused[0].reason
 
 
 def test_frozen_pixels_under_a_new_header_are_refused(tmp_path: Path) -> None:

@@ -142,8 +142,9 @@ def test_control_reads_of_a_drift_what_it_decides_on() -> None:
     """All of it took 8 kB for every pair of the run, whenever all frames were told anew."""
     count = 20_000
     column: tuple[tuple[float, float], ...] = tuple((float(x), float(y)) for x, y in np.random.default_rng(1).normal(size=(count, 2)))
-    told = DriftMessage(
+    message = DriftMessage(
         revision=500,
+        newest_pair=count // 40 - 1,
         time_s=tuple(np.arange(count, dtype=float).tolist()),
         frame=tuple(np.repeat(np.arange(count // 20), 20).tolist()),
         drift_px=column,
@@ -152,10 +153,12 @@ def test_control_reads_of_a_drift_what_it_decides_on() -> None:
         rate_x_px_s=column[-1][0],
         rate_y_px_s=column[-1][1],
     )
-    payload = to_json(told)
-    word = parse_drift_update(payload)
-    assert (word.revision, word.newest_pair, word.rate_x_px_s, word.forecast) == (500, count // 40 - 1, column[-1][0], None)
-    del told, column
+    payload = to_json(message)
+    update = parse_drift_update(payload)
+    assert (update.revision, update.newest_pair, update.rate_x_px_s, update.forecast) == (500, count // 40 - 1, column[-1][0], None)
+    older = parse_drift_update(to_json(message.model_copy(update={"newest_pair": None})))
+    assert older == update
+    del message, column
     peaks = []
     for read in (lambda: parse_drift_update(payload), lambda: from_json("/drift/estimate", payload)):
         tracemalloc.start()

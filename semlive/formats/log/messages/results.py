@@ -39,11 +39,13 @@ class DriftMessage(Message):
     """`/drift/estimate`: one revision of drift in time, and the quality of the calibration (see `semlive.data.drift`).
 
     The numbers from `x_px` on repeat the newest row of the arrays, because plots show scalars, not the ends of arrays.
-    `pairs` is the number of pairs of the estimate; older logs without this key have one revision for each pair.
+    `pairs` is the number of pairs of the estimate; older logs without this key have one revision for each pair. `newest_pair` is the
+    number of the newest of these pairs; older logs do not have it.
     """
 
     revision: int
     pairs: int | None = None
+    newest_pair: int | None = None
     time_s: Values
     frame: tuple[int, ...]
     drift_px: tuple[Point, ...]
