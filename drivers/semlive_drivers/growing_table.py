@@ -8,7 +8,7 @@ from pathlib import Path
 
 from semlive.errors import BadInput
 from semlive.inputs.files import open_regular
-from semlive.inputs.text_table import Convention, Layout, Wanted, encoding_of, is_blank, layout_of, lines_of
+from semlive.inputs.text_table import ColumnSelector, Convention, Layout, encoding_of, is_blank, layout_of, lines_of
 
 _WINDOW_BYTES = 65_536
 """The head is decided from so many bytes at the beginning, the newest line looked for in so many at the end."""
@@ -37,13 +37,13 @@ class GrowingTable:
     """Reads the newest whole line of a file as often as asked; between two calls no file is kept open.
 
     Args:
-        wanted: which columns must hold numbers.
+        select: selects the columns that must contain numbers.
         given: separator and decimal sign, where they are known.
         encoding: of a file without a byte order mark.
     """
 
-    def __init__(self, wanted: Wanted, given: Convention, encoding: str) -> None:
-        self._wanted, self._given, self._encoding = wanted, given, encoding
+    def __init__(self, select: ColumnSelector, given: Convention, encoding: str) -> None:
+        self._select, self._given, self._encoding = select, given, encoding
         self._path: Path | None = None
         self._layout: Layout | None = None
         self._decided_by = b""
@@ -91,7 +91,7 @@ class GrowingTable:
             if len(head) == 0 and path.stat().st_size > _WINDOW_BYTES:
                 raise BadInput(f"{path}: its first line is longer than {_WINDOW_BYTES} bytes; record lines of numbers.")
             return
-        layout = layout_of(lines, str(path), self._wanted, self._given, _HEAD_SEARCHED)
+        layout = layout_of(lines, str(path), self._select, self._given, _HEAD_SEARCHED)
         if any(not is_blank(line) for line in lines[layout.first_line - 1 :]):
             self._layout, self._decided_by = layout, head
 

@@ -14,7 +14,7 @@ from semlive.errors import BadLog
 from semlive.formats.log.messages import SEM_ORIGINAL, SEM_SIDECAR
 from semlive.formats.log.reader import LogMessage
 from semlive.service.log.files import PARTIAL_SUFFIX, segments
-from semlive.service.log.stream import is_being_written
+from semlive.service.log.recording import is_being_written
 from semlive.service.log.tail import LogTail
 from semlive.service.runtime.boot import boot_id
 from semlive.web.fields import FieldStore, fields_of

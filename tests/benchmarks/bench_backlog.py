@@ -28,7 +28,7 @@ from semlive.formats.log.messages import LogLineMessage, StateMessage
 from semlive.service.analysis import process
 from semlive.service.analysis.process import AnalysisProcess
 from semlive.service.log.files import segment_path
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.log.run_log import RunLog
 from semlive.service.runtime.clock import SystemClock
 

@@ -42,7 +42,7 @@ from semlive.formats.log.messages import (
     StateMessage,
 )
 from semlive.service.log.files import segment_path
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.runtime.clock import SystemClock
 
 STATES = ("ramping", "settling", "holding", "imaging", "step_done")

@@ -24,8 +24,8 @@ import numpy as np
 
 from semlive.formats.log.messages import SEM_ORIGINAL, FileMessage, LogLineMessage
 from semlive.formats.log.writer import LogWriter
-from semlive.service.log.recorder import Recorder
-from semlive.service.log.stream import BufferedLogStream, open_new
+from semlive.service.log.recording import Recorder
+from semlive.service.log.recording.stream import BufferedLogStream, open_new
 from semlive.service.runtime.clock import SystemClock
 
 BAR = 0.6

@@ -38,7 +38,7 @@ from semlive.cli.demo import daemon_config
 from semlive.cli.simulator import running_simulator
 from semlive.formats.log.messages import SEM_ORIGINAL, ResultMessage, StateMessage
 from semlive.service.log.files import messages, segment_path
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.runtime.clock import SystemClock
 
 DRIFT_PX_S = {"x": 0.0005, "y": -0.0012}

@@ -25,7 +25,8 @@ from pathlib import Path
 import numpy as np
 
 from semlive.data.frame import ExportedFile
-from semlive.service.watch.export_folder import ExportFolder, RejectedFile, WatchSettings
+from semlive.service.watch.export_folder import ExportFolder
+from semlive.service.watch.watch_settings import RejectedFile, WatchSettings
 from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata
 from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.scenario import load_scenario

@@ -208,7 +208,7 @@ def values_read(table: Written, head_lines: int | None = None) -> dict[int, tupl
             continue
         cells = layout.cells(line, number)
         layout = layout.after(cells)
-        row = [number_in(cells[place], layout.decimal) for place in layout.wanted]
+        row = [number_in(cells[place], layout.decimal) for place in layout.number_places]
         if None in row:
             raise BadInput(f"table: line {number}: no number.")
         read[number] = tuple(None if value is None or value != value else value for value in row)

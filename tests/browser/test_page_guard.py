@@ -26,7 +26,7 @@ from semlive.formats.log.maps import encode_map
 from semlive.formats.log.messages import DIC_MAP, SEM_ORIGINAL, FaultMessage, FileMessage, OperatorMessage, RunMessage, StateMessage
 from semlive.service.control.socket import ControlSocket, SocketAddress, token_digest
 from semlive.service.log.files import segment_path
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.runtime.clock import SystemClock
 
 

@@ -21,7 +21,7 @@ from semlive.engine import OperatorCommand
 from semlive.formats.log.messages import RunMessage
 from semlive.service.control.socket import ControlSocket, Request, RequestStatus, SocketAddress, send_request, token_digest
 from semlive.service.log.files import segment_path
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.runtime.clock import SystemClock
 from semlive.web.app import MAX_VIEWERS
 

@@ -38,7 +38,7 @@ BREAKS = [
     ("layers-joint", "semlive/estimate/joint/elimination/broken.py", "import semlive.estimate.joint.solution.posterior"),
     ("layers-diagnose", "semlive/diagnose/baseline/broken.py", "import semlive.diagnose.maps.search"),
     ("layers-diagnose", "semlive/diagnose/rows/broken.py", "import semlive.diagnose.intensity.verdict"),
-    ("layers-service", "semlive/service/storage/broken.py", "import semlive.service.log.recorder"),
+    ("layers-service", "semlive/service/storage/broken.py", "import semlive.service.log.recording"),
     ("layers-service", "semlive/service/analysis/broken.py", "import semlive.service.control.control"),
     ("no-plugins", "semlive/service/broken.py", "import semlive_drivers.modbus"),
     ("no-plugins", "semlive/cli/broken.py", "import semlive_simulators"),

@@ -17,7 +17,7 @@ from semlive.service.analysis import process
 from semlive.service.analysis.process import AnalysisProcess
 from semlive.service.analysis.worker import READY_TEXT
 from semlive.service.config.configuration import parse_config
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.log.run_log import RunLog
 
 CONFIG = {

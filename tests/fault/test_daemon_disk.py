@@ -16,7 +16,7 @@ from typing import Any, cast
 
 from semlive.formats.log.messages import SEM_ORIGINAL, FaultMessage
 from semlive.service.log.files import messages
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from bench_record import measured

@@ -18,8 +18,8 @@ from semlive.formats.log.messages import SEM_ORIGINAL, LogLineMessage, to_json
 from semlive.formats.log.reader import LogMessage
 from semlive.formats.log.writer import LogWriter
 from semlive.service.log.files import messages
+from semlive.service.log.recording import REWRITING
 from semlive.service.log.repair import recover_log, repair_partial_segments
-from semlive.service.log.segment import REWRITING
 from semlive.service.log.tail import LogTail
 
 ORIGINALS = 30
@@ -29,7 +29,7 @@ WRITER = """
 import json, sys, time
 from pathlib import Path
 from semlive.formats.log.messages import FileMessage, LogLineMessage, RunMessage
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.log.tail import LogTail
 class Clock:
     def now_ns(self): return time.time_ns()

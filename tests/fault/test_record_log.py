@@ -23,8 +23,7 @@ from semlive.formats.log.reader import LogMessage
 from semlive.formats.log.records import RUN_METADATA
 from semlive.formats.log.writer import LogWriter
 from semlive.service.log.files import messages, segment_path, segments
-from semlive.service.log.recorder import Recorder
-from semlive.service.log.stream import open_new
+from semlive.service.log.recording import Recorder, open_new
 from semlive.service.log.tail import LogTail
 
 
@@ -196,7 +195,7 @@ KILLED = """
 import os, signal, sys, time
 from pathlib import Path
 from semlive.formats.log.messages import FaultMessage, LogLineMessage
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 class Clock:
     def now_ns(self): return time.time_ns()
     def mono_ns(self): return time.monotonic_ns()

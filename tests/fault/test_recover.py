@@ -149,7 +149,7 @@ KILLED = """
 import os, sys, time
 from pathlib import Path
 from semlive.formats.log.messages import LogLineMessage
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 class Clock:
     def now_ns(self): return time.time_ns()
     def mono_ns(self): return time.monotonic_ns()

@@ -22,7 +22,7 @@ from semlive.service.analysis.worker import LOG_REPLACED
 from semlive.service.config.configuration import parse_config
 from semlive.service.log.files import messages
 from semlive.service.log.lock import only_one_at, run_lock
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.log.run_log import RunLog
 from semlive.service.log.tail import LogReplaced, LogTail
 

@@ -13,9 +13,10 @@ import pytest
 
 from semlive.data.frame import ExportedFile
 from semlive.data.settings import ScanProfile
-from semlive.service.watch.export_folder import ExportFolder, RejectedFile, WatchSettings
+from semlive.service.watch.export_folder import ExportFolder
 from semlive.service.watch.file_numbering import FileNumbering
 from semlive.service.watch.sidecars import sidecar_names
+from semlive.service.watch.watch_settings import RejectedFile, WatchSettings
 from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata
 from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.scenario import load_scenario

@@ -16,8 +16,9 @@ import tifffile
 
 from semlive.data.frame import ExportedFile
 from semlive.service.log.files import messages
-from semlive.service.watch.export_folder import ExportFolder, RejectedFile, WatchSettings
+from semlive.service.watch.export_folder import ExportFolder
 from semlive.service.watch.file_reader import FileReader, StillReading, read_regular
+from semlive.service.watch.watch_settings import RejectedFile, WatchSettings
 
 from .by_hand import HandClock, image
 

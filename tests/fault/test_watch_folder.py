@@ -15,8 +15,9 @@ import tifffile
 
 from semlive.data.frame import ExportedFile
 from semlive.errors import BadConfig
-from semlive.service.watch.export_folder import ExportFolder, RejectedFile, WatchSettings
+from semlive.service.watch.export_folder import ExportFolder
 from semlive.service.watch.thread import FolderWatcher
+from semlive.service.watch.watch_settings import RejectedFile, WatchSettings
 
 from .by_hand import HandClock, image
 

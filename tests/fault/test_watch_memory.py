@@ -11,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from semlive.service.watch.export_folder import ExportFolder, WatchSettings
+from semlive.service.watch.export_folder import ExportFolder
 from semlive.service.watch.file_numbering import FileNumbering
 from semlive.service.watch.file_registry import DUPLICATE, PREEXISTING, FileRegistry, RegisteredFile
+from semlive.service.watch.watch_settings import WatchSettings
 
 from .by_hand import HandClock, image
 

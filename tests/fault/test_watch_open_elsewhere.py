@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from semlive.data.frame import ExportedFile
-from semlive.service.watch.export_folder import ExportFolder, RejectedFile, WatchSettings
+from semlive.service.watch.export_folder import ExportFolder
 from semlive.service.watch.file_locks import is_locked_error, open_elsewhere
+from semlive.service.watch.watch_settings import RejectedFile, WatchSettings
 
 from .by_hand import HandClock, image
 

@@ -12,7 +12,7 @@ from semlive.formats.log.messages import SEM_ORIGINAL, LogLineMessage
 from semlive.formats.log.reader import LogMessage
 from semlive.formats.log.writer import LogWriter
 from semlive.service.log.files import messages
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.log.repair import recover_segment
 from semlive.service.log.tail import LogTail, follow
 

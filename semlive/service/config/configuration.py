@@ -19,7 +19,7 @@ from semlive.inputs.kinds import Place, changed_kind
 from semlive.inputs.yaml_text import MOST_BYTES, YamlText, read_yaml
 from semlive.service.config.checks import contradictions
 from semlive.service.config.model_section import ModelSection
-from semlive.service.watch.export_folder import WatchSettings
+from semlive.service.watch.watch_settings import WatchSettings
 
 
 def known_keys(cls: type, given: object) -> object:

@@ -39,7 +39,7 @@ from semlive.service.control.trigger import TriggerLink
 from semlive.service.log.alarms import AcknowledgeAll, acknowledgements
 from semlive.service.log.files import segment_path
 from semlive.service.log.lock import held_itself, only_one_at, run_lock
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.log.repair import repair_partial_segments
 from semlive.service.log.run_log import RunLog
 from semlive.service.runtime import drivers
@@ -47,7 +47,8 @@ from semlive.service.runtime.clock import SimulatedClock, SystemClock, open_cloc
 from semlive.service.runtime.process import boot_id
 from semlive.service.runtime.versions import versions
 from semlive.service.watch.clock_offsets import probe_share
-from semlive.service.watch.thread import FolderWatcher, WatchSettings
+from semlive.service.watch.thread import FolderWatcher
+from semlive.service.watch.watch_settings import WatchSettings
 
 _TICK_S = 0.05
 _OPEN_TIMEOUT_S = 10.0

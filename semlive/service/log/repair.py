@@ -24,8 +24,7 @@ from semlive.formats.log.segment_scan import SegmentSpan, channels_and_schemas, 
 from semlive.formats.log.writer import LogWriter
 from semlive.inputs.files import open_regular
 from semlive.service.log.files import PARTIAL_SUFFIX, SUFFIX, segments
-from semlive.service.log.segment import REWRITING
-from semlive.service.log.stream import is_being_written, sync_folder
+from semlive.service.log.recording import REWRITING, is_being_written, sync_folder
 
 ORIGINAL = ".original"
 _GROWING = ".recovering"

@@ -22,7 +22,7 @@ from semlive.inputs.files import open_regular
 from semlive.inputs.json_text import parse_json
 from semlive.service.log.files import PARTIAL_SUFFIX, SUFFIX, segments
 from semlive.service.log.lock import run_lock
-from semlive.service.log.stream import sync_folder
+from semlive.service.log.recording import sync_folder
 
 _DELETING = ".deleting"
 _DAY_S = 86_400.0

@@ -31,7 +31,7 @@ from semlive.formats.log.messages import (
 from semlive.formats.log.reader import LogMessage
 from semlive.service.log import alarms as alarm_rules
 from semlive.service.log.alarms import Alarms
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.runtime.boot import boot_id
 
 

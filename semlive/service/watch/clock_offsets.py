@@ -14,7 +14,7 @@ from semlive.data.settings import ScanProfile
 from semlive.formats.log.messages import ClockOffsetMessage
 from semlive.formats.metadata.timestamps import ONE_SECOND_SIGMA_S
 
-_EXPORT_SIGMA_S = 2.0  # from the end of a scan to the last byte of its file, as far as nobody says
+_EXPORT_SIGMA_S = 2.0  # assumed time from the end of a scan to the last byte of its file
 _WRONG_S = 8.0
 _WRONG_SIGMAS = 3.0
 _PROBE = ".semlive-clock"
@@ -41,19 +41,19 @@ class FileClockOffsets:
         """Add a file; return the new state and the messages about both clocks."""
         if not file.stable_time_ns:
             return self, ()
-        told: list[ClockOffsetMessage] = []
+        messages: list[ClockOffsetMessage] = []
         share, why = self.share.updated(file.mtime_ns, file.stable_time_ns)
         if why is not None:
-            told.append(_message(share, file.index, why))
+            messages.append(_message(share, file.index, why))
         sem = self.sem
         if info.embedded_time_ns is not None:
             later_ns = round(info.timing.duration_s * 1e9) if info.start_anchor == "start" else 0
-            # The share's own word, set right, is nearer to when the file was written than the watcher's look.
+            # The corrected modification time is closer to the end of writing than the time of the scan that found the file.
             written_ns = file.mtime_ns - round(share.offset_s * 1e9)
             sem, why = sem.updated(info.embedded_time_ns + later_ns, min(written_ns, file.stable_time_ns))
             if why is not None:
-                told.append(_message(sem, file.index, why, _advice(sem, profile)))
-        return FileClockOffsets(sem, share), tuple(told)
+                messages.append(_message(sem, file.index, why, _advice(sem, profile)))
+        return FileClockOffsets(sem, share), tuple(messages)
 
 
 def _message(clock: ClockOffset, export: int, why: str, advice: str = "") -> ClockOffsetMessage:
@@ -74,7 +74,7 @@ def _advice(sem: ClockOffset, profile: ScanProfile) -> str:
     if abs(wrong_s) <= max(_WRONG_S, _WRONG_SIGMAS * sem.sigma_s):
         return ""
     return (
-        f"the SEM's clock is {sem.offset_s:+.0f} s beside this computer's and sem.profile.clock_offset_s is "
+        f"the SEM's clock differs by {sem.offset_s:+.0f} s from this computer's, and sem.profile.clock_offset_s is "
         f"{profile.clock_offset_s:g}; set one of the clocks, or sem.profile.clock_offset_s: {sem.offset_s:.0f}."
     )
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 _NUMBERED = re.compile(r"(.*?)(\d{1,9})(\D{0,12})")
 
-_KINDS = 100  # names that tell the time are of a new kind every minute
+_MAX_KINDS = 100  # names that contain the time are of a new kind every minute
 
 
 @dataclass(slots=True)
@@ -28,8 +28,8 @@ class FileNumbering:
         kind, number = (match[1], match[3]), int(match[2])
         previous = self._newest.get(kind)
         self._newest.pop(kind, None)
-        self._newest[kind] = (number, name)  # the kind that came last stands last
-        if len(self._newest) > _KINDS:
+        self._newest[kind] = (number, name)  # the newest kind is the last entry
+        if len(self._newest) > _MAX_KINDS:
             del self._newest[next(iter(self._newest))]
         if previous is None or number == previous[0] + 1:
             return None

@@ -67,7 +67,7 @@ class FileReader:
             size: how many bytes it is expected to hold.
 
         Raises:
-            StillReading: it takes longer, or too many reads hang already.
+            StillReading: it takes longer, or too many reads are pending already.
             OSError: it cannot be read, is no regular file, or holds another number of bytes.
         """
         future = self._pending.pop(path, None)
@@ -94,7 +94,7 @@ class FileReader:
         self._abandon()
 
     def _abandon(self) -> None:
-        """The thread ends when its read returns, if ever; the next read gets another."""
+        """Let the thread end when its read returns, if ever; the next read starts another thread."""
         if self._jobs is not None:
             self._jobs.put(None)
         self._jobs = None

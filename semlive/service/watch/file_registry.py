@@ -11,9 +11,9 @@ import struct
 from array import array
 from dataclasses import dataclass
 
-INITIAL_CAPACITY = 32_768  # files, 5.2 MB, which is 22 days of a scan a minute; with more the room doubles
+INITIAL_CAPACITY = 32_768  # files, 5.2 MB, which is 22 days of a scan a minute; the capacity doubles when it is used up
 PREEXISTING, DUPLICATE = -1, -2
-"""Instead of the number of an export: there before the run, refused as a copy."""
+"""Values instead of the number of an export: the file existed before the run, or was refused as a copy."""
 
 # Digest of the name, size, modification time, change time, export, whether it was overwritten, SHA-256, as much of the name as fits.
 _RECORD = struct.Struct("<16s qqq q ? 32s 63s")
@@ -43,19 +43,19 @@ class RegisteredFile:
 
     @property
     def description(self) -> str:
-        """What became of it, for a sentence."""
+        """Return the decision about the file, as a part of a sentence."""
         if self.export >= 0:
             return f"was taken as export {self.export}"
         return "was refused as a copy" if self.export == DUPLICATE else "was there before the run"
 
 
 class FileRegistry:
-    """By name and by content.
+    """Processed files by name and by content.
 
-    All memory is taken at once, so that it does not seem to grow while it is filled.
+    All memory is allocated at once, so that it does not grow while the registry is filled.
 
     Args:
-        room: files for which there is room at first, a power of two.
+        room: initial capacity in files, a power of two.
     """
 
     def __init__(self, room: int = INITIAL_CAPACITY) -> None:
@@ -113,13 +113,13 @@ class FileRegistry:
         shown: bytes = _RECORD.unpack_from(self._records, (number - 1) * _RECORD.size)[-1]
         return shown.rstrip(b"\0").decode("utf-8", "ignore")
 
-    def _place(self, places: array[int], part: slice, wanted: bytes) -> int:
-        """Where the number of the record with such a part stands, or would."""
+    def _place(self, places: array[int], part: slice, content: bytes) -> int:
+        """Return the place in a hash table of the record with this part, or the free place for it."""
         records, size, last = self._records, _RECORD.size, len(places) - 1
-        place = int.from_bytes(wanted[:8], "little") & last
+        place = int.from_bytes(content[:8], "little") & last
         while number := places[place]:
             begin = (number - 1) * size
-            if records[begin + part.start : begin + part.stop] == wanted:
+            if records[begin + part.start : begin + part.stop] == content:
                 break
             place = (place + 1) & last
         return place
@@ -138,7 +138,7 @@ class FileRegistry:
 
 
 def _places(room: int) -> array[int]:
-    """Room for numbers of records, counted from 1, at most half of which are taken."""
+    """Return an empty hash table of record numbers, counted from 1; it is at most half full."""
     return array("I", b"\0" * (2 * room * array("I").itemsize))
 
 

@@ -10,11 +10,10 @@ from collections.abc import Callable
 from semlive.data.frame import ExportedFile
 from semlive.ports import ClockSource
 from semlive.service.runtime.memory import trim_heap
-from semlive.service.watch.export_folder import ExportFolder, RejectedFile, WatchSettings, ignore
+from semlive.service.watch.export_folder import ExportFolder, ignore
+from semlive.service.watch.watch_settings import RejectedFile, WatchSettings
 
-__all__ = ["FolderWatcher", "RejectedFile", "WatchSettings"]
-
-_GIVE_BACK_EVERY_S = 5.0  # it takes 0.2 to 1 ms
+_TRIM_EVERY_S = 5.0  # a trim takes 0.2 to 1 ms
 
 
 class FolderWatcher:
@@ -80,17 +79,17 @@ class FolderWatcher:
             self._thread.join(timeout_s)
 
     def _run(self) -> None:
-        given_back_s = time.monotonic()
+        trimmed_s = time.monotonic()
         try:
             while not self._stop.is_set():
                 if self._accepts.is_set():
                     self._accepts.clear()
-                    with contextlib.suppress(OSError):  # it is gone again, which `poll` reports
+                    with contextlib.suppress(OSError):  # it is unavailable again, which `poll` reports
                         self._folder.accept()
                 self._folder.poll()
-                if time.monotonic() - given_back_s > _GIVE_BACK_EVERY_S:  # this thread is the one that nobody waits for
+                if time.monotonic() - trimmed_s > _TRIM_EVERY_S:  # no other thread waits for this one
                     trim_heap()
-                    given_back_s = time.monotonic()
+                    trimmed_s = time.monotonic()
                 self._wake.wait(self._poll_s)
                 self._wake.clear()
         except Exception as exc:

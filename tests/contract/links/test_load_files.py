@@ -83,7 +83,7 @@ def test_a_unit_in_the_head_counts_where_the_settings_have_none_and_must_not_con
 def test_what_can_be_read_in_two_ways_asks_for_the_settings(tmp_path: Path) -> None:
     path = tmp_path / "load.csv"
     path.write_text("Force;Ext\n134,200;7,500\n")
-    with pytest.raises(LinkRefused, match=re.escape("'134,200' may mean 134.200 or 134200; say the decimal sign with")) as error:
+    with pytest.raises(LinkRefused, match=re.escape("'134,200' may mean 134.200 or 134200; specify the decimal sign with")) as error:
         tail(path)
     assert "decimal_comma" in str(error.value)
     assert tail(path, decimal_comma=True, **FORCE).read().force_n == 134.2

@@ -17,7 +17,7 @@ from semlive.report.sections import sections, write_section
 from semlive.service.config.overrides import apply_overrides, parse_changes
 from semlive.service.log.alarms import Alarm, Alarms
 from semlive.service.log.files import segment_path
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.log.run_facts import LogFacts, RefusedFile
 from semlive.service.replay.replay import ReplayRequest, ReplayResult, Source, replay
 from semlive.service.runtime.clock import SystemClock

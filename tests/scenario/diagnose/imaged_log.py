@@ -21,7 +21,7 @@ from semlive.formats.log.maps import encode_map
 from semlive.formats.log.messages import DIC_MAP, RunMessage
 from semlive.formats.log.reader import LogMessage
 from semlive.service.config.configuration import parse_config
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.log.run_log import RunLog
 from semlive_simulators.exporters.image_metadata import ImageMetadata
 from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle

@@ -12,7 +12,7 @@ import pytest
 from semlive.formats.log.messages import LogLineMessage, from_json
 from semlive.service.control.daemon import _log_loop_error
 from semlive.service.log.files import messages, segment_path
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.log.run_log import RunLog
 from semlive.service.runtime.clock import SystemClock
 

@@ -29,7 +29,7 @@ from semlive.formats.log.reader import LogMessage
 from semlive.service.analysis.worker import WorkerState, is_output, process_message
 from semlive.service.config.configuration import parse_config
 from semlive.service.log.files import messages
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.log.run_log import RunLog
 from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata
 from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle

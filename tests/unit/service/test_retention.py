@@ -15,7 +15,7 @@ from semlive.errors import BadInput
 from semlive.formats.log.messages import LogLineMessage, ResultMessage, StateMessage
 from semlive.service.log.files import segment_path, segments
 from semlive.service.log.lock import run_lock
-from semlive.service.log.recorder import Recorder
+from semlive.service.log.recording import Recorder
 from semlive.service.log.retention import Retention, delete, select_runs
 
 NOW_S = 2e9

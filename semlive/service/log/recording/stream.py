@@ -14,20 +14,20 @@ try:
 except ImportError:  # Windows, where an open file cannot be renamed or replaced anyway
     fcntl = None
 
-# Linux takes 1024 pieces in a call, POSIX promises 16.
-_PIECES = 16
+# Linux accepts 1024 buffers in a call, POSIX guarantees 16.
+_MAX_BUFFERS = 16
 OpenRaw = Callable[[Path], RawIOBase]
 
 
 def open_new(path: Path) -> RawIOBase:
-    """A new file for writing, unbuffered; others can see that it is being written.
+    """Create a file for writing, unbuffered and locked, so that other processes can detect that it is being written.
 
     Raises:
-        FileExistsError: there is one already; a log is never overwritten.
+        FileExistsError: the file exists; a log is never overwritten.
     """
-    raw = open(path, "xb", buffering=0)  # noqa: SIM115  # whoever asked for it closes it
+    raw = open(path, "xb", buffering=0)  # noqa: SIM115  # the caller closes it
     if fcntl is not None:
-        # Some network file systems know no locks.
+        # Some network file systems have no locks.
         with contextlib.suppress(OSError):
             fcntl.flock(raw, fcntl.LOCK_EX | fcntl.LOCK_NB)
     return cast(RawIOBase, raw)
@@ -48,7 +48,7 @@ def is_being_written(stream: BinaryIO) -> bool:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make names in a folder survive a loss of power, where the system can."""
+    """Sync the names in a folder to the disk, where the system supports it."""
     if hasattr(os, "O_DIRECTORY"):
         opened = os.open(folder, os.O_DIRECTORY)
         try:
@@ -65,20 +65,20 @@ class BufferedLogStream:
 
     def __init__(self, raw: RawIOBase) -> None:
         self._raw = raw
-        self._waiting: list[memoryview] = []
-        self._taken = self._safe = 0
+        self._pending: list[memoryview] = []
+        self._accepted = self._synced = 0
 
     def write(self, data: bytes) -> int:
         """Accept bytes."""
         if data:
-            # Bytes never change, so they are kept as they are.
-            self._waiting.append(memoryview(data if isinstance(data, bytes) else bytes(data)))
-            self._taken += len(data)
+            # Bytes are immutable, so they are stored without a copy.
+            self._pending.append(memoryview(data if isinstance(data, bytes) else bytes(data)))
+            self._accepted += len(data)
         return len(data)
 
     def tell(self) -> int:
         """Return the number of accepted bytes."""
-        return self._taken
+        return self._accepted
 
     def flush(self) -> None:
         """Write everything to the operating system.
@@ -86,23 +86,23 @@ class BufferedLogStream:
         Raises:
             OSError: it refused; nothing is lost, call again.
         """
-        while self._waiting:
+        while self._pending:
             self._drop(self._write_some())
 
     def _write_some(self) -> int:
         """Write as much as the system accepts in one call, without concatenating the buffers."""
         if type(self._raw) is FileIO and hasattr(os, "writev"):
-            return os.writev(self._raw.fileno(), self._waiting[:_PIECES])
-        return self._raw.write(self._waiting[0]) or 0
+            return os.writev(self._raw.fileno(), self._pending[:_MAX_BUFFERS])
+        return self._raw.write(self._pending[0]) or 0
 
     def _drop(self, written: int) -> None:
         done = 0
-        while done < len(self._waiting) and written >= len(self._waiting[done]):
-            written -= len(self._waiting[done])
+        while done < len(self._pending) and written >= len(self._pending[done]):
+            written -= len(self._pending[done])
             done += 1
-        del self._waiting[:done]
+        del self._pending[:done]
         if written:
-            self._waiting[0] = self._waiting[0][written:]
+            self._pending[0] = self._pending[0][written:]
 
     def sync(self) -> None:
         """Sync everything to the disk; data that are already synced cost nothing.
@@ -111,10 +111,10 @@ class BufferedLogStream:
             OSError: the disk refused; nothing is lost, call again.
         """
         self.flush()
-        if not self._raw.closed and (self._safe < self._taken or not self._taken):
-            taken = self._taken
+        if not self._raw.closed and (self._synced < self._accepted or not self._accepted):
+            accepted = self._accepted
             os.fsync(self._raw.fileno())
-            self._safe = taken
+            self._synced = accepted
 
     def cut(self, position: int) -> None:
         """Truncate the file and discard pending data; later data are appended at the new end.
@@ -122,15 +122,15 @@ class BufferedLogStream:
         Raises:
             OSError: the disk refused.
         """
-        self._waiting.clear()
+        self._pending.clear()
         self._raw.truncate(position)
         self._raw.seek(position)
-        self._taken = self._safe = position
+        self._accepted = self._synced = position
 
     def close(self) -> None:
         """Close the file as it is."""
         self._raw.close()
 
     def as_binary(self) -> BinaryIO:
-        """The same object for those who ask for a file: write, tell and flush are all that a log writer uses."""
+        """Return this object typed as a binary file; a log writer uses write, tell and flush only."""
         return cast(BinaryIO, self)

@@ -36,7 +36,7 @@ def remedy(error: OSError) -> str:
 
 
 def described(messages: Sequence[LogMessage]) -> str:
-    """Messages by topic, with names of image files and the interval of their log times in UTC."""
+    """Return a description of messages: number by topic, names of image files and interval of log times in UTC."""
     if not messages:
         return "no messages"
     counts = Counter(message.topic for message in messages)
@@ -63,14 +63,14 @@ def read_back(path: Path, expected: Sequence[LogMessage]) -> None:
 
 
 def _original_names(messages: Sequence[LogMessage]) -> list[str]:
-    """Names of the image files whose bytes are among the messages; their number where the name is not among them."""
+    """Return the names of the image files whose bytes the messages contain; the number of the export if no message contains the name."""
     names: dict[int, str] = {}
     for message in messages:
         if message.topic == "/sem/file":
             content = json.loads(message.payload)
             if isinstance(content.get("export"), int):
                 names[content["export"]] = str(content.get("name", ""))
-    return [names.get(one.sequence) or f"export {one.sequence}" for one in messages if one.topic == SEM_ORIGINAL]
+    return [names.get(message.sequence) or f"export {message.sequence}" for message in messages if message.topic == SEM_ORIGINAL]
 
 
 def _clock_time(time_ns: int) -> str:

@@ -1,0 +1,138 @@
+"""Checks of a possible layout of a text table: cell counts, decimal sign, and other possible meanings."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from semlive.errors import BadInput
+from semlive.inputs.text_cells import is_no_name, is_remark, split
+from semlive.inputs.text_head import Rows
+from semlive.inputs.text_layout import AmbiguousTable, Layout, miscounted
+from semlive.inputs.text_number import Sign, is_lost, is_whole, sign_of
+
+DEFINITE = 10**6
+"""Weight of a problem in a layout that fits the head in all other respects."""
+_NUMBER_AND_MORE = re.compile(r"[+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?\s+\S")
+_FIRST_GROUP = re.compile(r"(?:.*\s)?[+-]?[1-9][0-9]{0,2}")
+_NEXT_GROUP = re.compile(r"[0-9]{3}(?![0-9])")
+
+
+class Misfit(Exception):
+    """A layout that does not fit the table; the larger the weight, the more of the table it explains."""
+
+    def __init__(self, weight: int, error: BadInput) -> None:
+        self.weight, self.error = weight, error
+
+
+def check_counts(layout: Layout, rows: Rows) -> None:
+    """Refuse lines with another number of cells than the head.
+
+    Raises:
+        Misfit: a line does not fit.
+    """
+    expected = len(layout.columns)
+    fitting = sum(len(cells) == expected for _, cells in rows)
+    for number, cells in rows:
+        if len(cells) != expected:
+            error = miscounted(f"{layout.where}: line {number}", cells, expected, layout.separator, layout.head_line > 0)
+            raise Misfit(1000 * (1 + fitting) + expected, error)
+
+
+def check_above(lines: Sequence[str], start: int, layout: Layout) -> None:
+    """Refuse numbers without names below a line of several cells, which may be a line of names with a missing cell.
+
+    Raises:
+        Misfit: there is such a line.
+    """
+    above = next((line for line in reversed(lines[:start]) if line.strip() and not is_remark(line)), "")
+    try:
+        names = split(above, layout.separator)
+    except ValueError:
+        names = []
+    if len(names) > 1:
+        error = miscounted(f"{layout.where}: line {start + 1}", ["?"] * len(layout.columns), len(names), layout.separator, True)
+        raise Misfit(1, error)
+
+
+def check_pairs(layout: Layout, rows: Rows, by_name: bool) -> None:
+    """Refuse integers between commas that may be numbers with decimal commas.
+
+    Without names this is always possible; with names only if commas precede units: ``Time, s,Force, N``.
+
+    Raises:
+        Misfit: both meanings are possible.
+    """
+    if layout.separator != "," or len(layout.columns) < 2 or not rows:
+        return
+    line, cells = rows[0]
+    numeric = [place for place in range(len(layout.columns)) if all(_may_be_number(cells[place]) for _, cells in rows)]
+    if any(sign_of(cells[place]) is Sign.POINT for place in numeric for _, cells in rows):
+        doubtful = False
+    elif layout.head_line:
+        units = [is_no_name(column.raw) for column in layout.columns] + [False]
+        doubtful = any(units[place + 1] for place in layout.number_places) if by_name else any(units)
+        doubtful = doubtful or any(_NUMBER_AND_MORE.match(cell) for cell in cells)
+    else:
+        doubtful = True
+    if doubtful:
+        place = min(layout.number_places[0], len(cells) - 2)
+        both = f"{cells[place]!r} and {cells[place + 1]!r}, or '{cells[place]},{cells[place + 1]}'"
+        message = f"{layout.where}: line {line}: may mean {both}; write decimal points, or specify the decimal sign."
+        raise Misfit(DEFINITE, AmbiguousTable(message))
+
+
+def check_groups(layout: Layout, rows: Rows) -> None:
+    """Refuse cells such as 91 and 205.5 that may be one number with the column separator between thousands.
+
+    Raises:
+        Misfit: both meanings are possible.
+    """
+    if layout.separator not in (",", " ") or not rows:
+        return
+    if layout.separator == "," and layout.head_line and not any(is_no_name(column.raw) for column in layout.columns):
+        return
+    rule = all if layout.head_line else any
+    for place in range(len(layout.columns) - 1):
+        if rule(_FIRST_GROUP.fullmatch(cells[place]) and _NEXT_GROUP.match(cells[place + 1]) for _, cells in rows):
+            line, cells = rows[0]
+            both = " and ".join(cells[place : place + 2])
+            message = f"{layout.where}: line {line}: {both} may be one number; write no sign between thousands, and name the columns."
+            raise Misfit(DEFINITE, AmbiguousTable(message))
+
+
+def _may_be_number(cell: str) -> bool:
+    return is_lost(cell) or is_whole(cell) or sign_of(cell) is not Sign.NONE
+
+
+def decimal_sign(layout: Layout, rows: Rows, no_thousands: bool) -> str:
+    """Return the decimal sign of the head, from the required columns or else from the others; empty if no cell contains one.
+
+    Raises:
+        Misfit: both signs occur, or one that may separate thousands.
+    """
+    required: dict[Sign, tuple[int, str]] = {}
+    optional: set[Sign] = set()
+    for number, cells in rows:
+        for place, cell in enumerate(cells):
+            if place in layout.number_places:
+                required.setdefault(sign_of(cell), (number, cell))
+            else:
+                optional.add(sign_of(cell))
+    if Sign.POINT in required and Sign.COMMA in required:
+        (line, point), (_, comma) = required[Sign.POINT], required[Sign.COMMA]
+        message = f"{layout.where}: line {line}: both {point!r} and {comma!r} are numbers; write one decimal sign in all lines."
+        raise Misfit(DEFINITE, AmbiguousTable(message))
+    for signs in (required, optional):
+        if (Sign.POINT in signs) != (Sign.COMMA in signs):
+            return "." if Sign.POINT in signs else ","
+    doubtful = [sign for sign in (Sign.POINT_OR_THOUSANDS, Sign.COMMA_OR_THOUSANDS) if sign in required]
+    if no_thousands and len(doubtful) == 1:
+        return "." if doubtful == [Sign.POINT_OR_THOUSANDS] else ","
+    if doubtful:
+        line, cell = required[doubtful[0]]
+        small, large = cell.replace(",", "."), re.sub("[.,]", "", cell)
+        raise Misfit(
+            DEFINITE, AmbiguousTable(f"{layout.where}: line {line}: {cell!r} may mean {small} or {large}; specify the decimal sign.")
+        )
+    return ""

@@ -1,0 +1,115 @@
+"""Search for the head of a text table: the line of names, the line of units, and the first lines of numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from semlive.inputs.text_cells import (
+    LONGEST_LINE,
+    Column,
+    columns_of,
+    is_blank,
+    is_comment,
+    is_line_of_numbers,
+    is_line_of_units,
+    is_remark,
+    split,
+)
+
+HEAD_LINES = 200
+"""Number of lines of numbers that decide how a table is written."""
+SEPARATORS = ("\t", ";", ",", " ")
+"""Separators that are detected; a blank stands for any sequence of blanks."""
+Rows = list[tuple[int, list[str]]]
+"""Line number, from 1, and cells of each line of numbers."""
+_NOT_QUOTED = re.compile(r'"(?:[^"]|"")*"|\([^)]*\)|\[[^\]]*\]')
+
+
+def contains_numbers(line: str, separator: str) -> bool:
+    """Whether a line, split at a separator, is a line of numbers."""
+    try:
+        return is_possible_separator(separator, line) and is_line_of_numbers(split(line, separator))
+    except ValueError:
+        return False
+
+
+def possible_starts(lines: Sequence[str], searched: int) -> Iterator[int]:
+    """Yield the places of lines that may be the line of names or the first line of numbers."""
+    count = 0
+    for place, line in enumerate(lines):
+        if not is_blank(line) and not is_remark(line):
+            yield place
+            count += 1
+            if count == searched:
+                return
+
+
+def is_possible_separator(separator: str, line: str) -> bool:
+    """Whether a separator is possible for a line: the first of tab, semicolon and comma that occurs outside quotes and brackets.
+
+    Blanks are separators in lines without these, except in numbers with decimal commas; they are possible for a single column, too.
+    """
+    unquoted = _NOT_QUOTED.sub("", line.strip(" \r"))
+    if separator != " ":
+        return next((sign for sign in SEPARATORS[:-1] if sign in unquoted), "") == separator
+    if any(sign in unquoted for sign in "\t;"):
+        return False
+    cells = split(unquoted, " ")
+    return "," not in unquoted or (is_line_of_numbers(cells) and not any(cell.endswith(",") for cell in cells))
+
+
+def names_above(lines: Sequence[str], start: int, separator: str, cells: int) -> tuple[list[str], int]:
+    """Return the names in the comment above the numbers and its line number; no names and 0 if it is not a line of names."""
+    for place in range(start - 1, -1, -1):
+        if lines[place].strip() and not is_remark(lines[place]):
+            break
+        if is_comment(lines[place]):
+            line = lines[place].strip().lstrip("#").strip()
+            try:
+                names = split(line, separator)
+            except ValueError:
+                return [], 0
+            # A title contains blanks, too.
+            is_head = len(columns_of(names, separator)) == cells or (len(names) > 1 and (separator != " " or '"' in line))
+            return (names, place + 1) if is_head else ([], 0)
+    return [], 0
+
+
+def with_units(columns: tuple[Column, ...], lines: Sequence[str], data_from: int, separator: str) -> tuple[tuple[Column, ...], int]:
+    """Return the columns with the units of a line below the names, and the place of the first line of numbers."""
+    for place in range(data_from, min(len(lines), data_from + 3)):
+        if lines[place].strip():
+            cells = [] if '"' in lines[place] else split(lines[place], separator)
+            if len(cells) == len(columns) and is_line_of_units(cells):
+                units = [cell.strip("[]() ") for cell in cells]
+                return tuple(replace(column, unit=column.unit or unit) for column, unit in zip(columns, units, strict=True)), place + 1
+            break
+    return columns, data_from
+
+
+def number_rows(lines: Sequence[str], data_from: int, separator: str) -> Rows:
+    """Return the first lines of numbers; without cells where the quotes are broken or the line is too long."""
+    rows: Rows = []
+    for number in range(data_from + 1, len(lines) + 1):
+        line = lines[number - 1]
+        if is_blank(line):
+            continue
+        try:
+            rows.append((number, split(line, separator) if len(line) <= LONGEST_LINE else []))
+        except ValueError:
+            rows.append((number, []))
+        if len(rows) == HEAD_LINES:
+            break
+    return rows
+
+
+def without_trailing(columns: tuple[Column, ...], rows: Rows) -> tuple[Column, ...]:
+    """Adapt the columns to programs that end every line but the head with a separator, or only the head."""
+    counts = {len(cells) for _, cells in rows}
+    if counts == {len(columns) + 1} and not any(cells[-1] for _, cells in rows):
+        return (*columns, Column("", "", ""))
+    if counts == {len(columns) - 1} and len(columns) > 1 and not columns[-1].raw:
+        return columns[:-1]
+    return columns
