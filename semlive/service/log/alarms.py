@@ -23,10 +23,10 @@ ACKNOWLEDGE = "acknowledge"
 TOPICS = frozenset({"/fault", "/state", "/operator", "/log"})
 """The topics that alarms are derived from."""
 PRESS_STOP = "THE MACHINE DOES NOT OBEY ITS STOP: press the machine's own emergency stop now"
-_KEPT = 500
-# A transition and a fault that led to it carry the same time.
+_MAX_ALARMS = 500
+# A transition and the fault that caused it have the same time.
 _SAME_NS = 50_000_000
-# What control writes about a transition right after it; a simulated clock can be 40 times as fast as the computer's.
+# Longest time between a transition and the messages about it; a simulated clock can be 40 times as fast as the computer's.
 _SOON_NS = 5_000_000_000
 _PROTOCOL = "protocol"
 _TROUBLE = (State.FAULT, State.EMERGENCY_STOP)
@@ -112,7 +112,7 @@ def acknowledgements(alarms: Alarms, identity: str | None, by: str, time_ns: int
     """
     identities = dict.fromkeys(alarm.identity for alarm in alarms.open if identity in (None, alarm.identity))
     source: dict[str, JsonValue] = {"by": by} if by else {}
-    return tuple(OperatorMessage(time_ns=time_ns, what=ACKNOWLEDGE, args={"alarm": one, **source}) for one in identities)
+    return tuple(OperatorMessage(time_ns=time_ns, what=ACKNOWLEDGE, args={"alarm": alarm, **source}) for alarm in identities)
 
 
 def after(alarms: Alarms, payload: BaseModel) -> Alarms:
@@ -165,7 +165,7 @@ def _transition(alarms: Alarms, message: StateMessage) -> Alarms:
     code = FAULT_OF_CAUSE.get(message.cause, FaultCode.EMERGENCY_STOP if message.after == State.EMERGENCY_STOP else FaultCode.DEVICE_FAULT)
     last = alarms.known[-1] if alarms.known else None
     if last is not None and abs(message.time_ns - last.time_ns) <= _SAME_NS:
-        # A device reported it; before faults had codes, only the transition says that it was an emergency stop.
+        # A device reported it; before faults had codes, only the transition shows that it was an emergency stop.
         vague = last.code in ("", FaultCode.DEVICE_FAULT) and code is FaultCode.EMERGENCY_STOP
         return _last(alarms, replace(last, code=code)) if vague else alarms
     text = "emergency stop or limit switch" if message.after == State.EMERGENCY_STOP else "fault"
@@ -192,12 +192,12 @@ def _last(alarms: Alarms, alarm: Alarm) -> Alarms:
 
 
 def _added(alarms: Alarms, alarm: Alarm) -> Alarms:
-    alarms_known = (*alarms.known, alarm)
-    if len(alarms_known) <= _KEPT:
-        return replace(alarms, known=alarms_known)
+    all_alarms = (*alarms.known, alarm)
+    if len(all_alarms) <= _MAX_ALARMS:
+        return replace(alarms, known=all_alarms)
     # An open alarm about a disobeyed stop is always retained.
-    discarded = min(alarms_known, key=lambda item: (not item.acknowledged, item.disobeyed and not item.acknowledged, item.time_ns))
-    return replace(alarms, known=tuple(item for item in alarms_known if item is not discarded), forgotten=alarms.forgotten + 1)
+    discarded = min(all_alarms, key=lambda item: (not item.acknowledged, item.disobeyed and not item.acknowledged, item.time_ns))
+    return replace(alarms, known=tuple(item for item in all_alarms if item is not discarded), forgotten=alarms.forgotten + 1)
 
 
 def _code_of(where: str) -> str:

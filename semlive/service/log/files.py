@@ -29,7 +29,7 @@ def sibling_path(log: Path, ending: str) -> Path:
 
 
 def segment_path(folder: Path, run: str, segment: int) -> Path:
-    """Where a segment of a run is kept when it is finished; while it grows it has `PARTIAL_SUFFIX` behind."""
+    """Return the path of a finished segment of a run; a growing segment has `PARTIAL_SUFFIX` appended."""
     return folder / f"{run}.{segment:03d}{SUFFIX}"
 
 
@@ -40,7 +40,7 @@ def next_segment(path: Path) -> Path:
 
 
 def segments(log: Path) -> tuple[Path, ...]:
-    """The files of a log in order; a segment that was not finished (killed, or still growing) counts.
+    """Return the files of a log in order, with segments that are not finished (killed, or still growing).
 
     Raises:
         BadLog: there is no such log, or the folder holds no segment or segments of several runs.
@@ -58,26 +58,25 @@ def segments(log: Path) -> tuple[Path, ...]:
     runs = sorted({name.removesuffix(SUFFIX).rpartition(".")[0] for name in listed})
     if len(runs) > 1:
         raise BadLog(f"{log}: holds several logs ({', '.join(listed)}); give one of them.")
-    # The thousandth has a digit more.
+    # Segment 1000 has four digits.
     return tuple(listed[name] for name in sorted(listed, key=lambda name: (len(name), name)))
 
 
 def _listed(folder: Path) -> dict[str, Path]:
     """Return the segments by their finished names."""
-    found: dict[str, Path] = {}
+    files: dict[str, Path] = {}
     with os.scandir(folder) as entries:
         names = sorted(entry.name for entry in entries if entry.name.removesuffix(PARTIAL_SUFFIX).endswith(SUFFIX) and entry.is_file())
     for name in names:
-        # A finished segment comes before its own remains.
-        found.setdefault(name.removesuffix(PARTIAL_SUFFIX), folder / name)
-    return found
+        # A finished segment takes precedence over the unfinished file of the same segment.
+        files.setdefault(name.removesuffix(PARTIAL_SUFFIX), folder / name)
+    return files
 
 
 def messages(log: Path, on_damage: Callable[[str], None] | None = None) -> Iterator[LogMessage]:
-    """All messages of a log in the order in which they were written.
+    """Yield all messages of a log in the order in which they were written.
 
-    Messages that a segment repeats, because the disk had not acknowledged them in the preceding one, are given once, from whichever of the
-    two has them.
+    Messages that a segment repeats, because the disk had not acknowledged them in the preceding one, are yielded once, from either segment.
 
     Args:
         log: one MCAP file, or a run folder.
@@ -86,16 +85,16 @@ def messages(log: Path, on_damage: Callable[[str], None] | None = None) -> Itera
     Raises:
         BadLog: there is no such log, or a file of it cannot be read or is not MCAP.
     """
-    found, held = segments(log), list[LogMessage]()
-    for place, path in enumerate(found):
-        repeated_after = _repeated_after(found[place + 1]) if place + 1 < len(found) else None
-        given, held = _merged(held, _segment(path, on_damage)), []
-        for message in given:
+    paths, pending = segments(log), list[LogMessage]()
+    for place, path in enumerate(paths):
+        repeated_after = _repeated_after(paths[place + 1]) if place + 1 < len(paths) else None
+        merged, pending = _merged(pending, _segment(path, on_damage)), []
+        for message in merged:
             if repeated_after is not None and message.log_time_ns > repeated_after:
-                held.append(message)
+                pending.append(message)
             else:
                 yield message
-    yield from held
+    yield from pending
 
 
 def _repeated_after(path: Path) -> int | None:
@@ -103,29 +102,29 @@ def _repeated_after(path: Path) -> int | None:
         with open_segment(path) as stream:
             return rewritten_after(stream)
     except (OSError, BadLog):
-        return None  # whoever reads the segment itself reports it
+        return None  # the reader of the segment itself reports the error
 
 
-def _merged(held: list[LogMessage], segment: Iterable[LogMessage]) -> Iterator[LogMessage]:
+def _merged(pending: list[LogMessage], segment: Iterable[LogMessage]) -> Iterator[LogMessage]:
     """Merge the messages of a segment with those of the preceding one, each log time once."""
-    if not held:
+    if not pending:
         yield from segment
         return
     newest = -1
-    for message in heapq.merge(held, segment, key=lambda one: one.log_time_ns):
+    for message in heapq.merge(pending, segment, key=lambda item: item.log_time_ns):
         if message.log_time_ns > newest:
             yield message
         newest = max(newest, message.log_time_ns)
 
 
 def _segment(path: Path, on_damage: Callable[[str], None] | None) -> Iterator[LogMessage]:
-    def tell(what: str) -> None:
+    def report(damage: str) -> None:
         if on_damage is not None:
-            on_damage(f"{path.name}: {what}.")
+            on_damage(f"{path.name}: {damage}.")
 
     try:
         with open_segment(path) as stream:
-            yield from read_messages(stream, tell)
+            yield from read_messages(stream, report)
     except OSError as exc:
         raise BadLog(f"{path}: cannot be read ({exc.strerror}); check the file and its permissions.") from exc
     except BadLog as exc:
@@ -133,7 +132,7 @@ def _segment(path: Path, on_damage: Callable[[str], None] | None) -> Iterator[Lo
 
 
 def open_segment(path: Path) -> BinaryIO:
-    """The segment, under its finished name if it was finished since it was listed."""
+    """Open a segment, under its finished name if it was finished since it was listed."""
     try:
         return open_regular(path)
     except FileNotFoundError:

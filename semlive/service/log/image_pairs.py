@@ -37,18 +37,18 @@ class ImagedPair:
 
     @property
     def within(self) -> DisparityMap | None:
-        """From its first to its second frame."""
+        """The map from its first to its second frame."""
         return self.map_of(2 * self.decision.pair, 2 * self.decision.pair + 1)
 
     def map_of(self, reference: int, current: int) -> DisparityMap | None:
-        """From one frame to another."""
+        """Return the map between two frames; None if there is none."""
         return next(
             (disparity_map for disparity_map in self.maps if (disparity_map.reference, disparity_map.current) == (reference, current)), None
         )
 
 
 def imaged_pairs(log: Path, settings: ScanProfile, every: int = 1) -> Iterator[ImagedPair]:
-    """Pairs in their order, those whose number is a multiple of `every`; only their frames are decoded.
+    """Yield the pairs whose number is a multiple of `every`, in order; only their frames are decoded.
 
     Args:
         log: one file, or a run folder.
@@ -65,27 +65,27 @@ def imaged_pairs(log: Path, settings: ScanProfile, every: int = 1) -> Iterator[I
         files.note(message)
         if message.topic == "/pair":
             decision = _decision(message.payload)
-            both = files.taken(decision)
-            if both is not None and decision.pair % every == 0:
-                waiting[decision.pair] = (decision, *both)
+            pair_files = files.take(decision)
+            if pair_files is not None and decision.pair % every == 0:
+                waiting[decision.pair] = (decision, *pair_files)
         elif message.topic == DIC_MAP and waiting:
             disparity_map = decode_map(message.payload)
             if maps and disparity_map.current // 2 != maps[0].current // 2:
-                yield from _whole(waiting, maps, settings)
+                yield from _complete_pair(waiting, maps, settings)
                 maps = []
             if disparity_map.current // 2 in waiting:
                 maps.append(disparity_map)
-    yield from _whole(waiting, maps, settings)
+    yield from _complete_pair(waiting, maps, settings)
 
 
-def _whole(
+def _complete_pair(
     waiting: dict[int, tuple[PairDecision, ExportedFile, ExportedFile]], maps: list[DisparityMap], settings: ScanProfile
 ) -> Iterator[ImagedPair]:
-    """Return the pair of the maps if its images can be read, else None."""
+    """Yield the pair of the maps if its images can be read."""
     if maps:
-        decision, *both = waiting.pop(maps[0].current // 2)
+        decision, *files = waiting.pop(maps[0].current // 2)
         try:
-            first, second = (read_frame(one, settings) for one in both)
+            first, second = (read_frame(file, settings) for file in files)
         except BadImage:
             return
         yield ImagedPair(decision, tuple(maps), first, second)
@@ -97,10 +97,10 @@ class _Files:
 
     announced: FileMessage | None = None
     sidecar: bytes | None = None
-    held: dict[int, ExportedFile] = field(default_factory=dict)
+    pending: dict[int, ExportedFile] = field(default_factory=dict)
 
     def note(self, message: LogMessage) -> None:
-        """A message about a file."""
+        """Store a message about a file."""
         if message.topic == SEM_SIDECAR:
             self.sidecar = message.payload
         elif message.topic == "/sem/file":
@@ -110,17 +110,17 @@ class _Files:
         elif message.topic == SEM_ORIGINAL:
             announced = self.announced
             if announced is not None and announced.export == message.sequence:
-                self.held[message.sequence] = ExportedFile(
+                self.pending[message.sequence] = ExportedFile(
                     message.sequence, announced.name, message.payload, announced.sha256, announced.mtime_ns, announced.arrival_time_ns,
                     self.sidecar, announced.settled_time_ns,
                 )  # fmt: skip
             self.announced, self.sidecar = None, None
 
-    def taken(self, decision: PairDecision) -> tuple[ExportedFile, ExportedFile] | None:
+    def take(self, decision: PairDecision) -> tuple[ExportedFile, ExportedFile] | None:
         """Return both files of a pair and discard earlier files."""
         first, second = decision.first.export, decision.second.export
-        files = (self.held[first], self.held[second]) if first in self.held and second in self.held else None
-        self.held = {number: one for number, one in self.held.items() if number > second}
+        files = (self.pending[first], self.pending[second]) if first in self.pending and second in self.pending else None
+        self.pending = {number: file for number, file in self.pending.items() if number > second}
         return files
 
 

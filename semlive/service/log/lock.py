@@ -89,7 +89,7 @@ def _refused(folder: Path, holder: str) -> BadConfig:
 def _hold(folder: Path) -> int | None:
     """Return a handle that locks the folder; None if another process holds the lock."""
     if sys.platform == "win32":
-        # Windows locks no folders: a file beside it stands for it.
+        # Windows cannot lock folders, so a file in the parent folder is locked instead.
         handle = os.open(folder.with_name(f".{folder.name}.lock"), os.O_RDWR | os.O_CREAT)
         try:
             msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)

@@ -50,7 +50,7 @@ class LogNotes:
 
 
 def first_run(log: Path) -> RunMessage:
-    """The log's first `/run` message.
+    """Return the first `/run` message of a log.
 
     Raises:
         BadLog: the log cannot be read or has none.
@@ -64,7 +64,7 @@ def first_run(log: Path) -> RunMessage:
 
 
 def log_settings(log: Path) -> AnalysisSettings:
-    """The analysis settings that the log was made with.
+    """Return the analysis settings of the run of a log.
 
     Raises:
         BadInput: the log cannot be read.
@@ -72,12 +72,12 @@ def log_settings(log: Path) -> AnalysisSettings:
     return settings_of(first_run(log))
 
 
-def pairs_with_maps(log: Path, words: LogNotes) -> Iterator[tuple[PairDecision, Maps]]:
+def pairs_with_maps(log: Path, notes: LogNotes) -> Iterator[tuple[PairDecision, Maps]]:
     """Yield the pairs in order, each with its disparity maps.
 
     Args:
         log: one file, or a run folder.
-        words: receives the other messages while the log is read.
+        notes: receives other messages while the log is read.
 
     Raises:
         BadLog: the log cannot be read.
@@ -90,36 +90,36 @@ def pairs_with_maps(log: Path, words: LogNotes) -> Iterator[tuple[PairDecision, 
             if disparity_map.current // 2 < pair or any(
                 (disparity_map.reference, disparity_map.current) == (m.reference, m.current) for m in maps
             ):
-                continue  # said again after a restart
+                continue  # repeated after a restart of the analysis
             if maps and disparity_map.current // 2 > pair:
-                yield _taken(log, decisions, pair), tuple(maps)
+                yield _decision_of(log, decisions, pair), tuple(maps)
                 maps = []
             pair = disparity_map.current // 2
             maps.append(disparity_map)
         else:
-            _note(message.topic, message.payload, decisions, words)
+            _note(message.topic, message.payload, decisions, notes)
     if maps:
-        yield _taken(log, decisions, pair), tuple(maps)
+        yield _decision_of(log, decisions, pair), tuple(maps)
 
 
-def _note(topic: str, payload: bytes, decisions: dict[int, PairDecision], words: LogNotes) -> None:
+def _note(topic: str, payload: bytes, decisions: dict[int, PairDecision], notes: LogNotes) -> None:
     if topic == "/pair":
         message = from_json(topic, payload)
         assert isinstance(message, PairMessage)  # by its topic
         decisions[message.pair] = values.pair_decision(message)
-    elif topic == "/run" and words.run is None:
+    elif topic == "/run" and notes.run is None:
         run = from_json(topic, payload)
-        words.run = run if isinstance(run, RunMessage) else None
+        notes.run = run if isinstance(run, RunMessage) else None
     elif topic == "/result":
         result = from_json(topic, payload)
-        words.recorded = dict(result.root) if isinstance(result, ResultMessage) else None
+        notes.recorded = dict(result.root) if isinstance(result, ResultMessage) else None
     elif topic == "/clock/offset":
         offset = from_json(topic, payload)
         if isinstance(offset, ClockOffsetMessage) and offset.clock == "sem":
-            words.sem_clock = offset
+            notes.sem_clock = offset
 
 
-def _taken(log: Path, decisions: dict[int, PairDecision], pair: int) -> PairDecision:
+def _decision_of(log: Path, decisions: dict[int, PairDecision], pair: int) -> PairDecision:
     decision = decisions.pop(pair, None)
     if decision is None:
         raise BadLog(f"{log}: holds maps of pair {pair} but not the pair itself; recover the log first.")
@@ -127,7 +127,7 @@ def _taken(log: Path, decisions: dict[int, PairDecision], pair: int) -> PairDeci
 
 
 def recorded_result(log: Path) -> dict[str, Any] | None:
-    """The newest result that the log holds, None if its run did not end by itself.
+    """Return the newest result in the log, None if its run did not finish.
 
     Raises:
         BadLog: the log cannot be read.
@@ -152,8 +152,8 @@ def has_images(log: Path) -> bool:
 
 
 def topic_counts(log: Path) -> dict[str, int] | None:
-    """Messages by topic, from the summaries at the segments' ends; None if a segment has none."""
-    found: dict[str, int] = {}
+    """Return the number of messages by topic, from the summaries at the ends of the segments; None if a segment has none."""
+    totals: dict[str, int] = {}
     for path in segments(log):
         try:
             with open_segment(path) as stream:
@@ -165,12 +165,12 @@ def topic_counts(log: Path) -> dict[str, int] | None:
         if counts is None or not counts.keys() <= topics.keys():
             return None
         for channel, count in counts.items():
-            found[topics[channel]] = found.get(topics[channel], 0) + count
-    return found
+            totals[topics[channel]] = totals.get(topics[channel], 0) + count
+    return totals
 
 
 def load_series(log: Path) -> LoadSeries | None:
-    """Load and extension as sampled, or None if the run had no load frame.
+    """Return load and extension as sampled, or None if the run had no load frame.
 
     Raises:
         BadLog: the log cannot be read.
@@ -182,5 +182,9 @@ def load_series(log: Path) -> LoadSeries | None:
     time_ns = np.array([sample.time_ns for sample in samples], dtype=np.int64)
     force_n, extension_mm = (np.array([getattr(sample, name) for sample in samples]) for name in ("force_n", "extension_mm"))
     gage_strains = [sample.gage_strain for sample in samples]
-    gage = None if all(one is None for one in gage_strains) else np.array([np.nan if one is None else one for one in gage_strains])
+    gage = (
+        None
+        if all(strain is None for strain in gage_strains)
+        else np.array([np.nan if strain is None else strain for strain in gage_strains])
+    )
     return LoadSeries(time_ns, force_n, extension_mm, gage)

@@ -84,7 +84,7 @@ def recover_log(log: Path, out: Path | None = None, progress: Callable[[int, int
 
     Args:
         log: one file, or a run folder.
-        out: where the valid log goes: a file for a file, a folder for a folder; by default each segment's own place.
+        out: destination of the valid log: a file for a file, a folder for a folder; None repairs each segment in place.
         progress: callback with the number of bytes read and the total.
 
     Raises:
@@ -97,7 +97,7 @@ def recover_log(log: Path, out: Path | None = None, progress: Callable[[int, int
     sizes = {path: path.stat().st_size for path in paths}
 
     def recovered(path: Path, target: Path | None) -> RepairSummary:
-        before = sum(sizes[one] for one in paths[: paths.index(path)])
+        before = sum(sizes[segment] for segment in paths[: paths.index(path)])
         return recover_segment(path, target, lambda done: progress(before + done, sum(sizes.values())))
 
     if out is None:
@@ -145,7 +145,7 @@ def recover_segment(path: Path, out: Path | None = None, read: Callable[[int], o
 
     Args:
         path: the segment, finished or ``.part``.
-        out: where the valid one goes; by default its finished name, and the damaged original is kept beside it.
+        out: destination of the valid segment; None for its finished name, and the damaged original is stored in the same folder.
         read: callback with the number of bytes read.
 
     Raises:
@@ -188,7 +188,7 @@ def _put_in_place(recovered: RepairSummary, growing: Path, in_place: bool) -> Re
             try:
                 os.link(path, kept_as)
             except OSError:
-                # No links on this file system: for an instant the log has only its other name.
+                # Without links on this file system the log has, for an instant, only its other name.
                 path.replace(kept_as)
             growing.replace(target)
         else:
@@ -227,12 +227,10 @@ class _Account:
         self.last_ns = message.log_time
         if self.open_damage:
             self.open_damage = False
-            self.damage = [
-                replace(stretch, before_ns=message.log_time) if stretch.before_ns is None else stretch for stretch in self.damage
-            ]
+            self.damage = [replace(damage, before_ns=message.log_time) if damage.before_ns is None else damage for damage in self.damage]
 
-    def damaged(self, piece: SegmentSpan) -> None:
-        self.damage.append(Damage(piece.start, piece.end, piece.damage, self.last_ns, None, {}))
+    def damaged(self, span: SegmentSpan) -> None:
+        self.damage.append(Damage(span.start, span.end, span.damage, self.last_ns, None, {}))
         self.open_damage = True
 
     def indexed(self, index: MessageIndex) -> None:
@@ -249,7 +247,7 @@ class _Account:
             }
             lost = {topic: n - self.kept[topic] for topic, n in expected.items()}
         else:
-            indexed = sum((Counter(stretch.lost) for stretch in self.damage), Counter[str]())
+            indexed = sum((Counter(damage.lost) for damage in self.damage), Counter[str]())
             lost = {topic: max(indexed[topic], self.skipped[topic]) for topic in indexed | self.skipped}
         return {topic: n for topic, n in sorted(lost.items()) if n > 0}
 
@@ -260,10 +258,10 @@ def _recover(stream: BinaryIO, out: BinaryIO, read: Callable[[int], object]) -> 
     total = next((record for record in summary(stream) if isinstance(record, Statistics)), None)
     account, writer, adopted = _Account(channels), LogWriter(out), set[str]()
     unknown = 0
-    for piece in scan_spans(stream):
-        if piece.damage and not piece.truncated:
-            account.damaged(piece)
-        for record in piece.records:
+    for span in scan_spans(stream):
+        if span.damage and not span.truncated:
+            account.damaged(span)
+        for record in span.records:
             if isinstance(record, MessageIndex):
                 account.indexed(record)
             elif isinstance(record, Metadata) and (after_ns := rewritten_in(record)) is not None:
@@ -278,19 +276,19 @@ def _recover(stream: BinaryIO, out: BinaryIO, read: Callable[[int], object]) -> 
                     _adopt(writer, channel, schemas)
                 account.read(channel.topic, record)
                 writer.write(channel.topic, record.data, record.log_time, record.publish_time, record.sequence)
-        if piece.truncated:
-            # What a torn chunk still gave stands before the tear.
-            account.damaged(piece)
-        # Chunks stay as small as they were: each can be lost alone again.
+        if span.truncated:
+            # The readable messages of a truncated chunk precede the truncation.
+            account.damaged(span)
+        # Chunks stay as small as they were, so that later damage affects as few messages as possible.
         writer.flush()
-        read(piece.end)
+        read(span.end)
     writer.finish()
     damage = list(account.damage)
     complete = (total is not None or not damage) and not unknown
     if total is None and not damage:
         damage.append(Damage(0, 0, "the index at the end is damaged", account.last_ns, None, {}))
     if unknown:
-        damage.append(Damage(0, 0, f"{unknown} messages belong to topics that are named nowhere", None, None, {}))
+        damage.append(Damage(0, 0, f"{unknown} messages belong to topics without a description in the file", None, None, {}))
     return RepairSummary(Path(), Path(), None, dict(sorted(account.kept.items())), account.lost(total), complete, tuple(damage))
 
 

@@ -26,7 +26,7 @@ from semlive.service.log.recording import sync_folder
 
 _DELETING = ".deleting"
 _DAY_S = 86_400.0
-_AHEAD_S = 60.0  # clocks of a file server and of this computer are never quite the same
+_AHEAD_S = 60.0  # tolerated difference between the clocks of a file server and of this computer
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ def select_runs(root: Path, limits: Retention, now_s: float) -> tuple[StoredRun,
     if not root.is_dir():
         raise BadConfig(f"{root}: no such folder; give the folder in which runs are written (run.folder)")
     runs = sorted((_check_run(folder, now_s) for folder in _run_folders(root)), key=lambda run: (run.ended_s, run.folder.name))
-    total, checked = sum(one.size for one in runs), list[StoredRun]()
+    total, checked = sum(run.size for run in runs), list[StoredRun]()
     for run in runs:
         reason = None if run.kept_because else _exceeded_limit(run, limits, now_s, total)
         total -= 0 if reason is None else run.size
@@ -87,7 +87,7 @@ def delete(run: StoredRun, now_s: float) -> None:
     """Delete a run that exceeds a limit; after an interruption it exists completely or not at all.
 
     Raises:
-        BadInput: it must be kept, as it is now.
+        BadInput: the run must be retained in its present state.
         SemliveError: the system refused.
     """
     with run_lock(run.folder):
@@ -100,7 +100,7 @@ def delete(run: StoredRun, now_s: float) -> None:
             sync_folder(run.folder.parent)
             shutil.rmtree(away)
         except OSError as error:
-            raise SemliveError(f"{run.folder}: cannot be deleted ({error.strerror}); look at its permissions") from error
+            raise SemliveError(f"{run.folder}: cannot be deleted ({error.strerror}); check its permissions") from error
 
 
 def finish_deleting(root: Path) -> None:
@@ -124,7 +124,7 @@ def _is_segment(name: str, run: str) -> bool:
 
 def _check_run(folder: Path, now_s: float, held: bool = False) -> StoredRun:
     states = [path.lstat() for path in folder.iterdir()]
-    size, ended_s = sum(state.st_size for state in states), max(one.st_mtime for one in states)
+    size, ended_s = sum(state.st_size for state in states), max(state.st_mtime for state in states)
     return StoredRun(folder, size, ended_s, _retention_reason(folder, ended_s, now_s, held))
 
 
@@ -134,7 +134,7 @@ def _retention_reason(folder: Path, ended_s: float, now_s: float, held: bool) ->
         return "it was not finished"
     other_names = [name for name in names if not _is_segment(name, folder.name)]
     if other_names:
-        return f"it holds {other_names[0]} beside its log"
+        return f"it holds {other_names[0]} in addition to its log"
     if ended_s > now_s + _AHEAD_S:
         return "it is newer than this computer's clock"
     if not held:
@@ -148,7 +148,7 @@ def _retention_reason(folder: Path, ended_s: float, now_s: float, held: bool) ->
     except (OSError, SemliveError, ValueError, KeyError, TypeError):
         return "its log is damaged"
     if state != State.COMPLETE or not result_after:
-        return "it did not get to its end and can be taken up again"
+        return "it is not complete and can be resumed"
     return None
 
 
@@ -161,13 +161,12 @@ def _end_of(folder: Path) -> tuple[str, bool]:
             if not records:
                 raise BadInput(f"{path}: has no index")
             topics = {record.id: record.topic for record in records if isinstance(record, Channel)}
-            chunks = sorted((record for record in records if isinstance(record, ChunkIndex)), key=lambda one: -one.chunk_start_offset)
+            chunks = sorted((record for record in records if isinstance(record, ChunkIndex)), key=lambda chunk: -chunk.chunk_start_offset)
             for chunk in chunks:
-                wanted = {topics.get(number) for number in chunk.message_index_offsets} & {"/state", "/result"}
-                if not wanted:
+                if not {topics.get(number) for number in chunk.message_index_offsets} & {"/state", "/result"}:
                     continue
-                piece = next(scan_spans(stream, chunk.chunk_start_offset))
-                for message in reversed([one for one in piece.records if isinstance(one, Message)]):
+                span = next(scan_spans(stream, chunk.chunk_start_offset))
+                for message in reversed([record for record in span.records if isinstance(record, Message)]):
                     topic = topics.get(message.channel_id)
                     if topic == "/result":
                         result_ns = max(result_ns, message.log_time)
@@ -186,5 +185,5 @@ def _exceeded_limit(run: StoredRun, limits: Retention, now_s: float, total: int)
 
 
 def free_bytes(root: Path) -> int:
-    """Free space on the disk."""
+    """Return the free space on the disk, bytes."""
     return shutil.disk_usage(os.fspath(root)).free

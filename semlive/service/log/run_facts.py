@@ -1,4 +1,4 @@
-"""What a log tells of its run besides measurements: alarms, refused frames, versions, configuration."""
+"""Facts about a run in its log besides measurements: alarms, refused frames, versions, configuration."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class RefusedFile:
     """An exported file that was not used.
 
     Attributes:
-        export: its number; None if it was refused before it got one.
-        name: file name; empty if the log does not say.
+        export: its number; None if it was refused before it got a number.
+        name: file name; empty if the log does not contain it.
         reason: one sentence.
     """
 
@@ -29,16 +29,16 @@ class RefusedFile:
 
 @dataclass(frozen=True, slots=True)
 class LogFacts:
-    """What a log tells of its run.
+    """Facts about a run.
 
     Attributes:
-        host: computer.
-        segments: how often the run was begun or taken up again.
-        versions: of the programs, by name.
+        host: name of the computer.
+        segments: number of starts and resumptions of the run.
+        versions: versions of the programs, by name.
         config: the checked configuration.
-        files: exported files that arrived.
-        refused: those that were not used, in order.
-        alarms: what went wrong; None if the log was not read for it.
+        files: number of exported files that arrived.
+        refused: files that were not used, in order.
+        alarms: alarms of the run; None if the log was not searched for them.
     """
 
     host: str = ""
@@ -51,7 +51,7 @@ class LogFacts:
 
 
 def log_facts(log: Path) -> LogFacts:
-    """Read what a log tells of its run.
+    """Read the facts about a run from its log.
 
     Raises:
         BadLog: the log cannot be read.

@@ -1,4 +1,4 @@
-"""What happens, written down: values of the engine as messages of the log."""
+"""The log of a run: values of the engine and the devices as messages."""
 
 from __future__ import annotations
 
@@ -36,43 +36,43 @@ from semlive.service.runtime.boot import boot_id
 
 
 class RunLog:
-    """The recorder, in the words of the experiment.
+    """Writes events of the experiment through the recorder.
 
-    A follower is told every message as it stands in the log and in the log's order, so what it has been told is always a
-    beginning of the log. All methods are for one thread, the loop's.
+    A follower receives every message as it is stored, in the order of the log, so its messages are always a beginning of the log.
+    All methods are for one thread, that of the event loop.
 
     Attributes:
-        recorder: who writes it all; its `behind` says whether it keeps up.
-        alarms: those of the log so far.
+        recorder: writes the messages; its `backlog_message` reports whether it keeps up.
+        alarms: alarms of the log so far.
     """
 
     def __init__(self, recorder: Recorder, alarms: Alarms | None = None) -> None:
-        """A journal of a run that begins, or with the alarms of its earlier segments."""
+        """Begin the log of a new run, or of a resumed run with the alarms of its earlier segments."""
         self.recorder = recorder
         self.alarms = alarms or Alarms()
         self._boot_id = boot_id()
         self._follower: Callable[[LogMessage], None] | None = None
 
     def subscribe(self, follower: Callable[[LogMessage], None]) -> None:
-        """Tell `follower` every message from now on."""
+        """Pass every message from now on to `follower`."""
         self._follower = follower
 
     def write_message(self, payload: Payload, publish_time_ns: int | None = None) -> None:
-        """Any message."""
+        """Write any message."""
         self._write(topic_of(payload), payload, publish_time_ns)
 
     def output(self, message: LogMessage) -> None:
-        """What analysis said, as it said it."""
+        """Write a message of the analysis process unchanged."""
         sequence = message.sequence if message.topic in RAW_TOPICS else None
         self._write(message.topic, message.payload, message.publish_time_ns, sequence)
 
     def sample(self, sample: LoadSample | StageSample) -> None:
-        """A reading of the load frame or of the stage."""
+        """Write a reading of the load frame or of the stage."""
         message = values.load_sample_message(sample) if isinstance(sample, LoadSample) else values.stage_sample_message(sample)
         self.write_message(message, sample.time_ns)
 
     def file(self, file: ExportedFile) -> None:
-        """An exported file: what it is, then the bytes of its sidecar, if it has one, and its own."""
+        """Write an exported file: its description, the bytes of its sidecar, if it has one, and its bytes."""
         message = FileMessage(
             export=file.index,
             name=file.name,
@@ -91,22 +91,22 @@ class RunLog:
         self._write(SEM_ORIGINAL, file.data, file.arrival_time_ns, file.index)
 
     def refused_file(self, export: int | None, name: str, reason: str, time_ns: int) -> None:
-        """A file or frame that is part of no pair, and why."""
+        """Write that a file or frame is part of no pair, and the reason."""
         message = FileMessage(
             export=export, name=name, size=0, sha256="", mtime_ns=0, arrival_time_ns=time_ns, decision="refused", reason=reason
         )
         self.write_message(message)
 
     def scan(self, info: FrameInfo, load: FrameLoad | None) -> None:
-        """What is known of a frame, and the load while it was scanned."""
+        """Write the metadata of a frame, and the load during its scan."""
         self.write_message(values.scan_message(info, load=load), info.end_time_ns)
 
     def pair(self, decision: PairDecision) -> None:
-        """A pair."""
+        """Write a pair."""
         self.write_message(values.pair_message(decision), decision.second.end_time_ns)
 
     def transition(self, transition: Transition) -> None:
-        """A change of the engine's state; a guard of a device that the run does not have is left out."""
+        """Write a transition of the engine; guards of devices that the run does not have are omitted."""
         guards: dict[str, JsonValue] = {
             name: value for name, value in transition.details if not (isinstance(value, float) and math.isnan(value))
         }
@@ -121,15 +121,15 @@ class RunLog:
         self.write_message(message, transition.time_ns)
 
     def command(self, time_ns: int, what: str, args: dict[str, float | str], result: str) -> None:
-        """Something asked of a device."""
+        """Write a command to a device."""
         self.write_message(CommandMessage(time_ns=time_ns, what=what, args=dict(args), result=result))
 
     def fault(self, time_ns: int, what: str, where: str, action: str, code: str = "") -> None:
-        """Something that went wrong; `code` is a `FaultCode`."""
+        """Write a fault; `code` is a `FaultCode`."""
         self.write_message(FaultMessage(time_ns=time_ns, what=what, where=where, action=action, code=code))
 
     def write_text(self, time_ns: int, text: str, level: str = "info") -> None:
-        """One line of the service's own log."""
+        """Write one line of text of the service."""
         self.write_message(LogLineMessage(time_ns=time_ns, level=level, text=text))
 
     def _write(self, topic: str, payload: Payload | bytes, publish_time_ns: int | None, sequence: int | None = None) -> None:

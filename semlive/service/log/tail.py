@@ -23,7 +23,7 @@ from semlive.formats.log.segment_scan import SegmentSpan, scan_spans
 from semlive.service.log.files import PARTIAL_SUFFIX, open_segment, segments
 
 _MARK_BYTES = 48
-# A recorder repeats at most what waits for an acknowledgement of the disk; by default no more messages than these.
+# Upper limit of the number of messages that a recorder repeats because the disk has not acknowledged them.
 _RECENT = 100_000
 
 
@@ -42,12 +42,12 @@ class LogTail:
     """
 
     def __init__(self, log: Path, on_damage: Callable[[str], None] | None = None) -> None:
-        self._log, self._tell = log, on_damage
+        self._log, self._on_damage = log, on_damage
         self._name: str | None = None
         self._identity: tuple[int, int] | None = None
         self._first: LogMessage | None = None
         self._mark: tuple[int, bytes] | None = None
-        self._at = self._given = 0
+        self._at = self._yielded = 0
         self._ended = self._continued = False
         self._channels: dict[int, str] = {}
         self._waiting: deque[LogMessage] = deque()
@@ -89,7 +89,7 @@ class LogTail:
         except BadLog:
             return None, True
         if self._name is None and not paths[0].exists():
-            return None, True  # nothing there yet: it may become a file or a folder
+            return None, True  # nothing exists yet: it may become a file or a folder
         names = [path.name.removesuffix(PARTIAL_SUFFIX) for path in paths]
         if self._name is None:
             self._begin(names[0])
@@ -100,7 +100,7 @@ class LogTail:
         return paths[place], place == len(paths) - 1
 
     def _next_after(self, path: Path) -> None:
-        names = [one.name.removesuffix(PARTIAL_SUFFIX) for one in segments(self._log)]
+        names = [segment.name.removesuffix(PARTIAL_SUFFIX) for segment in segments(self._log)]
         place = names.index(path.name.removesuffix(PARTIAL_SUFFIX)) + 1
         if place < len(names):
             self._begin(names[place])
@@ -108,18 +108,18 @@ class LogTail:
     def _begin(self, name: str) -> None:
         self._name, self._identity, self._first, self._mark = name, None, None, None
         self._ended = self._continued = False
-        self._at = self._given = 0
+        self._at = self._yielded = 0
         self._channels = {}
         self._repeated = frozenset()
 
     def _read(self, path: Path, is_newest: bool) -> Iterator[LogMessage]:
         try:
             with open_segment(path) as stream:
-                self._look(path, stream)
-                for piece in [] if self._ended else scan_spans(stream, self._at):
-                    if is_newest and self._may_still_come(piece, stream):
+                self._check_identity(path, stream)
+                for span in [] if self._ended else scan_spans(stream, self._at):
+                    if is_newest and self._is_incomplete(span, stream):
                         return
-                    self._take(path, piece, stream)
+                    self._add_span(path, span, stream)
                     while self._waiting:
                         yield self._waiting.popleft()
         except FileNotFoundError:
@@ -131,64 +131,64 @@ class LogTail:
         except BadLog as exc:
             raise BadLog(f"{path}: {exc}") from exc
 
-    def _look(self, path: Path, stream: BinaryIO) -> None:
+    def _check_identity(self, path: Path, stream: BinaryIO) -> None:
         """Read a repaired segment, which is another file, and skip the messages that were already yielded."""
         identity = _identity(stream)
-        if self._identity not in (None, identity) or self._is_other(stream):
-            given, self._given = self._given, 0
+        if self._identity not in (None, identity) or self._first_chunk_changed(stream):
+            yielded, self._yielded = self._yielded, 0
             self._at, self._channels, self._ended, self._mark = 0, {}, False, None
-            for piece in scan_spans(stream):
-                self._at = piece.end
-                messages = self._messages(piece)
-                self._check_first(path, piece, messages, stream)
-                self._give(islice(messages, max(0, given - self._given), None))
-                self._given += len(messages)
-                if self._given >= given or piece.truncated:
+            for span in scan_spans(stream):
+                self._at = span.end
+                messages = self._messages(span)
+                self._check_first(path, span, messages, stream)
+                self._queue_new(islice(messages, max(0, yielded - self._yielded), None))
+                self._yielded += len(messages)
+                if self._yielded >= yielded or span.truncated:
                     break
         self._identity = identity
 
     @staticmethod
-    def _may_still_come(piece: SegmentSpan, stream: BinaryIO) -> bool:
-        # On a share a chunk's length may be seen before its content is.
-        return piece.truncated or (piece.damage != "" and piece.end >= stream.seek(0, os.SEEK_END))
+    def _is_incomplete(span: SegmentSpan, stream: BinaryIO) -> bool:
+        # On a share, the length of a chunk may be visible before its content.
+        return span.truncated or (span.damage != "" and span.end >= stream.seek(0, os.SEEK_END))
 
-    def _is_other(self, stream: BinaryIO) -> bool:
+    def _first_chunk_changed(self, stream: BinaryIO) -> bool:
         """Whether the first chunk has changed; the inode number alone is not sufficient, because the system reuses it."""
         if self._mark is None:
             return False
         stream.seek(self._mark[0])
         return stream.read(_MARK_BYTES) != self._mark[1]
 
-    def _take(self, path: Path, piece: SegmentSpan, stream: BinaryIO) -> None:
-        self._at = piece.end
-        messages = self._messages(piece)
-        self._check_first(path, piece, messages, stream)
-        self._given += len(messages)
-        self._give(messages)
-        self._ended = bool(piece.records) and isinstance(piece.records[0], Footer)
-        if piece.damage and self._tell is not None:
-            self._tell(f"{path.name}: {piece.damage}.")
+    def _add_span(self, path: Path, span: SegmentSpan, stream: BinaryIO) -> None:
+        self._at = span.end
+        messages = self._messages(span)
+        self._check_first(path, span, messages, stream)
+        self._yielded += len(messages)
+        self._queue_new(messages)
+        self._ended = bool(span.records) and isinstance(span.records[0], Footer)
+        if span.damage and self._on_damage is not None:
+            self._on_damage(f"{path.name}: {span.damage}.")
 
-    def _check_first(self, path: Path, piece: SegmentSpan, messages: list[LogMessage], stream: BinaryIO) -> None:
+    def _check_first(self, path: Path, span: SegmentSpan, messages: list[LogMessage], stream: BinaryIO) -> None:
         """Check that a segment begins with the same content, because some network shares change the identity of a file."""
-        if self._given or not messages:
+        if self._yielded or not messages:
             return
         if self._first not in (None, messages[0]):
-            raise LogReplaced(f"{path}: was replaced by the log of another run while it was read; look at what became of the folder.")
+            raise LogReplaced(f"{path}: was replaced by the log of another run while it was read; check what happened to the folder.")
         self._first = messages[0]
-        # A whole chunk: its times and checksum stand in its first bytes.
-        stream.seek(piece.start)
-        self._mark = piece.start, stream.read(_MARK_BYTES)
+        # The head of the chunk contains its times and its checksum.
+        stream.seek(span.start)
+        self._mark = span.start, stream.read(_MARK_BYTES)
 
-    def _give(self, messages: Iterable[LogMessage]) -> None:
+    def _queue_new(self, messages: Iterable[LogMessage]) -> None:
         """Queue messages, without those that this segment repeats from the preceding one."""
         new = [message for message in messages if message.log_time_ns not in self._repeated]
         self._recent.extend(message.log_time_ns for message in new)
         self._waiting.extend(new)
 
-    def _messages(self, piece: SegmentSpan) -> list[LogMessage]:
+    def _messages(self, span: SegmentSpan) -> list[LogMessage]:
         messages = []
-        for record in piece.records:
+        for record in span.records:
             if isinstance(record, Channel):
                 self._channels[record.id] = record.topic
             elif isinstance(record, Metadata):

@@ -32,10 +32,10 @@ from semlive.service.runtime.versions import versions
 
 FRAMES = "frames.csv"
 ZERO_NS = 946_684_800_000_000_000
-"""Begin of the user's time axis, which has no date: 2000-01-01, UTC ns."""
+"""Origin of the time axis of the tables, which have no date: 2000-01-01, UTC ns."""
 _NAME = re.compile(r"disparity_(\d{1,9})_(\d{1,9})\.(?:csv|txt|dat)", re.IGNORECASE)
-_MOST_BYTES = 10**9
-"""Ten million points, the most that a map may have, take less."""
+_MAX_BYTES = 10**9
+"""Largest size of a file; a map with the largest number of points, ten million, is smaller."""
 _DAMAGED = "cannot be {0} ({1}); check the path and its permissions."
 
 
@@ -77,63 +77,63 @@ class ImportSummary:
     skipped: tuple[str, ...]
 
 
-def import_folder(asked: ImportRequest, progress: Callable[[int, int], None] | None = None) -> ImportSummary:
+def import_folder(request: ImportRequest, progress: Callable[[int, int], None] | None = None) -> ImportSummary:
     """Write a log from a folder, one pair in memory at a time.
 
     Args:
-        asked: what is asked for.
+        request: folder, log and properties of the specimen.
         progress: callback with the number of completed pairs and the total.
 
     Raises:
-        BadInput: something in the folder is wrong: file, line, column and what to do. No log is left behind.
+        BadInput: a file of the folder is wrong; the message contains file, line, column and advice. No log is written.
     """
-    if not asked.folder.is_dir():
-        raise BadInput(f"{asked.folder}: no such folder; give the folder with {FRAMES} and the maps.")
-    rows = read_frame_table(_read(asked.folder / FRAMES), FRAMES)
-    files = _map_files(asked.folder)
-    wanted = [one for pair in rows[::2] for one in _maps_of(pair.pair, files)]
-    left_out = tuple(sorted(files[one].name for one in files.keys() - set(wanted)))
-    _check_overwriting(asked.log)
-    part = asked.log.with_name(asked.log.name + PARTIAL_SUFFIX)
+    if not request.folder.is_dir():
+        raise BadInput(f"{request.folder}: no such folder; give the folder with {FRAMES} and the maps.")
+    rows = read_frame_table(_read(request.folder / FRAMES), FRAMES)
+    files = _map_files(request.folder)
+    used = [frames for pair in rows[::2] for frames in _maps_of(pair.pair, files)]
+    skipped = tuple(sorted(files[frames].name for frames in files.keys() - set(used)))
+    _check_overwriting(request.log)
+    part = request.log.with_name(request.log.name + PARTIAL_SUFFIX)
     try:
         with part.open("wb") as stream:
             writer = LogWriter(stream)
-            done = _write(asked, rows, files, writer, progress)
+            done = _write(request, rows, files, writer, progress)
             writer.finish()
-        part.replace(asked.log)
+        part.replace(request.log)
     except OSError as error:
-        raise BadInput(f"{asked.log}: {_DAMAGED.format('written', error.strerror)}") from error
+        raise BadInput(f"{request.log}: {_DAMAGED.format('written', error.strerror)}") from error
     finally:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
     grid, engines = done
-    return ImportSummary(len(rows) // 2, len(wanted), grid, engines, left_out)
+    return ImportSummary(len(rows) // 2, len(used), grid, engines, skipped)
 
 
 def _write(
-    asked: ImportRequest,
+    request: ImportRequest,
     rows: tuple[FrameRow, ...],
     files: dict[tuple[int, int], Path],
     writer: LogWriter,
     progress: Callable[[int, int], None] | None,
 ) -> tuple[Grid, tuple[str, ...]]:
     first, grid, engines = rows[0], None, ()
-    for pair, (one, other) in enumerate(zip(rows[::2], rows[1::2], strict=True)):
-        decision = _decision(one, other)
+    for pair, (row, next_row) in enumerate(zip(rows[::2], rows[1::2], strict=True)):
+        decision = _decision(row, next_row)
         end_ns = decision.second.end_time_ns
-        for reference, current in _maps_of(one.pair, files):
+        for reference, current in _maps_of(row.pair, files):
             path = files[reference, current]
-            table = read_disparity_table(_read(path), path.name, asked.dialect)
+            table = read_disparity_table(_read(path), path.name, request.dialect)
             check_inside(table, first.width, first.height)
             if grid is None:
-                grid = grid_of(table, table.subset_px if asked.subset_px is None else asked.subset_px)
+                grid = grid_of(table, table.subset_px if request.subset_px is None else request.subset_px)
                 engines = (table.dialect.name,)
-                writer.write("/run", _run(asked, engines, first), _ns(first.start_s), _ns(first.start_s))
-            if reference == one.frame:
+                writer.write("/run", _run(request, engines, first), _ns(first.start_s), _ns(first.start_s))
+            if reference == row.frame:
                 writer.write("/pair", values.pair_message(decision), end_ns, end_ns)
             disparity = map_on(table, grid, reference, current)
             if not disparity.valid.any():
-                raise BadInput(f"{path.name}: no point is valid; export a map that has some, or leave pair {one.pair} out.")
+                raise BadInput(f"{path.name}: no point is valid; export a map with valid points, or leave pair {row.pair} out.")
             writer.write(DIC_MAP, encode_map(disparity), end_ns, end_ns, current)
             writer.write("/dic/summary", _summary(disparity), end_ns, end_ns)
         writer.flush()
@@ -144,36 +144,36 @@ def _write(
 
 
 def _maps_of(pair: int, files: dict[tuple[int, int], Path]) -> list[tuple[int, int]]:
-    """The maps of a pair: within it, and from frame 0.
+    """Return the frames of the maps of a pair: within the pair, and from frame 0.
 
     Raises:
-        BadInput: one that is needed is not there.
+        BadInput: a required map is missing.
     """
     first, second = 2 * pair, 2 * pair + 1
-    wanted = [(first, second)] if pair == 0 else [(first, second), (0, first)]
-    for reference, current in wanted:
+    required = [(first, second)] if pair == 0 else [(first, second), (0, first)]
+    for reference, current in required:
         if (reference, current) not in files:
             what = "the drift within the pair" if reference == first else "the motion of the pair"
             name = f"disparity_{reference}_{current}.csv"
-            raise BadInput(f"{name}: is missing, it tells {what}; add it, or take the frames of pair {pair} out of {FRAMES}.")
-    return [*wanted, *([(0, second)] if pair and (0, second) in files else [])]
+            raise BadInput(f"{name}: is missing, but it determines {what}; add it, or take the frames of pair {pair} out of {FRAMES}.")
+    return [*required, *([(0, second)] if pair and (0, second) in files else [])]
 
 
 def _map_files(folder: Path) -> dict[tuple[int, int], Path]:
-    found: dict[tuple[int, int], Path] = {}
+    maps: dict[tuple[int, int], Path] = {}
     for path in sorted(folder.iterdir()):
         name = _NAME.fullmatch(path.name)
         if name is not None:
             frames = int(name[1]), int(name[2])
-            if frames in found:
-                raise BadInput(f"{path.name}: is the same map as {found[frames].name}; keep one of them.")
-            found[frames] = path
-    return found
+            if frames in maps:
+                raise BadInput(f"{path.name}: is the same map as {maps[frames].name}; keep one of them.")
+            maps[frames] = path
+    return maps
 
 
 def _read(path: Path) -> bytes:
     try:
-        return read_regular(path, _MOST_BYTES)
+        return read_regular(path, _MAX_BYTES)
     except FileNotFoundError:
         raise BadInput(f"{path}: is missing; write it as docs/how-to/import.md shows.") from None
     except OSError as error:
@@ -186,16 +186,16 @@ def _check_overwriting(log: Path) -> None:
         return
     try:
         first = next(iter(messages(log)), None)
-        ours = first is not None and first.topic == "/run" and is_imported(RunMessage.model_validate_json(first.payload).config)
+        is_import = first is not None and first.topic == "/run" and is_imported(RunMessage.model_validate_json(first.payload).config)
     except (BadLog, ValueError):
-        ours = False
-    if not ours or not log.is_file():
+        is_import = False
+    if not is_import or not log.is_file():
         raise BadInput(f"{log}: exists and was not written by an import; give another name with -o.")
 
 
-def _run(asked: ImportRequest, engines: tuple[str, ...], first: FrameRow) -> RunMessage:
-    name = re.sub(r"[^A-Za-z0-9_.-]+", "-", asked.folder.resolve().name).strip("-.") or "imported"
-    config = ImportConfig(imported=ImportSection(folder=str(asked.folder), engines=engines), specimen=asked.specimen)
+def _run(request: ImportRequest, engines: tuple[str, ...], first: FrameRow) -> RunMessage:
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "-", request.folder.resolve().name).strip("-.") or "imported"
+    config = ImportConfig(imported=ImportSection(folder=str(request.folder), engines=engines), specimen=request.specimen)
     return RunMessage(
         run=name,
         started_time_ns=_ns(first.start_s),
@@ -205,10 +205,12 @@ def _run(asked: ImportRequest, engines: tuple[str, ...], first: FrameRow) -> Run
     )
 
 
-def _decision(one: FrameRow, other: FrameRow) -> PairDecision:
-    step = Step(one.pair, one.phase, (0.0, 0.0), one.shift_px or (0.0, 0.0), one.load_n)
-    loads = (_load(one), _load(other))
-    return PairDecision(one.pair, step, _info(one), _info(other), None if loads[0] is None or loads[1] is None else (loads[0], loads[1]))
+def _decision(first: FrameRow, second: FrameRow) -> PairDecision:
+    step = Step(first.pair, first.phase, (0.0, 0.0), first.shift_px or (0.0, 0.0), first.load_n)
+    loads = (_load(first), _load(second))
+    return PairDecision(
+        first.pair, step, _info(first), _info(second), None if loads[0] is None or loads[1] is None else (loads[0], loads[1])
+    )
 
 
 def _load(row: FrameRow) -> FrameLoad | None:
@@ -217,14 +219,14 @@ def _load(row: FrameRow) -> FrameLoad | None:
 
 
 def _info(row: FrameRow) -> FrameInfo:
-    told = Provenance.CONFIG
+    source = Provenance.CONFIG
     timing = ScanTiming(
-        Sourced(row.dwell_s, told),
-        Sourced(row.row_time_s, told),
+        Sourced(row.dwell_s, source),
+        Sourced(row.row_time_s, source),
         Sourced(row.height * row.row_time_s, Provenance.DERIVED),
-        Sourced(row.integrations, told),
+        Sourced(row.integrations, source),
     )
-    start, unknown = Sourced(_ns(row.start_s), told), Sourced(0.0, Provenance.UNKNOWN)
+    start, unknown = Sourced(_ns(row.start_s), source), Sourced(0.0, Provenance.UNKNOWN)
     return FrameInfo(row.frame, f"frame_{row.frame}", FrameOrigin.IMPORTED.value, row.width, row.height, 0, timing, start, 0.0, unknown)
 
 
@@ -246,10 +248,10 @@ def _ns(time_s: float) -> int:
     return ZERO_NS + round(time_s * 1e9)
 
 
-def as_json(asked: ImportRequest, done: ImportSummary) -> dict[str, object]:
-    """The object that `semlive import --json` prints."""
+def as_json(request: ImportRequest, done: ImportSummary) -> dict[str, object]:
+    """Return the object that `semlive import --json` prints."""
     return {
-        "log": str(asked.log),
+        "log": str(request.log),
         "pairs": done.pairs,
         "maps": done.maps,
         "grid": asdict(done.grid),

@@ -21,22 +21,22 @@ from semlive.service.runtime.blas import limit_blas_threads
 PairMaps = tuple[PairDecision, tuple[DisparityMap, ...]]
 
 
-def pair_numbers(asked: ReplayRequest) -> tuple[int, ...]:
+def pair_numbers(request: ReplayRequest) -> tuple[int, ...]:
     """Return the numbers of the pairs of a replay.
 
     Raises:
         BadLog: the log cannot be read or holds no pair.
     """
-    found = tuple(one.pair for one in _decisions(asked))
-    if not found:
-        raise BadLog(f"{asked.log}: holds no pair; nothing to replay.")
-    return found
+    numbers = tuple(decision.pair for decision in _decisions(request))
+    if not numbers:
+        raise BadLog(f"{request.log}: holds no pair; nothing to replay.")
+    return numbers
 
 
 def correlate_pairs(request: ReplayRequest, numbers: Sequence[int]) -> list[PairMaps]:
-    """Some pairs' maps from the images, exactly those that the whole run has; pairs that cannot be correlated are left out.
+    """Correlate some pairs, with the same maps as a replay of all pairs; pairs that cannot be correlated are skipped.
 
-    The reference is the log's first pair, so it is correlated in every part.
+    The reference is the first pair of the log, so every process correlates it.
 
     Raises:
         BadInput: the log cannot be read.
@@ -44,52 +44,52 @@ def correlate_pairs(request: ReplayRequest, numbers: Sequence[int]) -> list[Pair
     limit_blas_threads()
     settings = requested_settings(log_settings(request.log), request)
     decisions = _decisions(request)
-    wanted = frozenset((decisions[0].pair, *numbers))
-    found: list[PairMaps] = []
-    begun: pipeline.AnalysisState | None = None
-    for pair in _pairs(request, settings, wanted):
+    requested = frozenset((decisions[0].pair, *numbers))
+    results: list[PairMaps] = []
+    state: pipeline.AnalysisState | None = None
+    for pair in _pairs(request, settings, requested):
         try:
-            if begun is None:
-                begun = pipeline.start(settings, pair.first)
-            maps = pipeline.correlate(begun, pair)
-            if not begun.pairs:
-                begun = pipeline.accumulate(begun, pair.decision, maps)
+            if state is None:
+                state = pipeline.start(settings, pair.first)
+            maps = pipeline.correlate(state, pair)
+            if not state.pairs:
+                state = pipeline.accumulate(state, pair.decision, maps)
         except SemliveError:
-            if begun is None or not begun.pairs:
+            if state is None or not state.pairs:
                 raise
             continue
         if pair.decision.pair in numbers:
-            found.append((pair.decision, maps))
-    return found
+            results.append((pair.decision, maps))
+    return results
 
 
-def replay_from_maps(asked: ReplayRequest, pairs: Iterable[PairMaps], watch: ReplayCallbacks | None = None) -> ReplayResult:
-    """The replay whose maps are made elsewhere; pairs come in their order.
+def replay_from_maps(request: ReplayRequest, pairs: Iterable[PairMaps], callbacks: ReplayCallbacks | None = None) -> ReplayResult:
+    """Replay maps that were computed elsewhere; the pairs must be in order.
 
     Raises:
         BadLog: there is no pair.
     """
     limit_blas_threads()
-    own = log_settings(asked.log)
-    return finish_replay(asked, own, requested_settings(own, asked), pairs, watch or ReplayCallbacks())
+    own = log_settings(request.log)
+    return finish_replay(request, own, requested_settings(own, request), pairs, callbacks or ReplayCallbacks())
 
 
-def _decisions(asked: ReplayRequest) -> tuple[PairDecision, ...]:
-    found = (_decision(message.payload) for message in messages(asked.log) if message.topic == "/pair")
-    return tuple(one for one in found if asked.until is None or one.pair <= asked.until)
+def _decisions(request: ReplayRequest) -> tuple[PairDecision, ...]:
+    decisions = (_decision(message.payload) for message in messages(request.log) if message.topic == "/pair")
+    return tuple(decision for decision in decisions if request.until is None or decision.pair <= request.until)
 
 
-def _pairs(asked: ReplayRequest, settings: AnalysisSettings, wanted: frozenset[int]) -> Iterator[Pair]:
+def _pairs(request: ReplayRequest, settings: AnalysisSettings, numbers: frozenset[int]) -> Iterator[Pair]:
     """Yield the requested pairs with their images, decoded as in the live run."""
     state = WorkerState()
-    for message in messages(asked.log):
+    for message in messages(request.log):
         if message.topic == "/pair":
             decision = _decision(message.payload)
-            if decision.pair not in wanted:
+            if decision.pair not in numbers:
                 continue
             frames = {frame.info.export: frame for frame in state.frames}
             if not {decision.first.export, decision.second.export} <= frames.keys():
-                raise BadLog(f"{asked.log}: pair {decision.pair} names images that are not in the log; recover the log first.")
+                raise BadLog(f"{request.log}: pair {decision.pair} names images that are not in the log; recover the log first.")
             yield Pair(decision, frames[decision.first.export], frames[decision.second.export])
         elif message.topic in INPUT_TOPICS - {"/state"}:
             state, _ = process_message(state, message)
@@ -98,6 +98,6 @@ def _pairs(asked: ReplayRequest, settings: AnalysisSettings, wanted: frozenset[i
 
 
 def _decision(payload: bytes) -> PairDecision:
-    told = from_json("/pair", payload)
-    assert isinstance(told, PairMessage)  # by its topic
-    return values.pair_decision(told)
+    message = from_json("/pair", payload)
+    assert isinstance(message, PairMessage)  # by its topic
+    return values.pair_decision(message)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import TypeVar
 
 T = TypeVar("T")
-_LOOK_S = 0.1  # how often one who waits for room looks whether anybody still wants more
+_CHECK_S = 0.1  # interval at which a blocked producer checks whether the iterator was closed
 
 
 def prefetch(items: Iterator[T], count: int = 2) -> Iterator[T]:
@@ -16,22 +16,22 @@ def prefetch(items: Iterator[T], count: int = 2) -> Iterator[T]:
 
     An exception during the computation is raised in place of the next item. Closing the iterator stops the computation.
     """
-    made: queue.Queue[tuple[T] | BaseException | None] = queue.Queue(count)
-    over = threading.Event()
+    computed: queue.Queue[tuple[T] | BaseException | None] = queue.Queue(count)
+    closed = threading.Event()
 
-    def put(one: tuple[T] | BaseException | None) -> None:
-        while not over.is_set():
+    def put(item: tuple[T] | BaseException | None) -> None:
+        while not closed.is_set():
             try:
-                made.put(one, timeout=_LOOK_S)
+                computed.put(item, timeout=_CHECK_S)
                 return
             except queue.Full:
                 continue
 
     def make() -> None:
         try:
-            for one in items:
-                put((one,))
-                if over.is_set():
+            for item in items:
+                put((item,))
+                if closed.is_set():
                     return
         except BaseException as error:
             put(error)
@@ -41,10 +41,10 @@ def prefetch(items: Iterator[T], count: int = 2) -> Iterator[T]:
     thread = threading.Thread(target=make, name="ahead", daemon=True)
     thread.start()
     try:
-        while (one := made.get()) is not None:
-            if isinstance(one, BaseException):
-                raise one
-            yield one[0]
+        while (item := computed.get()) is not None:
+            if isinstance(item, BaseException):
+                raise item
+            yield item[0]
     finally:
-        over.set()
+        closed.set()
         thread.join()

@@ -47,17 +47,17 @@ class Source(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ReplayRequest:
-    """What is asked for.
+    """Request of a replay.
 
     Attributes:
         log: one file, or a run folder of segments.
-        method: of estimation, instead of the one that the log names.
-        changes: of settings.
+        method: estimation method instead of that of the log; None for that of the log.
+        changes: changes of settings.
         source: images or disparity maps; None takes the images if the log has any.
         until: number of the last pair; None takes all.
-        speed: times the speed of life; None is as fast as it goes.
-        model: file with further effects, which are fitted to the disparity maps of the whole log and taken out of them, in place of
-            those that the run was made with.
+        speed: multiple of real time; None for the highest possible speed.
+        model: file with effects that are fitted to all disparity maps and subtracted from them, instead of the effects of the run;
+            None for those of the run.
     """
 
     log: Path
@@ -74,10 +74,10 @@ class ReplayCallbacks:
     """Callbacks of a replay.
 
     Attributes:
-        progress: what is done, how much of it, of how much in all.
-        pair: a pair with what is known after it; asking for this costs an estimate for each pair.
-        frame: every frame corrected with the newest estimate, which the result then does not keep.
-        point_sigma: whether frames also say how uncertain their correction is at every point.
+        progress: callback with the activity, the completed amount and the total.
+        pair: callback with a pair and the state after it; this needs an estimate for each pair.
+        frame: callback with every frame, corrected with the newest estimate; the result then does not contain the frames.
+        point_sigma: frames contain the uncertainty of their correction at every point.
     """
 
     progress: Callable[[str, int, int], None] | None = None
@@ -101,7 +101,7 @@ class ReplayResult:
         recorded: the result that the live run recorded; None if the run did not finish.
         analysis: pairs and maps of the run.
         solution: solution of the estimate, as an argument of `pipeline.correct_frame`.
-        unchanged: whether all settings are the log's own and all pairs were taken, so that both results should be the same.
+        unchanged: the settings are those of the log and all pairs were used, so both results should be equal.
     """
 
     result: RunResult
@@ -112,84 +112,84 @@ class ReplayResult:
     unchanged: bool = True
 
 
-def replay(asked: ReplayRequest, watch: ReplayCallbacks | None = None) -> ReplayResult:
-    """Analyse a log again by the same functions as the live run.
+def replay(request: ReplayRequest, callbacks: ReplayCallbacks | None = None) -> ReplayResult:
+    """Analyse a log again with the functions of the live run.
 
-    Memory does not grow with the fields: maps, and what the estimator makes of them, lie in temporary files beyond the first 256 MB, and
-    frames are handed to `watch.frame` one by one. What grows are numbers for each pair.
+    Memory does not grow with the fields: maps and arrays derived from them are stored in temporary files beyond the first 256 MB, and
+    frames are passed to `callbacks.frame` one by one. Only scalars of each pair accumulate.
 
     Raises:
         BadInput: the log cannot be read, holds nothing to replay, or a setting does not fit it.
     """
     limit_blas_threads()
-    watch = watch or ReplayCallbacks()
-    own = log_settings(asked.log)
-    settings = requested_settings(own, asked)
-    by_images = not settings.model.effects and has_images(asked.log)
-    source = asked.source or (Source.IMAGES if by_images else Source.DISPARITY)
-    refused = [change.key for change in asked.changes if change.of_images]
+    callbacks = callbacks or ReplayCallbacks()
+    own = log_settings(request.log)
+    settings = requested_settings(own, request)
+    by_images = not settings.model.effects and has_images(request.log)
+    source = request.source or (Source.IMAGES if by_images else Source.DISPARITY)
+    refused = [change.key for change in request.changes if change.of_images]
     if source is Source.DISPARITY and refused:
         raise BadConfig(
             f"--set {refused[0]}: changes what is correlated, but this replay "
             "starts from disparity maps; give a log with images and --from-images."
         )
-    if source is Source.IMAGES and not has_images(asked.log):
-        raise BadLog(f"{asked.log}: holds no images; replay it from its disparity maps.")
-    words, store = LogNotes(), MapStore()
+    if source is Source.IMAGES and not has_images(request.log):
+        raise BadLog(f"{request.log}: holds no images; replay it from its disparity maps.")
+    notes, store = LogNotes(), MapStore()
     with store.flushing():
-        begun = (_from_images if source is Source.IMAGES else _from_maps)(asked, settings, words, watch, store)
-        return _finished(asked, own, settings, source, begun, words, watch)
+        analysis = (_from_images if source is Source.IMAGES else _from_maps)(request, settings, notes, callbacks, store)
+        return _finished(request, own, settings, source, analysis, notes, callbacks)
 
 
 def finish_replay(
-    asked: ReplayRequest,
+    request: ReplayRequest,
     own: AnalysisSettings,
     settings: AnalysisSettings,
     pairs: Iterable[tuple[PairDecision, Maps]],
-    watch: ReplayCallbacks,
+    callbacks: ReplayCallbacks,
 ) -> ReplayResult:
-    """A replay whose pairs with their maps are made elsewhere, in their order.
+    """Replay pairs whose maps were computed elsewhere, in order.
 
     Args:
-        asked: what is asked for.
-        own: the log's own settings.
-        settings: those to use.
+        request: log and last pair; its other values are applied already.
+        own: settings of the log.
+        settings: settings of the replay.
         pairs: decisions and maps.
-        watch: who is told.
+        callbacks: receive progress and results.
 
     Raises:
         BadLog: there is no pair.
     """
     store = MapStore()
     with store.flushing():
-        begun = _absorbed(asked, settings, _kept_pairs(asked, pairs, store), 0, watch, store)
-        return _finished(asked, own, settings, Source.IMAGES, begun, LogNotes(recorded=recorded_result(asked.log)), watch)
+        analysis = _accumulated(request, settings, _stored_pairs(request, pairs, store), 0, callbacks, store)
+        return _finished(request, own, settings, Source.IMAGES, analysis, LogNotes(recorded=recorded_result(request.log)), callbacks)
 
 
 def _finished(
-    asked: ReplayRequest,
+    request: ReplayRequest,
     own: AnalysisSettings,
     settings: AnalysisSettings,
     source: Source,
-    begun: pipeline.AnalysisState | None,
-    words: LogNotes,
-    watch: ReplayCallbacks,
+    analysis: pipeline.AnalysisState | None,
+    notes: LogNotes,
+    callbacks: ReplayCallbacks,
 ) -> ReplayResult:
-    if begun is None:
+    if analysis is None:
         what = "no pair; nothing to replay" if source is Source.IMAGES else "no analysed pair; replay it from its images"
-        raise BadLog(f"{asked.log}: holds {what}.")
-    begun = pipeline.apply_effect_model(begun)
-    solution = pipeline.solve(begun)
-    result = _concluded(begun, solution, watch)
-    unchanged = settings == own and asked.until is None
-    return ReplayResult(result, settings, words.recorded, begun, solution, unchanged)
+        raise BadLog(f"{request.log}: holds {what}.")
+    analysis = pipeline.apply_effect_model(analysis)
+    solution = pipeline.solve(analysis)
+    result = _concluded(analysis, solution, callbacks)
+    unchanged = settings == own and request.until is None
+    return ReplayResult(result, settings, notes.recorded, analysis, solution, unchanged)
 
 
 def require_calibration(log: Path, done: ReplayResult) -> None:
-    """Give no corrected strain of a run under load whose translations do not determine the distortion.
+    """Refuse the corrected strain of a run under load whose translations do not determine the distortion.
 
     Raises:
-        PoorCalibration: they went in one direction only, or were too small; the sentence holds the figures and says what to do.
+        PoorCalibration: the translations had one direction only, or were too small.
     """
     why = pipeline.calibration_refusal(done.result, done.settings)
     if why is not None:
@@ -198,11 +198,11 @@ def require_calibration(log: Path, done: ReplayResult) -> None:
 
 
 def replay_images(log: Path, method: str | None = None) -> ReplayResult:
-    """Correlate the log's images again and estimate anew.
+    """Correlate the images of a log again and repeat the estimate.
 
     Args:
         log: one file, or a run folder of segments.
-        method: of estimation, instead of the one that the run's configuration names.
+        method: estimation method instead of that of the configuration of the run; None for that of the run.
 
     Raises:
         BadLog: the log cannot be read or holds no pair.
@@ -210,72 +210,76 @@ def replay_images(log: Path, method: str | None = None) -> ReplayResult:
     return replay(ReplayRequest(log, method, source=Source.IMAGES))
 
 
-def result_from_maps(log: Path, watch: ReplayCallbacks | None = None) -> tuple[RunResult, AnalysisSettings]:
-    """The run's result, every frame corrected with the newest estimate, from the disparity maps in the log.
+def result_from_maps(log: Path, callbacks: ReplayCallbacks | None = None) -> tuple[RunResult, AnalysisSettings]:
+    """Return the result of a run from the disparity maps in its log, with every frame corrected with the newest estimate.
 
     Args:
         log: one file, or a run folder of segments.
-        watch: who is told on the way.
+        callbacks: receive progress and results; None for none.
 
     Raises:
         BadLog: the log cannot be read or holds no analysed pair.
     """
-    done = replay(ReplayRequest(log, source=Source.DISPARITY), watch)
+    done = replay(ReplayRequest(log, source=Source.DISPARITY), callbacks)
     return done.result, done.settings
 
 
-def requested_settings(own: AnalysisSettings, asked: ReplayRequest) -> AnalysisSettings:
-    """The log's own settings with what is asked for instead.
+def requested_settings(own: AnalysisSettings, request: ReplayRequest) -> AnalysisSettings:
+    """Return the settings of the log with the requested changes.
 
     Raises:
-        BadConfig: a value is out of its range, or the model is of another magnification or scan.
+        BadConfig: a value is out of range, or the model has another magnification or scan.
     """
-    if asked.method is not None and own.estimate.method != asked.method:
-        own = replace(own, estimate=replace(own.estimate, method=asked.method))
-    if asked.model is not None:
-        own = replace(own, model=compatible_model(asked.log, asked.model).known)
-    return apply_overrides(own, asked.changes)
+    if request.method is not None and own.estimate.method != request.method:
+        own = replace(own, estimate=replace(own.estimate, method=request.method))
+    if request.model is not None:
+        own = replace(own, model=compatible_model(request.log, request.model).known)
+    return apply_overrides(own, request.changes)
 
 
 def _from_maps(
-    asked: ReplayRequest, settings: AnalysisSettings, words: LogNotes, watch: ReplayCallbacks, store: MapStore
+    request: ReplayRequest, settings: AnalysisSettings, notes: LogNotes, callbacks: ReplayCallbacks, store: MapStore
 ) -> pipeline.AnalysisState | None:
-    return _absorbed(asked, settings, prefetch(_kept_pairs(asked, pairs_with_maps(asked.log, words), store)), _count(asked), watch, store)
+    return _accumulated(
+        request, settings, prefetch(_stored_pairs(request, pairs_with_maps(request.log, notes), store)), _count(request), callbacks, store
+    )
 
 
-def _kept_pairs(asked: ReplayRequest, pairs: Iterable[tuple[PairDecision, Maps]], store: MapStore) -> Iterator[tuple[PairDecision, Maps]]:
+def _stored_pairs(
+    request: ReplayRequest, pairs: Iterable[tuple[PairDecision, Maps]], store: MapStore
+) -> Iterator[tuple[PairDecision, Maps]]:
     """Yield the pairs up to the last requested one, with their maps in the store."""
     for decision, maps in pairs:
-        if asked.until is not None and decision.pair > asked.until:
+        if request.until is not None and decision.pair > request.until:
             return
-        yield decision, tuple(store.store_map(one) for one in maps)
+        yield decision, tuple(store.store_map(disparity) for disparity in maps)
 
 
-def _count(asked: ReplayRequest) -> int:
+def _count(request: ReplayRequest) -> int:
     """Return the expected number of pairs; 0 if the log has no summary."""
-    count = (topic_counts(asked.log) or {}).get("/pair", 0)
-    return count if asked.until is None else min(count, asked.until + 1)
+    count = (topic_counts(request.log) or {}).get("/pair", 0)
+    return count if request.until is None else min(count, request.until + 1)
 
 
-def _absorbed(
-    asked: ReplayRequest,
+def _accumulated(
+    request: ReplayRequest,
     settings: AnalysisSettings,
     pairs: Iterable[tuple[PairDecision, Maps]],
     count: int,
-    watch: ReplayCallbacks,
+    callbacks: ReplayCallbacks,
     store: MapStore,
 ) -> pipeline.AnalysisState | None:
-    pace, state = _Pace(asked.speed), None
+    pace, state = _Pace(request.speed), None
 
     def step(before: pipeline.AnalysisState, decision: PairDecision, maps: Maps) -> pipeline.AnalysisState:
         pace.wait(decision.second.end_time_ns)
-        after = pipeline.accumulate(before, decision, maps) if watch.pair is None else _live_step(before, decision, maps)
+        after = pipeline.accumulate(before, decision, maps) if callbacks.pair is None else _live_step(before, decision, maps)
         return offload_pair(after, decision.pair, maps, store)
 
     for done, state in enumerate(pipeline.follow(settings, pairs, step), start=1):
-        if watch.pair is not None:
-            watch.pair(state.pairs[-1], state)
-        watch.report_progress("pair", done, count)
+        if callbacks.pair is not None:
+            callbacks.pair(state.pairs[-1], state)
+        callbacks.report_progress("pair", done, count)
     return state
 
 
@@ -285,11 +289,11 @@ def _live_step(state: pipeline.AnalysisState, decision: PairDecision, maps: Maps
 
 
 def _from_images(
-    asked: ReplayRequest, settings: AnalysisSettings, words: LogNotes, watch: ReplayCallbacks, store: MapStore
+    request: ReplayRequest, settings: AnalysisSettings, notes: LogNotes, callbacks: ReplayCallbacks, store: MapStore
 ) -> pipeline.AnalysisState | None:
-    state, pace = WorkerState(), _Pace(asked.speed)
-    count = _count(asked)
-    for message in messages(asked.log):
+    state, pace = WorkerState(), _Pace(request.speed)
+    count = _count(request)
+    for message in messages(request.log):
         if message.topic in INPUT_TOPICS - {"/state"}:
             before = state.analysis
             state, _ = process_message(state, message)
@@ -297,35 +301,35 @@ def _from_images(
                 state = replace(state, settings=settings)
             if state.analysis is not None and state.analysis is not before:
                 decision = state.analysis.pairs[-1]
-                begun = offload_pair(state.analysis, decision.pair, (), store)
-                state = replace(state, analysis=begun)
+                analysis = offload_pair(state.analysis, decision.pair, (), store)
+                state = replace(state, analysis=analysis)
                 pace.wait(decision.second.end_time_ns)
-                if watch.pair is not None:
+                if callbacks.pair is not None:
                     state, _ = background_work(state)
-                    watch.pair(decision, state.analysis or begun)
-                watch.report_progress("pair", len(begun.pairs), count)
-                if asked.until is not None and decision.pair >= asked.until:
+                    callbacks.pair(decision, state.analysis or analysis)
+                callbacks.report_progress("pair", len(analysis.pairs), count)
+                if request.until is not None and decision.pair >= request.until:
                     break
         elif message.topic == "/result":
             result = from_json(message.topic, message.payload)
-            words.recorded = dict(result.root) if isinstance(result, ResultMessage) else None
+            notes.recorded = dict(result.root) if isinstance(result, ResultMessage) else None
     return state.analysis
 
 
-def _concluded(begun: pipeline.AnalysisState, solution: MethodSolution, watch: ReplayCallbacks) -> RunResult:
-    if watch.frame is None:
-        return pipeline.finalise(begun, solution=solution)
-    take, done = watch.frame, {"uncertainty": 0, "frame": 0}
+def _concluded(analysis: pipeline.AnalysisState, solution: MethodSolution, callbacks: ReplayCallbacks) -> RunResult:
+    if callbacks.frame is None:
+        return pipeline.finalise(analysis, solution=solution)
+    pass_on, done = callbacks.frame, {"uncertainty": 0, "frame": 0}
 
-    def tell(what: str) -> None:
+    def report(what: str) -> None:
         done[what] += 1
-        watch.report_progress(what, done[what], 2 * len(begun.pairs))
+        callbacks.report_progress(what, done[what], 2 * len(analysis.pairs))
 
     def each(frame: FrameResult) -> None:
-        take(frame)
-        tell("frame")
+        pass_on(frame)
+        report("frame")
 
-    return pipeline.finalise(begun, each, solution, lambda _: tell("uncertainty"), watch.point_sigma)
+    return pipeline.finalise(analysis, each, solution, lambda _: report("uncertainty"), callbacks.point_sigma)
 
 
 class _Pace:

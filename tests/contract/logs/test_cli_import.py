@@ -101,7 +101,7 @@ def refused(folder: Path, log: str = "log.mcap") -> str:
 def test_a_missing_map_is_named(copy: Path) -> None:
     (copy / "disparity_0_8.csv").unlink()
     assert refused(copy) == (
-        "disparity_0_8.csv: is missing, it tells the motion of the pair; add it, or take the frames of pair 4 out of frames.csv."
+        "disparity_0_8.csv: is missing, but it determines the motion of the pair; add it, or take the frames of pair 4 out of frames.csv."
     )
 
 

@@ -104,7 +104,7 @@ def test_what_somebody_could_need_is_kept_whatever_the_limit(tmp_path: Path, spo
 def test_a_run_that_can_be_taken_up_again_is_kept(tmp_path: Path, state: str, concluded: bool) -> None:
     make_run(tmp_path, "one", 400, state, concluded)
     (run,) = select_runs(tmp_path, Retention(days=30), NOW_S)
-    assert "taken up again" in (run.kept_because or "")
+    assert "can be resumed" in (run.kept_because or "")
 
 
 def test_a_run_at_work_or_written_to_since_is_not_deleted(tmp_path: Path) -> None:
@@ -138,7 +138,7 @@ def test_the_command_names_first_and_deletes_when_told(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["prune", str(tmp_path), "--days", "30", "--delete", "--json"])
     told = {Path(one["run"]).name: one for one in json.loads(done.output)["runs"]}
     assert told["old"]["deleted"]
-    assert "taken up again" in told["aborted"]["kept_because"]
+    assert "can be resumed" in told["aborted"]["kept_because"]
     assert not old.exists()
     assert not half.exists()
     assert aborted.is_dir()
