@@ -22,7 +22,7 @@ from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.settings import DicSettings
 from semlive.errors import BadInput
 from semlive.formats.images.image_files import read_picture
-from semlive.inputs.files import MOST_IMAGE_BYTES, read_regular
+from semlive.inputs.files import MAX_IMAGE_BYTES, read_regular
 
 QUALITY_CHECK_MAX_PX = 2048  # edge of the part of the reference whose pattern is judged
 HEADER = "x,y,u,v,sigma_u,sigma_v,zncc,status"
@@ -141,7 +141,7 @@ def _settings(subset: int, step: int, roi: str | None, interpolation: str, shape
 
 def _read(path: Path) -> Image:
     try:
-        data = read_regular(path, MOST_IMAGE_BYTES)
+        data = read_regular(path, MAX_IMAGE_BYTES)
     except OSError as error:
         raise BadInput(f"{path}: cannot be read ({error.strerror}); give an image file that exists.") from error
     return read_picture(data, str(path))

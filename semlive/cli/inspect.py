@@ -16,7 +16,7 @@ from semlive.errors import BadImage
 from semlive.formats.images.inspection import Inspection, as_json, inspect_file, inspect_sidecar
 from semlive.formats.vendors.png import is_png
 from semlive.formats.vendors.tiff import is_tiff
-from semlive.inputs.files import MOST_IMAGE_BYTES, read_regular
+from semlive.inputs.files import MAX_IMAGE_BYTES, read_regular
 from semlive.service.config.configuration import load_config
 from semlive.service.watch.sidecars import IMAGE_SUFFIXES, SIDECAR_SUFFIXES, sidecar_of
 
@@ -48,7 +48,7 @@ def _inspected(path: Path, profile: ScanProfile) -> Inspection:
         BadImage: it cannot be read, or is neither an image nor a text that a microscope writes beside one.
     """
     try:
-        data, mtime_ns = read_regular(path, MOST_IMAGE_BYTES), path.stat().st_mtime_ns
+        data, mtime_ns = read_regular(path, MAX_IMAGE_BYTES), path.stat().st_mtime_ns
     except OSError as error:
         raise BadImage(f"{path}: cannot be read ({error.strerror}); give an exported image file") from error
     if path.suffix.lower() in SIDECAR_SUFFIXES and not (is_tiff(data) or is_png(data)):
@@ -56,7 +56,7 @@ def _inspected(path: Path, profile: ScanProfile) -> Inspection:
     if not (is_tiff(data) or is_png(data)):
         raise BadImage(f"{path}: is neither TIFF nor PNG; give an exported image file")
     beside = sidecar_of(path)
-    sidecar = None if beside is None else read_regular(beside, MOST_IMAGE_BYTES)
+    sidecar = None if beside is None else read_regular(beside, MAX_IMAGE_BYTES)
     return inspect_file(ExportedFile(0, path.name, data, "", mtime_ns, mtime_ns, sidecar), profile)
 
 

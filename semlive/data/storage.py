@@ -31,8 +31,8 @@ class Storage(Protocol):
         """Everything so far and, after it, what is new: equal values, not the same objects."""
         ...
 
-    def update(self, known: Mapping[int, V], new: Mapping[int, V]) -> Mapping[int, V]:
-        """Everything known with what is new, in place of what had its number; likewise."""
+    def update(self, stored: Mapping[int, V], new: Mapping[int, V]) -> Mapping[int, V]:
+        """Return a mapping with new values, which replace values of the same number."""
         ...
 
 
@@ -55,9 +55,9 @@ class InMemoryStorage:
         """A tuple."""
         return (*history, *new)
 
-    def update(self, known: Mapping[int, V], new: Mapping[int, V]) -> Mapping[int, V]:
+    def update(self, stored: Mapping[int, V], new: Mapping[int, V]) -> Mapping[int, V]:
         """A dictionary."""
-        return {**known, **new}
+        return {**stored, **new}
 
 
 IN_MEMORY = InMemoryStorage()

@@ -1,1 +1,1 @@
-"""Bounded reading of what users and other programs supply: regular files only, strict YAML, JSON of limited depth."""
+"""Bounded reading of files of users and other programs: regular files only, strict YAML, JSON of limited depth."""

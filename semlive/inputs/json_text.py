@@ -1,4 +1,4 @@
-"""JSON of limited depth: the parser of the standard library is recursive, and so is most of what walks through its result."""
+"""JSON of limited depth, because the parser of the standard library and most functions on its results are recursive."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ import re
 from typing import Any
 
 MOST_NESTED = 100
-"""Lists and objects within each other that are still read; nothing that semlive writes has more than 12."""
+"""Largest depth of nested lists and objects; files of semlive have at most 12."""
 
-# A string is one token, as brackets in it do not count.
+# A string is one token, because brackets in it are text.
 _TOKEN = re.compile(rb'"[^"\\]*(?:\\.[^"\\]*)*"|[\[{\]}]', re.DOTALL)
 
 
 def parse_json(data: bytes | str) -> Any:
-    """What a JSON text holds.
+    """Parse a JSON text.
 
     Raises:
-        ValueError: it is no JSON, holds NaN or an infinity, or is nested more than `MOST_NESTED` deep.
+        ValueError: the text is not JSON, contains NaN or an infinity, or is nested more than `MOST_NESTED` deep.
     """
     require_shallow(data.encode() if isinstance(data, str) else data)
     return json.loads(data, parse_constant=_not_finite)
@@ -27,7 +27,7 @@ def require_shallow(data: bytes) -> None:
     """Refuse a JSON text that is nested too deeply, before it is parsed.
 
     Raises:
-        ValueError: it is nested more than `MOST_NESTED` deep.
+        ValueError: the text is nested more than `MOST_NESTED` deep.
     """
     if data.count(b"[") + data.count(b"{") <= MOST_NESTED:
         return
@@ -42,5 +42,5 @@ def require_shallow(data: bytes) -> None:
             depth -= 1
 
 
-def _not_finite(word: str) -> float:
-    raise ValueError(f"{word} is not a finite number")
+def _not_finite(constant: str) -> float:
+    raise ValueError(f"{constant} is not a finite number")

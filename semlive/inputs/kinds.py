@@ -1,4 +1,4 @@
-"""Whether checked settings still have the kinds of values that were given: text must not have become a number."""
+"""Comparison of checked settings with the given values: text must not have become a number."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ Place = tuple[str | int, ...]
 
 
 def changed_kind(given: object, checked: object) -> tuple[Place, str] | None:
-    """The first value whose kind changed when it was checked, and what is wrong with it; None if there is none.
+    """Return the place of the first value whose kind changed in the check, and a message; None if no kind changed.
 
-    pydantic makes a number of `'30'` and of `true`, and a truth value of `'no'` and of 1. Its strict mode refuses a list for a tuple
-    and text for a path as well, which no YAML file can avoid; so the kinds are compared afterwards.
+    pydantic converts `'30'` and `true` to numbers, and `'no'` and 1 to truth values. Its strict mode also refuses a list for a tuple
+    and text for a path, which YAML files cannot avoid; therefore the kinds are compared after the check.
 
     Args:
-        given: as YAML gave it.
-        checked: what pydantic made of it: models, dataclasses, lists, values.
+        given: value from YAML.
+        checked: value from pydantic: models, dataclasses, lists, values.
     """
     return next(_changes(given, checked, ()), None)
 
@@ -26,13 +26,13 @@ def changed_kind(given: object, checked: object) -> tuple[Place, str] | None:
 def _changes(given: object, checked: object, place: Place) -> Iterator[tuple[Place, str]]:
     if isinstance(given, Mapping):
         for key, value in given.items():
-            found = _inside(checked, key)
-            if found is not None:
-                yield from _changes(value, found, (*place, key))
+            inner = _inside(checked, key)
+            if inner is not None:
+                yield from _changes(value, inner, (*place, key))
     elif isinstance(given, list | tuple):
         if isinstance(checked, list | tuple):
-            for index, (one, other) in enumerate(zip(given, checked, strict=False)):
-                yield from _changes(one, other, (*place, index))
+            for index, (given_item, checked_item) in enumerate(zip(given, checked, strict=False)):
+                yield from _changes(given_item, checked_item, (*place, index))
     elif isinstance(checked, bool):
         if not isinstance(given, bool):
             yield place, f"{_shown(given)} is no truth value; write true or false"
@@ -42,7 +42,7 @@ def _changes(given: object, checked: object, place: Place) -> Iterator[tuple[Pla
 
 
 def _inside(checked: object, key: object) -> object:
-    """What stands behind a key, or None; an alias of a field is not followed."""
+    """Return the value of a key, or None; aliases of fields are not resolved."""
     if isinstance(checked, Mapping):
         return checked.get(key)
     if isinstance(checked, BaseModel) or dataclasses.is_dataclass(checked):

@@ -1,4 +1,4 @@
-"""Lines of a text table as cells, and the cells of its head as columns with units."""
+"""Split of the lines of a text table into cells, and of the cells of its head into names and units."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Column:
     Attributes:
         raw: as written; empty in a table without names.
         name: without its unit.
-        unit: from brackets behind the name, after a slash, or from a line of units; empty if not given.
+        unit: from brackets after the name, after a slash, or from a line of units; empty without one.
     """
 
     raw: str
@@ -45,15 +45,15 @@ class Column:
 
     @property
     def key(self) -> str:
-        """The name, to be compared: letter case, blanks and underscores do not count."""
+        """The name for comparisons, which ignore letter case, blanks and underscores."""
         return key_of(self.name)
 
 
 def text_of(data: bytes, where: str, encoding: str = "utf-8") -> str:
-    """The text of a table, by its byte order mark or else as given.
+    """Decode the text of a table by its byte order mark, or else by the given encoding.
 
     Raises:
-        BadInput: it is no plain text.
+        BadInput: the data are not plain text.
     """
     start, encoding = encoding_of(data, encoding)
     try:
@@ -66,7 +66,7 @@ def text_of(data: bytes, where: str, encoding: str = "utf-8") -> str:
 
 
 def encoding_of(data: bytes, encoding: str = "utf-8") -> tuple[int, str]:
-    """Length of the byte order mark at the beginning of a file, and the encoding: the mark's, or the one given."""
+    """Return the length of the byte order mark at the beginning of a file, and the encoding of the mark, or else the given encoding."""
     for mark, name in _MARKS:
         if data.startswith(mark):
             return len(mark), name
@@ -74,17 +74,17 @@ def encoding_of(data: bytes, encoding: str = "utf-8") -> tuple[int, str]:
 
 
 def lines_of(text: str) -> list[str]:
-    """Lines without their ends; only line feeds and carriage returns end a line."""
+    """Return the lines without their ends; only line feeds and carriage returns end a line."""
     return [line.removesuffix("\r") for line in text.split("\n")]
 
 
 def key_of(name: str) -> str:
-    """A name, to be compared."""
+    """Return a name for comparisons."""
     return re.sub(r"[\s_]+", "", name).casefold()
 
 
 def split(line: str, separator: str) -> list[str]:
-    """The cells of a line, without quotes and the blanks around them.
+    """Return the cells of a line, without quotes and the blanks around them.
 
     Raises:
         ValueError: the quotes are broken.
@@ -101,33 +101,33 @@ def split(line: str, separator: str) -> list[str]:
 
 
 def separator_declared(line: str) -> str:
-    """The separator in a ``sep=;`` line, which spreadsheets write; empty in any other."""
-    found = _DECLARED.fullmatch(line.strip(" \ufeff"))
-    return "" if found is None else found[1]
+    """Return the separator in a ``sep=;`` line, which spreadsheets write; empty for other lines."""
+    match = _DECLARED.fullmatch(line.strip(" \ufeff"))
+    return "" if match is None else match[1]
 
 
 def is_remark(line: str) -> bool:
-    """Whether a line above the names is none of the table: a comment, or a ``sep=`` line."""
+    """Whether a line above the names does not belong to the table: a comment, or a ``sep=`` line."""
     return line.startswith("***") or is_comment(line) or separator_declared(line) != ""
 
 
 def is_blank(line: str) -> bool:
-    """Whether a line says nothing: it is empty or a comment, or a spreadsheet's row of empty cells."""
+    """Whether a line contains no values: it is empty, a comment, or a row of empty cells from a spreadsheet."""
     return not line.strip(" \t;,\r") or is_comment(line)
 
 
 def is_comment(line: str) -> bool:
-    """Whether a line begins with ``#``, and that not as a spreadsheet's ``#N/A``."""
+    """Whether a line begins with ``#``, except for ``#N/A`` of spreadsheets."""
     return _COMMENT.match(line) is not None
 
 
 def is_unit(cell: str) -> bool:
-    """Whether a cell is a bare unit."""
+    """Whether a cell is a unit without a name."""
     return cell.strip("[]() ").casefold() in _UNITS
 
 
 def is_no_name(cell: str) -> bool:
-    """Whether a cell of a line of names is a bare unit, and hardly the name of a column."""
+    """Whether a cell of a line of names is a unit and cannot be the name of a column."""
     return is_unit(cell) and cell.casefold() not in _NAMES_AS_WELL
 
 
@@ -137,7 +137,7 @@ def is_line_of_units(cells: Sequence[str]) -> bool:
 
 
 def is_line_of_numbers(cells: Sequence[str]) -> bool:
-    """Whether a line holds numbers under some convention, among perhaps some text: it is none of names."""
+    """Whether a line contains mainly numbers under some convention, so it is not a line of names."""
     filled = [cell for cell in cells if cell]
     if filled and all(map(is_lost, filled)):
         return True
@@ -146,12 +146,12 @@ def is_line_of_numbers(cells: Sequence[str]) -> bool:
 
 
 def columns_of(names: Sequence[str], separator: str) -> tuple[Column, ...]:
-    """The columns that a line of names tells."""
+    """Return the columns of a line of names."""
     return tuple(_column(name) for name in (_joined_units(names) if separator == " " else names))
 
 
 def _joined_units(names: Sequence[str]) -> list[str]:
-    """``Force (N)`` and ``Force / N`` in a line that is split at blanks."""
+    """Join names and units such as ``Force (N)`` and ``Force / N`` in a line that is split at blanks."""
     joined: list[str] = []
     for name in names:
         if joined and (re.fullmatch(r"[\[(].*[\])]|/", name) or joined[-1].endswith(" /")):
@@ -163,10 +163,10 @@ def _joined_units(names: Sequence[str]) -> list[str]:
 
 def _column(raw: str) -> Column:
     for pattern in (_BRACKET, _SLASH):
-        found = pattern.fullmatch(raw)
-        if found is not None and found[1]:
-            return Column(raw, found[1].strip(), found[2].strip())
-    found = _AFTER_COMMA.fullmatch(raw)
-    if found is not None and is_unit(found[2]):
-        return Column(raw, found[1], found[2])
+        match = pattern.fullmatch(raw)
+        if match is not None and match[1]:
+            return Column(raw, match[1].strip(), match[2].strip())
+    match = _AFTER_COMMA.fullmatch(raw)
+    if match is not None and is_unit(match[2]):
+        return Column(raw, match[1], match[2])
     return Column(raw, raw, "")

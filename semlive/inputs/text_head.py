@@ -21,7 +21,7 @@ from semlive.inputs.text_cells import (
 HEAD_LINES = 200
 """Number of lines of numbers that decide how a table is written."""
 SEPARATORS = ("\t", ";", ",", " ")
-"""Separators that are detected; a blank stands for any sequence of blanks."""
+"""Separators that are detected; a blank means any sequence of blanks."""
 Rows = list[tuple[int, list[str]]]
 """Line number, from 1, and cells of each line of numbers."""
 _NOT_QUOTED = re.compile(r'"(?:[^"]|"")*"|\([^)]*\)|\[[^\]]*\]')

@@ -38,7 +38,7 @@ class Layout:
 
     Attributes:
         where: name of the table in errors.
-        separator: between cells; a blank stands for any sequence of blanks.
+        separator: between cells; a blank means any sequence of blanks.
         decimal: ``.`` or ``,``; empty as long as no number contains one.
         columns: columns of the head, one for each cell.
         number_places: places of the columns of numbers that the caller requires.

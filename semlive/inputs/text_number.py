@@ -1,4 +1,4 @@
-"""One cell of a text table: a number under a stated decimal sign, a lost value, or neither. Nothing is guessed."""
+"""Cells of a text table: numbers with a given decimal sign, and lost values. Ambiguous cells are not numbers."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ _INFINITE = re.compile(r"([+-]?)(?:inf|infinity|1[.,]#inf[0-9]*)", re.IGNORECASE
 
 
 class Sign(Enum):
-    """What one cell says about the decimal sign of its table."""
+    """Evidence of a cell about the decimal sign of its table."""
 
     NONE = auto()
-    """Nothing: a whole number, a lost value, text."""
+    """No evidence: an integer, a lost value, text."""
     POINT = auto()
     COMMA = auto()
     POINT_OR_THOUSANDS = auto()
     """``1.500``: one and a half, or fifteen hundred."""
     COMMA_OR_THOUSANDS = auto()
     THOUSANDS = auto()
-    """``1,234.5``: no decimal sign makes it a number."""
+    """``1,234.5``: not a number with any decimal sign."""
 
 
 def sign_of(cell: str) -> Sign:
-    """What a cell says about the decimal sign."""
+    """Return the evidence of a cell about the decimal sign."""
     if "." not in cell and "," not in cell:
         return Sign.NONE
     if _LIKE_THOUSANDS.fullmatch(cell):
         return Sign.POINT_OR_THOUSANDS if "." in cell else Sign.COMMA_OR_THOUSANDS
     if _THOUSANDS.fullmatch(cell):
         return Sign.THOUSANDS
-    for sign, said in ((".", Sign.POINT), (",", Sign.COMMA)):
-        if _NUMBER[sign].fullmatch(cell):
-            return said
+    for character, sign in ((".", Sign.POINT), (",", Sign.COMMA)):
+        if _NUMBER[character].fullmatch(cell):
+            return sign
     return Sign.NONE
 
 
 def is_lost(cell: str) -> bool:
-    """Whether a cell says that there is no value: empty, ``nan``, ``-nan(ind)``, ``1.#QNAN``, ``#N/A``, ``--`` and their like."""
+    """Whether a cell marks a missing value: empty, ``nan``, ``-nan(ind)``, ``1.#QNAN``, ``#N/A``, ``--`` and similar marks."""
     return _LOST.fullmatch(cell) is not None
 
 
@@ -59,11 +59,11 @@ def is_whole(cell: str) -> bool:
 
 
 def number_in(cell: str, decimal: str) -> float | None:
-    """The number in a cell.
+    """Return the number in a cell.
 
     Args:
-        cell: without blanks around it.
-        decimal: ``.`` or ``,``; empty if the table has not shown it, then a cell counts only if it shows it beyond doubt.
+        cell: text without blanks around it.
+        decimal: ``.`` or ``,``; empty if it is not known yet, then only unambiguous cells are numbers.
 
     Returns:
         The number; NaN for a lost value; None for anything else, thousands separators included.

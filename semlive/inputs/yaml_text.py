@@ -1,7 +1,7 @@
-"""Strict YAML 1.2: one document, every key once, and no value that two readers would take for different things.
+"""Strict YAML 1.2: one document, every key once, and no value that two readers would interpret differently.
 
-The scanner and parser are those of ruamel.yaml; values are made here, so that each keeps its line and nothing is converted silently.
-What older YAML readers take for an octal number, a sexagesimal number, a truth value or an infinity is refused, not guessed.
+The scanner and parser are those of ruamel.yaml; this module builds the values, with their lines and without implicit conversions.
+Text that older YAML readers interpret as an octal number, a sexagesimal number, a truth value or an infinity is refused.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from ruamel.yaml.events import (
 from semlive.errors import BadConfig
 
 MOST_BYTES = 1_000_000
-"""Size of a YAML file that is still read; configurations and device descriptions have a few kB."""
+"""Largest size of a YAML file; configurations and device descriptions have a few kB."""
 MOST_NESTED = 32
-"""Lists and mappings within each other that are still read; a configuration has 6."""
+"""Largest depth of nested lists and mappings; a configuration has 6."""
 MOST_VALUES = 200_000
-"""Values that are still read, those repeated by aliases counted each time (ten aliases of ten aliases, nine times, are 10^9)."""
+"""Largest number of values, with repetitions by aliases (ten aliases of ten aliases, nine times, are 10^9)."""
 
 Place = tuple[str | int, ...]
 """Keys and list indexes that lead to a value."""
@@ -44,12 +44,12 @@ _INTEGER = re.compile(r"[-+]?(0|[1-9][0-9]*)")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _RADIX = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
 _WORDS: dict[str, bool | None] = {"": None, "~": None}
-_WORDS |= {one: None for one in ("null", "Null", "NULL")}
-_WORDS |= {one: True for one in ("true", "True", "TRUE")} | {one: False for one in ("false", "False", "FALSE")}
+_WORDS |= dict.fromkeys(("null", "Null", "NULL"), None)
+_WORDS |= dict.fromkeys(("true", "True", "TRUE"), True) | dict.fromkeys(("false", "False", "FALSE"), False)
 _LONGEST_NUMBER = 64
 
 _TRUTH_WORDS = re.compile(r"yes|Yes|YES|no|No|NO|on|On|ON|off|Off|OFF")
-# What it looks like, and what to write instead; the first that fits counts.
+# Pattern, and advice; the first pattern that fits is used.
 _DOUBTFUL_NUMBERS = (
     (re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"), "is not a finite number; write a number, or leave the key out"),
     (
@@ -68,33 +68,33 @@ _DOUBTFUL_NUMBERS = (
 
 @dataclass(frozen=True, slots=True)
 class YamlText:
-    """What a YAML text holds.
+    """Content of a YAML text.
 
     Attributes:
         value: dictionaries, lists, text, integers, finite numbers, truth values and None.
-        lines: of each value, by its place, counted from 1; the line of a key for what stands behind a key.
+        lines: line of each value by its place, from 1; for the value of a key, the line of the key.
     """
 
     value: object
     lines: Mapping[Place, int]
 
     def line(self, place: Place) -> int | None:
-        """The line of a place, or of the nearest that holds it; None if there is none."""
+        """Return the line of a place, or of the innermost value that contains it; None if there is none."""
         for count in range(len(place), 0, -1):
-            if (found := self.lines.get(tuple(place[:count]))) is not None:
-                return found
+            if (line := self.lines.get(tuple(place[:count]))) is not None:
+                return line
         return None
 
 
 def read_yaml(text: str | bytes, where: str) -> YamlText:
-    """What a YAML text holds, read strictly.
+    """Parse a YAML text strictly.
 
     Args:
-        text: of one document; bytes are UTF-8.
-        where: what error messages begin with, the file's name.
+        text: text of one document; bytes are UTF-8.
+        where: name of the file, for error messages.
 
     Raises:
-        BadConfig: it is too large or too deeply nested, is not YAML, has a key twice, or has a value that can be misread.
+        BadConfig: the text is too large or too deeply nested, is not YAML, has a key twice, or has an ambiguous value.
     """
     if len(text) > MOST_BYTES:
         raise BadConfig(f"{where}: is larger than {MOST_BYTES / 1e6:g} MB; give a smaller YAML file")
@@ -127,7 +127,7 @@ def _reason(error: YAMLError, text: str) -> str:
 
 @dataclass(slots=True)
 class _Node:
-    """A value on the way, with the lines of what it holds, relative to it."""
+    """A value with the lines of the values inside it, by places relative to it."""
 
     value: object
     line: int
@@ -138,7 +138,7 @@ class _Node:
 
 
 class _Builder:
-    """Makes values of the parser's events."""
+    """Builds values from the events of the parser."""
 
     def __init__(self, text: str, where: str) -> None:
         self._text, self._where = text, where
@@ -146,7 +146,7 @@ class _Builder:
         self._values = 0
 
     def document(self, events: Iterator[Event]) -> YamlText:
-        """The one document of the text."""
+        """Return the only document of the text."""
         node: _Node | None = None
         for event in events:
             if isinstance(event, DocumentStartEvent):
@@ -164,7 +164,7 @@ class _Builder:
         if isinstance(event, AliasEvent):
             node = self._anchors.get(str(event.anchor))
             if node is None:
-                self._refuse(line, place, f"*{event.anchor} repeats what is not complete yet; write the values out")
+                self._refuse(line, place, f"*{event.anchor} repeats a value that is not complete yet; write the values out")
             self._count(node.values, line, place)
             return _Node(node.value, line, event.end_mark.index, node.number, dict(node.lines), node.values)
         assert isinstance(event, NodeEvent)  # the parser gives no other event where a node begins
@@ -191,17 +191,17 @@ class _Builder:
             self._refuse(line, place, f"more than {MOST_VALUES} values, those repeated by aliases included; write less")
 
     def _mapping(self, events: Iterator[Event], line: int, place: Place) -> _Node:
-        found: dict[Any, object] = {}
-        node = _Node(found, line, 0)
+        mapping: dict[Any, object] = {}
+        node = _Node(mapping, line, 0)
         while isinstance(event := next(events), NodeEvent):
             if not isinstance(event, ScalarEvent):
-                self._refuse(_line(event), place, "a key must be one word or number; write key: value")
+                self._refuse(_line(event), place, "a key must be text or an integer; write key: value")
             key, key_line = self._key(event, place), _line(event)
             inside = (*place, key)
-            if key in found:
+            if key in mapping:
                 self._refuse(key_line, inside, f"is there already, in line {node.lines[(key,)]}; keep one of the two")
             value = self._node(next(events), events, inside)
-            found[key] = value.value
+            mapping[key] = value.value
             self._note(node, key, value, key_line)
         return node
 
@@ -214,24 +214,24 @@ class _Builder:
         if plain and _RADIX.fullmatch(event.value):
             return int(event.value, 0)
         if plain and (event.value in _WORDS or _FLOAT.fullmatch(event.value)):
-            self._refuse(_line(event), place, f"{event.value or 'nothing'} is no name of a key; write a word, or put it in quotes")
+            self._refuse(_line(event), place, f"{event.value or 'nothing'} is not allowed as a key; write text, or put it in quotes")
         if plain:
             self._refuse_doubtful_number(str(event.value), _line(event), place)
         return str(event.value)
 
     def _sequence(self, start: CollectionStartEvent, events: Iterator[Event], line: int, place: Place) -> _Node:
         assert isinstance(start, SequenceStartEvent)  # the only other collection
-        found: list[object] = []
-        node = _Node(found, line, 0)
+        items: list[object] = []
+        node = _Node(items, line, 0)
         before: _Node | None = None
         while not isinstance(event := next(events), SequenceEndEvent):
             begin = event.start_mark.index
-            item = self._node(event, events, (*place, len(found)))
+            item = self._node(event, events, (*place, len(items)))
             if start.flow_style and before is not None and before.number and item.number and begin == before.end + 1:
                 pair = self._text[: item.end].rsplit("[", 1)[-1]
                 self._refuse(item.line, place, f"{pair} may be one number or several; write a decimal point, or a space behind the comma")
-            self._note(node, len(found), item, item.line)
-            found.append(item.value)
+            self._note(node, len(items), item, item.line)
+            items.append(item.value)
             before = item
         return node
 
@@ -270,7 +270,7 @@ class _Builder:
                 self._refuse(line, place, f"{text} {advice}")
 
     def _refuse(self, line: int, place: Place, what: str) -> NoReturn:
-        key = ".".join(str(one) for one in place)
+        key = ".".join(str(part) for part in place)
         raise BadConfig(f"{self._where}: line {line}: {key}{': ' if key else ''}{what}")
 
 

@@ -1,1 +1,1 @@
-"""Images with their scan metadata, whatever the vendor."""
+"""Images with their scan metadata, independent of the vendor."""

@@ -148,7 +148,7 @@ def _count(name: str, what: str, stated: Sourced[float] | None) -> Sourced[int]:
 
 
 def _missing(name: str, header: Header, scan: ScanMetadata) -> str:
-    """Return a sentence on the values that are missing in file and configuration, and the keys that set them."""
+    """Return a message about the values that are missing in file and configuration, and the keys that set them."""
     keys = [key for key in _KEY_NAMES if getattr(scan, key) is None]
     names = [_KEY_NAMES[key] for key in keys]
     listed = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -110,7 +110,7 @@ def read_frame(file: ExportedFile, profile: ScanProfile) -> Frame:
 
 
 def check_complete(data: bytes) -> str | None:
-    """Return a sentence fragment on what is missing of an image file; None if it is complete (pixels are not decoded)."""
+    """Return what is missing of an image file, a clause; None if it is complete (pixels are not decoded)."""
     if tiff.is_tiff(data):
         return tiff.check_complete(data)
     if png.is_png(data):
@@ -127,7 +127,7 @@ def check_finished(file: ExportedFile, profile: ScanProfile, vendor: str | None 
         vendor: vendor whose header the file must have; None for any.
 
     Returns:
-        A sentence fragment; None if nothing is missing.
+        A clause; None if nothing is missing.
     """
     try:
         parsed = parse_file(file)

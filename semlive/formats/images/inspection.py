@@ -132,7 +132,7 @@ def _json(value: SourcedValue) -> dict[str, object]:
 def _values(
     file: ExportedFile, header: Header, width: int, rows: int, profile: ScanProfile
 ) -> tuple[int, dict[str, SourcedValue], str | None]:
-    """Return the height of the image, all values, and a sentence on missing or contradictory values."""
+    """Return the height of the image, all values, and a message about missing or contradictory values."""
     column = header.column
     settings: dict[str, SourcedValue | None] = {
         "detector": column.detector,
@@ -159,7 +159,7 @@ _TIMING = ("dwell_time_s", "row_time_s", "frame_time_s", "integrations", "line_i
 
 
 def _content(parsed: ParsedFile, height: int) -> tuple[bool, str | None]:
-    """Whether the pixels are those of a finished scan, and a sentence on their problem.
+    """Whether the pixels are those of a finished scan, and a message about their problem.
 
     A preallocated file has zeros in rows that are not written yet. Other uniform rows are a databar, and a completely black image may
     be a finished scan.

@@ -1,4 +1,4 @@
-"""Nouns to messages and back. Every pair of functions here is exact: what comes back equals what went in."""
+"""Conversion of values to messages and back. Each pair of functions is exact: the round trip returns an equal value."""
 
 from __future__ import annotations
 
@@ -33,59 +33,37 @@ T = TypeVar("T", bound=np.generic)
 
 
 def clock_message(clock: Clock, reason: str) -> ClockMessage:
-    """A clock, and why it is in force."""
+    """Convert a clock, with the reason for its validity."""
     return ClockMessage(utc0_ns=clock.utc0_ns, mono0_ns=clock.mono0_ns, rate=clock.rate, revision=clock.revision, reason=reason)
 
 
 def clock(message: ClockMessage) -> Clock:
-    """The clock in a message."""
+    """Return the clock of a message."""
     return Clock(message.utc0_ns, message.mono0_ns, message.rate, message.revision)
 
 
 def load_sample_message(sample: LoadSample) -> LoadSampleMessage:
-    """One reading of the load frame."""
-    return LoadSampleMessage(
-        sequence=sample.sequence,
-        time_ns=sample.time_ns,
-        mono_ns=sample.mono_ns,
-        force_n=sample.force_n,
-        extension_mm=sample.extension_mm,
-        motion=sample.motion,
-        target_n=sample.target_n,
-        simulator_lag_s=sample.simulator_lag_s,
-        raw=sample.raw,
-        gage_strain=sample.gage_strain,
-        trouble=sample.trouble,
-        rtt_s=sample.rtt_s,
-    )
+    """Convert a reading of the load frame."""
+    return LoadSampleMessage.model_validate(sample, from_attributes=True)
 
 
 def load_sample(message: LoadSampleMessage) -> LoadSample:
-    """The reading in a message."""
+    """Return the reading of a message."""
     return LoadSample(**{name: getattr(message, name) for name in LoadSampleMessage.model_fields if name != "boot_id"})
 
 
 def stage_sample_message(sample: StageSample) -> StageSampleMessage:
-    """One reading of the stage."""
-    return StageSampleMessage(
-        sequence=sample.sequence,
-        time_ns=sample.time_ns,
-        mono_ns=sample.mono_ns,
-        x_um=sample.x_um,
-        y_um=sample.y_um,
-        motion=sample.motion,
-        raw=sample.raw,
-        rtt_s=sample.rtt_s,
-    )
+    """Convert a reading of the stage."""
+    return StageSampleMessage.model_validate(sample, from_attributes=True)
 
 
 def stage_sample(message: StageSampleMessage) -> StageSample:
-    """The reading in a message."""
+    """Return the reading of a message."""
     return StageSample(**{name: getattr(message, name) for name in StageSampleMessage.model_fields if name != "boot_id"})
 
 
 def scan_message(info: FrameInfo, frame: int | None = None, load: FrameLoad | None = None) -> ScanMessage:
-    """What is known of a frame; `frame` is its number in the analysis, if it has one."""
+    """Convert the metadata of a frame; `frame` is its number in the analysis, None without one."""
     return ScanMessage(
         frame=frame,
         export=info.export,
@@ -116,7 +94,7 @@ def scan_message(info: FrameInfo, frame: int | None = None, load: FrameLoad | No
 
 
 def frame_info(message: ScanMessage) -> FrameInfo:
-    """What a message knows of a frame."""
+    """Return the metadata of a frame from a message."""
     return FrameInfo(
         export=message.export,
         name=message.name,
@@ -136,17 +114,17 @@ def frame_info(message: ScanMessage) -> FrameInfo:
 
 
 def pair_message(decision: PairDecision) -> PairMessage:
-    """The engine's word on a pair."""
+    """Convert the decision of the engine about a pair."""
     return PairMessage(pair=decision.pair, step=decision.step, first=decision.first, second=decision.second, loads=decision.loads)
 
 
 def pair_decision(message: PairMessage) -> PairDecision:
-    """The engine's word in a message."""
+    """Return the decision of the engine from a message."""
     return PairDecision(message.pair, message.step, message.first, message.second, message.loads)
 
 
 def drift_message(drift: DriftEstimate, calibration: CalibrationQuality | None = None, pairs: int | None = None) -> DriftMessage:
-    """One revision of drift, from so many pairs, and what the calibration is worth."""
+    """Convert one revision of drift, with the number of its pairs and the quality of the calibration."""
     drift_px, sigma_px, rate_px_s = (_newest(column) for column in (drift.drift_px, drift.sigma_px, drift.rate_px_s))
     return DriftMessage(
         revision=drift.revision,
@@ -182,7 +160,7 @@ def _forecast_message(forecast: DriftForecast) -> DriftForecastMessage:
 
 
 def drift_estimate(message: DriftMessage) -> DriftEstimate:
-    """The drift in a message."""
+    """Return the drift of a message."""
     return DriftEstimate(
         time_s=_array(message.time_s, np.float64, (-1,)),
         frame=_array(message.frame, np.int64, (-1,)),
@@ -204,7 +182,7 @@ def _forecast(message: DriftForecastMessage) -> DriftForecast:
 
 
 def distortion_message(field: DistortionField, revision: int) -> DistortionMessage:
-    """One revision of distortion."""
+    """Convert one revision of distortion."""
     return DistortionMessage(
         revision=revision,
         grid=field.grid,
@@ -216,7 +194,7 @@ def distortion_message(field: DistortionField, revision: int) -> DistortionMessa
 
 
 def distortion_field(message: DistortionMessage) -> DistortionField:
-    """The distortion in a message."""
+    """Return the distortion of a message."""
     return DistortionField(
         grid=message.grid,
         ex_px=_array(message.ex_px, np.float64, message.grid.shape),
@@ -227,7 +205,7 @@ def distortion_field(message: DistortionMessage) -> DistortionField:
 
 
 def motion_message(motion: PairMotion, revision: int) -> MotionMessage:
-    """One revision of a pair's motion."""
+    """Convert one revision of the motion of a pair."""
     (dudx, dudy), (dvdx, dvdy) = motion.gradient.tolist()
     (sudx, sudy), (svdx, svdy) = motion.gradient_sigma.tolist()
     return MotionMessage(
@@ -241,7 +219,7 @@ def motion_message(motion: PairMotion, revision: int) -> MotionMessage:
 
 
 def motion(message: MotionMessage) -> PairMotion:
-    """The motion in a message."""
+    """Return the motion of a message."""
     return PairMotion(
         pair=message.pair,
         shift_px=_array(message.shift_px, np.float64, (2,)),
@@ -252,7 +230,7 @@ def motion(message: MotionMessage) -> PairMotion:
 
 
 def strain_message(summary: StrainSummary, revision: int) -> StrainMessage:
-    """Strain of one frame."""
+    """Convert the strain of one frame."""
     return StrainMessage(
         revision=revision,
         frame=summary.frame,
@@ -266,7 +244,7 @@ def strain_message(summary: StrainSummary, revision: int) -> StrainMessage:
 
 
 def strain_summary(message: StrainMessage) -> StrainSummary:
-    """The strain in a message."""
+    """Return the strain of a message."""
     return StrainSummary(
         message.frame, message.mean, message.mean_sigma, message.sd, message.vsg_px, message.gauge_sigma, message.systematic_sigma
     )
@@ -275,13 +253,13 @@ def strain_summary(message: StrainMessage) -> StrainSummary:
 def elastic_message(
     elastic: ElasticConstants | None, revision: int, gage: StrainGageComparison | None = None, pairs: int | None = None
 ) -> ElasticMessage:
-    """Elastic constants so far, from so many pairs."""
+    """Convert elastic constants, with the number of their pairs."""
     modulus, ratio = (None, None) if elastic is None else (elastic.youngs_modulus_gpa, elastic.poissons_ratio)
     return ElasticMessage(revision=revision, pairs=pairs, youngs_modulus_gpa=modulus, poissons_ratio=ratio, gage=gage)
 
 
 def elastic_constants(message: ElasticMessage) -> ElasticConstants | None:
-    """The elastic constants in a message."""
+    """Return the elastic constants of a message."""
     if message.youngs_modulus_gpa is None or message.poissons_ratio is None:
         return None
     return ElasticConstants(message.youngs_modulus_gpa, message.poissons_ratio)

@@ -1,8 +1,8 @@
-"""Pictures as Foxglove shows them without a plug-in: two of its protobuf messages, written by hand.
+"""Images in two protobuf messages of Foxglove, which it shows without a plug-in; this module encodes them.
 
-Six numbers, a string and some bytes need no protobuf library: the schemas below are the ones that foxglove-sdk 0.30 gives (a set
-of file descriptors, base64), and a test decodes what is written here with that library. It is 19 MB of compiled code, and semlive would
-use two functions of it.
+Six numbers, a string and some bytes need no protobuf library. The schemas below are those of foxglove-sdk 0.30 (a set of file
+descriptors, base64), and a test decodes the output of this module with that library. The library has 19 MB of compiled code, of which
+semlive would use two functions.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 SEM_IMAGE = "/sem/image"
-"""A frame as it was analysed, without databar, lossless; `sequence` is the number of its export."""
+"""An analysed frame without databar, lossless; `sequence` is the number of its export."""
 COMPRESSED_IMAGE = "foxglove.CompressedImage"
 RAW_IMAGE = "foxglove.RawImage"
 FIELD_IMAGE_TOPICS: Mapping[str, tuple[str, ...]] = {
@@ -25,15 +25,15 @@ FIELD_IMAGE_TOPICS: Mapping[str, tuple[str, ...]] = {
     "/distortion/image": ("x", "y"),
     "/strain/image": ("exx", "eyy", "exy"),
 }
-"""Maps that are shown, and the components of each, which are topics of their own."""
+"""Maps that are shown, and their components; each component is a separate topic."""
 IMAGE_TOPICS: Mapping[str, str] = {
     SEM_IMAGE: COMPRESSED_IMAGE,
-    **{f"{of}/{component}": RAW_IMAGE for of, components in FIELD_IMAGE_TOPICS.items() for component in components},
+    **{f"{topic}/{component}": RAW_IMAGE for topic, components in FIELD_IMAGE_TOPICS.items() for component in components},
 }
-"""Topics with pictures, and the schema of each."""
+"""Topics with images, and the schema of each."""
 
-# Speckle has no repetitions to be found: coding grey levels by their frequency alone gives 669 kB in 15 ms for a frame of 1024 x 884 px,
-# the usual search for repetitions 699 kB in 27 ms at level 1 and 682 kB in 33 ms at level 6.
+# Speckle contains no repetitions: Huffman coding of the grey levels alone gives 669 kB in 15 ms for a frame of 1024 x 884 px, the usual
+# search for repetitions 699 kB in 27 ms at level 1 and 682 kB in 33 ms at level 6.
 _PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY)
 
 _COMPRESSED_IMAGE = (
@@ -57,29 +57,29 @@ FILE_DESCRIPTORS: Mapping[str, bytes] = {
     COMPRESSED_IMAGE: base64.b64decode(_COMPRESSED_IMAGE),
     RAW_IMAGE: base64.b64decode(_RAW_IMAGE),
 }
-"""Schemas in protobuf's own form, as MCAP wants them."""
+"""Schemas in the binary format of protobuf, which MCAP requires."""
 
 
 def compressed_image(image: NDArray[np.uint8] | NDArray[np.uint16], time_ns: int, frame_id: str) -> bytes:
-    """An image of grey levels as a `foxglove.CompressedImage`: PNG, the very grey levels.
+    """Return an image of grey levels as a `foxglove.CompressedImage`: PNG, lossless.
 
     Args:
         image: (height, width).
         time_ns: experiment time, UTC ns.
-        frame_id: what it shows.
+        frame_id: name of the content.
     """
     _, png = cv2.imencode(".png", image, _PNG)
     return b"".join((_time(1, time_ns), _bytes(2, png.tobytes()), _bytes(3, b"png"), _bytes(4, frame_id.encode())))
 
 
 def raw_image(field: NDArray[np.float64], valid: NDArray[np.bool_], time_ns: int, frame_id: str) -> bytes:
-    """A field as a `foxglove.RawImage` of float32, one pixel for each point; NaN where a point does not count.
+    """Return a field as a `foxglove.RawImage` of float32, one pixel for each point; NaN for invalid points.
 
     Args:
         field: (ny, nx).
-        valid: (ny, nx), which points count.
+        valid: (ny, nx), whether points are valid.
         time_ns: experiment time, UTC ns.
-        frame_id: what it shows.
+        frame_id: name of the content.
     """
     height, width = field.shape
     data = np.where(valid, field, np.nan).astype("<f4").tobytes()

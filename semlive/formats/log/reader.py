@@ -42,7 +42,7 @@ def read_messages(stream: IO[bytes], on_damage: Callable[[str], None] | None = N
 
     Args:
         stream: the segment, seekable.
-        on_damage: callback with one sentence fragment for each damage.
+        on_damage: callback with a clause for each damage.
 
     Raises:
         BadLog: the stream is no MCAP file.

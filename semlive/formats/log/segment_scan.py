@@ -52,7 +52,7 @@ class SegmentSpan:
         start: first byte.
         end: byte after the last.
         records: records of the span; of a chunk, the records inside it.
-        damage: description of the damage, a sentence fragment; empty without damage.
+        damage: description of the damage, a clause; empty without damage.
         truncated: no complete chunk follows; if the file is growing, more bytes may be written.
     """
 

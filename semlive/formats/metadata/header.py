@@ -1,4 +1,4 @@
-"""What a vendor's header says, in one form for all vendors, before anything is filled in or believed."""
+"""Header of an exported file in one form for all vendors, before values are filled in or checked."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from semlive.formats.metadata.timestamps import Moment
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What is said of a scan; None or empty where nothing is said.
+    """Metadata of a scan in a file; None or empty where the file contains no value.
 
     Attributes:
         vendor: ``fei``, ``zeiss``, ``tescan``, ``jeol``, ``hitachi`` or ``plain``.
-        instrument: its name.
-        scan_speed: the vendor's name or number for it, where it stands for times that the file does not give.
-        width_px: width that the header claims.
-        height_px: height of the image without databar that the header claims.
-        rows: rows with databar that the header claims.
-        databar_rows: rows of the databar, where the header tells them apart from the height.
+        instrument: name of the instrument.
+        scan_speed: name or number of the scan speed, for vendors whose files contain it instead of times.
+        width_px: width stated in the header.
+        height_px: height of the image without databar stated in the header.
+        rows: rows with databar stated in the header.
+        databar_rows: rows of the databar, if the header contains them besides the height.
         rows_scanned: rows that were written when the file was saved in the middle of a scan.
         dwell_time_s: time on one pixel in one pass.
-        row_time_s: from one row's start to the next, all passes and fly-backs included.
-        frame_time_s: of one whole scan.
-        integrations: whole scans integrated.
-        line_integrations: passes over each row integrated.
+        row_time_s: time from the start of one row to the start of the next, all passes and fly-backs included.
+        frame_time_s: time of one complete scan.
+        integrations: number of complete scans that were integrated.
+        line_integrations: number of passes over each row that were integrated.
         pixel_size_m: edge of a pixel.
-        embedded: the date and time in the file.
-        column: how the microscope was set.
-        refused: why the image must not be used, without the file's name.
-        notes: what is unusual, one sentence each.
+        embedded: date and time in the file.
+        column: settings of the microscope.
+        refused: reason why the image must not be used, without the name of the file.
+        notes: unusual properties, one sentence each.
     """
 
     vendor: str
@@ -55,15 +55,15 @@ class Header:
 
 
 def from_file(value: float | None) -> Sourced[float] | None:
-    """A number that stands in the file."""
+    """Return a number of the file with its provenance."""
     return None if value is None else Sourced(value, Provenance.FILE)
 
 
 def text_from_file(value: str) -> Sourced[str] | None:
-    """A text that stands in the file, shortened to what a name can be."""
+    """Return a text of the file with its provenance, shortened to 80 characters."""
     return Sourced(value[:80], Provenance.FILE) if value else None
 
 
 def derived(value: float | None) -> Sourced[float] | None:
-    """A number worked out from what stands in the file."""
+    """Return a number that was computed from values of the file, with its provenance."""
     return None if value is None else Sourced(value, Provenance.DERIVED)

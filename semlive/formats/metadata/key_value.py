@@ -1,4 +1,4 @@
-"""Lines of ``key=value`` and ``$KEY value``, as several vendors write them beside or into their images."""
+"""Lines of ``key=value`` and ``$KEY value``, as several vendors write them into their images or into sidecars."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ MAX_TEXT_BYTES = 2**20
 
 
 def decode_text(raw: bytes) -> str:
-    """A text file of a Windows program: UTF-16 with or without a mark, UTF-8 with one, else the code page of western Windows."""
+    """Decode a text file of a Windows program: UTF-16 with or without byte order mark, UTF-8 with one, else the western code page."""
     raw = raw[:MAX_TEXT_BYTES]
     if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return raw.decode("utf-16", errors="replace")
@@ -22,19 +22,19 @@ def decode_text(raw: bytes) -> str:
 
 
 def parse_equals_lines(text: str) -> dict[str, str]:
-    """Values by key of ``key=value`` lines; the first of equal keys counts, sections are passed over."""
+    """Return values by key of ``key=value`` lines; the first of equal keys is used, sections are ignored."""
     return _values(text, "=")
 
 
 def parse_dollar_lines(text: str) -> dict[str, str]:
-    """Values by key of ``$KEY value`` lines; the first of equal keys counts."""
+    """Return values by key of ``$KEY value`` lines; the first of equal keys is used."""
     return {key: value for key, value in _values(text, " ").items() if key.startswith("$")}
 
 
 def _values(text: str, mark: str) -> dict[str, str]:
     values: dict[str, str] = {}
     for line in text[:MAX_TEXT_BYTES].splitlines():
-        key, found, value = line.strip(" \t\0\ufeff").partition(mark)
-        if found and 0 < len(key) <= 60:
+        key, separator, value = line.strip(" \t\0\ufeff").partition(mark)
+        if separator and 0 < len(key) <= 60:
             values.setdefault(key.strip(), value.strip(" \t\0")[:400])
     return values

@@ -1,4 +1,4 @@
-"""Numbers with units as microscopes print them."""
+"""Numbers with units in the formats of microscopes."""
 
 from __future__ import annotations
 
@@ -44,22 +44,22 @@ class Quantity:
 
 
 def quantity(text: str) -> Quantity | None:
-    """``949  µs`` as 9.49e-4; None if it is no finite number with a known unit."""
-    found = _QUANTITY.fullmatch(text[:60])
-    if found is None:
+    """Parse a number with a unit, for example ``949  µs`` as 9.49e-4; None if it is not a finite number with a known unit."""
+    match = _QUANTITY.fullmatch(text[:60])
+    if match is None:
         return None
-    scale = _SCALES.get(found[2].lower())
-    value = number(found[1])
+    scale = _SCALES.get(match[2].lower())
+    value = number(match[1])
     if scale is None or value is None:
         return None
-    mantissa, _, exponent = found[1].lower().partition("e")
+    mantissa, _, exponent = match[1].lower().partition("e")
     digits = len(mantissa.partition(".")[2])
     power = min(max(int(exponent or 0) - digits, -300), 300)
     return Quantity(value * scale, 0.5 * scale * 10.0**power)
 
 
 def number(text: str | None) -> float | None:
-    """A plain finite number, or None."""
+    """Parse a finite number without unit; None for other texts."""
     if text is None or len(text) > 60:
         return None
     try:
@@ -70,6 +70,6 @@ def number(text: str | None) -> float | None:
 
 
 def positive(text: str | None) -> float | None:
-    """A finite number above zero, or None."""
+    """Parse a finite number above zero; None for other texts."""
     value = number(text)
     return value if value is not None and value > 0 else None

@@ -1,4 +1,4 @@
-"""Dates and times as vendors print them: most without a zone, to the second, and in more than one order of day and month."""
+"""Dates and times in the formats of vendors: most without a zone, to the second, with different orders of day and month."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct",
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """An instant that a file names.
+    """An instant in the metadata of a file.
 
     Attributes:
-        time_ns: UTC ns; where no zone is named, as if the microscope's computer ran on UTC. A time printed in whole seconds was
-            cut, not rounded: it stands for its middle.
-        sigma_s: standard uncertainty of the printing alone, 1 s / sqrt(12) for whole seconds.
-        zoned: the file names a zone, so no offset of a time zone is left in it.
+        time_ns: UTC ns; without a zone, as if the computer of the microscope ran on UTC. A time printed in seconds was truncated, not
+            rounded, so half a second is added.
+        sigma_s: standard uncertainty from the printed resolution alone, 1 s / sqrt(12) for seconds.
+        zoned: the file contains a zone, so the value has no offset of a time zone.
     """
 
     time_ns: int
@@ -29,14 +29,14 @@ class Moment:
 
     @property
     def text(self) -> str:
-        """ISO 8601, with a zone if the file names one, to the second if that is all it prints."""
-        whole = self.sigma_s > 0
-        instant = _EPOCH + timedelta(microseconds=(self.time_ns - (500_000_000 if whole else 0)) // 1000)
+        """The time as ISO 8601, with a zone if the file contains one, to the printed resolution."""
+        in_seconds = self.sigma_s > 0
+        instant = _EPOCH + timedelta(microseconds=(self.time_ns - (500_000_000 if in_seconds else 0)) // 1000)
         return (instant if self.zoned else instant.replace(tzinfo=None)).isoformat()
 
 
 def iso(text: str) -> Moment | None:
-    """``2023-11-10T14:09:15.123456+01:00``, zone and fraction optional."""
+    """Parse ``2023-11-10T14:09:15.123456+01:00``, zone and fraction optional."""
     try:
         return _moment(datetime.fromisoformat(text.strip()), whole_seconds="." not in text)
     except (ValueError, OverflowError):
@@ -44,24 +44,24 @@ def iso(text: str) -> Moment | None:
 
 
 def of(year: str, month: str, day: str, clock: str) -> Moment | None:
-    """A date in parts, and a time of day: ``9:40:32``, ``02:09:15 PM``, ``17:19:26.5``."""
-    found = re.fullmatch(r"\s*(\d{1,2}):(\d{2}):(\d{2})(\.\d{1,9})?\s*([AaPp][Mm])?\s*", clock, re.ASCII)
-    if found is None:
+    """Parse a date in parts, and a time of day: ``9:40:32``, ``02:09:15 PM``, ``17:19:26.5``."""
+    match = re.fullmatch(r"\s*(\d{1,2}):(\d{2}):(\d{2})(\.\d{1,9})?\s*([AaPp][Mm])?\s*", clock, re.ASCII)
+    if match is None:
         return None
-    hour, minute, second = (int(part) for part in found.groups()[:3])
-    if found[5]:
+    hour, minute, second = (int(part) for part in match.groups()[:3])
+    if match[5]:
         if not 1 <= hour <= 12:
             return None
-        hour = hour % 12 + (12 if found[5].lower() == "pm" else 0)
+        hour = hour % 12 + (12 if match[5].lower() == "pm" else 0)
     try:
-        instant = datetime(int(year), _month(month), int(day), hour, minute, second, round(float(found[4] or 0) * 1e6) % 10**6)
-        return _moment(instant, whole_seconds=not found[4])
+        instant = datetime(int(year), _month(month), int(day), hour, minute, second, round(float(match[4] or 0) * 1e6) % 10**6)
+        return _moment(instant, whole_seconds=not match[4])
     except (ValueError, OverflowError):
         return None
 
 
 def dated(date: str, order: str, clock: str) -> Moment | None:
-    """A date of three parts in a known order, ``ymd``, ``dmy`` or ``mdy``, whatever stands between them; months may be English words."""
+    """Parse a date of three parts in a given order, ``ymd``, ``dmy`` or ``mdy``, with any separators; months may be English names."""
     parts = re.fullmatch(r"\s*(\d{1,4})[\s./-]+(\w{1,9})[\s./-]+(\d{1,4})\s*", date, re.ASCII)
     if parts is None:
         return None

@@ -1,4 +1,4 @@
-"""The clock file: how a simulator tells every process of a run what time it is."""
+"""The clock file, by which a simulator passes experiment time to every process of a run."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ _FIELDS = {"utc0_ns": int, "mono0_ns": int, "rate": (int, float), "revision": in
 
 
 def encode_clock(clock: Clock) -> bytes:
-    """A clock as one JSON object; write it under another name and rename, so that nobody reads half of it."""
+    """Return a clock as one JSON object; write it under another name and rename it, so that no process reads a part of it."""
     fields = {"version": 1, "utc0_ns": clock.utc0_ns, "mono0_ns": clock.mono0_ns, "rate": clock.rate, "revision": clock.revision}
     return (json.dumps(fields) + "\n").encode()
 
 
 def decode_clock(data: bytes) -> Clock:
-    """The clock in a clock file.
+    """Return the clock of a clock file.
 
     Raises:
         BadInput: the bytes are not a clock file of version 1.
@@ -25,14 +25,14 @@ def decode_clock(data: bytes) -> Clock:
     try:
         fields = json.loads(data)
     except ValueError as error:
-        raise BadInput("the clock file is not JSON; let the simulator write it anew") from error
+        raise BadInput("the clock file is not JSON; let the simulator write it again") from error
     if not isinstance(fields, dict) or fields.get("version") != 1:
         raise BadInput("the clock file is not of version 1; simulator and semlive must be of one release")
     for name, kind in _FIELDS.items():
         value = fields.get(name)
         if isinstance(value, bool) or not isinstance(value, kind):
-            raise BadInput(f"the clock file has no usable {name} ({value!r}); let the simulator write it anew")
+            raise BadInput(f"the clock file has no usable {name} ({value!r}); let the simulator write it again")
     try:
         return Clock(fields["utc0_ns"], fields["mono0_ns"], float(fields["rate"]), fields["revision"])
     except ValueError as error:
-        raise BadInput(f"the clock file is wrong: {error}; let the simulator write it anew") from error
+        raise BadInput(f"the clock file is wrong: {error}; let the simulator write it again") from error

@@ -1,13 +1,13 @@
-"""Disparity maps as text, in the words of several engines (format 1, see docs/how-to/import.md): bytes to a map on a regular grid.
+"""Disparity maps as text tables of several DIC programs (format 1, see docs/how-to/import.md).
 
-Engines differ in the names of their columns and in how they say that a point was not found:
+The programs differ in the names of their columns and in the mark of points that were not found:
 
 | engine | columns | not found |
 |---|---|---|
 | semlive | ``x, y, u, v``; optionally ``sigma_u, sigma_v, valid`` | valid 0 |
 | ``semlive dic`` | ``x, y, u, v, sigma_u, sigma_v, zncc, status`` | status not ``converged`` |
-| VIC-2D | ``x, y, u, v, sigma`` among others, names in quotes | sigma below 0, or the point left out |
-| DICe | ``COORDINATE_X, COORDINATE_Y, DISPLACEMENT_X, DISPLACEMENT_Y, SIGMA``; ``***`` lines above | SIGMA below 0, or the point left out |
+| VIC-2D | ``x, y, u, v, sigma`` and others, names in quotes | sigma below 0, or point missing |
+| DICe | ``COORDINATE_X, COORDINATE_Y, DISPLACEMENT_X, DISPLACEMENT_Y, SIGMA``; ``***`` lines above | SIGMA below 0, or point missing |
 | OpenCorr | ``x, y, u, v, ZNCC, convergence`` (``saveTable2D``) | ZNCC below 0 or NaN |
 | pyvale | ``subset_x, subset_y, displacement_u, displacement_v, converged`` | converged 0, NaN |
 """
@@ -40,36 +40,36 @@ from semlive.inputs.text_table import (
 Values = NDArray[np.float64]
 PIXELS = ("px", "pixel", "pixels", "pix")
 _IN_PIXELS = ("x", "y", "u", "v", "sigma", "sigmau", "sigmav")
-_WORDED = ("status", "converged")
+_TEXT_MARKS = ("status", "converged")
 _SUBSET = re.compile(r"^\*{3}\s*Subset size:\s*(\d+)", re.MULTILINE)
-_STATUS_WORDS = sorted(PoiStatus, key=lambda status: -len(status.word))
+_STATUSES = sorted(PoiStatus, key=lambda status: -len(status.word))
 
 
 @dataclass(frozen=True, slots=True)
 class TableDialect:
-    """How one engine writes.
+    """Table format of one DIC program.
 
     Attributes:
-        name: of the engine, as in ``--from``.
+        name: name of the program, as in ``--from``.
         place: columns of x, y, u, v in px.
-        sigma: columns of the standard uncertainties of u and v; empty without.
-        header_marker: column that says which points count; empty without.
-        min_columns: a point counts where the mark is at least this.
-        whole: whether every point of the grid must be listed.
+        sigma: columns of the standard uncertainties of u and v; None without.
+        mark: column that marks valid points.
+        min_mark: smallest mark of a valid point.
+        lists_all_points: every point of the grid must be listed.
     """
 
     name: str
     place: tuple[str, str, str, str]
     sigma: tuple[str, str] | None
-    header_marker: str
-    min_columns: float
-    whole: bool
+    mark: str
+    min_mark: float
+    lists_all_points: bool
 
 
 XYUV = ("x", "y", "u", "v")
 DIALECTS = {
-    one.name: one
-    for one in (
+    dialect.name: dialect
+    for dialect in (
         TableDialect("semlive", XYUV, ("sigma_u", "sigma_v"), "valid", 0.5, True),
         TableDialect("semlive-dic", XYUV, ("sigma_u", "sigma_v"), "status", 0.5, True),
         TableDialect("vic2d", XYUV, ("sigma", "sigma"), "sigma", 0.0, False),
@@ -86,17 +86,17 @@ class DisparityTable:
 
     Attributes:
         where: name of the file, for errors.
-        dialect: how it was written.
-        first_line: number of the first point's line, from 1.
+        dialect: format of the table.
+        first_line: number of the line of the first point, from 1.
         x_px: (n,) columns of the points in the reference frame.
         y_px: (n,) rows.
         u_px: (n,) disparity along x, zero where not valid.
         v_px: (n,) disparity along y, zero where not valid.
-        sigma_u_px: (n,) standard uncertainty of u; None if not told.
-        sigma_v_px: (n,) standard uncertainty of v; None if not told.
+        sigma_u_px: (n,) standard uncertainty of u; None if the table has none.
+        sigma_v_px: (n,) standard uncertainty of v; None if the table has none.
         valid: (n,) whether the point was found.
-        subset_px: edge of the subset; 0 if not told.
-        lines: (n,) line numbers; None where points follow each other without a gap.
+        subset_px: edge of the subset; 0 if the table does not contain it.
+        lines: (n,) line numbers; None if the points are in consecutive lines.
     """
 
     where: str
@@ -112,25 +112,25 @@ class DisparityTable:
     subset_px: int
     lines: NDArray[np.int64] | None = None
 
-    def error(self, point: int, column: int, what: str, do: str) -> BadInput:
-        """What is wrong with one of the columns of place, with file, line and column."""
+    def error(self, point: int, column: int, problem: str, advice: str) -> BadInput:
+        """Return the error for a column of `dialect.place`, with file, line and column."""
         line = self.first_line + point if self.lines is None else int(self.lines[point])
-        return BadInput(f"{self.where}: line {line}, column {self.dialect.place[column]}: {what}; {do}.")
+        return BadInput(f"{self.where}: line {line}, column {self.dialect.place[column]}: {problem}; {advice}.")
 
 
 def read_disparity_table(data: bytes, where: str, dialect: str | None = None) -> DisparityTable:
-    """The points of one map, numbers checked.
+    """Read the points of one map and check the numbers.
 
     Args:
-        data: the file.
-        where: its name, for errors.
-        dialect: name of the engine; by default told from the header.
+        data: bytes of the file.
+        where: name of the file, for errors.
+        dialect: name of the DIC program; None detects it from the header.
 
     Raises:
-        BadInput: naming file, line and column, and what to do.
+        BadInput: the table is invalid; the message contains file, line, column and advice.
     """
     lines = lines_of(text_of(data, where))
-    # No displacement is thousands of pixels long, and no coordinate has decimals.
+    # No displacement has thousands of pixels, and no coordinate has decimals.
     layout = layout_of(lines, where, lambda columns: _places(columns, dialect), Convention(no_thousands=True))
     kind = _dialect(layout.columns, dialect)
     at = _at(layout.columns, kind)
@@ -143,43 +143,43 @@ def read_disparity_table(data: bytes, where: str, dialect: str | None = None) ->
 
 
 def _places(columns: tuple[Column, ...], dialect: str | None) -> tuple[int, ...]:
-    """Places of the columns that hold numbers; a status may be a word.
+    """Return the places of the columns of numbers; a status may be text.
 
     Raises:
-        BadInput: one that is needed is missing, there twice, or in another unit.
+        BadInput: a required column is missing, occurs twice, or has another unit.
     """
     kind = _dialect(columns, dialect)
-    return tuple(place for name, place in _at(columns, kind).items() if name not in _WORDED)
+    return tuple(place for name, place in _at(columns, kind).items() if name not in _TEXT_MARKS)
 
 
 def _at(columns: tuple[Column, ...], kind: TableDialect) -> dict[str, int]:
-    """Places of the columns of a dialect that are there, by its names."""
+    """Return the places of the existing columns of a dialect, by its names."""
     keys = [column.key for column in columns]
-    wanted = [*kind.place, *(kind.sigma or ()), kind.header_marker]
-    return {name: keys.index(key_of(name)) for name in wanted if key_of(name) in keys}
+    names = (*kind.place, *(kind.sigma or ()), kind.mark)
+    return {name: keys.index(key_of(name)) for name in names if key_of(name) in keys}
 
 
-def _dialect(columns: tuple[Column, ...], asked: str | None) -> TableDialect:
-    """Who wrote the map; errors begin with ``{head}``, the line of names."""
+def _dialect(columns: tuple[Column, ...], name: str | None) -> TableDialect:
+    """Return the dialect of a map by its name, or else by its columns; errors begin with ``{head}``, the line of names."""
     for column in columns:
         if column.key in _IN_PIXELS and column.unit and column.unit.casefold() not in PIXELS:
             raise BadInput(f"{{head}}, column {column.name}: is in {column.unit[:20]!r}; export it in pixels.")
     keys = [column.key for column in columns]
-    kind = DIALECTS[asked] if asked else DIALECTS[_sniffed(keys)]
-    required = [*kind.place, *([kind.header_marker] if kind.header_marker != "valid" else [])]
-    for name in required:
-        if key_of(name) not in keys:
-            raise BadInput(f"{{head}}: column {name} is missing; a map of {kind.name} has {', '.join(required)}.")
-    for name in (*required, *(kind.sigma or ()), kind.header_marker):
-        if keys.count(key_of(name)) > 1:
-            raise BadInput(f"{{head}}: column {name} stands there twice; keep one.")
+    kind = DIALECTS[name or _detected_dialect(keys)]
+    required = [*kind.place, *([kind.mark] if kind.mark != "valid" else [])]
+    for column_name in required:
+        if key_of(column_name) not in keys:
+            raise BadInput(f"{{head}}: column {column_name} is missing; a map of {kind.name} has {', '.join(required)}.")
+    for column_name in (*required, *(kind.sigma or ()), kind.mark):
+        if keys.count(key_of(column_name)) > 1:
+            raise BadInput(f"{{head}}: column {column_name} occurs twice; keep one.")
     if kind.sigma is not None and (key_of(kind.sigma[0]) in keys) != (key_of(kind.sigma[1]) in keys):
         missing = kind.sigma[0] if key_of(kind.sigma[0]) not in keys else kind.sigma[1]
         raise BadInput(f"{{head}}: column {missing} is missing; give sigma_u and sigma_v, or neither.")
     return kind
 
 
-def _sniffed(keys: list[str]) -> str:
+def _detected_dialect(keys: list[str]) -> str:
     if "coordinatex" in keys:
         return "dice"
     if "subsetx" in keys:
@@ -192,25 +192,25 @@ def _sniffed(keys: list[str]) -> str:
 
 
 def _words_to_numbers(body: str, kind: TableDialect) -> str:
-    if kind.header_marker == "status":
-        for status in _STATUS_WORDS:
+    if kind.mark == "status":
+        for status in _STATUSES:
             body = body.replace(status.word, "1" if status is PoiStatus.CONVERGED else "0")
-    if kind.header_marker == "converged":
+    if kind.mark == "converged":
         body = body.replace("True", "1").replace("False", "0")
     return body
 
 
 def _numbers(lines: list[str], layout: Layout, at: dict[str, int], kind: TableDialect) -> tuple[Values, NDArray[np.int64] | None]:
-    """(points, columns) of the wanted columns, and line numbers if blank lines lie between.
+    """Return the required columns, (points, columns), and the line numbers if there are blank lines between points.
 
     Raises:
-        BadInput: a line has another number of cells than the head, or a cell is no number.
+        BadInput: a line has another number of cells than the head, or a cell is not a number.
     """
     first = layout.first_line - 1
     last = max((place for place in range(first, len(lines)) if not is_blank(lines[place])), default=first - 1)
     body = lines[first : last + 1]
-    if (found := _at_once(body, layout, at, kind)) is not None:
-        return found, None
+    if (values := _parse_uniform_lines(body, layout, at, kind)) is not None:
+        return values, None
     rows, numbers = [], []
     for number, line in enumerate(body, layout.first_line):
         if is_blank(line):
@@ -222,8 +222,8 @@ def _numbers(lines: list[str], layout: Layout, at: dict[str, int], kind: TableDi
     return np.array(rows).reshape(-1, len(at)), np.array(numbers)
 
 
-def _at_once(body: list[str], layout: Layout, at: dict[str, int], kind: TableDialect) -> Values | None:
-    """The same for lines that are all alike, a hundred times faster; None if something is not as usual, and has to be looked at."""
+def _parse_uniform_lines(body: list[str], layout: Layout, at: dict[str, int], kind: TableDialect) -> Values | None:
+    """Parse lines of equal format, a hundred times faster than one by one; None if a line differs."""
     separator, text = layout.separator, "\n".join(body)
     if not body or separator not in SEPARATORS or '"' in text or "\r" in text or max(map(len, body)) > LONGEST_LINE:
         return None
@@ -240,32 +240,32 @@ def _at_once(body: list[str], layout: Layout, at: dict[str, int], kind: TableDia
     try:
         return np.loadtxt(io.StringIO(text), delimiter=delimiter, usecols=tuple(at.values()), comments=None, ndmin=2)
     except (ValueError, OverflowError):
-        return None  # something is wrong with a line: the slow way finds which
+        return None  # a line is invalid; parsing one by one finds it
 
 
 def _number(cells: list[str], index: int, name: str, kind: TableDialect, at: dict[str, int], layout: Layout, line: int) -> float:
     place, text = f"{layout.where}: line {line}, column {name}", cells[index]
     if not text:
-        if name not in kind.place[:2] and kind.header_marker != name and _not_found(cells, kind, at, layout.decimal):
+        if name not in kind.place[:2] and kind.mark != name and _not_found(cells, kind, at, layout.decimal):
             return 0.0
-        raise BadInput(f"{place}: is empty; give a number, or say with the column valid that the point was not found.")
+        raise BadInput(f"{place}: is empty; give a number, or mark with the column valid that the point was not found.")
     value = number_in(text, layout.decimal)
     if value is None:
-        raise BadInput(f"{place}: {text[:40]!r} is no number; write a number with a decimal point, and none between thousands.")
+        raise BadInput(f"{place}: {text[:40]!r} is not a number; write a number with a decimal point, and none between thousands.")
     return value
 
 
 def _not_found(cells: list[str], kind: TableDialect, at: dict[str, int], decimal: str) -> bool:
-    mark = number_in(cells[at[kind.header_marker]], decimal) if kind.header_marker in at else None
-    return mark is not None and mark < kind.min_columns
+    mark = number_in(cells[at[kind.mark]], decimal) if kind.mark in at else None
+    return mark is not None and mark < kind.min_mark
 
 
 def _table(
     values: dict[str, Values], kind: TableDialect, where: str, first_line: int, subset_px: int, lines: NDArray[np.int64] | None
 ) -> DisparityTable:  # fmt: skip
     x, y, u, v = (values[name] for name in kind.place)
-    mark = values.get(kind.header_marker)
-    valid = np.ones(len(x), dtype=np.bool_) if mark is None else mark >= kind.min_columns
+    mark = values.get(kind.mark)
+    valid = np.ones(len(x), dtype=np.bool_) if mark is None else mark >= kind.min_mark
     sigma = None
     if kind.sigma is not None and kind.sigma[0] in values:
         sigma = tuple(np.where(valid, values[name], 0.0) for name in kind.sigma)
@@ -282,16 +282,14 @@ def _check_finite(table: DisparityTable, mark: Values | None) -> None:
         bad = ~(np.abs(values) < 1e6)
         if bad.any():
             point = int(np.argmax(bad))
-            do = "give it in pixels, or say with the column valid that the point was not found" if column > 1 else "give it in pixels"
-            raise table.error(point, column, f"is {values[point]:g}", do)
+            mark_advice = ", or mark with the column valid that the point was not found" if column > 1 else ""
+            raise table.error(point, column, f"is {values[point]:g}", f"give it in pixels{mark_advice}")
     for name, values in (("sigma_u", table.sigma_u_px), ("sigma_v", table.sigma_v_px)):
         if values is not None and not (ok := (values >= 0) & (values < 1e6)).all():
             point = int(np.argmin(ok))
             line = table.first_line + point if table.lines is None else int(table.lines[point])
             raise BadInput(f"{table.where}: line {line}, column {name}: is {values[point]:g}; give a standard uncertainty in pixels.")
-    if mark is not None and table.dialect.whole and np.isnan(mark).any():
+    if mark is not None and table.dialect.lists_all_points and np.isnan(mark).any():
         point = int(np.argmax(np.isnan(mark)))
         line = table.first_line + point if table.lines is None else int(table.lines[point])
-        raise BadInput(
-            f"{table.where}: line {line}, column {table.dialect.header_marker}: is nan; write 1 where the point was found, else 0."
-        )
+        raise BadInput(f"{table.where}: line {line}, column {table.dialect.mark}: is nan; write 1 where the point was found, else 0.")

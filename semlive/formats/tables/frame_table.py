@@ -1,4 +1,4 @@
-"""`frames.csv`: what a user says of the frames that another engine correlated (format 1, see docs/how-to/import.md)."""
+"""`frames.csv`: description of frames that another DIC program correlated (format 1, see docs/how-to/import.md)."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ REQUIRED_COLUMNS = (
     "shift_y_px",
 )
 OPTIONAL_COLUMNS = ("gage_strain",)
-_MOST = 10**7
-# What no scan reaches: a value beyond is in another unit.
-_LONGEST = {"dwell_s": 0.1, "row_time_s": 100.0, "start_s": 1e8}
+_MAX_INTEGER = 10**7
+# Limits that no scan exceeds: a larger value has another unit.
+_MAX_VALUES = {"dwell_s": 0.1, "row_time_s": 100.0, "start_s": 1e8}
 _ROUNDING = 1.001
 
 
@@ -38,16 +38,16 @@ class FrameRow:
     """One line of `frames.csv`.
 
     Attributes:
-        line: its number in the file, from 1.
+        line: number of the line in the file, from 1.
         frame: 2 * pair + 0 or 1.
         pair: number of the pair.
-        phase: what the pair is for.
-        start_s: start of the scan in s, on any axis of the user's.
+        phase: purpose of the pair.
+        start_s: start of the scan in s, on any time axis.
         dwell_s: time on one pixel, s.
-        row_time_s: from one row's start to the next, fly-back included, s.
+        row_time_s: time from the start of one row to the start of the next, fly-back included, s.
         width: px.
         height: px.
-        integrations: scans integrated into the frame.
+        integrations: number of scans that were integrated into the frame.
         load_n: mean load in N; None without one.
         shift_px: commanded translation (x, y) in px; None if unknown.
         gage_strain: mean of a strain gage; None without one.
@@ -69,19 +69,19 @@ class FrameRow:
 
     @property
     def end_s(self) -> float:
-        """When its last scan ended."""
+        """End of the last scan, s."""
         return self.start_s + self.integrations * self.height * self.row_time_s
 
 
 def read_frame_table(data: bytes, where: str) -> tuple[FrameRow, ...]:
-    """The frames in the order of their numbers, checked alone and against each other.
+    """Read the frames in the order of their numbers and check each of them and all together.
 
     Args:
-        data: the file.
-        where: its name, for errors.
+        data: bytes of the file.
+        where: name of the file, for errors.
 
     Raises:
-        BadInput: naming file, line and column, and what to do.
+        BadInput: the table is invalid; the message contains file, line, column and advice.
     """
     lines = lines_of(text_of(data, where))
     layout = layout_of(lines, where, _numeric_places)
@@ -95,16 +95,16 @@ def read_frame_table(data: bytes, where: str) -> tuple[FrameRow, ...]:
             rows.append(_row({name: cells[place] for name, place in at.items()}, number, where, layout.decimal))
     if not rows:
         raise BadInput(f"{where}: line {layout.first_line}: holds no frame; write one line for each frame.")
-    rows.sort(key=lambda one: (one.frame, one.line))
+    rows.sort(key=lambda row: (row.frame, row.line))
     _check_together(rows, where)
     return tuple(rows)
 
 
 def _numeric_places(columns: tuple[Column, ...]) -> tuple[int, ...]:
-    """Places of the columns that hold numbers; errors begin with ``{head}``, the line of names.
+    """Return the places of the columns of numbers; errors begin with ``{head}``, the line of names.
 
     Raises:
-        BadInput: one is missing, or there twice.
+        BadInput: a column is missing or occurs twice.
     """
     keys = [column.key for column in columns]
     for name in REQUIRED_COLUMNS:
@@ -112,31 +112,31 @@ def _numeric_places(columns: tuple[Column, ...]) -> tuple[int, ...]:
             raise BadInput(f"{{head}}: column {name} is missing; add it (the columns are {', '.join(REQUIRED_COLUMNS)}).")
     for column in columns:
         if column.key and keys.count(column.key) > 1:
-            raise BadInput(f"{{head}}: column {column.name} stands there twice; keep one.")
+            raise BadInput(f"{{head}}: column {column.name} occurs twice; keep one.")
     return tuple(keys.index(key_of(name)) for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS) if key_of(name) in keys and name != "phase")
 
 
 def _row(cells: Mapping[str, str], line: int, where: str, decimal: str) -> FrameRow:
     at = _Line(cells, line, where, decimal)
-    words = ", ".join(Phase)
+    phases = ", ".join(Phase)
     phase = at.text("phase").lower()
     if phase not in list(Phase):
-        raise at.wrong("phase", f"{at.text('phase')!r} is no phase", f"write one of {words}")
+        raise at.wrong("phase", f"{at.text('phase')!r} is no phase", f"write one of {phases}")
     shift = (at.number_or_none("shift_x_px"), at.number_or_none("shift_y_px"))
     if (shift[0] is None) != (shift[1] is None):
         empty = "shift_x_px" if shift[0] is None else "shift_y_px"
         raise at.wrong(empty, "is empty but the other axis is not", "give both or neither")
     row = FrameRow(
         line=line,
-        frame=at.whole("frame", 0),
-        pair=at.whole("pair", 0),
+        frame=at.integer("frame", 0),
+        pair=at.integer("pair", 0),
         phase=Phase(phase),
         start_s=at.number("start_s"),
         dwell_s=at.positive("dwell_s"),
         row_time_s=at.positive("row_time_s"),
-        width=at.whole("width", 1),
-        height=at.whole("height", 1),
-        integrations=at.whole("integrations", 1),
+        width=at.integer("width", 1),
+        height=at.integer("height", 1),
+        integrations=at.integer("integrations", 1),
         load_n=at.number_or_none("load_n"),
         shift_px=None if shift[0] is None or shift[1] is None else (shift[0], shift[1]),
         gage_strain=at.number_or_none("gage_strain"),
@@ -146,40 +146,39 @@ def _row(cells: Mapping[str, str], line: int, where: str, decimal: str) -> Frame
             "pair", f"is {row.pair} but frame {row.frame} belongs to pair {row.frame // 2}", "frames of pair k are 2k and 2k + 1"
         )
     if row.width * row.dwell_s > _ROUNDING * row.row_time_s:
-        said = f"{row.row_time_s:g} s is shorter than {row.width} px of {row.dwell_s:g} s each"
-        raise at.wrong("row_time_s", said, "give dwell_s and row_time_s in seconds, fly-back included")
+        problem = f"{row.row_time_s:g} s is shorter than {row.width} px of {row.dwell_s:g} s each"
+        raise at.wrong("row_time_s", problem, "give dwell_s and row_time_s in seconds, fly-back included")
     return row
 
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """A line's cells by column; what is wrong with one is said with its place."""
+    """The cells of a line by column; errors contain file, line and column."""
 
     cells: Mapping[str, str]
     line: int
     where: str
     decimal: str
 
-    def wrong(self, column: str, what: str, do: str) -> BadInput:
-        return BadInput(f"{self.where}: line {self.line}, column {column}: {what}; {do}.")
+    def wrong(self, column: str, problem: str, advice: str) -> BadInput:
+        return BadInput(f"{self.where}: line {self.line}, column {column}: {problem}; {advice}.")
 
     def text(self, column: str) -> str:
-        found = (self.cells.get(column) or "").strip()
-        if not found:
+        cell = (self.cells.get(column) or "").strip()
+        if not cell:
             raise self.wrong(column, "is empty", "give a value")
-        return found
+        return cell
 
     def number(self, column: str) -> float:
-        found = self.text(column)
-        value = number_in(found, self.decimal)
+        cell = self.text(column)
+        value = number_in(cell, self.decimal)
         if value is None:
-            raise self.wrong(column, f"{found[:40]!r} is no number", "write a number with a decimal point, and none between thousands")
+            raise self.wrong(column, f"{cell[:40]!r} is not a number", "write a number with a decimal point, and none between thousands")
         if not math.isfinite(value):
-            raise self.wrong(column, f"is {found[:40]}", "give a finite number, or leave out this frame's pair")
-        if abs(value) > _LONGEST.get(column, 1e12):
-            raise self.wrong(
-                column, f"{value:g} is beyond any scan's", f"give it in {'seconds' if column.endswith('_s') else 'the unit of its name'}"
-            )
+            raise self.wrong(column, f"is {cell[:40]}", "give a finite number, or leave out this frame's pair")
+        if abs(value) > _MAX_VALUES.get(column, 1e12):
+            unit = "seconds" if column.endswith("_s") else "the unit of its name"
+            raise self.wrong(column, f"{value:g} is beyond the range of scans", f"give it in {unit}")
         return value
 
     def positive(self, column: str) -> float:
@@ -188,10 +187,10 @@ class _Line:
             raise self.wrong(column, f"is {value:g}", "give a time above 0 in seconds")
         return value
 
-    def whole(self, column: str, least: int) -> int:
+    def integer(self, column: str, minimum: int) -> int:
         value = self.number(column)
-        if value != int(value) or not least <= value <= _MOST:
-            raise self.wrong(column, f"{self.text(column)[:40]} is no whole number of at least {least}", "correct it")
+        if value != int(value) or not minimum <= value <= _MAX_INTEGER:
+            raise self.wrong(column, f"{self.text(column)[:40]} is no integer of at least {minimum}", "correct it")
         return int(value)
 
     def number_or_none(self, column: str) -> float | None:
@@ -203,34 +202,34 @@ def _check_together(rows: list[FrameRow], where: str) -> None:
     for before, after in itertools.pairwise(rows):
         at = f"{where}: line {after.line}, column"
         if before.frame == after.frame:
-            raise BadInput(f"{at} frame: frame {after.frame} stands in line {before.line} already; keep one.")
+            raise BadInput(f"{at} frame: frame {after.frame} is in line {before.line} already; keep one.")
         starts = f"frame {after.frame} starts at {after.start_s:g} s"
         if after.start_s <= before.start_s:
-            said = f"{starts}, not after frame {before.frame} ({before.start_s:g} s, line {before.line})"
-            raise BadInput(f"{at} start_s: {said}; times must rise with the frame's number.")
+            problem = f"{starts}, not after frame {before.frame} ({before.start_s:g} s, line {before.line})"
+            raise BadInput(f"{at} start_s: {problem}; times must rise with the frame's number.")
         if after.start_s < before.end_s - 1e-3 * (before.end_s - before.start_s):
-            said = f"{starts}, before frame {before.frame} ends ({before.end_s:g} s by row_time_s x height x integrations)"
-            raise BadInput(f"{at} start_s: {said}; check the units, all times are in seconds.")
+            problem = f"{starts}, before frame {before.frame} ends ({before.end_s:g} s by row_time_s x height x integrations)"
+            raise BadInput(f"{at} start_s: {problem}; check the units, all times are in seconds.")
         for name in ("width", "height"):
             if getattr(after, name) != getattr(first, name):
-                said = f"is {getattr(after, name)} but frame {first.frame} has {getattr(first, name)}"
-                raise BadInput(f"{at} {name}: {said}; all frames must be of one size.")
-    for one, other in _pairs(rows, where):
-        _check_pair(one, other, where)
+                problem = f"is {getattr(after, name)} but frame {first.frame} has {getattr(first, name)}"
+                raise BadInput(f"{at} {name}: {problem}; all frames must be of one size.")
+    for first, second in _pairs(rows, where):
+        _check_pair(first, second, where)
 
 
-def _check_pair(one: FrameRow, other: FrameRow, where: str) -> None:
-    if one.phase is not other.phase:
-        said = f"{other.phase} but frame {one.frame} of the same pair is {one.phase}"
-        raise BadInput(f"{where}: line {other.line}, column phase: {said}; write the same.")
+def _check_pair(first: FrameRow, second: FrameRow, where: str) -> None:
+    if first.phase is not second.phase:
+        problem = f"{second.phase} but frame {first.frame} of the same pair is {first.phase}"
+        raise BadInput(f"{where}: line {second.line}, column phase: {problem}; write the same.")
     for name in ("load_n", "gage_strain"):
-        empty = [row for row in (one, other) if getattr(row, name) is None]
+        empty = [row for row in (first, second) if getattr(row, name) is None]
         if len(empty) == 1:
-            said = "is empty but the pair's other frame has one"
-            raise BadInput(f"{where}: line {empty[0].line}, column {name}: {said}; give both or neither.")
-        if name == "gage_strain" and not empty and one.load_n is None:
-            said = "is empty but gage_strain is given"
-            raise BadInput(f"{where}: line {one.line}, column load_n: {said}; a strain gage is compared under load.")
+            problem = "is empty but the pair's other frame has one"
+            raise BadInput(f"{where}: line {empty[0].line}, column {name}: {problem}; give both or neither.")
+        if name == "gage_strain" and not empty and first.load_n is None:
+            problem = "is empty but gage_strain is given"
+            raise BadInput(f"{where}: line {first.line}, column load_n: {problem}; a strain gage is compared under load.")
 
 
 def _pairs(rows: list[FrameRow], where: str) -> Iterator[tuple[FrameRow, FrameRow]]:

@@ -1,11 +1,11 @@
 """FEI and Thermo Fisher files: the INI text in tag 34682 (Helios) or 34680 (SFEG), the XML in tag 34683, or text after the pixels.
 
-What decides, all read off real files:
+Observations on real files:
 
 - Row time is ``[EScan] LineTime``: fly-back varies from file to file at equal dwell (220 to 520 us per pass), so it is never
   computed from the dwell. LineTime includes all passes of line integration; dwell is that of one pass.
-- The scan lasts FrameTime times the frames integrated, ``[Image] Integrate``; ``[Scan] Integrate`` may say 1 beside it.
-- The databar is what the file has more than ``[Image] ResolutionY`` rows; ``DatabarHeight`` says 0 in files that have one.
+- The duration of the scan is FrameTime times the integrated frames, ``[Image] Integrate``; ``[Scan] Integrate`` may be 1 in the same file.
+- The rows of the file beyond ``[Image] ResolutionY`` are the databar; ``DatabarHeight`` is 0 in files with a databar.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _TAIL_BYTES = 2**18
 
 @dataclass(frozen=True, slots=True)
 class FeiText:
-    """What an FEI file says, as text.
+    """Metadata of an FEI file as text.
 
     Attributes:
         ini: value by ``section/key``.
@@ -38,7 +38,7 @@ class FeiText:
     xml: dict[str, str]
 
     def text(self, *paths: str) -> str:
-        """First non-empty value of the INI paths, else of the XML."""
+        """Return the first non-empty value of the paths; for each path the INI text takes precedence over the XML text."""
         for path in paths:
             value = self.ini.get(path) or self.xml.get(path) or ""
             if value:
@@ -46,7 +46,7 @@ class FeiText:
         return ""
 
     def number(self, *paths: str) -> float | None:
-        """First value of the paths that is a finite number above zero."""
+        """Return the first value of the paths that is a finite number above zero."""
         for path in paths:
             for source in (self.ini, self.xml):
                 value = positive(source.get(path))
@@ -56,7 +56,7 @@ class FeiText:
 
 
 def read_text(data: bytes, directory: Directory) -> FeiText | None:
-    """The text in an FEI file; None if it is not one."""
+    """Return the text of an FEI file; None for other files."""
     ini = directory.text(data, Tag.FEI_HELIOS) or directory.text(data, Tag.FEI_SFEG) or _tail_text(data)
     xml = directory.text(data, Tag.FEI_XML)
     if not ini and not xml:
@@ -65,7 +65,7 @@ def read_text(data: bytes, directory: Directory) -> FeiText | None:
 
 
 def parse_ini(text: str) -> dict[str, str]:
-    """Values by ``section/key``; the last of equal keys counts."""
+    """Return values by ``section/key``; the last of equal keys is used."""
     values: dict[str, str] = {}
     section = ""
     for line in text[:_MAX_TEXT_BYTES].splitlines():
@@ -79,7 +79,7 @@ def parse_ini(text: str) -> dict[str, str]:
 
 
 def parse_xml(text: str) -> dict[str, str]:
-    """Texts by ``parent/element``, names without namespace; the first of equal paths counts. Empty if it is not XML."""
+    """Return texts by ``parent/element``, names without namespace; the first of equal paths is used. Empty if the text is not XML."""
     text = text.strip().lstrip("\ufeff").lstrip()
     if not text or len(text) > _MAX_TEXT_BYTES or "<!DOCTYPE" in text or "<!ENTITY" in text:
         return {}
@@ -96,13 +96,13 @@ def parse_xml(text: str) -> dict[str, str]:
 
 
 def read_header(data: bytes, directory: Directory) -> Header | None:
-    """What an FEI file says; None if it is not one."""
+    """Return the header of an FEI file; None for other files."""
     text = read_text(data, directory)
     return None if text is None else header(text)
 
 
 def header(text: FeiText) -> Header:
-    """What the text of an FEI file says of the scan."""
+    """Return the metadata of the scan from the text of an FEI file."""
     frames = text.number("Image/Integrate", "EScan/Integrate", "Scan/Integrate") or _frames_filtered(text)
     return Header(
         vendor="fei",
@@ -151,7 +151,7 @@ def _processed(text: FeiText) -> str | None:
 def _notes(text: FeiText) -> tuple[str, ...]:
     image, scan = text.number("Image/Integrate"), text.number("Scan/Integrate")
     if image is not None and scan is not None and image != scan:
-        return (f"[Scan] tells {scan:g} integrated frames and [Image] {image:g}; [Image] is believed.",)
+        return (f"[Scan] contains {scan:g} integrated frames and [Image] {image:g}; [Image] is used.",)
     return ()
 
 

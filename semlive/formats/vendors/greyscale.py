@@ -1,4 +1,4 @@
-"""From stored pixels to a grey image that may be believed."""
+"""Conversion of stored pixels to one grey channel, and checks of the content."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from semlive.errors import BadImage
 from semlive.formats.vendors.tiff import Photometric
 
 _GREY_FRACTION = 0.99  # of all pixels; the rest may be coloured annotation
-_RAMP_FRACTION = 0.9  # of the palette's grey entries; single ones are taken for annotation too
+_RAMP_FRACTION = 0.9  # of the palette's grey entries; isolated grey entries may be annotation
 
 
 def to_greyscale(
     name: str, pixels: NDArray[np.generic], photometric: int, palette: list[int] | None = None
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Pixels as one grey channel of 8 or 16 bit.
+    """Convert pixels to one grey channel of 8 or 16 bit.
 
     Args:
         name: file name, for the message.
         pixels: (height, width) or (height, width, samples) as stored.
-        photometric: TIFF's word on what the numbers mean.
+        photometric: value of the TIFF tag for the meaning of the numbers.
         palette: TIFF colour map (all reds, all greens, all blues), if the numbers are indices into it.
 
     Raises:
@@ -41,13 +41,13 @@ def to_greyscale(
 
 
 def check_content(name: str, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
-    """Refuse what is no finished scan: a constant image, or one that ends in uniform rows.
+    """Refuse an image that is not a finished scan: a constant image, or one that ends in uniform rows.
 
-    Two uniform rows are taken as proof: a preallocated, half-filled file decodes without error and ends in hundreds of zero
-    rows, while two rows of a thousand noisy pixels are never each of one value unless nothing was scanned there.
+    Two uniform rows are sufficient evidence: a preallocated, half-filled file decodes without error and ends in hundreds of zero
+    rows, while two scanned rows of a thousand noisy pixels are never uniform.
 
     Raises:
-        BadImage: says what is wrong with the content.
+        BadImage: the image is constant or ends in uniform rows.
     """
     if int(image.min()) == int(image.max()):
         raise BadImage(f"{name}: every pixel is {int(image.flat[0])}; check the detector and export it again.")
@@ -60,13 +60,13 @@ def check_content(name: str, image: NDArray[np.uint8] | NDArray[np.uint16]) -> N
 
 
 def count_blank_rows(image: NDArray[np.uint8] | NDArray[np.uint16]) -> int:
-    """Rows at the bottom of an image, each of one value."""
+    """Return the number of uniform rows at the bottom of an image."""
     uniform = (image == image[:, :1]).all(axis=1)
     return int(uniform.size if uniform.all() else np.argmin(uniform[::-1]))
 
 
 def _one_channel(name: str, pixels: NDArray[np.generic]) -> NDArray[np.generic]:
-    # Alpha, if any, says nothing of the specimen.
+    # An alpha channel contains no information about the specimen.
     colours = pixels[..., : 3 if pixels.shape[2] >= 3 else 1]
     if (colours == colours[..., :1]).all(axis=2).mean() <= _GREY_FRACTION:
         raise BadImage(f"{name}: is a colour image; export grey, without coloured overlays.")

@@ -1,8 +1,8 @@
-"""Hitachi: a TIFF without metadata, and a text file beside it, ``[SemImageFile]`` or without a section, in ANSI or UTF-16.
+"""Hitachi: a TIFF without metadata, and a text file of the same name, ``[SemImageFile]`` or without a section, in ANSI or UTF-16.
 
-It tells no scan time, only a name such as ``Slow3``, which ``sem.scan_profiles`` turns into times. ``DataSize`` counts the databar
-as image, so its height has to be configured. The order of day and month depends on the computer (``16/08/2016`` in one file,
-while Bio-Formats expects the month first): where both can be, the one nearer the file's modification time is taken.
+It contains no scan time, only a name such as ``Slow3``, which ``sem.scan_profiles`` maps to times. ``DataSize`` includes the databar,
+so its height has to be configured. The order of day and month depends on the computer (``16/08/2016`` in one file,
+while Bio-Formats expects the month first): if both are possible, the date closer to the modification time of the file is used.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from semlive.formats.metadata.header import Header, from_file, text_from_file
 from semlive.formats.metadata.quantity import number, positive, quantity
 from semlive.formats.metadata.timestamps import Moment, dated
 
-_KNOWN = {"InstructName", "PixelSize", "DataSize", "SignalName", "ScanSpeed", "AcceleratingVoltage"}
+_HITACHI_KEYS = {"InstructName", "PixelSize", "DataSize", "SignalName", "ScanSpeed", "AcceleratingVoltage"}
 
 
 def read_sidecar(sidecar: bytes, mtime_ns: int) -> Header | None:
-    """What the text file beside an image says; None if it is not Hitachi's."""
+    """Return the header from the text file of an image; None for other vendors."""
     values = key_value.parse_equals_lines(key_value.decode_text(sidecar))
-    return header(values, mtime_ns) if len(_KNOWN & values.keys()) >= 3 else None
+    return header(values, mtime_ns) if len(_HITACHI_KEYS & values.keys()) >= 3 else None
 
 
 def header(values: Mapping[str, str], mtime_ns: int) -> Header:
-    """What the keys say of the scan; the modification time decides between two orders of day and month."""
+    """Return the metadata of the scan from the keys; the modification time selects the order of day and month."""
     size = re.fullmatch(r"\s*(\d{1,6})\s*[xX]\s*(\d{1,6})\s*", values.get("DataSize", ""))
     nanometres = positive(values.get("PixelSize"))
     embedded, notes = _embedded(values, mtime_ns)
@@ -50,8 +50,8 @@ def header(values: Mapping[str, str], mtime_ns: int) -> Header:
 
 
 def _above_zero(text: str) -> float | None:
-    found = quantity(text)
-    return found.value if found is not None and found.value > 0 else None
+    value = quantity(text)
+    return value.value if value is not None and value.value > 0 else None
 
 
 def _embedded(values: Mapping[str, str], mtime_ns: int) -> tuple[Moment | None, tuple[str, ...]]:
@@ -59,6 +59,6 @@ def _embedded(values: Mapping[str, str], mtime_ns: int) -> tuple[Moment | None, 
     day_first, month_first = dated(date, "dmy", clock), dated(date, "mdy", clock)
     if day_first is None or month_first is None or day_first == month_first:
         return day_first or month_first, ()
-    nearer = min((day_first, month_first), key=lambda one: abs(one.time_ns - mtime_ns))
+    nearer = min((day_first, month_first), key=lambda moment: abs(moment.time_ns - mtime_ns))
     order = "day" if nearer is day_first else "month"
     return nearer, (f"its date {date[:12]} has the {order} first, by the file's modification time.",)

@@ -1,8 +1,8 @@
-"""JEOL: a TIFF without metadata, and a text file of ``$KEY value`` lines beside it.
+"""JEOL: a TIFF without metadata, and a text file of the same name with ``$KEY value`` lines.
 
-It tells no scan time at all, only numbers of scan speeds, which ``sem.scan_profiles`` turns into times. Rows beyond
-``$CM_FULL_SIZE`` are databar. The pixel size is that of the micron bar, a whole number of pixels long: 53 px for 100 um are known to
-1 %. Without the bar only the magnification is left, which needs a calibration: on a 7001F a rule of thumb was 5.7 % off.
+It contains no scan time, only numbers of scan speeds, which ``sem.scan_profiles`` maps to times. Rows beyond ``$CM_FULL_SIZE`` are
+databar. The pixel size comes from the micron bar, whose length is an integer in px: 53 px for 100 um are accurate to 1 %. Without the
+bar there is only the magnification, which needs a calibration: on a 7001F a rule of thumb was 5.7 % off.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from semlive.formats.metadata.timestamps import dated
 
 
 def read_sidecar(sidecar: bytes) -> Header | None:
-    """What the text file beside an image says; None if it is not JEOL's."""
+    """Return the header from the text file of an image; None for other vendors."""
     values = key_value.parse_dollar_lines(key_value.decode_text(sidecar))
     return header(values) if any(key.startswith(("$CM_", "$$SM_")) for key in values) else None
 
 
 def header(values: Mapping[str, str]) -> Header:
-    """What the keys say of the scan."""
+    """Return the metadata of the scan from the keys."""
     size = re.fullmatch(r"\s*(\d{1,6})\s+(\d{1,6})\s*", values.get("$CM_FULL_SIZE", ""))
     kilovolts, millimetres = positive(values.get("$CM_ACCEL_VOLT")), positive(values.get("$$SM_WD"))
     pixel_m, notes = _pixel_size(values)
@@ -53,5 +53,5 @@ def _pixel_size(values: Mapping[str, str]) -> tuple[float | None, tuple[str, ...
     marker = quantity(values.get("$$SM_MICRON_MARKER", ""))
     if bar_px is None or marker is None or not marker.value > 0:
         return None, ()
-    note = f"its pixel size comes from a micron bar of {bar_px:g} whole px, so it is known to {50 / bar_px:.1f} %."
+    note = f"its pixel size comes from a micron bar whose length is rounded to {bar_px:g} px, so its uncertainty is {50 / bar_px:.1f} %."
     return marker.value / bar_px, (note,)

@@ -1,4 +1,4 @@
-"""Files that say nothing of their scan: PNG, and TIFF without a vendor's header. Everything comes from the profile."""
+"""Files without scan metadata: PNG, and TIFF without the header of a vendor. All values come from the profile."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ from semlive.formats.metadata.header import Header
 
 
 def header() -> Header:
-    """Nothing."""
+    """Return a header without values."""
     return Header(vendor="plain")

@@ -1,4 +1,4 @@
-"""PNG: is the file whole, how large is it, and what are its pixels."""
+"""PNG: completeness, size and pixels of a file."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def is_png(data: bytes) -> bool:
 
 
 def check_complete(data: bytes) -> str | None:
-    """What is missing of a PNG file, in words; None if whole chunks run to an empty IEND chunk inside the file.
+    """Return what is missing of a PNG file, a clause; None if complete chunks extend to an empty IEND chunk inside the file.
 
-    Lengths are checked here because libpng takes memory for a chunk before it reads it: 1.2 GB for an 860 byte file, measured.
+    Lengths are checked here because libpng allocates memory for a chunk before it reads it: 1.2 GB for an 860 byte file, measured.
     """
     at = len(_SIGNATURE)
     while at + 12 <= len(data):
@@ -40,10 +40,10 @@ def check_complete(data: bytes) -> str | None:
 
 
 def size_px(data: bytes, name: str) -> tuple[int, int]:
-    """Width and height from the header.
+    """Return width and height from the header.
 
     Raises:
-        BadImage: no header, or a size that cannot be believed.
+        BadImage: there is no header, or the size is not plausible.
     """
     if data[12:16] != b"IHDR" or len(data) < 33:
         raise BadImage(f"{name}: not a complete PNG file (no header); export it again.")
@@ -53,10 +53,10 @@ def size_px(data: bytes, name: str) -> tuple[int, int]:
 
 
 def read_pixels(data: bytes, name: str) -> NDArray[np.generic]:
-    """Pixels as stored: (height, width) or (height, width, samples).
+    """Return pixels as stored: (height, width) or (height, width, samples).
 
     Raises:
-        BadImage: the file is not whole, or its pixels cannot be decoded.
+        BadImage: the file is incomplete, or its pixels cannot be decoded.
     """
     width, height = size_px(data, name)
     missing = check_complete(data)

@@ -1,7 +1,7 @@
-"""TESCAN: blocks in tag 50431 (a thumbnail, then ``key=value`` lines), or the same keys in a ``.hdr`` file beside the image.
+"""TESCAN: blocks in tag 50431 (a thumbnail, then ``key=value`` lines), or the same keys in the ``.hdr`` file of the image.
 
-A block is its length (u32, of kind and content), its kind (u16) and its content. The header knows the dwell time, but neither row
-nor frame time: those come from ``sem.scan_profiles``, by ``ScanSpeed``. Its date is that of the scan; TIFF's own DateTime was
+A block is its length (u32, of kind and content), its kind (u16) and its content. The header contains the dwell time, but neither row
+nor frame time: those come from ``sem.scan_profiles``, by ``ScanSpeed``. Its date is that of the scan; the DateTime tag of TIFF was
 11 s later in a file of a MIRA3, and is not read.
 """
 
@@ -22,7 +22,7 @@ _SAME_EDGES = 1e-3
 
 
 def read_header(data: bytes, directory: Directory) -> Header | None:
-    """What a TESCAN file says; None if it is not one."""
+    """Return the header of a TESCAN file; None for other files."""
     raw = directory.raw(data, Tag.TESCAN)
     if raw is None:
         return None
@@ -31,14 +31,14 @@ def read_header(data: bytes, directory: Directory) -> Header | None:
 
 
 def read_sidecar(sidecar: bytes) -> Header | None:
-    """What the ``.hdr`` file beside an image says; None if it is not one."""
+    """Return the header from the ``.hdr`` file of an image; None for other files."""
     values = key_value.parse_equals_lines(key_value.decode_text(sidecar))
-    known = {"PixelSizeX", "Device", "DwellTime", "ImageStripSize"} & values.keys()
-    return header(values) if len(known) >= 2 else None
+    required = {"PixelSizeX", "Device", "DwellTime", "ImageStripSize"} & values.keys()
+    return header(values) if len(required) >= 2 else None
 
 
 def parse_tag(raw: bytes) -> dict[str, str]:
-    """Values of all text blocks; where blocks are damaged, whatever can still be read behind ``AccFrames=``."""
+    """Return the values of all text blocks; if blocks are damaged, the values from ``AccFrames=`` on that can be read."""
     values: dict[str, str] = {}
     at = 0
     for _ in range(_MAX_BLOCKS):
@@ -57,7 +57,7 @@ def parse_tag(raw: bytes) -> dict[str, str]:
 
 
 def header(values: Mapping[str, str]) -> Header:
-    """What the keys say of the scan."""
+    """Return the metadata of the scan from the keys."""
     strip = number(values.get("ImageStripSize"))
     x_m, y_m = positive(values.get("PixelSizeX")), positive(values.get("PixelSizeY"))
     uneven = x_m is not None and y_m is not None and abs(x_m - y_m) > _SAME_EDGES * x_m

@@ -1,8 +1,8 @@
-"""TIFF: is the file whole, what do its tags say, and what are its pixels.
+"""TIFF: completeness, tags and pixels of a file.
 
-The directory is walked here, without decoding, because completeness is a question about byte ranges: SEM programs write the
-directory first (Zeiss) or last (FEI, TESCAN, JEOL), and an FEI file cut at 99.99 % of its length decodes bit-exactly with no
-metadata at all, because the tag's value lies behind the pixels. Pixels are decoded by tifffile, or by OpenCV if compressed.
+This module reads the directory itself, without decoding, because completeness is a property of byte ranges. SEM programs write the
+directory first (Zeiss) or last (FEI, TESCAN, JEOL), and an FEI file cut at 99.99 % of its length decodes bit-exactly without
+metadata, because the value of their tag is behind the pixels. Pixels are decoded by tifffile, or by OpenCV if compressed.
 Layout: TIFF 6.0 specification, sections 2 and 8; BigTIFF as written by libtiff.
 """
 
@@ -27,13 +27,13 @@ _MAX_INFLATION = 200
 _MAX_TAGS = 4096
 _MAX_PAGES = 64
 _LONG_VALUE = 64
-_ZEROS = 16  # a text ends in one NUL, in real files in up to five
+_ZEROS = 16  # more NUL bytes than end a text: one, in real files up to five
 _TYPE_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 16: 8, 17: 8, 18: 8}
 _INTEGER_FORMATS = {1: "u1", 3: "u2", 4: "u4", 13: "u4", 16: "u8", 18: "u8"}
 
 
 class Tag(IntEnum):
-    """The tags that are read here."""
+    """Tags that this module or a vendor module reads."""
 
     WIDTH = 256
     HEIGHT = 257
@@ -56,7 +56,7 @@ class Tag(IntEnum):
 
 
 class Photometric(IntEnum):
-    """How numbers become grey."""
+    """Meaning of the numbers of a pixel."""
 
     WHITE_IS_ZERO = 0
     BLACK_IS_ZERO = 1
@@ -66,7 +66,7 @@ class Photometric(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class TagEntry:
-    """One tag: where its value lies, `nbytes` bytes from `offset` of the file."""
+    """One tag: its value has `nbytes` bytes from `offset` of the file."""
 
     kind: int
     count: int
@@ -81,7 +81,7 @@ class Directory:
     Attributes:
         order: ``<`` or ``>``.
         tags: the tags by code.
-        next_offset: where the next directory lies; 0 if there is none.
+        next_offset: offset of the next directory; 0 if there is none.
     """
 
     order: str
@@ -89,19 +89,19 @@ class Directory:
     next_offset: int
 
     def raw(self, data: bytes, code: int) -> bytes | None:
-        """A tag's value as bytes, or None if the tag is absent or its value is not inside the file."""
+        """Return the value of a tag as bytes; None if the tag is absent or its value is not inside the file."""
         tag = self.tags.get(code)
         if tag is None or tag.offset + tag.nbytes > len(data):
             return None
         return data[tag.offset : tag.offset + tag.nbytes]
 
     def text(self, data: bytes, code: int) -> str | None:
-        """A tag's value as text up to its first NUL, or None."""
+        """Return the value of a tag as text up to its first NUL, or None."""
         raw = self.raw(data, code)
         return None if raw is None else raw.split(b"\0", 1)[0].decode("utf-8", errors="replace")
 
     def integers(self, data: bytes, code: int) -> list[int]:
-        """A tag's value as integers; empty if the tag is absent, not of an integer type, or outside the file."""
+        """Return the value of a tag as integers; empty if the tag is absent, not of an integer type, or outside the file."""
         raw = self.raw(data, code)
         kind = _INTEGER_FORMATS.get(self.tags[code].kind) if raw is not None else None
         if raw is None or kind is None:
@@ -109,21 +109,21 @@ class Directory:
         return [int(number) for number in np.frombuffer(raw, self.order + kind)]
 
     def integer(self, data: bytes, code: int, default: int) -> int:
-        """First integer of a tag's value."""
+        """Return the first integer of the value of a tag."""
         numbers = self.integers(data, code)
         return numbers[0] if numbers else default
 
 
 def is_tiff(data: bytes) -> bool:
-    """Whether the file starts as a TIFF or BigTIFF does."""
+    """Whether the file has the signature of TIFF or BigTIFF."""
     return data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 
 def first_directory(data: bytes, name: str) -> Directory:
-    """The directory of the first image.
+    """Return the directory of the first image.
 
     Raises:
-        BadImage: there is none, or it is cut off.
+        BadImage: there is none, or it is truncated.
     """
     try:
         return _directory(data, *_first_offset(data))
@@ -132,14 +132,14 @@ def first_directory(data: bytes, name: str) -> Directory:
 
 
 def check_complete(data: bytes) -> str | None:
-    """What is missing of a TIFF file, in words; None if every tag's value and every strip lies inside it."""
+    """Return what is missing of a TIFF file, a clause; None if the values of all tags and all strips are inside it."""
     try:
         order, big, offset = _first_offset(data)
-        seen: set[int] = set()
-        while offset and len(seen) < _MAX_PAGES:
-            if offset in seen:
+        visited: set[int] = set()
+        while offset and len(visited) < _MAX_PAGES:
+            if offset in visited:
                 return "its directories form a loop"
-            seen.add(offset)
+            visited.add(offset)
             directory = _directory(data, order, big, offset)
             missing = _missing(data, directory)
             if missing is not None:
@@ -151,10 +151,10 @@ def check_complete(data: bytes) -> str | None:
 
 
 def size_px(data: bytes, name: str, directory: Directory) -> tuple[int, int]:
-    """Width and height, checked against what a scan can be.
+    """Return width and height, checked against the largest scan.
 
     Raises:
-        BadImage: they are missing, or too large to be believed.
+        BadImage: they are missing, or too large to be plausible.
     """
     width = directory.integer(data, Tag.WIDTH, 0)
     height = directory.integer(data, Tag.HEIGHT, 0)
@@ -163,31 +163,31 @@ def size_px(data: bytes, name: str, directory: Directory) -> tuple[int, int]:
 
 
 def check_size(name: str, width: int, height: int, samples: int) -> None:
-    """Refuse images that would take all memory.
+    """Refuse images that would exhaust the memory.
 
     Raises:
         BadImage: no pixels, a side of more than MAX_SIDE_PX, or more than MAX_IMAGE_BYTES at 16 bit.
     """
     if width < 1 or height < 1:
-        raise BadImage(f"{name}: says it is {width} x {height} px; export it again.")
+        raise BadImage(f"{name}: states a size of {width} x {height} px; export it again.")
     if width > MAX_SIDE_PX or height > MAX_SIDE_PX or width * height * samples * 2 > MAX_IMAGE_BYTES:
-        raise BadImage(f"{name}: says it is {width} x {height} px with {samples} samples, more than can be read; export a smaller frame.")
+        raise BadImage(f"{name}: states a size of {width} x {height} px with {samples} samples, more than is read; export a smaller frame.")
 
 
 def check_inflation(name: str, pixel_bytes: int, file_bytes: int, compressed: bool) -> None:
-    """Refuse files that would unpack to far more than a scan can: noise compresses two- or threefold, never a hundredfold.
+    """Refuse files that would expand to more than a scan can: noise compresses two- or threefold, never a hundredfold.
 
     Raises:
-        BadImage: the file is too small for what it promises.
+        BadImage: the file is too small for its stated size.
     """
     if pixel_bytes > file_bytes * (_MAX_INFLATION if compressed else 1):
-        raise BadImage(f"{name}: promises {pixel_bytes} bytes of pixels in a file of {file_bytes}; export it again.")
+        raise BadImage(f"{name}: states {pixel_bytes} bytes of pixels in a file of {file_bytes} bytes; export it again.")
 
 
 def zero_rows(data: bytes, directory: Directory, last_row: int) -> int:
-    """Rows up to `last_row` whose bytes are all zero, counted upwards from there; 0 if the pixels are compressed or in tiles.
+    """Count the rows of zero bytes upwards from `last_row`; 0 if the pixels are compressed or in tiles.
 
-    A preallocated file whose directory comes first decodes without error before its pixels are there: they are zeros.
+    A preallocated file whose directory comes first decodes without error before its pixels are written: they are zeros.
     """
     compressed = directory.integer(data, Tag.COMPRESSION, 1) != 1
     offsets, height = directory.integers(data, Tag.STRIP_OFFSETS), directory.integer(data, Tag.HEIGHT, 0)
@@ -206,7 +206,7 @@ def zero_rows(data: bytes, directory: Directory, last_row: int) -> int:
 
 
 def ends_in_zeros(data: bytes) -> bool:
-    """Whether the file, or the long value of a tag, ends in more zeros than close a text: what fills it may not be written yet."""
+    """Whether the file, or the long value of a tag, ends in more zeros than end a text: its content may not be written yet."""
     try:
         directory = _directory(data, *_first_offset(data))
     except (struct.error, ValueError):
@@ -217,10 +217,10 @@ def ends_in_zeros(data: bytes) -> bool:
 
 
 def read_pixels(data: bytes, name: str, directory: Directory) -> NDArray[np.generic]:
-    """Pixels of the first image as stored: (height, width) or (height, width, samples).
+    """Return the pixels of the first image as stored: (height, width) or (height, width, samples).
 
     Raises:
-        BadImage: the file is not whole, or its pixels cannot be decoded.
+        BadImage: the file is incomplete, or its pixels cannot be decoded.
     """
     width, height = size_px(data, name, directory)
     missing = check_complete(data)
@@ -234,11 +234,11 @@ def read_pixels(data: bytes, name: str, directory: Directory) -> NDArray[np.gene
         pixels = _read_plain(data, name, directory) if compression == 1 else _read_compressed(data)
     except BadImage:
         raise
-    except Exception as exc:  # tifffile raises whatever its parsers meet in a damaged file
+    except Exception as exc:  # tifffile raises many types of errors on damaged files
         reason = (str(exc).splitlines() or [type(exc).__name__])[0]
         raise BadImage(f"{name}: its pixels cannot be decoded ({reason}); export it again.") from exc
     if pixels.shape[:2] != (height, width):
-        raise BadImage(f"{name}: decodes to {pixels.shape[:2]}, its tags say {(height, width)}; export it again.")
+        raise BadImage(f"{name}: decodes to {pixels.shape[:2]}, but its tags state {(height, width)}; export it again.")
     return pixels
 
 
@@ -253,7 +253,7 @@ def _check_samples(data: bytes, name: str, directory: Directory) -> int:
 def _read_plain(data: bytes, name: str, directory: Directory) -> NDArray[np.generic]:
     with tifffile.TiffFile(BytesIO(data)) as tiff:
         page = tiff.pages[0]
-        # tifffile reads some vendors' files by rules of its own; what it will allocate must be what was checked.
+        # tifffile applies special rules to some vendors, so the size that it will allocate is checked again.
         if math.prod(page.shape) > len(data) or len(page.shape) not in (2, 3):
             raise BadImage(f"{name}: is a stack of shape {page.shape}; export single frames.")
         pixels = page.asarray(maxworkers=1)
@@ -263,7 +263,7 @@ def _read_plain(data: bytes, name: str, directory: Directory) -> NDArray[np.gene
 
 
 def _read_compressed(data: bytes) -> NDArray[np.generic]:
-    # libtiff, inside OpenCV, decodes strip by strip into a buffer of known size, so a small file cannot grow without bound.
+    # libtiff, inside OpenCV, decodes strip by strip into a buffer of known size, so the memory for a small file is bounded.
     pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None:
         raise ValueError("unknown compression")

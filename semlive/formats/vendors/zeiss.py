@@ -1,13 +1,13 @@
-"""Zeiss: lines ``KEY`` and ``Name = value`` in tag 34118 (cp1252; tag 34119 says the same as UTF-16).
+"""Zeiss: lines ``KEY`` and ``Name = value`` in tag 34118 (cp1252; tag 34119 has the same content as UTF-16).
 
-What decides, all read off real files:
+Observations on real files:
 
-- ``DP_DWELL_TIME`` says 50 or 100 ns in every file and is not the image's dwell time; ``AP_LINE_TIME`` over width and passes is.
+- ``DP_DWELL_TIME`` is 50 or 100 ns in every file and is not the dwell time of the image; that is ``AP_LINE_TIME`` over width and passes.
 - ``AP_LINE_TIME`` includes the passes of line averaging: at 10 passes it is 10 times that of one.
-- ``AP_FRAME_TIME`` ("Cycle Time") may be printed in tenths of minutes; then the line time decides.
+- ``AP_FRAME_TIME`` ("Cycle Time") may be printed in tenths of minutes; then the line time is used.
 - ``AP_PIXEL_SIZE`` and the fourth number are for an image 1024 px wide.
-- A file may be saved in the middle of a scan: ``Busy``, ``DP_FROZEN = Live``, and ``AP_LINE_COUNTER`` tells how far it was.
-- Annotation is burnt into the image; no key says where it begins.
+- A file may be saved in the middle of a scan: ``Busy``, ``DP_FROZEN = Live``, and ``AP_LINE_COUNTER`` is the number of scanned rows.
+- Annotation is burnt into the image; no key contains its first row.
 """
 
 from __future__ import annotations
@@ -31,34 +31,34 @@ _SAME_PIXEL_SIZE = 1e-2
 
 @dataclass(frozen=True, slots=True)
 class ZeissText:
-    """What a Zeiss file says, as text.
+    """Metadata of a Zeiss file as text.
 
     Attributes:
         lines: the line after each key.
-        numbers: of the block before the first key.
+        numbers: numbers of the block before the first key.
     """
 
     lines: dict[str, str]
     numbers: tuple[float, ...]
 
     def text(self, key: str) -> str:
-        """What stands behind ``=`` or ``:``, or nothing."""
+        """Return the text after ``=``; empty without one."""
         _, mark, value = self.lines.get(key, "").partition("=")
         return value.strip() if mark else ""
 
     def quantity(self, key: str) -> Quantity | None:
-        """A number above zero in base units."""
-        found = quantity(self.text(key))
-        return found if found is not None and found.value > 0 else None
+        """Return a number above zero in base units, or None."""
+        value = quantity(self.text(key))
+        return value if value is not None and value.value > 0 else None
 
     def value(self, key: str) -> float | None:
-        """The same without its precision."""
-        found = self.quantity(key)
-        return None if found is None else found.value
+        """Return a number above zero in base units without its precision, or None."""
+        value = self.quantity(key)
+        return None if value is None else value.value
 
 
 def read_header(data: bytes, directory: Directory, width: int, rows: int) -> Header | None:
-    """What a Zeiss file says; None if it is not one."""
+    """Return the header of a Zeiss file; None for other files."""
     raw = directory.raw(data, Tag.ZEISS)
     if raw is None:
         return None
@@ -66,26 +66,26 @@ def read_header(data: bytes, directory: Directory, width: int, rows: int) -> Hea
 
 
 def parse(text: str) -> ZeissText:
-    """Lines by key; the first of equal keys counts."""
+    """Return lines by key; the first of equal keys is used."""
     lines = [line.strip() for line in text[:_MAX_TEXT_BYTES].split("\0", 1)[0].splitlines()]
-    found: dict[str, str] = {}
+    by_key: dict[str, str] = {}
     first = len(lines)
     for at in range(len(lines) - 1):
         if _KEY.fullmatch(lines[at]):
-            found.setdefault(lines[at], lines[at + 1])
+            by_key.setdefault(lines[at], lines[at + 1])
             first = min(first, at)
-    told = [number(line) for line in lines[: min(first, 100)]]
-    return ZeissText(found, tuple(value for value in told if value is not None))
+    numbers = [number(line) for line in lines[: min(first, 100)]]
+    return ZeissText(by_key, tuple(value for value in numbers if value is not None))
 
 
 def header(text: ZeissText, width: int, rows: int) -> Header:
-    """What the text of a Zeiss file says of a scan of so many columns and rows."""
+    """Return the metadata of a scan of `width` columns and `rows` rows from the text of a Zeiss file."""
     line = text.quantity("AP_LINE_TIME")
     passes, frames, refused, busy = _noise_reduction(text)
     row_s = None if line is None else line.value
     dwell_s = None if row_s is None else row_s / (width * max(passes or 1.0, 1.0))
     scanned, notes = _scanned(text, rows, busy)
-    pixel, more = _pixel_size(text, width)
+    pixel, pixel_notes = _pixel_size(text, width)
     stored = re.fullmatch(r"(\d{1,6})\s*\*\s*(\d{1,6})", text.text("DP_IMAGE_STORE"))
     return Header(
         vendor="zeiss",
@@ -109,7 +109,7 @@ def header(text: ZeissText, width: int, rows: int) -> Header:
             scan_rotation_deg=_rotation(text),
         ),
         refused=refused,
-        notes=notes + more,
+        notes=notes + pixel_notes,
     )
 
 
@@ -120,7 +120,7 @@ def _decoded(raw: bytes) -> str:
 
 
 def _noise_reduction(text: ZeissText) -> tuple[float | None, float | None, str | None, bool]:
-    """Passes over a line, whole scans, why not to be used, and whether the scan was still going on."""
+    """Return passes over a line, integrated scans, the reason for refusal, and whether the scan was unfinished."""
     mode = text.text("DP_NOISE_REDUCTION").lower()
     busy = mode.endswith("busy")
     old = text.value("AP_NR_COEFF")
@@ -130,8 +130,8 @@ def _noise_reduction(text: ZeissText) -> tuple[float | None, float | None, str |
         return 1.0, text.value("AP_FRAME_INT_COUNT") or old or 1.0, None, busy
     averaged = text.value("AP_FRAME_AVERAGE_COUNT") or old or 1.0
     if (mode.startswith(("frame avg", "continuous avg")) and averaged > 1) or mode.startswith("drift"):
-        why = f"is a running average of frames (Noise Reduction = {mode[:20]}), so its pixels have no scan time; use line integration."
-        return 1.0, None, why, busy
+        reason = f"is a running average of frames (Noise Reduction = {mode[:20]}), so its pixels have no scan time; use line integration."
+        return 1.0, None, reason, busy
     return (1.0, 1.0, None, busy) if mode else (None, None, None, False)
 
 
@@ -144,7 +144,7 @@ def _scanned(text: ZeissText, rows: int, busy: bool) -> tuple[int | None, tuple[
 
 
 def _frame_time(text: ZeissText, row_s: float | None, rows: int) -> Sourced[float] | None:
-    """The cycle time, if it is printed finely enough to be more than the rows themselves."""
+    """Return the cycle time if its printed precision is sufficient, else the time of all rows."""
     cycle = text.quantity("AP_FRAME_TIME")
     if row_s is None or cycle is None or cycle.half_digit > row_s or cycle.value < rows * row_s:
         return derived(None if row_s is None else rows * row_s)
@@ -152,29 +152,29 @@ def _frame_time(text: ZeissText, row_s: float | None, rows: int) -> Sourced[floa
 
 
 def _pixel_size(text: ZeissText, width: int) -> tuple[Sourced[float] | None, tuple[str, ...]]:
-    """The fourth number for this width: seven digits where the keys print four."""
-    told = text.quantity("AP_IMAGE_PIXEL_SIZE")
+    """Return the pixel size from the fourth number, which has seven digits where the keys have four, and notes."""
+    stated = text.quantity("AP_IMAGE_PIXEL_SIZE")
     exact = text.numbers[_PIXEL_SIZE_AT] if len(text.numbers) > _PIXEL_SIZE_AT else 0.0
     if not 0 < exact < 1:
         shown = text.value("AP_PIXEL_SIZE")
         scaled = derived(None if shown is None else shown * _DISPLAY_PX / width)
-        return (scaled if told is None else from_file(told.value)), ()
+        return (scaled if stated is None else from_file(stated.value)), ()
     scaled_m = exact * _DISPLAY_PX / width
-    if told is not None and abs(told.value - scaled_m) > _SAME_PIXEL_SIZE * told.value + told.half_digit:
-        note = f"its pixel size is {told.value:g} m by AP_IMAGE_PIXEL_SIZE and {scaled_m:g} m by its block of numbers; the first is used."
-        return from_file(told.value), (note,)
+    if stated is not None and abs(stated.value - scaled_m) > _SAME_PIXEL_SIZE * stated.value + stated.half_digit:
+        note = f"its pixel size is {stated.value:g} m by AP_IMAGE_PIXEL_SIZE and {scaled_m:g} m by its block of numbers; the first is used."
+        return from_file(stated.value), (note,)
     return Sourced(scaled_m, Provenance.FILE if width == _DISPLAY_PX else Provenance.DERIVED), ()
 
 
 def _rotation(text: ZeissText) -> Sourced[float] | None:
     if text.text("DP_SCAN_ROT").lower() == "off":
         return Sourced(0.0, Provenance.FILE)
-    found = quantity(text.text("AP_SCANROTATION"))
-    return from_file(None if found is None else found.value)
+    rotation = quantity(text.text("AP_SCANROTATION"))
+    return from_file(None if rotation is None else rotation.value)
 
 
 def _embedded(text: ZeissText) -> Moment | None:
-    """``Date: 11 Apr 2023`` and ``Time :8:20:42``: the colon stands where it likes."""
+    """Parse ``Date: 11 Apr 2023`` and ``Time :8:20:42``; the place of the colon varies."""
     date, clock = (
         re.sub(rf"^\s*{name}\s*[:=]\s*", "", text.lines.get(key, "")) for name, key in (("Date", "AP_DATE"), ("Time", "AP_TIME"))
     )

@@ -18,7 +18,7 @@ from semlive.engine import start
 from semlive.engine.schedule import Schedule, TimingAssumptions, schedule
 from semlive.errors import BadImage, BadInput
 from semlive.formats import read_frame
-from semlive.inputs.files import MOST_IMAGE_BYTES, read_regular
+from semlive.inputs.files import MAX_IMAGE_BYTES, read_regular
 from semlive.service.config.configuration import Config
 from semlive.service.diagnosis.model_file import Model, require_compatible
 from semlive.service.planning.advice import advice
@@ -176,11 +176,11 @@ def plan_experiment(
 
 def _test_frame(path: Path, config: Config) -> Frame:
     try:
-        data, mtime_ns = read_regular(path, MOST_IMAGE_BYTES), path.stat().st_mtime_ns
+        data, mtime_ns = read_regular(path, MAX_IMAGE_BYTES), path.stat().st_mtime_ns
     except OSError as error:
         raise BadImage(f"{path}: cannot be read ({error.strerror}); give one frame as the SEM exported it") from error
     beside = sidecar_of(path)
-    sidecar = None if beside is None else read_regular(beside, MOST_IMAGE_BYTES)
+    sidecar = None if beside is None else read_regular(beside, MAX_IMAGE_BYTES)
     return read_frame(ExportedFile(0, path.name, data, "", mtime_ns, mtime_ns, sidecar), config.sem.whole_profile)
 
 

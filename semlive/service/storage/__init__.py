@@ -1,1 +1,1 @@
-"""Maps and pairs of a run that memory does not hold."""
+"""Storage of maps and pairs of a run in files."""

@@ -21,10 +21,10 @@ from semlive.pipeline import AnalysisState
 
 T = TypeVar("T", bound=np.generic)
 _SLAB_BYTES = 64 * 2**20
-_PART = 8  # a new file is as large as this part of all before, so that there are dozens of them and never thousands
+_FILE_FRACTION = 8  # the size of a new file is the size of all earlier files over this number, so that there are dozens, not thousands
 _ALIGNED = 64
 _IN_MEMORY_BYTES = 256 * 2**20
-_SETTLE_S = 0.05  # in which some 100 MB of pages are asked for at most
+_FLUSH_EVERY_S = 0.05  # in this time at most some 100 MB of pages are loaded
 
 
 class MapStore(InMemoryStorage):
@@ -39,20 +39,20 @@ class MapStore(InMemoryStorage):
     """
 
     def __init__(self, in_memory_bytes: int = _IN_MEMORY_BYTES, *, stays: bool = False) -> None:
-        self._left, self._stays = in_memory_bytes, stays
+        self._memory_bytes, self._stays = in_memory_bytes, stays
         self._file: int | None = None
         self._slabs: dict[int, weakref.ref[NDArray[np.uint8]]] = {}
         self._number = 0
         self._newest = np.zeros(0, dtype=np.uint8)
-        self._used = self._taken = 0
-        self._lock = threading.Lock()  # pairs are read and kept while others are worked on
+        self._used = self._allocated = 0
+        self._lock = threading.Lock()  # pairs are read and stored while others are processed
 
     def store_map(self, disparity: DisparityMap) -> DisparityMap:
         """Return an equal map in this store."""
-        arrays = {one.name: array for one in fields(disparity) if isinstance(array := getattr(disparity, one.name), np.ndarray)}
+        arrays = {field.name: array for field in fields(disparity) if isinstance(array := getattr(disparity, field.name), np.ndarray)}
         if self._has_room(sum(array.nbytes for array in arrays.values())):
             return disparity
-        return replace(disparity, **{name: self._kept(array) for name, array in arrays.items()})
+        return replace(disparity, **{name: self._store(array) for name, array in arrays.items()})
 
     def store_array(self, array: NDArray[T]) -> NDArray[T]:
         """Return an equal array in this store, without its base array; a non-contiguous array is returned unchanged."""
@@ -60,10 +60,10 @@ class MapStore(InMemoryStorage):
             return array
         if self._has_room(array.nbytes):
             return array if array.base is None else array.copy(order="K")
-        return self._kept(array)
+        return self._store(array)
 
     def location(self, array: NDArray[Any]) -> tuple[int, NDArray[np.uint8], int] | None:
-        """Number and bytes of the file that an array lies in, and the byte that it begins at; None if it lies in none."""
+        """Return number and bytes of the file that contains an array, and its first byte; None if no file contains it."""
         for number, slab in reversed(self._slabs.items()):
             base = slab()
             if base is not None and array.base is base:
@@ -72,7 +72,7 @@ class MapStore(InMemoryStorage):
 
     def flush(self) -> None:
         """Return pages to the system; their content stays in the files."""
-        for slab in (one() for one in list(self._slabs.values())):
+        for slab in (reference() for reference in list(self._slabs.values())):
             if slab is not None and hasattr(mmap, "MADV_DONTNEED"):
                 file: Any = slab.base  # a memoryview of the mapped file
                 file.obj.madvise(mmap.MADV_DONTNEED)
@@ -80,10 +80,10 @@ class MapStore(InMemoryStorage):
     @contextlib.contextmanager
     def flushing(self) -> Iterator[None]:
         """Return pages to the system repeatedly within the context."""
-        over = threading.Event()
+        closed = threading.Event()
 
         def run() -> None:
-            while not over.wait(_SETTLE_S):
+            while not closed.wait(_FLUSH_EVERY_S):
                 self.flush()
 
         thread = threading.Thread(target=run, name="map-store", daemon=True)
@@ -91,26 +91,26 @@ class MapStore(InMemoryStorage):
         try:
             yield
         finally:
-            over.set()
+            closed.set()
             thread.join()
             self.flush()
 
     def _has_room(self, size: int) -> bool:
         """Reserve memory for a number of bytes; return whether the limit allows it."""
         with self._lock:
-            room = size <= self._left
-            self._left -= size if room else 0
-            return room
+            is_allowed = size <= self._memory_bytes
+            self._memory_bytes -= size if is_allowed else 0
+            return is_allowed
 
-    def _kept(self, array: NDArray[T]) -> NDArray[T]:
+    def _store(self, array: NDArray[T]) -> NDArray[T]:
         try:
-            return self._filed(array)
+            return self._write_to_file(array)
         except OSError:
             if not self._stays:
                 raise
             return array
 
-    def _filed(self, array: NDArray[T]) -> NDArray[T]:
+    def _write_to_file(self, array: NDArray[T]) -> NDArray[T]:
         size = -(-max(array.nbytes, 1) // _ALIGNED) * _ALIGNED
         order = "C" if array.flags.c_contiguous else "F"  # sums follow the order
         with self._lock:
@@ -120,7 +120,7 @@ class MapStore(InMemoryStorage):
             self._used += size
             copy: NDArray[T] = self._newest[begin : begin + array.nbytes].view(array.dtype).reshape(array.shape, order=order)
             if self._file is not None and array.flags.forc and array.nbytes:
-                # Half the time of copying into mapped pages, each of which has to be asked for.
+                # This takes half the time of copying into mapped pages, each of which would be loaded first.
                 _write(self._file, (array if order == "C" else array.T).reshape(-1).view(np.uint8).data, begin)
             else:
                 copy[...] = array
@@ -128,43 +128,46 @@ class MapStore(InMemoryStorage):
         return copy
 
     def _grow(self, size: int) -> None:
-        size = max(size, _SLAB_BYTES, self._taken // _PART)
+        size = max(size, _SLAB_BYTES, self._allocated // _FILE_FRACTION)
         size = -(-size // mmap.ALLOCATIONGRANULARITY) * mmap.ALLOCATIONGRANULARITY
-        self._taken += size
+        self._allocated += size
         with tempfile.TemporaryFile(prefix="semlive-maps-", buffering=0) as file:
             file.truncate(size)
-            slab = mmap.mmap(file.fileno(), size)  # with a handle of its own
+            slab = mmap.mmap(file.fileno(), size)  # with a separate handle
             if hasattr(os, "pwrite"):
                 if self._file is not None:
                     os.close(self._file)
                 self._file = os.dup(file.fileno())
         self._newest, self._used, self._number = np.frombuffer(slab, dtype=np.uint8), 0, self._number + 1
-        held = {number: one for number, one in self._slabs.items() if one() is not None}
-        self._slabs = {**held, self._number: weakref.ref(self._newest)}
+        in_use = {number: reference for number, reference in self._slabs.items() if reference() is not None}
+        self._slabs = {**in_use, self._number: weakref.ref(self._newest)}
 
     def __del__(self) -> None:
         if self._file is not None:
             os.close(self._file)
 
 
-def offload_pair(begun: AnalysisState, pair: int, kept: tuple[DisparityMap, ...], store: Storage) -> AnalysisState:
-    """The run with what it holds of its newest pair in the store: columns, and maps from frame 0; later pairs go there as they come.
+def offload_pair(state: AnalysisState, pair: int, stored: tuple[DisparityMap, ...], store: Storage) -> AnalysisState:
+    """Return the state with the data of its newest pair in the store: columns, and maps from frame 0. Later pairs are stored there too.
 
     Args:
-        begun: the run.
-        pair: the newest one.
-        kept: maps of it that are there already; those that `pipeline.analyse` made need not be told.
-        store: where.
+        state: state of the analysis.
+        pair: number of the newest pair.
+        stored: maps of the pair that are stored already; maps of `pipeline.analyse` need not be listed.
+        store: destination.
 
     Raises:
-        OSError: there is no room for it.
+        OSError: there is no space for the data.
     """
-    estimator = begun.method.offload(begun.estimator_state, pair, store)
-    if begun.storage is store:
-        return replace(begun, estimator_state=estimator)
-    newest = [one if one in kept or one.current // 2 != pair else store.store_map(one) for one in begun.maps_from_reference[-2:]]
+    estimator = state.method.offload(state.estimator_state, pair, store)
+    if state.storage is store:
+        return replace(state, estimator_state=estimator)
+    newest = [
+        disparity if disparity in stored or disparity.current // 2 != pair else store.store_map(disparity)
+        for disparity in state.maps_from_reference[-2:]
+    ]
     return replace(
-        begun, maps_from_reference=store.append(begun.maps_from_reference[:-2], newest), estimator_state=estimator, storage=store
+        state, maps_from_reference=store.append(state.maps_from_reference[:-2], newest), estimator_state=estimator, storage=store
     )
 
 

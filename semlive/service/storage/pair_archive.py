@@ -16,18 +16,18 @@ from semlive.service.storage.map_store import MapStore
 
 V = TypeVar("V")
 Places = NDArray[np.int64]
-"""(n, 2) number of the file and byte in it of each value; -1 and a number of what is held in memory."""
+"""(n, 2) number of the file and byte in it of each value; -1 and a number for a value in memory."""
 
-_SHARED, _INTEGER, _REAL, _TEXT, _ARRAY, _TUPLE, _OBJECT = range(7)  # what a word says of those behind it
+_SHARED, _INTEGER, _REAL, _TEXT, _ARRAY, _TUPLE, _OBJECT = range(7)  # type codes in the stored integers
 _IN_MEMORY = -1
 
 
 class PairArchive:
-    """Keeps values as words of 64 bits in a store: all but 16 bytes of a value, and what many values share, lies in its files.
+    """Stores values as 64-bit integers in files; memory holds 16 bytes for each value, and parts that many values share.
 
-    A value is made of data classes, tuples, arrays, numbers, texts, and of what can be hashed (None, members of enumerations, ...), which
-    is held once, for good. It comes back equal: another object, with the same numbers in arrays on the same boundaries. What finds no
-    room in files stays in memory.
+    A value consists of data classes, tuples, arrays, numbers, texts, and hashable objects (None, members of enumerations, ...), which
+    are stored once and permanently. A value is read as an equal object, with the same numbers in arrays of the same alignment. Values
+    without space in files stay in memory.
     """
 
     def __init__(self) -> None:
@@ -53,27 +53,27 @@ class PairArchive:
         self._passing.flush()
 
     def append(self, history: Sequence[V], new: Iterable[V]) -> Sequence[V]:
-        """Everything so far and, after it, what is new."""
+        """Return the history with new values at its end."""
         before = history if isinstance(history, StoredSequence) else StoredSequence[V](self).appended(history)
         return before.appended(new)
 
-    def update(self, known: Mapping[int, V], new: Mapping[int, V]) -> Mapping[int, V]:
-        """Everything known with what is new, in place of what had its number."""
-        before = known if isinstance(known, StoredMapping) else StoredMapping[V](self).updated(known)
+    def update(self, stored: Mapping[int, V], new: Mapping[int, V]) -> Mapping[int, V]:
+        """Return a mapping with new values, which replace values of the same number."""
+        before = stored if isinstance(stored, StoredMapping) else StoredMapping[V](self).updated(stored)
         return before.updated(new)
 
     def packed(self, value: Any) -> tuple[tuple[int, int], dict[int, NDArray[np.uint8]]]:
-        """Where a value now lies, and the files that hold it, by number.
+        """Store a value; return its place, and the files that contain it by number.
 
         Raises:
-            TypeError: it is, or has, something of which no value can be made.
+            TypeError: it is, or contains, an object that cannot be stored.
         """
         words, files = list[int](), dict[int, NDArray[np.uint8]]()
         self._write(value, words, files)
-        found = self._store.location(self._store.store_array(np.array([len(words), *words], dtype=np.int64)))
-        if found is None:
-            return (_IN_MEMORY, self._held(value)), {}
-        number, file, at = found
+        location = self._store.location(self._store.store_array(np.array([len(words), *words], dtype=np.int64)))
+        if location is None:
+            return (_IN_MEMORY, self._in_memory(value)), {}
+        number, file, at = location
         return (number, at), {**files, number: file}
 
     def unpacked(self, place: tuple[int, int], files: Mapping[int, NDArray[np.uint8]]) -> Any:
@@ -98,8 +98,8 @@ class PairArchive:
             self._write_array(value, words, files)
         elif kind is tuple:
             words += (_TUPLE, len(value))
-            for one in value:
-                self._write(one, words, files)
+            for item in value:
+                self._write(item, words, files)
         elif is_dataclass(value):
             words += (_OBJECT, self._number_of(kind))
             for name in _names(kind):
@@ -111,14 +111,14 @@ class PairArchive:
         if not array.size:
             words += (_SHARED, self._number_of(("empty", array.dtype.str, array.shape), array.copy()))
             return
-        found = self._store.location(self._store.store_array(array))
-        if found is None:
-            words += (_SHARED, self._held(array))
+        location = self._store.location(self._store.store_array(array))
+        if location is None:
+            words += (_SHARED, self._in_memory(array))
             return
-        number, file, at = found
+        number, file, at = location
         files[number] = file
-        how = self._number_of((array.dtype.str, "C" if array.flags.c_contiguous else "F"))
-        words += (_ARRAY, how, number, at, array.ndim, *array.shape)
+        layout = self._number_of((array.dtype.str, "C" if array.flags.c_contiguous else "F"))
+        words += (_ARRAY, layout, number, at, array.ndim, *array.shape)
 
     def _read(self, words: Iterator[int], files: Mapping[int, NDArray[np.uint8]]) -> Any:
         kind, value = next(words), next(words)
@@ -133,8 +133,8 @@ class PairArchive:
         if kind == _TUPLE:
             return tuple(self._read(words, files) for _ in range(value))
         if kind == _OBJECT:
-            made = self._shared[value]
-            return made(*(self._read(words, files) for _ in _names(made)))
+            kind_of_object = self._shared[value]
+            return kind_of_object(*(self._read(words, files) for _ in _names(kind_of_object)))
         name, order = self._shared[value]
         number, at, dimensions = next(words), next(words), next(words)
         shape, dtype = tuple(next(words) for _ in range(dimensions)), np.dtype(name)
@@ -144,23 +144,23 @@ class PairArchive:
         return array
 
     def _number_of(self, key: Any, value: Any = None) -> int:
-        """The number of what many values share: the key, if it is not said what."""
+        """Return the number of an object that many values share; without a value the key itself is the object."""
         if key not in self._numbers:
-            self._numbers[key] = self._held(key if value is None else value)
+            self._numbers[key] = self._in_memory(key if value is None else value)
         return self._numbers[key]
 
-    def _held(self, value: Any) -> int:
+    def _in_memory(self, value: Any) -> int:
         self._shared.append(value)
         return len(self._shared) - 1
 
 
 class StoredSequence(Sequence[V]):
-    """Values one after another; what is added gives another shelf, and this one stays as it is.
+    """Immutable sequence of stored values; appending returns another sequence.
 
     Args:
-        archive: that reads and writes them.
-        places: of the values.
-        files: that hold them, by number.
+        archive: archive that reads and writes the values.
+        places: places of the values; None for none.
+        files: files that contain them, by number.
     """
 
     def __init__(self, archive: PairArchive, places: Places | None = None, files: Mapping[int, NDArray[np.uint8]] | None = None) -> None:
@@ -169,7 +169,7 @@ class StoredSequence(Sequence[V]):
         self._files = files or {}
 
     def appended(self, new: Iterable[V]) -> StoredSequence[V]:
-        """These and, behind them, what is new."""
+        """Return a sequence with new values at its end."""
         places, files = list[tuple[int, int]](), dict(self._files)
         for value in new:
             place, own = self._archive.packed(value)
@@ -191,42 +191,42 @@ class StoredSequence(Sequence[V]):
     @overload
     def __getitem__(self, at: slice) -> Sequence[V]: ...
     def __getitem__(self, at: int | slice) -> V | Sequence[V]:
-        """One value; or some as a tuple, each another object whenever it is asked for."""
+        """Read a value, or a slice as a tuple; each call returns new objects."""
         if isinstance(at, slice):
-            return tuple(self[one] for one in range(*at.indices(len(self))))
+            return tuple(self[index] for index in range(*at.indices(len(self))))
         number, begin = self._places[at].tolist()
-        found: V = self._archive.unpacked((number, begin), self._files)
-        return found
+        value: V = self._archive.unpacked((number, begin), self._files)
+        return value
 
 
 class StoredMapping(Mapping[int, V]):
-    """Values by number; what is added gives another drawer, and this one stays as it is.
+    """Immutable mapping of numbers to stored values; an update returns another mapping.
 
     Args:
-        archive: that reads and writes them.
-        shelf: the values.
+        archive: archive that reads and writes the values.
+        values: the values; None for none.
         numbers: (n,) their numbers, ascending.
     """
 
-    def __init__(self, archive: PairArchive, shelf: StoredSequence[V] | None = None, numbers: NDArray[np.int64] | None = None) -> None:
+    def __init__(self, archive: PairArchive, values: StoredSequence[V] | None = None, numbers: NDArray[np.int64] | None = None) -> None:
         self._archive = archive
-        self._shelf = StoredSequence[V](archive) if shelf is None else shelf
+        self._values = StoredSequence[V](archive) if values is None else values
         self._numbers = np.zeros(0, dtype=np.int64) if numbers is None else numbers
 
     def updated(self, new: Mapping[int, V]) -> StoredMapping[V]:
-        """These, and what is new in place of what had its number."""
+        """Return a mapping with new values, which replace values of the same number."""
         if not new:
             return self
         both = np.concatenate((self._numbers, np.array(list(new), dtype=np.int64)))
         numbers, last = np.unique(both[::-1], return_index=True)
-        shelf = self._shelf.appended(new.values()).with_cache(len(both) - 1 - last)
-        return StoredMapping(self._archive, shelf, numbers)
+        values = self._values.appended(new.values()).with_cache(len(both) - 1 - last)
+        return StoredMapping(self._archive, values, numbers)
 
     def __getitem__(self, number: int) -> V:
         at = int(np.searchsorted(self._numbers, number))
         if at == len(self._numbers) or self._numbers[at] != number:
             raise KeyError(number)
-        return self._shelf[at]
+        return self._values[at]
 
     def __iter__(self) -> Iterator[int]:
         return iter(self._numbers.tolist())
@@ -237,4 +237,4 @@ class StoredMapping(Mapping[int, V]):
 
 @lru_cache(maxsize=256)
 def _names(kind: type) -> tuple[str, ...]:
-    return tuple(one.name for one in fields(kind))
+    return tuple(field.name for field in fields(kind))

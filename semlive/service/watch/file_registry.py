@@ -43,7 +43,7 @@ class RegisteredFile:
 
     @property
     def description(self) -> str:
-        """Return the decision about the file, as a part of a sentence."""
+        """Return the decision about the file, a clause."""
         if self.export >= 0:
             return f"was taken as export {self.export}"
         return "was refused as a copy" if self.export == DUPLICATE else "was there before the run"

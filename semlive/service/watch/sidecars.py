@@ -10,7 +10,7 @@ SIDECAR_SUFFIXES = (".txt", ".hdr")
 
 
 def sidecar_names(image: str) -> tuple[str, ...]:
-    """Names that the text beside an image may have: ``a.txt`` (JEOL, Hitachi), ``a-tif.hdr`` and ``a.hdr`` (TESCAN)."""
+    """Return the possible names of the text file of an image: ``a.txt`` (JEOL, Hitachi), ``a-tif.hdr`` and ``a.hdr`` (TESCAN)."""
     stem, _, suffix = image.rpartition(".")
     if not stem:
         return ()

@@ -79,7 +79,7 @@ def test_five_integrated_frames_of_a_quanta_count_although_its_scan_section_says
     info = info_of(header, 1024, 884)
     assert info.timing.integrations.value == 5
     assert info.timing.duration_s == pytest.approx(5 * 29.5667)
-    assert "[Image] is believed" in info.notes[0]
+    assert "[Image] is used" in info.notes[0]
 
 
 def test_a_running_average_is_refused_but_its_timing_is_read() -> None:

@@ -45,7 +45,7 @@ def test_further_columns_do_no_harm_and_a_strain_gage_is_read() -> None:
 
 WRONG = {
     "missing column": (HEADER.replace(",row_time_s", ""), GOOD, "line 1: column row_time_s is missing"),
-    "column twice": (HEADER + ",frame", GOOD, "line 1: column frame stands there twice"),
+    "column twice": (HEADER + ",frame", GOOD, "line 1: column frame occurs twice"),
     "no lines": (HEADER, [], "line 2: holds no frame"),
     "unknown phase": (
         HEADER,
@@ -53,13 +53,13 @@ WRONG = {
         "line 2, column phase: 'kalibration' is no phase",
     ),
     "nan": (HEADER, [GOOD[0], GOOD[1].replace("10.0", "nan"), *GOOD[2:]], "line 3, column start_s: is nan"),
-    "word": (HEADER, [GOOD[0], GOOD[1].replace("10.0", "ten"), *GOOD[2:]], "line 3, column start_s: 'ten' is no number"),
+    "word": (HEADER, [GOOD[0], GOOD[1].replace("10.0", "ten"), *GOOD[2:]], "line 3, column start_s: 'ten' is not a number"),
     "empty": (HEADER, [GOOD[0], GOOD[1].replace("10.0", ""), *GOOD[2:]], "line 3, column start_s: is empty"),
     "short line": (HEADER, [*GOOD[:3], "3,1,tension,40.0"], "line 5: has 4 cells under 12 names, separated by commas"),
     "microseconds": (
         HEADER,
         [GOOD[0].replace("1e-5", "10"), *GOOD[1:]],
-        "line 2, column dwell_s: 10 is beyond any scan's; give it in seconds",
+        "line 2, column dwell_s: 10 is beyond the range of scans; give it in seconds",
     ),
     "row shorter than its pixels": (
         HEADER,
@@ -76,7 +76,7 @@ WRONG = {
         [*GOOD[:2], GOOD[2].replace("30.0", "50.0"), GOOD[3]],
         "line 5, column start_s: frame 3 starts at 40 s, not after",
     ),
-    "frame twice": (HEADER, [*GOOD, GOOD[3]], "line 6, column frame: frame 3 stands in line 5 already"),
+    "frame twice": (HEADER, [*GOOD, GOOD[3]], "line 6, column frame: frame 3 is in line 5 already"),
     "frame of another pair": (
         HEADER,
         [*GOOD[:3], GOOD[3].replace("3,1", "3,2")],
@@ -88,7 +88,7 @@ WRONG = {
     "one load": (HEADER, [*GOOD[:3], GOOD[3].replace("250.5", "")], "line 5, column load_n: is empty but the pair's other frame has one"),
     "one shift": (HEADER, [GOOD[0].removesuffix("0"), *GOOD[1:]], "line 2, column shift_y_px: is empty but the other axis is not"),
     "size": (HEADER, [GOOD[0], GOOD[1].replace("1000", "999"), *GOOD[2:]], "line 3, column width: is 999 but frame 0 has 1000"),
-    "half an integration": (HEADER, [GOOD[0].replace(",1,,", ",1.5,,"), *GOOD[1:]], "line 2, column integrations: 1.5 is no whole number"),
+    "half an integration": (HEADER, [GOOD[0].replace(",1,,", ",1.5,,"), *GOOD[1:]], "line 2, column integrations: 1.5 is no integer"),
     "gage without load": (HEADER + ",gage_strain", [f"{line},1e-3" for line in GOOD], "line 2, column load_n: is empty but gage_strain"),
 }
 

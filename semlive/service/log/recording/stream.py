@@ -132,5 +132,5 @@ class BufferedLogStream:
         self._raw.close()
 
     def as_binary(self) -> BinaryIO:
-        """Return this object typed as a binary file; a log writer uses write, tell and flush only."""
+        """Return this object as a binary file; a log writer uses `write`, `tell` and `flush` only."""
         return cast(BinaryIO, self)

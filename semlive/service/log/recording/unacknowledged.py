@@ -20,7 +20,7 @@ from semlive.formats.log.reader import LogMessage, read_messages
 
 _NAMED_FILES = 10
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-# A write refused for one of these leaves the file as it was; the same write can be repeated later.
+# A write that fails with one of these errors does not change the file; the same write can be repeated later.
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)})
 _REPEATABLE = _NO_ROOM | {errno.EINTR, errno.EAGAIN}
 
