@@ -52,7 +52,7 @@ def _as_json(run: StoredRun, deleted: bool) -> dict[str, object]:
         "run": str(run.folder),
         "bytes": run.size,
         "ended": _utc(run.ended_s),
-        "kept_because": run.kept_because,
+        "kept_because": run.retained_because,
         "beyond": run.deleted_because,
         "deleted": deleted,
     }
@@ -60,8 +60,8 @@ def _as_json(run: StoredRun, deleted: bool) -> dict[str, object]:
 
 def _line(run: StoredRun, deleted: bool) -> str:
     told = f"{run.folder.name}: {run.size / 1e9:.2f} GB, {_utc(run.ended_s)}, "
-    if run.kept_because:
-        return f"{told}kept: {run.kept_because}"
+    if run.retained_because:
+        return f"{told}kept: {run.retained_because}"
     if run.deleted_because:
         return f"{told}{'deleted' if deleted else 'would be deleted'}: {run.deleted_because}"
     return f"{told}kept: within the limits"

@@ -35,16 +35,16 @@ def recover(
 
 def _as_json(recovered: tuple[RepairSummary, ...]) -> dict[str, Any]:
     return {
-        "messages": sum(sum(one.kept.values()) for one in recovered),
+        "messages": sum(sum(one.recovered.values()) for one in recovered),
         "lost": sum(sum(one.lost.values()) for one in recovered),
         "lost_is_complete": all(one.lost_is_complete for one in recovered),
         "segments": [
             {
                 "source": str(one.source),
                 "log": str(one.path),
-                "kept_as": None if one.kept_as is None else str(one.kept_as),
+                "kept_as": None if one.original is None else str(one.original),
                 "whole": one.was_intact,
-                "kept": dict(one.kept),
+                "kept": dict(one.recovered),
                 "lost": dict(one.lost),
                 "lost_is_complete": one.lost_is_complete,
                 "damage": [
@@ -65,10 +65,10 @@ def _as_json(recovered: tuple[RepairSummary, ...]) -> dict[str, Any]:
 
 
 def _lines(one: RepairSummary) -> list[str]:
-    messages = sum(one.kept.values())
+    messages = sum(one.recovered.values())
     if one.was_intact:
         return [f"{one.path}: whole, {messages} messages"]
-    lines = [f"{one.path}: recovered, {messages} messages" + ("" if one.kept_as is None else f"; the original is {one.kept_as.name}")]
+    lines = [f"{one.path}: recovered, {messages} messages" + ("" if one.original is None else f"; the original is {one.original.name}")]
     lines += [f"  {_told(damage)}" for damage in one.damage]
     lost = ", ".join(f"{count} of {topic}" for topic, count in one.lost.items())
     if one.lost_is_complete:

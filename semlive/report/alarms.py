@@ -18,12 +18,12 @@ def alarms_html(alarms: Alarms | None) -> str:
     """
     if alarms is None:
         return "<p>Not known: the log was not read for alarms.</p>"
-    if not alarms.known:
+    if not alarms.listed:
         return "<p>None.</p>"
     left = f" The {alarms.forgotten} oldest acknowledged or repeated ones are not listed." if alarms.forgotten else ""
-    found = f"<p>{len(alarms.known) + alarms.forgotten} alarms, {len(alarms.open)} of them not acknowledged.{left}</p>"
+    found = f"<p>{len(alarms.listed) + alarms.forgotten} alarms, {len(alarms.open)} of them not acknowledged.{left}</p>"
     head = "".join(f"<th>{heading}</th>" for heading in _HEADINGS)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in _cells(alarm)) + "</tr>" for alarm in alarms.known)
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in _cells(alarm)) + "</tr>" for alarm in alarms.listed)
     return f'{found}<div class="scroll"><table class="words"><tr>{head}</tr>{body}</table></div>'
 
 

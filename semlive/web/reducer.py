@@ -188,7 +188,7 @@ def _warned(view: PageState, time_ns: int, level: str, text: str, what_to_do: st
 
 def _with_notices(view: PageState) -> PageState:
     """Merge alarms and warnings; an open alarm about a disobeyed stop is shown regardless of later entries."""
-    known = view.raised.known
+    known = view.raised.listed
     shown = (*(one for one in known[:-_SHOWN_ALARMS] if one.disobeyed and not one.acknowledged), *known[-_SHOWN_ALARMS:])
     notices = sorted((*view.warnings, *(_notice(view, alarm) for alarm in shown)), key=lambda one: one.time_s)
     return replace(view, alarms=tuple(notices))

@@ -112,7 +112,7 @@ def held(case: Case, recovered: RepairSummary, all_keys: list[tuple[str, int, in
             (channel.topic, message.sequence, message.log_time, message.publish_time, message.data)
             for _, channel, message in reader.iter_messages(log_time_order=False)
         ]
-    assert summary.statistics.message_count == len(kept) == sum(recovered.kept.values()), case.name
+    assert summary.statistics.message_count == len(kept) == sum(recovered.recovered.values()), case.name
     rest = iter(all_keys)
     assert all(key in rest for key in kept), f"{case.name}: a message that was not there, or out of order"
     missing = Counter(one.key[:2] for one in case.must) - Counter(key[:2] for key in kept)
@@ -146,7 +146,7 @@ def campaign(data: bytes, count: int, folder: Path) -> list[str]:
         kept[kind] += len(case.must) + beyond
         more[kind] += beyond
         exact[kind] += recovered.lost_is_complete
-        for used in (recovered.path, recovered.kept_as):
+        for used in (recovered.path, recovered.original):
             if used is not None:
                 used.unlink()
     lines = [f"log: {len(data) / 1e6:.1f} MB, {len(messages)} messages, {len({one.chunk for one in messages})} chunks"]

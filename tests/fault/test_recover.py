@@ -69,7 +69,7 @@ def test_everything_before_every_tear_of_the_last_chunk_is_kept(tmp_path: Path) 
     for cut in range(known[0].chunk[0], known[5].end, 97):
         path.write_bytes(data[:cut])
         recovered = recover_segment(path)
-        assert sum(recovered.kept.values()) == sum(one.end <= cut for one in known)
+        assert sum(recovered.recovered.values()) == sum(one.end <= cut for one in known)
         recovered.path.unlink()
         (tmp_path / f"cut{ORIGINAL}").unlink()
 
@@ -104,7 +104,7 @@ def test_a_damaged_log_is_recovered_in_place_and_the_original_is_kept(tmp_path: 
     assert [message.sequence for message in messages(tmp_path) if message.topic == SEM_ORIGINAL] == [0, 3, 9, 12, 15, 18, 21, 24, 27]
     [again] = recover_log(tmp_path)
     assert again.was_intact
-    assert sum(again.kept.values()) == 329
+    assert sum(again.recovered.values()) == 329
     assert sorted(one.name for one in tmp_path.iterdir()) == ["run.000.mcap", f"run.000{ORIGINAL}"]
 
 
@@ -118,7 +118,7 @@ def test_every_length_and_kind_of_a_chunk_may_be_wrong_by_a_bit(tmp_path: Path) 
         data = bytearray(whole)
         data[chunk[0] + byte] ^= 4
         path.write_bytes(data)
-        assert sum(recover_segment(path, tmp_path / f"{byte}.mcap").kept.values()) == total
+        assert sum(recover_segment(path, tmp_path / f"{byte}.mcap").recovered.values()) == total
 
 
 def test_where_it_goes_and_what_is_refused(tmp_path: Path) -> None:
@@ -135,7 +135,7 @@ def test_where_it_goes_and_what_is_refused(tmp_path: Path) -> None:
         recover_log(folder, tmp_path / "out")
     [left] = repair_partial_segments(folder)
     assert left.path.name == "run.001.mcap"
-    assert left.kept_as == folder / f"run.001{ORIGINAL}"
+    assert left.original == folder / f"run.001{ORIGINAL}"
     assert repair_partial_segments(folder) == ()
     (tmp_path / "image.mcap").write_bytes(b"\x89PNG\r\n\x1a\n" * 100)
     with pytest.raises(BadLog, match=r"image\.mcap: not an MCAP file"):
@@ -173,7 +173,7 @@ def test_a_log_that_is_being_written_is_left_alone_and_a_killed_one_is_finished(
     deadline = time.monotonic() + 10
     while (tmp_path / "run.000.mcap.part").exists() and time.monotonic() < deadline:
         [recovered] = repair_partial_segments(tmp_path)
-        assert recovered.kept == {"/log": 100}
+        assert recovered.recovered == {"/log": 100}
     with (tmp_path / "run.000.mcap").open("rb") as stream:
         summary = make_reader(stream, validate_crcs=True).get_summary()
     assert summary is not None
@@ -199,4 +199,4 @@ def test_what_an_older_log_tells_only_once_is_found_elsewhere(tmp_path: Path) ->
     path.write_bytes(data)
     assert [message.sequence for message in messages(path)] == [1, 2]
     recovered = recover_segment(path)
-    assert (recovered.kept, recovered.lost, recovered.lost_is_complete) == ({"/operator": 2}, {"/operator": 1}, True)
+    assert (recovered.recovered, recovered.lost, recovered.lost_is_complete) == ({"/operator": 2}, {"/operator": 1}, True)

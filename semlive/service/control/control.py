@@ -428,5 +428,5 @@ class Control:
 
     def _snapshot(self) -> RunSnapshot:
         now_ns = self._clock.now_ns()
-        alarms, rate = self._journal.alarms.known, self._drift_rate_px_s
+        alarms, rate = self._journal.alarms.listed, self._drift_rate_px_s
         return RunSnapshot(now_ns, progress(self._state), rate, self._elastic, self._pairs_analysed, self._warnings, alarms)

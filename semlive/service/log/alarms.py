@@ -77,21 +77,21 @@ class Alarms:
     """Alarms of a run so far.
 
     Attributes:
-        known: alarms in order of time. If there are too many, acknowledged ones are removed first, then the oldest.
-        forgotten: number of alarms that were removed from `known`.
+        listed: alarms in order of time. If there are too many, acknowledged ones are removed first, then the oldest.
+        forgotten: number of alarms that were removed from `listed`.
         provisional: the last alarm was derived from a transition; a `/fault` message about the same event replaces it.
-        wordless: the text of that transition has not been logged yet.
+        lacks_text: the text of that transition has not been logged yet.
     """
 
-    known: tuple[Alarm, ...] = ()
+    listed: tuple[Alarm, ...] = ()
     forgotten: int = 0
     provisional: bool = False
-    wordless: bool = False
+    lacks_text: bool = False
 
     @property
     def open(self) -> tuple[Alarm, ...]:
         """Alarms without an acknowledgement."""
-        return tuple(alarm for alarm in self.known if not alarm.acknowledged)
+        return tuple(alarm for alarm in self.listed if not alarm.acknowledged)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,8 +122,8 @@ def after(alarms: Alarms, payload: BaseModel) -> Alarms:
             return _fault(alarms, payload)
         case StateMessage(before=before, after=entered) if entered in _TROUBLE and before != entered:
             return _transition(alarms, payload)
-        case LogLineMessage(level="info") if alarms.wordless and payload.time_ns - alarms.known[-1].time_ns <= _SOON_NS:
-            return replace(_last(alarms, replace(alarms.known[-1], text=printable(payload.text))), wordless=False)
+        case LogLineMessage(level="info") if alarms.lacks_text and payload.time_ns - alarms.listed[-1].time_ns <= _SOON_NS:
+            return replace(_last(alarms, replace(alarms.listed[-1], text=printable(payload.text))), lacks_text=False)
         case OperatorMessage(what="acknowledge"):
             return _acknowledge(alarms, payload)
     return alarms
@@ -146,13 +146,13 @@ def _fault(alarms: Alarms, message: FaultMessage) -> Alarms:
         printable(message.where),
         printable(message.action),
     )
-    last = alarms.known[-1] if alarms.known else None
+    last = alarms.listed[-1] if alarms.listed else None
     late_ns = _SOON_NS if last is not None and last.code == message.code else _SAME_NS
     if last is not None and alarms.provisional and abs(message.time_ns - last.time_ns) <= late_ns:
-        return replace(_last(alarms, alarm), provisional=False, wordless=False)
+        return replace(_last(alarms, alarm), provisional=False, lacks_text=False)
     if last is not None and _judged_twice(last, alarm):
         return alarms
-    return _added(replace(alarms, provisional=False, wordless=False), alarm)
+    return _added(replace(alarms, provisional=False, lacks_text=False), alarm)
 
 
 def _judged_twice(last: Alarm, alarm: Alarm) -> bool:
@@ -163,14 +163,14 @@ def _judged_twice(last: Alarm, alarm: Alarm) -> bool:
 
 def _transition(alarms: Alarms, message: StateMessage) -> Alarms:
     code = FAULT_OF_CAUSE.get(message.cause, FaultCode.EMERGENCY_STOP if message.after == State.EMERGENCY_STOP else FaultCode.DEVICE_FAULT)
-    last = alarms.known[-1] if alarms.known else None
+    last = alarms.listed[-1] if alarms.listed else None
     if last is not None and abs(message.time_ns - last.time_ns) <= _SAME_NS:
         # A device reported it; before faults had codes, only the transition shows that it was an emergency stop.
         vague = last.code in ("", FaultCode.DEVICE_FAULT) and code is FaultCode.EMERGENCY_STOP
         return _last(alarms, replace(last, code=code)) if vague else alarms
     text = "emergency stop or limit switch" if message.after == State.EMERGENCY_STOP else "fault"
     return replace(
-        _added(alarms, Alarm(message.time_ns, code, f"{text} ({message.cause})", "run", _STOPPED)), provisional=True, wordless=True
+        _added(alarms, Alarm(message.time_ns, code, f"{text} ({message.cause})", "run", _STOPPED)), provisional=True, lacks_text=True
     )
 
 
@@ -182,22 +182,22 @@ def _acknowledge(alarms: Alarms, message: OperatorMessage) -> Alarms:
         replace(alarm, acknowledged_ns=message.time_ns, acknowledged_by=by)
         if alarm.identity == identity and not alarm.acknowledged
         else alarm
-        for alarm in alarms.known
+        for alarm in alarms.listed
     )
-    return replace(alarms, known=tuple(done))
+    return replace(alarms, listed=tuple(done))
 
 
 def _last(alarms: Alarms, alarm: Alarm) -> Alarms:
-    return replace(alarms, known=(*alarms.known[:-1], alarm))
+    return replace(alarms, listed=(*alarms.listed[:-1], alarm))
 
 
 def _added(alarms: Alarms, alarm: Alarm) -> Alarms:
-    all_alarms = (*alarms.known, alarm)
+    all_alarms = (*alarms.listed, alarm)
     if len(all_alarms) <= _MAX_ALARMS:
-        return replace(alarms, known=all_alarms)
+        return replace(alarms, listed=all_alarms)
     # An open alarm about a disobeyed stop is always retained.
     discarded = min(all_alarms, key=lambda item: (not item.acknowledged, item.disobeyed and not item.acknowledged, item.time_ns))
-    return replace(alarms, known=tuple(item for item in all_alarms if item is not discarded), forgotten=alarms.forgotten + 1)
+    return replace(alarms, listed=tuple(item for item in all_alarms if item is not discarded), forgotten=alarms.forgotten + 1)
 
 
 def _code_of(where: str) -> str:

@@ -58,8 +58,8 @@ class RepairSummary:
     Attributes:
         source: the segment before the repair.
         path: the valid segment.
-        kept_as: new path of the damaged original; None if it was intact or was not moved.
-        kept: number of messages of each topic in the valid segment.
+        original: new path of the damaged original; None if it was intact or was not moved.
+        recovered: number of messages of each topic in the valid segment.
         lost: number of lost messages of each topic, as far as known.
         lost_is_complete: `lost` contains all losses; otherwise there may be more, after a truncation or in topics without a count.
         damage: damaged parts in order; empty if the segment was intact.
@@ -67,8 +67,8 @@ class RepairSummary:
 
     source: Path
     path: Path
-    kept_as: Path | None
-    kept: Mapping[str, int]
+    original: Path | None
+    recovered: Mapping[str, int]
     lost: Mapping[str, int]
     lost_is_complete: bool
     damage: tuple[Damage, ...]
@@ -183,18 +183,18 @@ def _put_in_place(recovered: RepairSummary, growing: Path, in_place: bool) -> Re
     elif not in_place:
         growing.replace(target)
     else:
-        kept_as = _free_name(path.with_name(path.name.removesuffix(PARTIAL_SUFFIX).removesuffix(SUFFIX) + ORIGINAL))
+        original = _free_name(path.with_name(path.name.removesuffix(PARTIAL_SUFFIX).removesuffix(SUFFIX) + ORIGINAL))
         if path == target:
             try:
-                os.link(path, kept_as)
+                os.link(path, original)
             except OSError:
                 # Without links on this file system the log has, for an instant, only its other name.
-                path.replace(kept_as)
+                path.replace(original)
             growing.replace(target)
         else:
             growing.replace(target)
-            path.replace(kept_as)
-        recovered = replace(recovered, kept_as=kept_as)
+            path.replace(original)
+        recovered = replace(recovered, original=original)
     sync_folder(target.parent)
     return recovered
 
@@ -212,7 +212,7 @@ class _Account:
     """Account of retained and lost messages while a segment is read."""
 
     channels: Mapping[int, Channel]
-    kept: Counter[str] = field(default_factory=Counter)
+    recovered: Counter[str] = field(default_factory=Counter)
     skipped: Counter[str] = field(default_factory=Counter)
     newest: dict[str, int] = field(default_factory=dict)
     damage: list[Damage] = field(default_factory=list)
@@ -220,7 +220,7 @@ class _Account:
     open_damage: bool = False
 
     def read(self, topic: str, message: Message) -> None:
-        self.kept[topic] += 1
+        self.recovered[topic] += 1
         if topic in TOPICS and topic not in RAW_TOPICS:
             self.skipped[topic] += max(0, message.sequence - self.newest.get(topic, -1) - 1)
             self.newest[topic] = message.sequence
@@ -245,7 +245,7 @@ class _Account:
             expected = {
                 self.channels[number].topic: n for number, n in statistics.channel_message_counts.items() if number in self.channels
             }
-            lost = {topic: n - self.kept[topic] for topic, n in expected.items()}
+            lost = {topic: n - self.recovered[topic] for topic, n in expected.items()}
         else:
             indexed = sum((Counter(damage.lost) for damage in self.damage), Counter[str]())
             lost = {topic: max(indexed[topic], self.skipped[topic]) for topic in indexed | self.skipped}
@@ -289,7 +289,7 @@ def _recover(stream: BinaryIO, out: BinaryIO, read: Callable[[int], object]) -> 
         damage.append(Damage(0, 0, "the index at the end is damaged", account.last_ns, None, {}))
     if unknown:
         damage.append(Damage(0, 0, f"{unknown} messages belong to topics without a description in the file", None, None, {}))
-    return RepairSummary(Path(), Path(), None, dict(sorted(account.kept.items())), account.lost(total), complete, tuple(damage))
+    return RepairSummary(Path(), Path(), None, dict(sorted(account.recovered.items())), account.lost(total), complete, tuple(damage))
 
 
 def _adopt(writer: LogWriter, channel: Channel, schemas: Mapping[int, Schema]) -> None:

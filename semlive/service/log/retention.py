@@ -50,14 +50,14 @@ class StoredRun:
         folder: run folder.
         size: total size of its files, bytes.
         ended_s: time of the last write to its files, seconds since 1970.
-        kept_because: reason for retention regardless of the limits; None if it may be deleted.
+        retained_because: reason for retention regardless of the limits; None if it may be deleted.
         deleted_because: the limit that it exceeds; None if it is retained.
     """
 
     folder: Path
     size: int
     ended_s: float
-    kept_because: str | None
+    retained_because: str | None
     deleted_because: str | None = None
 
 
@@ -77,9 +77,9 @@ def select_runs(root: Path, limits: Retention, now_s: float) -> tuple[StoredRun,
     runs = sorted((_check_run(folder, now_s) for folder in _run_folders(root)), key=lambda run: (run.ended_s, run.folder.name))
     total, checked = sum(run.size for run in runs), list[StoredRun]()
     for run in runs:
-        reason = None if run.kept_because else _exceeded_limit(run, limits, now_s, total)
+        reason = None if run.retained_because else _exceeded_limit(run, limits, now_s, total)
         total -= 0 if reason is None else run.size
-        checked.append(StoredRun(run.folder, run.size, run.ended_s, run.kept_because, reason))
+        checked.append(StoredRun(run.folder, run.size, run.ended_s, run.retained_because, reason))
     return tuple(checked)
 
 
@@ -92,8 +92,8 @@ def delete(run: StoredRun, now_s: float) -> None:
     """
     with run_lock(run.folder):
         now = _check_run(run.folder, now_s, held=True)
-        if now.kept_because or now.ended_s != run.ended_s:
-            raise BadInput(f"{run.folder}: is kept: {now.kept_because or 'it has just been written to'}")
+        if now.retained_because or now.ended_s != run.ended_s:
+            raise BadInput(f"{run.folder}: is kept: {now.retained_because or 'it has just been written to'}")
         away = run.folder.with_name(f".{run.folder.name}{_DELETING}")
         try:
             run.folder.rename(away)

@@ -38,11 +38,11 @@ def alarms(*payloads: Payload) -> Alarms:
 
 
 def found(*payloads: Payload) -> list[tuple[str, str]]:
-    return [(alarm.code, alarm.text) for alarm in alarms(*payloads).known]
+    return [(alarm.code, alarm.text) for alarm in alarms(*payloads).listed]
 
 
 def test_every_fault_is_an_alarm() -> None:
-    known = alarms(fault(1, "it is full", "log"), fault(2, "no point converged", "pair 3"), fault(3, code="link_lost")).known
+    known = alarms(fault(1, "it is full", "log"), fault(2, "no point converged", "pair 3"), fault(3, code="link_lost")).listed
     assert [(one.code, one.where) for one in known] == [("log", "log"), ("analysis", "pair 3"), ("link_lost", "load frame")]
     assert not any(one.acknowledged for one in known)
 
@@ -76,7 +76,7 @@ def test_another_fault_soon_after_a_transition_is_an_alarm_of_its_own() -> None:
 
 
 def test_staying_in_fault_and_leaving_it_are_no_alarms() -> None:
-    assert not alarms(state(1, "fault", "recover", "resume"), state(2, "ramping", "paused", "pause"), line(3, "paused")).known
+    assert not alarms(state(1, "fault", "recover", "resume"), state(2, "ramping", "paused", "pause"), line(3, "paused")).listed
 
 
 @pytest.mark.parametrize("resumed", [False, True])
@@ -87,7 +87,7 @@ def test_an_alarm_is_open_until_it_is_acknowledged_whatever_the_run_does(resumed
     assert len(known.open) == 2
     known = reduce(after, (acknowledge(8, str(at(1))), acknowledge(9, "no alarm"), acknowledge(10, str(at(1)))), known)
     assert [one.code for one in known.open] == ["limit"]
-    first = known.known[0]
+    first = known.listed[0]
     assert (first.acknowledged_ns, first.acknowledged_by) == (at(8), "page at 127.0.0.1")
 
 
@@ -109,10 +109,10 @@ def test_text_from_outside_is_shown_without_control_characters() -> None:
 def test_very_many_alarms_are_bounded_and_the_one_that_matters_stays() -> None:
     first = (fault(0, code="log"), acknowledge(0.5, str(at(0))), fault(1, "it moves on", code="stop_not_obeyed"))
     known = alarms(*first, *(fault(2 + number, code="analysis") for number in range(600)))
-    assert len(known.known) == 500
+    assert len(known.listed) == 500
     assert known.forgotten == 102
-    assert known.known[0].disobeyed
-    assert known.known[-1].time_ns == at(601)
+    assert known.listed[0].disobeyed
+    assert known.listed[-1].time_ns == at(601)
 
 
 def test_a_limit_that_link_thread_and_protocol_find_in_one_reading_is_one_alarm() -> None:
@@ -120,6 +120,6 @@ def test_a_limit_that_link_thread_and_protocol_find_in_one_reading_is_one_alarm(
     for where, late_ns in (("protocol", 0), ("load frame", 3_000_000)):
         told = FaultMessage(time_ns=1_000 + late_ns, what="the load is 950 N", where=where, action="stopped", code="limit")
         known = after(known, told)
-    assert len(known.known) == 1
+    assert len(known.listed) == 1
     other = FaultMessage(time_ns=2_000, what="another", where="load frame", action="stopped", code="load_jump")
-    assert len(after(known, other).known) == 2
+    assert len(after(known, other).listed) == 2

@@ -96,7 +96,7 @@ def test_what_somebody_could_need_is_kept_whatever_the_limit(tmp_path: Path, spo
     assert beyond(tmp_path, days=30) == ["one"]
     spoil(folder)
     (run,) = select_runs(tmp_path, Retention(days=0, gb=0), NOW_S)
-    assert why in (run.kept_because or "")
+    assert why in (run.retained_because or "")
     assert run.deleted_because is None
 
 
@@ -104,7 +104,7 @@ def test_what_somebody_could_need_is_kept_whatever_the_limit(tmp_path: Path, spo
 def test_a_run_that_can_be_taken_up_again_is_kept(tmp_path: Path, state: str, concluded: bool) -> None:
     make_run(tmp_path, "one", 400, state, concluded)
     (run,) = select_runs(tmp_path, Retention(days=30), NOW_S)
-    assert "can be resumed" in (run.kept_because or "")
+    assert "can be resumed" in (run.retained_because or "")
 
 
 def test_a_run_at_work_or_written_to_since_is_not_deleted(tmp_path: Path) -> None:
