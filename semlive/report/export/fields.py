@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -44,6 +45,34 @@ UNITS: Mapping[str, str] = {
     "shift_y_px": "px",
 }
 """Units by name; what is not here has none."""
+
+
+@dataclass(frozen=True, slots=True)
+class PartFile:
+    """A file that is written under another name until it is complete.
+
+    Attributes:
+        out: its finished name.
+    """
+
+    out: Path
+
+    @property
+    def path(self) -> Path:
+        """Its name while it is written."""
+        return self.out.with_name(self.out.name + ".part")
+
+    def finish(self, complete: bool) -> None:
+        """Rename the complete file, or delete an incomplete one."""
+        if complete:
+            self.path.replace(self.out)
+        else:
+            self.path.unlink(missing_ok=True)
+
+
+def storable(array: Array) -> Array:
+    """Return an array of a type that all formats store: masks as 0 and 1."""
+    return array.astype(np.uint8) if array.dtype == np.bool_ else array
 
 
 class Format(StrEnum):

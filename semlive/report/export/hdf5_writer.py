@@ -8,23 +8,11 @@ from importlib.metadata import version
 from pathlib import Path
 
 import h5py
-import numpy as np
 
 from semlive.data.results import FrameResult
 from semlive.data.settings import MEASURES
-from semlive.report.export.fields import (
-    FORMAT_VERSION,
-    UNITS,
-    Array,
-    RunMetadata,
-    constants,
-    distortion_fields,
-    drift_series,
-    frame_fields,
-    frame_series,
-    load_series,
-    phases,
-)
+from semlive.report.export import fields
+from semlive.report.export.fields import Array, PartFile, RunMetadata, storable
 
 
 class Hdf5Writer:
@@ -35,16 +23,15 @@ class Hdf5Writer:
     """
 
     def __init__(self, out: Path) -> None:
-        self._out = out
-        self._part = out.with_name(out.name + ".part")
-        self._part.unlink(missing_ok=True)
-        self._file = h5py.File(self._part, "w")
+        self._part = PartFile(out)
+        self._part.path.unlink(missing_ok=True)
+        self._file = h5py.File(self._part.path, "w")
         self._frames = self._file.create_group("frames")
 
     def write_frame(self, frame: FrameResult) -> None:
         """Write one frame's group."""
         group = self._frames.create_group(str(frame.summary.frame))
-        write_arrays(group, frame_fields(frame))
+        write_arrays(group, fields.frame_fields(frame))
         group.attrs["vsg_px"] = frame.summary.vsg_px
         for name, value in (("strain_mean", frame.summary.mean), ("strain_mean_sigma", frame.summary.mean_sigma)):
             for component in ("exx", "eyy", "exy"):
@@ -62,40 +49,37 @@ class Hdf5Writer:
     def close(self, complete: bool) -> None:
         """Put the file in its place, or remove what there is of it."""
         self._file.close()
-        if complete:
-            self._part.replace(self._out)
-        else:
-            self._part.unlink(missing_ok=True)
+        self._part.finish(complete)
 
 
 def write_arrays(group: h5py.Group, arrays: Mapping[str, Array]) -> None:
     """Arrays as data sets with their units; masks as 0 and 1."""
     for name, array in arrays.items():
-        kept = array.astype(np.uint8) if array.dtype == np.bool_ else array
-        data = group.create_dataset(name, data=kept, compression="lzf" if kept.size > 1 else None, shuffle=kept.size > 1)
-        if name in UNITS:
-            data.attrs["units"] = UNITS[name]
+        values = storable(array)
+        data = group.create_dataset(name, data=values, compression="lzf" if values.size > 1 else None, shuffle=values.size > 1)
+        if name in fields.UNITS:
+            data.attrs["units"] = fields.UNITS[name]
 
 
 def write_metadata(group: h5py.Group, story: RunMetadata) -> None:
     """Everything but the frames."""
     group.attrs["format"] = "semlive export"
-    group.attrs["format_version"] = FORMAT_VERSION
+    group.attrs["format_version"] = fields.FORMAT_VERSION
     group.attrs["semlive"] = version("semlive")
     measure = MEASURES[story.settings["estimate.strain.measure"]]
     group.attrs["conventions"] = (
         f"x right, y down, px of frame 0; u and v corrected, from frame 0; {measure}, tension positive; exy tensor shear"
     )
     group.attrs["noise_floor_px"] = story.result_json["noise_floor_px"]
-    write_arrays(group.create_group("drift"), drift_series(story.result))
-    write_arrays(group.create_group("distortion"), distortion_fields(story.result))
+    write_arrays(group.create_group("drift"), fields.drift_series(story.result))
+    write_arrays(group.create_group("distortion"), fields.distortion_fields(story.result))
     series = group.create_group("series")
-    write_arrays(series, frame_series(story))
-    series.create_dataset("phase", data=phases(story), dtype=h5py.string_dtype())
+    write_arrays(series, fields.frame_series(story))
+    series.create_dataset("phase", data=fields.phases(story), dtype=h5py.string_dtype())
     if story.load is not None:
-        write_arrays(group.create_group("load"), load_series(story.load))
+        write_arrays(group.create_group("load"), fields.load_series(story.load))
     elastic = group.create_group("elastic")
-    for name, value in constants(story).items():
+    for name, value in fields.constants(story).items():
         elastic.attrs[name] = value
     for name, value in (("configuration", story.configuration), ("settings", story.settings), ("result", story.result_json)):
         group.create_dataset(name, data=json.dumps(value), dtype=h5py.string_dtype())

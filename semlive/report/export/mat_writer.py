@@ -12,18 +12,8 @@ import numpy as np
 from scipy.io import savemat
 
 from semlive.data.results import FrameResult
-from semlive.report.export.fields import (
-    UNITS,
-    Array,
-    RunMetadata,
-    constants,
-    distortion_fields,
-    drift_series,
-    frame_fields,
-    frame_series,
-    load_series,
-    phases,
-)
+from semlive.report.export import fields
+from semlive.report.export.fields import Array, PartFile, RunMetadata, storable
 
 _HEADER_BYTES = 128
 
@@ -35,23 +25,22 @@ class MatWriter:
     """
 
     def __init__(self, out: Path) -> None:
-        self._out = out
-        self._part = out.with_name(out.name + ".part")
-        self._stream = self._part.open("wb")
+        self._part = PartFile(out)
+        self._stream = self._part.path.open("wb")
 
     def write_frame(self, frame: FrameResult) -> None:
         """Write one frame's structure."""
-        self._put(f"frame_{frame.summary.frame:05d}", _plain(frame_fields(frame)))
+        self._put(f"frame_{frame.summary.frame:05d}", _plain(fields.frame_fields(frame)))
 
     def write_metadata(self, story: RunMetadata) -> None:
         """Write the rest."""
-        self._put("drift", _plain(drift_series(story.result)))
-        self._put("distortion", _plain(distortion_fields(story.result)))
-        self._put("series", {**_plain(frame_series(story)), "phase": np.array(phases(story), dtype=object)})
+        self._put("drift", _plain(fields.drift_series(story.result)))
+        self._put("distortion", _plain(fields.distortion_fields(story.result)))
+        self._put("series", {**_plain(fields.frame_series(story)), "phase": np.array(fields.phases(story), dtype=object)})
         if story.load is not None:
-            self._put("load", _plain(load_series(story.load)))
-        self._put("elastic", constants(story))
-        self._put("units", dict(UNITS))
+            self._put("load", _plain(fields.load_series(story.load)))
+        self._put("elastic", fields.constants(story))
+        self._put("units", dict(fields.UNITS))
         for name, value in (
             ("result_json", story.result_json),
             ("settings_json", story.settings),
@@ -62,10 +51,7 @@ class MatWriter:
     def close(self, complete: bool) -> None:
         """Put the file in its place, or remove what there is of it."""
         self._stream.close()
-        if complete:
-            self._part.replace(self._out)
-        else:
-            self._part.unlink(missing_ok=True)
+        self._part.finish(complete)
 
     def _put(self, name: str, value: Any) -> None:
         alone = io.BytesIO()
@@ -76,4 +62,4 @@ class MatWriter:
 
 def _plain(arrays: Mapping[str, Array]) -> dict[str, Array]:
     """Masks as 0 and 1: logical arrays inside structures are not read by every version."""
-    return {name: array.astype(np.uint8) if array.dtype == np.bool_ else array for name, array in arrays.items()}
+    return {name: storable(array) for name, array in arrays.items()}

@@ -6,12 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from semlive.data.settings import ScanProfile
 from semlive.diagnose.intensity.frames import IntensityFrames
 from semlive.diagnose.rows.series import RowSeries
 from semlive.service.diagnosis.intensity import NO_IMAGES, NO_REFERENCE, IntensityReader
 from semlive.service.diagnosis.rows import NO_ROW_IMAGES, NO_ROWS, register_pair_rows
 from semlive.service.log.image_pairs import imaged_pairs
-from semlive.service.log.pairs import has_images, log_settings, topic_counts
+from semlive.service.log.pairs import has_images, topic_counts
 
 MAX_PAIRS = 40
 """What jitter, waves and grey levels are known from; 30 MB of rows."""
@@ -34,19 +35,25 @@ class ImageData:
     no_grey: str
 
 
-def channels_of_log(log: Path, watch: Callable[[str, int, int], None] | None = None) -> ImageData:
+def channels_of_log(log: Path, scan: ScanProfile, watch: Callable[[str, int, int], None] | None = None) -> ImageData:
     """Of the pairs of a log, evenly chosen where there are many.
+
+    Args:
+        log: one file, or a run folder.
+        scan: scan settings of the log.
+        watch: callback with the activity, the completed amount and the total.
 
     Raises:
         BadLog: the log cannot be read.
     """
-    if not has_images(log):
+    counts = topic_counts(log)
+    if not has_images(log, counts):
         return ImageData((), NO_ROW_IMAGES, None, NO_IMAGES)
-    count = (topic_counts(log) or {}).get("/pair", 0)
+    count = (counts or {}).get("/pair", 0)
     every = max(1, -(-count // MAX_PAIRS))
     rows: list[RowSeries] = []
     grey = IntensityReader()
-    for done, pair in enumerate(imaged_pairs(log, log_settings(log).scan, every), start=1):
+    for done, pair in enumerate(imaged_pairs(log, scan, every), start=1):
         one = register_pair_rows(pair)
         if one is not None:
             rows.append(one)

@@ -104,10 +104,10 @@ def _not_linear(name: str) -> set[str]:
 
 def model_of(log: Path) -> Model:
     """The model that a run was made with; none where it had none."""
-    given = first_run(log).config.get("model")
-    if given is None:
+    config = first_run(log).config
+    if config.get("model") is None:
         return Model()
-    section = parse_config(first_run(log).config, "the run's configuration").model
+    section = parse_config(config, "the run's configuration").model
     return Model() if section is None else Model(section, tuple(one.model_dump(mode="json") for one in section.effects), "the log's own")
 
 

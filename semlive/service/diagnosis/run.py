@@ -31,11 +31,13 @@ from semlive.diagnose.scalars.stage import add_stage_evidence, stage_moves
 from semlive.diagnose.scalars.strain_gage import add_gage_evidence, gage_readings
 from semlive.errors import BadLog, IllPosed
 from semlive.estimate import EstimatorState
+from semlive.formats.log.messages import RunMessage
 from semlive.model.effects.intensity import intensity_effect
 from semlive.model.effects.rows import row_effect
 from semlive.model.effects.stage import non_map_effect
 from semlive.service.diagnosis.images import ImageData, channels_of_log
-from semlive.service.log.pairs import LogNotes, first_run, log_settings, pairs_with_maps
+from semlive.service.log.pairs import LogNotes, first_run, pairs_with_maps
+from semlive.service.log.settings import settings_of
 from semlive.service.runtime.blas import limit_blas_threads
 
 
@@ -59,13 +61,14 @@ def diagnose_log(
     found = add_stage_evidence(replace(found, model_effects=tuple(known)), stage_moves(seen, steps))
     if found.experiment is not None:
         found = replace(found, experiment=ranked(found.experiment, forecast_experiments(seen, found, known)))
-    settings = log_settings(log)
+    assert words.run is not None  # `_observed` has read it
+    settings = settings_of(words.run)
     readings = load_readings(seen, steps, settings.specimen.loading_axis)
     found = add_load_cell_evidence(found, readings)
     found = add_gage_evidence(found, gage_readings(readings, steps, settings.specimen.gage_factor_sigma))
     if words.sem_clock is not None:
         found = add_clock_evidence(found, words.sem_clock.offset_s - settings.scan.clock_offset_s, words.sem_clock.sigma_s)
-    seen_beside = channels_of_log(log, watch)
+    seen_beside = channels_of_log(log, settings.scan, watch)
     return _beside_grey(_beside_rows(found, seen_beside, seed), seen_beside)
 
 
@@ -116,7 +119,8 @@ def load_observation(log: Path, watch: Callable[[str, int, int], None] | None = 
 
 def _observed(log: Path, words: LogNotes, watch: Callable[[str, int, int], None] | None) -> tuple[Observation, tuple[StepConditions, ...]]:
     limit_blas_threads()
-    settings = log_settings(log)
+    words.run = first_run(log)
+    settings = settings_of(words.run)
     settings = replace(settings, estimate=replace(settings.estimate, method="joint"), model=EMPTY_MODEL)
     state = None
     pairs = ((decision, pipeline.complete_maps(decision.pair, maps)) for decision, maps in pairs_with_maps(log, words))
@@ -126,14 +130,14 @@ def _observed(log: Path, words: LogNotes, watch: Callable[[str, int, int], None]
     if state is None:
         raise BadLog(f"{log}: holds no disparity maps; replay it from its images first.")
     assert isinstance(state.estimator_state, EstimatorState)  # of the joint method
-    steps = step_conditions(state.pairs, _hold_s(log))
+    steps = step_conditions(state.pairs, _hold_s(words.run))
     solution, other = baseline_solution(state.estimator_state)
     return make_observation(solution, steps, other), steps
 
 
-def _hold_s(log: Path) -> float:
-    """The hold before the pairs of a log's run: as configured, or the paper's where nothing tells."""
-    protocol = first_run(log).config.get("protocol")
+def _hold_s(run: RunMessage) -> float:
+    """Return the hold before the pairs of a run, s: as configured, or that of the paper without a configuration."""
+    protocol = run.config.get("protocol")
     hold = protocol.get("hold_s") if isinstance(protocol, dict) else None
     return float(hold) if isinstance(hold, int | float) else HOLD_S
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -139,13 +139,17 @@ def recorded_result(log: Path) -> dict[str, Any] | None:
     return notes.recorded
 
 
-def has_images(log: Path) -> bool:
+def has_images(log: Path, counts: Mapping[str, int] | None = None) -> bool:
     """Whether the log holds exported images.
+
+    Args:
+        log: one file, or a run folder.
+        counts: result of `topic_counts` if the caller has it.
 
     Raises:
         BadLog: the log cannot be read.
     """
-    counts = topic_counts(log)
+    counts = counts or topic_counts(log)
     if counts is not None:
         return counts.get(SEM_ORIGINAL, 0) > 0
     return any(message.topic == SEM_ORIGINAL for message in messages(log))

@@ -125,7 +125,8 @@ def replay(request: ReplayRequest, callbacks: ReplayCallbacks | None = None) -> 
     callbacks = callbacks or ReplayCallbacks()
     own = log_settings(request.log)
     settings = requested_settings(own, request)
-    by_images = not settings.model.effects and has_images(request.log)
+    images_exist = has_images(request.log)
+    by_images = not settings.model.effects and images_exist
     source = request.source or (Source.IMAGES if by_images else Source.DISPARITY)
     refused = [change.key for change in request.changes if change.of_images]
     if source is Source.DISPARITY and refused:
@@ -133,7 +134,7 @@ def replay(request: ReplayRequest, callbacks: ReplayCallbacks | None = None) -> 
             f"--set {refused[0]}: changes what is correlated, but this replay "
             "starts from disparity maps; give a log with images and --from-images."
         )
-    if source is Source.IMAGES and not has_images(request.log):
+    if source is Source.IMAGES and not images_exist:
         raise BadLog(f"{request.log}: holds no images; replay it from its disparity maps.")
     notes, store = LogNotes(), MapStore()
     with store.flushing():

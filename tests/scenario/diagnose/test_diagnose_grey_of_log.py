@@ -19,6 +19,7 @@ from semlive.report.diagnosis_page import diagnosis_html
 from semlive.service.diagnosis.images import channels_of_log
 from semlive.service.diagnosis.model_file import Model, write_model
 from semlive.service.diagnosis.run import diagnose_log, diagnosis_json
+from semlive.service.log.pairs import log_settings
 from semlive_simulators.effects.charging_jump import ChargingJump
 from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
 from semlive_simulators.effects.composition import EffectSet
@@ -53,7 +54,8 @@ def logged(folder: Path, *effects: Effect) -> Path:
 
 
 def grey_of(folder: Path, *effects: Effect) -> IntensityDiagnosis:
-    seen = channels_of_log(logged(folder, *effects))
+    log = logged(folder, *effects)
+    seen = channels_of_log(log, log_settings(log).scan)
     assert seen.grey is not None
     assert seen.no_grey == ""
     return diagnose_intensity(seen.grey)
