@@ -52,10 +52,10 @@ def _zstd(data: bytes, limit: int) -> bytes:
 
 
 def _lz4(data: bytes, limit: int) -> bytes:
-    content, reader, rest = bytearray(), lz4.frame.LZ4FrameDecompressor(), data
+    content, reader, remaining = bytearray(), lz4.frame.LZ4FrameDecompressor(), data
     while not reader.eof:
-        block = reader.decompress(rest, max_length=_BLOCK_BYTES)
-        rest = b""
+        block = reader.decompress(remaining, max_length=_BLOCK_BYTES)
+        remaining = b""
         if not block and reader.needs_input:
             raise ValueError("damaged lz4 data: it ends too early")
         content += block

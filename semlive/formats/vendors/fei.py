@@ -170,8 +170,8 @@ def _embedded(text: FeiText) -> Moment | None:
 def _tail_text(data: bytes) -> str | None:
     # Quanta microscopes append the text to the file, outside any tag.
     tail = data[-_TAIL_BYTES:]
-    found = re.search(rb"\[User\]\r?\nDate=", tail)
-    return None if found is None else tail[found.start() :].split(b"\0", 1)[0].decode("utf-8", errors="replace")
+    match = re.search(rb"\[User\]\r?\nDate=", tail)
+    return None if match is None else tail[match.start() :].split(b"\0", 1)[0].decode("utf-8", errors="replace")
 
 
 def _local(tag: object) -> str:

@@ -91,7 +91,7 @@ def delete(run: StoredRun, now_s: float) -> None:
         SemliveError: the system refused.
     """
     with run_lock(run.folder):
-        now = _check_run(run.folder, now_s, held=True)
+        now = _check_run(run.folder, now_s, is_locked=True)
         if now.retained_because or now.ended_s != run.ended_s:
             raise BadInput(f"{run.folder}: is kept: {now.retained_because or 'it has just been written to'}")
         away = run.folder.with_name(f".{run.folder.name}{_DELETING}")
@@ -122,13 +122,13 @@ def _is_segment(name: str, run: str) -> bool:
     return re.fullmatch(re.escape(run) + r"\.\d{3,}" + re.escape(SUFFIX), name) is not None
 
 
-def _check_run(folder: Path, now_s: float, held: bool = False) -> StoredRun:
+def _check_run(folder: Path, now_s: float, is_locked: bool = False) -> StoredRun:
     states = [path.lstat() for path in folder.iterdir()]
     size, ended_s = sum(state.st_size for state in states), max(state.st_mtime for state in states)
-    return StoredRun(folder, size, ended_s, _retention_reason(folder, ended_s, now_s, held))
+    return StoredRun(folder, size, ended_s, _retention_reason(folder, ended_s, now_s, is_locked))
 
 
-def _retention_reason(folder: Path, ended_s: float, now_s: float, held: bool) -> str | None:
+def _retention_reason(folder: Path, ended_s: float, now_s: float, is_locked: bool) -> str | None:
     names = sorted(path.name for path in folder.iterdir())
     if any(name.endswith(PARTIAL_SUFFIX) for name in names):
         return "it was not finished"
@@ -137,7 +137,7 @@ def _retention_reason(folder: Path, ended_s: float, now_s: float, held: bool) ->
         return f"it holds {other_names[0]} in addition to its log"
     if ended_s > now_s + _AHEAD_S:
         return "it is newer than this computer's clock"
-    if not held:
+    if not is_locked:
         try:
             with run_lock(folder):
                 pass

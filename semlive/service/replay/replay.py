@@ -192,10 +192,10 @@ def require_calibration(log: Path, done: ReplayResult) -> None:
     Raises:
         PoorCalibration: the translations had one direction only, or were too small.
     """
-    why = pipeline.calibration_refusal(done.result, done.settings)
-    if why is not None:
+    reason = pipeline.calibration_refusal(done.result, done.settings)
+    if reason is not None:
         accept = "or take what was measured under load all the same with --set estimate.accept_poor_calibration=true"
-        raise PoorCalibration(f"{log}: the calibration is refused: {why}, {accept}.")
+        raise PoorCalibration(f"{log}: the calibration is refused: {reason}, {accept}.")
 
 
 def replay_images(log: Path, method: str | None = None) -> ReplayResult:

@@ -42,28 +42,28 @@ class FileClockOffsets:
         if not file.stable_time_ns:
             return self, ()
         messages: list[ClockOffsetMessage] = []
-        share, why = self.share.updated(file.mtime_ns, file.stable_time_ns)
-        if why is not None:
-            messages.append(_message(share, file.index, why))
+        share, reason = self.share.updated(file.mtime_ns, file.stable_time_ns)
+        if reason is not None:
+            messages.append(_message(share, file.index, reason))
         sem = self.sem
         if info.embedded_time_ns is not None:
             later_ns = round(info.timing.duration_s * 1e9) if info.start_anchor == "start" else 0
             # The corrected modification time is closer to the end of writing than the time of the scan that found the file.
             written_ns = file.mtime_ns - round(share.offset_s * 1e9)
-            sem, why = sem.updated(info.embedded_time_ns + later_ns, min(written_ns, file.stable_time_ns))
-            if why is not None:
-                messages.append(_message(sem, file.index, why, _advice(sem, profile)))
+            sem, reason = sem.updated(info.embedded_time_ns + later_ns, min(written_ns, file.stable_time_ns))
+            if reason is not None:
+                messages.append(_message(sem, file.index, reason, _advice(sem, profile)))
         return FileClockOffsets(sem, share), tuple(messages)
 
 
-def _message(clock: ClockOffset, export: int, why: str, advice: str = "") -> ClockOffsetMessage:
+def _message(clock: ClockOffset, export: int, reason: str, advice: str = "") -> ClockOffsetMessage:
     return ClockOffsetMessage(
         clock=clock.clock,
         offset_s=clock.offset_s,
         sigma_s=clock.sigma_s,
         files=clock.sample_count,
         export=export,
-        reason=why,
+        reason=reason,
         advice=advice,
     )
 
