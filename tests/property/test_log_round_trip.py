@@ -99,7 +99,9 @@ def test_estimates_come_back_to_the_last_bit(grid: Grid, seed: int) -> None:
     rng = np.random.default_rng(seed)
     forecast = DriftForecast(rng.normal(size=3), float(rng.normal()), *rng.normal(size=(2, 3, 2)))
     drift = DriftEstimate(rng.normal(size=5), np.arange(5), *rng.normal(size=(3, 5, 2)), revision=4, forecast=forecast)
-    drift_back = values.drift_estimate(from_json("/drift/estimate", to_json(values.drift_message(drift))))  # type: ignore[arg-type]
+    message = values.drift_message(drift)
+    assert message.newest_pair == 2
+    drift_back = values.drift_estimate(from_json("/drift/estimate", to_json(message)))  # type: ignore[arg-type]
     assert drift_back.revision == 4
     for name in ("time_s", "frame", "drift_px", "sigma_px", "rate_px_s"):
         assert np.array_equal(getattr(drift_back, name), getattr(drift, name))

@@ -1,1 +1,1 @@
-"""A log analysed again, and maps of others imported."""
+"""Replay of logs, and import of disparity maps of other programs."""
