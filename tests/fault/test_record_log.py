@@ -126,7 +126,7 @@ def test_nothing_is_lost_when_the_disk_is_full_for_a_while(tmp_path: Path) -> No
     assert "No space left" in said[0]
     opened[0].room = 10**9
     assert recorder.flush()
-    assert "is written now" in said[1]
+    assert "are written now" in said[1]
     assert recorder.close()
     assert [message.publish_time_ns - 10**18 for message in messages(tmp_path)] == list(range(200))
 
@@ -301,4 +301,4 @@ def test_the_next_segment_is_begun_when_the_disk_takes_it_again(tmp_path: Path, 
     assert recorder.backlog_message is None
     assert recorder.close()
     assert [one.sequence for one in messages(tmp_path)] == [0, 1]
-    assert ["next segment cannot be created" in said[0], "is written now" in said[1]] == [True, True]
+    assert ["next segment cannot be created" in said[0], "are written now" in said[1]] == [True, True]
