@@ -13,7 +13,8 @@ from rich.table import Table
 
 from semlive.cli.forecast_table import forecast_table
 from semlive.cli.progress_bar import multi_stage_progress
-from semlive.data.diagnosis import UNDERRESOLVED, Diagnosis, IdentifiedEffect, Outcome
+from semlive.data.diagnosis.effects import IdentifiedEffect, Outcome
+from semlive.data.diagnosis.verdict import UNDERRESOLVED, Diagnosis
 from semlive.report.diagnosis_page import diagnosis_html
 from semlive.service.diagnosis.model_file import compatible_model, model_of, write_model
 from semlive.service.diagnosis.run import diagnose_log, diagnosis_json

@@ -13,7 +13,8 @@ from rich.console import Console
 
 from semlive.cli.forecast_table import forecast_table
 from semlive.cli.progress_bar import multi_stage_progress
-from semlive.data.diagnosis import ExperimentForecast, Outcome, ParameterEstimate
+from semlive.data.diagnosis.effects import Outcome, ParameterEstimate
+from semlive.data.diagnosis.verdict import ExperimentForecast
 from semlive.diagnose.experiments.proposals import ExperimentKind, choose_proposal, requested_proposal
 from semlive.diagnose.simulation_comparison import compare_with_simulations
 from semlive.service.diagnosis.model_file import compatible_model, model_of

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from semlive.data.disparity import DisparityMap
-from semlive.data.displacement import Displacement
 from semlive.data.drift import EstimateRevision
 from semlive.data.pair import PairDecision
-from semlive.data.strain import ElasticConstants, StrainField, StrainGageComparison, StrainSummary
+from semlive.data.strain import Displacement, ElasticConstants, StrainField, StrainGageComparison, StrainSummary
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from semlive.data.diagnosis import EMPTY_MODEL, EffectModel
+from semlive.data.diagnosis.effects import EMPTY_MODEL, EffectModel
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from semlive.data.diagnosis import Diagnosis, ExperimentProposal, HeldOutMisfit, IdentifiedEffect, IntensityDiagnosis, Outcome, RowDiagnosis
+from semlive.data.diagnosis.channels import IntensityDiagnosis, RowDiagnosis
+from semlive.data.diagnosis.effects import HeldOutMisfit, IdentifiedEffect, Outcome
+from semlive.data.diagnosis.verdict import Diagnosis, ExperimentProposal
 from semlive.model.effects.intensity import CHARGING_JUMP
 from semlive.model.effects.stage import non_map_effect
 

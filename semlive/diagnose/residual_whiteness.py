@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from semlive.data.diagnosis import DomainTest
+from semlive.data.diagnosis.effects import DomainTest
 from semlive.data.pair import PairDecision
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, design, with_free_distortion
 from semlive.diagnose.baseline.bayes_factor import project

@@ -7,7 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 
-from semlive.data.diagnosis import DiagnosisFigureData, EffectProfile, IntensityDiagnosis, RowDiagnosis
+from semlive.data.diagnosis.channels import IntensityDiagnosis, RowDiagnosis
+from semlive.data.diagnosis.verdict import DiagnosisFigureData, EffectProfile
 from semlive.report.figures import GRID, INK, X_COLOUR, Y_COLOUR, framed
 
 

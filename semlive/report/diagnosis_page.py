@@ -5,7 +5,8 @@ from __future__ import annotations
 import html
 from collections.abc import Iterable, Sequence
 
-from semlive.data.diagnosis import UNDERRESOLVED, Diagnosis, DiagnosisFigureData, HeldOutMisfit, IdentifiedEffect
+from semlive.data.diagnosis.effects import HeldOutMisfit, IdentifiedEffect
+from semlive.data.diagnosis.verdict import UNDERRESOLVED, Diagnosis, DiagnosisFigureData
 from semlive.diagnose.experiments.proposals import choose_proposal
 from semlive.model.effects.load_cell import LOAD_CELL_EFFECTS
 from semlive.model.effects.stage import non_map_effect

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from semlive.data.experiment import Phase
+from semlive.data.loading import LoadSeries
 from semlive.data.pair import PairDecision
 from semlive.data.results import FrameResult, RunResult
-from semlive.data.series import LoadSeries
 from semlive.data.strain import StrainGageComparison
 
 X_COLOUR, Y_COLOUR, INK = "#2563eb", "#d97706", "#0f172a"

@@ -13,8 +13,8 @@ import yaml
 from matplotlib.figure import Figure
 
 from semlive.data.grid import Grid
+from semlive.data.loading import LoadSeries
 from semlive.data.results import RunResult
-from semlive.data.series import LoadSeries
 from semlive.data.settings import MEASURES, AnalysisSettings
 from semlive.report import figures
 from semlive.report.alarms import alarms_html

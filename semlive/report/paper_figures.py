@@ -10,10 +10,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from semlive.data.displacement import Displacement
 from semlive.data.experiment import Phase
 from semlive.data.results import RunResult
-from semlive.data.strain import StrainSummary
+from semlive.data.strain import Displacement, StrainSummary
 from semlive.mechanics import false_strain
 from semlive.report.figures import GRID, INK, X_COLOUR, Y_COLOUR, draw_map, framed
 

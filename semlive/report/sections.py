@@ -10,8 +10,8 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
+from semlive.data.loading import LoadSeries
 from semlive.data.results import RunResult
-from semlive.data.series import LoadSeries
 from semlive.data.settings import AnalysisSettings
 from semlive.errors import BadInput
 from semlive.report import figures, paper_figures

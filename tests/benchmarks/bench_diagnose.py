@@ -31,7 +31,7 @@ from blind.hiding import DETECTABLE_PX
 from blind.observing import observed
 from blind.scoring import Verdict, table
 
-from semlive.data.diagnosis import Diagnosis
+from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.diagnose.baseline.model_effects import add_model_effects
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.baseline.observation import Observation

@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "dic"))
 from speckle import expose
 
 from semlive import dic
-from semlive.data.diagnosis import IntensityDiagnosis
+from semlive.data.diagnosis.channels import IntensityDiagnosis
 from semlive.data.settings import DicSettings
 from semlive.diagnose.intensity.frames import IntensityFrames, intensity_frame, intensity_reference, pair_noise
 from semlive.diagnose.intensity.verdict import diagnose_intensity

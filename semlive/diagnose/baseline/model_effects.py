@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 
-from semlive.data.diagnosis import ModelEffect
+from semlive.data.diagnosis.effects import ModelEffect
 from semlive.data.disparity import DisparityMap
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.baseline import BaselineEffect, HyperparameterGrid, build_grid

@@ -7,7 +7,8 @@ from itertools import permutations
 
 import numpy as np
 
-from semlive.data.diagnosis import Diagnosis, ExperimentForecast, ModelEffect, Outcome
+from semlive.data.diagnosis.effects import ModelEffect, Outcome
+from semlive.data.diagnosis.verdict import Diagnosis, ExperimentForecast
 from semlive.data.experiment import Phase
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import score_candidates

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from semlive.data.diagnosis import Diagnosis, ExperimentForecast, ExperimentProposal, Outcome
+from semlive.data.diagnosis.effects import Outcome
+from semlive.data.diagnosis.verdict import Diagnosis, ExperimentForecast, ExperimentProposal
 from semlive.diagnose.baseline.model_effects import effect_class
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS
 from semlive.model.effects.stage import non_map_effect

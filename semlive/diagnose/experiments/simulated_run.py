@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.diagnosis import ModelEffect
+from semlive.data.diagnosis.effects import ModelEffect
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase

@@ -9,15 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from semlive.data.diagnosis import (
-    DomainTest,
-    IdentifiedEffect,
-    IntensityDiagnosis,
-    IntensityHistory,
-    ModelEffect,
-    Outcome,
-    ParameterEstimate,
-)
+from semlive.data.diagnosis.channels import IntensityDiagnosis, IntensityHistory
+from semlive.data.diagnosis.effects import DomainTest, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
 from semlive.diagnose.intensity.flashes import Flash, flashes
 from semlive.diagnose.intensity.frames import IntensityFrames
 from semlive.diagnose.intensity.models import IntensityFit, IntensityModel, IntensityRegression, black_level, flash_at, smooth_laws, step_at

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from semlive.data.diagnosis import HeldOutMisfit
+from semlive.data.diagnosis.effects import HeldOutMisfit
 from semlive.diagnose.baseline.baseline import DesignMatrix, HyperparameterGrid, point_like
 from semlive.diagnose.baseline.noise_scale import modes
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.diagnosis import DomainTest
+from semlive.data.diagnosis.effects import DomainTest
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import NullDraws, projected_with_draws
 from semlive.diagnose.baseline.noise_scale import modes

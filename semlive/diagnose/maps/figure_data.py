@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from semlive.data.diagnosis import DiagnosisFigureData, EffectProfile, StrainBias
+from semlive.data.diagnosis.verdict import DiagnosisFigureData, EffectProfile, StrainBias
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.maps.cross_validation import held_out_residual
 from semlive.model.effects import RunGeometry

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from semlive.data.diagnosis import ParameterEstimate
+from semlive.data.diagnosis.effects import ParameterEstimate
 from semlive.diagnose.baseline.baseline import BaselineEffect, HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, ProjectedField, information, project, sizes_of
 from semlive.model.effects import BasisField, EffectClass, NonlinearParameter

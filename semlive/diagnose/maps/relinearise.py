@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.diagnosis import ModelEffect
+from semlive.data.diagnosis.effects import ModelEffect
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.model_effects import fitted_amplitudes, interpolate_to_grid, subtract_effects
 from semlive.diagnose.baseline.observation import Observation, baseline_solution, make_observation

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.diagnosis import Diagnosis, DomainTest, ExperimentProposal, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome
+from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome
+from semlive.data.diagnosis.verdict import Diagnosis, ExperimentProposal
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, NullDraws, overlap
 from semlive.diagnose.baseline.observation import Observation

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.diagnosis import HeldOutMisfit
+from semlive.data.diagnosis.effects import HeldOutMisfit
 from semlive.diagnose.rows.jitter import DETRENDED, CommonRowVariance
 from semlive.diagnose.rows.series import RowSeries
 from semlive.diagnose.rows.spectrum import Wave, fit_wave

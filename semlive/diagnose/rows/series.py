@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from semlive.data.row_shifts import RowShifts
+from semlive.data.disparity import RowShifts
 
 Array = NDArray[np.float64]
 DETREND_ROWS = 43  # slower change is the disparity map's business

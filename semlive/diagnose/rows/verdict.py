@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import gamma
 
-from semlive.data.diagnosis import DomainTest, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate, RowDiagnosis
+from semlive.data.diagnosis.channels import RowDiagnosis
+from semlive.data.diagnosis.effects import DomainTest, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANCE_LEVEL, SIGNIFICANT_LOG_FACTOR
 from semlive.diagnose.rows.cross_validation import held_out_row_misfit, is_useful
 from semlive.diagnose.rows.jitter import CommonRowVariance, common_row_variance

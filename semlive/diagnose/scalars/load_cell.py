@@ -10,16 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from semlive.data.diagnosis import (
-    Diagnosis,
-    DomainTest,
-    ExperimentProposal,
-    HeldOutMisfit,
-    IdentifiedEffect,
-    ModelEffect,
-    Outcome,
-    ParameterEstimate,
-)
+from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
+from semlive.data.diagnosis.verdict import Diagnosis, ExperimentProposal
 from semlive.data.experiment import Phase
 from semlive.diagnose.baseline.observation import Observation, StepConditions
 from semlive.diagnose.maps.effect_selection import SIGNIFICANCE_LEVEL, SIGNIFICANT_LOG_FACTOR

@@ -12,7 +12,8 @@ from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 from scipy.stats import f as fisher
 
-from semlive.data.diagnosis import Diagnosis, DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, ParameterEstimate
+from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, ParameterEstimate
+from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.diagnose.baseline.observation import StepConditions
 from semlive.diagnose.maps.effect_selection import SIGNIFICANCE_LEVEL, SIGNIFICANT_LOG_FACTOR
 from semlive.diagnose.scalars.load_cell import MIN_RELATIVE_LOAD, LoadReadings, limit_precision, merge_effects, score_prediction

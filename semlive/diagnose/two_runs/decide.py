@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.diagnosis import Outcome, ParameterEstimate, SharedEffect, TwoRunVerdict
+from semlive.data.diagnosis.effects import Outcome, ParameterEstimate
+from semlive.data.diagnosis.two_runs import SharedEffect, TwoRunVerdict
 from semlive.diagnose.baseline.baseline import (
     BaselineEffect,
     HyperparameterGrid,

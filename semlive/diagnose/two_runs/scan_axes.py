@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.diagnosis import ParameterEstimate
+from semlive.data.diagnosis.effects import ParameterEstimate
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.scalars.regression import RegressionTerm, f_test
 from semlive.diagnose.two_runs.disc_basis import baseline_mean, parameter_subset

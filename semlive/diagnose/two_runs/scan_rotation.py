@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, cho_factor, cho_solve
 
-from semlive.data.diagnosis import Outcome, ParameterEstimate, ScanRotation, SharedEffect, TwoRunVerdict
+from semlive.data.diagnosis.effects import Outcome, ParameterEstimate
+from semlive.data.diagnosis.two_runs import ScanRotation, SharedEffect, TwoRunVerdict
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.maps.effect_selection import SIGNIFICANCE_LEVEL, SIGNIFICANT_LOG_FACTOR
 from semlive.diagnose.two_runs.disc_basis import AFFINE, DiscDistortion, disc_radius_px, distortion_on_disc, modes

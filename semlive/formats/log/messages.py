@@ -69,7 +69,7 @@ class ClockMessage(MonotonicStamped):
 
 
 class ClockOffsetMessage(Message):
-    """`/clock/offset`: another computer's clock beside experiment time, as the files so far tell it (see `semlive.data.clock_offset`).
+    """`/clock/offset`: another computer's clock beside experiment time, as the files so far tell it (see `semlive.data.clock`).
 
     Attributes:
         clock: ``sem``, the computer that writes the time into the files, or ``share``, the one that keeps their modification times.

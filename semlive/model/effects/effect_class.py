@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 
-from semlive.data.diagnosis import ParameterEstimate
+from semlive.data.diagnosis.effects import ParameterEstimate
 from semlive.model.effects.run_geometry import Array, RunGeometry, slow_gaussian_process
 
 

@@ -10,8 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from semlive.data.loading import LoadSeries
 from semlive.data.results import FrameResult, RunResult
-from semlive.data.series import LoadSeries
 
 Array = NDArray[Any]
 FORMAT_VERSION = 1

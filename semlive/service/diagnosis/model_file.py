@@ -12,7 +12,8 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from semlive.data.diagnosis import EMPTY_MODEL, Diagnosis, EffectModel, IdentifiedEffect
+from semlive.data.diagnosis.effects import EMPTY_MODEL, EffectModel, IdentifiedEffect
+from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.diagnose.baseline.model_effects import effect_class
 from semlive.errors import BadConfig, BadInput
 from semlive.formats.log.conversions import pair_decision

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from semlive.data.diagnosis import ExperimentForecast
+from semlive.data.diagnosis.verdict import ExperimentForecast
 from semlive.diagnose.experiments.proposals import ExperimentKind, Proposal
 from semlive.diagnose.experiments.protocols import protocol_for, within_travel
 from semlive.errors import BadConfig

@@ -8,16 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from semlive import pipeline
-from semlive.data.diagnosis import (
-    EMPTY_MODEL,
-    Diagnosis,
-    ExperimentForecast,
-    ExperimentProposal,
-    HeldOutMisfit,
-    IdentifiedEffect,
-    ModelEffect,
-    ParameterEstimate,
-)
+from semlive.data.diagnosis.effects import EMPTY_MODEL, HeldOutMisfit, IdentifiedEffect, ModelEffect, ParameterEstimate
+from semlive.data.diagnosis.verdict import Diagnosis, ExperimentForecast, ExperimentProposal
 from semlive.diagnose.baseline.model_effects import observable_effects
 from semlive.diagnose.baseline.observation import HOLD_S, Observation, StepConditions, baseline_solution, make_observation, step_conditions
 from semlive.diagnose.combine import add_intensity_verdict, add_row_verdict

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from semlive.data.diagnosis import ModelEffect, ScanRotation, SharedEffect, TwoRunVerdict
+from semlive.data.diagnosis.effects import ModelEffect
+from semlive.data.diagnosis.two_runs import ScanRotation, SharedEffect, TwoRunVerdict
 from semlive.diagnose.baseline.model_effects import add_model_effects, observable_effects
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.two_runs.decide import compare_runs

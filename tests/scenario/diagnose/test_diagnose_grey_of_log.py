@@ -12,7 +12,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from imaged_log import log_of, moved
 
-from semlive.data.diagnosis import IntensityDiagnosis, Outcome
+from semlive.data.diagnosis.channels import IntensityDiagnosis
+from semlive.data.diagnosis.effects import Outcome
 from semlive.data.settings import DicSettings
 from semlive.diagnose.intensity.verdict import diagnose_intensity
 from semlive.report.diagnosis_page import diagnosis_html

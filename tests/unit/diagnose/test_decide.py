@@ -15,7 +15,8 @@ from blind.experiment import Conditions
 from blind.observing import observed
 from numexp.world import SCAN
 
-from semlive.data.diagnosis import Outcome, TwoRunVerdict
+from semlive.data.diagnosis.effects import Outcome
+from semlive.data.diagnosis.two_runs import TwoRunVerdict
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import project

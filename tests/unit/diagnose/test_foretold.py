@@ -19,7 +19,8 @@ from numexp.world import SCAN
 from rich.console import Console
 
 from semlive.cli.forecast_table import forecast_table
-from semlive.data.diagnosis import Diagnosis, ExperimentForecast, ExperimentProposal, IdentifiedEffect, ModelEffect, Outcome
+from semlive.data.diagnosis.effects import IdentifiedEffect, ModelEffect, Outcome
+from semlive.data.diagnosis.verdict import Diagnosis, ExperimentForecast, ExperimentProposal
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import score_candidates

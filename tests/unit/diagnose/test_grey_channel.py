@@ -10,7 +10,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import fourier_gaussian, gaussian_filter
 
-from semlive.data.diagnosis import Diagnosis, IdentifiedEffect, IntensityDiagnosis, ModelEffect, Outcome, ParameterEstimate
+from semlive.data.diagnosis.channels import IntensityDiagnosis
+from semlive.data.diagnosis.effects import IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
+from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.data.disparity import DisparityMap
 from semlive.data.grid import Grid
 from semlive.diagnose.combine import add_intensity_verdict

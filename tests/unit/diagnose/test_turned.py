@@ -18,7 +18,8 @@ from blind.experiment import Conditions
 from blind.observing import observed
 from numexp.world import SCAN
 
-from semlive.data.diagnosis import Outcome, ParameterEstimate, TwoRunVerdict
+from semlive.data.diagnosis.effects import Outcome, ParameterEstimate
+from semlive.data.diagnosis.two_runs import TwoRunVerdict
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from semlive.data.diagnosis import ParameterEstimate
+from semlive.data.diagnosis.effects import ParameterEstimate
 from semlive.model.effects.effect_class import BasisField, EffectClass, ReportedParameter, Values
 from semlive.model.effects.run_geometry import RunGeometry
 
