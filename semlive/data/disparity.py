@@ -1,4 +1,4 @@
-"""Disparity maps: what DIC measured between two frames, raw."""
+"""Raw DIC results between two frames: disparity maps, and shifts of single scan rows."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class PoiStatus(IntEnum):
 
     @property
     def word(self) -> str:
-        """The status as a word, as in CSV output: ``converged``, ``not_converged``, ..."""
+        """The status in lower case, as in CSV output: ``converged``, ``not_converged``, ..."""
         return self.name.lower()
 
 
@@ -49,8 +49,8 @@ class DisparityMap:
         sigma_v_px: (ny, nx) standard uncertainty of v from image noise.
         zncc: (ny, nx) zero-normalised cross-correlation at the solution.
         status: (ny, nx) uint8, values of PoiStatus.
-        covariance_px2: (ny, nx) covariance of u and v from image noise; None where it was not kept (logs, maps over several references).
-        iterations: (ny, nx) that IC-GN spent on the last attempt at a POI; None likewise.
+        covariance_px2: (ny, nx) covariance of u and v from image noise; None where it is not stored (logs, maps over several references).
+        iterations: (ny, nx) IC-GN iterations of the last attempt at a POI; None likewise.
     """
 
     reference: int
@@ -84,18 +84,17 @@ class DisparityMap:
 class RowShifts:
     """Displacement of every row of the reference beyond the smooth disparity: the second data channel of a pair.
 
-    A row's shift is a property of the row of the reference and of the row (or, at fractional disparity, the few rows) of the
-    current frame that it is compared with: the current frame's shift minus the reference's. Where `valid` is False the numbers
-    are meaningless (zero), never a code.
+    The shift of a row is the shift of the matching row of the current frame (at fractional disparity: of its few rows) minus the shift of
+    the row of the reference. Where `valid` is False the numbers are meaningless (zero), never a code.
 
     Attributes:
         reference: number of the reference frame.
         current: number of the current frame.
         row_px: (n,) rows of the reference.
-        current_row_px: (n,) mean position in the current frame of what lies in each row.
-        edges_px: (s + 1,) columns where the x-segments begin, and where the last ends.
-        u_px: (n,) shift along x of the whole row.
-        v_px: (n,) shift along y of the whole row.
+        current_row_px: (n,) mean row coordinate in the current frame of the material points of each row.
+        edges_px: (s + 1,) first columns of the x-segments, and the end of the last one.
+        u_px: (n,) shift of the row along x.
+        v_px: (n,) shift of the row along y.
         sigma_u_px: (n,) standard uncertainty of u from image noise.
         sigma_v_px: (n,) standard uncertainty of v from image noise.
         valid: (n,) whether the row could be registered.
@@ -104,8 +103,8 @@ class RowShifts:
         segment_sigma_u_px: (n, s) standard uncertainty of a segment's u.
         segment_sigma_v_px: (n, s) standard uncertainty of a segment's v.
         segment_valid: (n, s) whether the segment could be registered.
-        noise_grey: standard deviation of one frame's noise, from what registration left over.
-        interpolation_noise_gain: share of white jitter variance of the current frame's rows after interpolation, 0.6 to 1.
+        noise_grey: standard deviation of the noise of one frame, grey levels, from the registration residual.
+        interpolation_noise_gain: fraction of the white jitter variance of the current frame that remains after interpolation, 0.6 to 1.
     """
 
     reference: int
@@ -142,10 +141,10 @@ class RowShifts:
 
 @dataclass(frozen=True, slots=True)
 class RowJitter:
-    """White row jitter of one frame, as `RowShifts` show it: noise taken off, both frames' jitter taken as equal.
+    """White row jitter of one frame from `RowShifts`: image noise subtracted, jitter of both frames assumed equal.
 
     Attributes:
-        sd_u_px: standard deviation along x; 0 if no more is seen than noise explains.
+        sd_u_px: standard deviation along x; 0 if image noise explains the scatter.
         sd_v_px: standard deviation along y.
         sigma_u_px: standard uncertainty of sd_u_px.
         sigma_v_px: standard uncertainty of sd_v_px.

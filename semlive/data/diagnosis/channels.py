@@ -9,21 +9,21 @@ from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, Identified
 
 @dataclass(frozen=True, slots=True)
 class RowDiagnosis:
-    """What rows show that were registered by themselves: disparity maps average it over a subset.
+    """Verdict of the row channel, where each scan row is registered separately; disparity maps average rows over a subset.
 
     Attributes:
-        outcome: of this channel.
-        effects: that were named, or the closest.
-        ambiguous: names that would do as well.
-        gap: on what they were not fitted on; None where nothing was named.
-        where: the two domains of rows, before any effect.
-        evidence: before any effect was added, each name with the logarithm of its Bayes factor.
-        pairs: that were looked at.
-        rows: of each, at most.
-        noise_px: standard deviation of a row's shift by noise alone.
-        frequency_hz: of the spectrum, thinned to its peaks.
-        power: there, a mean over pairs and axes in units of the noise.
-        detection_threshold: power that one spectrum of noise in a hundred reaches anywhere.
+        outcome: outcome of this channel.
+        effects: identified effects, or the most likely one.
+        ambiguous: names of effects that explain the data equally well.
+        gap: misfit on held-out pairs; None if no effect was identified.
+        where: tests of the two row domains, before any effect.
+        evidence: names and logarithms of the Bayes factors of all candidates, before any effect.
+        pairs: number of pairs.
+        rows: largest number of rows in a pair.
+        noise_px: standard deviation of a row's shift by image noise.
+        frequency_hz: frequencies of the spectrum, thinned to its peaks.
+        power: mean power over pairs and axes, in units of the noise.
+        detection_threshold: maximum power that one in a hundred spectra of noise exceeds.
     """
 
     outcome: Outcome
@@ -42,14 +42,14 @@ class RowDiagnosis:
 
 @dataclass(frozen=True, slots=True)
 class IntensityHistory:
-    """How a quantity of the grey levels went over a run.
+    """One intensity quantity over the frames of a run.
 
     Attributes:
-        name: mean, gain, curvature or blur, against frame 1.
-        unit: of it.
-        value: of each frame.
-        sigma: standard uncertainty of each.
-        fitted: what the laws that were found make of it.
+        name: mean, gain, curvature or blur, relative to frame 1.
+        unit: unit of value, sigma and fitted.
+        value: value of each frame.
+        sigma: standard uncertainty of each value.
+        fitted: value of each frame by the fitted intensity models.
     """
 
     name: str
@@ -61,23 +61,23 @@ class IntensityHistory:
 
 @dataclass(frozen=True, slots=True)
 class IntensityDiagnosis:
-    """What grey levels show: the tone and the sharpness of every frame against the first pair, on the same material.
+    """Verdict of the intensity channel: tone and sharpness of every frame against the first pair, at the same material points.
 
     Attributes:
-        outcome: of this channel.
-        effects: that were named, or nothing.
-        ambiguous: names that would do as well.
-        where: the domain of intensity, before any effect.
-        evidence: before any effect was added, each name with the logarithm of its Bayes factor.
-        frames: that were looked at.
-        blocks: of the specimen in each.
+        outcome: outcome of this channel.
+        effects: identified effects; empty if none.
+        ambiguous: names of effects that explain the data equally well.
+        where: test of the intensity domain, before any effect.
+        evidence: names and logarithms of the Bayes factors of all candidates, before any effect.
+        frames: number of frames.
+        blocks: number of blocks of the specimen in each frame.
         noise: a and b of the variance a + b I of a pixel, grey levels squared and grey levels, each with its standard uncertainty.
-        mean_levels: of the picture.
-        contrast_levels: of the pattern.
-        clipped: largest share of black or white pixels in a frame.
+        mean_levels: mean grey level of the image.
+        contrast_levels: contrast of the pattern, grey levels.
+        clipped: largest fraction of black or white pixels in a frame.
         time_s: middle of each frame's scan, seconds after the start of frame 0.
-        histories: over those frames.
-        left: what no law explains, one sentence; empty if nothing is left.
+        histories: intensity quantities over these frames.
+        unexplained: message about a residual that no intensity model explains; empty if there is none.
     """
 
     outcome: Outcome

@@ -7,17 +7,17 @@ from enum import StrEnum
 
 
 class Outcome(StrEnum):
-    """How a diagnosis ends."""
+    """Outcome of a diagnosis."""
 
     NONE = "NONE"
-    """Nothing is missing that these data could show."""
+    """The data show no missing effect."""
     IDENTIFIED = "IDENTIFIED"
     AMBIGUOUS = "AMBIGUOUS"
-    """Something is missing; several effects would do, and an experiment is named that decides."""
+    """An effect is missing; several candidates explain the data, and an experiment is proposed that separates them."""
     UNKNOWN = "UNKNOWN"
-    """Something is missing that no known effect explains."""
+    """The residual is significant, but no effect of the dictionary explains it."""
     REJECTED = "REJECTED"
-    """The best effect does not explain pairs that it was not fitted on."""
+    """The most likely effect does not explain held-out pairs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,10 +25,10 @@ class ParameterEstimate:
     """A parameter of an effect.
 
     Attributes:
-        name: of it.
-        value: most likely.
+        name: name of the parameter.
+        value: most likely value.
         sigma: standard uncertainty.
-        unit: of both.
+        unit: unit of value and sigma.
     """
 
     name: str
@@ -39,12 +39,12 @@ class ParameterEstimate:
 
 @dataclass(frozen=True, slots=True)
 class ModelEffect:
-    """An effect as a model has it: enough to predict it in any run.
+    """An effect of a model, with the values that predict it in any run.
 
     Attributes:
-        name: canonical.
-        values: of what is not linear in it, by name.
-        size_px: standard deviation of its amplitudes before the data.
+        name: canonical name.
+        values: nonlinear parameters by name.
+        size_px: prior standard deviation of its amplitudes.
     """
 
     name: str
@@ -54,13 +54,13 @@ class ModelEffect:
 
 @dataclass(frozen=True, slots=True)
 class EffectModel:
-    """Effects that are known before a run, and what they were found in.
+    """Effects identified before a run, and the frames in which they were identified.
 
     Attributes:
-        effects: beside raster time, drift, distortion and motion; none is the model that every run begins with.
-        size_px: width and height of the frames that they were found in, None if the file does not tell.
-        pixel_size_um: of those frames, None if the file does not tell.
-        sha256: of the file.
+        effects: in addition to raster time, drift, distortion and motion; empty for the default model.
+        size_px: width and height of those frames; None if the file does not contain them.
+        pixel_size_um: pixel size of those frames; None if the file does not contain it.
+        sha256: SHA-256 of the model file.
     """
 
     effects: tuple[ModelEffect, ...] = ()
@@ -74,19 +74,19 @@ EMPTY_MODEL = EffectModel()
 
 @dataclass(frozen=True, slots=True)
 class IdentifiedEffect:
-    """An effect that the data ask for.
+    """An effect that the data support.
 
     Attributes:
-        name: canonical.
-        parameters: what is known of it.
-        peak_px: the largest displacement that it causes anywhere.
-        log_bayes_factor: how much likelier the data are with it, natural logarithm.
-        p_value: share of data without it that would ask for any effect as loudly.
-        strain: whether it looks like strain, which must then not be corrected for it.
-        model_effect: the same for a model.
-        amplitudes_px: most likely.
-        covariance_px2: of the amplitudes.
-        strain_eaten: largest share of an injected strain that a correction for the effect would take away.
+        name: canonical name.
+        parameters: physical parameters with their uncertainties.
+        peak_px: largest displacement by the effect at any point.
+        log_bayes_factor: natural logarithm of the Bayes factor for the effect.
+        p_value: probability of an equally large Bayes factor for any effect without a missing effect.
+        strain: whether its displacement resembles strain; then it must not be corrected.
+        model_effect: the effect in the form of a model file.
+        amplitudes_px: most likely amplitudes.
+        covariance_px2: covariance of the amplitudes.
+        strain_attenuation: largest fraction of an injected strain that a correction for the effect removes.
     """
 
     name: str
@@ -102,22 +102,22 @@ class IdentifiedEffect:
 
     @property
     def modulus_bias(self) -> ParameterEstimate | None:
-        """What a correction would change of Young's modulus, relative; None where that is not among the parameters."""
-        return next((one for one in self.parameters if one.name == "modulus_change"), None)
+        """Relative change of Young's modulus by a correction; None if it is not a parameter."""
+        return next((parameter for parameter in self.parameters if parameter.name == "modulus_change"), None)
 
 
 @dataclass(frozen=True, slots=True)
 class HeldOutMisfit:
-    """Misfit on pairs that the effects were not fitted on, root mean squares of block means.
+    """Misfit on pairs excluded from the fit, root mean squares of block means.
 
     Attributes:
-        before_px: without the effects.
-        after_px: with them.
-        floor_px: what noise alone leaves.
-        closure: share of the gap (in squares) that the effects close.
-        closure_interval: 95 % interval of the share.
-        gain_in_sigmas: what they gain, in its own standard errors.
-        log_odds: logarithm of the odds that the gain gives for the effects, against effects that have nothing to do with these pairs.
+        before_px: misfit without the effects.
+        after_px: misfit with the effects.
+        floor_px: misfit by noise alone.
+        closure: fraction of the excess misfit (in squares) that the effects explain.
+        closure_interval: 95 % interval of the explained fraction.
+        gain_in_sigmas: reduction of the misfit, in its standard errors.
+        log_odds: log-odds by this reduction for the effects, against effects unrelated to these pairs.
     """
 
     before_px: float
@@ -131,13 +131,13 @@ class HeldOutMisfit:
 
 @dataclass(frozen=True, slots=True)
 class DomainTest:
-    """One domain in which model and data may disagree.
+    """Test of the residual in one domain.
 
     Attributes:
-        domain: space, row, row_start, scan_time, frame, load or fraction; of the row channel row_waves and row_common, of the stage moves,
-            of the load cell load_readings, of a strain gage gage_readings, of grey levels intensity, which moves nothing.
+        domain: disparity maps: space, row, row_start, scan_time, frame, load or fraction; row channel: row_waves and row_common; stage:
+            moves; load cell: load_readings; strain gage: gage_readings; grey levels: intensity, which has no displacement.
         p_value: family-wise, over all domains.
-        rms_px: size of what disagrees there.
+        rms_px: root mean square of the residual in the domain.
     """
 
     domain: str

@@ -9,13 +9,13 @@ from semlive.data.diagnosis.effects import Outcome, ParameterEstimate
 
 @dataclass(frozen=True, slots=True)
 class SharedEffect:
-    """An effect that runs with different scans show.
+    """An effect common to runs with different scans.
 
     Attributes:
-        name: canonical.
-        aliases: that it has by its parameters, the likeliest first.
-        peak_px: the largest displacement that it causes at any point of any run; 0 where each run has its own.
-        parameters: what is known of it; none where each run has its own.
+        name: canonical name.
+        aliases: names of special cases that its parameters match, the most likely first.
+        peak_px: largest displacement by the effect at any point of any run; 0 where it differs between the runs.
+        parameters: physical parameters; empty where they differ between the runs.
     """
 
     name: str
@@ -26,14 +26,14 @@ class SharedEffect:
 
 @dataclass(frozen=True, slots=True)
 class ScanRotation:
-    """What two runs say of which the second's scan was turned.
+    """Result of two runs with a rotated scan in the second.
 
     Attributes:
-        angle_rad: of the scan, x towards y positive.
-        x_excess: of the scan's axes: u = e (x - xc), whether it has a name or not.
-        skew: of them: u = skew (y - yc).
-        follows: what the distortion goes with: ``column``, ``scan``, ``both``, ``neither``; empty where that cannot be told.
-        of_scan: logarithm of the odds that some of it goes with the scan, against none.
+        angle_rad: rotation of the scan, positive from x towards y.
+        x_excess: excess gain e of the scan's x axis: u = e (x - xc), whether or not it is identified as an effect.
+        skew: skew of the scan axes: u = skew (y - yc).
+        follows: frame in which the distortion is fixed: ``column``, ``scan``, ``both``, ``neither``; empty if undetermined.
+        of_scan: log-odds for a part of the distortion that rotates with the scan.
     """
 
     angle_rad: ParameterEstimate
@@ -45,16 +45,16 @@ class ScanRotation:
 
 @dataclass(frozen=True, slots=True)
 class TwoRunVerdict:
-    """What runs with different scans say together.
+    """Joint verdict of runs with different scans.
 
     Attributes:
         outcome: NONE, IDENTIFIED, AMBIGUOUS or UNKNOWN.
-        effect: the likeliest, or None.
-        ambiguous: the names that would do, if more than one would.
-        evidence: by name, the logarithm of the Bayes factor; the loudest first.
-        apart: logarithm of the odds for a distortion of its own in each run against one for all.
-        effects: that have a name, the likeliest first; only a turned scan shows more than one.
-        turned: what the turn of a scan shows; None where none was turned.
+        effect: the most likely effect, or None.
+        ambiguous: names of the candidates, if several explain the data.
+        evidence: names and logarithms of the Bayes factors, largest first.
+        separate_log_odds: log-odds for a separate distortion in each run against a common distortion.
+        effects: identified effects, most likely first; more than one only with a rotated scan.
+        turned: result of a rotated scan; None without rotation.
     """
 
     outcome: Outcome

@@ -15,15 +15,15 @@ Values = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class ExperimentForecast:
-    """What an experiment is expected to decide.
+    """Expected log-odds of one proposed experiment.
 
     Attributes:
-        kind: of it: parked, again, longer_hold, dummy_steps, unload, reversed or other_scan.
-        dwell: its dwell and row times, of those of the run before it.
-        minutes: of beam time.
-        log_odds: expected logarithm of the odds that it gives for the effect that is true, of those two that are hardest to tell apart.
-        true: the one of these two that is taken for true.
-        other: the other, or ``nothing``.
+        kind: parked (stationary series), again (repeat), longer_hold, dummy_steps (zero-load steps), unload, reversed or other_scan.
+        dwell: dwell and row times, as a multiple of those of the diagnosed run.
+        minutes: beam time, minutes.
+        log_odds: expected log-odds for the true one of the two effects that are hardest to separate.
+        true: name of the effect that is assumed true.
+        other: name of the rival effect, or ``nothing``.
     """
 
     kind: str
@@ -35,23 +35,23 @@ class ExperimentForecast:
 
     @property
     def summary(self) -> str:
-        """The experiment in words."""
+        """Description of the experiment for reports."""
         return self.kind.replace("_", " ") + ("" if self.dwell == 1.0 else f", {self.dwell:g} times the dwell")
 
     @property
     def log_odds_per_minute(self) -> float:
-        """Logarithm of the odds for a minute of beam time."""
+        """Expected log-odds per minute of beam time."""
         return self.log_odds / self.minutes
 
 
 @dataclass(frozen=True, slots=True)
 class ExperimentProposal:
-    """What would decide between effects.
+    """An experiment that separates the remaining candidates.
 
     Attributes:
-        between: their names.
+        between: names of the candidates.
         about: what to do, one sentence.
-        foretold: what experiments that need nothing the run did not have are expected to decide, the most for a minute first.
+        forecasts: forecasts for experiments with the equipment of the run, in descending order of log-odds per minute.
     """
 
     between: tuple[str, ...]
@@ -61,15 +61,15 @@ class ExperimentProposal:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffectProfile:
-    """How much of an effect's shape each frame shows, beside what the model says.
+    """Amplitude of an effect's basis field in each frame, as measured and by the model.
 
     Attributes:
-        name: of the effect.
-        abscissa: what the frames are told apart by: ``time`` or ``load``.
-        at: (f,) seconds after the start of frame 0, or N.
-        data_px: (f,) as measured, all other effects taken off.
+        name: name of the effect.
+        abscissa: quantity of the abscissa: ``time`` or ``load``.
+        at: (f,) abscissa: seconds after the start of frame 0, or N.
+        data_px: (f,) measured amplitude, all other effects subtracted.
         sigma_px: (f,) standard uncertainty.
-        model_px: (f,) as the effect has it.
+        model_px: (f,) amplitude by the fitted effect.
     """
 
     name: str
@@ -82,11 +82,11 @@ class EffectProfile:
 
 @dataclass(frozen=True, slots=True)
 class StrainBias:
-    """What an effect adds to the mean strain under load.
+    """Bias of the mean strain under load by an effect.
 
     Attributes:
-        name: of the effect.
-        exx, eyy, exy: at the highest load.
+        name: name of the effect.
+        exx, eyy, exy: bias of the strain components at the highest load.
         modulus_change: relative change of Young's modulus by a correction, or None without loads.
         poissons_ratio_change: change of Poisson's ratio by a correction, or None.
     """
@@ -101,18 +101,18 @@ class StrainBias:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DiagnosisFigureData:
-    """What a verdict looks like.
+    """Data for the figures of a verdict.
 
     Attributes:
-        x_px: (b,) columns of the blocks' centres.
-        y_px: (b,) rows.
-        frame: (k,) numbers of frames that nothing was fitted on but how the specimen lay in them.
-        before: (k, b, 2) what the baseline leaves of them, in standard deviations of the noise.
-        after: (k, b, 2) the same with the effects, their amplitudes being those of the other pairs.
-        profiles: of each effect.
-        on_strain: of each effect.
-        quantiles: (n, 2) of what is left, whitened: of a normal distribution, and found.
-        frame_autocorrelation: correlation of what is left with the next frame, and what it scatters by.
+        x_px: (b,) columns of the block centres.
+        y_px: (b,) rows of the block centres.
+        frame: (k,) numbers of held-out frames; only the motion of the specimen was fitted in them.
+        before: (k, b, 2) residual of the baseline model, in standard deviations of the noise.
+        after: (k, b, 2) residual with the effects, their amplitudes fitted to the other pairs.
+        profiles: profile of each effect.
+        on_strain: strain bias of each effect.
+        quantiles: (n, 2) quantiles of a normal distribution and of the whitened residual.
+        frame_autocorrelation: correlation of the residuals of successive frames, and its standard deviation.
     """
 
     x_px: Values
@@ -127,37 +127,37 @@ class DiagnosisFigureData:
 
 
 UNDERRESOLVED = {
-    "baseline_drift_underresolved": "the drift is finer than its knots; what it left was told apart before anything was named",
-    "baseline_distortion_underresolved": "the distortion is finer than its knots; what it left was told apart before anything was named",
+    "baseline_drift_underresolved": "the drift varies faster than its knots; its residual was added to the baseline before the search",
+    "baseline_distortion_underresolved": "the distortion is finer than its knots; its residual was added to the baseline before the search",
 }
-"""What is said of the baseline's splines where they are too coarse, by the names that have no effect of their own."""
+"""Messages about splines of the baseline that are too coarse, by name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """The verdict.
+    """The verdict of a diagnosis.
 
     Attributes:
-        outcome: how it ended.
-        effects: that were named, the first one first; of an UNKNOWN the closest.
-        ambiguous: names that would do as well, the effects' own among them; empty unless AMBIGUOUS.
-        group: of confounded effects, G1 ... G12, or None.
-        experiment: what would decide, or None.
-        gap: on held-out pairs; None where nothing was named.
-        where: all domains, before any effect.
-        noise_px: standard deviation of a block's mean in one frame.
-        evidence: before any effect was added, each name with the logarithm of its Bayes factor; those without a name among them.
-        model_effects: effects that were in the model before.
-        duration_s: when the last point was scanned, seconds after the start of frame 0.
+        outcome: outcome over all channels.
+        effects: identified effects in the order of selection; for UNKNOWN the most likely effect.
+        ambiguous: names of all candidates that explain the data equally well; empty unless AMBIGUOUS.
+        group: group of confounded effects, G1 ... G12, or None.
+        experiment: proposed experiment, or None.
+        gap: misfit on held-out pairs; None if no effect was identified.
+        where: residual tests of all domains, before any effect.
+        noise_px: standard deviation of the mean of a block in one frame.
+        evidence: names and logarithms of the Bayes factors of all candidates, before any effect, including unnamed fields.
+        model_effects: effects that the model contained before the diagnosis.
+        duration_s: time of the last scanned point, seconds after the start of frame 0.
         size_px: width and height of the frames.
-        rows: what rows show; their effects and domains are among those above.
-        rows_unavailable: why there is no row channel, one sentence; empty if there is one.
-        figure_data: what it looks like; None where nothing was named in the maps.
-        grey: what grey levels show; their effects and domain are among those above.
-        intensity_unavailable: why there is no channel of grey levels, one sentence; empty if there is one.
-        overlap: each other name with the share of the first effect in the maps that it could take over; none where nothing was named.
-        coarse: the baseline's splines that are too coarse for the run, ``baseline_drift_underresolved`` or
-            ``baseline_distortion_underresolved``: what they left was added to the baseline before anything was named.
+        rows: verdict of the row channel; `effects` and `where` include its effects and tests.
+        rows_unavailable: reason for a missing row channel; empty if there is one.
+        figure_data: data for figures; None if no effect was identified in the maps.
+        grey: verdict of the intensity channel; `effects` and `where` include its effects and test.
+        intensity_unavailable: reason for a missing intensity channel; empty if there is one.
+        overlap: names of the other candidates, with the fraction of the first map effect that each explains; empty if none was identified.
+        coarse: splines of the baseline that are too coarse for the run, ``baseline_drift_underresolved`` or
+            ``baseline_distortion_underresolved``; their residual was added to the baseline before the search.
     """
 
     outcome: Outcome
