@@ -26,9 +26,13 @@ class Finding:
     """
 
     what: str
-    said: str
+    observation: str
     verdict: Verdict
     advice: str = ""
+
+    def to_json(self) -> dict[str, str]:
+        """The finding with the keys of `semlive doctor --json` and `semlive frame check --json`."""
+        return {"what": self.what, "said": self.observation, "verdict": self.verdict.value, "advice": self.advice}
 
 
 @dataclass(frozen=True, slots=True)

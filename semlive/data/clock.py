@@ -111,7 +111,10 @@ class ClockOffset:
                 return _restarted(current, outliers_s), f"the clock was set by {stepped_s:+.1f} s"
             return replace(current, outliers_s=outliers_s), None
         refined = replace(
-            current, differences_s=(*self.differences_s, difference_s)[-_MAX_DIFFERENCES:], sample_count=self.sample_count + 1, outliers_s=()
+            current,
+            differences_s=(*self.differences_s, difference_s)[-_MAX_DIFFERENCES:],
+            sample_count=self.sample_count + 1,
+            outliers_s=(),
         )
         moved_s = abs(refined.offset_s - (self.reported_offset_s or 0.0))
         if refined.sample_count != _MIN_FILES and moved_s < max(_MIN_CHANGE_SIGMAS * refined.sigma_s, _MIN_CHANGE_S):

@@ -25,7 +25,7 @@ class PoiStatus(IntEnum):
     MASKED = 8
 
     @property
-    def word(self) -> str:
+    def label(self) -> str:
         """The status in lower case, as in CSV output: ``converged``, ``not_converged``, ..."""
         return self.name.lower()
 

@@ -64,7 +64,7 @@ def diagnosis_html(name: str, found: Diagnosis, provenance: Sequence[tuple[str, 
 
 
 def _foretold(found: Diagnosis) -> str:
-    menu = () if found.experiment is None else found.experiment.foretold
+    menu = () if found.experiment is None else found.experiment.forecasts
     if not menu:
         return ""
     heads = ("experiment", "minutes of beam time", "ln odds", "ln odds a minute", "hardest to tell apart, the first being true")
@@ -94,7 +94,7 @@ def _effect(effect: IdentifiedEffect) -> str:
         (one.name, f"{one.value:.4g}", f"{one.sigma:.2g}", f"{one.value / one.sigma:.1f}" if one.sigma > 0 else "", one.unit)
         for one in effect.parameters
     ]
-    eaten = f"A correction would take {_share(effect.strain_eaten)} of a strain away"
+    eaten = f"A correction would take {_share(effect.strain_attenuation)} of a strain away"
     if effect.modulus_bias is not None:
         by, sigma = effect.modulus_bias.value, effect.modulus_bias.sigma
         eaten += f", and change Young's modulus by {100 * by:+.2g} ± {100 * sigma:.2g} %"
@@ -161,7 +161,7 @@ def _grey(found: Diagnosis) -> str:
     grey = found.grey
     if grey is None:
         return f"<p>{html.escape(found.intensity_unavailable or 'Grey levels were not looked at.')}</p>"
-    left = f" Left without a law: {grey.left}." if grey.left else ""
+    left = f" Left without a law: {grey.unexplained}." if grey.unexplained else ""
     about = (
         f"{grey.frames} frames in {grey.blocks} blocks that follow the specimen, against the first pair: mean {grey.mean_levels:.0f}, "
         f"contrast {grey.contrast_levels:.0f} grey levels, at most {100 * grey.clipped:.2g} % black or white.{left}"

@@ -162,7 +162,7 @@ class Hidden:
             "outcome": found.outcome.value,
             "named": [one.name for one in found.effects],
             "evidence": dict(found.evidence),
-            "apart": found.apart,
+            "apart": found.separate_log_odds,
             "follows": axes.follows,
             "turn_off_rad": [axes.angle_rad.value - self.conditions()[1].scan.rotation_rad, axes.angle_rad.sigma],
             "x_excess": [axes.x_excess.value, axes.x_excess.sigma, e],

@@ -93,4 +93,4 @@ class IntensityDiagnosis:
     clipped: float
     time_s: tuple[float, ...]
     histories: tuple[IntensityHistory, ...]
-    left: str = ""
+    unexplained: str = ""

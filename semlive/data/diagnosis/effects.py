@@ -98,7 +98,7 @@ class IdentifiedEffect:
     model_effect: ModelEffect
     amplitudes_px: tuple[float, ...] = ()
     covariance_px2: tuple[tuple[float, ...], ...] = ()
-    strain_eaten: float = 0.0
+    strain_attenuation: float = 0.0
 
     @property
     def modulus_bias(self) -> ParameterEstimate | None:

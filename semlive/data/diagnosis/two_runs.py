@@ -61,6 +61,6 @@ class TwoRunVerdict:
     effect: SharedEffect | None
     ambiguous: tuple[str, ...]
     evidence: tuple[tuple[str, float], ...]
-    apart: float
+    separate_log_odds: float
     effects: tuple[SharedEffect, ...] = ()
     turned: ScanRotation | None = None

@@ -56,7 +56,7 @@ class ExperimentProposal:
 
     between: tuple[str, ...]
     about: str
-    foretold: tuple[ExperimentForecast, ...] = ()
+    forecasts: tuple[ExperimentForecast, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

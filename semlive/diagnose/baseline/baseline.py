@@ -65,7 +65,7 @@ class DesignMatrix:
     parameter_indices: NDArray[np.int64]
     normal_matrix: Array
     sizes_px: Array
-    beliefs: PriorCache
+    priors: PriorCache
 
     @property
     def size(self) -> int:
@@ -240,7 +240,7 @@ class HyperparameterGrid:
 def build_grid(columns: DesignMatrix) -> HyperparameterGrid:
     """Evaluate, for each drift prior, the most likely smoothness of the distortion; points with negligible likelihood are left out."""
     tries = _Tries.of(columns)
-    plain = parallel_map(lambda candidate: (candidate, tries.rung(candidate, 1.0)), columns.beliefs.different())
+    plain = parallel_map(lambda candidate: (candidate, tries.rung(candidate, 1.0)), columns.priors.different())
     best = max((rung for _, rung in plain), key=lambda candidate: candidate.evidence)
     retained = [
         (value, rung)
@@ -254,7 +254,7 @@ def build_grid(columns: DesignMatrix) -> HyperparameterGrid:
 def best_point(columns: DesignMatrix) -> HyperparameterGrid:
     """Grid of one point: the most likely smoothness of the drift, then of the distortion."""
     tries = _Tries.of(columns)
-    found = dict(parallel_map(lambda candidate: (candidate, tries.rung(candidate, 1.0)), columns.beliefs.different()))
+    found = dict(parallel_map(lambda candidate: (candidate, tries.rung(candidate, 1.0)), columns.priors.different()))
     best = max(found, key=lambda candidate: found[candidate].evidence)
     return HyperparameterGrid(columns, tries.left, (max((found[best], *tries.bent(best)), key=lambda candidate: candidate.evidence),))
 
@@ -310,9 +310,9 @@ class _Tries:
         return cls(columns, near, residual, columns.transposed(residual[..., None])[:, 0], float(np.sum(residual**2)))
 
     def rung(self, drift: DriftPrior, also: float) -> HyperparameterPoint:
-        columns, belief = self.columns, self.columns.beliefs.belief(drift, also)
+        columns, belief = self.columns, self.columns.priors.prior(drift, also)
         prior = _beside(belief.precision, columns.sizes_px) if columns.sizes_px.size else belief.precision
-        volume, own = belief.half_log_det - float(np.sum(np.log(columns.sizes_px))), columns.beliefs.sides
+        volume, own = belief.half_log_det - float(np.sum(np.log(columns.sizes_px))), columns.priors.components
         where = replace(own, shared=np.concatenate((own.shared, np.arange(len(columns.parameter_indices), columns.size))))
         believed = log_prior(np.array([drift.bend_factor or 1.0]), (1.0, BELIEF)) + log_prior(np.array([also]), (1.0, BELIEF))
         found = evaluate_point(

@@ -100,15 +100,15 @@ def sizes_of(family: EffectClass) -> Array:
     return np.geomspace(*family.sizes_px, SIZES)
 
 
-def project(ladder: HyperparameterGrid, field: Array) -> ProjectedField:
+def project(baseline: HyperparameterGrid, field: Array) -> ProjectedField:
     """Project the columns (f, b, 2, q) of one basis field, px, on the data."""
-    return ProjectedField.of(*information(ladder, field))
+    return ProjectedField.of(*information(baseline, field))
 
 
-def information(ladder: HyperparameterGrid, field: Array) -> tuple[Array, Array]:
+def information(baseline: HyperparameterGrid, field: Array) -> tuple[Array, Array]:
     """For columns (f, b, 2, q), px: (rungs, q, q) information after marginalising the baseline, and (rungs, q) gradient."""
-    white = WhitenedColumns.of(ladder, (field,))
-    flat = _Flat.of(ladder, white)
+    white = WhitenedColumns.of(baseline, (field,))
+    flat = _Flat.of(baseline, white)
     return _left_of(flat, white, 0), flat.pull
 
 

@@ -39,7 +39,7 @@ def observable_effects(observation: Observation, model_effects: Sequence[ModelEf
     return [
         model_effect
         for model_effect in model_effects
-        if effect_class(model_effect.name).law(observation.geometry, dict(model_effect.values)) is not None
+        if effect_class(model_effect.name).basis_field(observation.geometry, dict(model_effect.values)) is not None
     ]
 
 
@@ -51,7 +51,7 @@ def add_model_effects(baseline: HyperparameterGrid, model_effects: Sequence[Mode
     """
     columns, fields = baseline.design, []
     for model_effect in model_effects:
-        basis_field = effect_class(model_effect.name).law(columns.observation.geometry, dict(model_effect.values))
+        basis_field = effect_class(model_effect.name).basis_field(columns.observation.geometry, dict(model_effect.values))
         if basis_field is None:
             raise BadInput(f"model: {model_effect.name} cannot be seen in this run: it has no loads or moves to go with.")
         columns = columns.with_effects(BaselineEffect(columns.whiten(basis_field.field_px), model_effect.size_px))

@@ -71,10 +71,10 @@ class PriorCache:
     """
 
     observation: Observation
-    kept: NDArray[np.int64]
-    sides: ComponentBlocks
+    parameters: NDArray[np.int64]
+    components: ComponentBlocks
     gauge: Array
-    known: dict[DriftPrior, BaselinePrior] = field(default_factory=dict)
+    cached: dict[DriftPrior, BaselinePrior] = field(default_factory=dict)
 
     @classmethod
     def of(cls, observation: Observation, retained: NDArray[np.int64]) -> PriorCache:
@@ -83,13 +83,13 @@ class PriorCache:
         own = ComponentBlocks(*(np.flatnonzero(np.isin(retained, value)) for value in (*full.own, full.shared)))
         return cls(observation, retained, own, gauge_precision(observation.state)[np.ix_(retained, retained)])
 
-    def belief(self, drift: DriftPrior, also: float) -> BaselinePrior:
+    def prior(self, drift: DriftPrior, also: float) -> BaselinePrior:
         """Prior with a distortion rougher by a factor than the first choice."""
         if also != 1.0:
             return self._made(drift, also)
-        if drift not in self.known:
-            self.known[drift] = self._made(drift, also)
-        return self.known[drift]
+        if drift not in self.cached:
+            self.cached[drift] = self._made(drift, also)
+        return self.cached[drift]
 
     def different(self) -> list[DriftPrior]:
         """Distinct drift priors, that of the first choice first."""
@@ -109,13 +109,13 @@ class PriorCache:
             drift=_drift_of(first.drift, drift),
             distortion=_scaled(first.distortion, also),
         )
-        precision = prior_precision(state, hyper)[np.ix_(self.kept, self.kept)]
+        precision = prior_precision(state, hyper)[np.ix_(self.parameters, self.parameters)]
         precision[np.diag_indices_from(precision)] += WIDEST_PX**-2.0
         if drift.random_walk_px:
             self._walk(precision, drift.random_walk_px)
         precision += self.gauge
         scaled = hyper if drift.bend_factor else replace(hyper, drift=_scaled(first.drift, 1.0))
-        return BaselinePrior(scaled, precision, factorise(precision, self.sides, 0.0).half_log_det)
+        return BaselinePrior(scaled, precision, factorise(precision, self.components, 0.0).half_log_det)
 
     def _walk(self, precision: Array, wander_px: float) -> None:
         """Add the covariance of a random walk to the drift."""
@@ -125,7 +125,7 @@ class PriorCache:
         walk = np.linalg.inv(steps + WALK_LEVEL_PRECISION_RATIO * np.eye(len(steps))) * wander_px**2
         start = state.layout.part("drift").start
         for axis in (0, 1):
-            at = np.searchsorted(self.kept, start + axis + 2 * np.arange(len(steps)))
+            at = np.searchsorted(self.parameters, start + axis + 2 * np.arange(len(steps)))
             loose = np.linalg.inv(np.linalg.inv(precision[np.ix_(at, at)]) + walk)
             precision[np.ix_(at, at)] = 0.5 * (loose + loose.T)
 

@@ -98,7 +98,7 @@ class CandidateProjection:
 
 def project_candidate(ladder: HyperparameterGrid, family: EffectClass, scene: RunGeometry) -> CandidateProjection | None:
     """Basis fields of an effect class for a run geometry; None if none is observable."""
-    basis_fields = [(dict(values), family.law(scene, values)) for values in family.grid(scene)]
+    basis_fields = [(dict(values), family.basis_field(scene, values)) for values in family.grid(scene)]
     observed = [(values, basis_field.field_px) for values, basis_field in basis_fields if basis_field is not None]
     if not observed:
         return None

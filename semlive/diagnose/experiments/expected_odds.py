@@ -49,7 +49,7 @@ def predict_effect(run: HyperparameterGrid, before: HyperparameterGrid, found: R
     """What an effect that was found in one run says of another; nothing of a run that cannot show it."""
     scene, family = run.design.observation.geometry, found.family
     still = family.recurrence is Recurrence.ONE_TIME or (family.recurrence is Recurrence.FOLLOWS_MOVES and not scene.move_px.any())
-    basis_field = None if still else family.law(scene, dict(found.values))
+    basis_field = None if still else family.basis_field(scene, dict(found.values))
     if basis_field is None or not basis_field.field_px.any():
         return replace(NOTHING, name=family.name)
     if family.recurrence is Recurrence.SAME_AMPLITUDE and basis_field.random_amplitude is None:

@@ -81,7 +81,7 @@ class Proposal:
     kind: ExperimentKind
     candidates: tuple[str, ...]
     description: str
-    foretold: ExperimentForecast | None = None
+    forecast: ExperimentForecast | None = None
 
 
 _ABOUT = {
@@ -124,7 +124,7 @@ def choose_proposal(found: Diagnosis, menu: Sequence[ExperimentForecast] = ()) -
             (),
             "what goes on while nothing is loaded or moved belongs to the microscope, the rest to what was done",
         )
-    best = fastest_decisive(menu or (() if found.experiment is None else found.experiment.foretold))
+    best = fastest_decisive(menu or (() if found.experiment is None else found.experiment.forecasts))
     if best is not None:
         return Proposal(ExperimentKind(best.kind), between, _ABOUT[ExperimentKind(best.kind)], best)
     non_map = non_map_effect(found.effects[0].model_effect.name)
@@ -143,7 +143,7 @@ def ranked(found: ExperimentProposal, menu: Sequence[ExperimentForecast]) -> Exp
         if best is None
         else f"{best.summary}, {best.minutes:.0f} minutes: {_ABOUT[ExperimentKind(best.kind)]} (or: {found.about})"
     )
-    return replace(found, about=about, foretold=tuple(menu))
+    return replace(found, about=about, forecasts=tuple(menu))
 
 
 def fastest_decisive(menu: Sequence[ExperimentForecast]) -> ExperimentForecast | None:

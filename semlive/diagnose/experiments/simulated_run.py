@@ -88,7 +88,7 @@ def simulate_baseline(before: HyperparameterGrid, run: PlannedRun, model_effects
     found = replace(found, geometry=replace(found.geometry, drift_rate_px_s=observed.geometry.drift_rate_px_s[at]))
     columns = design(found, replace(whiten, sigma_px=whiten.sigma_px / np.sqrt(run.scan_time_ratio)))
     for model_effect in model_effects:
-        basis_field = effect_class(model_effect.name).law(found.geometry, dict(model_effect.values))
+        basis_field = effect_class(model_effect.name).basis_field(found.geometry, dict(model_effect.values))
         if basis_field is not None:
             columns = columns.with_effects(BaselineEffect(columns.whiten(basis_field.field_px), model_effect.size_px))
     return prior_point(columns)

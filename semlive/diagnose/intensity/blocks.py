@@ -56,7 +56,7 @@ class BlockPositions:
 
     shift_px: Array
     gradient: Array
-    known: NDArray[np.bool_]
+    measured: NDArray[np.bool_]
 
 
 def blocks_of(grid: Grid) -> Blocks:
@@ -114,7 +114,7 @@ def block_positions(blocks: Blocks, disparity: DisparityMap, shape: tuple[int, i
 
 def gather_blocks(image: Grey, blocks: Blocks, places: BlockPositions) -> Grey:
     """(b, edge, edge) the nearest whole pixels of each block; zeros where it is not known."""
-    full = np.where(places.known[:, None], np.round(places.shift_px), 0.0).astype(np.int64)
+    full = np.where(places.measured[:, None], np.round(places.shift_px), 0.0).astype(np.int64)
     along = np.arange(blocks.edge_px)
     rows = np.clip((blocks.y_px + full[:, 1])[:, None] + along, 0, image.shape[0] - 1)
     columns = np.clip((blocks.x_px + full[:, 0])[:, None] + along, 0, image.shape[1] - 1)

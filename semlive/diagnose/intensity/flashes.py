@@ -81,7 +81,7 @@ def _of_pair(first: IntensityFrame, second: IntensityFrame) -> list[Flash]:
 
 def _moved(first: IntensityFrame, second: IntensityFrame) -> tuple[Array, Array]:
     """Rows of the first frame and how far down their material is in the second, by rows of blocks that both have."""
-    both = first.known & second.known
+    both = first.measured & second.measured
     starts = np.unique(first.block_row[both])
     rows = [both & (first.block_row == start) for start in starts]
     at = np.array([first.row_px[map_rows].mean() for map_rows in rows])

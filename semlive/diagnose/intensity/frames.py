@@ -68,7 +68,7 @@ class IntensityReference:
     noise: Array
     blurred: Array
     smooth: Grey
-    known: NDArray[np.bool_]
+    measured: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +91,7 @@ class IntensityFrame:
     start_s: float
     row_time_s: float
     products: Array
-    known: NDArray[np.bool_]
+    measured: NDArray[np.bool_]
     block_row: NDArray[np.int64]
     row_px: Array
     row_levels: Array
@@ -130,7 +130,7 @@ def intensity_reference(first: Grey, second: Grey, second_map: DisparityMap) -> 
     if len(blocks.x_px) < LEAST_BLOCKS:
         return None
     at, static = block_positions(blocks, second_map, second.shape), reference_positions(blocks)
-    used = at.known.copy()
+    used = at.measured.copy()
     if used.sum() < LEAST_BLOCKS:
         return None
     smooth = gather_blocks(gaussian_filter(first, SMOOTH_PX), blocks, static)
@@ -195,10 +195,10 @@ def intensity_frame(
     blocks = reference.blocks
     at = block_positions(blocks, disparity, image.shape)
     spectra = aligned_spectra((gather_blocks(image, blocks, at) - reference.mean) / reference.contrast, blocks, at)
-    right = round(float(at.shift_px[at.known, 0].mean())) if at.known.any() else 0
+    right = round(float(at.shift_px[at.measured, 0].mean())) if at.measured.any() else 0
     begin, end = max(0, int(blocks.x_px.min()) + right), min(image.shape[1], int(blocks.x_px.max()) + blocks.edge_px + right)
     return IntensityFrame(
-        disparity.current, start_s, row_time_s, products(reference.fields, spectra), at.known, blocks.y_px,
+        disparity.current, start_s, row_time_s, products(reference.fields, spectra), at.measured, blocks.y_px,
         blocks.y_px + 0.5 * (blocks.edge_px - 1) + at.shift_px[:, 1], image[:, begin:end].mean(axis=1, dtype=np.float64),
         float(np.mean((image < CLIPPED_LEAST) | (image > CLIPPED_MOST))),
     )  # fmt: skip
@@ -217,7 +217,7 @@ def pair_noise(blocks: Blocks, first: Grey, second: Grey, within: DisparityMap) 
         within: from the first to the second frame, on the same grid as all maps.
     """
     at, static = block_positions(blocks, within, second.shape), reference_positions(blocks)
-    used, edge = at.known, blocks.edge_px
+    used, edge = at.measured, blocks.edge_px
     both = [aligned_spectra(gather_blocks(image, blocks, place), blocks, place)[used] for image, place in ((first, static), (second, at))]
     own, other, observed = (np.fft.irfft2(model_effect, s=(edge, edge)) for model_effect in (*both, both[1] * _of_noise(blocks, at)[used]))
     smooth = gaussian_filter(first, SMOOTH_PX)

@@ -58,7 +58,7 @@ class IntensityFit:
         p_value: of so many squares by noise, over all instants that were tried.
     """
 
-    law: IntensityModel
+    model: IntensityModel
     amplitudes: Array
     covariance: Array
     explained_chi2: float
@@ -66,7 +66,7 @@ class IntensityFit:
     p_value: float
 
 
-def smooth_laws(courses: IntensityTimeSeries) -> tuple[IntensityModel, ...]:
+def smooth_models(courses: IntensityTimeSeries) -> tuple[IntensityModel, ...]:
     """Of what goes on all the time. Contamination may have a black level, or slow down; focus may have gone through its best before."""
     time_s = courses.time_s[..., None]
     mean, gain, curve, blur = (time_s * value for value in np.eye(INTENSITY_TERMS))
@@ -161,9 +161,9 @@ class IntensityRegression:
         """The likeliest step, and the interval in which steps do as well within two standard deviations."""
         tried = [self.fit(intensity_model) for intensity_model in steps(self.courses)]
         best = max(tried, key=lambda candidate: candidate.odds)
-        like = [fit.law for fit in tried if fit.odds > best.odds - 2.0]
+        like = [fit.model for fit in tried if fit.odds > best.odds - 2.0]
         first, last = min(model.at_s - model.sigma_s for model in like), max(model.at_s + model.sigma_s for model in like)
-        return replace(best, law=replace(best.law, at_s=0.5 * (first + last), sigma_s=0.5 * (last - first)))
+        return replace(best, model=replace(best.model, at_s=0.5 * (first + last), sigma_s=0.5 * (last - first)))
 
     def residual(self) -> Array:
         """(f, r, TERMS) whitened, what the baseline leaves."""
@@ -171,7 +171,7 @@ class IntensityRegression:
 
     def all_fits(self) -> tuple[IntensityFit, ...]:
         """Every law, those that are not believable left out."""
-        fits = (*(self.fit(intensity_model) for intensity_model in smooth_laws(self.courses)), self.add_model())
+        fits = (*(self.fit(intensity_model) for intensity_model in smooth_models(self.courses)), self.add_model())
         return tuple(fit for fit in fits if is_physical(self.courses, fit))
 
     def _log_likelihood(self, square: float) -> float:
@@ -186,17 +186,17 @@ class IntensityRegression:
 def is_physical(courses: IntensityTimeSeries, fit: IntensityFit) -> bool:
     """Carbon darkens and has a black level that no grey is below; blur is no sharper than the sharpest."""
     first = float(fit.amplitudes[0])
-    if fit.law.family is CONTAMINATION:
-        if fit.law.kind == "slowing":
+    if fit.model.family is CONTAMINATION:
+        if fit.model.kind == "slowing":
             return first > 0.0 and first + fit.amplitudes[1] > 0.0
         level, sigma = black_level(fit)
         return first > 0.0 and -2.0 * sigma <= level <= courses.darkest + 2.0 * sigma and sigma < BLACK_LEVEL_TOLERANCE * courses.mean
-    return first > 0.0 if fit.law.family is DEFOCUS else True
+    return first > 0.0 if fit.model.family is DEFOCUS else True
 
 
 def black_level(fit: IntensityFit) -> tuple[float, float]:
     """Of contamination, grey levels, and its standard uncertainty; 0 where the law has none."""
-    if fit.law.kind != "black level":
+    if fit.model.kind != "black level":
         return 0.0, 0.0
     loss, brighter = fit.amplitudes
     level = float(brighter / loss)

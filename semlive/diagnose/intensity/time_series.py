@@ -77,9 +77,9 @@ def intensity_time_series(series: IntensityFrames) -> IntensityTimeSeries:
         IllPosed: too few pairs or blocks.
     """
     reference = series.reference
-    most = max((int(frame.known.sum()) for frame in series.frames), default=0)
-    frames = [frame for frame in series.frames if frame.known.sum() >= 0.5 * most]
-    used = reference.known & np.all([frame.known for frame in frames], axis=0) if frames else reference.known
+    most = max((int(frame.measured.sum()) for frame in series.frames), default=0)
+    frames = [frame for frame in series.frames if frame.measured.sum() >= 0.5 * most]
+    used = reference.measured & np.all([frame.measured for frame in frames], axis=0) if frames else reference.measured
     pair = np.array([frame.frame // 2 for frame in frames])
     if used.sum() < LEAST_BLOCKS:
         raise IllPosed(f"grey: fewer than {LEAST_BLOCKS} blocks are in all frames")

@@ -13,7 +13,15 @@ from semlive.data.diagnosis.channels import IntensityDiagnosis, IntensityHistory
 from semlive.data.diagnosis.effects import DomainTest, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
 from semlive.diagnose.intensity.flashes import Flash, flashes
 from semlive.diagnose.intensity.frames import IntensityFrames
-from semlive.diagnose.intensity.models import IntensityFit, IntensityModel, IntensityRegression, black_level, flash_at, smooth_laws, step_at
+from semlive.diagnose.intensity.models import (
+    IntensityFit,
+    IntensityModel,
+    IntensityRegression,
+    black_level,
+    flash_at,
+    smooth_models,
+    step_at,
+)
 from semlive.diagnose.intensity.residual_tests import ResidualTest, residual_tests
 from semlive.diagnose.intensity.step import curve_parameters
 from semlive.diagnose.intensity.time_series import IntensityTimeSeries, intensity_time_series
@@ -63,7 +71,8 @@ def diagnose_intensity(series: IntensityFrames, model_effects: Sequence[ModelEff
         nameable = [
             candidate
             for candidate in fits_by_name.values()
-            if candidate.law.family is not None and candidate.law.name not in {intensity_model.name for intensity_model in intensity_models}
+            if candidate.model.family is not None
+            and candidate.model.name not in {intensity_model.name for intensity_model in intensity_models}
         ]
         loudest = max(nameable, key=lambda candidate: candidate.odds, default=None)
         if (
@@ -73,9 +82,9 @@ def diagnose_intensity(series: IntensityFrames, model_effects: Sequence[ModelEff
             or TESTS * loudest.p_value > SIGNIFICANCE_LEVEL
         ):
             break
-        rivals = tuple(fit.law.name for fit in nameable if fit is not loudest and fit.odds > loudest.odds - MIN_LOG_ODDS)
+        rivals = tuple(fit.model.name for fit in nameable if fit is not loudest and fit.odds > loudest.odds - MIN_LOG_ODDS)
         effects.append(_Named(loudest, rivals))
-        intensity_models.append(loudest.law)
+        intensity_models.append(loudest.model)
     new = () if CHARGING_JUMP.name in {model_effect.name for model_effect in model_effects} else observed
     return _verdict(series, courses, intensity_models, effects, before, evidence, new)
 
@@ -86,8 +95,8 @@ def _already(courses: IntensityTimeSeries, model_effects: Sequence[ModelEffect])
     for model_effect in model_effects:
         if model_effect.name == GAMMA_CHANGE.name:
             at_s = dict(model_effect.values).get("at_s")
-            found.append(IntensityRegression(courses).add_model().law if at_s is None else step_at(courses, at_s))
-        found += [intensity_model for intensity_model in smooth_laws(courses) if intensity_model.name == model_effect.name]
+            found.append(IntensityRegression(courses).add_model().model if at_s is None else step_at(courses, at_s))
+        found += [intensity_model for intensity_model in smooth_models(courses) if intensity_model.name == model_effect.name]
     return tuple(found)
 
 
@@ -95,9 +104,9 @@ def _likeliest(fits: Sequence[IntensityFit]) -> dict[str, IntensityFit]:
     """Of each name the simplest law that is not much less likely than its others, which come later."""
     found: dict[str, IntensityFit] = {}
     for fit in fits:
-        had = found.get(fit.law.name)
+        had = found.get(fit.model.name)
         if had is None or fit.odds > had.odds + MIN_LOG_ODDS:
-            found[fit.law.name] = fit
+            found[fit.model.name] = fit
     return found
 
 
@@ -121,7 +130,7 @@ def _verdict(
         outcome = Outcome.NONE
     else:
         outcome = Outcome.AMBIGUOUS if unsure else Outcome.IDENTIFIED
-    among = (unsure.fit.law.name, *unsure.rivals) if unsure is not None and outcome is Outcome.AMBIGUOUS else ()
+    among = (unsure.fit.model.name, *unsure.rivals) if unsure is not None and outcome is Outcome.AMBIGUOUS else ()
     residual = "; ".join(f"{remain.what} differ by {remain.levels:.2g} grey levels" for remain in remains)
     p_value = min(1.0, 3.0 * min(test.p_value for test in before))
     reference = series.reference
@@ -136,42 +145,42 @@ def _effect(
     courses: IntensityTimeSeries, series: IntensityFrames, intensity_models: Sequence[IntensityModel], fit: IntensityFit
 ) -> IdentifiedEffect:
     """Its parameters beside all other laws that were found."""
-    other_models = tuple(intensity_model for intensity_model in intensity_models if intensity_model is not fit.law)
-    last = IntensityRegression(courses, other_models).fit(fit.law)
+    other_models = tuple(intensity_model for intensity_model in intensity_models if intensity_model is not fit.model)
+    last = IntensityRegression(courses, other_models).fit(fit.model)
     size, sigma = last.amplitudes, np.sqrt(np.diag(last.covariance))
     values: tuple[tuple[str, float], ...] = ()
-    if fit.law.family is CONTAMINATION:
+    if fit.model.family is CONTAMINATION:
         parameters = _loss(courses, last)
-    elif fit.law.family is DEFOCUS:
+    elif fit.model.family is DEFOCUS:
         rate = float(np.sqrt(max(size[0], 0.0)))
         parameters = [ParameterEstimate("blur_px_per_s", rate, float(0.5 * sigma[0] / max(rate, 1e-12)), "px/s")]
-        if fit.law.kind == "through the best":
+        if fit.model.kind == "through the best":
             best_s = float(-0.5 * size[1] / size[0])
             lever = np.array([-best_s, -0.5]) / size[0]
             parameters.append(ParameterEstimate("sharpest_s", best_s, float(np.sqrt(lever @ last.covariance @ lever)), "s"))
     else:
-        grey = series.reference.smooth[series.reference.known].ravel()[::7].astype(np.float64)
+        grey = series.reference.smooth[series.reference.measured].ravel()[::7].astype(np.float64)
         parameters = [
             *curve_parameters(size, last.covariance, grey),
-            ParameterEstimate("at_s", fit.law.at_s, fit.law.sigma_s, "s"),
+            ParameterEstimate("at_s", fit.model.at_s, fit.model.sigma_s, "s"),
         ]
-        values = (("at_s", fit.law.at_s),)
-    model_effect = ModelEffect(fit.law.name, values, 0.0)
-    return IdentifiedEffect(fit.law.name, tuple(parameters), 0.0, fit.odds, min(1.0, TESTS * fit.p_value), False, model_effect)
+        values = (("at_s", fit.model.at_s),)
+    model_effect = ModelEffect(fit.model.name, values, 0.0)
+    return IdentifiedEffect(fit.model.name, tuple(parameters), 0.0, fit.odds, min(1.0, TESTS * fit.p_value), False, model_effect)
 
 
 def _loss(courses: IntensityTimeSeries, fit: IntensityFit) -> list[ParameterEstimate]:
     """Of the grey at the start of frame 0; what was fitted is a share of that of frame 1."""
     lever = np.zeros(len(fit.amplitudes))
     lever[0] = 1.0
-    if fit.law.kind == "slowing":
+    if fit.model.kind == "slowing":
         lever[1] = 1.0  # mean over the run
     rate = float(lever @ fit.amplitudes)
     sigma = float(np.sqrt(lever @ fit.covariance @ lever))
     rate /= 1.0 + rate * float(courses.time_s[0].mean())
     found = [ParameterEstimate("loss_per_s", rate, sigma, "1/s")]
     level, unsure = black_level(fit)
-    return [*found, ParameterEstimate("black_level", level, unsure, "levels")] if fit.law.kind == "black level" else found
+    return [*found, ParameterEstimate("black_level", level, unsure, "levels")] if fit.model.kind == "black level" else found
 
 
 def _flashing(observed: Sequence[Flash], rows: int) -> IdentifiedEffect:

@@ -58,7 +58,7 @@ def held_out_misfit(without: HyperparameterGrid, baseline_with_effects: Hyperpar
     return HeldOutMisfit(sizes[0], sizes[1], sizes[2], closure, (low, high), clear, 0.5 * gain)
 
 
-def explained_fraction_known(
+def explained_fraction_of_truth(
     without: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, unhidden_px: Array, seed: int
 ) -> float:
     """Explained fraction relative to the same data without the hidden displacement (f, b, 2) px; for benchmarks.

@@ -73,14 +73,14 @@ class RefinedEffect:
         return (*reported_parameters(self.field, self.amplitudes, self.covariance), *own)
 
 
-def refined(ladder: HyperparameterGrid, weighed: CandidateEvidence) -> RefinedEffect:
+def refined(baseline: HyperparameterGrid, candidate: CandidateEvidence) -> RefinedEffect:
     """Refine the most likely basis field of a class one parameter at a time; the parameter uncertainty adds to the amplitude covariance."""
-    gradient, values = _chosen(ladder, weighed)
-    family, basis_field = weighed.family, gradient.law(values)
+    gradient, values = _chosen(baseline, candidate)
+    family, basis_field = candidate.family, gradient.law(values)
     mean, covariance = project(gradient.ladder, basis_field.field_px).amplitudes(0, gradient.size_px)
     sigmas, follows = parameter_uncertainty(gradient, values, mean)
-    found = BaselineEffect(ladder.design.whiten(basis_field.field_px), gradient.size_px)
-    factor = _integrated(ladder, weighed, basis_field, values, sigmas)
+    found = BaselineEffect(baseline.design.whiten(basis_field.field_px), gradient.size_px)
+    factor = _integrated(baseline, candidate, basis_field, values, sigmas)
     return RefinedEffect(family, basis_field, found, tuple(values.items()), sigmas, mean, covariance + follows, follows, factor)
 
 
@@ -167,12 +167,12 @@ class LinearParameterSums:
             ladder.design.observation.geometry,
             tuple(nonlinear_parameter.name for nonlinear_parameter in family.nonlinear_parameters),
         )
-        nothing, *each = (family.law(scene, values) for values in ({}, *({name: 1.0} for name in names)))
+        nothing, *each = (family.basis_field(scene, values) for values in ({}, *({name: 1.0} for name in names)))
         assert nothing is not None  # it was seen on the grid
         more = [displaced.field_px - nothing.field_px for displaced in each if displaced is not None]
         return cls(names, *information(ladder, np.concatenate((nothing.field_px, *more), axis=-1)))
 
-    def rung(self, place: int) -> LinearParameterSums:
+    def at_point(self, place: int) -> LinearParameterSums:
         """Against one of the rungs."""
         return replace(self, information=self.information[place : place + 1], pull=self.pull[place : place + 1])
 
@@ -196,20 +196,20 @@ class _Asked:
     def of(cls, ladder: HyperparameterGrid, weighed: CandidateEvidence, sums: LinearParameterSums | None, at: tuple[int, int]) -> _Asked:
         """A rung, and one of the sizes."""
         point_grid = replace(ladder, points=(ladder.points[at[0]],))
-        return cls(point_grid, weighed.family, float(sizes_of(weighed.family)[at[1]]), sums and sums.rung(at[0]))
+        return cls(point_grid, weighed.family, float(sizes_of(weighed.family)[at[1]]), sums and sums.at_point(at[0]))
 
     def grid(self) -> Iterable[Values]:
         return self.family.grid(self.ladder.design.observation.geometry)
 
     def law(self, values: Values) -> BasisField:
-        basis_field = self.family.law(self.ladder.design.observation.geometry, values)
+        basis_field = self.family.basis_field(self.ladder.design.observation.geometry, values)
         assert basis_field is not None  # it was seen on the grid
         return basis_field
 
     def evaluate(self, values: Values) -> ProjectedField | None:
         if self.sums is not None:
             return self.sums.at(values)
-        basis_field = self.family.law(self.ladder.design.observation.geometry, values)
+        basis_field = self.family.basis_field(self.ladder.design.observation.geometry, values)
         return None if basis_field is None else project(self.ladder, basis_field.field_px)
 
 

@@ -47,7 +47,7 @@ class Search:
         residual_significant: whether the remaining residual is significant.
     """
 
-    bare: HyperparameterGrid
+    baseline: HyperparameterGrid
     baseline_with_effects: HyperparameterGrid
     effects: tuple[SelectedEffect, ...]
     initial_screening: tuple[CandidateEvidence, ...]
@@ -104,7 +104,7 @@ def _heard(
 
 def _without_coarse(now: Search, fine: CandidateEvidence) -> Search:
     """Add fine-scale terms of the splines before any named effect."""
-    baseline = add_fine_scale_terms(now.bare, fine)
+    baseline = add_fine_scale_terms(now.baseline, fine)
     baseline_with_effects, effects = rebuild_baseline(
         baseline, now.effects, now.effects[0].unnamed_log_factor if now.effects else -math.inf
     )
@@ -131,9 +131,9 @@ def _with_effect(
     rivals = tuple(candidate for candidate in candidates if candidate is not best and candidate.log_factor > best.log_factor - MIN_LOG_ODDS)
     unnamed = max(candidate.log_factor for candidate in scored if candidate.family in UNNAMED_CLASSES)
     baseline_with_effects, effects = add_effect(now.baseline_with_effects, now.effects, best, p_value, rivals, unnamed)
-    baseline_with_effects, effects = remove_unnecessary(now.bare, baseline_with_effects, effects)
+    baseline_with_effects, effects = remove_unnecessary(now.baseline, baseline_with_effects, effects)
     baseline_with_effects, effects = reselect_effects(
-        now.bare, baseline_with_effects, effects, (*dictionary, *UNNAMED_CLASSES), projections
+        now.baseline, baseline_with_effects, effects, (*dictionary, *UNNAMED_CLASSES), projections
     )
     tried = (*now.excluded, best.family, *(effect.refined.family for effect in effects))
     return replace(now, baseline_with_effects=baseline_with_effects, effects=effects, excluded=tried)

@@ -60,7 +60,7 @@ def diagnose(
     )
     if look.needs_second_pass:
         look = _looked_again(look, families, model_effects, (draws, seed))
-    baseline, baseline_with_effects, effects = look.search.bare, look.baseline_with_effects, look.effects
+    baseline, baseline_with_effects, effects = look.search.baseline, look.baseline_with_effects, look.effects
     gap = held_out_misfit(baseline, baseline_with_effects, seed) if effects else None
     shares = strain_attenuation(baseline_with_effects, look.fields, len(model_effects))[len(model_effects) :]
     width, height = (2.0 * observation.state.centre_px + 1.0).round().astype(int).tolist()
@@ -107,7 +107,7 @@ class SearchResult:
         null = NullDraws.of(screening.baseline, *draws)
         places, found = run_domain_tests(screening.baseline, null), search(screening, families, null, draws[1])
         effects = _beside(found.baseline_with_effects, found.effects)
-        significant = found.residual_significant or _unlike(found.bare, found.baseline_with_effects, effects)
+        significant = found.residual_significant or _unlike(found.baseline, found.baseline_with_effects, effects)
         return cls(
             places,
             found,
@@ -145,7 +145,7 @@ def _looked_again(
 
 def _moves_otherwise(effect: RefinedEffect, observation: Observation, baseline_with_effects: HyperparameterGrid) -> bool:
     """Whether the prediction of an effect differs at another linearisation point by more than a fraction of the noise."""
-    basis_field = effect.family.law(observation.geometry, dict(effect.values))
+    basis_field = effect.family.basis_field(observation.geometry, dict(effect.values))
     if basis_field is None:
         return True
     change = (basis_field.field_px - effect.field_px) @ effect.amplitudes
@@ -184,7 +184,7 @@ def _overlaps(
         basis_field = (
             None
             if candidate.family is effects.family or candidate.family in ALL_UNNAMED_CLASSES
-            else candidate.family.law(scene, candidate.values[candidate.best[0]])
+            else candidate.family.basis_field(scene, candidate.values[candidate.best[0]])
         )
         if basis_field is not None:
             found.append((candidate.family.name, overlap(baseline, field, basis_field.field_px)))

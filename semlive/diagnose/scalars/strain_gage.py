@@ -140,7 +140,7 @@ class _Test:
         parameters = (ParameterEstimate("strain_per_n", self.per_n, self.sigma, "1/N"), size, *self._modulus())
         model_effect = ModelEffect(OUT_OF_PLANE.name, (), size.value)
         return IdentifiedEffect(
-            OUT_OF_PLANE.name, parameters, size.value, self.log_factor, self.p_value, True, model_effect, strain_eaten=1.0
+            OUT_OF_PLANE.name, parameters, size.value, self.log_factor, self.p_value, True, model_effect, strain_attenuation=1.0
         )
 
     def _modulus(self) -> tuple[ParameterEstimate, ...]:

@@ -50,29 +50,29 @@ class JointBaseline:
 
     runs: tuple[HyperparameterGrid, ...]
     scenes: tuple[tuple[tuple[RunGeometry, RunGeometry], ...], ...]
-    left: tuple[Array, ...]
+    residuals: tuple[Array, ...]
     place: tuple[NDArray[np.int64], ...]
-    rung: HyperparameterPoint
+    point: HyperparameterPoint
 
     def projected(self, basis_fields: Sequence[BasisField]) -> ProjectedField:
         """A law, as it is in each run, against the data."""
         q = basis_fields[0].field_px.shape[-1]
-        alone, gradient, shared = np.zeros((q, q)), np.zeros(q), np.zeros((len(self.rung.prior), q))
-        for run, residual, place, basis_field in zip(self.runs, self.left, self.place, basis_fields, strict=True):
+        alone, gradient, shared = np.zeros((q, q)), np.zeros(q), np.zeros((len(self.point.prior), q))
+        for run, residual, place, basis_field in zip(self.runs, self.residuals, self.place, basis_fields, strict=True):
             white = run.design.whiten(basis_field.field_px)
             flat = white.reshape(-1, q)
             alone, gradient = alone + flat.T @ flat, gradient + flat.T @ residual.ravel()
             shared[place] += run.design.transposed(white)
-        half = self.rung.half(shared)
+        half = self.point.half(shared)
         values, vectors = np.linalg.eigh(alone - half.T @ half)
-        pull = vectors.T @ (gradient - half.T @ self.rung.half_solved_gradient)
+        pull = vectors.T @ (gradient - half.T @ self.point.half_solved_gradient)
         return ProjectedField(np.clip(values, 0.0, None)[None], vectors[None], pull[None])
 
 
 def join_runs(runs: Sequence[HyperparameterGrid]) -> JointBaseline:
     """Runs with one distortion, as smooth as that run has it which makes all data likeliest."""
     alone = [HyperparameterGrid(run.design, run.whitened_residual, (run.best,)) for run in runs]
-    return max((_joined(alone, believed_by) for believed_by in range(len(alone))), key=lambda candidate: candidate.rung.evidence)
+    return max((_joined(alone, believed_by) for believed_by in range(len(alone))), key=lambda candidate: candidate.point.evidence)
 
 
 def _joined(runs: Sequence[HyperparameterGrid], believed_by: int) -> JointBaseline:
@@ -131,7 +131,7 @@ class _Shared:
 
     def laws(self, values: Values) -> list[BasisField] | None:
         """Of each run what changes from frame 0 on, with amplitudes that mean the same in all; None where a run cannot show the effect."""
-        like = self.family.law(self.joined.scenes[0][0][0], values)
+        like = self.family.basis_field(self.joined.scenes[0][0][0], values)
         each = [] if like is None else [relative_to_reference(self.family, scenes, values, like) for scenes in self.joined.scenes]
         observed = [value for value in each if value is not None]
         return observed if like is not None and len(observed) == len(each) else None
@@ -152,7 +152,7 @@ def relative_to_reference(
         values: of what is not linear.
         like: a law whose amplitudes it gets.
     """
-    basis_fields = [[family.law(scene, values) for scene in both] for both in scenes]
+    basis_fields = [[family.basis_field(scene, values) for scene in both] for both in scenes]
     observed = [(now.rescaled_to(like), second.rescaled_to(like)) for now, second in basis_fields if now is not None and second is not None]
     if len(observed) < len(scenes):
         return None
@@ -184,7 +184,7 @@ def compare_runs(runs: Sequence[HyperparameterGrid]) -> TwoRunVerdict:
         return by_turn
     _fit_each_other(runs)
     both = join_runs(runs)
-    separate_log_odds = sum(join_runs([run]).rung.evidence for run in runs) - both.rung.evidence
+    separate_log_odds = sum(join_runs([run]).point.evidence for run in runs) - both.point.evidence
     screening = [_as_smooth_beside(joint, runs) for family in TWO_RUN_EFFECT_CLASSES if (joint := _heard(both, family)) is not None]
     evidence = _run_by_run(runs) | {candidate.family.name: candidate.log_factor for candidate in screening}
     ranked = tuple(sorted(evidence.items(), key=lambda item: -item[1]))
@@ -250,7 +250,7 @@ def _as_smooth_beside(screening: _Heard, runs: Sequence[HyperparameterGrid]) -> 
     joined = join_runs(grids)
     repeated = _heard(joined, screening.family)
     assert repeated is not None
-    lost = min(joined.rung.evidence - screening.joined.rung.evidence, 0.0)
+    lost = min(joined.point.evidence - screening.joined.point.evidence, 0.0)
     return max((screening, replace(repeated, log_factor=repeated.log_factor + lost)), key=lambda candidate: candidate.log_factor)
 
 
@@ -286,5 +286,5 @@ def _decided(screening: _Heard) -> SharedEffect:
 
 
 def _largest_px(family: EffectClass, scene: RunGeometry, values: Values, like: BasisField, amplitudes: Array) -> float:
-    basis_field = family.law(scene, values)
+    basis_field = family.basis_field(scene, values)
     return 0.0 if basis_field is None else float(np.max(np.hypot(*np.moveaxis(basis_field.rescaled_to(like).field_px @ amplitudes, -1, 0))))

@@ -41,13 +41,13 @@ class DiscBasis:
         """(n, m) of all polynomials at points (n, 2)."""
         return np.asarray(np.prod(at[:, None, :] ** self.powers, axis=-1) @ self.coefficients)
 
-    def taken(self, values: Array) -> Array:
+    def project(self, values: Array) -> Array:
         """(m, ...) how much of each is in values (n, ...) at the disc's points."""
         return np.tensordot(self.values(self.at) * self.weight[:, None], values, axes=(0, 0))
 
     def moved(self, there: Array) -> Array:
         """(m - 3, m - 3) what each polynomial is of where its argument is taken at other points (n, 2), the affine ones left out."""
-        return self.taken(self.values(there))[AFFINE:, AFFINE:]
+        return self.project(self.values(there))[AFFINE:, AFFINE:]
 
 
 @lru_cache(maxsize=1)
@@ -107,7 +107,7 @@ def distortion_on_disc(run: HyperparameterGrid, radius_px: float) -> DiscDistort
     index_y, value_y = state.distortion.along_y.local(pixel[:, 1])
     at = np.arange(len(pixel))[:, None, None]
     rows[at, index_y[:, :, None], index_x[:, None, :]] = value_y[:, :, None] * value_x[:, None, :]
-    evaluated = basis.taken(rows.reshape(len(pixel), -1))
+    evaluated = basis.project(rows.reshape(len(pixel), -1))
     mean = evaluated @ baseline_mean(run)[own].reshape(-1, 2)
     gradient = np.zeros((run.design.size, 2, len(evaluated) - AFFINE))
     for axis in (0, 1):

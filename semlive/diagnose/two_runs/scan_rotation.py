@@ -141,7 +141,7 @@ def _stays(between: Array, aside: Array) -> Array:
 def _ramps(radius_px: float, half_px: Array) -> Array:
     basis = modes()
     from_centre = basis.at * radius_px / half_px
-    parts = [basis.taken(np.stack((value**2, value**3), axis=-1))[AFFINE:] for value in from_centre.T]
+    parts = [basis.project(np.stack((value**2, value**3), axis=-1))[AFFINE:] for value in from_centre.T]
     return np.asarray(block_diag(*parts))
 
 

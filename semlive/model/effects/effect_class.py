@@ -116,7 +116,7 @@ class EffectClass:
 
     name: str
     description: str
-    law: Callable[[RunGeometry, Values], BasisField | None]
+    basis_field: Callable[[RunGeometry, Values], BasisField | None]
     grid: Callable[[RunGeometry], Iterable[Values]] = _once
     nonlinear_parameters: tuple[NonlinearParameter, ...] = ()
     group: str | None = None

@@ -58,7 +58,7 @@ class Model:
     name: str = "none"
 
     @property
-    def known(self) -> EffectModel:
+    def effect_model(self) -> EffectModel:
         """What the pipeline needs to know of it."""
         return EMPTY_MODEL if self.section is None else self.section.known()
 
@@ -128,7 +128,7 @@ def config_with_model(config: Config, path: Path | None, resume: bool) -> Config
         _require_known(() if config.model is None else config.model.effects, model.name)
     require_compatible(model, None, config.sem.pixel_size_um)
     pairs = len(config.plan().steps)
-    if model.known.effects and pairs > MAX_PAIRS:
+    if model.effect_model.effects and pairs > MAX_PAIRS:
         raise BadConfig(
             f"--model {model.name}: the plan has {pairs} pairs, and effects can be fitted to {MAX_PAIRS} together; "
             "plan fewer, or run without a model."
@@ -148,7 +148,7 @@ def require_compatible(model: Model, size_px: tuple[int, int] | None, pixel_size
     Raises:
         BadConfig: it was found at another magnification or in frames of another size.
     """
-    known = model.known
+    known = model.effect_model
     why = incompatibility_reason(known, size_px) if size_px else ""
     if why:
         raise BadConfig(f"--model {model.name}: {why} in {what}; diagnose a run with such frames.")

@@ -43,8 +43,8 @@ def next_config(log: Path, proposal: Proposal) -> str:
     parse_config(given, str(log))
     between = ", ".join(proposal.candidates) or "nothing that has a name"
     said = [f"# {proposal.kind.value.replace('_', ' ')}, about {between}: {proposal.description}"]
-    said += [f"# By hand: {_BY_HAND[proposal.kind].format(dwell=_dwell(proposal.foretold))}"] if proposal.kind in _BY_HAND else []
-    said += [_expected(proposal.foretold)] if proposal.foretold else []
+    said += [f"# By hand: {_BY_HAND[proposal.kind].format(dwell=_dwell(proposal.forecast))}"] if proposal.kind in _BY_HAND else []
+    said += [_expected(proposal.forecast)] if proposal.forecast else []
     return "\n".join(said) + "\n" + yaml.safe_dump(given, sort_keys=False, allow_unicode=True)
 
 

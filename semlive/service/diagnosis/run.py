@@ -32,7 +32,7 @@ from semlive.service.runtime.blas import limit_blas_threads
 
 
 def diagnose_log(
-    log: Path, seed: int = 0, watch: Callable[[str, int, int], None] | None = None, known: Sequence[ModelEffect] = ()
+    log: Path, seed: int = 0, watch: Callable[[str, int, int], None] | None = None, model_effects: Sequence[ModelEffect] = ()
 ) -> Diagnosis:
     """What is missing from the model of a run, by the disparity maps in its log and, where it holds images, their rows and grey levels.
 
@@ -47,10 +47,10 @@ def diagnose_log(
     """
     words = LogNotes()
     seen, steps = _observed(log, words, watch)
-    found = diagnose(seen, seed, model_effects=observable_effects(seen, [one for one in known if non_map_effect(one.name) is None]))
-    found = add_stage_evidence(replace(found, model_effects=tuple(known)), stage_moves(seen, steps))
+    found = diagnose(seen, seed, model_effects=observable_effects(seen, [one for one in model_effects if non_map_effect(one.name) is None]))
+    found = add_stage_evidence(replace(found, model_effects=tuple(model_effects)), stage_moves(seen, steps))
     if found.experiment is not None:
-        found = replace(found, experiment=ranked(found.experiment, forecast_experiments(seen, found, known)))
+        found = replace(found, experiment=ranked(found.experiment, forecast_experiments(seen, found, model_effects)))
     settings = log_settings(log)
     readings = load_readings(seen, steps, settings.specimen.loading_axis)
     found = add_load_cell_evidence(found, readings)
@@ -82,7 +82,7 @@ def _beside_grey(found: Diagnosis, seen: ImageData) -> Diagnosis:
 
 
 def propose_next_experiments(
-    log: Path, found: Diagnosis, watch: Callable[[str, int, int], None] | None = None, known: Sequence[ModelEffect] = ()
+    log: Path, found: Diagnosis, watch: Callable[[str, int, int], None] | None = None, model_effects: Sequence[ModelEffect] = ()
 ) -> tuple[ExperimentForecast, ...]:
     """What further experiments are expected to decide of a verdict, the most for a minute first; of one effect against nothing.
 
@@ -93,8 +93,8 @@ def propose_next_experiments(
         known: effects that the model had before.
     """
     if found.experiment is not None:
-        return found.experiment.foretold
-    return forecast_experiments(load_observation(log, watch), found, known) if found.effects else ()
+        return found.experiment.forecasts
+    return forecast_experiments(load_observation(log, watch), found, model_effects) if found.effects else ()
 
 
 def load_observation(log: Path, watch: Callable[[str, int, int], None] | None = None) -> Observation:
@@ -150,7 +150,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
 
 
 def _experiment_json(found: ExperimentProposal) -> dict[str, Any]:
-    return {"between": list(found.between), "about": found.about, "foretold": [forecast_json(one) for one in found.foretold]}
+    return {"between": list(found.between), "about": found.about, "foretold": [forecast_json(one) for one in found.forecasts]}
 
 
 def forecast_json(one: ExperimentForecast) -> dict[str, Any]:
@@ -185,7 +185,7 @@ def _grey_json(found: Diagnosis) -> dict[str, Any]:
         "mean_levels": grey.mean_levels,
         "contrast_levels": grey.contrast_levels,
         "clipped": grey.clipped,
-        "left": grey.left,
+        "left": grey.unexplained,
     }
 
 
@@ -209,7 +209,7 @@ def effect_json(one: IdentifiedEffect) -> dict[str, Any]:
         "log_bayes_factor": one.log_bayes_factor,
         "p_value": one.p_value,
         "looks_like_strain": one.strain,
-        "strain_eaten": one.strain_eaten,
+        "strain_eaten": one.strain_attenuation,
     }
 
 

@@ -16,7 +16,7 @@ from semlive.service.diagnosis.run import load_observation, parameters_json
 
 
 def compare_logs(
-    logs: Sequence[Path], watch: Callable[[str, int, int], None] | None = None, known: Sequence[ModelEffect] = ()
+    logs: Sequence[Path], watch: Callable[[str, int, int], None] | None = None, model_effects: Sequence[ModelEffect] = ()
 ) -> TwoRunVerdict:
     """What runs of one specimen with different scans show together.
 
@@ -28,7 +28,7 @@ def compare_logs(
     Raises:
         BadInput: a log cannot be read, its data are too few, or the runs do not fit each other.
     """
-    in_maps = [one for one in known if non_map_effect(one.name) is None]
+    in_maps = [one for one in model_effects if non_map_effect(one.name) is None]
     runs = []
     for log in logs:
         seen = load_observation(log, watch)
@@ -44,7 +44,7 @@ def decision_json(found: TwoRunVerdict) -> dict[str, Any]:
         "effects": [_effect_json(one) for one in found.effects],
         "ambiguous": list(found.ambiguous),
         "evidence": dict(found.evidence),
-        "apart": found.apart,
+        "apart": found.separate_log_odds,
         "turned": None if found.turned is None else _turned_json(found.turned),
     }
 

@@ -233,7 +233,7 @@ def requested_settings(own: AnalysisSettings, asked: ReplayRequest) -> AnalysisS
     if asked.method is not None and own.estimate.method != asked.method:
         own = replace(own, estimate=replace(own.estimate, method=asked.method))
     if asked.model is not None:
-        own = replace(own, model=compatible_model(asked.log, asked.model).known)
+        own = replace(own, model=compatible_model(asked.log, asked.model).effect_model)
     return apply_overrides(own, asked.changes)
 
 

@@ -57,9 +57,9 @@ class PairArchive:
         before = history if isinstance(history, StoredSequence) else StoredSequence[V](self).appended(history)
         return before.appended(new)
 
-    def update(self, known: Mapping[int, V], new: Mapping[int, V]) -> Mapping[int, V]:
-        """Everything known with what is new, in place of what had its number."""
-        before = known if isinstance(known, StoredMapping) else StoredMapping[V](self).updated(known)
+    def update(self, stored: Mapping[int, V], new: Mapping[int, V]) -> Mapping[int, V]:
+        """The stored values with the new ones, which replace values of the same number."""
+        before = stored if isinstance(stored, StoredMapping) else StoredMapping[V](self).updated(stored)
         return before.updated(new)
 
     def packed(self, value: Any) -> tuple[tuple[int, int], dict[int, NDArray[np.uint8]]]:

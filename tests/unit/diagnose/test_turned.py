@@ -199,7 +199,7 @@ def test_a_distortion_belongs_where_it_stays(of_column: Field, of_scan: Field, f
     seen = []
     for turn in (np.eye(2), between):
         field = of_column(known.at @ turn) @ turn.T + of_scan(known.at)  # E2(R) = T E1(T^-1 R)
-        exact = known.taken(field)[AFFINE:].T
+        exact = known.project(field)[AFFINE:].T
         seen.append(DiscDistortion(exact + rng.normal(0.0, sigma, exact.shape), sigma**2 * np.eye(exact.size), np.zeros((2, 2))))
     told_of_axes = (
         ParameterEstimate(name, value, 1e-3, "1") for name, value in (("turn_rad", 1.57), ("x_excess", 0.02), ("skew_rad", 0.0))

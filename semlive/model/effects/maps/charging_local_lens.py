@@ -14,7 +14,7 @@ APART_PX = 75.0
 CHARGING = (0.05, 0.25, 1.0)
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField:
     """q(T) 2 w (r - r_j) / (|r - r_j|^2 + w^2) around a place on the specimen; of q, which approaches its end, the last is told."""
     at, width_px = scene.address_px - scene.disparity_px, values["width_px"]
     dx, dy = at[..., 0] - values["x_px"], at[..., 1] - values["y_px"]
@@ -37,7 +37,7 @@ def grid(scene: RunGeometry) -> Iterable[Values]:
 FAMILY = EffectClass(
     "charging_local_lens",
     "a charged spot of the specimen bends the beam around it",
-    law,
+    basis_field,
     grid,
     nonlinear_parameters=(
         NonlinearParameter("x_px", "px", 37.5),

@@ -19,7 +19,7 @@ def _shape(scene: RunGeometry, values: Values) -> Array:
     return (bent + scene.x[..., None] * along[0] + scene.y[..., None] * along[1])[..., None]
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField:
     """(u, v) = eta(T) E."""
     return SlowDriftLaw(partial(_shape, values=values), "change", "1", per_px=lambda _: 1.0)(scene, values)
 
@@ -27,7 +27,7 @@ def law(scene: RunGeometry, values: Values) -> BasisField:
 FAMILY = EffectClass(
     "distortion_scale_drift",
     "the distortion as a whole grows or shrinks slowly: (u, v) = eta(T) E",
-    law,
+    basis_field,
     nonlinear_parameters=tuple(NonlinearParameter(name, "px", 1.0) for name in AFFINE),
     discriminating_experiment="the calibration once more at the end of the run",
     recurrence=Recurrence.CONTINUES,

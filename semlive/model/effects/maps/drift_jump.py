@@ -10,7 +10,7 @@ from semlive.model.effects.run_geometry import RunGeometry, xy_columns
 PLACES = np.arange(0.05, 1.0, 0.1)  # of the time in which a frame sees the points
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField:
     """(u, v) = J H(T - T_s), T_s in a frame; a block that sees the jump shows the part of it that its rows after T_s are.
 
     With a sharp edge a jump of 0.12 px was found, and two effects more that mended the edge.
@@ -34,7 +34,7 @@ def grid(scene: RunGeometry) -> Iterable[Values]:
 FAMILY = EffectClass(
     "drift_jump",
     "the picture jumps in the middle of a frame and stays where it is",
-    law,
+    basis_field,
     grid,
     nonlinear_parameters=(NonlinearParameter("at_s", "s", 9.5),),
     discriminating_experiment="load and grey level at that instant: a slip lets the load drop, a discharge flashes",

@@ -10,7 +10,7 @@ from semlive.model.effects.run_geometry import RunGeometry, xy_columns
 BETWEEN_S, COUNT = (0.3, 30.0), 10
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField:
     """(u, v) = A exp(-y t_R / tau)."""
     return BasisField(xy_columns(np.exp(-scene.row_start_s / values["settling_s"])), xy_parameters("px"))
 
@@ -24,7 +24,7 @@ def grid(scene: RunGeometry) -> Iterable[Values]:
 FAMILY = EffectClass(
     "frame_start_settling",
     "frames begin before the beam has come to rest",
-    law,
+    basis_field,
     grid,
     nonlinear_parameters=(NonlinearParameter("settling_s", "s", 1.67, ratio=True),),
     group="G4",

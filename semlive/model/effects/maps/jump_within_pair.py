@@ -8,7 +8,7 @@ from semlive.model.effects.effect_class import BasisField, EffectClass, Recurren
 from semlive.model.effects.run_geometry import RunGeometry, xy_columns
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField:
     """(u, v) = J from the second frame of a pair on."""
     later = np.broadcast_to((scene.frame >= values["first_frame"])[:, None], scene.time_s.shape)
     return BasisField(xy_columns(later.astype(np.float64)), xy_parameters("px"))
@@ -22,7 +22,7 @@ def grid(scene: RunGeometry) -> Iterable[Values]:
 FAMILY = EffectClass(
     "jump_within_pair",
     "the picture jumps between the two frames of a pair and stays where it is",
-    law,
+    basis_field,
     grid,
     group="G8",
     discriminating_experiment="a third picture in the pair",

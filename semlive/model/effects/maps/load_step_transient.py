@@ -10,7 +10,7 @@ from semlive.model.effects.run_geometry import RunGeometry, exponential_decay, x
 BETWEEN_S, COUNT = (8.0, 400.0), 9
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField | None:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField | None:
     """D += dF A exp(-(T - T_k) / tau)."""
     largest_n = float(np.abs(scene.load_change_n).max())
     if largest_n == 0.0:
@@ -28,7 +28,7 @@ def grid(scene: RunGeometry) -> Iterable[Values]:
 FAMILY = EffectClass(
     "load_step_transient",
     "the picture creeps after each load step and comes to rest",
-    law,
+    basis_field,
     grid,
     nonlinear_parameters=(NonlinearParameter("time_constant_s", "s", 1.63, ratio=True),),
     discriminating_experiment="a dummy step at the same load, and a longer hold",

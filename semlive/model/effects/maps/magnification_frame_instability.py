@@ -6,7 +6,7 @@ from semlive.model.effects.effect_class import BasisField, EffectClass, Recurren
 from semlive.model.effects.run_geometry import RunGeometry, field_column, times_time_columns
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField:
     """A magnification of its own for each frame."""
     del values
     each = np.eye(len(scene.frame))[:, None, :]
@@ -16,7 +16,7 @@ def law(scene: RunGeometry, values: Values) -> BasisField:
 FAMILY = EffectClass(
     "magnification_frame_instability",
     "every frame has a magnification of its own, at random",
-    law,
+    basis_field,
     group="G1",
     discriminating_experiment="a long series of frames of one place at zero load: only the law in time tells the causes apart",
     recurrence=Recurrence.NEW_DRAW,

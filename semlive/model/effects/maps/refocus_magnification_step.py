@@ -6,7 +6,7 @@ from semlive.model.effects.effect_class import BasisField, EffectClass, Recurren
 from semlive.model.effects.run_geometry import RunGeometry, field_column, times_time_columns
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField:
     """A magnification of its own for each pair but the first."""
     del values
     each = (scene.pair[:, None] == np.unique(scene.pair)[None, 1:]).astype(np.float64)[:, None, :]
@@ -16,7 +16,7 @@ def law(scene: RunGeometry, values: Values) -> BasisField:
 FAMILY = EffectClass(
     "refocus_magnification_step",
     "the magnification jumps with every step, as after focusing anew; under load that is strain",
-    law,
+    basis_field,
     group="G1",
     discriminating_experiment="the log of focus changes, or focusing forbidden for some steps",
     recurrence=Recurrence.NEW_DRAW,

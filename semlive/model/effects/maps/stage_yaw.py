@@ -6,7 +6,7 @@ from semlive.model.effects.effect_class import BasisField, EffectClass, Recurren
 from semlive.model.effects.run_geometry import RunGeometry, field_column, times_time_columns
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField | None:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField | None:
     """A rotation of its own for each pair of the calibration but the first; later the gradient is free anyway."""
     del values
     pairs = [pair for pair in np.unique(scene.pair)[1:] if not scene.gradient_free[scene.pair == pair].any()]
@@ -19,7 +19,7 @@ def law(scene: RunGeometry, values: Values) -> BasisField | None:
 FAMILY = EffectClass(
     "stage_yaw",
     "each move turns the specimen a little",
-    law,
+    basis_field,
     group="G2",
     discriminating_experiment="an hour of pairs with the stage parked: what turns with the moves alone is the stage",
     recurrence=Recurrence.FOLLOWS_MOVES,

@@ -10,7 +10,7 @@ from semlive.model.effects.run_geometry import RunGeometry, xy_columns
 LONGEST_S, SHORTEST_S = 900.0, 60.0
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField:
     """A sine of any phase along each axis."""
     angle = 2.0 * np.pi * scene.time_s / values["period_s"]
     columns = np.concatenate((xy_columns(np.sin(angle)), xy_columns(np.cos(angle))), axis=-1)
@@ -26,7 +26,7 @@ def grid(scene: RunGeometry) -> Iterable[Values]:
 FAMILY = EffectClass(
     "thermal_oscillation",
     "the picture swings with one period",
-    law,
+    basis_field,
     grid,
     nonlinear_parameters=(NonlinearParameter("period_s", "s", 1.02, ratio=True),),
     group="G8",

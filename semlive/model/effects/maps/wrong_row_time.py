@@ -10,7 +10,7 @@ from semlive.model.effects.effect_class import BasisField, EffectClass, Reported
 from semlive.model.effects.run_geometry import RunGeometry
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField:
     """T += delta tau, so the drift is taken at the wrong instant: e = v(T) delta tau."""
     del values
     shape = scene.drift_rate_px_s * scene.time_in_frame_s[..., None]
@@ -47,7 +47,7 @@ def alias_names(parameters: Sequence[ParameterEstimate]) -> tuple[str, ...]:
 FAMILY = EffectClass(
     "wrong_row_time",
     "rows take longer or shorter than stated: e = v(T) y t_R delta",
-    law,
+    basis_field,
     group="G3",
     discriminating_experiment="pairs with another row time, and the frame's duration by the "
     "clock: 1 + delta = 1/M is integration of M scans",
