@@ -9,8 +9,8 @@ from scipy.optimize import least_squares
 from semlive.data.diagnosis.effects import ParameterEstimate
 
 Array = NDArray[np.float64]
-BEFORE = np.array([1.0, 1.0, 0.0])
-WIDTH = np.array([1.0, 1.0, 100.0])
+PRIOR_MEAN = np.array([1.0, 1.0, 0.0])
+PRIOR_SD = np.array([1.0, 1.0, 100.0])
 """Standard deviations of gain, gamma and offset before the data: a pattern of two grey levels cannot tell three numbers."""
 
 
@@ -36,11 +36,9 @@ def curve_parameters(change: Array, covariance: Array, grey: Array) -> tuple[Par
     weigh = np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.eye(3)))
 
     def misfit(parameters: Array) -> Array:
-        return np.concatenate([weigh @ (changed(parameters) - change), (parameters - BEFORE) / WIDTH])
+        return np.concatenate([weigh @ (changed(parameters) - change), (parameters - PRIOR_MEAN) / PRIOR_SD])
 
-    found = least_squares(misfit, BEFORE, x_scale=np.array([0.1, 0.1, 10.0]))
-    sigma = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
+    fit = least_squares(misfit, PRIOR_MEAN, x_scale=np.array([0.1, 0.1, 10.0]))
+    sigma = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)))
     labels = (("gain", "1"), ("gamma", "1"), ("offset_levels", "levels"))
-    return tuple(
-        ParameterEstimate(name, float(value), float(s), unit) for (name, unit), value, s in zip(labels, found.x, sigma, strict=True)
-    )
+    return tuple(ParameterEstimate(name, float(value), float(s), unit) for (name, unit), value, s in zip(labels, fit.x, sigma, strict=True))

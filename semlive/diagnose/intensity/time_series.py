@@ -12,8 +12,8 @@ from semlive.errors import IllPosed
 
 Array = NDArray[np.float64]
 BANDS = 12
-LEAST_PAIRS = 4
-LEAST_BLOCKS = 12
+MIN_PAIRS = 4
+MIN_BLOCKS = 12
 OUTLIER_FACTOR = 4.0  # times the median: a pair whose frames differ so much shows something that happened, not noise
 
 
@@ -81,17 +81,17 @@ def intensity_time_series(series: IntensityFrames) -> IntensityTimeSeries:
     frames = [frame for frame in series.frames if frame.measured.sum() >= 0.5 * most]
     used = reference.measured & np.all([frame.measured for frame in frames], axis=0) if frames else reference.measured
     pair = np.array([frame.frame // 2 for frame in frames])
-    if used.sum() < LEAST_BLOCKS:
-        raise IllPosed(f"grey: fewer than {LEAST_BLOCKS} blocks are in all frames")
-    if sum(int(np.sum(pair == value) == 2) for value in set(pair.tolist())) < LEAST_PAIRS - 1:
-        raise IllPosed(f"grey: fewer than {LEAST_PAIRS} pairs have images and maps from frame 0")
+    if used.sum() < MIN_BLOCKS:
+        raise IllPosed(f"grey: fewer than {MIN_BLOCKS} blocks are in all frames")
+    if sum(int(np.sum(pair == value) == 2) for value in set(pair.tolist())) < MIN_PAIRS - 1:
+        raise IllPosed(f"grey: fewer than {MIN_PAIRS} pairs have images and maps from frame 0")
     bands = _bands(reference.blocks.y_px, used)
-    value = np.stack([[_terms(series, frame, which) for which in bands] for frame in frames])
-    middle = np.array([[frame.row_px[which].mean() for which in bands] for frame in frames])
+    value = np.stack([[_terms(series, frame, blocks) for blocks in bands] for frame in frames])
+    middle = np.array([[frame.row_px[blocks].mean() for blocks in bands] for frame in frames])
     half = 0.5 * reference.blocks.edge_px
-    ends = np.array([[(frame.row_px[which].min() - half, frame.row_px[which].max() + half) for which in bands] for frame in frames])
+    ends = np.array([[(frame.row_px[blocks].min() - half, frame.row_px[blocks].max() + half) for blocks in bands] for frame in frames])
     start_s, row_time_s = (np.array([getattr(frame, name) for frame in frames]) for name in ("start_s", "row_time_s"))
-    covariance, inflation, count = _noise(value, pair, _of_pixels(series, bands))
+    covariance, inflation, count = _noise(value, pair, _pixel_noise(series, bands))
     return IntensityTimeSeries(
         value, start_s[:, None] + middle * row_time_s[:, None], start_s[:, None, None] + ends * row_time_s[:, None, None], pair,
         covariance, inflation, INTENSITY_TERMS * count, _local(series, frames, used),
@@ -102,46 +102,46 @@ def intensity_time_series(series: IntensityFrames) -> IntensityTimeSeries:
 def _bands(y_px: NDArray[np.int64], used: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     """Rows of blocks, as many in each band, so that all are known as well; rows that are left over lie in the last one."""
     rows = np.unique(y_px[used])
-    together = -(-len(rows) // BANDS)
-    count = len(rows) // together
-    band = np.minimum(np.searchsorted(rows, y_px) // together, count - 1)
+    rows_per_band = -(-len(rows) // BANDS)
+    count = len(rows) // rows_per_band
+    band = np.minimum(np.searchsorted(rows, y_px) // rows_per_band, count - 1)
     return [np.flatnonzero(used & (band == at)) for at in range(count)]
 
 
-def _terms(series: IntensityFrames, frame: IntensityFrame, which: NDArray[np.int64]) -> Array:
+def _terms(series: IntensityFrames, frame: IntensityFrame, blocks: NDArray[np.int64]) -> Array:
     """(TERMS,) of a band, blur in squares of px and what it does to the other terms taken off."""
     reference = series.reference
-    basis = reference.basis[which].sum(axis=0)
-    solved = np.linalg.solve(basis, frame.products[which].sum(axis=0))
-    curve = np.linalg.solve(basis, reference.blurred[:, which].sum(axis=1).T).T
+    basis = reference.basis[blocks].sum(axis=0)
+    solved = np.linalg.solve(basis, frame.products[blocks].sum(axis=0))
+    curve = np.linalg.solve(basis, reference.blurred[:, blocks].sum(axis=1).T).T
     gain = max(solved[1], 0.1)
     # Beyond what was blurred, and for what is sharper than frame 1, as the first or the last piece goes.
     at = int(np.clip(np.searchsorted(curve[:, 3], solved[3] / gain) - 1, 0, len(BLURS_PX2) - 2))
     slope = max((curve[at + 1, 3] - curve[at, 3]) / (BLURS_PX2[at + 1] - BLURS_PX2[at]), 1e-3)
     blur_px2 = BLURS_PX2[at] + (solved[3] / gain - curve[at, 3]) / slope
     share = (blur_px2 - BLURS_PX2[at]) / (BLURS_PX2[at + 1] - BLURS_PX2[at])
-    leak = gain * (curve[at] + share * (curve[at + 1] - curve[at]) - curve[0])
-    change = solved - leak
+    blur_terms = gain * (curve[at] + share * (curve[at + 1] - curve[at]) - curve[0])
+    change = solved - blur_terms
     return np.array([reference.contrast * change[0], change[1] - 1.0, reference.contrast * change[2], blur_px2])
 
 
-def _of_pixels(series: IntensityFrames, bands: list[NDArray[np.int64]]) -> Array:
+def _pixel_noise(series: IntensityFrames, bands: list[NDArray[np.int64]]) -> Array:
     """(TERMS, TERMS) covariance that the noise of pixels gives a band: a few pairs whitened by their own would look too quiet."""
     reference, total = series.reference, np.zeros((INTENSITY_TERMS, INTENSITY_TERMS))
     slope = 0.0
-    for which in bands:
-        basis = reference.basis[which].sum(axis=0)
+    for blocks in bands:
+        basis = reference.basis[blocks].sum(axis=0)
         inverse = np.linalg.inv(basis)
-        total += inverse @ reference.noise[which].sum(axis=0) @ inverse.T / len(bands)
-        slope += float((inverse @ reference.blurred[2, which].sum(axis=0))[3] / BLURS_PX2[2]) / len(bands)
+        total += inverse @ reference.noise[blocks].sum(axis=0) @ inverse.T / len(bands)
+        slope += float((inverse @ reference.blurred[2, blocks].sum(axis=0))[3] / BLURS_PX2[2]) / len(bands)
     unit = np.array([reference.contrast, 1.0, reference.contrast, 1.0 / slope])
     return np.asarray(total * np.outer(unit, unit), dtype=np.float64)
 
 
-def _noise(value: Array, pair: NDArray[np.int64], of_pixels: Array) -> tuple[Array, Array, int]:
+def _noise(value: Array, pair: NDArray[np.int64], pixel_covariance: Array) -> tuple[Array, Array, int]:
     """Covariance of a band and inflation of a frame's mean, from the two frames of each pair but those that something befell."""
     first = np.flatnonzero(pair[1:] == pair[:-1])
-    lower = np.linalg.cholesky(of_pixels)
+    lower = np.linalg.cholesky(pixel_covariance)
     change = (value[first + 1] - value[first]) @ np.linalg.inv(lower).T / np.sqrt(2.0)
     energy = np.mean(change**2, axis=(1, 2))
     change = change[energy <= OUTLIER_FACTOR * np.median(energy)]
@@ -156,11 +156,11 @@ def _local(series: IntensityFrames, frames: list[IntensityFrame], used: NDArray[
     reference = series.reference
     basis = reference.basis[used]
     size = np.maximum(basis[:, 0, 0], 1e-9)
-    found = []
+    changes = []
     for frame in frames:
         solved = np.linalg.solve(basis.sum(axis=0), frame.products[used].sum(axis=0))
-        found.append(reference.contrast * (frame.products[used] - basis @ solved)[:, 0] / size)
-    return np.stack(found)
+        changes.append(reference.contrast * (frame.products[used] - basis @ solved)[:, 0] / size)
+    return np.stack(changes)
 
 
 def _contrasts(count: int) -> Array:

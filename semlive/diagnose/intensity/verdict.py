@@ -29,15 +29,15 @@ from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANCE_LE
 from semlive.model.effects.intensity import CHARGING_JUMP, CONTAMINATION, DEFOCUS, GAMMA_CHANGE
 
 Array = NDArray[np.float64]
-MOST = 3
+MAX_EFFECTS = 3
 TESTS = 4
 """Three names and what has none."""
-LEAST_LEVELS = 0.3
+MIN_LEVELS = 0.3
 """Real brightness wanders by so much, and a correlation that takes mean and contrast off each subset does not notice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Named:
+class _SelectedModel:
     """A law that was added, and what was said of it when it was."""
 
     fit: IntensityFit
@@ -54,18 +54,18 @@ def diagnose_intensity(series: IntensityFrames, model_effects: Sequence[ModelEff
     Raises:
         IllPosed: there are too few pairs or blocks.
     """
-    courses = intensity_time_series(series)
-    observed = flashes(series.frames)
-    there = (
-        *_already(courses, model_effects),
-        *(intensity_model for entry in observed if (intensity_model := flash_at(courses, entry.at_s, entry.length_s)) is not None),
+    time_series = intensity_time_series(series)
+    flashes_found = flashes(series.frames)
+    included = (
+        *_given_models(time_series, model_effects),
+        *(intensity_model for entry in flashes_found if (intensity_model := flash_at(time_series, entry.at_s, entry.length_s)) is not None),
     )
-    before = residual_tests(courses, there)
-    intensity_models, effects = list(there), list[_Named]()
+    before = residual_tests(time_series, included)
+    intensity_models, effects = list(included), list[_SelectedModel]()
     evidence: dict[str, float] = {}
     while True:
-        fits = IntensityRegression(courses, tuple(intensity_models)).all_fits()
-        fits_by_name = _likeliest(fits)
+        fits = IntensityRegression(time_series, tuple(intensity_models)).all_fits()
+        fits_by_name = _most_likely_by_name(fits)
         evidence = evidence or {name: candidate.odds for name, candidate in fits_by_name.items()}
         best = max(fits_by_name.values(), key=lambda candidate: candidate.odds)
         nameable = [
@@ -74,83 +74,85 @@ def diagnose_intensity(series: IntensityFrames, model_effects: Sequence[ModelEff
             if candidate.model.family is not None
             and candidate.model.name not in {intensity_model.name for intensity_model in intensity_models}
         ]
-        loudest = max(nameable, key=lambda candidate: candidate.odds, default=None)
+        most_significant = max(nameable, key=lambda candidate: candidate.odds, default=None)
         if (
-            loudest is None
-            or len(effects) == MOST
-            or loudest.odds < max(SIGNIFICANT_LOG_FACTOR, best.odds - MIN_LOG_ODDS)
-            or TESTS * loudest.p_value > SIGNIFICANCE_LEVEL
+            most_significant is None
+            or len(effects) == MAX_EFFECTS
+            or most_significant.odds < max(SIGNIFICANT_LOG_FACTOR, best.odds - MIN_LOG_ODDS)
+            or TESTS * most_significant.p_value > SIGNIFICANCE_LEVEL
         ):
             break
-        rivals = tuple(fit.model.name for fit in nameable if fit is not loudest and fit.odds > loudest.odds - MIN_LOG_ODDS)
-        effects.append(_Named(loudest, rivals))
-        intensity_models.append(loudest.model)
-    new = () if CHARGING_JUMP.name in {model_effect.name for model_effect in model_effects} else observed
-    return _verdict(series, courses, intensity_models, effects, before, evidence, new)
+        rivals = tuple(
+            fit.model.name for fit in nameable if fit is not most_significant and fit.odds > most_significant.odds - MIN_LOG_ODDS
+        )
+        effects.append(_SelectedModel(most_significant, rivals))
+        intensity_models.append(most_significant.model)
+    new = () if CHARGING_JUMP.name in {model_effect.name for model_effect in model_effects} else flashes_found
+    return _verdict(series, time_series, intensity_models, effects, before, evidence, new)
 
 
-def _already(courses: IntensityTimeSeries, model_effects: Sequence[ModelEffect]) -> tuple[IntensityModel, ...]:
+def _given_models(time_series: IntensityTimeSeries, model_effects: Sequence[ModelEffect]) -> tuple[IntensityModel, ...]:
     """Laws of what the model has: amplitudes are fitted anew."""
-    found: list[IntensityModel] = []
+    models: list[IntensityModel] = []
     for model_effect in model_effects:
         if model_effect.name == GAMMA_CHANGE.name:
             at_s = dict(model_effect.values).get("at_s")
-            found.append(IntensityRegression(courses).add_model().model if at_s is None else step_at(courses, at_s))
-        found += [intensity_model for intensity_model in smooth_models(courses) if intensity_model.name == model_effect.name]
-    return tuple(found)
+            models.append(IntensityRegression(time_series).add_model().model if at_s is None else step_at(time_series, at_s))
+        models += [intensity_model for intensity_model in smooth_models(time_series) if intensity_model.name == model_effect.name]
+    return tuple(models)
 
 
-def _likeliest(fits: Sequence[IntensityFit]) -> dict[str, IntensityFit]:
+def _most_likely_by_name(fits: Sequence[IntensityFit]) -> dict[str, IntensityFit]:
     """Of each name the simplest law that is not much less likely than its others, which come later."""
-    found: dict[str, IntensityFit] = {}
+    best_fits: dict[str, IntensityFit] = {}
     for fit in fits:
-        had = found.get(fit.model.name)
-        if had is None or fit.odds > had.odds + MIN_LOG_ODDS:
-            found[fit.model.name] = fit
-    return found
+        previous = best_fits.get(fit.model.name)
+        if previous is None or fit.odds > previous.odds + MIN_LOG_ODDS:
+            best_fits[fit.model.name] = fit
+    return best_fits
 
 
 def _verdict(
-    series: IntensityFrames, courses: IntensityTimeSeries, intensity_models: Sequence[IntensityModel], selected: Sequence[_Named],
+    series: IntensityFrames, time_series: IntensityTimeSeries, intensity_models: Sequence[IntensityModel], selected: Sequence[_SelectedModel],
     before: Sequence[ResidualTest],
-    evidence: dict[str, float], observed: Sequence[Flash],
+    evidence: dict[str, float], flashes_found: Sequence[Flash],
 ) -> IntensityDiagnosis:  # fmt: skip
-    effects = [_effect(courses, series, intensity_models, effect.fit) for effect in selected]
-    if observed:
-        effects.append(_flashing(observed, sum(len(frame.row_levels) for frame in series.frames)))
-    remains = [
+    effects = [_effect(time_series, series, intensity_models, effect.fit) for effect in selected]
+    if flashes_found:
+        effects.append(_flash_effect(flashes_found, sum(len(frame.row_levels) for frame in series.frames)))
+    significant_tests = [
         residual_test
-        for residual_test in residual_tests(courses, intensity_models)
-        if 3.0 * residual_test.p_value <= SIGNIFICANCE_LEVEL and residual_test.levels >= LEAST_LEVELS
+        for residual_test in residual_tests(time_series, intensity_models)
+        if 3.0 * residual_test.p_value <= SIGNIFICANCE_LEVEL and residual_test.levels >= MIN_LEVELS
     ]
-    unsure = next((effect for effect in selected if effect.rivals), None)
-    if remains:
+    undecided = next((effect for effect in selected if effect.rivals), None)
+    if significant_tests:
         outcome = Outcome.UNKNOWN
     elif not effects:
         outcome = Outcome.NONE
     else:
-        outcome = Outcome.AMBIGUOUS if unsure else Outcome.IDENTIFIED
-    among = (unsure.fit.model.name, *unsure.rivals) if unsure is not None and outcome is Outcome.AMBIGUOUS else ()
-    residual = "; ".join(f"{remain.what} differ by {remain.levels:.2g} grey levels" for remain in remains)
+        outcome = Outcome.AMBIGUOUS if undecided else Outcome.IDENTIFIED
+    names = (undecided.fit.model.name, *undecided.rivals) if undecided is not None and outcome is Outcome.AMBIGUOUS else ()
+    residual = "; ".join(f"{remain.what} differ by {remain.levels:.2g} grey levels" for remain in significant_tests)
     p_value = min(1.0, 3.0 * min(test.p_value for test in before))
     reference = series.reference
     return IntensityDiagnosis(
-        outcome, tuple(effects), among, (DomainTest("intensity", p_value, 0.0),), tuple(evidence.items()), courses.frames,
-        courses.local.shape[1], _noise(series.noise), reference.mean, reference.contrast, max(frame.clipped for frame in series.frames),
-        tuple(float(value) for value in courses.time_s.mean(axis=1)), _courses(courses, intensity_models), residual,
+        outcome, tuple(effects), names, (DomainTest("intensity", p_value, 0.0),), tuple(evidence.items()), time_series.frames,
+        time_series.local.shape[1], _noise(series.noise), reference.mean, reference.contrast, max(frame.clipped for frame in series.frames),
+        tuple(float(value) for value in time_series.time_s.mean(axis=1)), _histories(time_series, intensity_models), residual,
     )  # fmt: skip
 
 
 def _effect(
-    courses: IntensityTimeSeries, series: IntensityFrames, intensity_models: Sequence[IntensityModel], fit: IntensityFit
+    time_series: IntensityTimeSeries, series: IntensityFrames, intensity_models: Sequence[IntensityModel], fit: IntensityFit
 ) -> IdentifiedEffect:
     """Its parameters beside all other laws that were found."""
     other_models = tuple(intensity_model for intensity_model in intensity_models if intensity_model is not fit.model)
-    last = IntensityRegression(courses, other_models).fit(fit.model)
+    last = IntensityRegression(time_series, other_models).fit(fit.model)
     size, sigma = last.amplitudes, np.sqrt(np.diag(last.covariance))
     values: tuple[tuple[str, float], ...] = ()
     if fit.model.family is CONTAMINATION:
-        parameters = _loss(courses, last)
+        parameters = _contamination_parameters(time_series, last)
     elif fit.model.family is DEFOCUS:
         rate = float(np.sqrt(max(size[0], 0.0)))
         parameters = [ParameterEstimate("blur_px_per_s", rate, float(0.5 * sigma[0] / max(rate, 1e-12)), "px/s")]
@@ -169,7 +171,7 @@ def _effect(
     return IdentifiedEffect(fit.model.name, tuple(parameters), 0.0, fit.odds, min(1.0, TESTS * fit.p_value), False, model_effect)
 
 
-def _loss(courses: IntensityTimeSeries, fit: IntensityFit) -> list[ParameterEstimate]:
+def _contamination_parameters(time_series: IntensityTimeSeries, fit: IntensityFit) -> list[ParameterEstimate]:
     """Of the grey at the start of frame 0; what was fitted is a share of that of frame 1."""
     lever = np.zeros(len(fit.amplitudes))
     lever[0] = 1.0
@@ -177,22 +179,22 @@ def _loss(courses: IntensityTimeSeries, fit: IntensityFit) -> list[ParameterEsti
         lever[1] = 1.0  # mean over the run
     rate = float(lever @ fit.amplitudes)
     sigma = float(np.sqrt(lever @ fit.covariance @ lever))
-    rate /= 1.0 + rate * float(courses.time_s[0].mean())
-    found = [ParameterEstimate("loss_per_s", rate, sigma, "1/s")]
-    level, unsure = black_level(fit)
-    return [*found, ParameterEstimate("black_level", level, unsure, "levels")] if fit.model.kind == "black level" else found
+    rate /= 1.0 + rate * float(time_series.time_s[0].mean())
+    parameters = [ParameterEstimate("loss_per_s", rate, sigma, "1/s")]
+    level, undecided = black_level(fit)
+    return [*parameters, ParameterEstimate("black_level", level, undecided, "levels")] if fit.model.kind == "black level" else parameters
 
 
-def _flashing(observed: Sequence[Flash], rows: int) -> IdentifiedEffect:
+def _flash_effect(flashes_found: Sequence[Flash], rows: int) -> IdentifiedEffect:
     """Of so many rows that were looked at."""
-    levels = np.array([entry.levels for entry in observed])
-    weight = np.array([entry.sigma_levels for entry in observed]) ** -2.0
+    levels = np.array([entry.levels for entry in flashes_found])
+    weight = np.array([entry.sigma_levels for entry in flashes_found]) ** -2.0
     height = float(np.sum(weight * levels) / np.sum(weight))
     parameters = [ParameterEstimate("flash_levels", height, float(np.sum(weight) ** -0.5), "levels")]
-    for number, entry in enumerate(observed, start=1):
+    for number, entry in enumerate(flashes_found, start=1):
         more = "" if number == 1 else f"_{number}"
         parameters.append(ParameterEstimate(f"flash{more}_at_s", entry.at_s, 0.5 * entry.length_s, "s"))
-    parameters.append(ParameterEstimate("flash_s", float(np.median([entry.length_s for entry in observed])), 0.0, "s"))
+    parameters.append(ParameterEstimate("flash_s", float(np.median([entry.length_s for entry in flashes_found])), 0.0, "s"))
     squares = levels**2 * weight
     odds = float(np.sum(0.5 * squares - np.log(rows)))
     p_value = min(1.0, rows * float(norm.sf(np.sqrt(squares.max()))))
@@ -210,17 +212,17 @@ def _noise(pairs: Array) -> tuple[ParameterEstimate, ParameterEstimate]:
     )
 
 
-def _courses(courses: IntensityTimeSeries, intensity_models: Sequence[IntensityModel]) -> tuple[IntensityHistory, ...]:
+def _histories(time_series: IntensityTimeSeries, intensity_models: Sequence[IntensityModel]) -> tuple[IntensityHistory, ...]:
     """Of frames; the laws' part is that of the fit of all together, with frame 1 as far off as its noise made it."""
-    value = courses.value.mean(axis=1)
+    value = time_series.value.mean(axis=1)
     fitted = np.zeros_like(value)
     if intensity_models:
         columns = np.concatenate([intensity_model.columns for intensity_model in intensity_models])
-        white = courses.white(columns).reshape(len(columns), -1)
-        amplitudes = np.linalg.lstsq(white.T, courses.white(courses.value).ravel(), rcond=None)[0]
+        white = time_series.white(columns).reshape(len(columns), -1)
+        amplitudes = np.linalg.lstsq(white.T, time_series.white(time_series.value).ravel(), rcond=None)[0]
         fitted = np.einsum("k,kfrp->fp", amplitudes, columns) / columns.shape[2]
     fitted = fitted + (value - fitted).mean(axis=0)
-    sigma = courses.frame_sigma()
+    sigma = time_series.frame_sigma()
     names = (("mean", "levels"), ("gain", "1"), ("curvature", "levels"), ("blur", "px^2"))
     return tuple(
         IntensityHistory(name, unit, tuple(value[:, at].tolist()), float(sigma[at]), tuple(fitted[:, at].tolist()))

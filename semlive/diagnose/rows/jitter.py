@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 PERMUTATIONS = 60
 MIN_ROLL = 5  # rows: interpolation makes the noise of neighbours alike
 SIZES = 12
-SLOWEST = 28  # rows; what is slower is taken off in part
+MAX_PERIOD_ROWS = 28  # rows; what is slower is taken off in part
 KINDS = ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))
 """Along x, along y, or both alike."""
 DETRENDED = DETREND_ROWS / (DETREND_ROWS - 1.0)
@@ -99,12 +99,12 @@ def common_row_variance(series: Sequence[RowSeries], seed: int) -> CommonRowVari
     for at, run_series in enumerate(series):
         for axis in (0, 1):
             shift, weight = run_series.shift_px[axis], run_series.weight[axis]
-            ratio[at, axis], freedom[at, axis], variance[at, axis] = _one(shift, weight, rng)
+            ratio[at, axis], freedom[at, axis], variance[at, axis] = _pair_variance_ratio(shift, weight, rng)
             white[at, axis] = _white(shift, weight) / variance[at, axis]
     return CommonRowVariance(ratio, freedom, variance, white, np.array([1.0 + run_series.interpolation_gain for run_series in series]))
 
 
-def _one(shift: Array, weight: Array, rng: np.random.Generator) -> tuple[float, float, float]:
+def _pair_variance_ratio(shift: Array, weight: Array, rng: np.random.Generator) -> tuple[float, float, float]:
     """Ratio, freedom and variance of one pair along one axis."""
     n, pieces = shift.shape
     own = _mean_square(shift, weight)
@@ -132,7 +132,7 @@ def _white(shift: Array, weight: Array) -> float:
     total = weight.sum(axis=1)
     mean = np.sum(shift * weight, axis=1) / np.where(total > 0.0, total, 1.0)
     power = np.abs(np.fft.rfft(mean)) ** 2 / len(mean)
-    return float(np.median(power[len(mean) // SLOWEST :])) / math.log(2.0)
+    return float(np.median(power[len(mean) // MAX_PERIOD_ROWS :])) / math.log(2.0)
 
 
 def _mean_square(shift: Array, weight: Array) -> float:

@@ -82,13 +82,13 @@ def row_series(shifts: RowShifts, row_time_s: float, dwell_time_s: float) -> Row
     """
     edges = shifts.edges_px.astype(np.float64)
     valid = shifts.segment_valid
-    both = []
+    axes = []
     for value, sigma in ((shifts.segment_u_px, shifts.segment_sigma_u_px), (shifts.segment_v_px, shifts.segment_sigma_v_px)):
         weight = np.where(valid & (sigma > 0.0), 1.0 / np.where(sigma > 0.0, sigma, 1.0) ** 2, 0.0)
-        both.append((_fast(np.where(weight > 0.0, value, 0.0), weight), weight))
+        axes.append((_fast(np.where(weight > 0.0, value, 0.0), weight), weight))
     return RowSeries(
-        np.stack([value for value, _ in both]),
-        np.stack([weight for _, weight in both]),
+        np.stack([value for value, _ in axes]),
+        np.stack([weight for _, weight in axes]),
         shifts.row_px.astype(np.float64),
         0.5 * (edges[:-1] + edges[1:] - 1.0),
         float(np.mean(np.diff(edges))),

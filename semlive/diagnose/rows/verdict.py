@@ -20,9 +20,9 @@ from semlive.errors import IllPosed
 from semlive.model.effects.rows import PERIODIC_EFFECTS, ROW_JITTER, RowEffectClass
 
 Array = NDArray[np.float64]
-MOST = 5  # waves
+MAX_WAVES = 5  # waves
 MAX_SPECTRUM_POINTS = 400
-LEAST_ROWS = 100
+MIN_ROWS = 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +37,7 @@ class IdentifiedWave:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Heard:
+class _Screening:
     """All that can be asked of rows once."""
 
     series: tuple[RowSeries, ...]
@@ -46,10 +46,10 @@ class _Heard:
     odds: dict[str, float]
 
     @property
-    def jitters(self) -> bool:
+    def has_jitter(self) -> bool:
         return self.odds[ROW_JITTER.name] >= SIGNIFICANT_LOG_FACTOR and 2.0 * self.common.p_value() <= SIGNIFICANCE_LEVEL
 
-    def loudest(self) -> tuple[RowEffectClass, int, float]:
+    def most_significant(self) -> tuple[RowEffectClass, int, float]:
         """The likeliest wave: its name, its place in the spectrum and its p-value."""
         family = max(PERIODIC_EFFECTS, key=lambda candidate: self.odds[candidate.name])
         own = matching_frequencies(self.spectrum, family.matches_frequency) if family.matches_frequency else np.zeros(0, dtype=np.int64)
@@ -68,20 +68,20 @@ def diagnose_rows(series: Sequence[RowSeries], seed: int = 0, model_effects: Seq
     Raises:
         IllPosed: there are too few rows.
     """
-    if not series or min(len(run_series.row_px) for run_series in series) < LEAST_ROWS:
-        raise IllPosed(f"rows: fewer than {LEAST_ROWS} in a frame, too few to name anything")
+    if not series or min(len(run_series.row_px) for run_series in series) < MIN_ROWS:
+        raise IllPosed(f"rows: fewer than {MIN_ROWS} in a frame, too few to name anything")
     residual_series = tuple(series)
     for model_effect in model_effects:
         frequency_hz = dict(model_effect.values).get("frequency_hz")
         if frequency_hz is not None:
             residual_series = _without(residual_series, fit_wave(residual_series, frequency_hz))
     already = {model_effect.name for model_effect in model_effects}
-    first = screening = _hear(residual_series, seed)
+    first = screening = _screen(residual_series, seed)
     waves: list[IdentifiedWave] = []
     while True:
-        family, at, p_value = screening.loudest()
+        family, at, p_value = screening.most_significant()
         significant = screening.odds[family.name] >= SIGNIFICANT_LOG_FACTOR and 2.0 * p_value <= SIGNIFICANCE_LEVEL
-        if not significant or len(waves) == MOST:
+        if not significant or len(waves) == MAX_WAVES:
             break
         rivals = tuple(
             effect_class.name
@@ -90,32 +90,32 @@ def diagnose_rows(series: Sequence[RowSeries], seed: int = 0, model_effects: Seq
         )
         wave = refined(screening.series, screening.spectrum, at)
         waves.append(IdentifiedWave(family, wave, screening.odds[family.name], min(1.0, 2.0 * p_value), rivals))
-        screening = _hear(_without(screening.series, wave), seed)
-    jitters = screening.jitters and ROW_JITTER.name not in already
-    return _verdict(first, screening, waves, jitters, significant)
+        screening = _screen(_without(screening.series, wave), seed)
+    has_jitter = screening.has_jitter and ROW_JITTER.name not in already
+    return _verdict(first, screening, waves, has_jitter, significant)
 
 
-def _hear(series: tuple[RowSeries, ...], seed: int) -> _Heard:
-    shared = common_row_variance(series, seed)
-    odds = {ROW_JITTER.name: shared.log_factor(ROW_JITTER.sizes_px)}
-    found = spectrum(series, shared.levels())
+def _screen(series: tuple[RowSeries, ...], seed: int) -> _Screening:
+    common = common_row_variance(series, seed)
+    odds = {ROW_JITTER.name: common.log_factor(ROW_JITTER.sizes_px)}
+    power_spectrum = spectrum(series, common.levels())
     for family in PERIODIC_EFFECTS:
-        own = matching_frequencies(found, family.matches_frequency) if family.matches_frequency else np.zeros(0, dtype=np.int64)
-        each = found.log_factors(family.sizes_px)[own]
+        own = matching_frequencies(power_spectrum, family.matches_frequency) if family.matches_frequency else np.zeros(0, dtype=np.int64)
+        each = power_spectrum.log_factors(family.sizes_px)[own]
         odds[family.name] = float(np.logaddexp.reduce(each) - np.log(len(each))) if len(each) else -np.inf
-    return _Heard(series, shared, found, odds)
+    return _Screening(series, common, power_spectrum, odds)
 
 
 def _without(series: Sequence[RowSeries], wave: Wave) -> tuple[RowSeries, ...]:
     return tuple(run_series.without(wave.moved(pair, run_series)) for pair, run_series in enumerate(series))
 
 
-def _verdict(first: _Heard, last: _Heard, waves: Sequence[IdentifiedWave], jitters: bool, significant: bool) -> RowDiagnosis:
+def _verdict(first: _Screening, last: _Screening, waves: Sequence[IdentifiedWave], has_jitter: bool, significant: bool) -> RowDiagnosis:
     effects = list(_effects_of_waves(waves))
-    if jitters:
+    if has_jitter:
         effects.append(_jitter(last))
-    gap = held_out_row_misfit(first.series, [wave.wave for wave in waves], last.common if jitters else None) if effects else None
-    unsure = next((wave for wave in waves if wave.rivals), None)
+    gap = held_out_row_misfit(first.series, [wave.wave for wave in waves], last.common if has_jitter else None) if effects else None
+    undecided = next((wave for wave in waves if wave.rivals), None)
     if significant:  # as many waves as are looked for, and still one more
         outcome = Outcome.UNKNOWN
     elif not effects:
@@ -123,17 +123,17 @@ def _verdict(first: _Heard, last: _Heard, waves: Sequence[IdentifiedWave], jitte
     elif gap is not None and not is_useful(gap):
         outcome = Outcome.REJECTED
     else:
-        outcome = Outcome.AMBIGUOUS if unsure else Outcome.IDENTIFIED
-    among_names = (unsure.family.name, *unsure.rivals) if unsure is not None and outcome is Outcome.AMBIGUOUS else ()
+        outcome = Outcome.AMBIGUOUS if undecided else Outcome.IDENTIFIED
+    names = (undecided.family.name, *undecided.rivals) if undecided is not None and outcome is Outcome.AMBIGUOUS else ()
     noise_px = float(np.sqrt(np.mean(first.common.variance_px2)))
     frequency_hz, power = _thinned(first.spectrum)
     return RowDiagnosis(
-        outcome, tuple(effects), among_names, gap, _where(first), tuple(first.odds.items()), len(first.series),
-        max(len(run_series.row_px) for run_series in first.series), noise_px, frequency_hz, power, _loud_power(first.spectrum),
+        outcome, tuple(effects), names, gap, _where(first), tuple(first.odds.items()), len(first.series),
+        max(len(run_series.row_px) for run_series in first.series), noise_px, frequency_hz, power, _detection_threshold(first.spectrum),
     )  # fmt: skip
 
 
-def _where(screening: _Heard) -> tuple[DomainTest, ...]:
+def _where(screening: _Screening) -> tuple[DomainTest, ...]:
     """The two tests, family-wise over both."""
     at = int(np.argmax(screening.spectrum.total))
     excess = np.clip(screening.spectrum.power[:, at] - 1.0, 0.0, None) / screening.spectrum.information[:, at]
@@ -147,12 +147,12 @@ def _where(screening: _Heard) -> tuple[DomainTest, ...]:
 
 def _effects_of_waves(waves: Sequence[IdentifiedWave]) -> tuple[IdentifiedEffect, ...]:
     """One effect for each name; further waves of the mains are its overtones, further vibrations effects of their own."""
-    found: list[IdentifiedEffect] = []
+    effects: list[IdentifiedEffect] = []
     for wave in waves:
         amplitudes = [_amplitude(wave.wave, axis) for axis in (0, 1)]
         size_px = float(np.hypot(amplitudes[0][0], amplitudes[1][0]))
-        index = next((at for at, had in enumerate(found) if had.name == wave.family.name), None)
-        overtones = () if index is None else found[index].parameters
+        index = next((at for at, previous in enumerate(effects) if previous.name == wave.family.name), None)
+        overtones = () if index is None else effects[index].parameters
         more = f"_{len(overtones) // 3 + 1}" if overtones else ""
         parameters = (
             *overtones,
@@ -163,13 +163,13 @@ def _effects_of_waves(waves: Sequence[IdentifiedWave]) -> tuple[IdentifiedEffect
         values = tuple((item.name, item.value) for item in parameters if item.unit == "Hz")
         model_effect = ModelEffect(wave.family.name, values, size_px)
         if index is None:
-            found.append(IdentifiedEffect(wave.family.name, parameters, size_px, wave.log_factor, wave.p_value, False, model_effect))
+            effects.append(IdentifiedEffect(wave.family.name, parameters, size_px, wave.log_factor, wave.p_value, False, model_effect))
         else:
-            had = found[index]
-            found[index] = IdentifiedEffect(
-                had.name, parameters, had.peak_px + size_px, had.log_bayes_factor, had.p_value, False, model_effect
+            previous = effects[index]
+            effects[index] = IdentifiedEffect(
+                previous.name, parameters, previous.peak_px + size_px, previous.log_bayes_factor, previous.p_value, False, model_effect
             )
-    return tuple(found)
+    return tuple(effects)
 
 
 def _amplitude(wave: Wave, axis: int) -> tuple[float, float]:
@@ -192,10 +192,11 @@ def _amplitude(wave: Wave, axis: int) -> tuple[float, float]:
     return size, float(0.5 * sigma2 / (2.0 * size))
 
 
-def _jitter(screening: _Heard) -> IdentifiedEffect:
+def _jitter(screening: _Screening) -> IdentifiedEffect:
     sd, sigma = screening.common.jitter_px()
     parameters = tuple(
-        ParameterEstimate(f"sd_{axis}_px", float(value), float(unsure), "px") for axis, value, unsure in zip("xy", sd, sigma, strict=True)
+        ParameterEstimate(f"sd_{axis}_px", float(value), float(undecided), "px")
+        for axis, value, undecided in zip("xy", sd, sigma, strict=True)
     )
     size_px = float(np.hypot(*sd))
     p_value = min(1.0, 2.0 * screening.common.p_value())
@@ -210,14 +211,14 @@ def _jitter(screening: _Heard) -> IdentifiedEffect:
     )
 
 
-def _thinned(found: Spectrum) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _thinned(power_spectrum: Spectrum) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """The largest power in each of some hundred equal bands."""
-    power = found.total / len(found.power)
+    power = power_spectrum.total / len(power_spectrum.power)
     bands = np.array_split(np.arange(len(power)), min(MAX_SPECTRUM_POINTS, len(power)))
     peaks = [int(band[np.argmax(power[band])]) for band in bands if len(band)]
-    return tuple(float(found.frequency_hz[at]) for at in peaks), tuple(float(power[at]) for at in peaks)
+    return tuple(float(power_spectrum.frequency_hz[at]) for at in peaks), tuple(float(power[at]) for at in peaks)
 
 
-def _loud_power(found: Spectrum) -> float:
-    k = len(found.power)
-    return float(gamma.isf(0.5 * SIGNIFICANCE_LEVEL / len(found.frequency_hz), k)) / k
+def _detection_threshold(power_spectrum: Spectrum) -> float:
+    k = len(power_spectrum.power)
+    return float(gamma.isf(0.5 * SIGNIFICANCE_LEVEL / len(power_spectrum.frequency_hz), k)) / k

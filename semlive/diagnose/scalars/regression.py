@@ -10,7 +10,7 @@ from scipy.stats import f as fisher
 
 Array = NDArray[np.float64]
 MIN_DEGREES_OF_FREEDOM = 4  # values beyond the unknowns, at least
-_SEEN = 1e-6  # of a term, in squares, that the others leave of it
+_MIN_DETERMINED_FRACTION = 1e-6  # of a term, in squares, that the others leave of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,10 +42,12 @@ def orthonormal_basis(columns: Array, least: float) -> Array:
 
 def term(own: Array, values: Array, base: Array) -> RegressionTerm | None:
     """One term (n,) of values (n,), beside an orthonormal base (n, k); None where the base leaves nothing of it, or too few values do."""
-    column = _apart(own, base)
-    if len(own) < base.shape[1] + 1 + MIN_DEGREES_OF_FREEDOM or float(column @ column) < _SEEN * max(float(own @ own), 1e-9):
+    column = _orthogonal_part(own, base)
+    if len(own) < base.shape[1] + 1 + MIN_DEGREES_OF_FREEDOM or float(column @ column) < _MIN_DETERMINED_FRACTION * max(
+        float(own @ own), 1e-9
+    ):
         return None
-    fitted = _apart(values, base)
+    fitted = _orthogonal_part(values, base)
     amount = float(column @ fitted) / float(column @ column)
     residual = fitted - amount * column
     freedom = len(own) - base.shape[1] - 1
@@ -56,10 +58,10 @@ def term(own: Array, values: Array, base: Array) -> RegressionTerm | None:
 def leave_one_out(values: Array, base: Array) -> tuple[Array, Array]:
     """(n,) what each value is off from what all others foretell of it, and how much larger its variance is than that of a value."""
     free = np.maximum(1.0 - np.sum(base**2, axis=1), 1e-6)
-    return _apart(values, base) / free, np.asarray(1.0 / free)
+    return _orthogonal_part(values, base) / free, np.asarray(1.0 / free)
 
 
-def _apart(values: Array, base: Array) -> Array:
+def _orthogonal_part(values: Array, base: Array) -> Array:
     return np.asarray(values - base @ (base.T @ values))
 
 

@@ -17,7 +17,7 @@ from semlive.diagnose.scalars.regression import RegressionTerm, f_test, orthonor
 from semlive.model.effects.stage import BACKLASH, MOVES, QUADRATIC, StageEffectClass
 
 Array = NDArray[np.float64]
-LEAST_PX = 1.0
+MIN_MOVE_PX = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,17 +50,17 @@ def stage_moves(observation: Observation, steps: Sequence[StepConditions]) -> St
     return StageMoves(np.array([step.shift_px for step in unloaded]).reshape(-1, 2), np.array(fitted).reshape(-1, 2))
 
 
-def add_stage_evidence(found: Diagnosis, moves: StageMoves) -> Diagnosis:
+def add_stage_evidence(verdict: Diagnosis, moves: StageMoves) -> Diagnosis:
     """The verdict with what the stage did beside it.
 
     Scale and angle of the stage are the estimate's own notes, as they cannot be told from the picture's. Drift between pairs counts as a
     parabola in time. Backlash and a scale that changes along the way are each asked beside the other.
     """
-    already = {model_effect.name for model_effect in (*found.model_effects, *found.effects)}
+    already = {model_effect.name for model_effect in (*verdict.model_effects, *verdict.effects)}
     tests = {family.name: _test(moves, family) for family in MOVES}
     valid_tests = {name: test for name, test in tests.items() if test is not None}
     if not valid_tests:
-        return found
+        return verdict
     p_value = min(1.0, len(valid_tests) * min(test.p_value for test in valid_tests.values()))
     rms_px = max(float(np.sqrt(np.mean(test.value_px**2))) for test in valid_tests.values())
     significant = [
@@ -69,10 +69,10 @@ def add_stage_evidence(found: Diagnosis, moves: StageMoves) -> Diagnosis:
         and len(valid_tests) * test.p_value <= SIGNIFICANCE_LEVEL
     ]  # fmt: skip
     effects = tuple(test.effect(len(valid_tests)) for test in significant)
-    outcome = Outcome.IDENTIFIED if effects and found.outcome is Outcome.NONE else found.outcome
+    outcome = Outcome.IDENTIFIED if effects and verdict.outcome is Outcome.NONE else verdict.outcome
     evidence = tuple((name, test.log_factor) for name, test in valid_tests.items())
-    where = (*found.where, DomainTest("moves", p_value, rms_px))
-    return replace(found, outcome=outcome, effects=(*found.effects, *effects), where=where, evidence=(*found.evidence, *evidence))
+    where = (*verdict.where, DomainTest("moves", p_value, rms_px))
+    return replace(verdict, outcome=outcome, effects=(*verdict.effects, *effects), where=where, evidence=(*verdict.evidence, *evidence))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,11 +105,11 @@ def _test(moves: StageMoves, family: StageEffectClass) -> _Test | None:
     value, sigma, value_px = (np.zeros(2) for _ in range(3))
     observed: list[RegressionTerm] = []
     for axis in (0, 1):
-        found = term(own[:, axis], moves.fitted_px[:, axis], _base(moves, [column[:, axis] for column in other_terms]))
-        if found is not None:
-            value[axis], sigma[axis] = found.value, found.sigma
-            value_px[axis] = found.value * float(np.abs(own[:, axis]).max())
-            observed.append(found)
+        tested = term(own[:, axis], moves.fitted_px[:, axis], _base(moves, [column[:, axis] for column in other_terms]))
+        if tested is not None:
+            value[axis], sigma[axis] = tested.value, tested.sigma
+            value_px[axis] = tested.value * float(np.abs(own[:, axis]).max())
+            observed.append(tested)
     result = f_test(observed)
     return None if result is None else _Test(family, value, sigma, value_px, *result)
 
@@ -117,4 +117,4 @@ def _test(moves: StageMoves, family: StageEffectClass) -> _Test | None:
 def _base(moves: StageMoves, more: Sequence[Array]) -> Array:
     """(n, k) orthonormal: an offset, both commands, drift as a parabola in time, and other terms, as far as they say anything."""
     late = np.linspace(-1.0, 1.0, len(moves.commanded_px))
-    return orthonormal_basis(np.stack([np.ones_like(late), *moves.commanded_px.T, late, late**2, *more], axis=-1), LEAST_PX * 1e-3)
+    return orthonormal_basis(np.stack([np.ones_like(late), *moves.commanded_px.T, late, late**2, *more], axis=-1), MIN_MOVE_PX * 1e-3)

@@ -29,8 +29,8 @@ STRAIN_LIKE_EFFECTS = (
 
 At eight times what can be detected none of them was loud by itself; a wrong row time came to 6.8, a tilt to 5.1.
 """
-AT_REST = 4  # unloaded pairs from which on the gage's own drift is known
-_EXACT = 1e-9  # no strain is known better
+MIN_UNLOADED_PAIRS = 4  # unloaded pairs from which on the gage's own drift is known
+_MIN_STRAIN_SIGMA = 1e-9  # no strain is known better
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +59,7 @@ def gage_readings(readings: LoadReadings, steps: Sequence[StepConditions], facto
     return GageReadings(readings, gage, sigma, factor_sigma)
 
 
-def add_gage_evidence(found: Diagnosis, readings: GageReadings | None) -> Diagnosis:
+def add_gage_evidence(verdict: Diagnosis, readings: GageReadings | None) -> Diagnosis:
     """The verdict with what a gage says beside it; the same where there is none, or it was read at too few loads.
 
     A lift is what the maps' strain is ahead of the gage's in proportion to the load. What is ahead of it alike at all loads (the gage's
@@ -67,11 +67,11 @@ def add_gage_evidence(found: Diagnosis, readings: GageReadings | None) -> Diagno
     """
     test = None if readings is None else _test(readings)
     if test is None:
-        return found
+        return verdict
     p_value = min(1.0, 2.0 * min(test.p_value, test.scatter_p))
-    where = (*found.where, DomainTest("gage_readings", p_value, test.rms_px))
-    merged = replace(found, where=where, evidence=(*found.evidence, (OUT_OF_PLANE.name, test.log_factor)))
-    other_names = {model_effect.name for model_effect in (*found.model_effects, *found.effects)}
+    where = (*verdict.where, DomainTest("gage_readings", p_value, test.rms_px))
+    merged = replace(verdict, where=where, evidence=(*verdict.evidence, (OUT_OF_PLANE.name, test.log_factor)))
+    other_names = {model_effect.name for model_effect in (*verdict.model_effects, *verdict.effects)}
     if (
         OUT_OF_PLANE.name in other_names
         or test.log_factor < SIGNIFICANT_LOG_FACTOR
@@ -84,7 +84,7 @@ def add_gage_evidence(found: Diagnosis, readings: GageReadings | None) -> Diagno
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Compared:
+class _LoadedPairs:
     """Loaded pairs at which the gage spoke.
 
     Attributes:
@@ -153,17 +153,17 @@ class _Test:
 
 def _test(readings: GageReadings) -> _Test | None:
     """A slope over the load beside an offset; None where the loads are too few, or all alike."""
-    observed = _compared(readings)
+    observed = _loaded_pairs(readings)
     if len(observed.load_n) < 2 + MIN_DEGREES_OF_FREEDOM:
         return None
     columns = np.stack([np.ones_like(observed.load_n), observed.load_n, observed.maps, observed.gage], axis=-1)
     offset, load, maps, gage = solve_triangular(np.linalg.cholesky(observed.covariance), columns, lower=True).T
     base = orthonormal_basis(offset[:, None], 1e-12)
     slope, of_maps, of_gage = (term(load, value, base) for value in (maps - gage, maps, gage))
-    surely = limit_precision(slope)
-    if slope is None or surely is None or of_maps is None or of_gage is None or not slope.residual_ss > 0.0:
+    limited = limit_precision(slope)
+    if slope is None or limited is None or of_maps is None or of_gage is None or not slope.residual_ss > 0.0:
         return None
-    sigma, p_value, log_factor = _weighed(surely, readings.factor_sigma * abs(of_gage.value))
+    sigma, p_value, log_factor = _combined_test(limited, readings.factor_sigma * abs(of_gage.value))
     half_px = readings.load_readings.half_px
     rms_px = half_px * float(np.std(observed.maps - observed.gage))
     scatter_p = float(chi2.sf(slope.residual_ss, slope.degrees_of_freedom))
@@ -172,20 +172,22 @@ def _test(readings: GageReadings) -> _Test | None:
     return _Test(slope.value, sigma, of_maps.value, largest_n, half_px, p_value, log_factor, scatter_p, rms_px, gap)
 
 
-def _compared(readings: GageReadings) -> _Compared:
+def _loaded_pairs(readings: GageReadings) -> _LoadedPairs:
     """The gage's drift is that of the unloaded pairs, on a line, and as uncertain as their scatter makes it."""
-    load_readings, spoke = readings.load_readings, np.isfinite(readings.gage)
-    unloaded, retained = spoke & ~load_readings.loaded, np.flatnonzero(spoke & load_readings.loaded)
+    load_readings, has_reading = readings.load_readings, np.isfinite(readings.gage)
+    unloaded, retained = has_reading & ~load_readings.loaded, np.flatnonzero(has_reading & load_readings.loaded)
     rate, rate_sigma = _drift(load_readings.time_s[unloaded], readings.gage[unloaded])
     late_s = load_readings.time_s[retained] - load_readings.time_s[retained].mean() if len(retained) else np.zeros(0)
-    covariance = load_readings.strain_covariance[np.ix_(retained, retained)] + np.diag(readings.gage_sigma[retained] ** 2 + _EXACT**2)
+    covariance = load_readings.strain_covariance[np.ix_(retained, retained)] + np.diag(
+        readings.gage_sigma[retained] ** 2 + _MIN_STRAIN_SIGMA**2
+    )
     covariance = covariance + rate_sigma**2 * np.outer(late_s, late_s)
-    return _Compared(load_readings.load_n[retained], load_readings.strain[retained], readings.gage[retained] - rate * late_s, covariance)
+    return _LoadedPairs(load_readings.load_n[retained], load_readings.strain[retained], readings.gage[retained] - rate * late_s, covariance)
 
 
 def _drift(time_s: Array, gage: Array) -> tuple[float, float]:
     """Strain per s that a gage shows while nothing is loaded, and its standard uncertainty."""
-    if len(time_s) < AT_REST or np.ptp(time_s) <= 0.0:
+    if len(time_s) < MIN_UNLOADED_PAIRS or np.ptp(time_s) <= 0.0:
         return 0.0, 0.0
     late_s = time_s - time_s.mean()
     power = float(late_s @ late_s)
@@ -194,7 +196,7 @@ def _drift(time_s: Array, gage: Array) -> tuple[float, float]:
     return rate, math.sqrt(float(residual @ residual) / (len(gage) - 2) / power)
 
 
-def _weighed(slope: RegressionTerm, factor: float) -> tuple[float, float, float]:
+def _combined_test(slope: RegressionTerm, factor: float) -> tuple[float, float, float]:
     """The uncertainty of a slope of which a part is known beforehand, its p-value by an F-test, and Schwarz's logarithm of the factor.
 
     What readings scatter by is known by the scatter, with few degrees of freedom, and the gage's factor is stated: those of both together
@@ -211,12 +213,12 @@ def _weighed(slope: RegressionTerm, factor: float) -> tuple[float, float, float]
     return sigma, float(fisher.sf(ratio, 1, freedom)), odds
 
 
-def _gap(observed: _Compared, half_px: float) -> HeldOutMisfit:
+def _gap(observed: _LoadedPairs, half_px: float) -> HeldOutMisfit:
     """How well each pair's difference is foretold by all others, without and with the slope. What all loads share is in the offset."""
     n = len(observed.load_n)
     centring = np.eye(n) - 1.0 / n
     sigma = np.sqrt(np.diag(centring @ observed.covariance @ centring) * n / (n - 1.0))
     columns = np.stack([np.ones(n), observed.load_n], axis=-1) / sigma[:, None]
     white = (observed.maps - observed.gage) / sigma
-    (before, _), (after, wider) = (leave_one_out(white, orthonormal_basis(value, 1e-12)) for value in (columns[:, :1], columns))
-    return score_prediction(before, after, wider, half_px * sigma)
+    (before, _), (after, variance_ratio) = (leave_one_out(white, orthonormal_basis(value, 1e-12)) for value in (columns[:, :1], columns))
+    return score_prediction(before, after, variance_ratio, half_px * sigma)

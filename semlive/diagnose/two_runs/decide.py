@@ -65,45 +65,52 @@ class JointBaseline:
             shared[place] += run.design.transposed(white)
         half = self.point.half(shared)
         values, vectors = np.linalg.eigh(alone - half.T @ half)
-        pull = vectors.T @ (gradient - half.T @ self.point.half_solved_gradient)
-        return ProjectedField(np.clip(values, 0.0, None)[None], vectors[None], pull[None])
+        gradient = vectors.T @ (gradient - half.T @ self.point.half_solved_gradient)
+        return ProjectedField(np.clip(values, 0.0, None)[None], vectors[None], gradient[None])
 
 
 def join_runs(runs: Sequence[HyperparameterGrid]) -> JointBaseline:
     """Runs with one distortion, as smooth as that run has it which makes all data likeliest."""
     alone = [HyperparameterGrid(run.design, run.whitened_residual, (run.best,)) for run in runs]
-    return max((_joined(alone, believed_by) for believed_by in range(len(alone))), key=lambda candidate: candidate.point.evidence)
+    return max((_joined(alone, prior_run) for prior_run in range(len(alone))), key=lambda candidate: candidate.point.evidence)
 
 
-def _joined(runs: Sequence[HyperparameterGrid], believed_by: int) -> JointBaseline:
-    bent = [_distortion(run) for run in runs]
-    place, size = [], len(bent[0])
-    for run, own in zip(runs, bent, strict=True):
+def _joined(runs: Sequence[HyperparameterGrid], prior_run: int) -> JointBaseline:
+    distortion_parameters = [_distortion(run) for run in runs]
+    place, size = [], len(distortion_parameters[0])
+    for run, own in zip(runs, distortion_parameters, strict=True):
         at = np.full(run.design.size, -1)
         at[own] = np.arange(len(own))
         separate = np.flatnonzero(at < 0)
         at[separate] = size + np.arange(len(separate))
         place.append(at)
         size += len(separate)
-    normal, prior, near, pull, power, residual = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size), np.zeros(size), 0.0, []
+    normal, prior, first_solution, gradient, power, residual = (
+        np.zeros((size, size)),
+        np.zeros((size, size)),
+        np.zeros(size),
+        np.zeros(size),
+        0.0,
+        [],
+    )
     starts = [_first(run) for run in runs]
-    for number, (run, at, own, start) in enumerate(zip(runs, place, bent, starts, strict=True)):
+    for number, (run, at, own, start) in enumerate(zip(runs, place, distortion_parameters, starts, strict=True)):
         step = np.zeros(run.design.size)
-        step[own] = starts[0][bent[0]] - start[own]
+        step[own] = starts[0][distortion_parameters[0]] - start[own]
         residual.append(run.whitened_residual - run.design.apply(step[:, None])[..., 0])
         normal[np.ix_(at, at)] += run.design.normal_matrix
         own_prior = run.best.prior.copy()
-        if number != believed_by:
+        if number != prior_run:
             own_prior[np.ix_(own, own)] = 0.0
         prior[np.ix_(at, at)] += own_prior
-        near[at] = start + step
-        pull[at] += run.design.transposed(residual[-1][..., None])[:, 0]
+        first_solution[at] = start + step
+        gradient[at] += run.design.transposed(residual[-1][..., None])[:, 0]
         power += float(np.sum(residual[-1] ** 2))
     sides = [(at, run.best.factor.sides) for run, at in zip(runs, place, strict=True)]
     each = [[at[own] for own in (*where.own, where.shared)] for at, where in sides]
     where = ComponentBlocks(*(np.unique(np.concatenate(value)) for value in zip(*each, strict=True)))
     believed = prior, factorise(prior, where, 0.0).half_log_det
-    both = evaluate_point(normal, believed, pull, power, near, runs[believed_by].best.hyper, 0.0, where)
+    both = evaluate_point(normal, believed, gradient, power, first_solution, runs[prior_run].best.hyper, 0.0, where)
     scenes = tuple(sample_within_blocks(run.design.observation) for run in runs)
     return JointBaseline(tuple(runs), scenes, tuple(residual), tuple(place), both)
 
@@ -119,7 +126,7 @@ def _first(run: HyperparameterGrid) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Shared:
+class _JointObjective:
     """A family's laws against all runs."""
 
     joined: JointBaseline
@@ -129,7 +136,7 @@ class _Shared:
     def grid(self) -> Iterable[Values]:
         return self.family.grid(self.joined.runs[0].design.observation.geometry)
 
-    def laws(self, values: Values) -> list[BasisField] | None:
+    def basis_fields(self, values: Values) -> list[BasisField] | None:
         """Of each run what changes from frame 0 on, with amplitudes that mean the same in all; None where a run cannot show the effect."""
         like = self.family.basis_field(self.joined.scenes[0][0][0], values)
         each = [] if like is None else [relative_to_reference(self.family, scenes, values, like) for scenes in self.joined.scenes]
@@ -137,7 +144,7 @@ class _Shared:
         return observed if like is not None and len(observed) == len(each) else None
 
     def evaluate(self, values: Values) -> ProjectedField | None:
-        basis_fields = self.laws(values)
+        basis_fields = self.basis_fields(values)
         return None if basis_fields is None else self.joined.projected(basis_fields)
 
 
@@ -160,7 +167,7 @@ def relative_to_reference(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Heard:
+class _JointEvidence:
     """A family, its likeliest law, and the runs as smooth as they are where it is heard."""
 
     joined: JointBaseline
@@ -182,29 +189,31 @@ def compare_runs(runs: Sequence[HyperparameterGrid]) -> TwoRunVerdict:
     by_turn = analyse_scan_rotation(runs)
     if by_turn is not None:
         return by_turn
-    _fit_each_other(runs)
-    both = join_runs(runs)
-    separate_log_odds = sum(join_runs([run]).point.evidence for run in runs) - both.point.evidence
-    screening = [_as_smooth_beside(joint, runs) for family in TWO_RUN_EFFECT_CLASSES if (joint := _heard(both, family)) is not None]
-    evidence = _run_by_run(runs) | {candidate.family.name: candidate.log_factor for candidate in screening}
+    _require_comparable(runs)
+    joint = join_runs(runs)
+    separate_log_odds = sum(join_runs([run]).point.evidence for run in runs) - joint.point.evidence
+    screening = [
+        _with_refitted_smoothness(joint, runs) for family in TWO_RUN_EFFECT_CLASSES if (joint := _joint_evidence(joint, family)) is not None
+    ]
+    evidence = _separate_evidence(runs) | {candidate.family.name: candidate.log_factor for candidate in screening}
     ranked = tuple(sorted(evidence.items(), key=lambda item: -item[1]))
-    loudest = ranked[0][1]
-    if loudest < SIGNIFICANT_LOG_FACTOR:
+    largest = ranked[0][1]
+    if largest < SIGNIFICANT_LOG_FACTOR:
         return TwoRunVerdict(
             Outcome.UNKNOWN if separate_log_odds > SIGNIFICANT_LOG_FACTOR else Outcome.NONE, None, (), ranked, separate_log_odds
         )
-    effects = [_decided(candidate) for candidate in screening if candidate.family.name == ranked[0][0]] or [
+    effects = [_shared_effect(candidate) for candidate in screening if candidate.family.name == ranked[0][0]] or [
         SharedEffect(ranked[0][0], (ranked[0][0],), 0.0, ())
     ]
-    names = (*effects[0].aliases, *(name for name, factor in ranked[1:] if factor > loudest - MIN_LOG_ODDS))
-    if separate_log_odds > loudest + SIGNIFICANT_LOG_FACTOR:
+    names = (*effects[0].aliases, *(name for name, factor in ranked[1:] if factor > largest - MIN_LOG_ODDS))
+    if separate_log_odds > largest + SIGNIFICANT_LOG_FACTOR:
         return TwoRunVerdict(Outcome.UNKNOWN, effects[0], (), ranked, separate_log_odds)
     if len(names) > 1:
         return TwoRunVerdict(Outcome.AMBIGUOUS, effects[0], names, ranked, separate_log_odds)
     return TwoRunVerdict(Outcome.IDENTIFIED, effects[0], (), ranked, separate_log_odds, (effects[0],))
 
 
-def _fit_each_other(runs: Sequence[HyperparameterGrid]) -> None:
+def _require_comparable(runs: Sequence[HyperparameterGrid]) -> None:
     states = [run.design.observation.state for run in runs]
     if any(state.distortion != states[0].distortion or state.grid != states[0].grid for state in states[1:]):
         raise IllPosed(
@@ -218,11 +227,11 @@ def _fit_each_other(runs: Sequence[HyperparameterGrid]) -> None:
         )
 
 
-def _heard(both: JointBaseline, family: EffectClass) -> _Heard | None:
+def _joint_evidence(both: JointBaseline, family: EffectClass) -> _JointEvidence | None:
     """A family against all runs: the mean over its laws and sizes, and the likeliest of them."""
     sizes, tried = sizes_of(family), []
-    for values in _Shared(both, family, 0.0).grid():
-        evaluated = _Shared(both, family, 0.0).evaluate(values)
+    for values in _JointObjective(both, family, 0.0).grid():
+        evaluated = _JointObjective(both, family, 0.0).evaluate(values)
         if evaluated is not None:
             tried.append((dict(values), evaluated.log_factor(sizes)[0]))
     if not tried:
@@ -230,17 +239,17 @@ def _heard(both: JointBaseline, family: EffectClass) -> _Heard | None:
     each = np.stack([factors for _, factors in tried])
     basis_field, size = np.unravel_index(int(np.argmax(each)), each.shape)
     factor = float(np.logaddexp.reduce(each, axis=None)) - math.log(each.size)
-    return _Heard(both, family, factor, tried[int(basis_field)][0], float(sizes[int(size)]))
+    return _JointEvidence(both, family, factor, tried[int(basis_field)][0], float(sizes[int(size)]))
 
 
-def _as_smooth_beside(screening: _Heard, runs: Sequence[HyperparameterGrid]) -> _Heard:
+def _with_refitted_smoothness(screening: _JointEvidence, runs: Sequence[HyperparameterGrid]) -> _JointEvidence:
     """The same with drifts as smooth as each run has them beside the effect, where it is likelier so.
 
     The drift that is likeliest without the effect follows a part of it: of a row time that was wrong by 0.4 the logarithm of the Bayes
     factor was 29 so, and is 110; runs by themselves, which ask all smoothnesses, were reported with a swing or a ramp in 4 of 10.
     """
-    basis_fields = _Shared(screening.joined, screening.family, screening.size_px).laws(screening.values)
-    assert basis_fields is not None  # it was seen on the grid
+    basis_fields = _JointObjective(screening.joined, screening.family, screening.size_px).basis_fields(screening.values)
+    assert basis_fields is not None  # it was observable on the grid
     grids = []
     for run, basis_field in zip(runs, basis_fields, strict=True):
         baseline_with_effects = build_grid(
@@ -248,13 +257,13 @@ def _as_smooth_beside(screening: _Heard, runs: Sequence[HyperparameterGrid]) -> 
         )
         grids.append(point_like(run.design, baseline_with_effects))
     joined = join_runs(grids)
-    repeated = _heard(joined, screening.family)
+    repeated = _joint_evidence(joined, screening.family)
     assert repeated is not None
-    lost = min(joined.point.evidence - screening.joined.point.evidence, 0.0)
-    return max((screening, replace(repeated, log_factor=repeated.log_factor + lost)), key=lambda candidate: candidate.log_factor)
+    evidence_loss = min(joined.point.evidence - screening.joined.point.evidence, 0.0)
+    return max((screening, replace(repeated, log_factor=repeated.log_factor + evidence_loss)), key=lambda candidate: candidate.log_factor)
 
 
-def _run_by_run(runs: Sequence[HyperparameterGrid]) -> dict[str, float]:
+def _separate_evidence(runs: Sequence[HyperparameterGrid]) -> dict[str, float]:
     """All other names: what they gain in each run, where nothing is shared."""
     shared = {family.name for family in TWO_RUN_EFFECT_CLASSES}
     families, total = [family for family in EFFECT_CLASSES if family.name not in shared], dict[str, float]()
@@ -264,13 +273,13 @@ def _run_by_run(runs: Sequence[HyperparameterGrid]) -> dict[str, float]:
     return total
 
 
-def _decided(screening: _Heard) -> SharedEffect:
-    gradient = _Shared(screening.joined, screening.family, screening.size_px)
+def _shared_effect(screening: _JointEvidence) -> SharedEffect:
+    gradient = _JointObjective(screening.joined, screening.family, screening.size_px)
     values = optimise_parameters(
         gradient, {nonlinear_parameter.name: 0.0 for nonlinear_parameter in screening.family.nonlinear_parameters} | screening.values
     )
-    basis_fields, against = gradient.laws(values), gradient.evaluate(values)
-    assert basis_fields is not None  # it was seen on the grid
+    basis_fields, against = gradient.basis_fields(values), gradient.evaluate(values)
+    assert basis_fields is not None  # it was observable on the grid
     assert against is not None
     mean, covariance = against.amplitudes(0, screening.size_px)
     sigmas, follows = parameter_uncertainty(gradient, values, mean)

@@ -45,9 +45,9 @@ class DiscBasis:
         """(m, ...) how much of each is in values (n, ...) at the disc's points."""
         return np.tensordot(self.values(self.at) * self.weight[:, None], values, axes=(0, 0))
 
-    def moved(self, there: Array) -> Array:
+    def moved(self, points: Array) -> Array:
         """(m - 3, m - 3) what each polynomial is of where its argument is taken at other points (n, 2), the affine ones left out."""
-        return self.project(self.values(there))[AFFINE:, AFFINE:]
+        return self.project(self.values(points))[AFFINE:, AFFINE:]
 
 
 @lru_cache(maxsize=1)

@@ -20,12 +20,12 @@ from semlive.diagnose.two_runs.disc_basis import baseline_mean, parameter_subset
 
 Array = NDArray[np.float64]
 MIN_PAIRS = 7  # two more than unknowns along each axis
-LEAST_TURN_RAD = math.radians(5.0)  # from 0 and 180 degrees, where all axes look alike
-LEAST_PX2 = 25.0  # moments of commands across
-LEAST_SCALE = 0.01  # of a picture that a stage moves at all
+MIN_ROTATION_RAD = math.radians(5.0)  # from 0 and 180 degrees, where all axes look alike
+MIN_MOMENT_PX2 = 25.0  # moments of commands across
+MIN_SCALE = 0.01  # of a picture that a stage moves at all
 SAME_PATH_TOLERANCE_PX = 0.1
 _UNKNOWNS = 5  # offset, two of the drift, two of the stage
-_SURE = 3.0
+_MIN_SIGMAS = 3.0
 _STEP = 1e-6
 
 
@@ -77,10 +77,10 @@ class ScanAxes:
     def log_bayes_factors(self) -> dict[str, tuple[ParameterEstimate, float, float]]:
         """By name: its parameter, the p-value of an F-test of it beside the other, and the logarithm of its Bayes factor."""
         effects = {"anisotropic_pixel": self.x_excess, "scan_nonorthogonality": self.skew}
-        return {name: (effect, *_judged(effect, self.freedom)) for name, effect in effects.items()}
+        return {name: (effect, *_test(effect, self.freedom)) for name, effect in effects.items()}
 
 
-def _judged(parameter: ParameterEstimate, freedom: int) -> tuple[float, float]:
+def _test(parameter: ParameterEstimate, freedom: int) -> tuple[float, float]:
     result = f_test([RegressionTerm(parameter.value, parameter.sigma, (parameter.value / parameter.sigma) ** 2, float(freedom), freedom)])
     assert result is not None  # there is a scatter
     return result
@@ -101,8 +101,8 @@ def axes_between(first: StageResponse, second: StageResponse) -> ScanAxes | None
     """The scan's axes by how one stage carried the picture before and after the scan was turned; None where it was not."""
     between, covariance, freedom = stage_response_change(first, second)
     turn, x_excess, skew = (_with_sigma(value, between, covariance) for value in (_turn, _x_excess, _skew))
-    room = min(abs(turn[0]), math.pi - abs(turn[0]))
-    if not room > LEAST_TURN_RAD + _SURE * turn[1]:
+    distance_rad = min(abs(turn[0]), math.pi - abs(turn[0]))
+    if not distance_rad > MIN_ROTATION_RAD + _MIN_SIGMAS * turn[1]:
         return None
     return ScanAxes(
         between, covariance, ParameterEstimate("turn_rad", *turn, "rad"), ParameterEstimate("x_excess", *x_excess, "1"),
@@ -122,8 +122,8 @@ def stage_response_change(first: StageResponse, second: StageResponse) -> tuple[
     if first.commanded_px.shape == second.commanded_px.shape and np.allclose(
         first.commanded_px, second.commanded_px, atol=SAME_PATH_TOLERANCE_PX
     ):
-        left_px = second.residual_px - first.residual_px @ between.T
-        return between, float(np.sum(left_px**2)) / first.freedom * wide, first.freedom
+        difference_px = second.residual_px - first.residual_px @ between.T
+        return between, float(np.sum(difference_px**2)) / first.freedom * wide, first.freedom
     freedom = first.freedom + second.freedom
     wide = wide + np.kron(between @ between.T, back.T @ first.spread @ back).astype(np.float64)
     return between, float(np.sum(first.residual_px**2) + np.sum(second.residual_px**2)) / freedom * wide, freedom
@@ -147,10 +147,10 @@ def stage_response(run: HyperparameterGrid, slope: Array) -> StageResponse | Non
     base = np.linalg.qr(np.stack([np.ones_like(late), late, late**2], axis=-1))[0]
     moves, observed = (value - base @ (base.T @ value) for value in (commanded, fitted))
     moments = moves.T @ moves
-    if not np.linalg.eigvalsh(moments)[0] > LEAST_PX2:
+    if not np.linalg.eigvalsh(moments)[0] > MIN_MOMENT_PX2:
         return None
     by = np.asarray(np.linalg.solve(moments, moves.T @ observed).T, dtype=np.float64)
-    return StageResponse(by, moves, observed - moves @ by.T) if abs(np.linalg.det(by)) > LEAST_SCALE else None
+    return StageResponse(by, moves, observed - moves @ by.T) if abs(np.linalg.det(by)) > MIN_SCALE else None
 
 
 def _with_sigma(function: Callable[[Array], float], between: Array, covariance: Array) -> tuple[float, float]:

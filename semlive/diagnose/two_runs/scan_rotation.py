@@ -29,7 +29,7 @@ SCAN_TIME_TOLERANCE = 0.01  # of a dwell or a row time: less is no other scan
 SIZES_PX = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # of a distortion's polynomials of the second order; half of it for each further one
 RAMP_SIZES_PX = (0.03, 0.1, 0.3, 1.0, 3.0)  # at the frame's edge
 CENTRE_PX = 5.0  # between the frame's centre and that about which the scan is turned
-LEAST_DISC_PX = 50.0
+MIN_DISC_RADIUS_PX = 50.0
 _STEP = 1e-4
 _RAMPS = ("quadratic_x_px", "cubic_x_px", "quadratic_y_px", "cubic_y_px")
 
@@ -54,7 +54,7 @@ class DistortionPair:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Heard:
+class _HypothesisFit:
     """How likely the fields are, a size being the likeliest of those tried: its logarithm, and what the scan's part then is."""
 
     log: float
@@ -71,13 +71,13 @@ def analyse_scan_rotation(runs: Sequence[HyperparameterGrid]) -> TwoRunVerdict |
     if len(runs) != 2:
         return None
     radius_px = min(disc_radius_px(run) for run in runs)
-    if radius_px < LEAST_DISC_PX:
+    if radius_px < MIN_DISC_RADIUS_PX:
         return None
     observed = [distortion_on_disc(run, radius_px) for run in runs]
     axes = scan_axes(runs, [entry.slope for entry in observed])
     if axes is None:
         return None
-    _fit_each_other(runs, axes)
+    _require_comparable(runs, axes)
     half_px = np.asarray(runs[0].design.observation.state.centre_px)
     return verdict(axes, fields_of(observed, axes, radius_px, half_px), half_px)
 
@@ -93,7 +93,7 @@ def same_scan_times(times_s: Array) -> bool:
     return float(np.ptp(np.log(times_s), axis=0).max()) < SCAN_TIME_TOLERANCE
 
 
-def _fit_each_other(runs: Sequence[HyperparameterGrid], axes: ScanAxes) -> None:
+def _require_comparable(runs: Sequence[HyperparameterGrid], axes: ScanAxes) -> None:
     degrees = math.degrees(axes.turn.value)
     if not same_scan_times(scan_times_s(runs)):
         raise IllPosed(
@@ -116,7 +116,7 @@ def fields_of(observed: Sequence[DiscDistortion], axes: ScanAxes, radius_px: flo
     """
     first, second = observed
     value_px = first.value_px.ravel()
-    fixed = _stays(axes.matrix, np.zeros(2))
+    fixed = _column_fixed_map(axes.matrix, np.zeros(2))
     scale = np.concatenate((np.sqrt(np.linalg.eigvalsh(axes.covariance).clip(0.0)), np.full(2, CENTRE_PX / radius_px)))
     ways = np.linalg.eigh(axes.covariance)[1]
     slopes = []
@@ -124,7 +124,7 @@ def fields_of(observed: Sequence[DiscDistortion], axes: ScanAxes, radius_px: flo
         at = len(slopes)
         turn = np.zeros((2, 2)) if way is None else way.reshape(2, 2)
         aside = np.eye(2)[at - 4] if way is None else np.zeros(2)
-        ahead, behind = (_stays(axes.matrix + sign * _STEP * turn, sign * _STEP * aside) for sign in (1.0, -1.0))
+        ahead, behind = (_column_fixed_map(axes.matrix + sign * _STEP * turn, sign * _STEP * aside) for sign in (1.0, -1.0))
         slopes.append((ahead - behind) @ value_px * (size / (2.0 * _STEP)))
     loose = np.stack(slopes, axis=1)
     covariance = np.asarray(block_diag(first.covariance_px2, second.covariance_px2))
@@ -132,7 +132,7 @@ def fields_of(observed: Sequence[DiscDistortion], axes: ScanAxes, radius_px: flo
     return DistortionPair(value, covariance, fixed, loose @ loose.T, _ramps(radius_px, half_px))
 
 
-def _stays(between: Array, aside: Array) -> Array:
+def _column_fixed_map(between: Array, aside: Array) -> Array:
     """E1 to T E1(T^-1 (R - a)), by polynomials on the disc; a in radii."""
     basis = modes()
     return np.asarray(np.kron(between, basis.moved((basis.at - aside) @ np.linalg.inv(between).T)), dtype=np.float64)
@@ -145,12 +145,12 @@ def _ramps(radius_px: float, half_px: Array) -> Array:
     return np.asarray(block_diag(*parts))
 
 
-def _believed() -> Array:
+def _prior_variances() -> Array:
     """(2 k,) variances of polynomials whose second order has 1 px."""
     return np.asarray(np.tile(4.0 ** -(modes().order[AFFINE:] - 2.0), 2), dtype=np.float64)
 
 
-def _heard(fields: DistortionPair, field: Array, ramp_px: float, loose: bool) -> _Heard:
+def _fit_hypothesis(fields: DistortionPair, field: Array, ramp_px: float, loose: bool) -> _HypothesisFit:
     """One belief's likelihood.
 
     Args:
@@ -162,30 +162,33 @@ def _heard(fields: DistortionPair, field: Array, ramp_px: float, loose: bool) ->
     spread = field + fields.covariance_px2
     if loose:
         spread[len(fields.column_fixed_map) :, len(fields.column_fixed_map) :] += fields.nuisance_covariance_px2
-    both = np.concatenate((fields.ramps, fields.ramps)) * ramp_px
-    factor = cho_factor(spread + both @ both.T, lower=True)
+    ramps = np.concatenate((fields.ramps, fields.ramps)) * ramp_px
+    factor = cho_factor(spread + ramps @ ramps.T, lower=True)
     gradient = cho_solve(factor, fields.value_px)
     log = -0.5 * float(fields.value_px @ gradient) - float(np.sum(np.log(np.diag(factor[0]))))
-    inner = both.T @ cho_solve(factor, both)
-    return _Heard(log, ramp_px * (both.T @ gradient), ramp_px**2 * (np.eye(inner.shape[0]) - inner))
+    inner = ramps.T @ cho_solve(factor, ramps)
+    return _HypothesisFit(log, ramp_px * (ramps.T @ gradient), ramp_px**2 * (np.eye(inner.shape[0]) - inner))
 
 
-def rotation_hypotheses(fields: DistortionPair) -> dict[str, _Heard]:
+def rotation_hypotheses(fields: DistortionPair) -> dict[str, _HypothesisFit]:
     """The likeliest of each kind: with the `column`, with the `scan`, `both`, or each run by itself (`neither`)."""
-    believed = np.diag(_believed())
-    at_rest, with_scan = np.concatenate((np.eye(len(believed)), fields.column_fixed_map)), np.concatenate((np.eye(len(believed)),) * 2)
-    kinds = {"column": (at_rest @ believed @ at_rest.T, True), "scan": (with_scan @ believed @ with_scan.T, False),
-             "neither": (block_diag(believed, believed), False)}  # fmt: skip
-    found = {name: _likeliest([_heard(fields, size**2 * field, 0.0, loose) for size in SIZES_PX]) for name, (field, loose) in kinds.items()}
+    prior = np.diag(_prior_variances())
+    column_fixed, scan_fixed = np.concatenate((np.eye(len(prior)), fields.column_fixed_map)), np.concatenate((np.eye(len(prior)),) * 2)
+    kinds = {"column": (column_fixed @ prior @ column_fixed.T, True), "scan": (scan_fixed @ prior @ scan_fixed.T, False),
+             "neither": (block_diag(prior, prior), False)}  # fmt: skip
+    fits = {
+        name: _most_likely([_fit_hypothesis(fields, size**2 * field, 0.0, loose) for size in SIZES_PX])
+        for name, (field, loose) in kinds.items()
+    }
     column, _ = kinds["column"]
-    ramped = [_likeliest([_heard(fields, size**2 * column, ramp, True) for size in SIZES_PX]) for ramp in RAMP_SIZES_PX]
-    loudest = _likeliest(ramped)
+    ramped = [_most_likely([_fit_hypothesis(fields, size**2 * column, ramp, True) for size in SIZES_PX]) for ramp in RAMP_SIZES_PX]
+    best_ramp = _most_likely(ramped)
     mean = float(np.logaddexp.reduce([hypothesis.log for hypothesis in ramped])) - math.log(len(ramped))
-    return found | {"both": _Heard(mean, loudest.part_px, loudest.covariance_px2)}
+    return fits | {"both": _HypothesisFit(mean, best_ramp.part_px, best_ramp.covariance_px2)}
 
 
-def _likeliest(tried: Sequence[_Heard]) -> _Heard:
-    return max(tried, key=lambda candidate: candidate.log)
+def _most_likely(fits: Sequence[_HypothesisFit]) -> _HypothesisFit:
+    return max(fits, key=lambda candidate: candidate.log)
 
 
 def verdict(axes: ScanAxes, fields: DistortionPair, half_px: Array) -> TwoRunVerdict:
@@ -215,8 +218,8 @@ def verdict(axes: ScanAxes, fields: DistortionPair, half_px: Array) -> TwoRunVer
     effects.sort(key=lambda candidate: -factors[candidate.name])
     outcome = Outcome.UNKNOWN if follows == "neither" else Outcome.IDENTIFIED if effects else Outcome.NONE
     evidence = tuple(sorted(factors.items(), key=lambda item: -item[1]))
-    facts = ScanRotation(axes.turn, axes.x_excess, axes.skew, follows, of_scan)
-    return TwoRunVerdict(outcome, effects[0] if effects else None, (), evidence, neither_log_odds, tuple(effects), facts)
+    rotation = ScanRotation(axes.turn, axes.x_excess, axes.skew, follows, of_scan)
+    return TwoRunVerdict(outcome, effects[0] if effects else None, (), evidence, neither_log_odds, tuple(effects), rotation)
 
 
 def _follows(logs: dict[str, float]) -> str:
@@ -231,7 +234,7 @@ def _follows(logs: dict[str, float]) -> str:
     return best if candidates[best] > rival + SIGNIFICANT_LOG_FACTOR else ""
 
 
-def _ramped(fields: DistortionPair, screening: _Heard, follows: str) -> SharedEffect:
+def _ramped(fields: DistortionPair, screening: _HypothesisFit, follows: str) -> SharedEffect:
     """What the scan's part is: all of the first run's where it goes with the scan, or the ramps beside what stays."""
     k = len(fields.ramps)
     part = fields.value_px[:k] if follows == "scan" else fields.ramps @ screening.part_px
